@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from textwrap import shorten
@@ -94,16 +94,29 @@ def _within_64_bits(content: dict[str, Any]) -> bool:
     return True
 
 
-def validated(model: type[Model], content: dict[str, Any], label: str) -> Model:
+def validated(
+    model: type[Model],
+    content: dict[str, Any],
+    label: str,
+    keys: Callable[[], Iterable[str]] | None = None,
+    context: Mapping[str, Any] | None = None,
+) -> Model:
     """Return a model with these values.
 
-    Where its keys depend on its content, it has a class method `keys_of` that returns their dotted names.
+    Args:
+        model: class of the model.
+        content: values by name.
+        label: with which a message begins.
+        keys: returns the dotted names of all keys, where they depend on the content; by default those of the model.
+        context: for the validators of the model.
+
+    Raises:
+        InputError: an unknown key, or a value that is refused.
     """
     try:
-        return model(**content)
+        return model.model_validate(content, context=context)
     except ValidationError as error:
-        keys_of = getattr(model, "keys_of", None)
-        known = field_names(model) if keys_of is None else keys_of(content)
+        known = field_names(model) if keys is None else keys()
         raise InputError(f"{label}: {one_line(error, known)}") from None
 
 

@@ -20,7 +20,9 @@ Settings = Annotated[
 ]
 Reader = Annotated[
     str | None,
-    typer.Option(help="Controller that reads a program file, such as linuxcnc; by default that of its suffix."),
+    typer.Option(
+        help="Controller that reads a program file, such as linuxcnc or mine.py:Class; by default that of its suffix."
+    ),
 ]
 Speed = Annotated[float | None, typer.Option(help="Speed of the program's fastest motion \\[mm/s].")]
 At = Annotated[str | None, typer.Option(metavar="X,Y", help="Place of the program's origin on the work \\[mm].")]
@@ -30,8 +32,8 @@ AllowCode = Annotated[
     bool,
     typer.Option(
         "--allow-code",
-        help="Run the Python code that the job file names, such as a law; without this only a job in the present "
-        "folder may.",
+        help="Run the Python code that the job file names, a law or a controller; without this only a job in the "
+        "present folder may.",
     ),
 ]
 Colour = Annotated[str, typer.Option(help="Colour the bead by: plain, width, or error (the contour error).")]

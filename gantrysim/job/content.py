@@ -9,10 +9,11 @@ from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Self
 
 import tomli_w
-from pydantic import BaseModel, Field, PrivateAttr, field_validator, model_validator
+from pydantic import BaseModel, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.base.toml_files import validated
+from gantrysim.base.user_code import is_code
 from gantrysim.bead import BeadSettings
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.faults import KINDS, AnyFault, InjectedFault
@@ -21,6 +22,8 @@ from gantrysim.job.overrides import TABLES, change, known_keys, override
 from gantrysim.job.programs import build, reject_booleans
 from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings
 from gantrysim.machine.geometry import Geometry
+
+_ALLOW_CODE = "allow_code"  # key of a validation's context; without one, code may run: the caller names it
 
 
 class JobContent(BaseModel):
@@ -42,10 +45,21 @@ class JobContent(BaseModel):
     _refusal: str = PrivateAttr("")  # why code that the job names may not run; empty where it may
 
     @classmethod
-    def keys_of(cls, content: Mapping[str, Any]) -> list[str]:
-        """Return the dotted keys of a job file with this content, for messages on others."""
-        tables = content if isinstance(content.get("program"), dict) else {**content, "program": {}}
-        return ["source", *known_keys(dict(tables))]
+    def of_content(cls, content: dict[str, Any], label: str, refusal: str = "") -> Self:
+        """Return the job with the values of a file.
+
+        Args:
+            content: of the file.
+            label: of the job in messages.
+            refusal: why code that the file names may not run; empty where it may. A program whose controller is such
+                code is taken as it stands, unchecked, as in the job of a record.
+
+        Raises:
+            InputError: an invalid key or value.
+        """
+        job = validated(cls, content, label, lambda: _keys(content, allow_code=not refusal), {_ALLOW_CODE: not refusal})
+        job._refusal = refusal
+        return job
 
     @model_validator(mode="before")
     @classmethod
@@ -72,9 +86,11 @@ class JobContent(BaseModel):
 
     @field_validator("program")
     @classmethod
-    def _check_program(cls, value: dict[str, Any]) -> dict[str, Any]:
+    def _check_program(cls, value: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
         values = dict(value)
         name = str(values.pop("controller", None))
+        if is_code(name) and not (info.context or {}).get(_ALLOW_CODE, True):
+            return value
         return {"controller": name, **build(name, values).arguments()}
 
     def changed(self, values: Mapping[str, Any]) -> Self:
@@ -87,7 +103,7 @@ class JobContent(BaseModel):
         """
         content = self.model_dump(exclude_none=True)
         for key, value in values.items():
-            change(content, key, value, known_keys(content))
+            change(content, key, value, known_keys(content, allow_code=not self._refusal))
         return self._with(content)
 
     def overridden(self, overrides: Iterable[str]) -> Self:
@@ -98,17 +114,25 @@ class JobContent(BaseModel):
         """
         content = self.model_dump(exclude_none=True)
         for setting in overrides:
-            override(content, setting, known_keys(content))
+            override(content, setting, known_keys(content, allow_code=not self._refusal))
         return self._with(content)
 
     def _with(self, content: dict[str, Any]) -> Self:
-        job = validated(type(self), content, f"job {self.name}")
-        job._refusal = self._refusal
-        return job
+        return self.of_content(content, f"job {self.name}", self._refusal)
 
     def check_code(self) -> None:
         """Raise InputError where the job names code of its own that may not run."""
+        self.check_law()
+        self.check_controller()
+
+    def check_law(self) -> None:
+        """Raise InputError where the servo's law is code that may not run."""
         if self._refusal and named_code({"servo": {"law": self.servo.law}}):
+            raise InputError(self._refusal)
+
+    def check_controller(self) -> None:
+        """Raise InputError where the controller is code that may not run."""
+        if self._refusal and named_code({"program": self.program}):
             raise InputError(self._refusal)
 
     @property
@@ -123,6 +147,12 @@ class JobContent(BaseModel):
             if not content[key]:
                 del content[key]
         return tomli_w.dumps(content, multiline_strings=True)
+
+
+def _keys(content: Mapping[str, Any], *, allow_code: bool) -> list[str]:
+    """Return the dotted keys of a job file with this content, for messages on others."""
+    tables = content if isinstance(content.get("program"), dict) else {**content, "program": {}}
+    return ["source", *known_keys(dict(tables), allow_code=allow_code)]
 
 
 def content_digest(content: Mapping[str, Any]) -> str:

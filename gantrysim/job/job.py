@@ -12,7 +12,7 @@ from typing import Any
 
 from gantrysim.base import memory
 from gantrysim.base.errors import InputError, TimedError, at_least
-from gantrysim.base.toml_files import validated
+from gantrysim.base.user_code import is_code
 from gantrysim.controllers.controller import Controller
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.engine.simulation import Simulation
@@ -21,7 +21,8 @@ from gantrysim.job.fitting import check_fit
 from gantrysim.job.margins import check_stability, margin_notes
 from gantrysim.job.plan import Plan, plan_of
 from gantrysim.job.programs import build
-from gantrysim.job.reading import read_with_overrides
+from gantrysim.job.reading import Request, read_with_overrides
+from gantrysim.job.user_controller import checked_setpoints
 from gantrysim.machine.checks import notes as machine_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
@@ -42,7 +43,8 @@ class Job(JobContent):
         machine: name of a built-in machine, or path of an MJCF file or of a machine's table in TOML, relative to the
             folder of the job file.
         names: of a machine whose MJCF bears others, as in {nozzle = "tip", x = "motor_x"}: see `Machine`.
-        program: name of the controller as `controller`, and its arguments.
+        program: name of the controller as `controller`, one of `PROGRAMS` or the user's own class as "module:Class" or
+            "path/to/file.py:Class", and its arguments.
         servo: arguments of `Servo.derive`.
         dispenser: arguments of `Dispenser`.
         bead: shape of the bead and grid of its height map, see `BeadSettings`.
@@ -68,7 +70,7 @@ class Job(JobContent):
     ) -> Job:
         """Return a built-in job, the job in a TOML file, or one that runs a program file.
 
-        A file that names code of its own, such as a law in a Python file, is refused unless `allow_code` is true or
+        A file that names code of its own, a law or a controller, is refused unless `allow_code` is true or
         the file lies in the present working folder. What the overrides name may run.
 
         Args:
@@ -86,10 +88,11 @@ class Job(JobContent):
             InputError: an unknown job, an invalid key or value, or code that may not run.
         """
         table = None if servo is None else Path(servo)
-        read = read_with_overrides(str(job), overrides, machine, table, controller, placement)
+        request = Request(str(job), tuple(overrides), machine, table, controller, placement, allow_code)
+        read = read_with_overrides(request)
         if read.refusal and not allow_code:
             raise InputError(read.refusal)
-        loaded = validated(Job, read.content, read.label)
+        loaded = cls.of_content(read.content, read.label)
         if table is not None:
             loaded._check_axes(table)
         return loaded if speed is None else loaded.at_speed(speed)
@@ -97,10 +100,8 @@ class Job(JobContent):
     @classmethod
     def of_record(cls, file: Path) -> Job:
         """Return the job of a saved run, which need not run again: its own code is refused only where it would run."""
-        read = read_with_overrides(str(file))
-        loaded = validated(Job, read.content, read.label)
-        loaded._refusal = read.refusal
-        return loaded
+        read = read_with_overrides(Request(str(file)))
+        return cls.of_content(read.content, read.label, read.refusal)
 
     def at_speed(self, speed: float) -> Job:
         """Return the job with its program at another speed.
@@ -159,6 +160,7 @@ class Job(JobContent):
     @cached_property
     def controller(self) -> Controller:
         """The motion controller with its program."""
+        self.check_controller()
         values = {key: value for key, value in self.program.items() if key != "controller"}
         return build(self.program["controller"], values)
 
@@ -180,7 +182,7 @@ class Job(JobContent):
     @cached_property
     def built_servo(self) -> Servo:
         """The servo with its gains."""
-        self.check_code()
+        self.check_law()
         return Servo.derive(self.built_machine.axes, **dict(self.servo))
 
     @property
@@ -211,7 +213,9 @@ class Job(JobContent):
     @property
     def _sent(self) -> Setpoints:
         """The program's own setpoints; not kept, as those of a long program fill the memory."""
-        return self.controller.setpoints(self.built_servo.period)
+        setpoints = self.controller.setpoints(self.built_servo.period)
+        name = self.program["controller"]
+        return checked_setpoints(name, setpoints) if is_code(name) else setpoints
 
     @property
     def _wait(self) -> float:
@@ -293,6 +297,4 @@ class Job(JobContent):
 
 
 def _restored(content: dict[str, Any], refusal: str) -> Job:
-    job = Job.model_validate(content)
-    job._refusal = refusal
-    return job
+    return Job.of_content(content, f"job {content['name']}", refusal)

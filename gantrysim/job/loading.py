@@ -12,7 +12,10 @@ from typing import Any
 from gantrysim.base.errors import InputError, expanded, unknown
 from gantrysim.base.files import check_whole
 from gantrysim.base.toml_files import read_text, read_toml, validated
-from gantrysim.job.programs import PROGRAMS, reader, suffixes
+from gantrysim.base.user_code import absolute_code, is_code
+from gantrysim.controllers.controller import Controller
+from gantrysim.job.code import CONTROLLER, absolute_value
+from gantrysim.job.programs import program_class, reader, suffixes
 from gantrysim.job.settings import ServoSettings
 
 
@@ -26,12 +29,14 @@ def job_text(name: str) -> str:
     return (files("gantrysim.jobs") / f"{name}.toml").read_text(encoding="utf-8")
 
 
-def read_job(job: str, controller: str | None = None) -> tuple[dict[str, Any], Path, str]:
+def read_job(job: str, controller: str | None = None, *, allow_code: bool = False) -> tuple[dict[str, Any], Path, str]:
     """Return the content of a job, the folder that its relative paths start from, and how messages name it.
 
     Args:
         job: name of a built-in job, path of a TOML file, or path of a program file.
         controller: that reads the program file, by default the one of the file's suffix.
+        allow_code: whether a controller of the user's own that the job names may be imported; one that `controller`
+            names always may.
 
     Raises:
         InputError: an unknown job, a file that cannot be read, or one that no controller reads.
@@ -45,20 +50,25 @@ def read_job(job: str, controller: str | None = None) -> tuple[dict[str, Any], P
             check_whole(path.parent, f"job {job}")
         if not path.exists():
             raise unknown("job", job, builtin_jobs())
+        if controller is not None:
+            controller = absolute_code(controller, Path())
         if path.suffix.lower() in suffixes() or (controller is not None and path.suffix.lower() != ".toml"):
             name = re.sub(r"[^\w .+-]", "_", path.stem) or "program"
-            return {"name": name, **_program({"file": path.name}, path.parent, controller)}, path.parent, job
+            table = _program({"file": path.name}, path.parent, controller, allow_code=allow_code)
+            return {"name": name, **table}, path.parent, job
         content = read_toml(path, f"job {job}")
         folder = path.parent
     program = content.get("program")
+    if isinstance(program, dict) and "controller" in program:
+        program["controller"] = absolute_value(CONTROLLER, program["controller"], folder)
     if isinstance(program, dict) and "file" in program:
-        content |= _program(program, folder, controller)
+        content |= _program(program, folder, controller, allow_code=allow_code)
     elif controller is not None:
         raise InputError(f"--controller {controller}: job {job} has a program of its own; it is for program files")
     return content, folder, f"job {job}"
 
 
-def _program(table: Mapping[str, Any], folder: Path, controller: str | None) -> dict[str, Any]:
+def _program(table: Mapping[str, Any], folder: Path, controller: str | None, *, allow_code: bool) -> dict[str, Any]:
     """Return the program's table with the text of its file, and the file's name for messages."""
     file = table["file"]
     if not isinstance(file, str):
@@ -69,10 +79,15 @@ def _program(table: Mapping[str, Any], folder: Path, controller: str | None) -> 
         text = read_text(path, errors="replace")
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    rest = {key: value for key, value in table.items() if key != "file"}
-    name = reader(path.suffix, named)
+    arguments = {key: value for key, value in table.items() if key != "file"}
+    if is_code(named) and controller is None and not allow_code:
+        name = named
+        text_argument = Controller.text_argument  # the class may have another, but must not be looked at
+    else:
+        name = reader(path.suffix, named)
+        text_argument = program_class(name).text_argument
     shown = file.encode("utf-8", "surrogateescape").decode("utf-8", "replace")  # a name need not be text
-    return {"program": {**rest, "controller": name, PROGRAMS[name].text_argument: text}, "source": shown}
+    return {"program": {**arguments, "controller": name, text_argument: text}, "source": shown}
 
 
 def servo_table(file: Path) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from gantrysim.base.toml_files import toml_content
 from gantrysim.bead import BeadSettings
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.faults import KINDS
+from gantrysim.job.code import CONTROLLER, absolute_value
 from gantrysim.job.programs import dotted, keys
 from gantrysim.job.settings import ServoSettings, SimulationSettings
 from gantrysim.machine.geometry import Geometry
@@ -50,7 +51,7 @@ def override(content: Content, text: str, known: Sequence[str]) -> None:
     """Set a value in the content of a job file by "key=value", as --set does.
 
     The value is TOML or unquoted text; the key is a known one in full, or its last parts where they are unique. A path
-    in `machine` is relative to the working folder.
+    in `machine`, and one of the user's code, is relative to the working folder.
 
     Raises:
         InputError: not "key=value", or an unknown or ambiguous key.
@@ -73,6 +74,7 @@ def override(content: Content, text: str, known: Sequence[str]) -> None:
         value = right.strip()
     if key == "machine" and isinstance(value, str):
         value = absolute_machine(value, Path())
+    value = absolute_value(key, value, Path())
     table, leaf = _table_of(content, key, option)
     table[leaf] = value
 
@@ -102,14 +104,6 @@ def absolute_machine(machine: str, folder: Path) -> str:
     return str((folder / expanded(machine)).absolute())
 
 
-def absolute_law(law: Any, folder: Path) -> Any:
-    """Return a law's names, with the path of a file in `folder` as an absolute path."""
-    if isinstance(law, list):
-        return [absolute_law(one, folder) for one in law]
-    place, separator, name = law.rpartition(":") if isinstance(law, str) else ("", "", "")
-    return f"{(folder / expanded(place)).absolute()}:{name}" if separator and place.endswith(".py") else law
-
-
 def _table_of(content: Content, key: str, source: str) -> tuple[Content, str]:
     """Return the table that holds a key, created if missing, and the last part of the key."""
     *sections, leaf = key.split(".")
@@ -123,13 +117,21 @@ def _table_of(content: Content, key: str, source: str) -> tuple[Content, str]:
     return table, leaf
 
 
-def known_keys(content: Content) -> list[str]:
-    """Return the full dotted keys of a job with this content; those of a fault hold its number, from 0."""
-    known = ["name", "machine", "names", "program.controller", "faults"]
+def known_keys(content: Content, *, allow_code: bool = False) -> list[str]:
+    """Return the full dotted keys of a job with this content; those of a fault hold its number, from 0.
+
+    Args:
+        content: of a job file.
+        allow_code: whether a controller of the user's own may be imported; its keys are those given otherwise.
+
+    Raises:
+        InputError: the controller cannot be imported.
+    """
+    known = ["name", "machine", "names", CONTROLLER, "faults"]
     for section, kind in TABLES.items():
         known += [f"{section}.{name}" for name in getattr(kind, "model_fields", None) or dotted(kind)]
     faults = content.get("faults", [])
     for n, fault in enumerate(faults if isinstance(faults, list | tuple) else []):
         if isinstance(fault, dict) and fault.get("kind") in KINDS:
             known += [f"faults.{n}.{name}" for name in dotted(KINDS[fault["kind"]])]
-    return known + [f"program.{key}" for key in keys(str(content.get("program", {}).get("controller")))]
+    return known + [f"program.{key}" for key in keys(content.get("program", {}), allow_code=allow_code)]

@@ -5,19 +5,22 @@ from __future__ import annotations
 import inspect
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import Any, get_args, get_type_hints
 
-from pydantic import ConfigDict
+from pydantic import ConfigDict, ValidationError
 from pydantic.dataclasses import dataclass as validated
+from pydantic.errors import PydanticUserError
 
-from gantrysim.base.errors import InputError, unknown
+from gantrysim.base.errors import GantryError, InputError, text_of, unknown
+from gantrysim.base.user_code import is_code
 from gantrysim.controllers import fanuc, softmc, stage, trio
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.gcode import linuxcnc, slicer
 from gantrysim.drawings import Drawing
+from gantrysim.job.user_controller import check_arguments, user_controller
 
 PROGRAMS: dict[str, type[Controller]] = {
     "trio.MoveSpiral": trio.MoveSpiral,
@@ -33,9 +36,19 @@ PROGRAMS: dict[str, type[Controller]] = {
 
 _MAGNITUDES = 1e-100, 1e12  # of numbers; smaller ones than 1e-12 are rounding
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
-_validated: dict[str, Callable[..., Any]] = {
-    name: validated(config=_STRICT)(program) for name, program in PROGRAMS.items()
-}
+
+
+def program_class(name: str) -> type[Controller]:
+    """Return the class of a controller: a built-in one, or the user's own, whose code runs.
+
+    Raises:
+        InputError: an unknown controller, or a class that is none.
+    """
+    if is_code(name):
+        return user_controller(name)
+    if name not in PROGRAMS:
+        raise unknown("controller", name, PROGRAMS)
+    return PROGRAMS[name]
 
 
 def build(name: str, values: Mapping[str, Any]) -> Controller:
@@ -45,11 +58,33 @@ def build(name: str, values: Mapping[str, Any]) -> Controller:
         InputError: an unknown controller, or a program that it refuses.
         pydantic.ValidationError: a missing or unknown argument, or one of the wrong type.
     """
-    if name not in PROGRAMS:
-        raise unknown("controller", name, PROGRAMS)
-    reject_booleans(PROGRAMS[name], values)
+    program = program_class(name)
+    reject_booleans(program, values)
     _reject_extremes("", values)
-    return _validated[name](**values)
+    return _build_users(name, program, values) if is_code(name) else _validated(program)(**values)
+
+
+def _build_users(name: str, program: type[Controller], values: Mapping[str, Any]) -> Controller:
+    """Return the user's own controller, or raise InputError for whatever its code raises."""
+    try:
+        constructor = _validated(program)
+    except (PydanticUserError, TypeError) as error:  # an annotation that is no type of values
+        raise InputError(
+            f"controller {name!r}: its fields cannot be keys of a job file: {text_of(error):.300}"
+        ) from None
+    try:
+        controller: Controller = constructor(**values)
+    except (GantryError, ValidationError):
+        raise
+    except Exception as error:
+        raise InputError(f"controller {name!r}: its constructor raised {text_of(error)}") from None
+    check_arguments(name, controller.arguments())
+    return controller
+
+
+@cache
+def _validated(program: type[Controller]) -> Callable[..., Any]:
+    return validated(config=_STRICT)(program)  # slow
 
 
 def reject_booleans(kind: type[Any], values: Mapping[str, Any], prefix: str = "") -> None:
@@ -102,16 +137,18 @@ def reader(suffix: str, controller: str | None = None) -> str:
 
     Args:
         suffix: of the file, with its dot.
-        controller: its name or the part before the dot, in any case; by default that of the suffix.
+        controller: its name or the part before the dot, in any case, or that of the user's own class; by default that
+            of the suffix.
 
     Raises:
-        InputError: a suffix that no controller has, or an unknown controller.
+        InputError: a suffix that no controller has, an unknown controller, or one that reads no program files.
     """
-    reading = {
-        name: program
-        for name, program in PROGRAMS.items()
-        if program.text_argument in getattr(program, "__dataclass_fields__", ())
-    }
+    if controller is not None and is_code(controller):
+        program = program_class(controller)
+        if not _reads_files(program):
+            raise InputError(f"controller {controller!r}: reads no program files: has no field {program.text_argument}")
+        return controller
+    reading = {name: program for name, program in PROGRAMS.items() if _reads_files(program)}
     if controller is None:
         fitting = [name for name, program in reading.items() if suffix.lower() in program.suffixes]
         if not fitting:
@@ -125,9 +162,33 @@ def reader(suffix: str, controller: str | None = None) -> str:
     return fitting[0]
 
 
-def keys(name: str) -> list[str]:
-    """Return the dotted names of a program's arguments, including nested ones; none of an unknown program."""
+def _reads_files(program: type[Controller]) -> bool:
+    return program.text_argument in getattr(program, "__dataclass_fields__", ())
+
+
+def keys(table: Mapping[str, Any], *, allow_code: bool) -> list[str]:
+    """Return the dotted names of a program's arguments, including nested ones; none of an unknown program.
+
+    Args:
+        table: [program] of a job file.
+        allow_code: whether the user's own controller may be imported; its keys are those in the table otherwise.
+
+    Raises:
+        InputError: the user's own controller cannot be imported.
+    """
+    name = str(table.get("controller"))
+    if is_code(name):
+        return list(dotted(program_class(name))) if allow_code else list(_keys_in(table))
     return list(dotted(PROGRAMS[name])) if name in PROGRAMS else []
+
+
+def _keys_in(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    """Yield the dotted names of the values in a table, those of nested tables included."""
+    for key, value in table.items():
+        if f"{prefix}{key}" != "controller":
+            yield f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            yield from _keys_in(value, f"{prefix}{key}.")
 
 
 @cache

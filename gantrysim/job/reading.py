@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from gantrysim.base.errors import InputError, expanded
-from gantrysim.job.code import named_code, refusal
+from gantrysim.job.code import absolute_value, is_trusted, named_code, refusal
 from gantrysim.job.loading import read_job, servo_table
-from gantrysim.job.overrides import absolute_law, absolute_machine, known_keys, override, place
+from gantrysim.job.overrides import absolute_machine, known_keys, override, place
+
+
+class Request(NamedTuple):
+    """A job that is asked for; see `Job.load` for the attributes."""
+
+    job: str
+    overrides: tuple[str, ...] = ()
+    machine: str | None = None
+    servo: Path | None = None
+    controller: str | None = None
+    placement: Mapping[str, float] | None = None
+    allow_code: bool = False
 
 
 class Reading(NamedTuple):
@@ -26,41 +38,93 @@ class Reading(NamedTuple):
     refusal: str
 
 
-def read_with_overrides(
-    job: str,
-    overrides: Iterable[str] = (),
-    machine: str | None = None,
-    servo: Path | None = None,
-    controller: str | None = None,
-    placement: Mapping[str, float] | None = None,
-) -> Reading:
-    """Read a job and replace values in it; see `Job.load` for the arguments.
+class _Author(NamedTuple):
+    """A file that names code.
+
+    Attributes:
+        file: the file.
+        label: of the file in messages.
+        code: that it names, as `named_code` returns it.
+    """
+
+    file: Path
+    label: str
+    code: tuple[str, ...]
+
+
+def read_with_overrides(request: Request) -> Reading:
+    """Read a job and replace values in it; no code runs that may not.
 
     Raises:
         InputError: an unknown job, or an invalid key or value.
     """
-    content, folder, label = read_job(job, controller)
+    job = request.job
+    file = expanded(job)
+    allow_code = request.allow_code or is_trusted(file)
+    content, folder, label = read_job(job, request.controller, allow_code=allow_code)
     for section in ("program", "servo", "dispenser", "bead", "simulation", "geometry"):
         if not isinstance(content.get(section, {}), dict):
             raise InputError(f"job {job}: {section} = {content[section]!r:.60}: must be a table, [{section}]")
-    # file that names the law, if any does
-    author = expanded(job)
-    author_label = label
-    if servo is not None:
-        content["servo"] = servo_table(servo)
-        author = expanded(servo)
-        author_label = f"servo {servo}"
-    if "law" in content.get("servo", {}):
-        beside = folder if servo is None else servo.parent
-        content["servo"] = {**content["servo"], "law": absolute_law(content["servo"]["law"], beside)}
-    code = named_code(content)
-    place(content, placement or {}, known_keys(content))
-    for setting in overrides:
-        override(content, setting, known_keys(content))
-    if machine is not None:
-        content["machine"] = absolute_machine(machine, Path())
+    program = content.get("program", {})
+    # a controller that the caller names is code of the caller's own
+    jobs_program = program if request.controller is None else {}
+    if request.servo is None:
+        _make_law_absolute(content, folder)
+        authors = [_Author(file, label, named_code({"program": jobs_program, "servo": content.get("servo")}))]
+    else:
+        content["servo"] = servo_table(request.servo)
+        _make_law_absolute(content, request.servo.parent)
+        servo_code = named_code({"servo": content["servo"]})
+        authors = [
+            _Author(file, label, named_code({"program": jobs_program})),
+            _Author(expanded(request.servo), f"servo {request.servo}", servo_code),
+        ]
+    _override(content, request, authors)
+    if request.machine is not None:
+        content["machine"] = absolute_machine(request.machine, Path())
     elif isinstance(content.get("machine"), str):
         content["machine"] = absolute_machine(content["machine"], folder)
-    unasked = tuple(name for name in named_code(content) if name in code)  # an override is the caller's own
-    reason = refusal(unasked, author)
-    return Reading(content, label, f"{author_label} {reason}" if reason else "")
+    return Reading(content, label, _refusal(content, authors))
+
+
+def _make_law_absolute(content: dict[str, Any], folder: Path) -> None:
+    servo = content.get("servo", {})
+    if "law" in servo:
+        content["servo"] = {**servo, "law": absolute_value("servo.law", servo["law"], folder)}
+
+
+def _override(content: dict[str, Any], request: Request, authors: list[_Author]) -> None:
+    """Replace values in the content of a job file.
+
+    Raises:
+        InputError: an invalid key or value, or a key of a controller whose code may not run.
+    """
+
+    def keys() -> list[str]:
+        return known_keys(content, allow_code=request.allow_code or not _is_refused(content, authors))
+
+    try:
+        place(content, request.placement or {}, keys())
+        for setting in request.overrides:
+            override(content, setting, keys())
+    except InputError:
+        # the key may be a field of the class that is not looked at
+        if not request.allow_code and _is_refused(content, authors):
+            raise InputError(_refusal(content, authors)) from None
+        raise
+
+
+def _is_refused(content: dict[str, Any], authors: list[_Author]) -> bool:
+    """Return whether the controller's code may not run."""
+    controller = named_code({"program": content.get("program")})
+    return any(set(controller) & set(author.code) and not is_trusted(author.file) for author in authors)
+
+
+def _refusal(content: dict[str, Any], authors: list[_Author]) -> str:
+    """Return why code that a file names, and that no override has replaced, may not run; empty where it may."""
+    present = named_code(content)
+    for author in authors:
+        reason = refusal(tuple(entry for entry in author.code if entry in present), author.file)
+        if reason:
+            return f"{author.label} {reason}"
+    return ""

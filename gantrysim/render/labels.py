@@ -12,7 +12,7 @@ from gantrysim.base.errors import expanded
 from gantrysim.bead import BeadSettings
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.job.job import Job
-from gantrysim.job.programs import PROGRAMS, described
+from gantrysim.job.programs import described, program_class
 from gantrysim.job.settings import ServoSettings
 from gantrysim.report.saved import SavedRun
 
@@ -69,7 +69,7 @@ def _unit(job: Job, key: str) -> str:
     if section == "servo":
         description = ServoSettings.model_fields[names[0]].description or ""
     else:
-        kinds = {"program": PROGRAMS[job.program["controller"]], "dispenser": Dispenser, "bead": BeadSettings}
+        kinds = {"program": program_class(job.program["controller"]), "dispenser": Dispenser, "bead": BeadSettings}
         description = _description(kinds[section], names) if section in kinds else ""
     units = _UNIT.findall(description)
     return units[-1] if units and not re.search(r",| or ", units[-1]) else ""

@@ -1,6 +1,7 @@
 """Code that a job names runs only where the caller allows it, or where the job lies in the present folder."""
 
 import pickle
+import sys
 from pathlib import Path
 
 import pytest
@@ -15,11 +16,17 @@ from support import own_laws
 from support.films import saved
 from support.studies import SHORT
 
-LAW = f"""
+CODE = f"""
 from pathlib import Path
 Path(__file__).with_name("has-run").touch()
 {Path(own_laws.__file__).read_text()}
+from gantrysim.controllers.trio import MoveSpiral
+class Spiral(MoveSpiral):
+    pass
 """
+# what a job file has, and what it names instead: its key, the built-in name, the code
+LAW = ("servo.law", "pid", "mine.py:pd")
+CONTROLLER = ("program.controller", "trio.MoveSpiral", "mine.py:Spiral")
 TABLE = Path(__file__).parents[2] / "examples" / "machines" / "belt-gantry.toml"
 QUICK = ["--no-video", "--no-report"]
 COMMANDS = {
@@ -39,21 +46,38 @@ COMMANDS = {
 }
 
 
-@pytest.fixture
-def stranger(tmp_path, monkeypatch):
-    """A job that brings a law, in another folder than the present one; its law's file tells when it has run."""
+def stranger_with(tmp_path, monkeypatch, code):
+    """Return a folder with a job that brings code, and work in another; the code's file tells when it has run."""
+    key, builtin, named = code
+    last = key.rpartition(".")[2]
     folder = tmp_path / "stranger"
     folder.mkdir()
-    (folder / "mine.py").write_text(LAW)
-    (folder / "job.toml").write_text(Job.load("an225", SHORT).toml().replace('law = "pid"', 'law = "mine.py:pd"'))
+    (folder / "mine.py").write_text(CODE)
+    text = Job.load("an225", SHORT).toml().replace(f'{last} = "{builtin}"', f'{last} = "{named}"')
+    (folder / "job.toml").write_text(text)
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     return folder
 
 
-def refused(folder, label):
+@pytest.fixture
+def stranger(tmp_path, monkeypatch):
+    return stranger_with(tmp_path, monkeypatch, LAW)
+
+
+@pytest.fixture(params=[LAW, CONTROLLER], ids=["law", "controller"])
+def code(request):
+    return request.param
+
+
+@pytest.fixture
+def either(tmp_path, monkeypatch, code):
+    return stranger_with(tmp_path, monkeypatch, code)
+
+
+def refused(folder, label, code=LAW):
     return (
-        f"{label} would run code of its own, servo.law = {folder}/mine.py:pd: if you trust it, allow it with "
+        f"{label} would run code of its own, {code[0]} = {folder}/{code[2]}: if you trust it, allow it with "
         f"--allow-code, in Python with allow_code=True, or go to its folder, {folder}"
     )
 
@@ -63,49 +87,55 @@ def has_run(folder):
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_refuses_a_stranger_s_code_in_one_line(stranger, tmp_path, gantrysim_command, monkeypatch, name):
+def test_every_command_refuses_a_stranger_s_code_in_one_line(
+    either, code, tmp_path, gantrysim_command, monkeypatch, name
+):
     monkeypatch.setattr("gantrysim.view.display.check_display", lambda: None)
     table = tmp_path / "table.toml"
     table.write_bytes(TABLE.read_bytes())
-    job = stranger / "job.toml"
+    if name == "servo file" and code is CONTROLLER:
+        pytest.skip("a servo file has no program")
+    job = either / "job.toml"
     arguments = [{"JOB": job, "TABLE": table}.get(word, word) for word in COMMANDS[name]]
     label = f"servo {job}" if name == "servo file" else f"job {job}"
     status, _, errors = gantrysim_command(*arguments)
-    assert (status, errors) == (2, f"error: {refused(stranger, label)}\n")
-    assert not has_run(stranger)
+    assert (status, errors) == (2, f"error: {refused(either, label, code)}\n")
+    assert not has_run(either)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["here", "stranger", "table.toml"]
     assert not list((tmp_path / "here").iterdir())
 
 
 @pytest.mark.parametrize("name", sorted(COMMANDS.keys() - {"view"}))
-def test_every_command_takes_the_permission(stranger, tmp_path, gantrysim_command, monkeypatch, name):
+def test_every_command_takes_the_permission(either, code, tmp_path, gantrysim_command, monkeypatch, name):
     """As far as the job's own: a study and the tuner would take long."""
+    if name == "servo file" and code is CONTROLLER:
+        pytest.skip("a servo file has no program")
     studied = []
     monkeypatch.setattr(study_commands, "carry_out", lambda study, *_: studied.append(study.job))
     monkeypatch.setattr(tune_command, "carry_out", lambda study, *_: studied.append(study.job))
     monkeypatch.setattr(tune_command, "write_words", lambda *_: None)
     table = tmp_path / "table.toml"
     table.write_bytes(TABLE.read_bytes())
-    words = {"JOB": stranger / "job.toml", "TABLE": table}
+    words = {"JOB": either / "job.toml", "TABLE": table}
     status, _, errors = gantrysim_command(*[words.get(word, word) for word in COMMANDS[name]], "--allow-code")
     assert "--allow-code" not in errors
     assert studied or status == 0
-    assert studied or has_run(stranger) or name in ("gains", "check")
+    assert studied or has_run(either) or (code is LAW and name in ("gains", "check"))
 
 
-def test_in_the_present_folder_code_runs_unasked(stranger, tmp_path, gantrysim_command, monkeypatch):
-    monkeypatch.chdir(stranger)
+def test_in_the_present_folder_code_runs_unasked(either, tmp_path, gantrysim_command, monkeypatch):
+    monkeypatch.chdir(either)
     assert gantrysim_command("run", "job.toml", *QUICK)[0] == 0
-    assert has_run(stranger)
+    assert has_run(either)
     (tmp_path / "link").symlink_to("stranger")
     monkeypatch.chdir(tmp_path / "link")
     Job.load("job.toml")
-    Job.load(stranger / "job.toml")
+    Job.load(either / "job.toml")
     monkeypatch.chdir(tmp_path / "here")
     Job.load("../stranger/job.toml", allow_code=True)
     (tmp_path / "here" / "job.toml").symlink_to("../stranger/job.toml")  # the file lies where its link leads
     (tmp_path / "here" / "below").mkdir()
-    (tmp_path / "here" / "below" / "job.toml").write_bytes((stranger / "job.toml").read_bytes())
+    (tmp_path / "here" / "below" / "job.toml").write_bytes((either / "job.toml").read_bytes())
     for file in ("job.toml", "below/job.toml", tmp_path / "link" / "job.toml"):
         with pytest.raises(InputError, match="would run code of its own"):
             Job.load(file)
@@ -130,23 +160,24 @@ def _servo(folder, law):
     return file
 
 
-def test_a_record_is_read_without_its_law_and_its_job_does_not_run(stranger, gantrysim_command, monkeypatch):
-    job = Job.load(stranger / "job.toml", allow_code=True)
-    folder = saved(stranger / "run", job)
-    (stranger / "has-run").unlink()
-    monkeypatch.setattr("gantrysim.servo.laws.user.resolved", lambda _: pytest.fail("code has run"))
+def test_a_record_is_read_without_its_code_and_its_job_does_not_run(either, code, gantrysim_command, monkeypatch):
+    job = Job.load(either / "job.toml", allow_code=True)
+    folder = saved(either / "run", job)
+    (either / "has-run").unlink()
+    for name in [name for name in sys.modules if name.startswith("gantrysim_code_")]:
+        monkeypatch.delitem(sys.modules, name)  # so that code that is imported again runs again
     for command in (("export", folder), ("render", folder, "--at", 0, "--size", "300x200")):
         assert gantrysim_command(*command)[0] == 0
-    log = stranger / "log.csv"
+    log = either / "log.csv"
     rows = zip(*(SavedRun.load(folder).run.time, *SavedRun.load(folder).run.nozzle.T), strict=True)
     log.write_text("time [s],x [mm],y [mm],z [mm]\n" + "".join(f"{','.join(map(str, row))}\n" for row in rows))
     columns = "time=time,x=x,y=y,z=z"
     assert gantrysim_command("compare", folder, "--measured", log, "--columns", columns)[0] == 0
     read = SavedRun.load(folder).job
-    assert not has_run(stranger)
+    assert not has_run(either)
     for work in (
         read.run,
-        lambda: read.margins,
+        lambda: read.margins if code is LAW else read.controller,
         lambda: read.changed({"program.loop_period": 0.02}).run(),
         lambda: read.overridden(["loop_period=0.02"]).run(),
         lambda: read.at_speed(10.0).run(),
@@ -155,15 +186,19 @@ def test_a_record_is_read_without_its_law_and_its_job_does_not_run(stranger, gan
     ):
         with pytest.raises(InputError) as caught:
             work()
-        assert str(caught.value) == refused(stranger, f"job {folder / 'job.toml'}").replace(
-            f"go to its folder, {stranger}", f"go to its folder, {folder}"
+        assert str(caught.value) == refused(either, f"job {folder / 'job.toml'}", code).replace(
+            f"go to its folder, {either}", f"go to its folder, {folder}"
         )
-    assert read.changed({"servo.law": "pd"}).built_servo.law == ("pd",)
-    assert not has_run(stranger)
+    key, builtin, _ = code
+    replaced = read.changed({key: builtin})
+    assert replaced.built_servo.law == ("pid",)
+    assert replaced.controller.speed == read.program["speed"]
+    assert not has_run(either)
 
 
-def test_permission_goes_with_the_job(stranger):
-    job = Job.load(stranger / "job.toml", allow_code=True)
+def test_permission_goes_with_the_job(either):
+    job = Job.load(either / "job.toml", allow_code=True)
     for same in (job.changed({"program.loop_period": 0.02}), pickle.loads(pickle.dumps(job)), Case.of(job).job()):
         same.check_code()
         assert same.built_servo.law == job.built_servo.law
+        assert type(same.controller).__name__ == type(job.controller).__name__

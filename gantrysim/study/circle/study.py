@@ -10,7 +10,6 @@ from typing import Any, Literal
 import numpy as np
 
 from gantrysim.base.errors import InputError, at_least, positive
-from gantrysim.base.toml_files import validated
 from gantrysim.job.job import Job
 from gantrysim.metrics import SPIKE_REACH, Reversal, Trace
 from gantrysim.record.run import Run
@@ -118,7 +117,7 @@ class CircleStudy(Study):
             },
             "servo": {"integral_time": 0.03},
         }
-        job = validated(Job, content, f"circle of radius {self.radius:g} mm at {self.speed:g} mm/s")
+        job = Job.of_content(content, f"circle of radius {self.radius:g} mm at {self.speed:g} mm/s")
         return job.overridden([f"machine={self.machine}", *self.overrides])
 
     @cached_property
