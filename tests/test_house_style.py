@@ -60,8 +60,6 @@ NOT_YET: dict[str, dict[str, int]] = {
     "paths": {"names": 47, "assignments": 11, "parameters": 6, "modules": 2},
     # record
     "record": {"names": 13, "assignments": 6},
-    # design
-    "design": {"names": 15, "assignments": 2, "parameters": 2},
     # dispenser
     "dispenser": {"names": 6, "assignments": 2, "parameters": 1, "modules": 1},
     # engine

@@ -23,8 +23,9 @@ ARRANGEMENTS: dict[str, Callable[[MachineTable], Mjcf]] = {
     "corexy": corexy,
 }
 _STEP = 2.5e-4  # longest physics step [s]
-_PER_STEP = 1.0  # largest angle by which the fastest mode turns in a physics step [rad]
-# the same with a stepper in open loop, which nothing damps but friction: half the error of its torque
+# largest angle by which the fastest mode turns in a physics step [rad]; smaller with a stepper in open loop, whose
+# field only friction damps: half the error of its torque
+_PER_STEP = 1.0
 _PER_STEP_UNDAMPED = 0.5
 
 
@@ -32,12 +33,12 @@ def mjcf_of(table: MachineTable) -> str:
     """Return the MJCF of a machine, complete in one text, with a physics step that its fastest mode allows."""
     mjcf = ARRANGEMENTS[table.arrangement](table)
     frequencies, _ = modes(mujoco.MjModel.from_xml_string(mjcf.text()))
-    slides = (slide.drive for slide in (table.x, table.y, table.z) if slide is not None)
-    fields = [drive.field_rate for drive in (*slides, table.belts) if drive is not None]
-    fastest = max(2 * math.pi * float(frequencies.max(initial=0.0)), *fields)
+    drives = [slide.drive for slide in (table.x, table.y, table.z) if slide is not None]
+    field_rates = [drive.field_rate for drive in (*drives, table.belts) if drive is not None]
+    fastest = max(2 * math.pi * float(frequencies.max(initial=0.0)), *field_rates)
     step = _STEP
-    largest = _PER_STEP_UNDAMPED if any(fields) else _PER_STEP
-    while fastest * step > largest:
+    largest_angle = _PER_STEP_UNDAMPED if any(field_rates) else _PER_STEP
+    while fastest * step > largest_angle:  # halved, so that it stays a fraction of usual servo periods
         step /= 2
     return mjcf.text(step)
 

@@ -1,4 +1,4 @@
-"""Motors and encoders: their data, what follows from it, and the library of both."""
+"""Motors and encoders: data of their data sheets, derived values, and the library of both."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 import tomllib
 from functools import cache
 from importlib.resources import files
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -16,8 +16,24 @@ from gantrysim.base.toml_files import validated
 from gantrysim.design.settings import NotNegative, Positive, Table, key
 
 RPM = 2 * math.pi / 60  # [rad/s]
-CONSISTENT = 0.015  # of a catalogue's no-load speed and stall torque with what follows from its other values, relative
+CONSISTENT = 0.015  # relative difference of a stated no-load speed or stall torque and the one computed
 _ANGLES = np.linspace(0, np.pi / 2, 721)  # of the current ahead of the torque-producing axis
+
+
+class Winding(NamedTuple):
+    """Constants of a motor's winding, by the letters of the equations.
+
+    Attributes:
+        K: torque and back-EMF constant [N·m/A, V·s/rad].
+        R: resistance [ohm].
+        L: inductance [H].
+        pole_pairs: p; 0 for a brushed motor.
+    """
+
+    K: float
+    R: float
+    L: float
+    pole_pairs: float
 
 
 class Encoder(Table):
@@ -47,8 +63,8 @@ class Motor(Table):
     inductance: NotNegative = key("of the winding [H]")
     rotor_inertia: Positive = key("[kg·m²]")
     no_load_current: NotNegative = key("at the nominal voltage [A]", 0.0)
-    no_load_speed: Positive | None = key("at the nominal voltage, held against the other values [rpm]", None)
-    stall_torque: Positive | None = key("at the nominal voltage, held against the other values [N·m]", None)
+    no_load_speed: Positive | None = key("at the nominal voltage, checked against the other values [rpm]", None)
+    stall_torque: Positive | None = key("at the nominal voltage, checked against the other values [N·m]", None)
     continuous_torque: Positive | None = key("by temperature, of a stepper its holding torque [N·m]", None)
     peak_current: Positive | None = key("for seconds, of a stepper sqrt(2) times the rated current [A]", None)
     max_speed: Positive = key("mechanical limit [rpm]")
@@ -94,7 +110,9 @@ class Motor(Table):
         """Peak current [A]; of a stepper sqrt(2) times that of a phase."""
         if self.peak_current is not None:
             return self.peak_current
-        return math.sqrt(2) * self.rated_current if self.rated_current else self.voltage / self.resistance
+        if self.rated_current:  # both phases together, see the class
+            return math.sqrt(2) * self.rated_current
+        return self.voltage / self.resistance
 
     @property
     def continuous(self) -> float:
@@ -115,18 +133,11 @@ class Motor(Table):
 
     def torque_at(self, speed: float, voltage: float, current: float) -> float:
         """Return the largest torque at a speed, see `largest_torque`."""
-        return largest_torque(self.K, self.resistance, self.inductance, self.pole_pairs, speed, voltage, current)
+        winding = Winding(self.K, self.resistance, self.inductance, self.pole_pairs)
+        return largest_torque(winding, speed, voltage, current)
 
 
-def largest_torque(
-    K: float,  # noqa: N803
-    R: float,  # noqa: N803
-    L: float,  # noqa: N803
-    pole_pairs: float,
-    speed: float,
-    voltage: float,
-    current: float,
-) -> float:
+def largest_torque(winding: Winding, speed: float, voltage: float, current: float) -> float:
     """Return the largest torque that a voltage and a current allow at a speed [N·m].
 
     With the current i at an angle b ahead of the torque-producing axis, and X = p w L,
@@ -136,22 +147,22 @@ def largest_torque(
     The torque is the largest over b with v_q² + v_d² <= V², i <= I. Without poles, as of a brushed motor, X is zero.
 
     Args:
-        K: torque constant [N·m/A].
-        R: resistance [ohm].
-        L: inductance [H].
-        pole_pairs: p; 0 for a brushed motor.
+        winding: K, R, L and p.
         speed: w [rad/s].
         voltage: V, its amplitude [V].
         current: I, its amplitude [A].
     """
+    K, R, L, pole_pairs = winding  # noqa: N806
     X = pole_pairs * speed * L  # noqa: N806
+    # without reactance no current weakens the field
     b = _ANGLES if X > 0 else _ANGLES[:1]
     # (R² + X²) i² + 2 K w (R cos b - X sin b) i + (K w)² - V² = 0
     square = R**2 + X**2
     half = K * speed * (R * np.cos(b) - X * np.sin(b))
-    under = half**2 - square * ((K * speed) ** 2 - voltage**2)
-    high = np.where(under >= 0, (-half + np.sqrt(np.maximum(under, 0))) / square, 0.0)
-    low = np.where(under >= 0, (-half - np.sqrt(np.maximum(under, 0))) / square, np.inf)
+    discriminant = half**2 - square * ((K * speed) ** 2 - voltage**2)
+    root = np.sqrt(np.maximum(discriminant, 0))
+    high = np.where(discriminant >= 0, (-half + root) / square, 0.0)
+    low = np.where(discriminant >= 0, (-half - root) / square, np.inf)
     allowed = np.where((low <= current) & (high > 0), np.minimum(high, current), 0.0)
     return float((K * allowed * np.cos(b)).max())
 

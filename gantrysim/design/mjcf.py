@@ -1,4 +1,4 @@
-"""Writing an MJCF: the elements that every machine has, in the looks and classes of the built-in ones."""
+"""Writing an MJCF: the elements that every machine has, with the classes and looks of the built-in ones."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import copy
 import math
 from collections.abc import Sequence
 from importlib.resources import files
+from typing import NamedTuple
 from xml.etree import ElementTree as ET
 from xml.etree.ElementTree import Element
 
@@ -14,7 +15,7 @@ from gantrysim.stability.motion import MODES
 
 M = 1e-3  # metres per millimetre
 
-# custom numerics of an MJCF, a value per actuator: what verdict, transmission, geometry or drive need
+# custom numerics of an MJCF, a value per actuator, for verdict, transmission, geometry and drive
 # [N·m, kg·m², 1, H, 1, µm/300 mm, µm, 1, place in MODES]
 FACTS = (
     "continuous_torque",
@@ -41,15 +42,30 @@ _FLOOR = 0.2  # below the work [m]
 Numbers = Sequence[float]
 
 
+class Load(NamedTuple):
+    """Load of a motor on its slide.
+
+    Attributes:
+        mass: that it moves [kg].
+        guides: of the slide.
+        share: of the guides' friction that this motor bears.
+    """
+
+    mass: float
+    guides: Guides
+    share: float = 1.0
+
+
 def add(parent: Element, tag: str, **attributes: str | float | Numbers) -> Element:
-    """Append an element; numbers are written in full."""
+    """Append an element; numbers are written in full, and an underscore ends an attribute that is a word of Python."""
     return ET.SubElement(parent, tag, {name.rstrip("_"): _text(value) for name, value in attributes.items()})
 
 
 def _text(value: str | float | Numbers) -> str:
     if isinstance(value, str):
         return value
-    return " ".join(f"{float(one)!r}".removesuffix(".0") for one in (value if isinstance(value, Sequence) else [value]))
+    numbers = value if isinstance(value, Sequence) else [value]
+    return " ".join(f"{float(number)!r}".removesuffix(".0") for number in numbers)
 
 
 def _part(name: str) -> Element:
@@ -68,7 +84,7 @@ class Mjcf:
         table: of the machine.
         root: the element `mujoco`.
         world: its worldbody.
-        frame: body of all that stands and moves on the bench.
+        frame: body of everything that stands or moves on the bench.
         size: width of the frame relative to the built-in ones.
     """
 
@@ -90,9 +106,9 @@ class Mjcf:
         self.guide_arms: dict[str, float] = {}  # from the guide blocks of an axis to the nozzle, along it [mm]
 
     def _only(self, tag: str) -> Element:
-        found = self.root.find(tag)
-        assert found is not None
-        return found
+        element = self.root.find(tag)
+        assert element is not None
+        return element
 
     def _bare_defaults(self) -> None:
         """Drop the built-in drives from the default classes; sizes of joints and sensors stay."""
@@ -108,8 +124,9 @@ class Mjcf:
         directions = "0.8192 0.5736 0 -0.3371 0.4815 0.809"
         add(self.world, "camera", name="overview", pos="0.835 -1.035 1.152", xyaxes=directions, fovy=30)
         for view in (*self.world.findall("camera"), *self.world.findall("light[@name='key']")):
-            at = [float(number) for number in view.get("pos", "").split()]
-            moved = [c + self.size * (one - c) for one, c in zip(at, _CENTRE, strict=True)]
+            position = [float(number) for number in view.get("pos", "").split()]
+            # away from what it looks at, as the machine is larger
+            moved = [centre + self.size * (p - centre) for p, centre in zip(position, _CENTRE, strict=True)]
             view.set("pos", _text(moved))
 
     def text(self, timestep: float | None = None) -> str:
@@ -122,26 +139,28 @@ class Mjcf:
             self._only("option").set("timestep", _text(timestep))
         custom = self._only("custom")
         if not custom.findall("numeric"):
+            # axes are in the order of the actuators, whatever the order in which an arrangement adds them
             for group in (self.actuator, self.sensor):
-                group[:] = sorted(group, key=lambda one: one.get("name", ""))
-            for name, values in zip(
-                FACTS, zip(*(self._facts[one] for one in sorted(self._facts)), strict=True), strict=True
-            ):
-                add(custom, "numeric", name=name, data=values)
+                group[:] = sorted(group, key=lambda element: element.get("name", ""))
+            axes = sorted(self._facts)
+            for fact, name in enumerate(FACTS):
+                add(custom, "numeric", name=name, data=[self._facts[axis][fact] for axis in axes])
             if self.guide_arms:
-                arms = [self.guide_arms.get(name, 0.0) for name in sorted(self._facts)]
-                add(custom, "numeric", name="guide_arm", data=arms)
+                add(custom, "numeric", name="guide_arm", data=[self.guide_arms.get(axis, 0.0) for axis in axes])
         ET.indent(self.root)
         return ET.tostring(self.root, encoding="unicode") + "\n"
 
-    def slide(self, body: Element, name: str, axis: Numbers, of: Slide) -> None:
+    def slide(self, body: Element, name: str, axis: Numbers, slide: Slide) -> None:
         """Give a body a slide, motor side of an axis or a coordinate."""
-        speed = of.speed
-        if speed is None and of.drive is not None:
-            speed = of.drive.highest_speed / (M * of.drive.transmission.gear)
-        low, high = of.travel
-        share = of.drive.transmission.efficiency if of.drive is not None else 1.0
-        attributes = {"damping": of.guides.viscous / share} if of.guides.viscous else {}
+        speed = slide.speed
+        efficiency = 1.0
+        if slide.drive is not None:
+            efficiency = slide.drive.transmission.efficiency
+            if speed is None:
+                speed = slide.drive.highest_speed / (M * slide.drive.transmission.gear)
+        low, high = slide.travel
+        # the motor overcomes friction of the guides through the transmission's loss
+        attributes = {"damping": slide.guides.viscous / efficiency} if slide.guides.viscous else {}
         add(
             body,
             "joint",
@@ -155,20 +174,18 @@ class Mjcf:
 
     def spring(self, body: Element, name: str, axis: Numbers, drive: Drive, load: float) -> None:
         """Give a body its slide on the stiffness of a transmission, for a load [kg]."""
-        k = 1e6 * drive.transmission.stiffness
+        stiffness = 1e6 * drive.transmission.stiffness  # [N/m]
         add(
             body,
             "joint",
             name=name,
             class_="flex",
             axis=axis,
-            stiffness=k,
-            damping=2 * drive.transmission.damping_ratio * math.sqrt(k * load),
+            stiffness=stiffness,
+            damping=2 * drive.transmission.damping_ratio * math.sqrt(stiffness * load),
         )
 
-    def motor(
-        self, name: str, drive: Drive, gear: float, slide_gear: float, load: float, guides: Guides, share: float = 1.0
-    ) -> None:
+    def motor(self, name: str, drive: Drive, gear: float, slide_gear: float, load: Load) -> None:
         """Add motor and encoder of an axis.
 
         Args:
@@ -176,26 +193,22 @@ class Mjcf:
             drive: its motor.
             gear: of the joint [rad/m or 1].
             slide_gear: motor angle per travel of the slide [rad/m].
-            load: mass that it moves [kg].
-            guides: of the slide.
-            share: of the guides' friction that this motor bears.
+            load: mass and friction that it moves.
         """
         motor = drive.known_motor
-        way = drive.transmission
-        own, viscous = motor.friction
-        coulomb = own + way.friction + share * guides.friction / (slide_gear * way.efficiency)
-        inertia = drive.armature + load / slide_gear**2
+        transmission = drive.transmission
+        coulomb_of_motor, viscous = motor.friction
+        guide_friction = load.share * load.guides.friction / (slide_gear * transmission.efficiency)
+        coulomb = coulomb_of_motor + transmission.friction + guide_friction
+        inertia = drive.armature + load.mass / slide_gear**2
         attributes: dict[str, str | float | Numbers] = {}
         if coulomb > 0:
-            bristles = min(_STATIC * coulomb / (_PRESLIDING * slide_gear), inertia * (2 * math.pi * _BRISTLES) ** 2)
-            damping = 2 * _BRISTLE_DAMPING * math.sqrt(bristles * inertia)
-            attributes["lugre"] = (bristles, damping, coulomb, _STATIC * coulomb, _STRIBECK * slide_gear)
+            stiffness = min(_STATIC * coulomb / (_PRESLIDING * slide_gear), inertia * (2 * math.pi * _BRISTLES) ** 2)
+            damping = 2 * _BRISTLE_DAMPING * math.sqrt(stiffness * inertia)
+            attributes["lugre"] = (stiffness, damping, coulomb, _STATIC * coulomb, _STRIBECK * slide_gear)
         if motor.detent_torque:
-            attributes["cogging"] = (
-                motor.detent_torque,
-                max(4 * motor.pole_pairs, 1),
-                math.pi,
-            )  # at rest at full steps
+            # four times per electrical period, with its phase so that the rotor rests at full steps
+            attributes["cogging"] = (motor.detent_torque, max(4 * motor.pole_pairs, 1), math.pi)
         if motor.inductance:
             attributes["inductance"] = motor.resistance * drive.lag
         if viscous:
@@ -223,9 +236,9 @@ class Mjcf:
             motor.rotor_inertia,
             motor.pole_pairs,
             motor.inductance,
-            way.efficiency,
-            way.error(300),
-            way.periodic_error,
+            transmission.efficiency,
+            transmission.error(300),
+            transmission.periodic_error,
             drive.fine_steps,
             MODES.index(drive.used_mode),
         )

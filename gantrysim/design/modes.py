@@ -16,7 +16,7 @@ _SWINGS = 1.0  # squared frequency below which a mode is free motion [rad²/s²]
 
 
 def modes(model: mujoco.MjModel, qpos: Floats | None = None, locked: Sequence[int] = ()) -> tuple[Floats, Floats]:
-    """Return frequencies of the modes that swing, rising, (n,) [Hz], and their shapes, (nv, n).
+    """Return the frequencies of the oscillating modes, rising, (n,) [Hz], and their shapes, (nv, n).
 
         K v = w² M v    for v = N a,    J N = 0
 
@@ -32,12 +32,12 @@ def modes(model: mujoco.MjModel, qpos: Floats | None = None, locked: Sequence[in
     model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     data = mujoco.MjData(model)
     nv = model.nv
-    at = model.qpos0 if qpos is None else qpos
+    equilibrium = model.qpos0 if qpos is None else qpos
     mass = np.zeros((nv, nv))
     stiffness = np.zeros((nv, nv))
 
     def force(step: Floats) -> Floats:
-        data.qpos[:] = at
+        data.qpos[:] = equilibrium
         mujoco.mj_integratePos(model, data.qpos, step, 1.0)
         mujoco.mj_forward(model, data)
         return data.qfrc_spring.copy()

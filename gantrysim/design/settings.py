@@ -1,4 +1,4 @@
-"""What the tables of motors and machines have in common."""
+"""Base class and value types of the tables of motors and machines."""
 
 from __future__ import annotations
 

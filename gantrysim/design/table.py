@@ -17,7 +17,7 @@ from gantrysim.design.transmission import Transmission
 
 Arrangement = Literal["bridge", "table", "cantilever", "tandem", "corexy"]
 Mode = Literal["torque", "velocity", "position", "stepper"]
-_HALF = 0.5  # share of its torque at rest that a motor keeps at the default speed
+_HALF = 0.5  # share of its torque at rest that a stepper keeps at the default speed
 _MICROSTEPS = 16
 _SHARE = 0.8  # of the no-load speed that the default speed uses
 
@@ -80,19 +80,21 @@ class Drive(Table):
 
     @property
     def used_mode(self) -> str:
-        """What the servo sends to the drive."""
-        return self.mode or {"stepper": "stepper", "closed-loop stepper": "position"}.get(
-            self.known_motor.kind, "torque"
-        )
+        """Command mode of the drive."""
+        if self.mode is not None:
+            return self.mode
+        return {"stepper": "stepper", "closed-loop stepper": "position"}.get(self.known_motor.kind, "torque")
 
     @property
     def fine_steps(self) -> int:
         """Microsteps per full step of a stepper, 0 of any other motor."""
-        return (self.microsteps or _MICROSTEPS) if self.known_motor.kind == "stepper" else 0
+        if self.known_motor.kind != "stepper":
+            return 0
+        return self.microsteps or _MICROSTEPS
 
     @property
     def peak_current(self) -> float:
-        """The lower of the drive's peak current, if given, and the motor's [A]."""
+        """Peak current, the lower of the drive's, if given, and the motor's [A]."""
         return min(self.current or self.known_motor.current, self.known_motor.current)
 
     @property
@@ -109,16 +111,19 @@ class Drive(Table):
     @property
     def field_rate(self) -> float:
         """Largest angular frequency of a stepper in its field, that without load; 0 of any other motor [rad/s]."""
+        if not self.fine_steps:
+            return 0.0
         motor = self.known_motor
+        # torque per angle: of the field, p K I, and of the detent torque, which has four periods per electrical one
         stiffness = motor.pole_pairs * (motor.K * self.peak_current + 4 * motor.detent_torque)
-        return math.sqrt(stiffness / self.armature) if self.fine_steps else 0.0
+        return math.sqrt(stiffness / self.armature)
 
     @property
     def highest_speed(self) -> float:
         """Default speed limit of the motor [rad/s].
 
-        The lowest of its mechanical limit, 80 % of its no-load speed, and the speed at which the bus leaves half of its
-        peak torque, if that is a stepper.
+        The lowest of its mechanical limit, 80 % of its no-load speed and, of a stepper, the speed at which the bus
+        leaves half of its peak torque.
         """
         motor = self.known_motor
         fastest = min(motor.max_speed * RPM, _SHARE * self.voltage / motor.K)
@@ -131,8 +136,10 @@ class Drive(Table):
             return high
         for _ in range(40):
             middle = 0.5 * (low + high)
-            enough = motor.torque_at(middle, self.voltage, self.peak_current) >= _HALF * peak
-            low, high = (middle, high) if enough else (low, middle)
+            if motor.torque_at(middle, self.voltage, self.peak_current) >= _HALF * peak:
+                low = middle
+            else:
+                high = middle
         return low
 
 

@@ -25,7 +25,7 @@ class _Transmission(Table):
 
     @property
     def travel_per_turn(self) -> float:
-        """Of the motor [mm]."""
+        """Travel of the slide per turn of the motor [mm]."""
         raise NotImplementedError
 
     @property
@@ -72,10 +72,10 @@ class Screw(_Transmission):
 
     @property
     def turning(self) -> float:
-        own = self.inertia
-        if own is None:
-            own = math.pi * _STEEL * 1e-3 * (self.length or 0) * (1e-3 * (self.diameter or 0)) ** 4 / 32
-        return own + self.coupling_inertia
+        inertia = self.inertia
+        if inertia is None:
+            inertia = math.pi * _STEEL * 1e-3 * (self.length or 0) * (1e-3 * (self.diameter or 0)) ** 4 / 32
+        return inertia + self.coupling_inertia
 
     def error(self, travel: float) -> float:
         return SCREWS[self.accuracy][0] * travel / 300 if self.accuracy else 0.0

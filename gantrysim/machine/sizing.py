@@ -9,7 +9,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from gantrysim.design.library import largest_torque
+from gantrysim.design.library import Winding, largest_torque
 from gantrysim.design.modes import modes
 from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.axis_reading import fact
@@ -176,11 +176,14 @@ def _axis_sizing(machine: Machine, a: int, frequency: float, margin: float, torq
     ideal = math.isnan(axis.motor_constant)
     at_speed = axis.peak_torque
     if not ideal and math.isfinite(speed):
-        inductance = fact(model, "inductance", a, axis.lag * axis.resistance)
-        poles = fact(model, "pole_pairs", a, 0.0)
+        winding = Winding(
+            K=axis.motor_constant,
+            R=axis.resistance,
+            L=fact(model, "inductance", a, axis.lag * axis.resistance),
+            pole_pairs=fact(model, "pole_pairs", a, 0.0),
+        )
         current = axis.peak_torque / axis.motor_constant
-        constants = axis.motor_constant, axis.resistance, inductance, poles
-        at_speed = largest_torque(*constants, speed, axis.bus_voltage, current)
+        at_speed = largest_torque(winding, speed, axis.bus_voltage, current)
     length = axis.travel[1] - axis.travel[0]
     return AxisSizing(
         axis=axis,

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from gantrysim import InputError
 from gantrysim.base.toml_files import validated
-from gantrysim.design.library import Motor, largest_torque, motor_names, motor_of
+from gantrysim.design.library import Motor, Winding, largest_torque, motor_names, motor_of
 
 CONTENT = tomllib.loads((files("gantrysim.design") / "library.toml").read_text(encoding="utf-8"))
 SERVOS = [name for name in CONTENT["motors"] if "stepper" not in CONTENT["motors"][name]["kind"]]
@@ -69,10 +69,9 @@ def test_a_stepper_s_copper_loss_at_its_holding_torque_is_that_of_two_phases(nam
 @given(k=st.floats(0.01, 0.5), ohm=st.floats(0.1, 5), volt=st.floats(12, 80), share=st.floats(0, 0.99))
 def test_a_brushed_motor_s_torque_falls_with_its_speed(k, ohm, volt, share):
     speed = share * volt / k
-    assert largest_torque(k, ohm, 1e-3, 0, speed, volt, math.inf) == pytest.approx(k * (volt - k * speed) / ohm)
-    assert largest_torque(k, ohm, 1e-3, 0, speed, volt, 1e-3) == pytest.approx(
-        min(k * 1e-3, k * (volt - k * speed) / ohm)
-    )
+    winding = Winding(k, ohm, 1e-3, 0)
+    assert largest_torque(winding, speed, volt, math.inf) == pytest.approx(k * (volt - k * speed) / ohm)
+    assert largest_torque(winding, speed, volt, 1e-3) == pytest.approx(min(k * 1e-3, k * (volt - k * speed) / ohm))
 
 
 @settings(deadline=None, max_examples=60)
@@ -86,7 +85,9 @@ def test_a_stepper_s_pull_out_torque(k, ohm, henry, speed):
     torque = k * (ohm * v_q - reactance * v_d) / z**2
     assert torque.max() == pytest.approx(k * volt / z - k**2 * speed * ohm / z**2, rel=1e-6)
     if torque.max() > 0.05:
-        assert largest_torque(k, ohm, henry, 50, speed, volt, math.inf) == pytest.approx(torque.max(), rel=1e-4)
+        assert largest_torque(Winding(k, ohm, henry, 50), speed, volt, math.inf) == pytest.approx(
+            torque.max(), rel=1e-4
+        )
 
 
 def test_a_motor_of_its_own_and_its_mistakes():

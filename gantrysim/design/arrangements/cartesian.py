@@ -23,7 +23,7 @@ from gantrysim.design.arrangements.parts import (
     work,
     x_axis,
 )
-from gantrysim.design.mjcf import M, Mjcf, add
+from gantrysim.design.mjcf import Load, M, Mjcf, add
 from gantrysim.design.table import MachineTable
 
 _DAMPING_RATIO = 0.03  # of the arm of a cantilever in yaw (assumption)
@@ -84,9 +84,9 @@ def moving_table(table: MachineTable) -> Mjcf:
     mjcf = Mjcf(table, "serial", 2 * room.wide)
     frame(mjcf, room, rails=False)
     for side in (-1, 1):
-        at = room.x + side * 0.5 * room.wide, room.y, -0.1
-        geom(mjcf.frame, "", (*at[:2], -0.14), (0.02, room.long + 0.02, 0.035))
-        geom(mjcf.frame, "rail", at, (0.0075, room.long, 0.005))
+        x = room.x + side * 0.5 * room.wide
+        geom(mjcf.frame, "", (x, room.y, -0.14), (0.02, room.long + 0.02, 0.035))
+        geom(mjcf.frame, "rail", (x, room.y, -0.1), (0.0075, room.long, 0.005))
     mass = table.masses.table or 0.0
     body = _y_axis(mjcf, mjcf.frame, "table", -1, mass)
     mjcf.guide_arms["y"] = -room.y / M
@@ -120,12 +120,12 @@ def _y_axis(mjcf: Mjcf, parent: Element, name: str, sign: int, load: float) -> E
     geom(nut, "block", (0, BEAM[0], -0.094), (0.02, 0.012, 0.014))
     body = add(nut, "body", name=name)
     mjcf.spring(body, "y_flex", along, drive, load)
-    mjcf.motor("y", drive, gear, gear, drive.nut_mass + load, table.y.guides)
+    mjcf.motor("y", drive, gear, gear, Load(drive.nut_mass + load, table.y.guides))
     return body
 
 
 def _bridge_mass(body: Element, table: MachineTable, room: Extent) -> None:
     """Give the bridge its mass and that of the motor of x, as a slender beam as long as the legs are apart."""
     mass = (table.masses.bridge or 0.0) + drive_of(table.x).known_motor.mass
-    about = mass * (2 * room.wide) ** 2 / 12
-    point_mass(body, mass, (room.x, *BEAM), (0.5 * about, about, about))
+    inertia = mass * (2 * room.wide) ** 2 / 12
+    point_mass(body, mass, (room.x, *BEAM), (0.5 * inertia, inertia, inertia))

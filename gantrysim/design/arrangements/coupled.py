@@ -24,7 +24,7 @@ from gantrysim.design.arrangements.parts import (
     work,
     x_axis,
 )
-from gantrysim.design.mjcf import M, Mjcf, add
+from gantrysim.design.mjcf import Load, M, Mjcf, add
 from gantrysim.design.table import Drive, Guides, MachineTable, Slide
 
 _DAMPING_RATIO = 0.03  # of a bridge in skew (assumption)
@@ -44,13 +44,14 @@ def corexy(table: MachineTable) -> Mjcf:
     k = 1e6 * belts.transmission.stiffness
     on_y = on_x + (table.masses.bridge or 0.0)
     radius = M * belts.transmission.travel_per_turn * _ratio(belts) / (2 * math.pi)
-    far = max(abs(one) for slide in (table.x, table.y) for one in slide.travel)
+    farthest = max(abs(end) for slide in (table.x, table.y) for end in slide.travel)
+    turn = _PULLEY_TURNS * 2 * M * farthest / radius
     for side, name in ((-1, "a"), (1, "b")):
         body = add(
             mjcf.frame, "body", name=f"pulley_{name}", pos=(room.x + side * room.wide, BEAM[0] + room.y + room.long, 0)
         )
         point_mass(body, 0.01, (0, 0, 0), (1e-9, 1e-9, 1e-9))  # its inertia is in the armature
-        speed = _slow(belts, (table.x, table.y)) / _ratio(belts)
+        speed = _motor_speed(belts, (table.x, table.y)) / _ratio(belts)
         add(
             body,
             "joint",
@@ -58,21 +59,21 @@ def corexy(table: MachineTable) -> Mjcf:
             class_="axis",
             type="hinge",
             axis=Z,
-            range=(-_PULLEY_TURNS * 2 * M * far / radius, _PULLEY_TURNS * 2 * M * far / radius),
+            range=(-turn, turn),
             user=speed,
         )
         tube(body, "motor", (0, 0, -0.1, 0, 0, -0.03), f"{name}_motor")
         # with the other motor at rest, x and y move by half the belt
         load = (on_x + on_y) / 4
-        mjcf.motor(name, belts, _ratio(belts), _ratio(belts) / radius, load, Guides())
+        mjcf.motor(name, belts, _ratio(belts), _ratio(belts) / radius, Load(load, Guides()))
     bridge = add(mjcf.frame, "body", name="bridge")
     mjcf.slide(bridge, "y", Y, table.y)
-    _rub(bridge[-1], table.y)
+    _add_friction(bridge[-1], table.y)
     point_mass(bridge, table.masses.bridge or 0.0, (room.x, *BEAM))
     beam(bridge, room)
     clamp = add(bridge, "body", name="carriage_clamp")
     mjcf.slide(clamp, "x", X, table.x)
-    _rub(clamp[-1], table.x)
+    _add_friction(clamp[-1], table.x)
     point_mass(clamp, belts.nut_mass, (0, 0.085, 0.13))
     carriage(mjcf, add(clamp, "body", name="carriage"))
     damping = belts.transmission.damping_ratio * math.sqrt(2 * k * on_x)  # of 2 k against the carriage
@@ -101,13 +102,17 @@ def tandem(table: MachineTable) -> Mjcf:
         mjcf.slide(nut, name, Y, table.y.model_copy(update={"guides": Guides(viscous=0.5 * table.y.guides.viscous)}))
         point_mass(nut, drive.nut_mass, (x, BEAM[0], -0.1))
         tube(nut, "nut", (x, BEAM[0] - 0.025, -0.115, x, BEAM[0] + 0.025, -0.115))
-        mjcf.motor(name, drive, gear, gear, drive.nut_mass + 0.5 * load, table.y.guides, share=0.5)
+        mjcf.motor(name, drive, gear, gear, Load(drive.nut_mass + 0.5 * load, table.y.guides, share=0.5))
     bridge = add(mjcf.frame, "body", name="bridge")
     mjcf.slide(bridge, "y", Y, Slide(travel=table.y.travel))
-    own = (table.masses.bridge or 0.0) + drive_of(table.x).known_motor.mass
-    about = own * (2 * room.wide) ** 2 / 12
-    mounts = 2 * k * (0.5 * span) ** 2
-    guides = table.skew_stiffness
+    bridge_mass = (table.masses.bridge or 0.0) + drive_of(table.x).known_motor.mass
+    inertia = bridge_mass * (2 * room.wide) ** 2 / 12
+    guides: dict[str, float] = {"damping": 0.0}
+    if table.skew_stiffness:
+        guides = {
+            "stiffness": table.skew_stiffness,
+            "damping": 2 * _DAMPING_RATIO * math.sqrt(table.skew_stiffness * inertia),
+        }
     ratio = drive.transmission.damping_ratio
     add(
         bridge,
@@ -116,10 +121,9 @@ def tandem(table: MachineTable) -> Mjcf:
         type="hinge",
         axis=Z,
         pos=(room.x, *BEAM),
-        **({"stiffness": guides} if guides else {}),
-        damping=2 * _DAMPING_RATIO * math.sqrt((guides or mounts) * about) if guides else 0.0,
+        **guides,
     )
-    point_mass(bridge, own, (room.x, *BEAM), (0.5 * about, about, about))
+    point_mass(bridge, bridge_mass, (room.x, *BEAM), (0.5 * inertia, inertia, inertia))
     beam(bridge, room)
     motor_of_x(bridge, room)
     x_axis(mjcf, bridge)
@@ -134,14 +138,15 @@ def _ratio(belts: Drive) -> float:
     return getattr(belts.transmission, "ratio", 1.0)
 
 
-def _slow(belts: Drive, slides: tuple[Slide, ...]) -> float:
+def _motor_speed(belts: Drive, slides: tuple[Slide, ...]) -> float:
     """Return the speed limit of a motor: of both slides at theirs, at most what motor and bus leave [rad/s]."""
-    given = [slide.speed for slide in slides if slide.speed is not None]
-    wanted = sum(given) * M * belts.transmission.gear if len(given) == len(slides) else math.inf
-    return min(belts.highest_speed, wanted)
+    speeds = [slide.speed for slide in slides if slide.speed is not None]
+    if len(speeds) < len(slides):
+        return belts.highest_speed
+    return min(belts.highest_speed, sum(speeds) * M * belts.transmission.gear)
 
 
-def _rub(joint: Element, slide: Slide) -> None:
+def _add_friction(joint: Element, slide: Slide) -> None:
     """Give a slide that no motor drives its dry friction."""
     if slide.guides.friction:
         joint.set("frictionloss", repr(slide.guides.friction))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
-from gantrysim.design.mjcf import M, Mjcf, Numbers, add, include
+from gantrysim.design.mjcf import Load, M, Mjcf, Numbers, add, include
 from gantrysim.design.table import Drive, MachineTable, Slide
 
 X = (1, 0, 0)
@@ -34,7 +34,8 @@ class Extent(NamedTuple):
     @classmethod
     def of(cls, table: MachineTable) -> Extent:
         """Return the room that the travel takes."""
-        (x0, x1), (y0, y1) = table.x.travel, table.y.travel
+        x0, x1 = table.x.travel
+        y0, y1 = table.y.travel
         wide = 0.5 * M * (x1 - x0) + _SIDE
         if table.span is not None:
             wide = max(wide, 0.5 * M * table.span)
@@ -83,7 +84,8 @@ def frame(mjcf: Mjcf, room: Extent, rails: bool = True) -> None:
 def work(parent: Element, table: MachineTable, room: Extent) -> Element:
     """Append the body `work`: a plate one gap below the nozzle, larger than the travel."""
     body = add(parent, "body", name="work")
-    (x0, x1), (y0, y1) = table.x.travel, table.y.travel
+    x0, x1 = table.x.travel
+    y0, y1 = table.y.travel
     half = 0.5 * M * (x1 - x0) + 0.01, 0.5 * M * (y1 - y0) + 0.01
     top = -M * table.gap
     add(body, "geom", name="piece", material="piece", pos=(room.x, room.y, top - 0.004), size=(*half, 0.004))
@@ -97,8 +99,8 @@ def bench(mjcf: Mjcf, room: Extent) -> None:
     add(mjcf.frame, "geom", material="table", pos=(room.x, room.y, z), size=(*half, 0.006))
     for x in (-1, 1):
         for y in (-1, 1):
-            at = room.x + x * (half[0] - 0.025), room.y + y * (half[1] - 0.02), 0.5 * (z - 0.006 - 0.14)
-            geom(mjcf.frame, "", at, (0.016, 0.016, 0.5 * (0.14 + z - 0.006)))
+            leg = room.x + x * (half[0] - 0.025), room.y + y * (half[1] - 0.02), 0.5 * (z - 0.006 - 0.14)
+            geom(mjcf.frame, "", leg, (0.016, 0.016, 0.5 * (0.14 + z - 0.006)))
 
 
 def beam(body: Element, room: Extent, legs: tuple[int, ...] = (-1, 1)) -> None:
@@ -142,10 +144,10 @@ def carriage(mjcf: Mjcf, body: Element) -> None:
         _nozzle(body)
         return
     z = drive_of(table.z)
-    own = table.masses.carriage + z.known_motor.mass
+    carriage_mass = table.masses.carriage + z.known_motor.mass
     gear = z.transmission.gear
     ram_mass = table.masses.ram or 0.0
-    point_mass(body, own, (0, 0.06, 0.19))
+    point_mass(body, carriage_mass, (0, 0.06, 0.19))
     geom(body, "plate", (0, 0.05, 0.271), (0.024, 0.024, 0.023))
     tube(body, "motor", (0, 0.05, 0.294, 0, 0.05, 0.365), "z_motor")
     nut = add(body, "body", name="ram_nut", gravcomp=1)
@@ -155,7 +157,7 @@ def carriage(mjcf: Mjcf, body: Element) -> None:
     ram = add(nut, "body", name="ram", gravcomp=1)
     point_mass(ram, ram_mass, (0, 0.025, 0.11))
     mjcf.spring(ram, "z_flex", Z, z, ram_mass)
-    mjcf.motor("z", z, gear, gear, z.nut_mass + ram_mass, table.z.guides)
+    mjcf.motor("z", z, gear, gear, Load(z.nut_mass + ram_mass, table.z.guides))
     geom(ram, "", (0, 0.03, 0.112), (0.009, 0.02, 0.011))
     _nozzle(ram)
 
@@ -179,7 +181,7 @@ def x_axis(mjcf: Mjcf, body: Element) -> None:
     tube(nut, "nut", (-0.022, 0.087, 0.13, 0.022, 0.087, 0.13))
     tool = add(nut, "body", name="carriage")
     mjcf.spring(tool, "x_flex", X, drive, load)
-    mjcf.motor("x", drive, gear, gear, drive.nut_mass + load, table.x.guides)
+    mjcf.motor("x", drive, gear, gear, Load(drive.nut_mass + load, table.x.guides))
     carriage(mjcf, tool)
 
 
