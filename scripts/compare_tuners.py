@@ -166,7 +166,7 @@ def of_other(method, study, runs):
 
 def of_own(study, runs):
     """Return the trace of gantrysim's own search, as the study makes it."""
-    history = study.found(lambda cases: runs(cases, study.metric))
+    history = study.history_of(lambda cases: runs(cases, study.metric))
     ranked = [(one.runs, *one.order(0.01 * study.ripple)) for one in history.leaders]
     return [(made, metric) for made, rank, metric in ranked if rank == 1]
 

@@ -78,12 +78,6 @@ NOT_YET: dict[str, dict[str, int]] = {
     "stability": {"names": 15, "assignments": 9, "modules": 1},
     # env
     "env": {"names": 43, "assignments": 106, "parameters": 6},
-    # identify
-    "identify": {"names": 37, "assignments": 6, "functions": 1, "parameters": 3, "modules": 1},
-    # study
-    "study": {"names": 74, "functions": 1, "parameters": 1},
-    # tuning
-    "tuning": {"names": 50, "assignments": 5, "functions": 2, "parameters": 2},
 }
 
 RULES = ("names", "assignments", "functions", "parameters", "modules")

@@ -84,9 +84,9 @@ def _identify(machine: Machine, file: Path, columns: dict[str, str], folder: Pat
     log = read_log(file, machine, columns)
     with interruptible() as go_on:
         with share_bar("identify", go_on) as advance:
-            found = identified(machine, log, advance)
-        names = write_all(found, log, folder)
-    show(values_table(found))
-    for note in found.notes:
+            identification = identified(machine, log, advance)
+        names = write_all(identification, log, folder)
+    show(values_table(identification))
+    for note in identification.notes:
         say(note, wrap=True)
     say(f"written to {folder}/: {', '.join(names)}")

@@ -81,8 +81,8 @@ def carry_out(study: Study, out: Path | None, workers: int | None, backend: str 
         raise typer.Exit(FAULT) from None
     if outcome.discarded:
         warn(f"note: rows of another study in {folder}/ are discarded: {outcome.discarded}")
-    if outcome.kept:
-        warn(f"note: resumed with the rows of {outcome.kept} cases from an interrupted run")
+    if outcome.resumed:
+        warn(f"note: resumed with the rows of {outcome.resumed} cases from an interrupted run")
     say(outcome.report.headline, wrap=True, end="\n\n")
     for table in outcome.report.tables:
         say(table.caption or "", wrap=True)

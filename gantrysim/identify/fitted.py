@@ -22,7 +22,7 @@ _LEAST = 1e-12  # inertia of a body [kg·m²]
 _ROUNDING = 1e-9  # by which moments of inertia keep from the limits of a body, relative
 
 
-def fitted_machine(found: Identification) -> Machine:
+def fitted_machine(identification: Identification) -> Machine:
     """Return the machine with the identified values in its MJCF; what is not identified stays as it was.
 
     Friction goes to motor and joint, inertia to the load's body and the motor's armature, the mode to the spring's
@@ -32,9 +32,9 @@ def fitted_machine(found: Identification) -> Machine:
     Raises:
         InputError: the fitted inertia leaves a body or a motor none.
     """
-    machine = found.machine
+    machine = identification.machine
     for attempt in range(_ROUNDS):
-        machine = machine.edited(_edit(machine, found.accepted, first=attempt == 0))
+        machine = machine.edited(_edit(machine, identification.accepted, first=attempt == 0))
     return machine
 
 
@@ -89,7 +89,8 @@ def _set_mode(spring: mujoco.MjsJoint, fit: AxisFit, now: AxisModel, load: float
         mean = max(0.5 * (inertia[first] + inertia[second]), half * (1 + _ROUNDING))
         most = half * (1 - _ROUNDING)
         apart = np.clip(0.5 * (inertia[first] - inertia[second]), -most, most)
-        inertia[first], inertia[second] = mean + apart, mean - apart
+        inertia[first] = mean + apart
+        inertia[second] = mean - apart
         body.inertia = inertia
     spring.stiffness = np.array([spring.stiffness[0] * fit.model.stiffness / now.stiffness, 0, 0])
     spring.damping = np.array([spring.damping[0] * fit.model.damping / now.damping, 0, 0])
@@ -102,7 +103,8 @@ def _set_friction(motor: mujoco.MjsActuator, joint: mujoco.MjsJoint, fit: AxisFi
     if motor.gaintype == mujoco.mjtGain.mjGAIN_DCMOTOR and motor.dynprm[BRISTLE_STIFFNESS] > 0:
         joint.frictionloss = 0.0  # it is part of what is fitted
         factor = model.coulomb / motor.biasprm[COULOMB]
-        motor.biasprm[COULOMB], motor.biasprm[STATIC] = model.coulomb, model.static
+        motor.biasprm[COULOMB] = model.coulomb
+        motor.biasprm[STATIC] = model.static
         motor.dynprm[[BRISTLE_STIFFNESS, BRISTLE_DAMPING]] *= factor
     else:
         joint.frictionloss = model.coulomb * PER_SI[fit.unit] / model.scale

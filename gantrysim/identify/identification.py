@@ -1,4 +1,4 @@
-"""Identifies the axes of a machine from a log, and says what the log does not show."""
+"""Identify the axes of a machine from a log, and judge which values the log shows."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gantrysim.identify.checks.excitation import check_excitation
 from gantrysim.identify.checks.judgement import Judgement, judged
 from gantrysim.identify.checks.sampling import check_sampling
 from gantrysim.identify.checks.torque import check_torque
-from gantrysim.identify.fit import fit_axis
+from gantrysim.identify.fit import AxisLog, fit_axis
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import AxisModel, model_of
 from gantrysim.identify.result import MODE, AxisFit
@@ -27,8 +27,8 @@ from gantrysim.machine.machine import Machine
 _SEGMENT = 256  # samples of a spectrum's segment
 _PEAK = 8.0  # of a residual's spectrum over its median, from which it is a mode's
 
-# what is told of an axis: name, unit of a slide, unit of a hinge; m and rad stand for the travel
-TOLD = {
+# reported values of an axis: name, unit of a slide, unit of a hinge; m and rad stand for the travel
+REPORTED = {
     "inertia": ("kg", "kg·m²"),
     "viscous": ("N·s/m", "N·m·s/rad"),
     "coulomb": ("N·m", "N·m"),
@@ -40,12 +40,12 @@ TOLD = {
     "damping": ("N·s/m", "N·m·s/rad"),
     "gap": ("mm", "deg"),
 }
-_OF_THE_AXIS = ("inertia", "viscous", "stiffness", "damping")  # told at the axis, not at the motor
+_OF_THE_AXIS = ("inertia", "viscous", "stiffness", "damping")  # reported at the axis, not at the motor
 
 
 @dataclass(frozen=True)
-class Found:
-    """A parameter of an axis with its confidence.
+class IdentifiedValue:
+    """A fitted parameter of an axis with its confidence.
 
     Attributes:
         axis, name: of the parameter; inertia, viscous friction, stiffness and damping are those of the axis.
@@ -54,6 +54,7 @@ class Found:
         low, high: ends of the 95 % confidence interval.
         nominal: that of the MJCF.
         identified: whether half the interval is within 15 % of the value and no check forbids it.
+        reason: why it is not identified, empty if it is.
     """
 
     axis: str
@@ -91,32 +92,35 @@ class Identification:
         return tuple(judged(fit, self.period) for fit in self.fits)
 
     @property
-    def found(self) -> list[Found]:
+    def values(self) -> list[IdentifiedValue]:
         """The parameters of all axes."""
-        return [
-            one for fit, judgement in zip(self.fits, self.judgements, strict=True) for one in self._of(fit, judgement)
-        ]
+        values = []
+        for fit, judgement in zip(self.fits, self.judgements, strict=True):
+            values += self._values_of(fit, judgement)
+        return values
 
-    def _of(self, fit: AxisFit, judgement: Judgement) -> list[Found]:
+    def _values_of(self, fit: AxisFit, judgement: Judgement) -> list[IdentifiedValue]:
         rows = []
-        for name, units in TOLD.items():
+        for name, units in REPORTED.items():
             if name not in fit.estimates:
                 continue
             estimate = judgement.estimates[name]
             factor = PER_SI[fit.unit] ** 2 / fit.model.scale if name in _OF_THE_AXIS else 1.0
-            value, (low, high) = estimate.value, estimate.interval
-            reason = judgement.reason(name) if fit.shows_mode or name not in MODE else "beyond the log's rate"
+            low, high = estimate.interval
+            reason = judgement.reason(name)
+            if name in MODE and not fit.shows_mode:
+                reason = "beyond the log's rate"
             rows.append(
-                Found(
-                    fit.axis,
-                    name,
-                    units[fit.unit == "deg"],
-                    factor * value,
-                    factor * low,
-                    factor * high,
-                    factor * float(getattr(fit.nominal, name)),
-                    not reason,
-                    reason,
+                IdentifiedValue(
+                    axis=fit.axis,
+                    name=name,
+                    unit=units[fit.unit == "deg"],
+                    value=factor * estimate.value,
+                    low=factor * low,
+                    high=factor * high,
+                    nominal=factor * float(getattr(fit.nominal, name)),
+                    identified=not reason,
+                    reason=reason,
                 )
             )
         return rows
@@ -124,15 +128,12 @@ class Identification:
     @property
     def notes(self) -> list[str]:
         """What the log does not show of each axis, and whether the model's structure holds."""
-        return [
-            note
-            for fit, judgement in zip(self.fits, self.judgements, strict=True)
-            for note in (
-                *self._unseen(fit),
-                *judgement.notes(fit.axis),
-                verdict(fit, self.period, doubted=bool(judgement.findings)),
-            )
-        ]
+        notes = []
+        for fit, judgement in zip(self.fits, self.judgements, strict=True):
+            notes += self._unseen(fit)
+            notes += judgement.notes(fit.axis)
+            notes.append(verdict(fit, self.period, doubted=bool(judgement.findings)))
+        return notes
 
     @property
     def accepted(self) -> tuple[AxisFit, ...]:
@@ -194,36 +195,33 @@ def identify(machine: Machine, log: Log, progress: Callable[[float], None] = lam
         def counted(done: int = len(fits)) -> None:
             progress(done / len(log.axes))
 
-        _check_log(axis, nominal, log, column)
+        axis_log = AxisLog(
+            axis=name,
+            unit=axis.unit,
+            resolution=axis.resolution,
+            period=log.period,
+            position=log.position[:, column],
+            torque=log.torque[:, column],
+            held=log.held,
+        )
+        _check_log(axis, nominal, axis_log)
+        if not log.held:  # a measured torque has the winding's lag behind it
+            nominal = replace(nominal, lag=0.0)
         try:
-            fits.append(
-                fit_axis(
-                    nominal if log.held else replace(nominal, lag=0.0),
-                    log.position[:, column],
-                    log.torque[:, column],
-                    log.period,
-                    axis=name,
-                    unit=axis.unit,
-                    resolution=axis.resolution,
-                    held=log.held,
-                    progress=counted,
-                )
-            )
+            fits.append(fit_axis(nominal, axis_log, counted))
         except InputError as error:
             text = str(error)
             raise InputError(text if text.startswith("axis") else f"axis {name}: {text}") from None
-    found = Identification(machine, log.period, tuple(fits))
-    _ = found.judgements  # an unusable log is refused here
-    return found
+    identification = Identification(machine, log.period, tuple(fits))
+    _ = identification.judgements  # an unusable log is refused here
+    return identification
 
 
-def _check_log(axis: Axis, table: AxisModel, log: Log, column: int) -> None:
-    position = log.position[:, column]
-    torque = log.torque[:, column]
-    check_excitation(axis, position, torque)
-    check_torque(axis, torque)
-    check_sampling(axis, position, log.period)
-    check_encoder(axis, table, position, torque, log.period)
+def _check_log(axis: Axis, table: AxisModel, log: AxisLog) -> None:
+    check_excitation(axis, log.position, log.torque)
+    check_torque(axis, log.torque)
+    check_sampling(axis, log.position, log.period)
+    check_encoder(axis, table, log.position, log.torque, log.period)
 
 
 def spectrum(fit: AxisFit, period: float) -> tuple[Floats, Floats]:

@@ -116,24 +116,24 @@ def _parsed(rows: Sequence[Sequence[str]], machine: Machine, columns: Mapping[st
     time = _column(rows, *heads["time"]) * _factor(heads["time"][1], "time", _TIMES, "time")
     period = even_period(time)
     axes = [axis for axis in machine.axes if f"{axis.name} position" in heads]
-    found = [axis for axis in axes if f"{axis.name} {DEMAND}" in heads or f"{axis.name} {TORQUE}" in heads]
-    if not found:
+    logged = [axis for axis in axes if f"{axis.name} {DEMAND}" in heads or f"{axis.name} {TORQUE}" in heads]
+    if not logged:
         first = machine.axis_names[0]
         raise InputError(
             f"has no axis with position and torque; it must have columns such as {first} position [mm] and "
             f"{first} torque [N·m], and has: {', '.join(rows[0])}"
         )
-    held = all(f"{axis.name} {DEMAND}" in heads for axis in found)
+    held = all(f"{axis.name} {DEMAND}" in heads for axis in logged)
     kind = DEMAND if held else TORQUE
-    if missing := [axis.name for axis in found if f"{axis.name} {kind}" not in heads]:
+    if missing := [axis.name for axis in logged if f"{axis.name} {kind}" not in heads]:
         raise InputError(f"has the torque of some axes and the demand of others: {missing[0]} has no {kind}")
-    position = [_column(rows, *heads[f"{axis.name} position"]) * _travel(heads, axis) for axis in found]
+    position = [_column(rows, *heads[f"{axis.name} position"]) * _travel(heads, axis) for axis in logged]
     torque = [
         _column(rows, *heads[f"{axis.name} {kind}"])
         * _factor(heads[f"{axis.name} {kind}"][1], f"{axis.name} {kind}", _TORQUES, "torque")
-        for axis in found
+        for axis in logged
     ]
-    names = tuple(axis.name for axis in found)
+    names = tuple(axis.name for axis in logged)
     return Log(names, period, np.stack(position, axis=1), np.stack(torque, axis=1), held)
 
 
@@ -166,12 +166,12 @@ def _remark(row: Sequence[str]) -> bool:
 
 def _exported(machine: Machine) -> dict[str, tuple[str, str]]:
     """Return name and unit of the columns of a table of `gantrysim export`, by their heads."""
-    found = {"time_s": ("time", "s")}
+    columns = {"time_s": ("time", "s")}
     for axis in machine.plain_axes:
-        found[f"encoder_{axis.name}_{axis.unit}"] = f"{axis.name} position", axis.unit
-        found[f"demand_{axis.name}_Nm"] = f"{axis.name} {DEMAND}", "Nm"
-        found[f"torque_{axis.name}_Nm"] = f"{axis.name} {TORQUE}", "Nm"
-    return found
+        columns[f"encoder_{axis.name}_{axis.unit}"] = f"{axis.name} position", axis.unit
+        columns[f"demand_{axis.name}_Nm"] = f"{axis.name} {DEMAND}", "Nm"
+        columns[f"torque_{axis.name}_Nm"] = f"{axis.name} {TORQUE}", "Nm"
+    return columns
 
 
 def _column(rows: Sequence[Sequence[str]], number: int, unit: str) -> Floats:

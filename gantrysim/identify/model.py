@@ -6,33 +6,26 @@ With the motor at q, the load at p, d = q - p [u] and w the motor's speed, torqu
     Jl p'' =                                    k slack(d) + c d'
     F = s0 z + s1 z',    z' = w - s0 |w| z / g,    g = Fc + (Fs - Fc) exp(-(w / ws)²)
 
-slack(d) is d without the half gap of the backlash on its side. The one-step predictor corrects its state by the Kalman
-gain of the linear part, with white torque noise and white position noise: its innovations are white where the model
-holds (L. Ljung, System Identification, 2nd ed., section 7.2).
+slack(d) is d without the half gap of the backlash on its side.
 """
 
-# ruff: noqa: N803, N806 - matrices bear the letters of the equations
+# ruff: noqa: N806 - matrices bear the letters of the equations
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.base.jit import inner_jit, jit
-from gantrysim.identify.small import kalman_gain, sampled
 from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, STATIC
 
 _STRIBECK = 5  # biasprm of a dcmotor
-_SUBSTEP = 1.25e-4  # longest step of the friction [s]
-_MOST_SUBSTEPS = 16
 _BRISTLE = 0.01  # deflection of the bristles of a machine without LuGre friction [rad]
-_LEAST_TORQUE = 1e-9  # of a friction, so that nothing divides by zero [N·m]
 
 
 @dataclass(frozen=True)
@@ -136,33 +129,44 @@ def model_of(machine: Machine, axis: int) -> AxisModel:
     Raises:
         InputError: an axis that cannot be linearised.
     """
-    own = machine.axes[axis]
+    driven = machine.axes[axis]
     physics = machine.physics
-    if own.motion is None:
-        raise InputError(f"axis {own.name}: its actuator has a delay in the MJCF, so its mode is not known")
-    share, stiffness, damping = _mode(own)
+    if driven.motion is None:
+        raise InputError(f"axis {driven.name}: its actuator has a delay in the MJCF, so its mode is not known")
+    share, stiffness, damping = _mode(driven)
     bristles = physics.actuator_dynprm[axis]
     friction = physics.actuator_biasprm[axis]
-    lugre = math.isfinite(own.motor_constant) and bristles[BRISTLE_STIFFNESS] > 0
+    lugre = math.isfinite(driven.motor_constant) and bristles[BRISTLE_STIFFNESS] > 0
     joint = int(physics.actuator_trnid[axis, 0])
-    loss = float(physics.dof_frictionloss[physics.jnt_dofadr[joint]]) * own.scale / PER_SI[own.unit]
-    coulomb = float(friction[COULOMB]) + loss if lugre else loss
+    loss = float(physics.dof_frictionloss[physics.jnt_dofadr[joint]]) * driven.scale / PER_SI[driven.unit]
+    if lugre:
+        coulomb = float(friction[COULOMB]) + loss
+        excess = max(float(friction[STATIC] - friction[COULOMB]), 0.0)
+        stribeck = max(float(friction[_STRIBECK]), 1e-3)
+        deflection = float(friction[COULOMB] / bristles[BRISTLE_STIFFNESS])
+        bristle_time = float(bristles[BRISTLE_DAMPING] / bristles[BRISTLE_STIFFNESS])
+    else:
+        coulomb = loss
+        excess = 0.0
+        stribeck = 1.0
+        deflection = _BRISTLE
+        bristle_time = 0.0
     return AxisModel(
-        inertia=own.inertia,
+        inertia=driven.inertia,
         share=share,
         stiffness=stiffness,
         damping=damping,
-        viscous=own.viscous,
+        viscous=driven.viscous,
         coulomb=coulomb,
-        excess=max(float(friction[STATIC] - friction[COULOMB]), 0.0) if lugre else 0.0,
+        excess=excess,
         offset=0.0,
         delay=0.0,
         gap=0.0,
-        scale=own.scale,
-        stribeck=max(float(friction[_STRIBECK]), 1e-3) if lugre else 1.0,
-        deflection=float(friction[COULOMB] / bristles[BRISTLE_STIFFNESS]) if lugre else _BRISTLE,
-        bristle_time=float(bristles[BRISTLE_DAMPING] / bristles[BRISTLE_STIFFNESS]) if lugre else 0.0,
-        lag=own.lag,
+        scale=driven.scale,
+        stribeck=stribeck,
+        deflection=deflection,
+        bristle_time=bristle_time,
+        lag=driven.lag,
     )
 
 
@@ -177,6 +181,7 @@ def _mode(axis: Axis) -> tuple[float, float, float]:
     swings = poles.imag > 1e-3 * np.abs(poles).max()
     if not swings.any():
         return 0.0, 0.0, 0.0
+    # the linear motion has the winding's lag before it; (1 + s lag) at the pole takes it out of the residue
     strength = np.real(2 * poles * residues * (1 + poles * axis.lag))
     first = int(np.argmax(np.where(swings, strength / np.where(swings, np.abs(poles), 1.0) ** 2, -np.inf)))
     ratio = axis.inertia * float(strength[first])
@@ -185,134 +190,3 @@ def _mode(axis: Axis) -> tuple[float, float, float]:
     share = ratio / (1 + ratio)
     reduced = axis.inertia * share * (1 - share)
     return share, reduced * abs(poles[first]) ** 2, -2 * float(poles[first].real) * reduced
-
-
-def substeps(period: float) -> int:
-    """Return the number of steps of the friction per sample of a log."""
-    return min(max(math.ceil(period / _SUBSTEP - 1e-9), 2), _MOST_SUBSTEPS)
-
-
-def innovations(model: AxisModel, noise: float, period: float, position: Floats, torque: Floats, held: bool) -> Floats:
-    """Return the differences between the measured positions and their prediction from all samples before, (n,) [u].
-
-    Args:
-        model: parameters of the axis.
-        noise: standard deviation of the torque noise per standard deviation of the position noise [N·m/u].
-        period: of the samples [s].
-        position: measured, (n,) [u].
-        torque: (n,) [N·m].
-        held: whether a torque is held until the next sample, as a demand is; else it is linear in between.
-    """
-    count = substeps(period)
-    A, B, E = model.matrices()
-    inputs = np.ascontiguousarray(np.stack([B, E], axis=1))
-    F, G = sampled(A, inputs, period / count)
-    gain = free = kalman_gain(*sampled(A, inputs, period), noise)
-    if model.gap > 0 and model.share:  # a motor that is free of its load tells nothing of it
-        alone = replace(
-            model, inertia=model.inertia * (1 - model.share), share=0.0, viscous=model.viscous + model.damping
-        )
-        A, B, E = alone.matrices()
-        inputs = np.ascontiguousarray(np.stack([B, E], axis=1))
-        free = np.concatenate([kalman_gain(*sampled(A, inputs, period), noise), np.zeros(2)])
-    friction = (model.coulomb, model.excess, model.stribeck, model.deflection, model.bristle_time)
-    means = effective_torque(model, period, torque, count, held)
-    return _predict(
-        position, means, F, G, gain, free, friction, model.scale, model.stiffness, model.gap,
-        period / count,
-    )  # fmt: skip
-
-
-def effective_torque(model: AxisModel, period: float, torque: Floats, count: int, held: bool) -> Floats:
-    """Return the mean of the late and lagged torque over each step between samples, (n, count) [N·m]."""
-    step = period / count
-    n = torque.size
-    following = torque if held else np.append(torque[1:], torque[-1])
-    whole = np.concatenate([[0.0], np.cumsum(0.5 * (torque + following) * period)])
-    at = np.arange(n * count + 1) * step - model.delay
-    tick = np.clip(np.floor(at / period), 0, n - 1).astype(np.int64)
-    into = np.clip(at - tick * period, 0, period)
-    area = whole[tick] + torque[tick] * into + (following - torque)[tick] * into**2 / (2 * period)
-    means = np.diff(area + np.minimum(at, 0) * torque[0]) / step
-    if model.lag > 0:
-        means = _lagged(means, math.exp(-step / model.lag), step / model.lag)
-    means += model.offset
-    return means.reshape(n, count)
-
-
-@jit
-def _lagged(means: Floats, kept: float, steps: float) -> Floats:
-    """Return the means over steps of a first-order lag of an input that is constant in each."""
-    state = means[0]
-    out = np.empty_like(means)
-    for i in range(means.size):
-        out[i] = means[i] + (state - means[i]) * (1.0 - kept) / steps
-        state = means[i] + (state - means[i]) * kept
-    return out
-
-
-@jit
-def _predict(
-    position: Floats,
-    torque: Floats,
-    F: Floats,
-    G: Floats,
-    gain: Floats,
-    free: Floats,
-    friction: tuple[float, float, float, float, float],
-    scale: float,
-    stiffness: float,
-    gap: float,
-    step: float,
-) -> Floats:
-    """Return the innovations, see above; bristles and linear motion take turns, the bristles half a step ahead."""
-    coulomb, excess, stribeck, deflection, bristle_time = friction
-    coulomb = max(coulomb, 1e-9)
-    n = F.shape[0]
-    out = np.empty(position.size)
-    x = np.zeros(n)
-    y = np.zeros(n)
-    free_motion = np.zeros(n)
-    spring = coulomb / deflection
-    z = 0.0
-    most = (coulomb + excess) / spring  # stretch of the bristles that breaks away from rest
-    for i in range(0, n, 2):
-        x[i] = position[0]
-    for tick in range(position.size):
-        error = position[tick] - x[0]
-        out[tick] = error
-        own = free if n == 4 and abs(x[0] - x[2]) < 0.5 * gap else gain
-        for i in range(n):
-            x[i] += own[i] * error
-        z = min(max(z + own[0] * error / scale, -most), most)
-        for j in range(torque.shape[1]):
-            w = x[1] / scale
-            end, rate = _bristles(w, coulomb, excess, stribeck, spring)
-            z = end + (z - end) * math.exp(-step * rate)  # from the middle of the last step to that of this one
-            back = 0.0
-            if gap > 0.0 and n == 4:
-                back = stiffness * min(max(x[0] - x[2], -0.5 * gap), 0.5 * gap)
-            # speed and stretch in the middle of the step, from the force at its begin: bristle damping is strong
-            force = torque[tick, j] - spring * (z + bristle_time * (w - rate * z))
-            for i in range(n):
-                free_motion[i] = 0.0
-                for k in range(n):
-                    free_motion[i] += F[i, k] * x[k]
-                y[i] = free_motion[i] + G[i, 0] * force + G[i, 1] * back
-            w = 0.5 * (w + y[1] / scale)
-            if gap > 0.0 and n == 4:
-                back = stiffness * min(max(0.5 * (x[0] - x[2] + y[0] - y[2]), -0.5 * gap), 0.5 * gap)
-            _, rate = _bristles(w, coulomb, excess, stribeck, spring)
-            force = torque[tick, j] - spring * (z + bristle_time * (w - rate * z))
-            for i in range(n):
-                x[i] = free_motion[i] + G[i, 0] * force + G[i, 1] * back
-    return out
-
-
-@inner_jit
-def _bristles(w: float, coulomb: float, excess: float, stribeck: float, spring: float) -> tuple[float, float]:
-    """Return where the bristles' deflection tends to at a speed, and at which rate."""
-    level = coulomb
-    if abs(w) < 5.0 * stribeck:
-        level += excess * math.exp(-((w / stribeck) ** 2))
-    return level / spring * (1.0 if w > 0 else -1.0), spring * abs(w) / level

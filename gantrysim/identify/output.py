@@ -1,4 +1,4 @@
-"""What `gantrysim identify` writes and shows."""
+"""Table and files of an identification, as `gantrysim identify` shows and writes them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _NAMES = {
 }
 
 
-def values_table(found: Identification) -> Table:
+def values_table(identification: Identification) -> Table:
     """Return the fitted values with their intervals."""
     caption = (
         "inertia, viscous friction, stiffness and damping at the axis, other torques at the motor shaft; 95 % "
@@ -44,63 +44,63 @@ def values_table(found: Identification) -> Table:
         table.add_column(column, justify="left" if column == "unit" else "right", no_wrap=True)
     table.add_column("")
     last = ""
-    for one in found.found:
-        if last and one.axis != last:
+    for value in identification.values:
+        if last and value.axis != last:
             table.add_section()
         table.add_row(
-            one.axis if one.axis != last else "",
-            _NAMES.get(one.name, one.name),
-            f"{one.nominal:.4g}",
-            f"{one.value:.4g}",
-            f"{0.5 * (one.high - one.low):.2g}",
-            one.unit,
-            "identified" if one.identified else f"not identified ({one.reason})",
+            value.axis if value.axis != last else "",
+            _NAMES.get(value.name, value.name),
+            f"{value.nominal:.4g}",
+            f"{value.value:.4g}",
+            f"{0.5 * (value.high - value.low):.2g}",
+            value.unit,
+            "identified" if value.identified else f"not identified ({value.reason})",
         )
-        last = one.axis
+        last = value.axis
     return table
 
 
-def content(found: Identification) -> dict[str, Any]:
+def content(identification: Identification) -> dict[str, Any]:
     """Return the fitted values as tables of TOML, a table per axis."""
     axes: dict[str, Any] = {}
-    for one in found.found:
-        axes.setdefault(one.axis, {})[one.name] = {
-            "value": float(one.value),
-            "interval": [float(one.low), float(one.high)],
-            "nominal": float(one.nominal),
-            "unit": one.unit,
-            "identified": one.identified,
-            **({} if one.identified else {"reason": one.reason}),
+    for value in identification.values:
+        axes.setdefault(value.axis, {})[value.name] = {
+            "value": float(value.value),
+            "interval": [float(value.low), float(value.high)],
+            "nominal": float(value.nominal),
+            "unit": value.unit,
+            "identified": value.identified,
+            **({} if value.identified else {"reason": value.reason}),
         }
-    for fit in found.fits:
+    for fit in identification.fits:
         if fit.model.share:
             axes[fit.axis]["mode"] = {"frequency": fit.model.resonance, "damping_ratio": fit.model.damping_ratio}
-    return {"machine": str(found.machine.source), "notes": found.notes, "axes": axes}
+    return {"machine": str(identification.machine.source), "notes": identification.notes, "axes": axes}
 
 
-def write_all(found: Identification, log: Log, folder: Path) -> list[str]:
+def write_all(identification: Identification, log: Log, folder: Path) -> list[str]:
     """Write values, fitted machine and plots to a folder, replaced as a whole; return their names.
 
     Raises:
         InputError: the folder holds other files of these names or cannot be written, or no machine has the values.
     """
-    machine = fitted_machine(found)
+    machine = fitted_machine(identification)
 
     def column(values: Floats, axis: str) -> Floats:
         return values[:, log.axes.index(axis)]
 
     drawings = {
-        "residuals": draw_residuals(found.fits, found.period),
-        "friction": draw_friction(found.fits),
+        "residuals": draw_residuals(identification.fits, identification.period),
+        "friction": draw_friction(identification.fits),
         "response": draw_response(
-            found.fits,
-            found.period,
+            identification.fits,
+            identification.period,
             lambda axis: column(log.torque, axis),
             lambda axis: column(log.position, axis),
         ),
     }
     with output_folder(folder, OUTPUT) as scratch:
-        (scratch / VALUES).write_text(tomli_w.dumps(content(found)), encoding="utf-8")
+        (scratch / VALUES).write_text(tomli_w.dumps(content(identification)), encoding="utf-8")
         write_machine(machine, scratch / MACHINE)
         for name, drawing in drawings.items():
             drawing.savefig(scratch / f"{name}.png")

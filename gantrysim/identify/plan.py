@@ -71,18 +71,18 @@ def _of_axis(machine: Machine, index: int) -> list[Stroke]:
     room = _room(axis)
     fastest = min(_FASTEST * axis.speed_limit, math.sqrt(abs(room) * strongest / 2))
     slowest = min(0.5 * model.stribeck * model.scale, 0.1 * fastest)
-    found = []
+    moves = []
     for speed in np.geomspace(slowest, fastest, _SPEEDS):
         ramps = speed**2 / (0.25 * strongest)
-        found.append((min(abs(room), speed * _CRUISE + ramps), speed, 0.25 * strongest))
-    found += [(abs(room), fastest, share * strongest) for share in _ACCELERATIONS]
+        moves.append((min(abs(room), speed * _CRUISE + ramps), speed, 0.25 * strongest))
+    moves += [(abs(room), fastest, share * strongest) for share in _ACCELERATIONS]
     longest = min(abs(room), strongest * _SHORT_TIME**2 / 4)
     shares = np.geomspace(1.0, _SHORTEST, _SHORT * _PASSES)
-    for own in range(_PASSES):  # each with strokes of its own, so that counts of the encoder average out
-        found += [(longest * share, fastest, strongest) for share in shares[own::_PASSES]]
+    for first in range(_PASSES):  # each with strokes of its own, so that counts of the encoder average out
+        moves += [(longest * share, fastest, strongest) for share in shares[first::_PASSES]]
     return [
         Stroke(axis.name, math.copysign(max(_rounded(distance), _BLOCK), room), _rounded(speed), _rounded(acceleration))
-        for distance, speed, acceleration in found
+        for distance, speed, acceleration in moves
     ]
 
 

@@ -35,8 +35,10 @@ def regression(position: Floats, torque: Floats, period: float) -> tuple[float, 
     width = _WIDTH / period
     if position.size < max(8 * width, _LEAST_SAMPLES):
         raise InputError(f"log of {position.size} samples: must have at least {max(8 * width, _LEAST_SAMPLES):.0f}")
-    place, sign, smooth = (gaussian_filter1d(one, width) for one in (position, np.sign(np.gradient(position)), torque))
-    speed = np.gradient(place, period)
+    # the same zero-phase filter for all three, so that none is late against the others
+    sign = gaussian_filter1d(np.sign(np.gradient(position)), width)
+    smooth = gaussian_filter1d(torque, width)
+    speed = np.gradient(gaussian_filter1d(position, width), period)
     acceleration = np.gradient(speed, period)
     least = _MOVING * float(np.quantile(np.abs(speed), 0.99))
     slides = np.abs(speed) > least
@@ -45,8 +47,8 @@ def regression(position: Floats, torque: Floats, period: float) -> tuple[float, 
     if not least > 0 or chosen.sum() < 8 * width:
         raise InputError("the axis hardly moves: the log must hold moves to and fro at several speeds")
     A = np.stack([acceleration, speed, sign, np.ones_like(speed)], axis=1)[chosen]
-    found = np.linalg.lstsq(A, smooth[chosen], rcond=None)[0]
-    return float(found[0]), float(found[1]), float(found[2]), float(found[3])
+    inertia, viscous, coulomb, offset = np.linalg.lstsq(A, smooth[chosen], rcond=None)[0].tolist()
+    return inertia, viscous, coulomb, offset
 
 
 def in_motion(position: Floats, period: float, resolution: float) -> NDArray[np.bool_]:

@@ -57,7 +57,9 @@ def sampled(A: Floats, B: Floats, time: float) -> tuple[Floats, Floats]:
     """Return the effect of the state, (n, n), and of constant inputs, (n, m), on the state of x' = A x + B u."""
     n, m = B.shape
     joint = np.zeros((n + m, n + m))
-    joint[:n, :n], joint[:n, n:] = A * time, B * time
+    # exp of [[A, B], [0, 0]] holds both effects (C. Van Loan, IEEE Transactions on Automatic Control 23, 1978)
+    joint[:n, :n] = A * time
+    joint[:n, n:] = B * time
     halvings = 0
     norm = 0.0
     for i in range(n):

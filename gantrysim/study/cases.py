@@ -67,8 +67,8 @@ class Case:
     ) -> Self:
         """Return a case; overrides by full dotted key, as in {"program.loop_period": 0.01}, None for the default."""
         job.check_code()
-        own = job.model_dump(exclude_none=True)
-        changes = {key: value for key, value in (overrides or {}).items() if not _has(own, key, value)}
+        content = job.model_dump(exclude_none=True)
+        changes = {key: value for key, value in (overrides or {}).items() if not _has(content, key, value)}
         changed = tuple(sorted((key, json.dumps(value)) for key, value in changes.items()))
         return cls(job.toml(), changed, mode, perturbation, tuple(tags.items()))
 
@@ -248,11 +248,11 @@ def _plain(value: Value) -> Value:
 
 def _has(content: dict[str, Any], key: str, value: Any) -> bool:
     """Return whether a job's content has a value at a dotted key."""
-    own: Any = content
+    present: Any = content
     for part in key.split("."):
-        own = own.get(part) if isinstance(own, dict) else None
+        present = present.get(part) if isinstance(present, dict) else None
     # None removes a key, and an unknown key must be refused: both are changes
-    return own is not None and type(own) is type(value) and bool(own == value)
+    return present is not None and type(present) is type(value) and bool(present == value)
 
 
 @lru_cache(maxsize=8)
@@ -263,5 +263,5 @@ def _job(content: str) -> Job:
 @lru_cache(maxsize=1)
 def _changed(content: str, overrides: tuple[tuple[str, str], ...]) -> Job:
     """Return the job with what is changed of it; the parts that are not are those of the job itself, built once."""
-    own = _job(content)
-    return own.changed({key: json.loads(value) for key, value in overrides}).sharing(own)
+    unchanged = _job(content)
+    return unchanged.changed({key: json.loads(value) for key, value in overrides}).sharing(unchanged)

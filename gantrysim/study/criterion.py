@@ -91,8 +91,8 @@ class Criterion:
         words = _without_unit(self.metric).split("_")
         statistics = {"max": "largest", "rms": "rms", "p95": "95 %", "std": "standard deviation of"}
         kind = next((word for word in words if word in statistics), None)
-        rest = " ".join(word for word in words if word != kind)
-        noun = f"{rest} error" if words[0] in _ERRORS else rest
+        quantity = " ".join(word for word in words if word != kind)
+        noun = f"{quantity} error" if words[0] in _ERRORS else quantity
         return f"{statistics[kind]} {noun}" if kind else noun
 
 

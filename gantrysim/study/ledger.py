@@ -30,7 +30,7 @@ class Ledger:
         identity: of the study, all that the rows depend on besides their cases; plain JSON.
 
     Attributes:
-        kept: number of rows taken over from an earlier run.
+        resumed: number of rows taken over from an earlier run.
         discarded: in what the rows found differ from this study's, or None.
     """
 
@@ -41,7 +41,7 @@ class Ledger:
         self._stream: BinaryIO | None = None
         self._held = ExitStack()
         self.discarded: str | None = None
-        self.kept = 0
+        self.resumed = 0
 
     def __enter__(self) -> Ledger:
         if self._file is None:
@@ -54,7 +54,7 @@ class Ledger:
                 good = self._read(self._stream.read())
                 self._stream.truncate(good)
                 self._stream.seek(good)
-                self.kept = len(self._rows)
+                self.resumed = len(self._rows)
                 if not good:
                     self._write(self._identity)
             except OSError as error:
@@ -62,7 +62,9 @@ class Ledger:
             self._held = stack.pop_all()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         if not self._rows:
             self.remove()
         self._held.close()
@@ -106,13 +108,13 @@ class Ledger:
             try:
                 if not line.endswith(b"\n"):
                     break
-                found = json.loads(line)
+                content_of_line = json.loads(line)
                 if number == 0:
-                    if found != self._identity:
-                        self.discarded = _differs(found, self._identity)
+                    if content_of_line != self._identity:
+                        self.discarded = _differs(content_of_line, self._identity)
                         return 0
                 else:
-                    key, row, checksum = found
+                    key, row, checksum = content_of_line
                     if checksum != _checksum(key, row):
                         break
                     self._rows[key] = row
@@ -126,9 +128,9 @@ def _checksum(key: str, row: Row) -> str:
     return hashlib.sha256(json.dumps([key, row]).encode()).hexdigest()[:_CHECKED]
 
 
-def _differs(found: Any, identity: dict[str, Any]) -> str:
+def _differs(other: Any, identity: dict[str, Any]) -> str:
     """Return in what the identity found differs, as text."""
-    if not isinstance(found, dict):
+    if not isinstance(other, dict):
         return "they are not of a study"
-    keys = [key for key in {**identity, **found} if found.get(key) != identity.get(key)]
+    keys = [key for key in {**identity, **other} if other.get(key) != identity.get(key)]
     return f"they differ in {', '.join(keys)}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, is_dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -18,10 +19,10 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.report.document import Section, Table, write_page
 from gantrysim.report.folder import JOB, PLOTS, REPORT, Output
 from gantrysim.report.summary import versions
-from gantrysim.study.cases import OK, Row, forget_jobs, is_fault
+from gantrysim.study.cases import OK, Case, Row, forget_jobs, is_fault
 from gantrysim.study.ledger import Ledger
 from gantrysim.study.runner import Progress, run_cases
-from gantrysim.study.study import Report, Study
+from gantrysim.study.study import Report, Rounds, Study
 
 _ROWS = "study.csv"
 _CURVES = "curves.csv"
@@ -49,7 +50,7 @@ class Outcome:
         rows: of all cases, in order.
         report: headline, tables, notes and plots.
         written: names of the files in the folder.
-        kept: number of rows taken over from an interrupted run.
+        resumed: number of rows taken over from an interrupted run.
         discarded: why rows found in the folder were not taken over, or None.
         failed: why there is no report, or None; the same call makes it without running a case again.
     """
@@ -57,7 +58,7 @@ class Outcome:
     rows: list[Row]
     report: Report
     written: list[str]
-    kept: int
+    resumed: int
     discarded: str | None
     failed: str | None = None
 
@@ -109,7 +110,7 @@ def run_study(
     output = Output("study", _ROWS, (_ROWS, _CURVES, _STUDY, JOB, REPORT, *study.texts, *plots))
     target = output.check(folder)
     forget_jobs()  # a machine's file may have changed since another study
-    _check_job(study.job)  # here, not case by case
+    _check_job(study.job)  # a job that is refused would be refused case by case
     rounds = study.rounds()
     cases = next(rounds)
     identity = {
@@ -118,38 +119,12 @@ def run_study(
         "job": study.job.toml(),
         "versions": versions(study.job.built_machine),
     }
-    rows: list[Row] = []
-
-    def advance(done: int, every: int) -> None:
-        if progress is not None:
-            progress(len(rows) + done, max(len(rows) + every, study.expected))
-
     with Ledger(target, identity) as ledger:
-        output.check(folder)  # again, as what a killed command had left is complete only now
+        output.check(folder)  # again: files that a killed command left are complete only now
         try:
-            while True:
-                found = run_cases(
-                    cases,
-                    ledger,
-                    workers=workers,
-                    measure=study.measure,
-                    measure_together=study.measure_together,
-                    progress=advance,
-                )
-                rows += found
-                try:
-                    cases = rounds.send(found)
-                except StopIteration:
-                    break
+            rows = _run_rounds(study, rounds, cases, ledger, workers, progress)
             _check_values(rows)
-            failed: str | None = None
-            try:
-                report = study.report(rows)
-            except GantryError:
-                raise
-            except Exception as error:
-                report = Report(f"{len(rows)} cases")
-                failed = text_of(error)
+            report, failed = _report_of(study, rows)
             with output.written(folder) as scratch:
                 _write_rows(study, rows, report, scratch, identity)
                 if failed is None:
@@ -162,7 +137,52 @@ def run_study(
             raise StudyInterrupted(len(ledger)) from None
         if failed is None:
             ledger.remove()
-    return Outcome(rows, report, written, ledger.kept, ledger.discarded, failed)
+    return Outcome(rows, report, written, ledger.resumed, ledger.discarded, failed)
+
+
+def _run_rounds(
+    study: Study,
+    rounds: Rounds,
+    first_round: Sequence[Case],
+    ledger: Ledger,
+    workers: int | None,
+    progress: Progress | None,
+) -> list[Row]:
+    """Run the cases of all rounds, each chosen by the rows before, and return all rows."""
+    rows: list[Row] = []
+
+    def advance(done: int, known: int) -> None:
+        if progress is not None:
+            progress(len(rows) + done, max(len(rows) + known, study.expected))
+
+    cases = first_round
+    while True:
+        rows_of_round = run_cases(
+            cases,
+            ledger,
+            workers=workers,
+            measure=study.measure,
+            measure_together=study.measure_together,
+            progress=advance,
+        )
+        rows += rows_of_round
+        try:
+            cases = rounds.send(rows_of_round)
+        except StopIteration:
+            return rows
+
+
+def _report_of(study: Study, rows: list[Row]) -> tuple[Report, str | None]:
+    """Return the study's report, or an empty one and the reason where it fails.
+
+    A report may fail on values that nobody foresaw; hours of runs must not be lost to that.
+    """
+    try:
+        return study.report(rows), None
+    except GantryError:
+        raise
+    except Exception as error:
+        return Report(f"{len(rows)} cases"), text_of(error)
 
 
 def _check_job(job: Job) -> None:

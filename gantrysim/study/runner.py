@@ -77,19 +77,19 @@ def run_cases(
 
 def _close(results: Generator[object, None, None]) -> None:
     """Withdraw the cases that are not finished, and end the workers."""
-    told = threading.excepthook
+    default_hook = threading.excepthook
 
     def tell(thread: threading.ExceptHookArgs) -> None:
         # loky's managing thread, which ends here anyway, may stumble over cases that are withdrawn by now
         if not issubclass(thread.exc_type, KeyError):
-            told(thread)
+            default_hook(thread)
 
     threading.excepthook = tell
     try:
         with warnings.catch_warnings(action="ignore"):  # joblib warns of abandoned cases, here on purpose
             results.close()
     finally:
-        threading.excepthook = told
+        threading.excepthook = default_hook
 
 
 def _one_by_one(measure: Measure, cases: Sequence[Case]) -> list[Row]:

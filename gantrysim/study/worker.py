@@ -76,8 +76,10 @@ def _started_by(origin: Origin) -> bool:
 
 
 def _check_installed(origin: Origin) -> None:
-    own = dict(_installed())
-    other = [f"{name} {own[name]} instead of {value}" for name, value in origin.installed if own[name] != value]
+    installed = dict(_installed())
+    other = [
+        f"{name} {installed[name]} instead of {value}" for name, value in origin.installed if installed[name] != value
+    ]
     if other:
         raise WorkerError(f"{_name()}: has {', '.join(other)}: must have the study's")
 

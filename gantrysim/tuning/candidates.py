@@ -10,7 +10,27 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.servo.servo import Servo
 
+BATCH = 4  # candidates of a round, unless it is the first one of a region
 RANKS = {1: "feasible", 2: "torque ripple too high", 3: "margin too small", 4: "fault"}  # of candidates that are run
+
+
+@dataclass(frozen=True)
+class SearchLimits:
+    """Limits of a search.
+
+    Attributes:
+        machines: number of machines on which a candidate is run.
+        budget: maximum number of runs, at least 2 for each machine: the start and one candidate.
+        ripple: largest torque ripple allowed, a share of the peak torque.
+        seed: of the random numbers.
+        batch: number of candidates of a round.
+    """
+
+    machines: int
+    budget: int
+    ripple: float
+    seed: int
+    batch: int = BATCH
 
 
 @dataclass(frozen=True)
@@ -74,13 +94,15 @@ class Candidate:
     @property
     def hardest(self) -> int:
         """Number of the machine with the earliest fault, or else the largest metric."""
-        faults = {machine: math.inf if one.fault is None else one.fault for machine, one in self.results.items()}
+        faults = {
+            machine: math.inf if result.fault is None else result.fault for machine, result in self.results.items()
+        }
         return max(self.results, key=lambda machine: (-faults[machine], self.results[machine].metric))
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A run to be made: a candidate on a machine, by its number."""
+    """A planned run: a candidate on a machine, by its number."""
 
     candidate: Candidate
     machine: int

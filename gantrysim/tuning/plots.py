@@ -44,17 +44,17 @@ def draw_links(values: Mapping[Phase, BudgetValues]) -> Figure:
     Args:
         values: of the budget, by phase; a phase that ended in a fault is missing.
     """
-    parts = [{**own.parts, "contour": own.contour} for own in values.values()]
-    sizes = {name: [UM * own[name].rms for own in parts] for name in parts[0]}
-    drawn = [size for own in sizes.values() for size in own if size > NO_ERROR]
+    parts = [{**parts_of_phase.parts, "contour": parts_of_phase.contour} for parts_of_phase in values.values()]
+    sizes = {name: [UM * parts_of_phase[name].rms for parts_of_phase in parts] for name in parts[0]}
+    drawn = [size for parts_of_phase in sizes.values() for size in parts_of_phase if size > NO_ERROR]
     with sheet(9.0, 3.4) as figure:
         axes = figure.add_subplot()
-        for k, (name, own) in enumerate(sizes.items()):
-            if max(own) <= NO_ERROR:
+        for k, (name, parts_of_phase) in enumerate(sizes.items()):
+            if max(parts_of_phase) <= NO_ERROR:
                 axes.text(0.5, k, "none", transform=axes.get_yaxis_transform(), ha="center", va="center", fontsize=9)
                 continue
-            start = max(own[0], NO_ERROR)
-            tuned = max(own[-1], NO_ERROR)
+            start = max(parts_of_phase[0], NO_ERROR)
+            tuned = max(parts_of_phase[-1], NO_ERROR)
             if abs(math.log(start / tuned)) > _CHANGED:
                 arrow = {"arrowstyle": "-|>", "color": COLOURS[name], "lw": 2.0}
                 axes.annotate("", (tuned, k), (start, k), arrowprops=arrow)
@@ -106,24 +106,27 @@ def draw_search(history: History, label: str, ripple: float) -> Figure:
         label: of the metric.
         ripple: largest torque ripple allowed, a share of the peak torque.
     """
-    points = [(candidate.runs, candidate.metric, candidate.order(ripple)[0]) for candidate in history.candidates]
-    finite = [metric for _, metric, _ in points if math.isfinite(metric)]
+    candidates = history.candidates
+    finite = [candidate for candidate in candidates if math.isfinite(candidate.metric)]
     with sheet(9.0, 6.4) as figure:
         above, below = figure.subplots(2, sharex=True, height_ratios=(3, 2))
         for rank, style in _RANK_STYLES.items():
-            chosen = [(runs, metric) for runs, metric, own in points if own == rank and math.isfinite(metric)]
-            if chosen:
-                above.plot(*zip(*chosen, strict=True), ls="", ms=5, label=RANKS[rank], **style)
-        faults = [runs for runs, metric, _ in points if not math.isfinite(metric)]
+            ranked = [candidate for candidate in finite if candidate.order(ripple)[0] == rank]
+            if ranked:
+                runs = [candidate.runs for candidate in ranked]
+                metrics = [candidate.metric for candidate in ranked]
+                above.plot(runs, metrics, ls="", ms=5, label=RANKS[rank], **style)
+        faults = [candidate.runs for candidate in candidates if not math.isfinite(candidate.metric)]
         if faults:
             top = above.get_xaxis_transform()
             above.plot(faults, [0.97] * len(faults), "x", ms=6, color=COLOURS["fault"], transform=top, label="fault")
-        feasible = [(one.runs, one.metric) for one in history.leaders if one.order(ripple)[0] == 1]
+        feasible = [leader for leader in history.leaders if leader.order(ripple)[0] == 1]
         if feasible:
-            line = zip(*feasible, (history.runs, feasible[-1][1]), strict=True)
-            above.step(*line, where="post", color=INK, lw=1.6, label="best so far")
+            runs = [*(leader.runs for leader in feasible), history.runs]
+            metrics = [*(leader.metric for leader in feasible), feasible[-1].metric]
+            above.step(runs, metrics, where="post", color=INK, lw=1.6, label="best so far")
         if finite:
-            logarithmic(above, "y", finite)
+            logarithmic(above, "y", [candidate.metric for candidate in finite])
         above.set_ylabel(f"{label} [µm]")
         above.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=5)
         _draw_leaders(below, history)
@@ -133,10 +136,10 @@ def draw_search(history: History, label: str, ripple: float) -> Figure:
 
 def _draw_leaders(axes: Axes, history: History) -> None:
     """Draw the gains of the first axis of every leader as multiples of the tuned ones."""
-    runs = [one.runs for one in history.leaders]
+    runs = [leader.runs for leader in history.leaders]
     drawn = []
     for name, colour in zip(SEARCHED, _GAIN_COLOURS, strict=True):
-        values = np.array([getattr(one.servo, name)[0] for one in history.leaders])
+        values = np.array([getattr(leader.servo, name)[0] for leader in history.leaders])
         if not values[-1] > 0:
             continue
         share = np.where(values > 0, values / values[-1], np.nan)
@@ -153,17 +156,18 @@ def draw_gains(start: Servo, tuned: Servo, axes: Sequence[str]) -> Figure:
     """Draw the ratio of every tuned gain to that of the start, a bar for each axis."""
     names = SEARCHED
     width = 0.8 / len(axes)
-    old, new = (np.array([getattr(servo, name) for name in names]) for servo in (start, tuned))
+    old = np.array([getattr(start, name) for name in names])
+    new = np.array([getattr(tuned, name) for name in names])
     drawn = [0.5, 2.0]
     with sheet(9.0, 3.2) as figure:
         panel = figure.add_subplot()
         for a, axis in enumerate(axes):
             k = np.flatnonzero((old[:, a] > 0) & (new[:, a] > 0))
             ratio = new[k, a] / old[k, a]
-            at = k + (a - 0.5 * (len(axes) - 1)) * width
+            middle = k + (a - 0.5 * (len(axes) - 1)) * width
             colour = AXIS_COLOURS[a % len(AXIS_COLOURS)]
-            bars = panel.bar(at, ratio - 1, 0.9 * width, bottom=1.0, color=colour, label=axis)
-            panel.bar_label(bars, [f"{one:.3g}" for one in ratio], padding=2, fontsize=8)
+            bars = panel.bar(middle, ratio - 1, 0.9 * width, bottom=1.0, color=colour, label=axis)
+            panel.bar_label(bars, [f"{value:.3g}" for value in ratio], padding=2, fontsize=8)
             drawn += ratio.tolist()
         logarithmic(panel, "y", [0.6 * min(drawn), 1.6 * max(drawn)])
         panel.axhline(1.0, color=INK, lw=0.8)
@@ -188,32 +192,32 @@ def draw_loops(stability: Stability, start: Servo, tuned: Servo, axes: Sequence[
     frequency = np.geomspace(_LOWEST * nyquist, nyquist, _FREQUENCIES)
     radius = 1 / stability.peak
     with sheet(10.7, 5.0) as figure:
-        left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
+        near_point, peaks = figure.subplots(1, 2, width_ratios=(1, 1.25))
         angle = np.linspace(0, 2 * np.pi, 200)
-        left.fill(-1 + radius * np.cos(angle), radius * np.sin(angle), color=COLOURS["fault"], alpha=0.15, lw=0)
-        left.plot(-1, 0, "+", color=COLOURS["fault"], ms=9)
+        near_point.fill(-1 + radius * np.cos(angle), radius * np.sin(angle), color=COLOURS["fault"], alpha=0.15, lw=0)
+        near_point.plot(-1, 0, "+", color=COLOURS["fault"], ms=9)
 
         def draw(servo: Servo, machine: int, colours: Sequence[str], names: Sequence[str], dashes: str) -> None:
             loops = stability.loop(servo, frequency, machine)
             for a, name in enumerate(names):
                 style = {"color": colours[a % len(colours)], "lw": 0.6 if machine else 1.6, "ls": dashes}
-                left.plot(loops[:, a].real, loops[:, a].imag, **style)
-                right.plot(frequency, 1 / np.abs(1 + loops[:, a]), label="_" if machine else name, **style)
+                near_point.plot(loops[:, a].real, loops[:, a].imag, **style)
+                peaks.plot(frequency, 1 / np.abs(1 + loops[:, a]), label="_" if machine else name, **style)
 
         draw(start, 0, [_START], ["start", *["_"] * (len(axes) - 1)], "--")
         for machine in reversed(range(stability.machines)):
             draw(tuned, machine, AXIS_COLOURS, [f"{axis}, tuned" for axis in axes], "-")
-        left.set(xlim=(-3.2, 0.8), ylim=(-2.4, 2.4), xlabel="Re L", ylabel="Im L", aspect="equal")
-        left.axhline(0, color=INK, lw=0.5)
-        right.axhline(stability.peak, color=COLOURS["fault"], lw=1.2, ls="--")
-        right.annotate(
+        near_point.set(xlim=(-3.2, 0.8), ylim=(-2.4, 2.4), xlabel="Re L", ylabel="Im L", aspect="equal")
+        near_point.axhline(0, color=INK, lw=0.5)
+        peaks.axhline(stability.peak, color=COLOURS["fault"], lw=1.2, ls="--")
+        peaks.annotate(
             f"limit {stability.peak:.3g}", (frequency[0], stability.peak), xytext=(2, 3),
             textcoords="offset points", color=COLOURS["fault"], fontsize=9,
         )  # fmt: skip
-        logarithmic(right, "x", frequency.tolist())
-        logarithmic(right, "y", [0.02, 1.6 * stability.peak])
-        right.set(xlabel="frequency [Hz]", ylabel="sensitivity |S|")
-        right.legend(loc="lower right")
+        logarithmic(peaks, "x", frequency.tolist())
+        logarithmic(peaks, "y", [0.02, 1.6 * stability.peak])
+        peaks.set(xlabel="frequency [Hz]", ylabel="sensitivity |S|")
+        peaks.legend(loc="lower right")
     return figure
 
 
@@ -225,7 +229,9 @@ def draw_machines(unseen: Mapping[Phase, Floats], searched: Mapping[Phase, Seque
         searched: metric on the machines of the search.
         label: of the metric, with its unit.
     """
-    drawn = [float(value) for own in (*unseen.values(), *searched.values()) for value in own if math.isfinite(value)]
+    drawn = [
+        float(value) for metrics in (*unseen.values(), *searched.values()) for value in metrics if math.isfinite(value)
+    ]
     with sheet(9.0, 4.4) as figure:
         axes = figure.add_subplot()
         for phase, values in unseen.items():
@@ -233,8 +239,8 @@ def draw_machines(unseen: Mapping[Phase, Floats], searched: Mapping[Phase, Seque
             finite = np.sort(values[np.isfinite(values)])
             if finite.size:
                 share = 100 * np.arange(finite.size + 1) / values.size
-                line = np.concatenate([finite[:1], finite]), share
-                axes.step(*line, where="post", color=colour, lw=1.8, label=f"{phase}, unseen machines")
+                metric = np.concatenate([finite[:1], finite])
+                axes.step(metric, share, where="post", color=colour, lw=1.8, label=f"{phase}, unseen machines")
             marks = [value for value in searched[phase] if math.isfinite(value)]
             if marks:
                 text = f"{phase}, machines of the search"

@@ -31,7 +31,8 @@ _SHRINKAGE = 0.6
 _SIDES = (0.4, 2.5)  # of the region along a coordinate, over their mean: as the scales of the metric
 _NEAREST = 100  # measured points in a surrogate
 _ABOVE = 2.0  # values further above the least are cut, so that they do not bend the surrogate there
-_RIPPLES, _NEAR = (-2.0, 1.0), -0.7  # the same for the ripple; below _NEAR everywhere, it is left out
+_RIPPLES = (-2.0, 1.0)  # the ripple is cut likewise, on both sides
+_NEAR = -0.7  # a ripple below this at all points is far from its limit, and needs no surrogate
 _CAUTION = (0.0, 1.0, 2.0, 1.0)  # c of the points of a round, in turn
 _PENALTY = 20.0
 # to find the least: random points, descents from the best, steps of each
@@ -93,7 +94,9 @@ class TrustRegion:
         """
         centre = measured.points[best]
         near = np.argsort(((measured.points - centre) ** 2).sum(axis=1), kind="stable")[:_NEAREST]
-        points, values, slack = (own[near] for own in measured)
+        points = measured.points[near]
+        values = measured.metric[near]
+        slack = measured.ripple[near]
         least = float(values.min())
         values = np.minimum(values, _ABOVE + (least if np.isfinite(least) else 0.0))
         metric = self._metric = Surrogate.fitted(points, values, self._metric)
@@ -109,6 +112,7 @@ class TrustRegion:
         for k in range(count - len(repeated)):
             point = self._least(metric, ripple, centre, np.stack([low, high], axis=1), _CAUTION[k % len(_CAUTION)])
             chosen.append(point)
+            # as if it had been measured there, or all points of the round would be the same
             metric = metric.extended(point, float(metric.predict(point[None])[0][0]))
         return chosen + repeated
 
@@ -138,11 +142,11 @@ class TrustRegion:
 
         samples = self.rng.uniform(box[:, 0], box[:, 1], (_SAMPLES, len(centre)))
         changed = self.rng.random(samples.shape) < _CHANGED / len(centre)
-        samples = np.where(changed, samples, centre)
+        samples = np.where(changed, samples, centre)  # in many dimensions, points that differ in all lie at the walls
         best = samples[np.argsort(cost(samples), kind="stable")[:_STARTS]]
-        found = [
-            minimize(sloped, one, jac=True, method="L-BFGS-B", bounds=box, options={"maxiter": _STEPS}).x
-            for one in best
+        descents = [
+            minimize(sloped, start, jac=True, method="L-BFGS-B", bounds=box, options={"maxiter": _STEPS}).x
+            for start in best
         ]
-        ends = np.vstack([found, best])
+        ends = np.vstack([descents, best])
         return np.asarray(ends[cost(ends).argmin()], float)

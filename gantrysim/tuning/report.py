@@ -55,11 +55,12 @@ def notes(study: TuningStudy, rows: list[Row]) -> list[str]:
     history = study.history(rows)
     best = history.best
     limits = {
-        "stability margin": max(one.sensitivity for one in study.stability.worst(best.servo)) / study.stability.peak,
+        "stability margin": max(margins.sensitivity for margins in study.stability.worst(best.servo))
+        / study.stability.peak,
         "torque ripple": 100 * best.ripple / study.ripple,
     }
     reached = [name for name, share in limits.items() if _AT_LIMIT <= share <= 1]
-    found = [f"Limiting constraint: {' and '.join(reached)}."] if reached else []
+    remarks = [f"Limiting constraint: {' and '.join(reached)}."] if reached else []
     budget = _budgets(study, history).get("tuned")
     if budget:
         parts = budget.values.parts
@@ -67,10 +68,10 @@ def notes(study: TuningStudy, rows: list[Row]) -> list[str]:
         text = f"Largest part of the tuned contour error: {link}, {100 * parts[link].share:.0f} % of its mean square."
         if link == "generation":
             text += " Tuning cannot fix program errors; the metric tracking_rms is the servo's error alone."
-        found.append(text)
+        remarks.append(text)
     axes = "each axis by itself" if study.per_axis else "one factor for all axes"
     return [
-        *found,
+        *remarks,
         f"Trust region over {', '.join(study.space.gains)}, {axes}, seed {study.seed}: {history.runs} runs (budget "
         f"{study.budget}) of {len(history.candidates)} candidates in {history.rounds} rounds; skipped, as no "
         f"frequency met the margin: {history.skipped}; ended: {_ENDED[history.ended]}.",
@@ -81,31 +82,40 @@ def notes(study: TuningStudy, rows: list[Row]) -> list[str]:
 def plots(study: TuningStudy, rows: list[Row]) -> list[Plot]:
     """Return the plots: error budget, error along the path, search, gains, loops, unseen machines."""
     history = study.history(rows)
+    shown = [*_budget_plots(_budgets(study, history)), *_search_plots(study, history)]
+    if study.unseen:
+        shown.append(_machines_plot(study, rows, history))
+    return shown
+
+
+def _budget_plots(budgets: dict[Phase, Budget]) -> list[Plot]:
+    if not budgets:
+        return []
+    return [
+        Plot(
+            "budget",
+            "Error budget",
+            "Parts of the error normal to the requested path by link of the chain, on the job's own machine. "
+            "Tuning changes the tracking part; it cannot mend the program, the encoder or a soft structure.",
+            drawing.draw_links({phase: budget.values for phase, budget in budgets.items()}),
+            tables=[_links_table(budgets)],
+        ),
+        Plot(
+            "path",
+            "Error along the path",
+            "The nozzle's error normal to the requested path, positive to its left, and the tracking part of it; "
+            "the panels have one scale.",
+            drawing.draw_path(budgets),
+        ),
+    ]
+
+
+def _search_plots(study: TuningStudy, history: History) -> list[Plot]:
     start = history.start.servo
     tuned = history.best.servo
     axes = study.job.built_machine.axis_names
     metric = METRICS[study.metric]
-    budgets = _budgets(study, history)
-    shown = []
-    if budgets:
-        shown += [
-            Plot(
-                "budget",
-                "Error budget",
-                "Parts of the error normal to the requested path by link of the chain, on the job's own machine. "
-                "Tuning changes the tracking part; it cannot mend the program, the encoder or a soft structure.",
-                drawing.draw_links({phase: budget.values for phase, budget in budgets.items()}),
-                tables=[_links_table(budgets)],
-            ),
-            Plot(
-                "path",
-                "Error along the path",
-                "The nozzle's error normal to the requested path, positive to its left, and the tracking part of it; "
-                "the panels have one scale.",
-                drawing.draw_path(budgets),
-            ),
-        ]
-    shown += [
+    return [
         Plot(
             "search",
             "Search",
@@ -131,22 +141,21 @@ def plots(study: TuningStudy, rows: list[Row]) -> list[Plot]:
             tables=[_margins_table(study, history)],
         ),
     ]
-    if study.unseen:
-        unseen = {phase: unseen_metric(study, rows, phase) for phase in history.phases}
-        searched = {
-            phase: [result.metric for result in candidate.results.values()]
-            for phase, candidate in history.phases.items()
-        }
-        shown.append(
-            Plot(
-                "machines",
-                "Unseen machines",
-                f"Cumulative distribution of the {metric} over {study.unseen} machines that the search did not use; "
-                "machines with a fault are beyond the right end. Marks are the machines of the search.",
-                drawing.draw_machines(unseen, searched, f"{metric} [µm]"),
-            )
-        )
-    return shown
+
+
+def _machines_plot(study: TuningStudy, rows: list[Row], history: History) -> Plot:
+    metric = METRICS[study.metric]
+    unseen = {phase: unseen_metric(study, rows, phase) for phase in history.phases}
+    searched = {
+        phase: [result.metric for result in candidate.results.values()] for phase, candidate in history.phases.items()
+    }
+    return Plot(
+        "machines",
+        "Unseen machines",
+        f"Cumulative distribution of the {metric} over {study.unseen} machines that the search did not use; "
+        "machines with a fault are beyond the right end. Marks are the machines of the search.",
+        drawing.draw_machines(unseen, searched, f"{metric} [µm]"),
+    )
 
 
 def unseen_metric(study: TuningStudy, rows: list[Row], phase: Phase) -> Floats:
@@ -228,7 +237,7 @@ def _links_table(budgets: dict[Phase, Budget]) -> Table:
         columns += [Column(f"{head}, {phase}", form) for phase in budgets]
     rows: list[list[Any]] = []
     for link in by_phase[0]:
-        parts = [own[link] for own in by_phase]
+        parts = [parts_of_phase[link] for parts_of_phase in by_phase]
         sizes = [UM * getattr(part, name) for name in ("rms", "p95", "max") for part in parts]
         cells = [*sizes, *(100 * part.share for part in parts)]
         rows.append([link, *(cells if max(sizes[: len(parts)]) > drawing.NO_ERROR else [None] * len(cells))])
@@ -259,12 +268,13 @@ def _margins_table(study: TuningStudy, history: History) -> Table:
         "peak of |S|": ".2f",
         "crossover [Hz]": ".1f",
     }
+    cells: list[list[Any]] = []
+    for a, name in enumerate(study.job.built_machine.axis_names):
+        for phase, margins in worst.items():
+            m = margins[a]
+            cells.append([name, phase, m.gain, m.gain_lower, m.phase, 1e3 * m.delay, m.sensitivity, m.crossover])
     return Table(
         ["axis", "", *(Column(head, form) for head, form in columns.items())],
-        [
-            [name, phase, own.gain, own.gain_lower, own.phase, 1e3 * own.delay, own.sensitivity, own.crossover]
-            for a, name in enumerate(study.job.built_machine.axis_names)
-            for phase, own in ((phase, margins[a]) for phase, margins in worst.items())
-        ],
+        cells,
         f"Margins, worst of {study.stability.machines} machines; crossover on the job's machine",
     )

@@ -8,10 +8,8 @@ from collections.abc import Generator, Sequence
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.tuning.candidates import Candidate
+from gantrysim.tuning.candidates import Candidate, SearchLimits
 from gantrysim.tuning.region import Measured, TrustRegion
-
-BATCH = 4  # points of a round, unless it is the first one of a region
 
 _STEP = 0.3  # of the simplex
 _RANDOM = 4  # points among which a region begins that is not around the best one
@@ -24,15 +22,7 @@ _HOPELESS = 0.2
 
 
 def rounds(
-    begin: Floats,
-    bounds: Floats,
-    natural: Floats,
-    *,
-    known: bool,
-    machines: int,
-    ripple: float,
-    seed: int,
-    batch: int = BATCH,
+    begin: Floats, bounds: Floats, natural: Floats, limits: SearchLimits, *, known: bool
 ) -> Generator[list[Floats], Sequence[Candidate], None]:
     """Yield the points of a round, and receive all candidates considered so far, those of the round last.
 
@@ -42,38 +32,35 @@ def rounds(
         begin: the start, (d,).
         bounds: of the coordinates, (d, 2).
         natural: shape of the natural numbers, (shapes,).
+        limits: of the search.
         known: whether the start is the first of the candidates that are received, and need not be proposed.
-        machines: number of them.
-        ripple: largest torque ripple allowed, a share of the peak torque.
-        seed: of the random numbers.
-        batch: number of points of a round.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(limits.seed)
     low, high = bounds.T
     groups = len(begin) - len(natural)
     usual = np.concatenate([np.zeros(groups), natural])
     edge = np.concatenate([np.zeros(groups), begin[groups:]])
     first = [edge, usual] if known or np.array_equal(begin, edge) else [begin, edge, usual]
-    now = Estimates((yield first), machines, ripple)
+    now = Estimates((yield first), limits)
     centre = now.measured.points[now.best()]
     steps = np.where(centre + _STEP <= high, _STEP, -_STEP)
-    now = Estimates((yield list(np.clip(centre + np.diag(steps), low, high))), machines, ripple)
+    now = Estimates((yield list(np.clip(centre + np.diag(steps), low, high))), limits)
     idle = 0
     turn = 0
-    since = 0
+    since = 0  # number of the first candidate that belongs to the present region
     while idle < _IDLE:
         least = now.best()
-        if turn % 2:
+        if turn % 2:  # every other region begins elsewhere: the metric has more than one valley
             since = len(now.keys)
             points = rng.uniform(np.maximum(usual - 1, low), np.minimum(usual + 1, high), (_RANDOM, len(begin)))
             points[:, :groups] = 0.0
-            now = Estimates((yield list(points)), machines, ripple)
+            now = Estimates((yield list(points)), limits)
         else:
             since = 0
         region = TrustRegion(bounds, rng)
         while not region.converged:
             best = now.best(since)
-            now = Estimates((yield region.ask(now.measured, best, batch)), machines, ripple)
+            now = Estimates((yield region.ask(now.measured, best, limits.batch)), limits)
             region.adapt(improved=now.falls(best, now.best(since), _PROGRESS))
             if region.radius < _SMALL and now.falls(now.best(since), now.best(), _HOPELESS):
                 break
@@ -92,22 +79,30 @@ class Estimates:
         keys: rank and amount, to be minimised; the amount of a feasible candidate is the logarithm of its metric.
     """
 
-    def __init__(self, candidates: Sequence[Candidate], machines: int, ripple: float) -> None:
-        points = np.array([one.point for one in candidates])
-        full = [k for k, one in enumerate(candidates) if len(one.results) == machines and math.isfinite(one.metric)]
+    def __init__(self, candidates: Sequence[Candidate], limits: SearchLimits) -> None:
+        points = np.array([candidate.point for candidate in candidates])
+        run_on_all = [
+            k
+            for k, candidate in enumerate(candidates)
+            if len(candidate.results) == limits.machines and math.isfinite(candidate.metric)
+        ]
         metric = np.full(len(points), np.inf)
         ripples = np.full(len(points), np.inf)
-        for k, one in enumerate(candidates):
-            if not one.results:
+        for k, candidate in enumerate(candidates):
+            if not candidate.results:
                 continue
-            metric[k], ripples[k] = one.metric, one.ripple
-            if len(one.results) < machines and full:
-                near = candidates[full[int(np.argmin(((points[full] - points[k]) ** 2).sum(axis=1)))]]
-                metric[k] *= near.metric / max(*(near.results[m].metric for m in one.results), _LEAST)
-                ripples[k] *= near.ripple / max(*(near.results[m].ripple for m in one.results), _LEAST)
-        logs = (np.log(np.maximum(values, _LEAST)) for values in (metric, ripples / ripple))
-        self.measured = Measured(points, *logs)
-        self.keys = [self._key(one, k, ripple) for k, one in enumerate(candidates)]
+            metric[k] = candidate.metric
+            ripples[k] = candidate.ripple
+            if len(candidate.results) < limits.machines and run_on_all:
+                distances = ((points[run_on_all] - points[k]) ** 2).sum(axis=1)
+                near = candidates[run_on_all[int(np.argmin(distances))]]
+                # the same machines at the nearest candidate tell how much harder the others are
+                metric[k] *= near.metric / max(*(near.results[m].metric for m in candidate.results), _LEAST)
+                ripples[k] *= near.ripple / max(*(near.results[m].ripple for m in candidate.results), _LEAST)
+        log_metric = np.log(np.maximum(metric, _LEAST))
+        log_ripple = np.log(np.maximum(ripples / limits.ripple, _LEAST))
+        self.measured = Measured(points, log_metric, log_ripple)
+        self.keys = [self._key(candidate, k, limits.ripple) for k, candidate in enumerate(candidates)]
 
     def _key(self, candidate: Candidate, k: int, ripple: float) -> tuple[int, float]:
         if not math.isfinite(self.measured.metric[k]):
@@ -116,10 +111,13 @@ class Estimates:
         return (2, slack) if slack > 0 else (1, float(self.measured.metric[k]))
 
     def best(self, since: int = 0) -> int:
-        """Return the number of the best candidate from one of a number on."""
+        """Return the number of the best candidate among those from number `since` on."""
         return min(range(since, len(self.keys)), key=self.keys.__getitem__)
 
     def falls(self, old: int, new: int, share: float) -> bool:
-        """Return whether a candidate has a better rank than another, or a metric that is less by a share."""
-        (before, amount), (after, left) = self.keys[old], self.keys[new]
-        return (after, left) < (before, amount - (share if before == after == 1 else 0.0))
+        """Return whether candidate `new` has a better rank than `old`, or a metric that is less by a share."""
+        old_rank, old_amount = self.keys[old]
+        new_rank, new_amount = self.keys[new]
+        if old_rank == new_rank == 1:  # amounts are logarithms: a share is a difference
+            old_amount -= share
+        return (new_rank, new_amount) < (old_rank, old_amount)

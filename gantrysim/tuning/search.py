@@ -26,7 +26,7 @@ of the two at the nearest candidate that was run on all.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -34,8 +34,8 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.servo import Servo
-from gantrysim.tuning.candidates import Candidate, Trial, TrialResult
-from gantrysim.tuning.rounds import BATCH, rounds
+from gantrysim.tuning.candidates import Candidate, SearchLimits, Trial, TrialResult
+from gantrysim.tuning.rounds import rounds
 from gantrysim.tuning.space import SearchSpace
 from gantrysim.tuning.stability import Fastest, Stability
 
@@ -83,18 +83,84 @@ class History:
         return {"start": self.start, "tuned": self.best}
 
 
+_Trials = Generator[list[Trial], list[TrialResult], None]
 Search = Generator[list[Trial], list[TrialResult], History]
+
+
+@dataclass(eq=False)
+class _Runs:
+    """The runs of a search so far.
+
+    Attributes:
+        limits: of the search.
+        on_leader: called with every candidate that becomes the best.
+        candidates: that were run, in order.
+        leaders: successive best candidates.
+        count: number of runs.
+    """
+
+    limits: SearchLimits
+    on_leader: Callable[[Candidate], None]
+    candidates: list[Candidate] = field(default_factory=list)
+    leaders: list[Candidate] = field(default_factory=list)
+    count: int = 0
+
+    @property
+    def affordable(self) -> int:
+        """Number of candidates that may be run so that a new best one can still be run on all machines."""
+        return max(self.limits.budget - self.count - (self.limits.machines - 1), 0)
+
+    def lead(self, candidate: Candidate) -> None:
+        """Make a candidate the best so far."""
+        self.leaders.append(candidate)
+        self.on_leader(candidate)
+
+    def on_all(self, candidate: Candidate, machines: Iterable[int]) -> _Trials:
+        """Run a candidate on several machines."""
+        trials = [Trial(candidate, machine) for machine in machines]
+        results = yield trials
+        candidate.results |= {trial.machine: result for trial, result in zip(trials, results, strict=True)}
+        self.count += len(trials)
+        candidate.runs = self.count
+
+    def on_hardest(self, candidates: list[Candidate]) -> _Trials:
+        """Run several candidates on the machine that is hardest for the best candidate so far."""
+        if not candidates:
+            return
+        machine = self.leaders[-1].hardest
+        results = yield [Trial(candidate, machine) for candidate in candidates]
+        for candidate, result in zip(candidates, results, strict=True):
+            self.count += 1
+            candidate.results[machine] = result
+            candidate.runs = self.count
+        self.candidates += candidates
+
+    def confirm(self, contenders: list[Candidate], *, last: bool) -> _Trials:
+        """Run contenders on all machines, the best first, as long as they would become the best.
+
+        Args:
+            contenders: run on some machines.
+            last: whether the budget ends with this round: any better candidate counts then.
+        """
+        ripple = self.limits.ripple
+        while contenders:
+            first = min(contenders, key=lambda candidate: candidate.order(ripple))
+            others = [machine for machine in range(self.limits.machines) if machine not in first.results]
+            if not _better(first, self.leaders[-1], ripple, 0.0 if last or not others else _CONFIRMED):
+                break
+            if not others:
+                self.lead(first)
+                contenders.remove(first)
+            elif self.limits.budget - self.count < len(others):
+                break
+            else:
+                yield from self.on_all(first, others)
 
 
 def search(
     space: SearchSpace,
     stability: Stability,
-    *,
-    machines: int,
-    budget: int,
-    ripple: float,
-    seed: int,
-    batch: int = BATCH,
+    limits: SearchLimits,
     on_leader: Callable[[Candidate], None] = lambda candidate: None,
 ) -> Search:
     """Yield the trials to be run next, receive their results in the same order, and return the history.
@@ -104,25 +170,19 @@ def search(
     Args:
         space: to be searched.
         stability: on these machines.
-        machines: number of them.
-        budget: maximum number of runs, at least 2 for each machine: the start and one candidate.
-        ripple: largest torque ripple allowed, a share of the peak torque.
-        seed: of the random numbers.
-        batch: number of candidates of a round.
+        limits: of the search.
         on_leader: called with every candidate that becomes the best.
     """
+    runs = _Runs(limits, on_leader)
     start = Candidate(0, 1, space.start, float(stability.excess(space.start).max()))
-    tried = [start]
-    leaders = [start]
-    runs = yield from _run(start, range(machines), 0)
-    on_leader(start)
+    runs.candidates.append(start)
+    yield from runs.on_all(start, range(limits.machines))
+    runs.lead(start)
     begin, bounds, guess = box(space, stability)
     if start.excess <= 0 and _alike(space.start, space.servo(*space.begin)):
         start.point = begin
-    seen = [start] if start.point.size else []
-    proposals = rounds(
-        begin, bounds, space.natural, known=bool(seen), machines=machines, ripple=ripple, seed=seed, batch=batch
-    )
+    considered = [start] if start.point.size else []
+    proposals = rounds(begin, bounds, space.natural, limits, known=bool(considered))
     points = next(proposals)
     count = 0
     skipped = 0
@@ -135,59 +195,34 @@ def search(
             candidates.append(candidate)
         stable = [candidate for candidate in candidates if candidate.excess <= 0]
         skipped += len(candidates) - len(stable)
-        room = budget - runs - (machines - 1)  # leaves enough to run a new best candidate on all machines
-        chosen = stable[: max(room, 0)]
-        if chosen:
-            machine = leaders[-1].hardest
-            results = yield [Trial(candidate, machine) for candidate in chosen]
-            for candidate, result in zip(chosen, results, strict=True):
-                runs += 1
-                candidate.results[machine], candidate.runs = result, runs
-            tried += chosen
+        chosen = stable[: runs.affordable]
+        yield from runs.on_hardest(chosen)
         last = len(chosen) < len(stable)
-        contenders = list(tried if last else chosen)
-        while contenders:
-            first = min(contenders, key=lambda candidate: candidate.order(ripple))
-            others = [machine for machine in range(machines) if machine not in first.results]
-            if not _better(first, leaders[-1], ripple, 0.0 if last or not others else _CONFIRMED):
-                break
-            if not others:
-                leaders.append(first)
-                on_leader(first)
-                contenders.remove(first)
-            elif budget - runs < len(others):
-                break
-            else:
-                runs = yield from _run(first, others, runs)
-        seen += [one for one in candidates if one.results or one.excess > 0]
+        # in the last round an earlier candidate, better by less than a new one had to be, may still become the best
+        yield from runs.confirm(list(runs.candidates if last else chosen), last=last)
+        considered += [candidate for candidate in candidates if candidate.results or candidate.excess > 0]
         if last:
             ended = "budget"
         else:
             try:
-                points = proposals.send(seen)
+                points = proposals.send(considered)
             except StopIteration:
-                ended = "converged" if len(tried) > 1 else "no candidate"
-    return History(tried, leaders, skipped, runs, count, ended)
+                ended = "converged" if len(runs.candidates) > 1 else "no candidate"
+    return History(runs.candidates, runs.leaders, skipped, runs.count, count, ended)
 
 
 def _better(candidate: Candidate, leader: Candidate, ripple: float, share: float) -> bool:
     """Return whether a candidate, by the machines it was run on, is better than the leader by a share of its metric."""
-    (rank, amount), (best, least) = candidate.order(ripple), leader.order(ripple)
-    return (rank, amount) < (best, least * (1 - share) if rank == best == 1 else least)
+    rank, amount = candidate.order(ripple)
+    least_rank, least = leader.order(ripple)
+    if rank == least_rank == 1:
+        least *= 1 - share
+    return (rank, amount) < (least_rank, least)
 
 
 def _alike(servo: Servo, other: Servo) -> bool:
     """Return whether servos have the same gains, but for rounding."""
     return all(np.allclose(getattr(servo, name), getattr(other, name), _ROUNDED) for name in GAIN_NAMES)
-
-
-def _run(candidate: Candidate, machines: Iterable[int], runs: int) -> Generator[list[Trial], list[TrialResult], int]:
-    """Run a candidate on machines, and return the number of all runs so far."""
-    trials = [Trial(candidate, machine) for machine in machines]
-    results = yield trials
-    candidate.results |= {trial.machine: result for trial, result in zip(trials, results, strict=True)}
-    candidate.runs = runs + len(trials)
-    return candidate.runs
 
 
 def box(space: SearchSpace, stability: Stability) -> tuple[Floats, Floats, Fastest]:

@@ -167,9 +167,9 @@ class SearchSpace:
 
     @cached_property
     def _natural(self) -> dict[str, Floats]:
-        one = np.ones(len(self.axes))
+        ones = np.ones(len(self.axes))
         derived = self._numbers(self.derived)
-        return {"w": derived["w"], "zeta": derived["zeta"], "n": _INTEGRAL * one, "v": one, "a": one}
+        return {"w": derived["w"], "zeta": derived["zeta"], "n": _INTEGRAL * ones, "v": ones, "a": ones}
 
     def _numbers(self, servo: Servo) -> dict[str, Floats]:
         """Return the numbers of a servo, (axes,); not finite or not above zero where it has none."""

@@ -109,14 +109,14 @@ class Stability:
         """Return the worst margins of every axis over all machines, with the crossover on the first."""
         return [
             Margins(
-                gain=min(one.gain for one in axis),
-                gain_lower=max(one.gain_lower for one in axis),
-                phase=min(one.phase for one in axis),
-                delay=min(one.delay for one in axis),
-                sensitivity=max(one.sensitivity for one in axis),
+                gain=min(margins.gain for margins in axis),
+                gain_lower=max(margins.gain_lower for margins in axis),
+                phase=min(margins.phase for margins in axis),
+                delay=min(margins.delay for margins in axis),
+                sensitivity=max(margins.sensitivity for margins in axis),
                 crossover=axis[0].crossover,
-                stable=all(one.stable for one in axis),
-                together=min(one.together for one in axis),
+                stable=all(margins.stable for margins in axis),
+                together=min(margins.together for margins in axis),
             )
             for axis in zip(*(self.margins(servo, k) for k in range(self.machines)), strict=True)
         ]
@@ -174,15 +174,16 @@ class Stability:
         binding = guess.binding
         together = False
         while True:
-            found = self._edge(space, shape, start, binding, together)
-            if found.excess > 0:
-                return found
-            servo = space.servo(found.frequencies, shape)
+            # most machines never bind: the bracket is narrowed on the few that do, the others only check it
+            edge = self._edge(space, shape, start, binding, together)
+            if edge.excess > 0:
+                return edge
+            servo = space.servo(edge.frequencies, shape)
             excess = [float(self.excess(servo, [k]).max()) for k in range(self.machines)]
             worst = int(np.argmax(excess))
             if excess[worst] <= 0:
-                return Fastest(found.frequencies, binding=(max(binding, key=lambda k: excess[k]),))
-            start = found.frequencies
+                return Fastest(edge.frequencies, binding=(max(binding, key=lambda k: excess[k]),))
+            start = edge.frequencies
             if worst in binding:  # coupled axes: each group kept the margin only by itself
                 start = start - _STEP
                 together = True
@@ -198,32 +199,35 @@ class Stability:
         """
         low = np.full(space.groups, -np.inf)
         high = np.full(space.groups, np.inf)
-        # excess at low and at high
-        kept = low.copy()
-        missed = high.copy()
+        excess_at_low = low.copy()
+        excess_at_high = high.copy()
         least = high.copy()
-        at = guess
+        frequencies = guess
         step = _STEP
         while True:
-            excess = self.excess(space.servo(at, shape), machines).reshape(space.groups, -1).max(axis=1)
+            servo = space.servo(frequencies, shape)
+            excess = self.excess(servo, machines).reshape(space.groups, -1).max(axis=1)
             if together:
                 excess = np.full(space.groups, excess.max())
             least = np.minimum(least, excess)
             keeps = excess <= 0
-            low = np.where(keeps, at, low)
-            kept = np.where(keeps, excess, kept)
-            high = np.where(keeps, high, at)
-            missed = np.where(keeps, missed, excess)
+            low = np.where(keeps, frequencies, low)
+            excess_at_low = np.where(keeps, excess, excess_at_low)
+            high = np.where(keeps, high, frequencies)
+            excess_at_high = np.where(keeps, excess_at_high, excess)
             none_kept = np.isneginf(low)
             none_missed = np.isposinf(high)
             if np.any(none_kept & (high < np.minimum(guess, 0) - _REACH)):
-                return Fastest(at, float(least.max()), tuple(machines))
-            done = (high - low <= _WIDTH) | (kept > -_TOLERANCE) | (low > np.maximum(guess, 0) + _REACH)
+                return Fastest(frequencies, float(least.max()), tuple(machines))
+            done = (high - low <= _WIDTH) | (excess_at_low > -_TOLERANCE) | (low > np.maximum(guess, 0) + _REACH)
             if done.all():
                 return Fastest(low)
             with np.errstate(invalid="ignore"):  # where an end of the bracket is not known yet
-                share = np.where(missed < _UNSTABLE, np.clip(kept / (kept - missed), 0.1, 0.9), 0.5)
+                # the excess of an unstable loop jumps, so a straight line through it would mislead: halve instead
+                false_position = np.clip(excess_at_low / (excess_at_low - excess_at_high), 0.1, 0.9)
+                share = np.where(excess_at_high < _UNSTABLE, false_position, 0.5)
                 inside = low + share * (high - low)
-            at = np.where(none_kept, high - step, np.where(none_missed, low + step, inside))
-            at = np.where(done, low, at)
+            frequencies = np.where(none_missed, low + step, inside)
+            frequencies = np.where(none_kept, high - step, frequencies)
+            frequencies = np.where(done, low, frequencies)
             step *= 2

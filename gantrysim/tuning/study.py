@@ -1,9 +1,9 @@
-"""What `gantrysim tune` runs: a search for the gains that minimise a job's error, and a check on unseen machines."""
+"""The tuning study: a search for the gains that minimise a job's error, and a check on machines not used in it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property, partial
 from importlib.metadata import version
@@ -21,9 +21,8 @@ from gantrysim.servo.servo_values import DRIVE
 from gantrysim.study.cases import Case, Row
 from gantrysim.study.study import Rounds, Study
 from gantrysim.study.worker import MeasureTogether
-from gantrysim.tuning.candidates import Candidate
+from gantrysim.tuning.candidates import BATCH, Candidate, SearchLimits
 from gantrysim.tuning.objective import METRICS, case_of, measure_together, micrometres, trial_result
-from gantrysim.tuning.rounds import BATCH
 from gantrysim.tuning.search import History, Phase, search
 from gantrysim.tuning.servo import TUNED, servo_toml
 from gantrysim.tuning.space import SPACES, SearchSpace
@@ -150,20 +149,23 @@ class TuningStudy(Study):
         """Perturbations of the machines of the final check."""
         return self._drawn(self.unseen, self.seed + 1)
 
+    def _perturbed(self, perturbations: Sequence[Perturbation | None]) -> list[Machine]:
+        nominal = self.job.built_machine
+        return [nominal.perturbed(perturbation) for perturbation in perturbations if perturbation is not None]
+
     def _drawn(self, count: int, seed: int) -> list[Perturbation]:
         return self.spread.machines(self.job.built_machine, count, seed) if count else []
 
     @cached_property
     def machines(self) -> list[Machine]:
         """The machines of the search."""
-        own = self.job.built_machine
-        return [own if one is None else own.perturbed(one) for one in self.perturbations]
+        return [self.job.built_machine, *self._perturbed(self.perturbations[1:])]
 
     @cached_property
     def guarded(self) -> list[Machine]:
         """The machines on which the margin is kept: those of the search, then the guards."""
         guards = self._drawn(self.guards if self.robust else 0, self.seed + 2)
-        return [*self.machines, *(self.job.built_machine.perturbed(one) for one in guards)]
+        return [*self.machines, *self._perturbed(guards)]
 
     @cached_property
     def stability(self) -> Stability:
@@ -173,7 +175,7 @@ class TuningStudy(Study):
     @cached_property
     def unseen_stability(self) -> Stability:
         """Stability margins on the machines of the final check."""
-        return self._stability_on([self.job.built_machine.perturbed(one) for one in self.unseen_perturbations])
+        return self._stability_on(self._perturbed(self.unseen_perturbations))
 
     def _stability_on(self, machines: list[Machine]) -> Stability:
         servo = self.job.built_servo
@@ -210,24 +212,20 @@ class TuningStudy(Study):
             ]
 
     def _search_rounds(self) -> Generator[list[Case], list[Row], History]:
-        own = search(
+        trials_of_rounds = search(
             self.space,
             self.stability,
-            machines=self.robust + 1,
-            budget=self.budget,
-            ripple=0.01 * self.ripple,
-            seed=self.seed,
-            batch=self.batch,
+            SearchLimits(self.robust + 1, self.budget, 0.01 * self.ripple, self.seed, self.batch),
             on_leader=self._leaders.append,
         )
-        trials = next(own)
+        trials = next(trials_of_rounds)
         while True:
             stage = "search" if trials[0].candidate.round else "start"
             rows = yield [
                 self._case(stage, trial.candidate, trial.machine, self.perturbations[trial.machine]) for trial in trials
             ]
             try:
-                trials = own.send([trial_result(row, self.metric) for row in rows])
+                trials = trials_of_rounds.send([trial_result(row, self.metric) for row in rows])
             except StopIteration as stop:
                 return stop.value
 
@@ -250,16 +248,16 @@ class TuningStudy(Study):
         return self._histories[-1][1]
 
     def _replay(self, rows: list[Row]) -> History:
-        left = iter(rows)
-        return self.found(lambda cases: [next(left) for _ in cases])
+        remaining = iter(rows)
+        return self.history_of(lambda cases: [next(remaining) for _ in cases])
 
-    def found(self, measure: Callable[[list[Case]], list[Row]]) -> History:
+    def history_of(self, measure: Callable[[list[Case]], list[Row]]) -> History:
         """Return the history of the search with the rows that a function returns for its cases."""
-        own = self._search_rounds()
-        cases = next(own)
+        cases_of_rounds = self._search_rounds()
+        cases = next(cases_of_rounds)
         while True:
             try:
-                cases = own.send(measure(cases))
+                cases = cases_of_rounds.send(measure(cases))
             except StopIteration as stop:
                 return stop.value
 

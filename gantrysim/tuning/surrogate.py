@@ -70,11 +70,12 @@ class Surrogate(NamedTuple):
         def cost(logs: Floats) -> tuple[float, Floats]:
             scales = np.exp(logs[:-1])
             noise = math.exp(logs[-1])
-            own = cls._given(points, values, scales, noise, apart)
-            likelihood = len(values) * math.log(own.size) + float(np.log(np.diag(own.factor)).sum())
+            process = cls._given(points, values, scales, noise, apart)
+            likelihood = len(values) * math.log(process.size) + float(np.log(np.diag(process.factor)).sum())
             # d/dlog of the likelihood: half the trace of (K^-1 - w w^T / s^2) dK
             inner = (
-                cho_solve((own.factor, True), np.eye(len(values))) - np.outer(own.weights, own.weights) / own.size**2
+                cho_solve((process.factor, True), np.eye(len(values)))
+                - np.outer(process.weights, process.weights) / process.size**2
             )
             r = np.sqrt(5 * apart @ scales**-2)
             slope = inner * (5 / 3 * (1 + r) * np.exp(-r))
@@ -92,8 +93,9 @@ class Surrogate(NamedTuple):
     @classmethod
     def _given(cls, points: Floats, values: Floats, scales: Floats, noise: float, apart: Floats) -> Surrogate:
         factor, _ = cho_factor(_correlation(apart @ scales**-2) + noise**2 * np.eye(len(values)), lower=True)
-        one = cho_solve((factor, True), np.ones(len(values)))
-        mean = float(one @ values / one.sum())
+        # generalised least squares: K^-1 1 weighs the values of crowded points less
+        weights_of_mean = cho_solve((factor, True), np.ones(len(values)))
+        mean = float(weights_of_mean @ values / weights_of_mean.sum())
         weights = cho_solve((factor, True), values - mean)
         size = max(math.sqrt(max(float((values - mean) @ weights), 0.0) / len(values)), _LEAST)
         return cls(points, values, scales, noise, mean, size, np.tril(factor), weights)
@@ -110,8 +112,8 @@ class Surrogate(NamedTuple):
         apart = (points[:, None] - self.points[None]) ** 2
         correlation = _correlation(apart @ self.scales**-2)
         whitened = solve_triangular(self.factor, correlation.T, lower=True)
-        left = np.maximum(1 - (whitened**2).sum(axis=0), 0)
-        return self.mean + correlation @ self.weights, self.size * np.sqrt(left)
+        unexplained = np.maximum(1 - (whitened**2).sum(axis=0), 0)
+        return self.mean + correlation @ self.weights, self.size * np.sqrt(unexplained)
 
 
 def _correlation(squares: Floats) -> Floats:

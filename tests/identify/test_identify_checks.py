@@ -35,10 +35,10 @@ def test_another_friction_is_in_the_intervals_or_not_identified(law):
     made = random_log(seed, law, slip="", noise=2e-3, period=PERIOD)
     found = identify(MACHINE, made.log)
     assert not confidently_wrong(found, made.truth)
-    inertia = next(one for one in found.found if one.name == "inertia")
+    inertia = next(one for one in found.values if one.name == "inertia")
     assert inertia.identified  # no friction hides it
     assert "torque balance" in checks(found)
-    assert not any(one.identified for one in found.found if one.name == "viscous")
+    assert not any(one.identified for one in found.values if one.name == "viscous")
 
 
 def test_the_rehearsal_of_the_engine_is_not_confidently_wrong():
@@ -54,7 +54,7 @@ def test_the_rehearsal_of_the_engine_is_not_confidently_wrong():
     truth = {name: si * getattr(true, name) for name in ("inertia", "viscous", "stiffness", "damping")}
     truth |= {"coulomb": true.coulomb, "static": true.static, "share": true.share, "delay": 0.0}
     assert not confidently_wrong(found, truth)
-    values = {one.name: one for one in found.found}
+    values = {one.name: one for one in found.values}
     assert not values["viscous"].identified
     assert "torque balance" in values["damping"].reason
     # what is not identified stays that of the table in the machine that is written
@@ -95,8 +95,8 @@ def test_a_doubtful_log_is_not_identified(slip):
     made = random_log(1, "coulomb", slip=slip, period=PERIOD)
     found = identify(MACHINE, made.log)
     assert not confidently_wrong(found, made.truth)
-    assert not any(one.identified for one in found.found)
-    assert all(one.reason for one in found.found)
+    assert not any(one.identified for one in found.values)
+    assert all(one.reason for one in found.values)
     nominal, written = model_of(MACHINE, AXIS), model_of(fitted_machine(found), AXIS)
     assert written.inertia == pytest.approx(nominal.inertia, rel=1e-9)
     assert written.coulomb == pytest.approx(nominal.coulomb, rel=1e-9)
@@ -110,7 +110,7 @@ def test_static_friction_that_the_log_does_not_show_is_not_identified():
     assert (made.law, made.slip) == ("lugre", "saturated")
     found = identify(MACHINE, made.log)
     assert not confidently_wrong(found, made.truth)
-    assert next(one.reason for one in found.found if one.name == "static") == "plausibility"
+    assert next(one.reason for one in found.values if one.name == "static") == "plausibility"
     assert "y: static is not identified: plausibility: static friction exceeds Coulomb" in "\n".join(found.notes)
 
 
@@ -145,7 +145,7 @@ def test_time_stamps_must_be_even():
 def test_a_drive_of_another_machine_is_told_by_the_ratio():
     made = random_log(3, "coulomb", slip="", period=PERIOD)
     found = identify(MACHINE, replace(made.log, torque=made.log.torque / 2.6))
-    assert not any(one.identified for one in found.found)
+    assert not any(one.identified for one in found.values)
     assert "inertia is 0.3" in "\n".join(found.notes)
     assert "times that of the machine's table: must be 0.5 to 2 times" in "\n".join(found.notes)
 
@@ -163,7 +163,7 @@ def test_random_logs_are_never_confidently_wrong(record_property):
             continue
         wrong = confidently_wrong(found, made.truth)
         assert all(distance < 2 for distance in wrong.values()), (seed, made.law, made.slip, wrong)
-        identified += sum(one.identified for one in found.found)
+        identified += sum(one.identified for one in found.values)
         missed += len(wrong)
     assert missed <= 0.05 * identified
     record_property("attack", "identification: logs of seven laws of friction, with and without an error of the log")

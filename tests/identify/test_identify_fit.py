@@ -19,8 +19,9 @@ from gantrysim.controllers.trio import Basic
 from gantrysim.identify.fitted import fitted_machine, write_machine
 from gantrysim.identify.identification import identify
 from gantrysim.identify.log import Log
-from gantrysim.identify.model import innovations, model_of
+from gantrysim.identify.model import model_of
 from gantrysim.identify.plan import excitation
+from gantrysim.identify.prediction import innovations
 from gantrysim.identify.regression import regression
 from gantrysim.identify.small import kalman_gain, sampled
 from gantrysim.machine.perturbation import Perturbation
@@ -176,7 +177,7 @@ def test_an_independent_integration_is_identified(machine, setpoints):
         "static": plant.fs,
         "delay": DELAY,
     }
-    values = {one.name: one for one in found.found}
+    values = {one.name: one for one in found.values}
     for name, value in true.items():
         assert values[name].value == pytest.approx(value, rel=TOLERANCE[name]), name
         assert values[name].identified, name
@@ -197,7 +198,7 @@ def test_a_log_of_the_motor_s_torque_shows_no_fast_mode(machine, setpoints):
         older = asked[k - 2] if k > 1 else 0.0
         torque[k] = kept * torque[k - 1] + (early - kept) * older + (1 - early) * asked[k - 1]
     found = identify(machine, replace(demands, torque=torque[:, None], held=False))
-    names = {one.name: one for one in found.found}
+    names = {one.name: one for one in found.values}
     assert not names["stiffness"].identified
     assert any("is beyond the 100 Hz that this log shows" in note for note in found.notes)
     fitted = model_of(fitted_machine(found), 1)
@@ -213,7 +214,7 @@ def test_a_second_mode_is_recognised_as_a_wrong_structure(machine, setpoints):
     second = {"m2": 1.0, "k2": 1.0 * (2 * math.pi * 120) ** 2, "c2": 30.0}
     found = identify(machine, plant_log(machine, setpoints, plant_of(machine, **second)))
     assert not found.fits[0].holds
-    assert not any(one.identified for one in found.found)
+    assert not any(one.identified for one in found.values)
     text = found.notes[-1]
     assert "the structure of the model is wrong" in text
     assert re.search(r"most at (1[0-6]\d) Hz", text), text
@@ -224,7 +225,7 @@ def test_backlash_is_found_with_all_else(machine, setpoints):
     found = identify(machine, plant_log(machine, setpoints, plant))
     assert found.fits[0].holds
     assert re.search(r"the structure of the model holds, with a backlash of about (19|20|21) µm", found.notes[-1])
-    values = {one.name: one for one in found.found}
+    values = {one.name: one for one in found.values}
     true = {"gap": 0.020, "inertia": plant.motor + plant.load, "stiffness": plant.k, "coulomb": plant.fc}
     for name, value in true.items():
         assert values[name].value == pytest.approx(value, rel=0.05), name

@@ -205,7 +205,7 @@ def test_an_interrupted_study_releases_the_cluster_and_resumes(cluster, job, tmp
     (held_at / "gate").touch()
     with on(cluster):
         outcome = run_study(study, tmp_path / "there")
-    assert outcome.kept == FREE
+    assert outcome.resumed == FREE
     assert [worker.poll() for worker in workers] == [None, None]
     assert outcome.rows == run_study(Sweep(job, measure), tmp_path / "here", workers=1).rows
     assert content(tmp_path / "there") == content(tmp_path / "here")

@@ -53,7 +53,7 @@ def test_a_repeated_study_replaces_its_files_and_keeps_others(tmp_path, job):
     run_study(Toy(job), tmp_path, workers=1)
     (tmp_path / "notes.txt").write_text("mine")
     outcome = run_study(Toy(job, values=(0.3, 0.4)), tmp_path, workers=1)
-    assert (len(outcome.rows), outcome.kept, outcome.discarded) == (4, 0, None)
+    assert (len(outcome.rows), outcome.resumed, outcome.discarded) == (4, 0, None)
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
@@ -150,7 +150,7 @@ def test_rows_of_another_study_are_discarded(tmp_path, job):
         run_study(Toy(job, Counted(interrupted_at=2)), tmp_path, workers=1)
     other = Toy(job, values=(0.3, 0.6))
     outcome = run_study(other, tmp_path, workers=1)
-    assert (outcome.kept, outcome.discarded) == (0, "they differ in settings")
+    assert (outcome.resumed, outcome.discarded) == (0, "they differ in settings")
     assert len(other.measure.seen) == 3
 
 

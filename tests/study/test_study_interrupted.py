@@ -40,7 +40,7 @@ def test_a_resumed_study_ends_like_an_uninterrupted_one(tmp_path, job, at):
     rest = Toy(job)
     outcome = run_study(rest, broken, workers=1)
     assert len(rest.measure.seen) == 4 - at
-    assert (outcome.kept, outcome.rows, outcome.findings) == (at, expected.rows, expected.findings)
+    assert (outcome.resumed, outcome.rows, outcome.findings) == (at, expected.rows, expected.findings)
     assert content(broken) == content(whole)
 
 
@@ -118,7 +118,7 @@ def test_a_folder_in_use_is_refused(tmp_path, gantrysim_command):
         os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
     with Ledger(folder, json.loads(before.splitlines()[0])) as ledger:  # the lock has gone with its process
-        assert ledger.kept >= 1
+        assert ledger.resumed >= 1
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks the system for processes by their group")
@@ -179,7 +179,7 @@ def test_a_killed_study_resumes_with_the_same_rows(tmp_path):
         assert {case.key: ledger[case.key] for case in first} == {key: row for key, row, _ in lines}
     identity = json.loads((folder / LEDGER).read_bytes().splitlines()[0])
     with Ledger(folder, identity) as ledger:
-        assert ledger.kept == done
+        assert ledger.resumed == done
         assert run_cases(first, ledger, measure=None) == alone  # none is measured again
 
 

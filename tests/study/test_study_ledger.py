@@ -16,7 +16,7 @@ def test_the_ledger_ignores_a_line_that_was_cut_off(tmp_path):
     for cut in (3, 1):  # in the middle of the last line, and before its end
         (tmp_path / LEDGER).write_bytes(whole[:-cut])
         with Ledger(tmp_path, {"study": "x"}) as ledger:
-            assert (ledger.kept, "one" in ledger, "two" in ledger) == (1, True, False)
+            assert (ledger.resumed, "one" in ledger, "two" in ledger) == (1, True, False)
             assert ledger["one"] == {"value": 1 / 3}
             ledger.add("two", {"value": 2.0})
         assert (tmp_path / LEDGER).read_bytes() == whole
@@ -45,7 +45,7 @@ def test_no_damage_of_a_byte_changes_a_row(tmp_path):
             (tmp_path / LEDGER).write_bytes(whole[:at] + bytes([whole[at] ^ bit]) + whole[at + 1 :])
             with Ledger(tmp_path, {"study": "x"}) as ledger:
                 kept = {name: ledger[name] for name in rows if name in ledger}
-                assert len(ledger) == ledger.kept == len(kept)
+                assert len(ledger) == ledger.resumed == len(kept)
                 assert kept.items() <= rows.items()
                 found.add(len(kept))
     assert found == {0, 1, 2, 3}
@@ -55,17 +55,17 @@ def test_no_damage_of_a_byte_changes_a_row(tmp_path):
 def test_a_ledger_without_a_complete_first_line_starts_empty(tmp_path, found):
     (tmp_path / LEDGER).write_bytes(found)
     with Ledger(tmp_path, {"study": "x"}) as ledger:
-        assert (ledger.kept, ledger.discarded) == (0, None)
+        assert (ledger.resumed, ledger.discarded) == (0, None)
         ledger.add("one", {"value": 1})
     with Ledger(tmp_path, {"study": "x"}) as ledger:
-        assert ledger.kept == 1
+        assert ledger.resumed == 1
 
 
 def test_rows_of_another_study_are_discarded_with_the_reason(tmp_path):
     with Ledger(tmp_path, {"study": "x", "version": 1}) as ledger:
         ledger.add("one", {"value": 1})
     with Ledger(tmp_path, {"study": "x", "version": 2}) as ledger:
-        assert (ledger.kept, len(ledger), ledger.discarded) == (0, 0, "they differ in version")
+        assert (ledger.resumed, len(ledger), ledger.discarded) == (0, 0, "they differ in version")
     with Ledger(tmp_path, {"study": "x", "version": 2}) as ledger:
         assert ledger.discarded is None
     (tmp_path / LEDGER).write_text("[1]\n")

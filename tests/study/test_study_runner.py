@@ -235,5 +235,5 @@ def test_a_study_s_cases_are_measured_together_where_it_can(job, tmp_path):
     rest = Crowd(job)
     again = run_study(rest, tmp_path / "broken", workers=1)
     assert rest.measure_together.sizes == [20, 1]
-    assert (again.kept, again.rows) == (20, outcome.rows)
+    assert (again.resumed, again.rows) == (20, outcome.rows)
     assert content(tmp_path / "broken") == content(tmp_path / "whole")

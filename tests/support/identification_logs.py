@@ -37,7 +37,7 @@ class TrueLog(NamedTuple):
 
     Attributes:
         log: of the axis y.
-        truth: values by name, in the units of `Identification.found`.
+        truth: values by name, in the units of `Identification.values`.
         law: of the friction.
         slip: error of the log, "" for none.
     """
@@ -157,7 +157,7 @@ def _with(slip, random, period, position, torque):
 def confidently_wrong(found: Identification, truth) -> dict[str, float]:
     """Return the identified values whose interval does not hold the truth, with its distance in half intervals."""
     wrong = {}
-    for value in found.found:
+    for value in found.values:
         if value.identified and value.name in truth and not value.low <= truth[value.name] <= value.high:
             half = 0.5 * (value.high - value.low)
             wrong[value.name] = abs(truth[value.name] - value.value) / max(half, 1e-300)

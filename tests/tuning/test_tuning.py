@@ -236,7 +236,7 @@ def test_an_interrupted_search_resumes_to_the_same_result(outcome, poor, tmp_pat
     assert list(content(tmp_path / "a")) == [LEDGER]
     rest = Interrupted(poor, **settings)
     again = run_study(rest, tmp_path / "a", workers=1)
-    assert again.kept == kept
+    assert again.resumed == kept
     assert len(rest._measured) == len(done.rows) - kept
     assert again.rows == done.rows
     assert content(tmp_path / "a") == content(folder)

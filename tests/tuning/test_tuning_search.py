@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Machine, Servo
-from gantrysim.tuning.candidates import Candidate, TrialResult
+from gantrysim.tuning.candidates import Candidate, SearchLimits, TrialResult
 from gantrysim.tuning.rounds import Estimates
 from gantrysim.tuning.search import search
 from gantrysim.tuning.space import SearchSpace
@@ -61,10 +61,10 @@ def bowl(servo, machine):
     return TrialResult(1.0 + float(np.sum(np.array([1.0, 4.0, 0.1, 1.0]) * away(servo, BEST) ** 2)), 0.001)
 
 
-def run(own, stability, measure, machines=1, budget=200, seed=1, **more):
+def run(own, stability, measure, machines=1, budget=200, seed=1, on_leader=lambda candidate: None):
     """Return the history of a search, and its trials by round."""
     rounds = []
-    generator = search(own, stability, machines=machines, budget=budget, ripple=RIPPLE, seed=seed, **more)
+    generator = search(own, stability, SearchLimits(machines, budget, RIPPLE, seed), on_leader)
     trials = next(generator)
     while True:
         rounds.append([(trial.candidate, trial.machine) for trial in trials])
@@ -250,7 +250,7 @@ def test_a_candidate_run_on_one_machine_is_estimated_by_the_nearest_run_on_all()
     four = [TrialResult(5.0, 0.001), TrialResult(4.0, 0.001)]
     fault = TrialResult(math.inf, math.inf, 1.0)
     all_of = [at(0.0, *two), at(1.0, *four), at(0.2, two[0]), at(0.9, two[0]), at(0.1, fault), at(0.0, excess=0.3)]
-    own = Estimates(all_of, 2, RIPPLE)
+    own = Estimates(all_of, SearchLimits(machines=2, budget=100, ripple=RIPPLE, seed=1))
     assert np.exp(own.measured.metric) == pytest.approx([3.0, 5.0, 3.0, 2.0, math.inf, math.inf])
     assert RIPPLE * np.exp(own.measured.ripple) == pytest.approx([0.012, 0.001, 0.012, 0.004, math.inf, math.inf])
     assert [rank for rank, _ in own.keys] == [1, 1, 1, 1, 4, 5]

@@ -20,7 +20,8 @@ from scipy.ndimage import gaussian_filter1d
 from gantrysim.base.arrays import Floats
 from gantrysim.identify.checks.finding import FRICTION, Doubt, Finding
 from gantrysim.identify.checks.parts import partitions
-from gantrysim.identify.model import AxisModel, effective_torque
+from gantrysim.identify.model import AxisModel
+from gantrysim.identify.prediction import effective_torque
 from gantrysim.identify.result import MODE, AxisFit
 from gantrysim.identify.whiteness import long_run_covariance
 
@@ -121,12 +122,12 @@ def torque_balance(fit: AxisFit, period: float) -> Balance | None:
         return None
     columns = [smooth, slow, gaussian_filter1d(direction, width), np.ones_like(slow)]
     memory = round(_MEMORY * width)
-    change, deviation, rest = _regression(np.stack(columns, axis=1)[slides], remains[slides], memory)
+    change, deviation, remainder = _regression(np.stack(columns, axis=1)[slides], remains[slides], memory)
     square = gaussian_filter1d(speed * np.abs(speed), width)
     with_square, scatter, _ = _regression(np.stack([*columns, square], axis=1)[slides], remains[slides], memory)
     moved = (with_square[:4] - change)[1:3]
     curved = np.sqrt(np.maximum(moved**2 - (SIGNIFICANT * scatter[1:3]) ** 2, 0.0))
-    parts = _parts(fit, period, slides, rest * direction[slides], memory)
+    parts = _parts(fit, period, slides, remainder * direction[slides], memory)
     return Balance(change, deviation, curved, parts)
 
 
@@ -135,9 +136,9 @@ def _regression(A: Floats, torque: Floats, memory: int) -> tuple[Floats, Floats,
     size = np.abs(A).max(axis=0)
     A = A / size
     coefficients = np.linalg.lstsq(A, torque, rcond=None)[0]
-    rest = torque - A @ coefficients
-    variance = np.diag(long_run_covariance(A, rest, memory))
-    return coefficients / size, np.sqrt(np.maximum(variance, 0.0)) / size, rest
+    remainder = torque - A @ coefficients
+    variance = np.diag(long_run_covariance(A, remainder, memory))
+    return coefficients / size, np.sqrt(np.maximum(variance, 0.0)) / size, remainder
 
 
 def _torque(fit: AxisFit, period: float) -> Floats:
@@ -170,7 +171,7 @@ def _of_both_masses(model: AxisModel, acceleration: Floats, period: float) -> Fl
 
 def _parts(fit: AxisFit, period: float, slides: NDArray[np.bool_], friction: Floats, memory: int) -> dict[str, float]:
     """Return by partition the largest mean of a friction over a part, less two standard deviations [N·m]."""
-    found = {}
+    largest = {}
     for name, masks in partitions(fit, period).items():
         sizes = [0.0]
         for mask in masks:
@@ -178,5 +179,5 @@ def _parts(fit: AxisFit, period: float, slides: NDArray[np.bool_], friction: Flo
             if values.size >= _FEWEST:
                 variance = long_run_covariance(np.ones((values.size, 1)), values - values.mean(), memory)[0, 0]
                 sizes.append(abs(float(values.mean())) - 2 * float(np.sqrt(max(variance, 0.0))))
-        found[name] = max(sizes)
-    return found
+        largest[name] = max(sizes)
+    return largest

@@ -32,11 +32,11 @@ def report(study: CircleStudy, rows: list[Row]) -> Report:
         failed = next(row for row in rows if row["status"] != OK)
         return Report(f"The circle run {failed['direction']} has no values: {failed['status']}")
     test = CircularTest(traces["clockwise"], traces["counter-clockwise"])
-    one, other = (UM * trace.circular_deviation for trace in traces.values())
+    clockwise, counter_clockwise = (UM * trace.circular_deviation for trace in traces.values())
     headline = (
-        f"Circular deviation G = {one:.1f} µm clockwise and {other:.1f} µm counter-clockwise, bidirectional "
-        f"G(b) = {UM * test.bidirectional_circular_deviation:.1f} µm, for a radius of {study.radius:g} mm at "
-        f"{study.speed:g} mm/s on {study.job.built_machine.name}."
+        f"Circular deviation G = {clockwise:.1f} µm clockwise and {counter_clockwise:.1f} µm counter-clockwise, "
+        f"bidirectional G(b) = {UM * test.bidirectional_circular_deviation:.1f} µm, "
+        f"for a radius of {study.radius:g} mm at {study.speed:g} mm/s on {study.job.built_machine.name}."
     )
     notes = [
         f"Evaluated on one full circle at constant speed after {study.lead:g} deg of lead, after public descriptions "
@@ -154,14 +154,14 @@ def _draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats], reac
             last.plot(angle, UM * structure[name][order], color=_PATHS[name], lw=0.7, label=name)
             for reversal in trace.reversals(reach):
                 panel.axvline(reversal.angle, color=COLOURS["requested"], lw=0.8, ls=":")
-                at = (reversal.angle + (-1 if trace.clockwise else 1) * reversal.spike_at) % 360
-                near = int(np.abs((trace.angle - at + 180) % 360 - 180).argmin())
+                spike = (reversal.angle + (-1 if trace.clockwise else 1) * reversal.spike_at) % 360
+                near = int(np.abs((trace.angle - spike + 180) % 360 - 180).argmin())
                 top = UM * float(trace.deviation[near])
-                panel.plot(at, top, "v" if reversal.spike > 0 else "^", ms=5, color=COLOURS["fault"])
-                right = at < 180
+                panel.plot(spike, top, "v" if reversal.spike > 0 else "^", ms=5, color=COLOURS["fault"])
+                right = spike < 180
                 panel.annotate(
                     f"{UM * reversal.spike:+.1f}",
-                    (at, top),
+                    (spike, top),
                     xytext=(7 if right else -7, -3),
                     textcoords="offset points",
                     ha="left" if right else "right",

@@ -88,8 +88,8 @@ class CircleStudy(Study):
     def lead(self) -> float:
         """Angle run before and after the evaluated circle [deg]."""
         distance = self.speed**2 / (2 * _ACCELERATION) + self.speed * _CALM
-        more = math.degrees(distance / self.radius) - _LEAD
-        return _LEAD + 360 * max(math.ceil(more / 360), 0)
+        missing = math.degrees(distance / self.radius) - _LEAD
+        return _LEAD + 360 * max(math.ceil(missing / 360), 0)
 
     @property
     def decay(self) -> float:

@@ -129,14 +129,14 @@ def _table(nominal: dict[str, Row]) -> Table:
     pd = _value(nominal[_PD], "following_rms_um")
     cells = []
     for law, row in nominal.items():
-        own = _value(row, "following_rms_um")
-        rest = [None if row[name] is None else factor * _value(row, name) for name, factor in shown.items()]
-        cells.append([law, own, pd / own, *rest])
+        following = _value(row, "following_rms_um")
+        others = [None if row[name] is None else factor * _value(row, name) for name, factor in shown.items()]
+        cells.append([law, following, pd / following, *others])
     return Table(columns, cells, caption=_CAPTION)
 
 
 def _variations(study: LawsStudy, rows: list[Row]) -> Table:
-    each = {variation: chosen(rows, variation) for variation in (NOMINAL, EXACT, LOADED, RUBBING)}
+    variations = {variation: chosen(rows, variation) for variation in (NOMINAL, EXACT, LOADED, RUBBING)}
     columns: list[str | Column] = [
         "law",
         Column("nominal", ".3g"),
@@ -145,8 +145,8 @@ def _variations(study: LawsStudy, rows: list[Row]) -> Table:
         Column(f"friction x {study.friction:g}", ".3g"),
     ]
     cells = [
-        [law, *(_value(found[law], "following_rms_um") if law in found else None for found in each.values())]
-        for law in each[NOMINAL]
+        [law, *(_value(by_law[law], "following_rms_um") if law in by_law else None for by_law in variations.values())]
+        for law in variations[NOMINAL]
     ]
     return Table(columns, cells, caption="Tracking error, rms [µm], on machines that differ from the laws' models.")
 
@@ -168,8 +168,8 @@ def _draw_variations(study: LawsStudy, rows: list[Row]) -> Figure:
     laws = list(chosen(rows, NOMINAL))
     shown = {}
     for (variation, label), colour in zip(labels.items(), AXIS_COLOURS, strict=False):
-        found = chosen(rows, variation)
-        values = [_value(found[law], "following_rms_um") if law in found else float("nan") for law in laws]
+        by_law = chosen(rows, variation)
+        values = [_value(by_law[law], "following_rms_um") if law in by_law else float("nan") for law in laws]
         shown[label] = (values, colour)
     return _bars(laws, shown, "following error, rms [µm]")
 

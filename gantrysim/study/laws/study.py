@@ -80,9 +80,9 @@ def laws_row(case: Case) -> Row:
             "sensitivity": None,
         }
         if job.margins is not None:
-            row["gain_margin"] = _number(min(min(one.gain, one.together) for one in job.margins))
-            row["phase_margin_deg"] = min(one.phase for one in job.margins)
-            row["sensitivity"] = _number(max(one.sensitivity for one in job.margins))
+            row["gain_margin"] = _number(min(min(margins.gain, margins.together) for margins in job.margins))
+            row["phase_margin_deg"] = min(margins.phase for margins in job.margins)
+            row["sensitivity"] = _number(max(margins.sensitivity for margins in job.margins))
         return row | values_row(run, job.bead)
 
     return judged(lambda: simulated(case), values)
@@ -102,13 +102,13 @@ def reversals(commanded: Floats) -> list[tuple[int, int]]:
     Args:
         commanded: positions, (n, axes) [mm or deg].
     """
-    found = []
+    turns = []
     for a in range(commanded.shape[1]):
         moved = np.sign(np.diff(commanded[:, a]))
         moving: NDArray[np.intp] = np.flatnonzero(moved)
         turned = moving[1:][moved[moving[1:]] != moved[moving[:-1]]]
-        found += [(int(k) + 1, a) for k in turned]
-    return found
+        turns += [(int(k) + 1, a) for k in turned]
+    return turns
 
 
 @dataclass(frozen=True)
@@ -144,14 +144,14 @@ class LawsStudy(Study):
             integral: share of the job's integral time.
         """
         servo = self.job.servo
-        own = dict[str, Any]()
+        changes: dict[str, Any] = {}
         if PD in law:
-            own = {f"servo.{name}": None for name in NOT_PD if getattr(servo, name) is not None}
+            changes = {f"servo.{name}": None for name in NOT_PD if getattr(servo, name) is not None}
         elif integral != 1 and servo.ki is not None:
-            own["servo.ki"] = (np.asarray(servo.ki) / integral).tolist()
+            changes["servo.ki"] = (np.asarray(servo.ki) / integral).tolist()
         elif integral != 1:
-            own["servo.integral_time"] = servo.integral_time * integral
-        return {"servo.law": list(law), **own}
+            changes["servo.integral_time"] = servo.integral_time * integral
+        return {"servo.law": list(law), **changes}
 
     @property
     def ladder(self) -> tuple[Rung, ...]:
@@ -174,18 +174,18 @@ class LawsStudy(Study):
         rubbing = Perturbation(friction=self.friction)
         cases = []
         for rung in self.ladder:
-            own = self.overrides(*rung)
+            overrides = self.overrides(*rung)
             name = rung.name
             cases += [
-                Case.of(self.job, own, law=name, variation=NOMINAL),
-                Case.of(self.job, {**own, "servo.resolution": 0.0}, law=name, variation=EXACT),
-                Case.of(self.job, own, perturbation=loaded, law=name, variation=LOADED),
-                Case.of(self.job, own, perturbation=rubbing, law=name, variation=RUBBING),
+                Case.of(self.job, overrides, law=name, variation=NOMINAL),
+                Case.of(self.job, {**overrides, "servo.resolution": 0.0}, law=name, variation=EXACT),
+                Case.of(self.job, overrides, perturbation=loaded, law=name, variation=LOADED),
+                Case.of(self.job, overrides, perturbation=rubbing, law=name, variation=RUBBING),
             ]
         for repeats in REPEATS:
             law = ("pid", LEARNING)
-            own = {**self.overrides(law), "servo.resolution": 0.0, "servo.learning_repeats": repeats}
-            cases.append(Case.of(self.job, own, law="+".join(law), variation=REPEATED, repeats=repeats))
+            overrides = {**self.overrides(law), "servo.resolution": 0.0, "servo.learning_repeats": repeats}
+            cases.append(Case.of(self.job, overrides, law="+".join(law), variation=REPEATED, repeats=repeats))
         yield cases
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.plots.style import COLOURS, INK
+from gantrysim.plots.style import COLOURS, INK, UM
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.loop.study import AS_IT_IS, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT
 from gantrysim.study.series import series
@@ -52,19 +52,27 @@ class Panels:
         self.spacing.tick_params(labelbottom=False)
         self.ripple.set(xlabel=label, ylabel="[%]", title="Ripple of the path speed, std over mean")
 
-    def points(
-        self, panel: Axes, column: str, variant: str, colour: str, label: str, factor: float = 1.0, minus: float = 0.0
-    ) -> None:
+    def points(self, panel: Axes, column: str, variant: str, colour: str, label: str, factor: float = 1.0) -> None:
         """Draw a column of a variant without zeros and missing values."""
         x, y = series(self.rows, "value", column, sweep=self.sweep, variant=variant)
-        shown = (x > 0) & (y != minus)
+        shape = {"mfc": colour, **SHAPES[variant]}
+        if column.startswith("tracking"):
+            shape["ms"] = _INSIDE * shape["ms"]  # it often coincides with the contour error
+        self._scatter(panel, x, factor * y, color=colour, label=label, **shape)
+
+    def spacing_errors(self, nominal: float) -> None:
+        """Draw the deviation of the mean spacing from the nominal one [mm], of the job as it is."""
+        x, mean = series(self.rows, "value", "spacing_mean_mm", sweep=self.sweep, variant=AS_IT_IS)
+        label = "error of the mean, as it is"
+        self._scatter(
+            self.spacing, x, UM * (mean - nominal), color=INK, label=label, **{"mfc": INK, **SHAPES[AS_IT_IS]}
+        )
+
+    def _scatter(self, panel: Axes, x: Floats, y: Floats, **style: Any) -> None:
+        """Draw magnitudes as points; both axes are logarithmic, where a zero has no place."""
+        shown = (x > 0) & (y != 0)
         if shown.any():
-            shape = {"mfc": colour, **SHAPES[variant]}
-            if column.startswith("tracking"):
-                shape["ms"] = _INSIDE * shape["ms"]  # it often coincides with the contour error
-            panel.plot(
-                self.scale * x[shown], factor * np.abs(y[shown] - minus), color=colour, ls="none", label=label, **shape
-            )
+            panel.plot(self.scale * x[shown], np.abs(y[shown]), ls="none", **style)
 
     def line(self, panel: Axes, x: Floats, y: Floats, colour: str, label: str, style: str = "-") -> None:
         """Draw a predicted line, if there is one."""
@@ -72,11 +80,11 @@ class Panels:
         if good.any():
             panel.plot(self.scale * x[good], y[good], color=colour, ls=style, lw=1.3, label=label, zorder=1.5)
 
-    def mark(self, at: float | None, text: str) -> None:
+    def mark(self, knee: float | None, text: str) -> None:
         """Mark a knee, if there is one."""
-        if at is None or not math.isfinite(at):
+        if knee is None or not math.isfinite(knee):
             return
-        x = self.scale * at
+        x = self.scale * knee
         self.errors.axvline(x, color=COLOURS["fault"], lw=1.0, ls="--", zorder=1)
         low, high = self.errors.get_xlim()
         right = x > math.sqrt(low * high)
@@ -92,17 +100,17 @@ class Panels:
         )
 
     def failures(self) -> None:
-        """Mark the swept values at which the job as it is has no values."""
-        at = [
+        """Mark the swept values at which the unchanged job is refused or ends in a fault."""
+        failed = [
             self.scale * float(row["value"])  # type: ignore[arg-type]
             for row in self.rows
             if row["sweep"] == self.sweep and row["variant"] == AS_IT_IS and row["status"] != OK
         ]
-        if at:
-            height = np.full(len(at), 0.985)
+        if failed:
+            height = np.full(len(failed), 0.985)
             transform = self.errors.get_xaxis_transform()
             self.errors.plot(
-                at,
+                failed,
                 height,
                 "x",
                 color=COLOURS["fault"],

@@ -51,9 +51,11 @@ def plots(study: LoopStudy, rows: list[Row]) -> list[Plot]:
             continue
         with sheet(*_SIZE) as figure:
             grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1))
-            left = figure.add_subplot(grid[:, 0])
-            top = figure.add_subplot(grid[0, 1])
-            panels = Panels([left, top, figure.add_subplot(grid[1, 1], sharex=top)], rows, sweep, scale, label)
+            errors = figure.add_subplot(grid[:, 0])
+            spacing = figure.add_subplot(grid[0, 1])
+            panels = Panels(
+                [errors, spacing, figure.add_subplot(grid[1, 1], sharex=spacing)], rows, sweep, scale, label
+            )
             text = draw(study, panels)
             panels.finish()
         drawn.append(Plot(sweep, SWEEPS[sweep], text, figure))
@@ -117,7 +119,7 @@ def _loop_period(study: LoopStudy, on: Panels) -> str:
         period_of_knee, floor = knee_and_floor
         on.errors.axhline(floor, color=COLOURS["tracking"], lw=1.2, ls="--", label="contour, no loop")
         on.mark(period_of_knee, "loop alone")
-    on.points(on.spacing, "spacing_mean_mm", AS_IT_IS, INK, "error of the mean, as it is", UM, theory.pitch)
+    on.spacing_errors(theory.pitch)
     on.line(on.spacing, period, np.abs(limited["mean"] - UM * theory.pitch), COLOURS["requested"], "predicted")
     on.points(on.spacing, "spacing_std_mm", PERFECT, amber, "std, loop alone, follower", UM)
     on.line(on.spacing, period, alone["std"], amber, "predicted")
@@ -175,8 +177,9 @@ def _servo_period(study: LoopStudy, on: Panels) -> str:
         on.line(on.errors, period, UM * np.array([e.along for e in errors]), COLOURS["measurement"], "the same, along")
     x, y = series(on.rows, "value", "contour_rms_um", sweep="servo_period", variant=AS_IT_IS)
     if x.size > 1:
-        at = knee(x, y, float(y.min()))
-        on.mark(at if at is not None and at > x[1] else None, "as it is")
+        period_at_knee = knee(x, y, float(y.min()))
+        if period_at_knee is not None and period_at_knee > x[1]:  # else every shorter period reduces the error
+            on.mark(period_at_knee, "as it is")
     on.failures()
     _spacings_and_ripples(on, AS_IT_IS, NO_LOOP)
     return (
@@ -213,16 +216,16 @@ def _encoder_resolution(study: LoopStudy, on: Panels) -> str:
 def _physics_step(study: LoopStudy, on: Panels) -> str:
     on.errors.set(ylabel="relative deviation from the limit", title="Convergence")
     for variant in (AS_IT_IS, NO_FRICTION):
-        for (column, found), colour in zip(convergence(on.rows, variant).items(), _VALUE_COLOURS, strict=False):
-            step = np.array(found.steps)
-            away = np.abs(np.array(found.values) / found.limit - 1) if found.limit else np.zeros(step.size)
-            order = "scatter" if found.order is None else f"order {found.order:.2f}"
+        for (column, trend), colour in zip(convergence(on.rows, variant).items(), _VALUE_COLOURS, strict=False):
+            step = np.array(trend.steps)
+            away = np.abs(np.array(trend.values) / trend.limit - 1) if trend.limit else np.zeros(step.size)
+            order = "scatter" if trend.order is None else f"order {trend.order:.2f}"
             shown = away > _LEAST_DEVIATION
             shape = {"mfc": colour, **SHAPES[variant]}
             label = f"{CONVERGING[column]}, {variant}: {order}"
             on.errors.plot(on.scale * step[shown], away[shown], color=colour, ls="none", label=label, **shape)
-            if found.order is not None and away[0] > _LEAST_DEVIATION:
-                on.line(on.errors, step, away[0] * (step / step[0]) ** found.order, colour, "")
+            if trend.order is not None and away[0] > _LEAST_DEVIATION:
+                on.line(on.errors, step, away[0] * (step / step[0]) ** trend.order, colour, "")
     _spacings_and_ripples(on, AS_IT_IS, NO_FRICTION)
     return (
         "The physics step is halved repeatedly, and each value with an order of convergence extrapolated to a step of "

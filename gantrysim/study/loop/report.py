@@ -91,10 +91,10 @@ def _loop(study: LoopStudy, rows: list[Row]) -> Lines:
         ]
         if shorter := [value for value in refused if value < period[0]]:
             add(AS_IT_IS, "no values at and below", _ms(max(shorter)))
-    found = loop_knee(rows)
-    if found is not None:
-        add(LOOP_ALONE, "knee", _knee(found[0], alone[0], _ms))
-        add(NO_LOOP, "contour error", _um(found[1]))
+    knee_and_floor = loop_knee(rows)
+    if knee_and_floor is not None:
+        add(LOOP_ALONE, "knee", _knee(knee_and_floor[0], alone[0], _ms))
+        add(NO_LOOP, "contour error", _um(knee_and_floor[1]))
         exact, generation = series(rows, "value", "generation_rms_um", sweep="loop_period", variant=PERFECT)
         if exact.size > 1:
             per_ms = _um(generation[0] / exact[0] * 1e-3)
@@ -145,9 +145,10 @@ def _servo(rows: list[Row]) -> Lines:
         period, contour = series(rows, "value", "contour_rms_um", sweep="servo_period", variant=shown)
         if period.size < 2:
             continue
-        at = knee(period, contour, float(contour.min()))
-        below_second = at is None or at < period[1]  # every shorter period reduces the error
-        add(shown, "knee", _knee(None if below_second else at, period, _ms))
+        period_at_knee = knee(period, contour, float(contour.min()))
+        if period_at_knee is not None and period_at_knee < period[1]:  # every shorter period reduces the error
+            period_at_knee = None
+        add(shown, "knee", _knee(period_at_knee, period, _ms))
     variants = [variant for _, variant, *_ in lines]
     if AS_IT_IS not in variants:
         return []
@@ -156,8 +157,10 @@ def _servo(rows: list[Row]) -> Lines:
         period, contour, tracking, generation = series(rows, "value", *columns, sweep="servo_period", variant=AS_IT_IS)
         if period.size and generation.min() > _HIDING * contour.min():
             add(AS_IT_IS, "least generation error, which hides the servo's", _um(generation.min()))
-        if np.all(generation > 0) and np.all(tracking > 0) and (at := crossing(period, tracking, generation)):
-            add(AS_IT_IS, "tracking exceeds generation error above", _ms(at))
+        if np.all(generation > 0) and np.all(tracking > 0):  # the crossing lies between points on logarithmic scales
+            period_at_crossing = crossing(period, tracking, generation)
+            if period_at_crossing:
+                add(AS_IT_IS, "tracking exceeds generation error above", _ms(period_at_crossing))
     shown = variants[-1]
     period, contour = series(rows, "value", "contour_rms_um", sweep="servo_period", variant=shown)
     for value, error in zip(period, contour, strict=True):
@@ -183,8 +186,8 @@ def _encoder(rows: list[Row]) -> Lines:
             break
     else:
         return []
-    at = knee(count, contour, float(contour[0]))
-    lines = [(sweep, variant, "knee", _knee(at, count, lambda value: _um(1e3 * value)))]
+    count_at_knee = knee(count, contour, float(contour[0]))
+    lines = [(sweep, variant, "knee", _knee(count_at_knee, count, lambda value: _um(1e3 * value)))]
     count, ripple = series(rows, "value", "speed_ripple", sweep="encoder_resolution", variant=AS_IT_IS)
     if count.size > 1:
         for k in (0, -1):
@@ -194,10 +197,10 @@ def _encoder(rows: list[Row]) -> Lines:
 
 
 def _convergence_table(rows: list[Row]) -> list[Table]:
-    found = {variant: convergence(rows, variant) for variant in (AS_IT_IS, NO_FRICTION)}
-    if not found[AS_IT_IS]:
+    trends = {variant: convergence(rows, variant) for variant in (AS_IT_IS, NO_FRICTION)}
+    if not trends[AS_IT_IS]:
         return []
-    steps = next(iter(found[AS_IT_IS].values())).steps
+    steps = next(iter(trends[AS_IT_IS].values())).steps
     cells = [
         [
             CONVERGING[column],
@@ -205,7 +208,7 @@ def _convergence_table(rows: list[Row]) -> list[Table]:
             _PER_CENT * value.deviation,
             "scatter" if value.order is None else f"{value.order:.2f}",
         ]
-        for variant, values in found.items()
+        for variant, values in trends.items()
         for column, value in values.items()
     ]
     caption = (
@@ -215,11 +218,11 @@ def _convergence_table(rows: list[Row]) -> list[Table]:
     return [Table(["value", "variant", Column("deviation [%]", ".2g"), "order"], cells, caption)]
 
 
-def _knee(at: float | None, swept: Floats, text: Callable[[float], str]) -> str:
+def _knee(value: float | None, swept: Floats, text: Callable[[float], str]) -> str:
     """Return a knee as text, or the end of the sweep beyond which it lies."""
-    if at is None:
+    if value is None:
         return f"< {text(swept[0])}"
-    return f"> {text(swept[-1])}" if at == math.inf else text(at)
+    return f"> {text(swept[-1])}" if value == math.inf else text(value)
 
 
 def _ms(seconds: float) -> str:

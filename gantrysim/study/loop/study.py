@@ -140,5 +140,5 @@ class LoopStudy(Study):
     def _resolutions(self, value: float) -> list[float]:
         """Resolution of every axis: `value` [mm] of the linear ones, rotary ones changed by the same factor."""
         axes = self.job.built_machine.axes
-        own = next((axis.resolution for axis in axes if axis.unit == "mm" and axis.resolution > 0), value)
-        return [value if axis.unit == "mm" else axis.resolution * value / own for axis in axes]
+        present = next((axis.resolution for axis in axes if axis.unit == "mm" and axis.resolution > 0), value)
+        return [value if axis.unit == "mm" else axis.resolution * value / present for axis in axes]

@@ -123,9 +123,9 @@ def loop_knee(rows: list[Row]) -> tuple[float | None, float] | None:
 
 def convergence(rows: list[Row], variant: str) -> dict[str, Convergence]:
     """Return the convergence of a variant's values over the physics step, by column."""
-    found = {}
+    trends = {}
     for column in CONVERGING:
         step, value = series(rows, "value", column, sweep="physics_step", variant=variant)
         if step.size >= 3:
-            found[column] = Convergence.of(step[::-1], value[::-1])
-    return found
+            trends[column] = Convergence.of(step[::-1], value[::-1])
+    return trends

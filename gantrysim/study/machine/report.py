@@ -34,11 +34,12 @@ def report(study: MachineStudy, rows: list[Row]) -> Report:
         return Report(f"None of the {len(rows)} machines gives a run with values: {rows[0]['status']}")
     criterion = study.criterion
     label = study.criterion.axis_label(good[0])
-    found = yield_of(int(np.sum(values <= criterion.tolerance)), values.size)
+    estimate = yield_of(int(np.sum(values <= criterion.tolerance)), values.size)
     factors, explained = influences(study.machines, values)
     headline = (
-        f"Yield {100 * found.share:.1f} % (95 % confidence: {100 * found.low:.1f} to {100 * found.high:.1f} %): "
-        f"{found.within} of {found.count} machines are within the tolerance of {criterion.limit(good[0])}"
+        f"Yield {100 * estimate.share:.1f} % "
+        f"(95 % confidence: {100 * estimate.low:.1f} to {100 * estimate.high:.1f} %): "
+        f"{estimate.within} of {estimate.count} machines are within the tolerance of {criterion.limit(good[0])}"
     )
     headline += f"; the dominant factor is {in_words(factors[0].factor)}." if factors[0].clear else "."
     notes = []
@@ -56,7 +57,7 @@ def report(study: MachineStudy, rows: list[Row]) -> Report:
     ]
     if not np.isfinite(values).any():
         return Report(headline, tables, notes)
-    most = {in_words(one.factor): study.machines[one.factor] for one in factors[:4]}
+    most = {in_words(influence.factor): study.machines[influence.factor] for influence in factors[:4]}
     plots = [
         Plot(
             "yield",
@@ -72,7 +73,7 @@ def report(study: MachineStudy, rows: list[Row]) -> Report:
             "Coefficients of a linear regression of the metric's rank on the ranks of all factors, all scaled to unit "
             "variance: near 1 where more of a factor always increases the metric, near -1 where it decreases it. Pale "
             "bars are not significant.",
-            _draw_influence([(in_words(one.factor), one.coefficient, one.clear) for one in factors]),
+            _draw_influence(factors),
         ),
         Plot(
             "scatter",
@@ -96,10 +97,10 @@ def _distribution_table(nominal: float, values: Floats, label: str) -> Table:
 def _influence_table(study: MachineStudy, factors: list[Influence], explained: float, values: Floats) -> Table:
     within = values <= study.tolerance
     rows = []
-    for one in factors:
-        more = study.machines[one.factor] > np.median(study.machines[one.factor])
-        shares = (100 * float(within[half].mean()) for half in (more, ~more))
-        rows.append([in_words(one.factor), one.coefficient, "yes" if one.clear else "no", *shares])
+    for influence in factors:
+        above = study.machines[influence.factor] > np.median(study.machines[influence.factor])
+        shares = (100 * float(within[half].mean()) for half in (above, ~above))
+        rows.append([in_words(influence.factor), influence.coefficient, "yes" if influence.clear else "no", *shares])
     columns: list[str | Column] = [
         "factor",
         Column("rank coefficient", "+.2f"),
@@ -154,14 +155,14 @@ def _draw_yield(values: Floats, nominal: float, tolerance: float, label: str) ->
         above.step(np.concatenate([finite[:1], finite]), np.concatenate([[0], share]), where="post", color=INK, lw=1.8)
         above.plot([tolerance], [within], "o", ms=7, color=_BAD, zorder=4)
         # the curve rises to the right: the label fits above it on the left and below it on the right
-        left = tolerance > 0.5 * (finite[0] + finite[-1])
+        beyond_middle = tolerance > 0.5 * (finite[0] + finite[-1])
         above.annotate(
             f"yield {within:.1f} %",
             (tolerance, within),
-            xytext=(-8, 6) if left else (8, -6),
+            xytext=(-8, 6) if beyond_middle else (8, -6),
             textcoords="offset points",
-            ha="right" if left else "left",
-            va="bottom" if left else "top",
+            ha="right" if beyond_middle else "left",
+            va="bottom" if beyond_middle else "top",
             color=_BAD,
             weight="bold",
         )
@@ -186,18 +187,19 @@ def _draw_yield(values: Floats, nominal: float, tolerance: float, label: str) ->
     return drawing
 
 
-def _draw_influence(found: list[tuple[str, float, bool]]) -> Figure:
-    """Draw name, coefficient and significance of all factors as bars, the largest on top."""
-    with sheet(9.0, 1.4 + 0.32 * len(found)) as drawing:
+def _draw_influence(factors: list[Influence]) -> Figure:
+    """Draw the coefficients of all factors as bars, the largest on top, pale where they are not significant."""
+    with sheet(9.0, 1.4 + 0.32 * len(factors)) as drawing:
         axes = drawing.add_subplot()
-        for k, (_, coefficient, clear) in enumerate(found):
+        for k, influence in enumerate(factors):
+            coefficient = influence.coefficient
             colour = _BAD if coefficient > 0 else COLOURS["tracking"]
-            axes.barh(k, coefficient, color=colour, alpha=0.9 if clear else 0.25, height=0.7)
-            at = coefficient + (0.015 if coefficient >= 0 else -0.015)
+            axes.barh(k, coefficient, color=colour, alpha=0.9 if influence.clear else 0.25, height=0.7)
+            end = coefficient + (0.015 if coefficient >= 0 else -0.015)
             side = "left" if coefficient >= 0 else "right"
-            axes.text(at, k, f"{round(coefficient, 2) + 0.0:+.2f}", va="center", ha=side, fontsize=9)
+            axes.text(end, k, f"{round(coefficient, 2) + 0.0:+.2f}", va="center", ha=side, fontsize=9)
         axes.axvline(0, color=INK, lw=0.8)
-        axes.set_yticks(range(len(found)), [name for name, _, _ in found])
+        axes.set_yticks(range(len(factors)), [in_words(influence.factor) for influence in factors])
         axes.invert_yaxis()
         axes.set(xlim=(-1.12, 1.12), xlabel="standardised rank coefficient")
         axes.grid(visible=False, axis="y")

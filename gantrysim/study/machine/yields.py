@@ -90,14 +90,14 @@ def influences(factors: dict[str, Floats], metric: Floats) -> tuple[list[Influen
     y = standardised(metric)
     inverse = np.linalg.pinv(x.T @ x)
     b = inverse @ x.T @ y
-    rest = max(float(np.sum((y - x @ b) ** 2)), _ROUNDING * n)
-    error = np.sqrt(rest / (n - k - 1) * np.diag(inverse))
+    residual = max(float(np.sum((y - x @ b) ** 2)), _ROUNDING * n)
+    error = np.sqrt(residual / (n - k - 1) * np.diag(inverse))
     level = (1 - _CONFIDENCE) / (2 * k)
     bound = float(t.ppf(1 - 0.5 * level, n - k - 1))
     alone = [bool(y.any() and column.any() and spearmanr(column, y).pvalue < level) for column in x.T]
-    found = [
-        Influence(name, float(one), bool(abs(one) > bound * sigma) or by_itself)
-        for name, one, sigma, by_itself in zip(factors, b, error, alone, strict=True)
+    unsorted = [
+        Influence(name, float(coefficient), bool(abs(coefficient) > bound * sigma) or by_itself)
+        for name, coefficient, sigma, by_itself in zip(factors, b, error, alone, strict=True)
     ]
-    explained = 1 - rest / n if y.any() else 0.0
-    return sorted(found, key=lambda influence: -abs(influence.coefficient)), explained
+    explained = 1 - residual / n if y.any() else 0.0
+    return sorted(unsorted, key=lambda influence: -abs(influence.coefficient)), explained

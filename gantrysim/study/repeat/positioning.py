@@ -58,16 +58,16 @@ def positioning(job: Job, axis: str, perturbations: Sequence[Perturbation]) -> P
     """
     machine = job.built_machine
     servo = job.built_servo
-    own = machine.axes[machine.axis_names.index(axis)]
-    targets = targets_of(own.travel)
-    over = _OVERRUN * (own.travel[1] - own.travel[0])
+    moved_axis = machine.axes[machine.axis_names.index(axis)]
+    targets = targets_of(moved_axis.travel)
+    over = _OVERRUN * (moved_axis.travel[1] - moved_axis.travel[0])
     ends = np.array([targets[0] - over, targets[-1] + over])
     stops = np.concatenate([ends[:1], targets, ends[1:], targets[::-1]])
-    speed = min(_SPEED, _SHARE_OF_LIMIT * own.speed_limit)
-    position, at = _motion(stops, speed, servo.period)
+    speed = min(_SPEED, _SHARE_OF_LIMIT * moved_axis.speed_limit)
+    position, stopped = _motion(stops, speed, servo.period)
     named = {name: np.zeros(position.size) for name in machine.axis_names} | {axis: position}
     rows = np.stack(list(named.values()), axis=1)
-    first, last = machine.tip(rows[at[[0, TARGETS + 1]]])
+    first, last = machine.tip(rows[stopped[[0, TARGETS + 1]]])
     along = (last - first) / np.linalg.norm(last - first)
     setpoints = Setpoints(
         period=servo.period,
@@ -81,7 +81,7 @@ def positioning(job: Job, axis: str, perturbations: Sequence[Perturbation]) -> P
         run = simulate(machine.perturbed(perturbation), servo, setpoints, physics_step=job.simulation.physics_step)
         if run.fault is not None:
             raise InputError(f"positioning of {axis}: {run.fault}")
-        cycles.append((run.nozzle[at] - run.commanded_tip[at]) @ along)
+        cycles.append((run.nozzle[stopped] - run.commanded_tip[stopped]) @ along)
     deviation = np.array(cycles)
     return Positioning(targets, deviation[:, 1 : TARGETS + 1], deviation[:, TARGETS + 2 :][:, ::-1])
 
@@ -92,10 +92,10 @@ def _motion(stops: Floats, speed: float, period: float) -> tuple[Floats, Floats]
     Between stops d apart they follow x = d (10 s^3 - 15 s^4 + 6 s^5) over the share s of the time.
     """
     pieces = [np.full(round(_DWELL / period), stops[0])]
-    at = [pieces[0].size - 1]
+    stopped = [pieces[0].size - 1]
     for begin, end in pairwise(stops.tolist()):
         count = max(round(max(abs(end - begin) / speed, _SHORTEST) / period), 1)
         s = np.arange(1, count + 1) / count
         pieces += [begin + (end - begin) * s**3 * (10 - 15 * s + 6 * s**2), np.full(round(_DWELL / period), end)]
-        at.append(sum(piece.size for piece in pieces) - 1)
-    return np.concatenate(pieces), np.array(at)
+        stopped.append(sum(piece.size for piece in pieces) - 1)
+    return np.concatenate(pieces), np.array(stopped)

@@ -98,6 +98,6 @@ def _repeated(case: Case) -> Run:
 
 def _row(run: Run, places: Sequence[float]) -> Row:
     s, offset = offset_over_length(run.requested, run.nozzle[run.dispense])
-    at = interpolated(np.array(places), s, offset)
-    row: Row = {"contour_max_um": _UM * float(np.linalg.norm(at, axis=1).max()), "s_mm": list(places)}
-    return row | {f"offset_{name}_um": np.round(_UM * at[:, i], 6).tolist() for i, name in enumerate("xyz")}
+    offsets = interpolated(np.array(places), s, offset)
+    row: Row = {"contour_max_um": _UM * float(np.linalg.norm(offsets, axis=1).max()), "s_mm": list(places)}
+    return row | {f"offset_{name}_um": np.round(_UM * offsets[:, i], 6).tolist() for i, name in enumerate("xyz")}

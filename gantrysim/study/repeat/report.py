@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -55,32 +55,20 @@ def report(study: RepeatStudy, rows: list[Row]) -> Report:
     if axes := study.positioning:
         tables.insert(1, _positioning_table(axes))
         notes += [
-            f"Axis {name} positions to A = {UM * one.accuracy:.1f} µm and repeats within "
-            f"± {UM * one.repeatability / 2:.1f} µm from both directions, "
-            f"± {UM * one.unidirectional_repeatability / 2:.1f} µm from one."
-            for name, one in axes.items()
+            f"Axis {name} positions to A = {UM * positioning.accuracy:.1f} µm and repeats within "
+            f"± {UM * positioning.repeatability / 2:.1f} µm from both directions, "
+            f"± {UM * positioning.unidirectional_repeatability / 2:.1f} µm from one."
+            for name, positioning in axes.items()
         ]
     return Report(headline, tables, notes, plots)
 
 
 def _positioning_table(axes: dict[str, Positioning]) -> Table:
     heads = ("reversal B [µm]", "R, one direction [µm]", "R, both [µm]", "systematic E [µm]", "accuracy A [µm]")
-    rows = [
-        [
-            name,
-            *(
-                UM * value
-                for value in (
-                    one.reversal,
-                    one.unidirectional_repeatability,
-                    one.repeatability,
-                    one.systematic,
-                    one.accuracy,
-                )
-            ),
-        ]
-        for name, one in axes.items()
-    ]
+    rows: list[list[Any]] = []
+    for name, axis in axes.items():
+        values = (axis.reversal, axis.unidirectional_repeatability, axis.repeatability, axis.systematic, axis.accuracy)
+        rows.append([name, *(UM * value for value in values)])
     caption = (
         "Positioning of the axes after public descriptions of ISO 230-2: servo, drive and geometry together, each axis "
         "alone. A repeatability of ± r in a data sheet is R / 2."
@@ -141,9 +129,10 @@ def _draw_along(paths: dict[str, RepeatedPath]) -> Figure:
         k = int(accuracy.argmax())
         above.plot(path.s[k], accuracy[k], "v", ms=7, color=COLOURS["fault"], label=f"ATp = {accuracy[k]:.2f} µm")
         below.plot(path.s, reach, color=INK, lw=1.4, label=f"{ALL} varied, RTp = {reach.max():.2f} µm")
-        for colour, (varied, one) in zip(AXIS_COLOURS, ((n, p) for n, p in paths.items() if n != ALL), strict=False):
-            label = f"{varied} alone, {UM * one.path_repeatability:.2f} µm"
-            below.plot(one.s, UM * one.repeatability, color=colour, lw=1.0, label=label)
+        sources = {name: source for name, source in paths.items() if name != ALL}
+        for colour, (varied, alone) in zip(AXIS_COLOURS, sources.items(), strict=False):
+            label = f"{varied} alone, {UM * alone.path_repeatability:.2f} µm"
+            below.plot(alone.s, UM * alone.repeatability, color=colour, lw=1.0, label=label)
         above.set(ylabel="to the requested path [µm]")
         below.set(ylabel="repeatability [µm]", xlabel="arc length along the requested path [mm]")
         for axes in (above, below):

@@ -116,7 +116,7 @@ class RepeatStudy(Study):
     def paths(self, rows: list[Row]) -> dict[str, RepeatedPath]:
         """Return the repeated paths by varied source, if at least two repeats have values."""
         command = self.job.controller.requested.position(self.s)
-        found = {}
+        paths = {}
         for varied in dict.fromkeys(str(row["varied"]) for row in rows):
             offsets = [
                 np.stack([np.array(row[f"offset_{name}_um"], float) / _UM for name in "xyz"], axis=1)
@@ -124,5 +124,5 @@ class RepeatStudy(Study):
                 if row["varied"] == varied and row["status"] == OK
             ]
             if len(offsets) > 1:
-                found[varied] = RepeatedPath(self.s, command, command + np.array(offsets))
-        return found
+                paths[varied] = RepeatedPath(self.s, command, command + np.array(offsets))
+        return paths

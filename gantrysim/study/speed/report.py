@@ -27,21 +27,21 @@ def report(study: SpeedStudy, rows: list[Row]) -> Report:
     if not good:
         return Report(f"None of the {len(rows)} speeds tried gives a run with values: {rows[0]['status']}")
     limit = f"the tolerance of {study.criterion.limit(good[0])}"
-    found = answer(study.tried(rows))
+    result = answer(study.tried(rows))
     tried = f"from {min(map(speed_of, rows)):g} to {max(map(speed_of, rows)):g} mm/s"
-    if found.fastest is None:
+    if result.fastest is None:
         headline = f"No speed tried, {tried}, is within {limit}."
-    elif found.above is None:
+    elif result.above is None:
         headline = f"Every speed tried, {tried}, is within {limit}."
     else:
         headline = (
-            f"Fastest speed {found.fastest:g} mm/s, {found.fastest / study.own:.3g} times the programmed "
-            f"{study.own:g} mm/s, within {limit}."
+            f"Fastest speed {result.fastest:g} mm/s, {result.fastest / study.programmed_speed:.3g} times the "
+            f"programmed {study.programmed_speed:g} mm/s, within {limit}."
         )
     scaling = study.job.controller.speed_scaling
     notes = [*_saturation(good), f"Speed is {scaling}; ramps and limits of controller and axes stay those of the job."]
-    if found.islands:
-        islands = ", ".join(f"{speed:g}" for speed in found.islands)
+    if result.islands:
+        islands = ", ".join(f"{speed:g}" for speed in result.islands)
         notes.insert(0, f"Not monotonic: faster runs are within the tolerance again, at {islands} mm/s.")
     plots = [
         Plot(
@@ -66,7 +66,7 @@ def _table(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Table:
     """Return the runs that matter: fastest within the tolerance, next faster, programmed speed, slowest."""
     criterion = study.criterion
     by_speed = {speed_of(row): row for row in rows}
-    found = answer(study.tried(rows))
+    result = answer(study.tried(rows))
     columns: list[str | Column] = [
         "run",
         Column("speed [mm/s]"),
@@ -77,7 +77,12 @@ def _table(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Table:
         Column("duration [s]"),
     ]
     cells = []
-    runs = {"fastest": found.fastest, "next": found.above, "programmed": study.own, "slowest": min(by_speed)}
+    runs = {
+        "fastest": result.fastest,
+        "next": result.above,
+        "programmed": study.programmed_speed,
+        "slowest": min(by_speed),
+    }
     for name, speed in runs.items():
         row = by_speed.get(speed) if speed is not None else None
         if row is None:
@@ -108,7 +113,7 @@ def _saturation(good: list[Row]) -> list[str]:
 
 def _draw_metric(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Figure:
     criterion = study.criterion
-    found = answer(study.tried(rows))
+    result = answer(study.tried(rows))
     with sheet(9.0, 4.8) as figure:
         axes = figure.add_subplot()
         speeds = [speed_of(row) for row in good]
@@ -118,18 +123,18 @@ def _draw_metric(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Figure:
         for label, within, colour in kinds:
             chosen = [k for k, row in enumerate(good) if criterion.within(row) is within]
             if chosen:
-                at = [speeds[k] for k in chosen], [values[k] for k in chosen]
-                axes.plot(*at, "o", ms=5, color=colour, label=label, zorder=3)
+                points = [speeds[k] for k in chosen], [values[k] for k in chosen]
+                axes.plot(*points, "o", ms=5, color=colour, label=label, zorder=3)
         axes.axhline(criterion.tolerance, color=COLOURS["fault"], lw=1.2, ls="--", label="tolerance")
         failed = sorted(speed_of(row) for row in rows if row["status"] != OK)
         if failed:
             transform = axes.get_xaxis_transform()
             heights = [0.97] * len(failed)
             axes.plot(failed, heights, "x", ms=7, color=COLOURS["fault"], transform=transform, label="fault or refused")
-        axes.axvline(study.own, color=COLOURS["requested"], lw=1.0, ls=":", label="programmed speed")
-        if found.fastest is not None:
-            axes.axvspan(min(speeds + failed), found.fastest, color=COLOURS["structure"], alpha=0.08, lw=0)
-            axes.set_title(f"within the tolerance up to {found.fastest:g} mm/s", loc="right")
+        axes.axvline(study.programmed_speed, color=COLOURS["requested"], lw=1.0, ls=":", label="programmed speed")
+        if result.fastest is not None:
+            axes.axvspan(min(speeds + failed), result.fastest, color=COLOURS["structure"], alpha=0.08, lw=0)
+            axes.set_title(f"within the tolerance up to {result.fastest:g} mm/s", loc="right")
         logarithmic(axes, "x", [*speeds, *failed])
         if max(values) > _LOGARITHMIC_FROM * min(values):
             logarithmic(axes, "y", [*values, criterion.tolerance])

@@ -45,11 +45,11 @@ class SpeedStudy(ToleranceStudy):
     plots = ("speed", "links")
 
     def __post_init__(self) -> None:
-        _ = self.criterion, self.own
+        _ = self.criterion, self.programmed_speed
         at_least("resolution", self.resolution, 10.0 ** (1 - _DIGITS))  # or the bracket could not be that narrow
 
     @cached_property
-    def own(self) -> float:
+    def programmed_speed(self) -> float:
         """The programmed speed [mm/s]."""
         return self.job.controller.programmed_speed
 
@@ -63,10 +63,10 @@ class SpeedStudy(ToleranceStudy):
         Raises:
             InputError: an unknown metric.
         """
-        self.criterion.check(self.measure(Case.of(self.job, self.overrides(self.own), "perfect follower")))
+        self.criterion.check(self.measure(Case.of(self.job, self.overrides(self.programmed_speed), "perfect follower")))
         tried: dict[float, bool] = {}
         number = 0
-        while speeds := next_speeds(tried, self.own, self.resolution):
+        while speeds := next_speeds(tried, self.programmed_speed, self.resolution):
             number += 1
             rows = yield [Case.of(self.job, self.overrides(speed), round=number, speed_mm_s=speed) for speed in speeds]
             tried |= self.tried(rows)
@@ -107,7 +107,7 @@ def answer(tried: dict[float, bool]) -> SpeedAnswer:
     return SpeedAnswer(speeds[first - 1] if first else None, speeds[first] if first < len(speeds) else None, islands)
 
 
-def next_speeds(tried: dict[float, bool], own: float, resolution: float) -> list[float]:
+def next_speeds(tried: dict[float, bool], programmed_speed: float, resolution: float) -> list[float]:
     """Return the speeds to try next, ascending; none at the end of the search [mm/s].
 
     First a sweep of two octaves on both sides of the programmed speed; then an octave at a time beyond its end, while
@@ -116,25 +116,25 @@ def next_speeds(tried: dict[float, bool], own: float, resolution: float) -> list
 
     Args:
         tried: whether each speed is within the tolerance.
-        own: the programmed speed [mm/s].
+        programmed_speed: of the job [mm/s].
         resolution: relative width of the bracket.
     """
     if not tried:
-        return _rounded(own * np.geomspace(2.0**-_OCTAVES, 2.0**_OCTAVES, _SWEEP))
-    found = answer(tried)
+        return _rounded(programmed_speed * np.geomspace(2.0**-_OCTAVES, 2.0**_OCTAVES, _SWEEP))
+    result = answer(tried)
     speeds = sorted(tried)
     furthest = 2.0 ** (_OCTAVES + _FURTHER) * (1 - 1e-3)
-    if found.fastest is None:
-        if speeds[0] * furthest <= own:
+    if result.fastest is None:
+        if speeds[0] * furthest <= programmed_speed:
             return []
         return _rounded(np.array([0.5, math.sqrt(0.5)]) * speeds[0])
-    if found.above is None:
-        if speeds[-1] >= own * furthest:
+    if result.above is None:
+        if speeds[-1] >= programmed_speed * furthest:
             return []
         return _rounded(np.array([math.sqrt(2.0), 2.0]) * speeds[-1])
-    if found.above <= found.fastest * (1 + resolution):
+    if result.above <= result.fastest * (1 + resolution):
         return []
-    inside = _rounded(np.geomspace(found.fastest, found.above, _INSIDE + 2)[1:-1])
+    inside = _rounded(np.geomspace(result.fastest, result.above, _INSIDE + 2)[1:-1])
     return [speed for speed in inside if speed not in tried]
 
 

@@ -1,0 +1,204 @@
+"""One-step prediction of an axis' position by its model: a Kalman predictor, compiled.
+
+The predictor corrects its state by the stationary Kalman gain of the linear part, with white torque noise and white
+position noise. Its errors, the innovations, are white where the model holds (L. Ljung, System Identification, 2nd ed.,
+section 7.2).
+"""
+
+# ruff: noqa: N806 - matrices bear the letters of the equations
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from gantrysim.base.arrays import Floats
+from gantrysim.base.jit import inner_jit, jit
+from gantrysim.identify.model import AxisModel
+from gantrysim.identify.small import kalman_gain, sampled
+
+_SUBSTEP = 1.25e-4  # longest step of the friction [s]
+_MOST_SUBSTEPS = 16
+_LEAST_TORQUE = 1e-9  # of a friction, so that nothing divides by zero [N·m]
+
+
+class Predictor(NamedTuple):
+    """Linear motion between two samples, and its correction.
+
+    Attributes:
+        step: time of a step of the friction [s].
+        F: effect of the state over a step, (n, n).
+        G: effect of the torques on motor and load over a step, (n, 2).
+        gain: of the correction by a measured position, (n,).
+        free_gain: the same while the motor moves within the backlash, free of its load, (n,).
+    """
+
+    step: float
+    F: Floats
+    G: Floats
+    gain: Floats
+    free_gain: Floats
+
+
+class Friction(NamedTuple):
+    """LuGre friction at the motor shaft, as in `AxisModel`."""
+
+    coulomb: float
+    excess: float
+    stribeck: float
+    deflection: float
+    bristle_time: float
+    scale: float
+
+
+class Spring(NamedTuple):
+    """Stiffness between motor and load [N·m/u], and backlash [u]."""
+
+    stiffness: float
+    gap: float
+
+
+def substeps(period: float) -> int:
+    """Return the number of steps of the friction per sample of a log."""
+    return min(max(math.ceil(period / _SUBSTEP - 1e-9), 2), _MOST_SUBSTEPS)
+
+
+def innovations(model: AxisModel, noise: float, period: float, position: Floats, torque: Floats, held: bool) -> Floats:
+    """Return the differences between the measured positions and their prediction from all samples before, (n,) [u].
+
+    Args:
+        model: parameters of the axis.
+        noise: standard deviation of the torque noise per standard deviation of the position noise [N·m/u].
+        period: of the samples [s].
+        position: measured, (n,) [u].
+        torque: (n,) [N·m].
+        held: whether a torque is held until the next sample, as a demand is; else it is linear in between.
+    """
+    count = substeps(period)
+    A, inputs = _linear(model)
+    F, G = sampled(A, inputs, period / count)
+    gain = kalman_gain(*sampled(A, inputs, period), noise)
+    free_gain = gain
+    if model.gap > 0 and model.share:
+        # within the backlash the encoder on the motor shows nothing of the load: correct the motor's state alone
+        motor = replace(
+            model, inertia=model.inertia * (1 - model.share), share=0.0, viscous=model.viscous + model.damping
+        )
+        A, inputs = _linear(motor)
+        free_gain = np.concatenate([kalman_gain(*sampled(A, inputs, period), noise), np.zeros(2)])
+    predictor = Predictor(period / count, F, G, gain, free_gain)
+    friction = Friction(model.coulomb, model.excess, model.stribeck, model.deflection, model.bristle_time, model.scale)
+    means = effective_torque(model, period, torque, count, held)
+    return _predict(position, means, predictor, friction, Spring(model.stiffness, model.gap))
+
+
+def _linear(model: AxisModel) -> tuple[Floats, Floats]:
+    """Return the state matrix and the effects of the two torques side by side."""
+    A, on_motor, on_load = model.matrices()
+    return A, np.ascontiguousarray(np.stack([on_motor, on_load], axis=1))
+
+
+def effective_torque(model: AxisModel, period: float, torque: Floats, count: int, held: bool) -> Floats:
+    """Return the mean of the late and lagged torque over each step between samples, (n, count) [N·m]."""
+    step = period / count
+    n = torque.size
+    following = torque if held else np.append(torque[1:], torque[-1])
+    # the mean over a step is the difference of the torque's integral at its ends, exact for any delay
+    integral = np.concatenate([[0.0], np.cumsum(0.5 * (torque + following) * period)])
+    time = np.arange(n * count + 1) * step - model.delay
+    tick = np.clip(np.floor(time / period), 0, n - 1).astype(np.int64)
+    into = np.clip(time - tick * period, 0, period)
+    area = integral[tick] + torque[tick] * into + (following - torque)[tick] * into**2 / (2 * period)
+    means = np.diff(area + np.minimum(time, 0) * torque[0]) / step
+    if model.lag > 0:
+        means = _lagged(means, math.exp(-step / model.lag), step / model.lag)
+    means += model.offset
+    return means.reshape(n, count)
+
+
+@jit
+def _lagged(means: Floats, decay: float, steps: float) -> Floats:
+    """Return the means over steps of a first-order lag of an input that is constant in each.
+
+    Args:
+        means: of the input, (n,).
+        decay: exp(-step/lag).
+        steps: step/lag.
+    """
+    state = means[0]
+    out = np.empty_like(means)
+    for i in range(means.size):
+        out[i] = means[i] + (state - means[i]) * (1.0 - decay) / steps
+        state = means[i] + (state - means[i]) * decay
+    return out
+
+
+@jit
+def _predict(position: Floats, torque: Floats, predictor: Predictor, friction: Friction, spring: Spring) -> Floats:
+    """Return the innovations, (n,) [u].
+
+    Bristles and linear motion take turns, the bristles half a step ahead.
+
+    Args:
+        position: measured, (n,) [u].
+        torque: means over the steps between samples, (n, steps) [N·m].
+        predictor: of the linear motion.
+        friction: of the motor.
+        spring: between motor and load.
+    """
+    step, F, G, gain, free_gain = predictor
+    _, excess, stribeck, deflection, bristle_time, scale = friction
+    coulomb = max(friction.coulomb, _LEAST_TORQUE)
+    stiffness = spring.stiffness
+    gap = spring.gap
+    n = F.shape[0]
+    out = np.empty(position.size)
+    x = np.zeros(n)
+    y = np.zeros(n)
+    free_motion = np.zeros(n)
+    bristles = coulomb / deflection  # stiffness of the bristles [N·m/rad]
+    z = 0.0
+    most = (coulomb + excess) / bristles  # stretch of the bristles that breaks away from rest
+    for i in range(0, n, 2):
+        x[i] = position[0]
+    for tick in range(position.size):
+        error = position[tick] - x[0]
+        out[tick] = error
+        correction = free_gain if n == 4 and abs(x[0] - x[2]) < 0.5 * gap else gain
+        for i in range(n):
+            x[i] += correction[i] * error
+        z = min(max(z + correction[0] * error / scale, -most), most)
+        for j in range(torque.shape[1]):
+            w = x[1] / scale
+            end, rate = _bristles(w, coulomb, excess, stribeck, bristles)
+            z = end + (z - end) * math.exp(-step * rate)  # from the middle of the last step to that of this one
+            back = 0.0
+            if gap > 0.0 and n == 4:
+                back = stiffness * min(max(x[0] - x[2], -0.5 * gap), 0.5 * gap)
+            # speed and stretch in the middle of the step, from the force at its begin: bristle damping is strong
+            force = torque[tick, j] - bristles * (z + bristle_time * (w - rate * z))
+            for i in range(n):
+                free_motion[i] = 0.0
+                for k in range(n):
+                    free_motion[i] += F[i, k] * x[k]
+                y[i] = free_motion[i] + G[i, 0] * force + G[i, 1] * back
+            w = 0.5 * (w + y[1] / scale)
+            if gap > 0.0 and n == 4:
+                back = stiffness * min(max(0.5 * (x[0] - x[2] + y[0] - y[2]), -0.5 * gap), 0.5 * gap)
+            _, rate = _bristles(w, coulomb, excess, stribeck, bristles)
+            force = torque[tick, j] - bristles * (z + bristle_time * (w - rate * z))
+            for i in range(n):
+                x[i] = free_motion[i] + G[i, 0] * force + G[i, 1] * back
+    return out
+
+
+@inner_jit
+def _bristles(w: float, coulomb: float, excess: float, stribeck: float, stiffness: float) -> tuple[float, float]:
+    """Return the deflection that the bristles approach at a speed w, and the rate of the approach [rad, 1/s]."""
+    level = coulomb
+    if abs(w) < 5.0 * stribeck:  # beyond, less than 1e-10 of the excess is left
+        level += excess * math.exp(-((w / stribeck) ** 2))
+    return level / stiffness * (1.0 if w > 0 else -1.0), stiffness * abs(w) / level
