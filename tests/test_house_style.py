@@ -70,12 +70,6 @@ NOT_YET: dict[str, dict[str, int]] = {
     "native": {"names": 18, "assignments": 49, "functions": 1, "modules": 1},
     # servo
     "servo": {"names": 30, "assignments": 18, "parameters": 4, "modules": 1},
-    # bead
-    "bead": {"names": 12, "assignments": 2, "functions": 2, "parameters": 3, "modules": 2},
-    # metrics
-    "metrics": {"names": 19, "modules": 1},
-    # stability
-    "stability": {"names": 15, "assignments": 9, "modules": 1},
     # env
     "env": {"names": 43, "assignments": 106, "parameters": 6},
 }

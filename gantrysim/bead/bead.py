@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +13,9 @@ from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError
 from gantrysim.bead.height_map import HeightMap
 from gantrysim.bead.layers import merging_height
-from gantrysim.bead.trace import BeadTrace, cumulated
+from gantrysim.bead.lengths import cumulated
+from gantrysim.bead.trace import BeadTrace
+from gantrysim.bead.values import BeadValues
 from gantrysim.metrics.analysis import Range
 from gantrysim.metrics.spacing import forward
 
@@ -23,106 +24,6 @@ _LINKS = 1000  # links between neighbouring turns, on which coverage is sampled
 _ON_A_LINK = 48  # samples
 _GOLDEN = 0.618034
 _SETTLED = 1e-5  # tolerance of a settled flow, of the flow demand
-
-
-@dataclass(frozen=True)
-class BeadValues:
-    """The values of a bead; ranges over its length or over its stretches of dispensing.
-
-    The volume error has four parts,
-
-        volume_error = ramp_error + start_error + steady_error + stop_error,
-
-    the first from the program, the others from the dispenser: a fixed flow demands more than the nominal section while
-    the path speed ramps, a fixed area does not. A start lasts until the flow's deviation from its demand settles to its
-    median over the stretch; a stop begins where it last has that value; in between a flow limit may reduce the flow.
-
-    Attributes:
-        nominal: requested section [mm²].
-        width: width while the dispenser is on [mm].
-        section: cross-section while the dispenser is on [mm²].
-        clearance: distance of neighbouring turns less their mean width, negative where they overlap; None for a trace
-            without neighbouring turns [mm].
-        overlap_share: share of the turns' length on which they overlap; None likewise.
-        gap_share: share on which they leave a gap; None likewise.
-        coverage: wet share of the area between neighbouring turns on the height map; None likewise, and where the map
-            has no meaning between any of them.
-        apart_share: share of that area where the height map has no meaning, as the surfaces of the two turns lie apart
-            in height, see `layers`; None likewise.
-        height_apart: largest difference of height of neighbouring turns [mm]; None likewise.
-        start_shortfall: volume missing at a start, as length of the nominal section [mm].
-        stop_excess: volume in excess at a stop, likewise; None where no stretch ends within the record [mm].
-        start_offset: place where half the nominal section is first reached, behind that of the nozzle at the command;
-            None where no stretch reaches it [mm].
-        stop_offset: the same for where the section was last as large [mm].
-        volume: volume laid [mm³].
-        requested_volume: volume of the nominal section along the commanded path, while the dispenser is on [mm³].
-        ramp_error: volume that the program demands beyond that [mm³].
-        start_error: volume laid beyond the demand until the flow has settled [mm³].
-        steady_error: the same from there to the stop [mm³].
-        stop_error: the same from there to the next start or the end of the record [mm³].
-        ridge: share by which glue on the height map stands above the nozzle; 0 where the map has settled.
-    """
-
-    nominal: float
-    width: Range
-    section: Range
-    clearance: Range | None
-    overlap_share: float | None
-    gap_share: float | None
-    coverage: float | None
-    apart_share: float | None
-    height_apart: float | None
-    start_shortfall: Range
-    stop_excess: Range | None
-    start_offset: Range | None
-    stop_offset: Range | None
-    volume: float
-    requested_volume: float
-    ramp_error: float
-    start_error: float
-    steady_error: float
-    stop_error: float
-    ridge: float
-
-    @property
-    def volume_error_parts(self) -> dict[str, float]:
-        """The parts of `volume_error` by name, in the order of a bead [mm³]."""
-        return {
-            "ramps": self.ramp_error,
-            "starts": self.start_error,
-            "running": self.steady_error,
-            "stops": self.stop_error,
-        }
-
-    @property
-    def apart_note(self) -> str:
-        """Remark on neighbouring turns that lie apart in height."""
-        where = "" if self.coverage is None else f" on {100 * (self.apart_share or 0.0):.1f} % of the area"
-        return (
-            f"neighbouring turns lie up to {self.height_apart:.3g} mm apart in height{where}: the height map, in plan "
-            "view, has no coverage between them"
-        )
-
-    @property
-    def ridge_note(self) -> str:
-        """Warning for a height map that has not settled."""
-        return f"glue stands {100 * self.ridge:.3g} % above the nozzle: heights and coverage are unreliable"
-
-    @property
-    def volume_error(self) -> float:
-        """Volume laid beyond the requested one [mm³]."""
-        return self.volume - self.requested_volume
-
-    @property
-    def volume_error_percent(self) -> float:
-        """Volume error over the requested volume [%]."""
-        return 100 * self.volume_error / self.requested_volume
-
-    @property
-    def dispenser_error(self) -> float:
-        """The dispenser's part of the volume error [mm³]."""
-        return self.start_error + self.steady_error + self.stop_error
 
 
 class Bead(BeadTrace, Shown):
@@ -243,7 +144,8 @@ class Bead(BeadTrace, Shown):
         width = by_blocks(lambda block: np.interp(self.length[ticks[block]], self.place, self.width), ticks.size)
 
         def clearance(block: slice) -> Floats:
-            here, there = (np.interp(at[block], s, width) for at in (spacing.s, spacing.next_s))
+            here = np.interp(spacing.s[block], s, width)
+            there = np.interp(spacing.next_s[block], s, width)
             return spacing.distance[block] - 0.5 * (here + there)
 
         return by_blocks(clearance, len(spacing.s))
@@ -261,13 +163,14 @@ class Bead(BeadTrace, Shown):
         )
         area = spacing.distance[some]
         link = spacing.link[some]
-        begin_layer, end_layer = (self._layer_at(s[some]) for s in (spacing.s, spacing.next_s))
+        begin_layer = self._layer_at(spacing.s[some])
+        end_layer = self._layer_at(spacing.next_s[some])
         level = np.abs(link[:, 1, 2] - link[:, 0, 2]) < merging_height(self)
         within = (begin_layer == end_layer) & level
         apart_share = float(area[~within].sum() / area.sum())
         if not within.any():
             return None, apart_share
-        # not at the same distances from the trace on every link
+        # the golden ratio shifts the samples from link to link, so that they meet every distance from the trace
         share = (np.arange(_ON_A_LINK) + (_GOLDEN * np.arange(_LINKS)[:, None]) % 1.0) / _ON_A_LINK
         begin, end = np.moveaxis(link[..., :2], 1, 0)
         points = begin[:, None] + share[..., None] * (end - begin)[:, None]
@@ -296,14 +199,13 @@ class Bead(BeadTrace, Shown):
     def _parts(self) -> Floats:
         """Volume beyond the demand at start, in steady flow and at stop of every stretch, (k, 3) [mm³]."""
         run = self.run
-        more = cumulated(by_blocks(lambda block: run.flow[block] - run.flow_demand[block], len(self.length) - 1))
-        more *= run.period
-        last = more.size - 1
-        ticks = [
-            [low, *self._settled(on, min(off, last)), high]
-            for (on, off), low, high in zip(self.stretches.tolist(), self._bounds[:-1], self._bounds[1:], strict=True)
-        ]
-        return np.diff(more[np.array(ticks)], axis=1)
+        excess = cumulated(by_blocks(lambda block: run.flow[block] - run.flow_demand[block], len(self.length) - 1))
+        excess *= run.period
+        last = excess.size - 1
+        ticks = []
+        for (on, off), low, high in zip(self.stretches.tolist(), self._bounds[:-1], self._bounds[1:], strict=True):
+            ticks.append([low, *self._settled(on, min(off, last)), high])
+        return np.diff(excess[np.array(ticks)], axis=1)
 
     def _settled(self, on: int, off: int) -> tuple[int, int]:
         """First tick of a stretch at which the flow has settled, and the one after the last."""
@@ -324,7 +226,8 @@ class Bead(BeadTrace, Shown):
     def _offsets(self) -> tuple[Floats, Floats]:
         """Offsets of the bead's visible starts and stops from the nozzle's place at the commands [mm]."""
         edges = spans(self.area >= 0.5 * self.nominal)
-        rises, falls = (np.array([self._crossing(k) for k in column.tolist()]) for column in edges.T)
+        rises = np.array([self._crossing(k) for k in edges[:, 0].tolist()])
+        falls = np.array([self._crossing(k) for k in edges[:, 1].tolist()])
         starts = []
         stops = []
         for k, (on, off) in enumerate(self.stretches.tolist()):

@@ -10,7 +10,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.bead.ends import SAMPLES, End, check_cells, upright
 from gantrysim.bead.footprint import footprint, wet_where_pushed
-from gantrysim.bead.laying import cover, drop, headroom, lay
+from gantrysim.bead.laying import Layer, Sampling, Stations, cover, drop, headroom, lay
 from gantrysim.bead.pushing import means, push_aside
 from gantrysim.bead.trace import BeadTrace
 
@@ -58,25 +58,37 @@ def lay_glue(bead: BeadTrace, grid: tuple[Floats, Floats], volume: Floats, wet: 
     none = np.zeros((0, 0))
     moment = np.zeros_like(glue) if uneven else none
     crest = np.zeros_like(glue) if bead.settings.squashed else none
+    layer = Layer(glue, moment, crest)
     for end in ends:
-        place = ((end.points[:, 0] - x[0]) / cell, (end.points[:, 1] - y[0]) / cell)
-        drop(glue, moment, crest, *place, end.volumes, end.gap, end.top)
-    at = ((bead.point[:, 0] - x[0]) / cell, (bead.point[:, 1] - y[0]) / cell)
-    trace = (bead.heading, np.gradient(bead.heading, bead.ds))
+        drop(layer, (end.points[:, 0] - x[0]) / cell, (end.points[:, 1] - y[0]) / cell, end.volumes, end.gap, end.top)
+    column = (bead.point[:, 0] - x[0]) / cell
+    row = (bead.point[:, 1] - y[0]) / cell
     shape = bead.section
-    sections = (bead.area, 0.5 * shape.width, 0.5 * shape.flat, shape.groove, shape.radius)
-    heights = (vertical, shape.height * vertical / bead.nozzle_height)
+    stations = Stations(
+        x=column,
+        y=row,
+        heading=bead.heading,
+        curvature=np.gradient(bead.heading, bead.ds),
+        area=bead.area,
+        half=0.5 * shape.width,
+        flat=0.5 * shape.flat,
+        groove=shape.groove,
+        radius=shape.radius,
+        gap=vertical,
+        top=shape.height * vertical / bead.nozzle_height,
+    )
     cosine = math.cos(math.radians(bead.settings.contact_angle))
     steps = max(math.ceil(bead.ds * SAMPLES / cell), 1)
-    lay(glue, moment, crest, (*at, *trace, *sections, *heights), volume, cosine, cell, steps, SAMPLES)
-    covered = footprint(glue.shape, *at, 0.5 * shape.width / cell, volume, _drops(volume, ends, at, cell))
+    lay(layer, stations, volume, cosine, Sampling(cell, steps, SAMPLES))
+    drops = _drops(volume, ends, column, row, cell)
+    covered = footprint(glue.shape, column, row, 0.5 * shape.width / cell, volume, drops)
     height = glue / cell**2
     excess = 0.0
     if bead.settings.squashed:
         under = np.full_like(glue, float(math.isinf(bead.run.face)))
         if not under.all():
-            cover(under, *at, wet, 0.5 * bead.run.face / cell)
-        ceiling, rise = headroom(under, glue, moment, crest, bead.gap, _rise(bead))
+            cover(under, column, row, wet, 0.5 * bead.run.face / cell)
+        ceiling, rise = headroom(under, layer, bead.gap, _rise(bead))
         x, y, height, ceiling, rise = _with_room(bead, x, y, height, ceiling, rise)
         covered = _on_grid(covered, grid, (x, y), cell)
         laid = height.copy()
@@ -85,11 +97,11 @@ def lay_glue(bead: BeadTrace, grid: tuple[Floats, Floats], volume: Floats, wet: 
     return Glue(x, y, height, covered, excess if excess > 2 * _RIPPLE else 0.0)
 
 
-def _drops(volume: Floats, ends: list[End], at: tuple[Floats, Floats], cell: float) -> Floats:
-    """Return x, y and radius of the ends that no bead is left beside, (k, 3) [cells]."""
+def _drops(volume: Floats, ends: list[End], column: Floats, row: Floats, cell: float) -> Floats:
+    """Return x, y and radius of the ends without bead on either side, (k, 3) [cells]."""
     dry = np.concatenate([[True], volume <= 0]) & np.concatenate([volume <= 0, [True]])
     alone = [end for end in ends if dry[end.station]]
-    return np.array([[at[0][end.station], at[1][end.station], end.radius / cell] for end in alone]).reshape(-1, 3)
+    return np.array([[column[end.station], row[end.station], end.radius / cell] for end in alone]).reshape(-1, 3)
 
 
 def stacked(glue: list[Glue], cell: float) -> tuple[Floats, Floats, Floats, Floats]:
@@ -112,10 +124,11 @@ def _joined(places: list[Floats], cell: float) -> Floats:
 
 def _on_grid(values: Floats, grid: tuple[Floats, Floats], wider: tuple[Floats, Floats], cell: float) -> Floats:
     """Return values of cells, (ny, nx), on a wider grid of the same cells, 0 beyond."""
-    left, below = (round(float(old[0] - new[0]) / cell) for old, new in zip(grid, wider, strict=True))
-    right = wider[0].size - grid[0].size - left
+    before = round(float(grid[0][0] - wider[0][0]) / cell)
+    below = round(float(grid[1][0] - wider[1][0]) / cell)
+    after = wider[0].size - grid[0].size - before
     above = wider[1].size - grid[1].size - below
-    return np.pad(values, ((below, above), (left, right)))
+    return np.pad(values, ((below, above), (before, after)))
 
 
 def _rise(bead: BeadTrace) -> float:

@@ -7,12 +7,13 @@ place at another height; the glue there neither adds to that below nor is pushed
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import jit
+from gantrysim.base.jit import inner_jit, jit
 from gantrysim.bead.trace import BeadTrace
 
 # Layers of a print lie a bead's height apart, but for the machine's error; turns on a gentle slope lie closer.
@@ -74,6 +75,25 @@ def layers_of(bead: BeadTrace, wet: NDArray[np.bool_], most: int) -> NDArray[np.
     return number
 
 
+class _Passes(NamedTuple):
+    """Passes over the cells of a layer, (ny, nx) each.
+
+    Attributes:
+        low, high: bounds of the surface's height that the first pass gives [cells].
+        begin: height at which the last pass came to the cell [cells].
+        came: interval in which it did.
+        last: interval in which it was last over the cell, below 0 before the first one.
+        passed: whether it was not the first one.
+    """
+
+    low: Floats
+    high: Floats
+    begin: Floats
+    came: NDArray[np.int32]
+    last: NDArray[np.int32]
+    passed: NDArray[np.bool_]
+
+
 @jit
 def _refused(
     stations: tuple[Floats, Floats, Floats, Floats],
@@ -99,12 +119,14 @@ def _refused(
     """
     x, y, half, surface = stations
     hold, crossing = intervals
-    low = np.empty(shape)
-    high = np.empty(shape)
-    begin = np.empty(shape)  # height at which the last pass came to the cell
-    came = np.zeros(shape, np.int32)  # interval in which it did
-    last = np.full(shape, -2, np.int32)  # interval in which it was last over the cell
-    passed = np.zeros(shape, np.bool_)  # whether it was not the first one
+    passes = _Passes(
+        low=np.empty(shape),
+        high=np.empty(shape),
+        begin=np.empty(shape),
+        came=np.zeros(shape, np.int32),
+        last=np.full(shape, -2, np.int32),
+        passed=np.zeros(shape, np.bool_),
+    )
     refused = np.zeros(waiting.size, np.bool_)
     conflict = -hold - 1
     for k in range(waiting.size):
@@ -121,7 +143,7 @@ def _refused(
         reach = max(half[k], half[k + 1])
         rows = (max(math.ceil(min(y[k], y[k + 1]) - reach), 0), math.floor(max(y[k], y[k + 1]) + reach) + 1)
         columns = (max(math.ceil(min(x[k], x[k + 1]) - reach), 0), math.floor(max(x[k], x[k + 1]) + reach) + 1)
-        for taking in (False, True):
+        for taking in (False, True):  # a layer takes an interval whole or not at all
             for j in range(rows[0], min(rows[1], shape[0])):
                 for i in range(columns[0], min(columns[1], shape[1])):
                     px = i - x[k]
@@ -131,25 +153,60 @@ def _refused(
                     if distance > reach:
                         continue
                     here = surface[k] + along * (surface[k + 1] - surface[k])
-                    doubt = slope[k] * distance
-                    stays = last[j, i] >= k - 1
-                    if not taking:
-                        if stays and k - came[j, i] > crossing:
-                            refused[k] |= abs(begin[j, i] - here) >= limit
-                        if last[j, i] >= 0 and (passed[j, i] or not stays):
-                            apart = max(low[j, i] - (here + doubt), (here - doubt) - high[j, i])
-                            refused[k] |= apart >= limit
-                        continue
-                    if not stays:
-                        passed[j, i] = last[j, i] >= 0
-                        came[j, i] = k
-                        begin[j, i] = here
-                    if not passed[j, i]:
-                        new = not stays or max(low[j, i] - (here + doubt), (here - doubt) - high[j, i]) > 0.0
-                        low[j, i] = here - doubt if new else max(low[j, i], here - doubt)
-                        high[j, i] = here + doubt if new else min(high[j, i], here + doubt)
-                    last[j, i] = k
+                    bounds = (here - slope[k] * distance, here, here + slope[k] * distance)
+                    if taking:
+                        _take(passes, (j, i), k, bounds)
+                    else:
+                        refused[k] |= _conflicts(passes, (j, i), k, bounds, limit, crossing)
             if refused[k]:
                 conflict = k
                 break
     return refused
+
+
+@inner_jit
+def _conflicts(
+    passes: _Passes,
+    cell: tuple[int, int],
+    k: int,
+    bounds: tuple[float, float, float],
+    limit: float,
+    crossing: int,
+) -> bool:
+    """Return whether a cell refuses a pass.
+
+    Args:
+        passes: over the cells before.
+        cell: row and column.
+        k: interval of the pass.
+        bounds: lowest, likely and highest height of the surface below it in the cell [cells].
+        limit: of the heights' difference [cells].
+        crossing: intervals in which a pass crosses a cell.
+    """
+    lowest, here, highest = bounds
+    stays = passes.last[cell] >= k - 1
+    conflict = False
+    if stays and k - passes.came[cell] > crossing:
+        conflict = abs(passes.begin[cell] - here) >= limit
+    if passes.last[cell] >= 0 and (passes.passed[cell] or not stays):
+        conflict |= max(passes.low[cell] - highest, lowest - passes.high[cell]) >= limit
+    return conflict
+
+
+@inner_jit
+def _take(passes: _Passes, cell: tuple[int, int], k: int, bounds: tuple[float, float, float]) -> None:
+    """Note a pass over a cell; arguments as of `_conflicts`."""
+    lowest, here, highest = bounds
+    stays = passes.last[cell] >= k - 1
+    if not stays:
+        passes.passed[cell] = passes.last[cell] >= 0
+        passes.came[cell] = k
+        passes.begin[cell] = here
+    if not passes.passed[cell]:
+        if not stays or max(passes.low[cell] - highest, lowest - passes.high[cell]) > 0.0:
+            passes.low[cell] = lowest
+            passes.high[cell] = highest
+        else:  # both hold: the surface lies where they overlap
+            passes.low[cell] = max(passes.low[cell], lowest)
+            passes.high[cell] = min(passes.high[cell], highest)
+    passes.last[cell] = k

@@ -6,18 +6,74 @@ Heights are volumes per cell, places are in cells.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import jit
+from gantrysim.base.jit import inner_jit, jit
+
+
+class Layer(NamedTuple):
+    """Glue of a layer on a grid, added to in place.
+
+    Attributes:
+        glue: volume of each cell, (ny, nx) [mm³].
+        moment: the same times the gap, (ny, nx) [mm⁴], or empty.
+        crest: largest height of the sections that lay glue there, (ny, nx) [mm], or empty.
+    """
+
+    glue: Floats
+    moment: Floats
+    crest: Floats
+
+
+class Stations(NamedTuple):
+    """The bead at the stations of its trace, (r,) each.
+
+    Attributes:
+        x, y: [cells].
+        heading: of the trace [rad].
+        curvature: to the left [1/mm].
+        area: of the section [mm²].
+        half, flat, groove, radius: half the width, half the flat, depth of the groove and radius of the section [mm].
+        gap, top: vertical heights of nozzle and crest [mm].
+    """
+
+    x: Floats
+    y: Floats
+    heading: Floats
+    curvature: Floats
+    area: Floats
+    half: Floats
+    flat: Floats
+    groove: Floats
+    radius: Floats
+    gap: Floats
+    top: Floats
+
+
+class Sampling(NamedTuple):
+    """Size of a cell [mm], steps between two stations along the trace, and samples per cell across it."""
+
+    cell: float
+    steps: int
+    samples: float
 
 
 @jit
-def drop(
-    glue: Floats, moment: Floats, crest: Floats, x: Floats, y: Floats, volume: Floats, gap: float, height: float
-) -> None:
-    """Share volumes at points among the four cells around each; the other arguments are as for `lay`."""
+def drop(layer: Layer, x: Floats, y: Floats, volume: Floats, gap: float, height: float) -> None:
+    """Share volumes at points among the four cells around each.
+
+    Args:
+        layer: added to.
+        x: of the points, (n,) [cells].
+        y: likewise.
+        volume: at each of them, (n,) [mm³].
+        gap: under the nozzle [mm].
+        height: of the drop [mm].
+    """
+    glue, moment, crest = layer
     ny, nx = glue.shape
     for k in range(x.size):
         px = min(max(x[k], 0.0), nx - 1.001)
@@ -36,34 +92,18 @@ def drop(
 
 
 @jit
-def lay(
-    glue: Floats,
-    moment: Floats,
-    crest: Floats,
-    stations: tuple[Floats, ...],
-    volume: Floats,
-    cosine: float,
-    cell: float,
-    steps: int,
-    samples: float,
-) -> None:
+def lay(layer: Layer, stations: Stations, volume: Floats, cosine: float, sampling: Sampling) -> None:
     """Lay the volumes between stations in steps across the trace.
 
     Args:
-        glue: volume of each cell, (ny, nx), added to.
-        moment: the same times the gap, (ny, nx), added to, or empty.
-        crest: largest height of the sections that lay glue there, (ny, nx) [mm], raised, or empty.
-        stations: x and y in cells, heading [rad] and curvature to the left [1/mm] of the trace, area [mm²], half the
-            width, half the flat, groove and radius of the sections, vertical heights of nozzle and crest [mm], (r,)
-            each.
+        layer: added to.
+        stations: of the bead.
         volume: between the stations, (r - 1,) [mm³].
         cosine: of the contact angle.
-        cell: size of a cell [mm].
-        steps: between two stations.
-        samples: per cell, across.
+        sampling: of the sections.
     """
-    x, y, heading, curvature, area, half, flat, groove, radius, gap, top = stations
-    ny, nx = glue.shape
+    cell, steps, samples = sampling
+    x, y, heading, _, area, half, _, _, _, gap, top = stations
     widest = 0.0
     for k in range(volume.size):
         if volume[k] > 0.0:
@@ -75,56 +115,84 @@ def lay(
         if volume[k] <= 0.0:
             continue
         mean = 0.5 * (area[k] + area[k + 1])
-        h = max(top[k], top[k + 1])
+        height = max(top[k], top[k + 1])
         for step in range(steps):
             f = (step + 0.5) / steps
             part = volume[k] / steps * (((1.0 - f) * area[k] + f * area[k + 1]) / mean)
-            w = (1.0 - f) * half[k] + f * half[k + 1]
-            b = (1.0 - f) * flat[k] + f * flat[k + 1]
-            d = (1.0 - f) * groove[k] + f * groove[k + 1]
-            rho = (1.0 - f) * radius[k] + f * radius[k + 1]
-            bend = (1.0 - f) * curvature[k] + f * curvature[k + 1]
             angle = (1.0 - f) * heading[k] + f * heading[k + 1]
             g = (1.0 - f) * gap[k] + f * gap[k + 1]
             px = (1.0 - f) * x[k] + f * x[k + 1]
             py = (1.0 - f) * y[k] + f * y[k + 1]
-            left = -math.sin(angle) / cell
-            up = math.cos(angle) / cell
-            # evenly in the flat and in each of the halves beside it, as a groove has steep walls
-            count = 0
-            total = 0.0
-            edge = b if d > 0.0 else 0.0
-            for low, high in ((-w, -edge), (-edge, edge), (edge, w)):
-                among = math.ceil((high - low) / cell * samples)
-                for n in range(among):
-                    u = low + (high - low) * (n + 0.5) / among
-                    beside = max(abs(u) - b, 0.0)
-                    z = math.sqrt(max(rho * rho - beside * beside, 0.0)) - rho * cosine - (d if abs(u) < edge else 0.0)
-                    place[count] = u
-                    weight[count] = max(z, 0.0) * max(1.0 - bend * u, 0.0) * (high - low) / among
-                    total += weight[count]
-                    count += 1
-            if count == 0:
-                place[0], count = 0.0, 1
+            across = -math.sin(angle) / cell  # unit vector to the left, in cells per mm
+            upward = math.cos(angle) / cell
+            count, total = _sampled(stations, k, f, cosine, sampling, (place, weight))
             for n in range(count):
                 u = place[n]
                 share = part / count if total <= 0.0 else part * weight[n] / total
-                # beyond the grid, on its rim
-                cx = min(max(px + left * u, 0.0), nx - 1.001)
-                cy = min(max(py + up * u, 0.0), ny - 1.001)
-                i = int(cx)
-                j = int(cy)
-                a = cx - i
-                c = cy - j
-                for row, much in ((j, (1.0 - c) * share), (j + 1, c * share)):
-                    glue[row, i] += (1.0 - a) * much
-                    glue[row, i + 1] += a * much
-                    if moment.size:
-                        moment[row, i] += (1.0 - a) * much * g
-                        moment[row, i + 1] += a * much * g
-                    if crest.size:
-                        crest[row, i] = max(crest[row, i], h)
-                        crest[row, i + 1] = max(crest[row, i + 1], h)
+                _add(layer, px + across * u, py + upward * u, share, g, height)
+
+
+@inner_jit
+def _sampled(
+    stations: Stations, k: int, f: float, cosine: float, sampling: Sampling, out: tuple[Floats, Floats]
+) -> tuple[int, float]:
+    """Sample the section between two stations, and return the number of samples and the sum of their weights.
+
+    Args:
+        stations: of the bead.
+        k: the first of the two.
+        f: share of the way to the second.
+        cosine: of the contact angle.
+        sampling: of the section.
+        out: place to the left [mm] and weight of each sample, written.
+    """
+    place, weight = out
+    w = (1.0 - f) * stations.half[k] + f * stations.half[k + 1]
+    b = (1.0 - f) * stations.flat[k] + f * stations.flat[k + 1]
+    d = (1.0 - f) * stations.groove[k] + f * stations.groove[k + 1]
+    rho = (1.0 - f) * stations.radius[k] + f * stations.radius[k + 1]
+    bend = (1.0 - f) * stations.curvature[k] + f * stations.curvature[k + 1]
+    # evenly in the flat and in each of the halves beside it, as a groove has steep walls
+    count = 0
+    total = 0.0
+    edge = b if d > 0.0 else 0.0
+    for low, high in ((-w, -edge), (-edge, edge), (edge, w)):
+        among = math.ceil((high - low) / sampling.cell * sampling.samples)
+        for n in range(among):
+            u = low + (high - low) * (n + 0.5) / among
+            beside = max(abs(u) - b, 0.0)
+            z = math.sqrt(max(rho * rho - beside * beside, 0.0)) - rho * cosine - (d if abs(u) < edge else 0.0)
+            place[count] = u
+            # in a bend, a strip on the inner side is shorter
+            weight[count] = max(z, 0.0) * max(1.0 - bend * u, 0.0) * (high - low) / among
+            total += weight[count]
+            count += 1
+    if count == 0:  # a section without width
+        place[0] = 0.0
+        count = 1
+    return count, total
+
+
+@inner_jit
+def _add(layer: Layer, x: float, y: float, volume: float, gap: float, height: float) -> None:
+    """Share a volume among the four cells around a point, by their distances; beyond the grid, on its rim."""
+    glue, moment, crest = layer
+    ny, nx = glue.shape
+    px = min(max(x, 0.0), nx - 1.001)
+    py = min(max(y, 0.0), ny - 1.001)
+    i = int(px)
+    j = int(py)
+    a = px - i
+    b = py - j
+    for row, part in ((j, (1.0 - b) * volume), (j + 1, b * volume)):
+        glue[row, i] += (1.0 - a) * part
+        glue[row, i + 1] += a * part
+        if moment.size:
+            moment[row, i] += (1.0 - a) * part * gap
+            moment[row, i + 1] += a * part * gap
+        if crest.size:
+            crest[row, i] = max(crest[row, i], height)
+            crest[row, i + 1] = max(crest[row, i + 1], height)
 
 
 @jit
@@ -151,11 +219,11 @@ def cover(under: Floats, x: Floats, y: Floats, volume: Floats, radius: float) ->
         per_square = 1.0 / square if square > 0.0 else 0.0
         low = min(y[k], y[k + 1]) - reach
         high = max(y[k], y[k + 1]) + reach
-        left = min(x[k], x[k + 1]) - reach
-        right = max(x[k], x[k + 1]) + reach
+        leftmost = min(x[k], x[k + 1]) - reach
+        rightmost = max(x[k], x[k + 1]) + reach
         for j in range(max(math.ceil(low), 0), min(math.floor(high), ny - 1) + 1):
             py = j - y[k]
-            for i in range(max(math.ceil(left), 0), min(math.floor(right), nx - 1) + 1):
+            for i in range(max(math.ceil(leftmost), 0), min(math.floor(rightmost), nx - 1) + 1):
                 px = i - x[k]
                 along = min(max((px * dx + py * dy) * per_square, 0.0), 1.0)
                 across = px - along * dx
@@ -180,19 +248,16 @@ def hat_below(t: float) -> float:
 
 
 @jit
-def headroom(
-    under: Floats, glue: Floats, moment: Floats, crest: Floats, gap: float, free: float
-) -> tuple[Floats, Floats]:
+def headroom(under: Floats, layer: Layer, gap: float, free: float) -> tuple[Floats, Floats]:
     """Return the height that glue may have in each cell, and how far its surface there rises with excess.
 
     Args:
         under: share of each cell that the needle's face passes over, (ny, nx).
-        glue: as in `lay`, like the next two.
-        moment: empty where the nozzle's height is everywhere `gap`; else its mean over the glue laid in a cell counts.
-        crest: of the beads laid beside the face.
+        layer: with the moment, the nozzle's mean height over the glue laid in a cell counts; without, `gap`.
         gap: the nozzle's height over cells without glue [mm].
         free: rise of a free surface, see `pushing.push_aside`.
     """
+    glue, moment, crest = layer
     ceiling = np.empty(under.shape)
     rise = np.empty(under.shape)
     for j in range(under.shape[0]):

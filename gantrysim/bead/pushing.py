@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
@@ -16,6 +17,22 @@ _LEAST_RIPPLE = 1e-3
 _CHUNK = 20  # sweeps
 _ROUGH = 1.7
 _ROUGH_SWEEPS = 200
+
+
+class _Surface(NamedTuple):
+    """Height h, ceiling c, rise k and total u handed on of the cells, (ny, nx) each."""
+
+    height: Floats
+    ceiling: Floats
+    rise: Floats
+    handed: Floats
+
+
+class _Queue(NamedTuple):
+    """Cells to be swept, as a list with room for all, and as a mask, (ny, nx)."""
+
+    cells: NDArray[np.int32]
+    listed: NDArray[np.bool_]
 
 
 def push_aside(height: Floats, ceiling: Floats, rise: Floats, ripple: float, sweeps: int) -> float:
@@ -54,16 +71,15 @@ def _handed_on(height: Floats, ceiling: Floats, rise: Floats, ripple: float, swe
         coarse = _handed_on(_coarser(height, False), _coarser(ceiling, True), 4.0 * _coarser(rise, True), finer, sweeps)
         handed = 4.0 * _finer(coarse, *height.shape)
         _hand_on(height, handed)
-    cells, listed, count = _to_push(height, ceiling, handed, ripple)
+    surface = _Surface(height, ceiling, rise, handed)
+    queue, count = _to_push(surface, ripple)
     for first in range(0, sweeps, _CHUNK):  # in chunks, as an interrupt needs Python
         # the coarse start leaves short waves, which need little over-relaxation; the long ones follow
         # for a square of so many cells: Jacobi's spectral radius is cos(pi / side) / (1 + k)
         radius = math.cos(math.pi / max(math.sqrt(count), 4.0)) / (1.0 + float(rise.mean()))
         best = 2.0 / (1.0 + math.sqrt(1.0 - radius**2))
         factor = min(best, _ROUGH) if first < _ROUGH_SWEEPS and min(height.shape) > _COARSEST else best
-        settled, count = _sweep(
-            height, ceiling, rise, handed, cells, listed, count, ripple, factor, min(_CHUNK, sweeps - first)
-        )
+        settled, count = _sweep(surface, queue, count, ripple, factor, min(_CHUNK, sweeps - first))
         if settled:
             break
     return handed
@@ -73,13 +89,13 @@ def _handed_on(height: Floats, ceiling: Floats, rise: Floats, ripple: float, swe
 def means(values: Floats, size: int, beyond: float) -> Floats:
     """Return means over blocks of `size` by `size` cells; incomplete ones are filled with `beyond`."""
     ny, nx = values.shape
-    found = np.zeros((-(-ny // size), -(-nx // size)))
-    for row in range(found.shape[0]):
+    sums = np.zeros((-(-ny // size), -(-nx // size)))
+    for row in range(sums.shape[0]):
         for j in range(row * size, (row + 1) * size):
-            for column in range(found.shape[1]):
+            for column in range(sums.shape[1]):
                 for i in range(column * size, (column + 1) * size):
-                    found[row, column] += values[j, i] if j < ny and i < nx else beyond
-    return found / size**2
+                    sums[row, column] += values[j, i] if j < ny and i < nx else beyond
+    return sums / size**2
 
 
 @jit
@@ -126,8 +142,9 @@ def _hand_on(height: Floats, handed: Floats) -> None:
 
 
 @jit
-def _to_push(height: Floats, ceiling: Floats, handed: Floats, ripple: float) -> tuple[Any, Any, int]:
-    """Return the cells above the ceiling or with u > 0 as a list and as a mask, and their number."""
+def _to_push(surface: _Surface, ripple: float) -> tuple[_Queue, int]:
+    """Return the cells above the ceiling or with u > 0, and their number."""
+    height, ceiling, _, handed = surface
     ny, nx = height.shape
     listed = np.zeros((ny, nx), np.bool_)
     cells = np.empty(ny * nx, np.int32)
@@ -138,23 +155,14 @@ def _to_push(height: Floats, ceiling: Floats, handed: Floats, ripple: float) -> 
                 cells[count] = j * nx + i
                 listed[j, i] = True
                 count += 1
-    return cells, listed, count
+    return _Queue(cells, listed), count
 
 
 @jit
-def _sweep(
-    height: Floats,
-    ceiling: Floats,
-    rise: Floats,
-    handed: Floats,
-    cells: Any,
-    listed: Any,
-    count: int,
-    ripple: float,
-    factor: float,
-    sweeps: int,
-) -> tuple[bool, int]:
+def _sweep(surface: _Surface, queue: _Queue, count: int, ripple: float, factor: float, sweeps: int) -> tuple[bool, int]:
     """Sweep over the listed cells; return whether all are settled, and their number, which may have grown."""
+    height, ceiling, rise, handed = surface
+    cells, listed = queue
     ny, nx = height.shape
     for _ in range(sweeps):
         settled = True

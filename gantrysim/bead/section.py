@@ -58,13 +58,12 @@ class Section:
         if radius > highest:
             a = g / 8
             b = 0.25 * segment * highest**2
-            rest = share - body * highest**3
+            beyond = share - body * highest**3
             radius = highest
-            flat = 2 * rest / (b + np.sqrt(b**2 + 4 * a * rest))
+            flat = 2 * beyond / (b + np.sqrt(b**2 + 4 * a * beyond))  # no difference of near numbers, as in -b + root
         if flat > face:
             roots = np.roots([body, 0.25 * face * segment, 0.0, face**2 / 8 * g - share])
-            # the others are negative
-            radius = float(roots.real.max())
+            radius = float(roots.real.max())  # the other roots are negative
             flat = face
         pressed = flat * g if flat else 0.0
         return cls(np.array([segment * radius**2 + pressed]), gap, contact_angle, face)

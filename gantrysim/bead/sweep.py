@@ -16,7 +16,8 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError
 from gantrysim.bead.rings import SIDES, Mesh, joined, rings
 from gantrysim.bead.section import Section
-from gantrysim.bead.trace import BeadSettings, BeadTrace
+from gantrysim.bead.settings import BeadSettings
+from gantrysim.bead.trace import BeadTrace
 from gantrysim.record.run import Run
 
 _DISTANCE = 2.0  # of the rings [mm]
@@ -104,7 +105,8 @@ class Sweep:
         """A point below the start of the trace."""
         point = 1e-3 * self._base[0]
         up = np.array([0.0, 0.0, 1.0])
-        vertices, normals = (np.tile(part.astype(np.float32), (SIDES + 1, 1)) for part in (point, up))
+        vertices = np.tile(point.astype(np.float32), (SIDES + 1, 1))
+        normals = np.tile(up.astype(np.float32), (SIDES + 1, 1))
         return Mesh(vertices, normals, np.zeros(1), np.zeros(1))
 
     @cached_property
@@ -112,7 +114,8 @@ class Sweep:
         """The rings of each stretch, without its ends."""
         meshes = []
         for first, after in self._stretches:
-            needed, place = (values[first:after] for values in (self._needed, self.bead_trace.place))
+            needed = self._needed[first:after]
+            place = self.bead_trace.place[first:after]
             count = max(int(np.ceil((needed[-1] - needed[0]) / self._step)), 1) + 1 if self._step > 0 else 2
             where = np.interp(np.linspace(needed[0], needed[-1], count), needed, place)
             meshes.append(self._rings(where, np.zeros(count)))
@@ -150,9 +153,9 @@ class Sweep:
         gap = self.bead_trace.section.gap
         stop = min(laid, float(self._edges[after]))
         upto = slice(first, max(int(np.searchsorted(place, stop, side="right")), first + 1))
-        left = np.interp(stop, self._edges, self._held) - self._before[upto] - self._half[upto]
+        missing = np.interp(stop, self._edges, self._held) - self._before[upto] - self._half[upto]
         begin = self._starts[number]
-        end = _crossing(place[upto][::-1], left[::-1])
+        end = _crossing(place[upto][::-1], missing[::-1])
         if not begin < end < np.inf:  # a drop of two ends
             middle = 0.5 * (float(self._edges[first]) + stop)
             held = min(volume, float(self._held[after])) - float(self._held[first])
@@ -163,10 +166,11 @@ class Sweep:
         part = slice(*np.searchsorted(between.place, [begin, end], side="right").tolist())
         return joined([self._end(begin, -1.0), between.part(part), self._end(end, 1.0)])
 
-    def _end(self, at: float, sign: float, section: Section | None = None) -> Mesh:
+    def _end(self, place: float, sign: float, section: Section | None = None) -> Mesh:
         """Return the round end about a place of the trace, at the start (sign -1) or stop (1) of a stretch."""
-        mesh = self._rings(np.full(_END, at), sign * _TURNED, section)
-        vertices, normals = (part.reshape(_END, SIDES + 1, 3) for part in (mesh.vertices, mesh.normals))
+        mesh = self._rings(np.full(_END, place), sign * _TURNED, section)
+        vertices = mesh.vertices.reshape(_END, SIDES + 1, 3)
+        normals = mesh.normals.reshape(_END, SIDES + 1, 3)
         vertices[0] = vertices[0, 0]
         order = slice(None, None, -1 if sign > 0 else 1)
         return Mesh(vertices[order].reshape(-1, 3), normals[order].reshape(-1, 3), mesh.place, mesh.width)

@@ -6,59 +6,29 @@ of the trace over their distance, which is the same while the nozzle moves and a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.columns import by_blocks
-from gantrysim.base.errors import InputError, at_least, finite, whole
+from gantrysim.base.errors import whole
+from gantrysim.bead.lengths import cumulated, surface_steps
 from gantrysim.bead.section import Section
+from gantrysim.bead.settings import BeadSettings
+from gantrysim.bead.spreading import spread
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.record.run import Run, check_run
 
 _DISTANCE = 0.25  # of the stations [mm]
 _STATIONS = (2, 400_000)
-_LEAST = 1e-6  # smallest gap and cell [mm]
-_HIGHEST = 1e9  # gap [mm]
-_LEAST_ANGLE = 1.0  # [deg]; below, glue is a film without a shape
 # tolerance of a steady section, and share of the ticks before a fault that must keep it
 _STEADY = 0.1
 _MOSTLY = 0.5
 _SHORTEST = 1e-6  # length of the trace of a dot [mm]
 _LEAST_GAP = 0.05  # of the nominal one, for a nozzle that dips into the work
 _WET = 1e-3  # of the nominal section; below, a stretch of bead has ended
-
-
-@dataclass(frozen=True)
-class BeadSettings:
-    """Shape of the bead, and resolution of its height map.
-
-    Attributes:
-        gap: height of the nozzle above the surface on the requested path; None for the machine's [mm].
-        contact_angle: contact angle of a drop on the surface, from 1 to 90 [deg].
-        squashed: whether a bead keeps the section that the needle's face presses; else it relaxes to a sessile one.
-        cell: size of the height map's cells [mm].
-    """
-
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
-    gap: float | None = None
-    contact_angle: float = 60.0
-    squashed: bool = True
-    cell: float = 0.25
-
-    def __post_init__(self) -> None:
-        if self.gap is not None:
-            at_least("gap", self.gap, _LEAST, "mm", _HIGHEST)
-        if not _LEAST_ANGLE <= finite("contact_angle", self.contact_angle, "deg") <= 90:
-            raise InputError(
-                f"contact_angle = {self.contact_angle:g} deg: must be at least {_LEAST_ANGLE:g} and at most 90 deg"
-            )
-        at_least("cell", self.cell, _LEAST, "mm")
 
 
 class BeadTrace:
@@ -236,19 +206,12 @@ class BeadTrace:
         return self._spread(np.maximum(laid / ds, 0.0))
 
     def _spread(self, area: Floats) -> Floats:
-        """Spread the surplus of a section over the nominal one along the trace, as far as it is wide.
-
-        What is wider than one, two, four ... nominal widths spreads over as much, one after the other.
-        """
-        held = self.nominal if self.nominal > 0 else float(area.max())
-        if held <= 0:
+        """Spread the surplus of a section over the nominal one along the trace."""
+        steady = self.nominal if self.nominal > 0 else float(area.max())
+        if steady <= 0:
             return area
-        width = float(self._sections(np.array([held]), np.array([self.gap])).width[0])
-        slope = held / width
-        while (excess := np.maximum(area - held, 0.0)).any() and width < 2 * self.place[-1]:
-            area = np.minimum(area, held) + _averaged(excess, int(np.ceil(0.5 * width / self.ds)))
-            width, held = 2 * width, 2 * width * slope
-        return area
+        width = float(self._sections(np.array([steady]), np.array([self.gap])).width[0])
+        return spread(area, steady, width, self.ds, longest=2 * float(self.place[-1]))
 
     def _sections(self, area: Floats, gap: Floats) -> Section:
         gap = gap if self.settings.squashed else np.full_like(gap, np.inf)
@@ -323,34 +286,3 @@ class BeadTrace:
 
 def _settings_of(bead: BeadSettings | BeadTrace | None) -> BeadSettings | None:
     return bead.settings if isinstance(bead, BeadTrace) else bead
-
-
-def cumulated(values: Floats) -> Floats:
-    """Return the sums of the first values, of none to all of them, (n + 1,)."""
-    sums = np.empty(len(values) + 1)
-    sums[0] = 0.0
-    np.cumsum(values, out=sums[1:])
-    return sums
-
-
-def surface_steps(run: Run) -> Floats:
-    """Length of the nozzle's trace from each tick to the next along the surface, (n - 1,) [mm].
-
-    A nozzle that moves steeper than 45 deg leaves the surface or approaches it: only its motion in plan view counts,
-    so that glue which flows meanwhile lies on the spot.
-    """
-
-    def steps(block: slice) -> Floats:
-        step = np.diff(run.nozzle[block.start : block.stop + 1], axis=0)  # a long run's is mapped anew
-        ahead = np.hypot(step[:, 0], step[:, 1])
-        return np.where(np.abs(step[:, 2]) > ahead, ahead, np.hypot(ahead, step[:, 2]))
-
-    return by_blocks(steps, len(run.time) - 1)
-
-
-def _averaged(values: Floats, reach: int) -> Floats:
-    """Moving average over `reach` to both sides, twice; mirrored at the ends, which conserves the sum."""
-    for _ in range(2):
-        cumulated = np.concatenate([[0.0], np.cumsum(np.pad(values, reach, mode="reflect"))])
-        values = (cumulated[2 * reach + 1 :] - cumulated[: -2 * reach - 1]) / (2 * reach + 1)
-    return np.maximum(values, 0.0)

@@ -28,20 +28,21 @@ belongs to no link (`gantrysim.metrics.links`).
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, dot
-from gantrysim.base.columns import blocks, by_blocks, table_by_blocks
+from gantrysim.base.arrays import Floats
+from gantrysim.base.columns import by_blocks
 from gantrysim.base.display import table_html
 from gantrysim.metrics.analysis import Analysis, ErrorSize
 from gantrysim.metrics.links import Trace, links, offset_of
 from gantrysim.metrics.parts import CORNER, BudgetValues, Part, PartValues, TurnValues
 from gantrysim.metrics.spacing import one_way
+from gantrysim.metrics.tracking import RigidMachine, tracking_by_axis
 from gantrysim.record.run import Run
 
 # the links of the chain in their order; DESCRIPTIONS also has their sum, the contour error
@@ -82,14 +83,6 @@ class Stretch(NamedTuple):
     ticks: slice
 
 
-class RigidMachine(Protocol):
-    """Kinematics of a machine."""
-
-    def tip(self, position: ArrayLike) -> Floats:
-        """Return the nozzle in the work frame, (n, 3) [mm], at axis positions, (n, axes) [mm or deg]."""
-        ...
-
-
 class Budget:
     """The error budget of a run while the dispenser is on; printed, it is a table of its links.
 
@@ -109,15 +102,10 @@ class Budget:
 
     def _repr_html_(self) -> str:
         heads = ("link", "rms", "95 %", "max", "share", "span")
-        rows = [
-            [
-                name,
-                *(f"{_UM * size:.1f}" for size in (part.rms, part.p95, part.max)),
-                f"{100 * part.share:z.1f} %",
-                DESCRIPTIONS[name],
-            ]
-            for name, part in self.values.rows.items()
-        ]
+        rows = []
+        for name, part in self.values.rows.items():
+            sizes = [f"{_UM * size:.1f}" for size in (part.rms, part.p95, part.max)]
+            rows.append([name, *sizes, f"{100 * part.share:z.1f} %", DESCRIPTIONS[name]])
         return table_html("error normal to the requested path [µm]", heads, rows)
 
     def __str__(self) -> str:
@@ -226,50 +214,7 @@ class Budget:
         Args:
             machine: the machine of the run.
         """
-        run = self.analysis.run
-        on = self.analysis.ticks
-
-        @lru_cache(maxsize=1)
-        def normals(first: int, last: int) -> tuple[Floats, Floats, Floats]:
-            """Directions along which a displacement counts as lateral, vertical and beyond, at some ticks."""
-            return self._tracking_normals(slice(first, last))
-
-        def part(a: int, block: slice) -> Part:
-            lateral, vertical, beyond = normals(block.start, block.stop)
-            position = run.commanded[on[block]]
-            position[:, a] = run.encoder[on[block], a]
-            shift = machine.tip(position) - run.commanded_tip[on[block]]
-            return Part(dot(shift, lateral), dot(shift, vertical), dot(shift, beyond))
-
-        return {
-            name: table_by_blocks((part(a, block) for block in blocks(on.size)), on.size)
-            for a, name in enumerate(run.axes)
-        }
-
-    def _tracking_normals(self, block: slice) -> tuple[Floats, Floats, Floats]:
-        """Return the directions of `tracking_by_axis` at some of the ticks, (n, 3) each."""
-        run = self.analysis.run
-        path = run.requested
-        s = self.analysis.commanded.s[block]
-        lateral = path.normal(s)
-        vertical = np.cross(path.tangent(s), lateral)
-        beyond = np.zeros_like(lateral)
-        if path.corners.size:
-            corner = path.legs.between(s, self.analysis.encoder.s[block])
-            corner |= path.legs.between(s, self.analysis.nozzle.s[block])
-            rows = np.flatnonzero(corner)
-            on = self.analysis.ticks[block][rows]
-            displacement = run.encoder_tip[on] - run.commanded_tip[on]
-            tracking = self.parts["tracking"].at(block)
-            for normal, component in (
-                (lateral, tracking.lateral),
-                (vertical, tracking.vertical),
-                (beyond, tracking.beyond),
-            ):
-                missing = component[rows] - dot(normal[rows], displacement)
-                square = np.maximum(dot(displacement, displacement), _NO_ERROR**2)
-                normal[rows] += (missing / square)[:, None] * displacement
-        return lateral, vertical, beyond
+        return tracking_by_axis(self.analysis, self.parts["tracking"], machine)
 
     def values_of(self, part: Part) -> PartValues:
         """Return the values of a part of the error."""

@@ -121,15 +121,17 @@ class Trace:
         jumps = [0.5 * np.sign(psi) * np.maximum(np.cos(np.radians(psi)), 0.0) for psi in since]
         model = np.column_stack(smooth + jumps)
         within = [(psi >= 0) & (psi < reach) for psi in since]
+        # a spike decays within the reach: with it in the fit, part of it would count as step and eccentricity
         undisturbed = ~np.any(within, axis=0)
         deviation = self.deviation
         fit = np.linalg.lstsq(model[undisturbed], deviation[undisturbed], rcond=None)[0]
-        rest = deviation - model @ fit
-        found = []
+        residual = deviation - model @ fit
+        reversals = []
         for k, (psi, near) in enumerate(zip(since, within, strict=True)):
-            most = int(np.flatnonzero(near)[np.abs(rest[near]).argmax()])
-            found.append(Reversal(k % 2, 90.0 * k, float(fit[5 + k]), float(rest[most]), float(psi[most])))
-        return tuple(found)
+            peak = int(np.flatnonzero(near)[np.abs(residual[near]).argmax()])
+            step = float(fit[len(smooth) + k])
+            reversals.append(Reversal(k % 2, 90.0 * k, step, float(residual[peak]), float(psi[peak])))
+        return tuple(reversals)
 
 
 @dataclass(frozen=True)
@@ -144,11 +146,11 @@ class CircularTest:
     counter_clockwise: Trace
 
     def __post_init__(self) -> None:
-        one = self.clockwise
-        other = self.counter_clockwise
-        if not one.clockwise or other.clockwise:
+        first = self.clockwise
+        second = self.counter_clockwise
+        if not first.clockwise or second.clockwise:
             raise InputError("circular test: must have one path clockwise and one counter-clockwise")
-        if (one.centre, one.radius) != (other.centre, other.radius):
+        if (first.centre, first.radius) != (second.centre, second.radius):
             raise InputError("circular test: both paths must have one nominal circle")
 
     @property

@@ -67,7 +67,7 @@ def links(path: Path, chain: list[Trace]) -> tuple[list[Part], Part | None]:
     for before, after in pairwise(chain):
         link = (_link(path, before, after, nozzle, block) for block in blocks(rows))
         parts.append(table_by_blocks(link, rows))
-    corner = table_by_blocks((_rest(nozzle, parts, block) for block in blocks(rows)), rows)
+    corner = table_by_blocks((_remainder(nozzle, parts, block) for block in blocks(rows)), rows)
     return parts, corner if corner.size.any() else None
 
 
@@ -104,12 +104,12 @@ def _link(path: Path, before: Trace, after: Trace, nozzle: Projection, block: sl
     return part
 
 
-def _rest(nozzle: Projection, parts: list[Part], block: slice) -> Part:
-    """Return what some parts leave of the nozzle's offset, exactly 0 where that is rounding."""
-    rest = offset_of(nozzle).at(block)
+def _remainder(nozzle: Projection, parts: list[Part], block: slice) -> Part:
+    """Return the nozzle's offset less some parts, exactly 0 where that is rounding."""
+    remainder = offset_of(nozzle).at(block)
     for part in parts:
-        rest = rest - part.at(block)
-    rounding = rest.size < _NOTHING
-    for component in (rest.lateral, rest.vertical, rest.beyond):
+        remainder = remainder - part.at(block)
+    rounding = remainder.size < _NOTHING
+    for component in (remainder.lateral, remainder.vertical, remainder.beyond):
         component[rounding] = 0.0
-    return rest
+    return remainder

@@ -58,9 +58,11 @@ class RepeatedPath:
             places: number m of points, evenly spaced where all traces overlap.
         """
         offsets = [offset_over_length(path, trace) for trace in traces]
-        s = np.linspace(max(at[0] for at, _ in offsets), min(at[-1] for at, _ in offsets), places)
+        begin = max(arc_length[0] for arc_length, _ in offsets)
+        end = min(arc_length[-1] for arc_length, _ in offsets)
+        s = np.linspace(begin, end, places)
         command = path.position(s)
-        attained = [command + interpolated(s, at, offset) for at, offset in offsets]
+        attained = [command + interpolated(s, arc_length, offset) for arc_length, offset in offsets]
         return cls(s, command, np.array(attained))
 
     @property
@@ -105,6 +107,6 @@ def offset_over_length(path: Path, trace: ArrayLike) -> tuple[Floats, Floats]:
     return foot.s[ahead], foot.offset[ahead]
 
 
-def interpolated(at: Floats, s: Floats, offset: Floats) -> Floats:
-    """Interpolate offsets (r, 3) given at arc lengths s (r,) at others (m,), (m, 3) [mm]."""
-    return np.stack([np.interp(at, s, offset[:, i]) for i in range(3)], axis=1)
+def interpolated(places: Floats, s: Floats, offset: Floats) -> Floats:
+    """Interpolate offsets (r, 3) given at arc lengths s (r,) at other arc lengths (m,), (m, 3) [mm]."""
+    return np.stack([np.interp(places, s, offset[:, i]) for i in range(3)], axis=1)

@@ -65,27 +65,27 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
         foot: the trace's projection onto it.
         ticks: ticks of the trace's points, ascending, (n,); missing ticks are gaps of the trace.
     """
-    kept = forward(foot.s)
-    s = foot.s[kept]
-    lateral = foot.lateral[kept]
-    parts = np.concatenate([[0], np.cumsum(np.diff(ticks) > 1)])[kept]
+    advancing = forward(foot.s)
+    s = foot.s[advancing]
+    lateral = foot.lateral[advancing]
+    parts = np.concatenate([[0], np.cumsum(np.diff(ticks) > 1)])[advancing]
     heading = by_blocks(lambda block: path.heading(s[block]), s.size)
 
-    def offset(at: Floats) -> Floats:
-        return np.interp(at, s, lateral)
+    def offset(place: Floats) -> Floats:
+        return np.interp(place, s, lateral)
 
-    def slope(at: Floats) -> Floats:
-        low = np.maximum(at - _SLOPE_REACH, s[0])
-        high = np.minimum(at + _SLOPE_REACH, s[-1])
+    def slope(place: Floats) -> Floats:
+        low = np.maximum(place - _SLOPE_REACH, s[0])
+        high = np.minimum(place + _SLOPE_REACH, s[-1])
         return (offset(high) - offset(low)) / (high - low)
 
-    def trace(at: Floats) -> tuple[Floats, Floats, Local]:
+    def trace(place: Floats) -> tuple[Floats, Floats, Local]:
         """The trace's points, its derivative by s in the plane, (m, 3) each, and the path there."""
-        here = path.local(at)
-        error = offset(at)
+        here = path.local(place)
+        error = offset(place)
         point = here.position + error[:, None] * here.normal
         ahead = here.cosine - here.turning * error
-        return point, ahead[:, None] * here.along + slope(at)[:, None] * here.normal, here
+        return point, ahead[:, None] * here.along + slope(place)[:, None] * here.normal, here
 
     heading, (first, last) = one_way(heading, s)
     s = s[first:last]
@@ -96,13 +96,13 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
     inner = np.flatnonzero(heading + 2 * np.pi <= heading[-1])
 
     def links(rows: NDArray[np.intp]) -> Spacing:
-        at = s[rows]
-        point, tangent, here = trace(at)
+        place = s[rows]
+        point, tangent, here = trace(place)
         tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
         normal = np.cross(here.up, tangent)
         guess = np.interp(heading[rows] + 2 * np.pi, heading, s)
         met_at = guess.copy()
-        active = np.arange(at.size)
+        active = np.arange(place.size)
         for _ in range(_NEWTON_STEPS):
             ahead = tangent[active]
             there, direction, _ = trace(met_at[active])
@@ -112,18 +112,18 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
             active = active[np.abs(step) >= _LAST_STEP]
             if not active.size:
                 break
-        met = (met_at <= s[-1]) & (met_at > 0.5 * (at + guess))
+        met = (met_at <= s[-1]) & (met_at > 0.5 * (place + guess))
         met[active] = False
         after = np.clip(np.searchsorted(s, met_at), 1, s.size - 1)
         met &= parts[after] == parts[after - 1]
         link = np.stack([point, trace(met_at)[0]], axis=1)
         distance = np.abs(dot(link[:, 1] - point, normal))
-        return Spacing(at[met], heading[rows][met] / (2 * np.pi), distance[met], met_at[met], link[met])
+        return Spacing(place[met], heading[rows][met] / (2 * np.pi), distance[met], met_at[met], link[met])
 
-    found = table_by_blocks((links(inner[block]) for block in blocks(inner.size)), inner.size)
+    spacing = table_by_blocks((links(inner[block]) for block in blocks(inner.size)), inner.size)
     # a closed loop meets its own start, which is no turn beside it
-    overlaps = found.turn.size and 2 * np.pi * np.ptp(found.turn) >= _LEAST_OVERLAP
-    return found if overlaps else _none()
+    overlaps = spacing.turn.size and 2 * np.pi * np.ptp(spacing.turn) >= _LEAST_OVERLAP
+    return spacing if overlaps else _none()
 
 
 def _none() -> Spacing:
@@ -174,7 +174,7 @@ def _furthest_turned(heading: Floats, s: Floats) -> tuple[int, int]:
     low = 0
     high = 0
     furthest = -1.0
-    own = 0.0  # sense of the stretch, 0 for that of a corner
+    stretch = 0.0  # sense of the present stretch, 0 for that of a corner
     for k in range(n):
         sense = 2.0  # of no stretch, behind the last
         if k < n - 1:
@@ -184,13 +184,13 @@ def _furthest_turned(heading: Floats, s: Floats) -> tuple[int, int]:
             # a straight belongs to the turning before it, a corner to no stretch
             sense = 0.0 if abs(change) > _CORNER and s[k + 1] - s[k] < _CORNER_LENGTH else before
         if k == 0:
-            own = sense
-        elif sense != own:
-            turned = abs(heading[k] - heading[begin]) * abs(own)
+            stretch = sense
+        elif sense != stretch:
+            turned = abs(heading[k] - heading[begin]) * abs(stretch)
             if turned > furthest:
                 low = begin
                 high = k
                 furthest = turned
             begin = k
-            own = sense
+            stretch = sense
     return low, high

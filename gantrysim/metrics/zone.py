@@ -91,8 +91,8 @@ def minimum_zone(points: ArrayLike) -> MinimumZone:
     c = np.array(first)
     least = _TOLERANCE * radius
 
-    def distances(at: Floats) -> Floats:
-        return np.linalg.norm(p - at, axis=1)
+    def distances(centre: Floats) -> Floats:
+        return np.linalg.norm(p - centre, axis=1)
 
     r = distances(c)
     counted = _extremes(p - c, r)

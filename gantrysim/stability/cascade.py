@@ -39,19 +39,27 @@ def with_velocity_loops(
     G = system.G0 + system.G1
     H = motors
     K = np.diag(gain)
-    one = np.eye(m)
+    identity = np.eye(m)
     whole = np.diag(gain * (1 + rate * t))
     step = np.zeros((n + 2 * m, n + 2 * m))
     enter = np.zeros((n + 2 * m, m))
     x = slice(0, n)
     before = slice(n, n + m)
     z = slice(n + m, n + 2 * m)
-    step[x, x], step[x, before], step[x, z] = system.F - G @ whole @ H / t, G @ whole / t, G @ K @ np.diag(rate)
-    step[before, x], step[z, x], step[z, before], step[z, z] = H, -H, one, one
-    enter[x], enter[z] = G @ whole, t * one
+    # z[j+1] put into u[j]: the factor 1 + t / Ti on w - v[j], and z[j] / Ti beside it
+    step[x, x] = system.F - G @ whole @ H / t
+    step[x, before] = G @ whole / t
+    step[x, z] = G @ K @ np.diag(rate)
+    step[before, x] = H
+    step[z, x] = -H
+    step[z, before] = identity
+    step[z, z] = identity
+    enter[x] = G @ whole
+    enter[z] = t * identity
     F = np.eye(n + 2 * m)
     G0 = np.zeros_like(enter)
     G1 = np.zeros_like(enter)
+    # drive samples that still act on the last demand; rounding must not make one of a delay of whole samples
     late = math.ceil(delay / t * (1 - _SAME_TIME))
     for j in range(round(period / t)):
         F = step @ F

@@ -52,7 +52,8 @@ class Compensator:
         """Return the dynamics of both states, which have no effect on each other."""
         n = len(self.A)
         A = np.zeros((n + len(other.A),) * 2)
-        A[:n, :n], A[n:, n:] = self.A, other.A
+        A[:n, :n] = self.A
+        A[n:, n:] = other.A
         return A
 
     def around(self, feedback: Compensator) -> Compensator:
@@ -69,10 +70,13 @@ class Compensator:
         if not (b1 or b2 or a1 or a2):
             return Compensator(self.A, self.B, b0 * self.C, b0 * self.D)
         n = len(self.A)
-        own = np.array([b1 - a1 * b0, b2 - a2 * b0])
+        # the filter in observer form, its direct part b0 taken out
+        enter = np.array([b1 - a1 * b0, b2 - a2 * b0])
         A = np.zeros((n + 2, n + 2))
-        A[:n, :n], A[n:, :n], A[n:, n:] = self.A, np.outer(own, self.C), [[-a1, 1.0], [-a2, 0.0]]
-        return Compensator(A, np.append(self.B, own * self.D), np.append(b0 * self.C, [1.0, 0.0]), b0 * self.D)
+        A[:n, :n] = self.A
+        A[n:, :n] = np.outer(enter, self.C)
+        A[n:, n:] = [[-a1, 1.0], [-a2, 0.0]]
+        return Compensator(A, np.append(self.B, enter * self.D), np.append(b0 * self.C, [1.0, 0.0]), b0 * self.D)
 
     def delayed(self, samples: int) -> Compensator:
         """Return this law of the error of some samples ago."""
@@ -82,9 +86,10 @@ class Compensator:
         D = self.D
         for _ in range(samples):
             n = len(A)
-            later = np.zeros((len(A) + 1, len(A) + 1))
-            later[:n, :n], later[:n, n] = A, B
-            A = later
+            delayed = np.zeros((n + 1, n + 1))  # the state added is the last error
+            delayed[:n, :n] = A
+            delayed[:n, n] = B
+            A = delayed
             B = np.append(np.zeros(n), 1.0)
             C = np.append(C, D)
             D = 0.0

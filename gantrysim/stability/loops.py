@@ -110,20 +110,22 @@ class Loops:
         H = self.system.H
         n = len(F)
         m = len(H)
-        own = np.cumsum([n, *(len(law.A) for law in self.laws)])
-        size = own[-1] + (m if self.delayed else 0)
+        ends = np.cumsum([n, *(len(law.A) for law in self.laws)])  # of the laws' states
+        size = ends[-1] + (m if self.delayed else 0)
         A = np.zeros((size, size))
         u = np.zeros((m, size))
         for a, law in enumerate(self.laws):
             scale = factor if a in axes else 1.0
-            part = slice(own[a], own[a + 1])
-            u[a, :n], u[a, part] = -scale * law.D * H[a], scale * law.C
-            A[part, :n], A[part, part] = -np.outer(law.B, H[a]), law.A
+            part = slice(ends[a], ends[a + 1])
+            u[a, :n] = -scale * law.D * H[a]  # the error is -H x: the command is zero
+            u[a, part] = scale * law.C
+            A[part, :n] = -np.outer(law.B, H[a])
+            A[part, part] = law.A
         A[:n] = G1 @ u
         A[:n, :n] += F
         if self.delayed:
-            A[:n, own[-1] :] += G0
-            A[own[-1] :] = u
+            A[:n, ends[-1] :] += G0
+            A[ends[-1] :] = u
         return np.linalg.eigvals(A).astype(complex)
 
     def stable(self, axes: Sequence[int] = (), factor: float = 1.0) -> bool:
@@ -142,35 +144,35 @@ class Loops:
         fa = values[kind, k, axis]
         fb = values[kind, k + 1, axis]
         falls = fa >= 0
-        at = L[k + 1, axis]
+        value = L[k + 1, axis]
         for _ in range(_MOST_STEPS):  # regula falsi, Illinois variant
             if not len(k) or np.abs(fb).max() < _EXACT:
                 break
             c = (a * fb - b * fa) / (fb - fa)
-            at = self.at(np.exp(c))[np.arange(len(c)), axis]
-            fc = np.where(unit, np.log(np.abs(at)), at.imag / np.abs(at))
+            value = self.at(np.exp(c))[np.arange(len(c)), axis]
+            fc = np.where(unit, np.log(np.abs(value)), value.imag / np.abs(value))
             over = (fc >= 0) != (fb >= 0)
             a = np.where(over, b, a)
             fa = np.where(over, fb, 0.5 * fa)
             b = c
             fb = fc
-        return Crossings(np.exp(b), axis, unit, falls, at)
+        return Crossings(np.exp(b), axis, unit, falls, value)
 
     def peaks(self, L: Complexes) -> Floats:
         """Return the peak of |S| of each axis, given the loops on the grid, (axes,)."""
         theta = self.plant.theta
-        each = np.arange(L.shape[1])
+        axes = np.arange(L.shape[1])
         peaks: Floats = np.abs(1 / (1 + L)).max(axis=0)
         k = np.abs(1 + L).argmin(axis=0)
         low = theta[np.maximum(k - 1, 0)]
         high = theta[np.minimum(k + 1, len(theta) - 1)]
         for _ in range(2):
             near = np.linspace(low, high, _ZOOM)  # (zoom, axes)
-            size = np.abs(1 / (1 + self.at(near.ravel()).reshape(*near.shape, -1)[:, each, each]))
+            size = np.abs(1 / (1 + self.at(near.ravel()).reshape(*near.shape, -1)[:, axes, axes]))
             peaks = np.maximum(peaks, size.max(axis=0))
             k = size.argmax(axis=0)
-            low = near[np.maximum(k - 1, 0), each]
-            high = near[np.minimum(k + 1, _ZOOM - 1), each]
+            low = near[np.maximum(k - 1, 0), axes]
+            high = near[np.minimum(k + 1, _ZOOM - 1), axes]
         poles = self.poles()  # lightly damped ones have peaks narrower than the grid
         narrow = poles[(poles.imag > 0) & (np.abs(poles) > 1 - _PEAKED * np.angle(poles))]
         return np.maximum(peaks, np.abs(1 / (1 + self.at(np.angle(narrow)))).max(axis=0, initial=0))

@@ -9,9 +9,6 @@ out.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -21,60 +18,15 @@ from gantrysim.base.arrays import Complexes, Floats
 from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.stability.cascade import with_velocity_loops
 from gantrysim.stability.compensator import Compensator
+from gantrysim.stability.loop_margins import NO_LOOP, Margins, margins_of_loops
 from gantrysim.stability.loops import FrequencyResponse, Loops
 from gantrysim.stability.motion import Drives, LinearSystem, Motion, UnknownLoopError
 
-_MIN_GAIN = 1e-6  # a loop that is stable down to this factor has no lower gain margin
-# factors on all gains
-_LEAST = 1e-3
-_MOST = 10.0
-_FACTORS = 60  # up to either, to begin with
-_SHARP = 1e-6  # accuracy of a factor on all gains
 _COARSE = 4  # points of the grid for each of a coarse one
-_REAL = 1e-6  # largest imaginary part of a real loop, relative
-
-
-@dataclass(frozen=True)
-class Margins:
-    """Margins of the loop of one axis, broken at its torque demand.
-
-    A stable axis comes to rest at its position. A loop without kp, or without gains, does not hold a position: it has a
-    pole at z = 1 and counts as unstable, with a gain of 0.
-
-    Attributes:
-        gain: largest factor on the axis' gains up to which the loop is stable, inf without limit; for an unstable loop
-            the largest factor below 1 that makes it stable, 0 if none does.
-        gain_lower: smallest factor down to which the loop is stable, 0 without limit.
-        phase: smallest phase lag or lead that makes the loop unstable, 180 if none does; 0 for an unstable loop [deg].
-        delay: smallest delay that makes the loop unstable, inf if none does; 0 for an unstable loop [s].
-        sensitivity: peak of |S| = |1/(1 + L)|; inf for an unstable loop.
-        crossover: lowest frequency at which |L| falls below 1; 0 if |L| < 1 at all frequencies [Hz].
-        stable: whether the loop is stable.
-        together: as gain, but a factor on the gains of all axes that move each other, sought from 0.001 to 10.
-    """
-
-    gain: float
-    gain_lower: float
-    phase: float
-    delay: float
-    sensitivity: float
-    crossover: float
-    stable: bool
-    together: float
-
-    def __str__(self) -> str:
-        if self == NO_LOOP:
-            return "without a loop"
-        if not self.stable:
-            return "unstable" + (f", stable with its gains times {self.gain:.2g}" if self.gain > 0 else "")
-        return f"gain {self.gain:.3g}, phase {self.phase:.0f} deg, crossover {self.crossover:.3g} Hz"
-
-
-NO_LOOP = Margins(math.inf, 0.0, 180.0, math.inf, 1.0, 0.0, stable=True, together=math.inf)  # nothing is fed back
 
 
 class LinearLaw(Protocol):
-    """A servo, as its stability depends on it."""
+    """The part of a servo on which stability depends."""
 
     @property
     def period(self) -> float:
@@ -86,7 +38,7 @@ class LinearLaw(Protocol):
 
     @property
     def drives(self) -> Drives:
-        """What of the drives lies in the loops."""
+        """Drive dynamics inside the loops."""
 
     def compensators(self) -> tuple[Compensator, ...]:
         """Return the law of each axis."""
@@ -98,22 +50,22 @@ class Laws(NamedTuple):
     Attributes:
         period: servo period T [s].
         delay: time from sample to output [s].
-        each: the law of each axis.
-        drives: what of the drives lies in the loops.
+        laws: the law of each axis.
+        drives: drive dynamics inside the loops.
     """
 
     period: float
     delay: float
-    each: tuple[Compensator, ...]
+    laws: tuple[Compensator, ...]
     drives: Drives = Drives()
 
     def compensators(self) -> tuple[Compensator, ...]:
         """Return the law of each axis."""
-        return self.each
+        return self.laws
 
 
 class Movable(Protocol):
-    """A machine, as its stability depends on it."""
+    """The part of a machine on which stability depends."""
 
     def motion(self, position: ArrayLike | None = None) -> Motion:
         """Return the motion about rest at a position of the axes, by default zero, (axes,) [mm or deg]."""
@@ -163,15 +115,15 @@ class Plant:
                     f"{' and '.join(map(repr, sorted(modes)))}"
                 )
             if modes != {"stepper"}:
-                own, system = self._sampled(motion, motors, states, axes)
-                self._periods.append(own)
+                loop_period, system = self._sampled(motion, motors, states, axes)
+                self._periods.append(loop_period)
                 self._responses.append(FrequencyResponse.of(system))
         self.groups = tuple(response.system.axes for response in self._responses)
 
     def _sampled(
         self, motion: Motion, motors: Floats, states: list[int], axes: list[int]
     ) -> tuple[float, LinearSystem]:
-        """Return the motion of a group between the samples of the loop that is closed around it, and their period."""
+        """Return the period of the loop that the group's mode closes, and the group's motion between its samples."""
         drives = self.drives
         mode = self.drives.mode_of(axes[0])
         if mode == "position":
@@ -179,9 +131,9 @@ class Plant:
         if mode != "velocity":
             return self.period, motion.sampled_group(states, axes, self.period, self.delay)
         gain, rate = np.array([drives.velocity[a] for a in axes]).T
-        own = motion.sampled_group(states, axes, drives.period)
-        times = drives.period, self.period, self.delay
-        return self.period, with_velocity_loops(own, motors[np.ix_(axes, states)], gain, rate, times)
+        between_samples = motion.sampled_group(states, axes, drives.period)
+        times = (drives.period, self.period, self.delay)
+        return self.period, with_velocity_loops(between_samples, motors[np.ix_(axes, states)], gain, rate, times)
 
     @classmethod
     def of(
@@ -212,7 +164,7 @@ class Plant:
         """Return the margins of each axis."""
         margins: dict[int, Margins] = {}
         for loops in self._loops(servo):
-            margins |= zip(loops.system.axes, _margins(loops), strict=True)
+            margins |= zip(loops.system.axes, margins_of_loops(loops), strict=True)
         return tuple(margins.get(a, NO_LOOP) for a in range(self.axes))
 
     def sensitivity(self, servo: LinearLaw) -> Floats:
@@ -265,9 +217,9 @@ class Plant:
             raise InputError(f"servo has {len(laws)} axes: the plant has {self.axes}")
         for name in ("period", "delay"):
             given = getattr(servo, name)
-            own = getattr(self, name)
-            if abs(given - own) > 1e-12:
-                raise InputError(f"servo {name} = {given:g} s: must be the plant's, {own:g} s")
+            expected = getattr(self, name)
+            if abs(given - expected) > 1e-12:
+                raise InputError(f"servo {name} = {given:g} s: must be the plant's, {expected:g} s")
         if servo.drives != self.drives:
             raise InputError("servo drives: their modes, loops and feedback must be the plant's")
         return [
@@ -282,67 +234,3 @@ def margins_of(machine: Movable, servo: LinearLaw) -> tuple[Margins, ...] | None
         return Plant.of(machine, servo.period, servo.delay, drives=servo.drives).margins(servo)
     except UnknownLoopError:
         return None
-
-
-def _margins(loops: Loops) -> list[Margins]:
-    L = loops.open(loops.plant.theta, loops.plant.P)
-    crossings = loops.crossings(L)
-    stable = loops.stable()
-    peaks = loops.peaks(L) if stable else np.full(len(loops.laws), np.inf)
-    margins = []
-    together = _together(loops)
-    for a in range(len(loops.laws)):
-        real, unit = (crossings.of(a, unit=kind) for kind in (False, True))
-        ends = L[[0, -1], a]  # here the loop is real, or nearly so
-        crossed = np.append(real.L.real, ends.real[np.abs(ends.imag) < _REAL * np.abs(ends)])
-        low, high = _factors(loops, a, -1 / crossed[crossed < 0], stable)
-        turn = np.angle(-unit.L)  # phase above -180 degrees
-        lag = turn % (2 * np.pi) / unit.theta * loops.T
-        crossover = unit.theta[unit.falls].min(initial=math.inf) / (2 * math.pi * loops.T)
-        margins.append(
-            Margins(
-                gain=high,
-                gain_lower=low,
-                phase=math.degrees(np.abs(turn).min(initial=math.pi)) if stable else 0.0,
-                delay=float(lag.min(initial=math.inf)) if stable else 0.0,
-                sensitivity=float(peaks[a]),
-                crossover=float(crossover) if unit.falls.any() else 0.0,
-                stable=stable,
-                together=high if together is None else together,
-            )
-        )
-    return margins
-
-
-def _factors(loops: Loops, axis: int, critical: Floats, stable: bool) -> tuple[float, float]:
-    """Return the range of factors that keep an axis stable, given those at which a pole is on the unit circle."""
-    critical = np.sort(critical[critical > _MIN_GAIN])
-    bounds = [0.0, *critical[critical < 1].tolist()]
-    if stable:
-        return bounds[-1], float(critical[critical >= 1].min(initial=math.inf))
-    for low, high in reversed(list(pairwise(bounds))):
-        if loops.stable([axis], math.sqrt(low * high) or high / 2):
-            return low, high
-    return 0.0, 0.0
-
-
-def _together(loops: Loops) -> float | None:
-    """Return the factor on the gains of all axes of a group at its limit of stability, None for a single axis."""
-    axes = range(len(loops.laws))
-    if len(axes) == 1:
-        return None
-    stable = loops.stable()
-    low = high = 1.0
-    for factor in np.geomspace(1, _MOST if stable else _LEAST, _FACTORS)[1:].tolist():
-        low = min(low, factor)
-        high = max(high, factor)
-        if loops.stable(axes, factor) is not stable:
-            break
-        low = factor
-        high = factor
-    else:
-        return math.inf if stable else 0.0
-    while high - low > _SHARP * low:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if loops.stable(axes, middle) else (low, middle)
-    return low

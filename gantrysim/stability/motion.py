@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Complexes, Floats
 from gantrysim.base.errors import InputError
 
-MODES = ("torque", "velocity", "position", "stepper")  # of a drive, what the servo sends to it
+MODES = ("torque", "velocity", "position", "stepper")  # command modes of a drive
 _NO_EFFECT = 1e-9  # effect of one state on another that is rounding, relative to the largest
 _NO_COUPLING = 1e-6  # coupling by inertia, of 1 for axes that move as one, which moves no margin by more
 
@@ -52,13 +52,12 @@ class LinearSystem:
 
 
 class Drives(NamedTuple):
-    """What of the drives of axes lies in their loops; empty where all are as the motion itself.
+    """Drive dynamics inside the loops of axes; empty where no drive adds any to the motion.
 
     Attributes:
         load: whether the position fed back is that of the load, (axes,).
         bandwidth: of the current loop, 0 for none, (axes,) [Hz].
-        mode: what the servo sends to the drive, "torque", "velocity", "position" or, to a stepper in open loop,
-            "stepper", (axes,).
+        mode: command mode of the drive, one of `MODES`; a stepper runs in open loop, (axes,).
         velocity: of a velocity loop in the drive, gain K and rate 1 / Ti, (axes,) of [N·m·s/u] and [1/s].
         period: of the loops in the drives, 0 where there are none [s].
     """
@@ -70,7 +69,7 @@ class Drives(NamedTuple):
     period: float = 0.0
 
     def of_axes(self, axes: Sequence[int]) -> Drives:
-        """Return that of some axes."""
+        """Return the drives of some axes."""
         return Drives(
             tuple(self.load[a] for a in axes if self.load),
             tuple(self.bandwidth[a] for a in axes if self.bandwidth),
@@ -123,8 +122,10 @@ class Motion:
         C = self.C[[axis]][:, free]
         (states,) = (group for group in _coupled(A) if np.any(C[:, group]))
         L = None if self.L is None else self.L[[axis]][:, free][:, states]
-        kept = free[states].tolist()
-        currents = tuple(kept.index(own) if own in kept else -1 for own in self.currents[axis : axis + 1])
+        numbers = free[states].tolist()  # of the remaining states in this motion
+        currents = tuple(
+            numbers.index(current) if current in numbers else -1 for current in self.currents[axis : axis + 1]
+        )
         return Motion(A[np.ix_(states, states)], self.B[free][states][:, [axis]], C[:, states], L, currents)
 
     def driven(self, drives: Drives) -> Motion:
@@ -183,8 +184,12 @@ class Motion:
             moved = set(np.flatnonzero(self.C[[first, second]].any(axis=0)).tolist())
             joined = sorted(state for group in groups if moved & set(group) for state in group)
             groups = [group for group in groups if not moved & set(group)] + [joined]
-        found = ((states, [a for a in range(len(self.C)) if np.any(self.C[a, states])]) for states in groups)
-        return [(states, axes) for states, axes in found if axes]
+        with_axes = []
+        for states in groups:
+            axes = [a for a in range(len(self.C)) if np.any(self.C[a, states])]
+            if axes:
+                with_axes.append((states, axes))
+        return with_axes
 
     def _coupled_by_inertia(self) -> NDArray[np.bool_]:
         """Return which axes the torques of which others accelerate at once, (axes, axes).
@@ -233,7 +238,8 @@ def _held(A: Floats, B: Floats, time: float) -> tuple[Floats, Floats]:
 
     n, m = B.shape
     joint = np.zeros((n + m, n + m))
-    joint[:n, :n], joint[:n, n:] = A, B
+    joint[:n, :n] = A
+    joint[:n, n:] = B
     with np.errstate(over="ignore", invalid="ignore"):  # the caller checks for numbers that are not finite
         effect = expm(joint * time)
     return effect[:n, :n], effect[:n, n:]
@@ -244,14 +250,14 @@ def _coupled(A: Floats) -> list[list[int]]:
     size = np.abs(A)
     linked = size > _NO_EFFECT * size.max(axis=1, keepdims=True)
     linked |= linked.T
-    left = set(range(len(A)))
+    remaining = set(range(len(A)))
     groups = []
-    while left:
+    while remaining:
         group = set[int]()
-        new = {min(left)}
+        new = {min(remaining)}
         while new:
             group |= new
             new = {int(k) for k in np.flatnonzero(linked[sorted(new)].any(axis=0))} - group
         groups.append(sorted(group))
-        left -= group
+        remaining -= group
     return groups

@@ -20,7 +20,8 @@ from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.record.setpoints import Setpoints
-from gantrysim.stability.margins import Margins, Plant, _factors, margins_of
+from gantrysim.stability.loop_margins import _factors
+from gantrysim.stability.margins import Margins, Plant, margins_of
 from gantrysim.stability.motion import Drives, Motion
 
 from support.runs import ideal_motors, plain, smooth, turntable
