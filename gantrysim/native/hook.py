@@ -9,18 +9,17 @@ import ctypes
 import threading
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from types import CodeType, TracebackType
+from types import TracebackType
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from gantrysim.base.errors import GantryError, InputError
-from gantrysim.native.interrupts import Interrupts
-from gantrysim.native.quiet import heard, silence
+from gantrysim.native.interrupts import Interrupts, called_by_c, careful
+from gantrysim.native.quiet import silence
 from gantrysim.native.row import ROW, ROW_NUMBERS
 from gantrysim.native.tick import compiled
-from gantrysim.native.user import CalledLaw
 from gantrysim.servo.law import PlainLaw, Tick
 
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
@@ -43,7 +42,7 @@ def installed() -> AbstractContextManager[None]:
     """
     if getattr(_thread, "law", False):
         raise GantryError("a law in plain Python cannot run a simulation: it is inside one")
-    return _Installation(compiled().callback, Interrupts(_CAREFUL, _CALLED))
+    return _Installation(compiled().callback, Interrupts())
 
 
 def installed_law(data: mujoco.MjData, law: PlainLaw) -> AbstractContextManager[None]:
@@ -57,27 +56,30 @@ def installed_law(data: mujoco.MjData, law: PlainLaw) -> AbstractContextManager[
     if getattr(_thread, "law", False) or getattr(_thread, "depth", 0):
         raise GantryError("a simulation with a law in plain Python cannot run inside another simulation")
     tick = compiled()
-    own, userdata, row = data._address, data.userdata.ctypes.data, data.userdata[:ROW_NUMBERS].view(ROW)[0]
+    simulated = data._address
+    userdata = data.userdata.ctypes.data
+    row = data.userdata[:ROW_NUMBERS].view(ROW)[0]
     n = int(row["axes"])
     raised: list[BaseException] = []
 
+    @called_by_c
     def on_control(_model: int, address: int) -> None:
-        if address != own or raised:
+        if address != simulated or raised:
             return
         try:
             interrupts.deliver()
-            if tick.sample(own, userdata):
+            if tick.sample(simulated, userdata):
                 torque = np.asarray(law(_tick(row, n)), float)
                 if torque.shape != (n,) or not np.isfinite(torque).all():
                     raise InputError(f"law returned {torque.tolist()}: must be {n} finite torques, one per axis [N·m]")
                 row["torque"][:n] = torque
-                tick.command(own, userdata)
-            tick.output(own, userdata)
+                tick.command(simulated, userdata)
+            tick.output(simulated, userdata)
         except BaseException as error:  # must not unwind through MuJoCo's C frames
             raised.append(error)
             data.ctrl[:] = 0
 
-    interrupts = Interrupts(_CAREFUL, {*_CALLED, on_control.__code__})
+    interrupts = Interrupts()
     return _Installation(_CALLBACK(on_control), interrupts, raised)
 
 
@@ -98,6 +100,7 @@ class _Installation(AbstractContextManager[None]):
         self._raised = raised
         self._taken = False
 
+    @careful
     def __enter__(self) -> None:
         self._interrupts.hold(self)
         try:
@@ -108,7 +111,10 @@ class _Installation(AbstractContextManager[None]):
             self._end()
             raise
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    @careful
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
         self._end()
         if self._raised and kind is None:
             raise self._raised[0]
@@ -152,13 +158,6 @@ class _Installation(AbstractContextManager[None]):
                     silence(-1)
                     _changed.notify_all()
         self._interrupts.release()
-
-
-_CAREFUL = (_Installation.__enter__.__code__, _Installation.__exit__.__code__)
-_CALLED: tuple[CodeType, ...] = (
-    heard.__code__,
-    CalledLaw.call.__code__,
-)  # called by C code, which would swallow exceptions
 
 
 def _tick(row: Any, n: int) -> Tick:

@@ -10,12 +10,15 @@ from typing import Any
 
 import mujoco
 
+from gantrysim.native.interrupts import called_by_c
+
 _lock = threading.Lock()  # guards the two below
 _blocks = 0  # that take the warnings
 _loud: Any = None  # what took them before the first of these
 _thread = threading.local()  # .heard: warnings in the innermost `quiet` of this thread
 
 
+@called_by_c
 def heard(text: bytes) -> None:
     """Keep a warning for the block of this thread that asks for it; called by C code."""
     said = getattr(_thread, "heard", None)

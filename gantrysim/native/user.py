@@ -15,7 +15,7 @@ from numba.core.errors import NumbaError
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.native.interrupts import deliver
+from gantrysim.native.interrupts import called_by_c, deliver
 from gantrysim.native.pointers import floats, row_at
 from gantrysim.native.row import ROW
 from gantrysim.servo.laws.user import STATE, UserLaw, UserTick
@@ -46,8 +46,9 @@ class CalledLaw:
         self._kept: Any = _compiled(law).ctypes if hasattr(law, "py_func") else _CALLED(self.call)
         self.address = ctypes.cast(self._kept, ctypes.c_void_p).value or 0
 
+    @called_by_c
     def call(self, userdata: int, _state: int) -> None:
-        """Call a law in plain Python; Ctrl-C is deferred in this function, see `gantrysim.native.hook`.
+        """Call a law in plain Python.
 
         Args:
             userdata: address of the servo's row; in a batch another one at every step.

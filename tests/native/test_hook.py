@@ -6,8 +6,10 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import nullcontext
 
 import mujoco
+import numpy as np
 import pytest
 
 from gantrysim import simulate
@@ -15,6 +17,7 @@ from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.native import hook, interrupts
 from gantrysim.native.hook import installed, installed_law
+from gantrysim.native.row import ROW_NUMBERS
 
 from support.runs import plain, ramp
 
@@ -276,6 +279,29 @@ def test_an_interrupt_in_the_callback_of_a_law_is_not_lost(machine, before, func
     assert state() == before
 
 
+def test_a_tick_that_is_left_installed_does_not_act_on_other_models(machine):
+    """Not even on one whose userdata is as long as the servo's row: the magic number is not in it."""
+    xml = """
+    <mujoco><size nuserdata="NUMBERS"/><worldbody>
+    <body><joint name="x" type="slide"/><geom size="1"/></body></worldbody>
+    <actuator><motor joint="x"/></actuator></mujoco>"""
+    chance = np.random.default_rng(1)
+    for numbers in (0, 1, ROW_NUMBERS - 1, ROW_NUMBERS, 2 * ROW_NUMBERS):
+        model = mujoco.MjModel.from_xml_string(xml.replace("NUMBERS", str(numbers)))
+        states = []
+        given = chance.normal(size=numbers)
+        for hook_of in (nullcontext, installed):
+            data = mujoco.MjData(model)
+            data.userdata[:] = given
+            data.ctrl[0] = 5.0
+            with hook_of():
+                mujoco.mj_step(model, data, 200)
+            assert data.ctrl[0] == 5.0
+            states.append((data.qpos[0], data.qvel[0], data.userdata.tobytes()))
+        assert states[0] == states[1]
+        assert states[0][0] != 0
+
+
 STORM = """
 import faulthandler, os, random, signal, threading, time
 import mujoco
@@ -296,6 +322,19 @@ machine = Machine("xy")
 setpoints = MoveSpiral(40, 1, 10, 100).setpoints(1e-3)
 servo = Servo.derive(machine.axes)
 run = simulate(machine, servo, setpoints)
+model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body><joint name='x' type='slide'/><geom size='1'/></body>"
+    "</worldbody><actuator><motor joint='x'/></actuator></mujoco>")
+
+def control(model, data):
+    data.ctrl[0] = 100 - data.qpos[0]
+
+def stepped():
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 50)
+    return data.qpos[0]
+
+mujoco.set_mjcb_control(control)
+before = stepped()
 go = threading.Semaphore(0)
 
 def send():
@@ -315,7 +354,9 @@ for number in range(1, ROUNDS + 1):
     except KeyboardInterrupt:
         came += 1
     left = mujoco.get_mjcb_control(), mujoco.get_mju_user_warning(), signal.getsignal(signal.SIGINT)
-    assert left == (None, None, handler), left
+    assert left == (control, None, handler), left
+    assert stepped() == before  # by a control of the caller's own, which is there again
+mujoco.set_mjcb_control(None)
 again = simulate(machine, servo, setpoints)
 print(handled, came, (again.nozzle == run.nozzle).all())
 """
