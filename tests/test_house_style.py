@@ -58,10 +58,6 @@ NOT_YET: dict[str, dict[str, int]] = {
     "drawings": {"names": 38, "assignments": 3, "modules": 1},
     # paths
     "paths": {"names": 47, "assignments": 11, "parameters": 6, "modules": 2},
-    # record
-    "record": {"names": 13, "assignments": 6},
-    # dispenser
-    "dispenser": {"names": 6, "assignments": 2, "parameters": 1, "modules": 1},
     # engine
     "engine": {"names": 40, "assignments": 20, "parameters": 3},
     # faults

@@ -17,9 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError, at_least, positive, unknown
-from gantrysim.dispenser.lag import driven_volumes, lagged_volumes, syringe_volumes
+from gantrysim.dispenser.lag import Lag, NeedleLaw, driven_volumes, lagged_volumes, syringe_volumes
 from gantrysim.dispenser.needle import Needle
 from gantrysim.dispenser.syringe import ATMOSPHERE, Syringe
+from gantrysim.dispenser.valve import ValveTimes, on_ticks
 from gantrysim.record.setpoints import Setpoints
 
 VOLUMETRIC = "volumetric"
@@ -27,8 +28,7 @@ TIME_PRESSURE = "time-pressure"
 
 _MOST = 1e9  # largest flow, area and pressure
 _LONGEST = 1e3  # dead time, time constants, leads and advance [s]
-_EMPTY = 1e-9  # rest in an empty syringe, of what it held
-_EDGE = 1e-9  # distance from a tick within which an edge is at the tick [servo periods]
+_EMPTY = 1e-9  # glue that remains in an empty syringe, relative to that at the start
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,9 @@ class Dispenser:
             speed: mean commanded path speed over that period, (n,) [mm/s].
         """
         on = np.asarray(dispense, bool)
-        return np.where(on, self._demand(np.asarray(speed, float)), 0.0) if self._flows_at_all else np.zeros(on.shape)
+        if not self._flows_at_all:
+            return np.zeros(on.shape)
+        return np.where(on, self._demand(np.asarray(speed, float)), 0.0)
 
     def flows(self, dispense: ArrayLike, speed: ArrayLike, period: float) -> Floats:
         """Return the mean flow out of the nozzle over the period after each tick, (n,) [mm³/s].
@@ -162,41 +164,38 @@ class Dispenser:
         if on.ndim != 1 or speeds.shape != on.shape:
             raise InputError(f"speed of shape {speeds.shape}: must be that of dispense, (n,), here {on.shape}")
         if not (speeds.min(initial=0.0) >= 0 and speeds.max(initial=0.0) < math.inf):
-            wrong = int(np.flatnonzero(~(np.isfinite(speeds) & (speeds >= 0)))[0])
-            raise InputError(f"speed = {speeds[wrong]:g} mm/s at tick {wrong}: must be finite and at least 0 mm/s")
+            tick = int(np.flatnonzero(~(np.isfinite(speeds) & (speeds >= 0)))[0])
+            raise InputError(f"speed = {speeds[tick]:g} mm/s at tick {tick}: must be finite and at least 0 mm/s")
         if not self._flows_at_all:
             return np.zeros(on.size)
-        begins, ends = self._valve(on, period)
-        if not begins.size:
+        valve = self._valve(on, period)
+        if not valve.opens.size:
             return np.zeros(on.size)
         state = self._at_rest()
-        parts = [self._flows(block, on.size, speeds, (begins, ends), period, state) for block in blocks(on.size)]
+        parts = [self._flows(block, speeds, valve, period, state) for block in blocks(on.size)]
         return np.concatenate(parts)
 
-    def _flows(
-        self, block: slice, ticks: int, speed: Floats, valve: tuple[Floats, Floats], period: float, state: Floats
-    ) -> Floats:
+    def _flows(self, block: slice, speed: Floats, valve: ValveTimes, period: float, state: Floats) -> Floats:
         """Return the flow over a block of periods, given the state before it, which becomes that after it."""
-        late = self.dead_time / period
-        first = max(math.floor(block.start - late) - 1, 0)
-        last = min(max(math.ceil(block.stop - late) + 1, first), ticks)
+        delay = self.dead_time / period
+        # a tick more on either side: edges lie between ticks
+        first = max(math.floor(block.start - delay) - 1, 0)
+        last = min(max(math.ceil(block.stop - delay) + 1, first), speed.size)
         breaks, value = self._requests(first, last, speed, valve, period)
         return self._lagged(breaks, value, block, period, state)
 
     def _requests(
-        self, first: int, last: int, speed: Floats, valve: tuple[Floats, Floats], period: float
+        self, first: int, last: int, speed: Floats, valve: ValveTimes, period: float
     ) -> tuple[Floats, Floats]:
         """Return when the request changes from one tick to another, (k + 1,) [periods], and its values, (k,)."""
-        begins, ends = valve
+        # the compensation needs the mean request of the period before
         before = first - 1 if self.advance and first else first
         ticks = np.arange(before, last + 1, dtype=np.float64)
         request = self._request(self._demand(speed[before : last + 1]))
-        # breaks: times at which the request changes [periods]; gate: whether the valve is open until the next break
         edges = [edge[(edge >= before) & (edge <= last)] for edge in valve]
         breaks = np.unique(np.concatenate([ticks, *edges]))
-        # leads may merge two stretches, or put an end before its beginning
-        gate = np.searchsorted(begins, breaks[:-1], "right") > np.searchsorted(ends, breaks[:-1], "right")
-        value = np.where(gate, request[breaks[:-1].astype(np.intp) - before], 0.0)
+        open_until_next = valve.is_open(breaks[:-1])
+        value = np.where(open_until_next, request[breaks[:-1].astype(np.intp) - before], 0.0)
         if self.advance:
             amount = value * np.diff(breaks)
             mean = np.bincount(breaks[:-1].astype(np.intp) - before, amount, minlength=last - before)
@@ -206,7 +205,7 @@ class Dispenser:
         return breaks, np.clip(value, 0.0, self.limit)
 
     def notes(self, flow: Floats, period: float) -> tuple[str, ...]:
-        """Return what to tell of a run with the flow of each period [mm³/s]: whether the syringe runs empty."""
+        """Return notes on a run with the flow of each period [mm³/s]: when the syringe runs empty."""
         if self.syringe is None:
             return ()
         empty = np.flatnonzero(np.cumsum(flow) * period >= (1 - _EMPTY) * self.syringe.glue)
@@ -217,12 +216,10 @@ class Dispenser:
     def open_share(self, dispense: ArrayLike, period: float) -> Floats:
         """Return the share of the period after each tick for which the valve is open, (n,); arguments as of `flows`."""
         on = np.asarray(dispense, bool)
-        begins, ends = self._valve(on, period)
-        edges = np.unique(np.concatenate([np.arange(on.size + 1, dtype=np.float64), begins, ends]))
+        valve = self._valve(on, period)
+        edges = np.unique(np.concatenate([np.arange(on.size + 1, dtype=np.float64), *valve]))
         edges = edges[(edges >= 0) & (edges <= on.size)]
-        # as in `flows`
-        gate = np.searchsorted(begins, edges[:-1], "right") > np.searchsorted(ends, edges[:-1], "right")
-        open_for = np.where(gate, np.diff(edges), 0.0)
+        open_for = np.where(valve.is_open(edges[:-1]), np.diff(edges), 0.0)
         return np.bincount(edges[:-1].astype(np.intp), open_for, minlength=on.size).astype(np.float64)
 
     def check(self, setpoints: Setpoints) -> None:
@@ -240,32 +237,16 @@ class Dispenser:
         """Return the flow while the dispenser is on, of the speed's shape [mm³/s]."""
         if self.area:
             return self.area * speed
-        flow = self.flow if self._driven is None or not self.pressure else float(self._driven.flow(self.pressure))
-        return np.full(speed.shape, flow)
+        if self._driven is not None and self.pressure:
+            return np.full(speed.shape, float(self._driven.flow(self.pressure)))
+        return np.full(speed.shape, self.flow)
 
     def _request(self, flow: Floats) -> Floats:
         """Return the request for a flow: the flow itself, or the pressure for it [kPa]."""
         return flow if self._driven is None else self._driven.pressure(flow)
 
-    def _valve(self, on: NDArray[np.bool_], period: float) -> tuple[Floats, Floats]:
-        """Return when the valve opens and closes, with the leads, (k,) each, ascending [periods]."""
-        changes = np.flatnonzero(on[1:] != on[:-1]) + 1
-        first = [0] if on.size and on[0] else []
-        last = [on.size] if on.size and on[-1] else []
-        edges = np.concatenate([first, changes, last]).astype(np.float64)
-        begins = edges[::2] - self.start_lead / period
-        ends = edges[1::2] - self.stop_lead / period
-        if begins.size and begins[0] < -_EDGE:
-            before = period * (begins[0] + self.start_lead / period)
-            raise InputError(
-                f"start_lead = {self.start_lead:g} s: must be at most {before:g} s, the time before the first "
-                "dispensing; Setpoints.wait holds the motion back"
-            )
-        begins = _on_ticks(begins)
-        ends = _on_ticks(ends)
-        if on.size and on[-1]:
-            ends[-1] = on.size  # the program has not closed the valve by the end of the record
-        return begins, ends
+    def _valve(self, on: NDArray[np.bool_], period: float) -> ValveTimes:
+        return ValveTimes.of(on, period, self.start_lead, self.stop_lead)
 
     def _at_rest(self) -> Floats:
         """Return the state of the lag before the first tick, see `gantrysim.dispenser.lag`."""
@@ -275,31 +256,25 @@ class Dispenser:
 
     def _lagged(self, breaks: Floats, value: Floats, block: slice, period: float, state: Floats) -> Floats:
         """Return the mean flow over each period of a block for a request of `value` between `breaks` [periods]."""
-        later = _on_ticks(breaks + self.dead_time / period)
-        if breaks[0] == 0:  # none before
-            later = np.concatenate([[0.0], later])
+        delayed = on_ticks(breaks + self.dead_time / period)
+        if breaks[0] == 0:  # nothing is requested before the first tick
+            delayed = np.concatenate([[0.0], delayed])
             value = np.concatenate([[0.0], value])
-        edges = np.unique(np.concatenate([later, np.arange(block.start, block.stop + 1, dtype=np.float64)]))
+        edges = np.unique(np.concatenate([delayed, np.arange(block.start, block.stop + 1, dtype=np.float64)]))
         edges = edges[(edges >= block.start) & (edges <= block.stop)]
-        which = np.minimum(np.searchsorted(later, edges[:-1], "right") - 1, value.size - 1)
-        lag = (period * np.diff(edges), value[which], self.opening, self.closing)
+        request_index = np.minimum(np.searchsorted(delayed, edges[:-1], "right") - 1, value.size - 1)
+        volume = self._volumes(period * np.diff(edges), value[request_index], state)
+        period_index = edges[:-1].astype(np.intp) - block.start
+        return np.bincount(period_index, volume, minlength=block.stop - block.start) / period
+
+    def _volumes(self, duration: Floats, request: Floats, state: Floats) -> Floats:
+        """Return the volumes over pieces of constant request, (k,) [mm³]; the state becomes that after them."""
+        lag = Lag(self.opening, self.closing)
         needle = self._driven
-        syringe = self.syringe
         if needle is None:
-            volume = lagged_volumes(*lag, state)
-        else:
-            law = (needle.yield_pressure, 1 / needle.index, *needle.shape)
-            if syringe is None:
-                volume = needle.conductance * driven_volumes(*lag, law, state)
-            else:
-                air = (syringe.rate, syringe.critical_ratio)
-                volume = syringe_volumes(*lag, needle.conductance, law, air, state)
-        return (
-            np.bincount(edges[:-1].astype(np.intp) - block.start, volume, minlength=block.stop - block.start) / period
-        )
-
-
-def _on_ticks(time: Floats) -> Floats:
-    """Return times in periods, snapped to a tick where they are off it by rounding alone."""
-    near = np.round(time)
-    return np.where(np.abs(time - near) < _EDGE * np.maximum(1.0, np.abs(near) * 1e-3), near, time)
+            return lagged_volumes(duration, request, lag, state)
+        law = NeedleLaw(needle.conductance, needle.yield_pressure, 1 / needle.index, *needle.shape)
+        if self.syringe is None:
+            return needle.conductance * driven_volumes(duration, request, lag, law, state)
+        air = (self.syringe.rate, self.syringe.critical_ratio)
+        return syringe_volumes(duration, request, lag, law, air, state)

@@ -152,7 +152,8 @@ class Needle:
         if not self.yield_stress:
             return (q / self.conductance) ** self.index
         # with z = p / p_y - 1 the flow over `yield_flow` is z^(1/n + 1) (z^2 + 2 a z + b) / (1 + z)^3
-        (a, b), power = self.shape, 1 / self.index
+        a, b = self.shape
+        power = 1 / self.index
         share = np.where(q > 0, q, self.yield_flow) / self.yield_flow
         z = (share / b) ** (1 / (power + 1)) + share ** (1 / power)
         for _ in range(_STEPS):  # in logarithms, where the slope lies between 1/n and 1/n + 1

@@ -1,4 +1,4 @@
-"""The air in a syringe that drives its glue: its volume grows as the glue is used up, and so does the lag."""
+"""The air that drives the glue of a syringe: as glue is used up its volume grows, and with it the lag."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ ATMOSPHERE = 101.325  # [kPa]
 
 _ML = 1e3  # mm³ per ml
 _PER_BAR = 1e6  # mm³/s at p0 per dm³/(s·bar)
-_LARGEST = 1e6  # of its values
-_STEP = 0.05  # of an integration, of the time constant
+_LARGEST = 1e6  # volumes [ml] and conductance [dm³/(s·bar)]
+_STEP = 0.05  # of the integration, relative to the time constant
 
 
 @dataclass(frozen=True)
 class Syringe:
     """A syringe under air from a valve through a hose.
 
-    The air above the glue and in the hose has the volume V = dead_volume + what the glue has left. Air flows in and out
-    through the sonic conductance C by ISO 6358: with upstream pressure p1, downstream pressure p2, both absolute, and
-    the critical pressure ratio b,
+    The air above the glue and in the hose has the volume V, dead_volume at first and more as glue is used up. Air flows
+    in and out through the sonic conductance C by ISO 6358: with upstream pressure p1, downstream pressure p2, both
+    absolute, and the critical pressure ratio b,
 
         q = C p1 psi(p2 / p1),  psi(r) = 1 for r <= b, else sqrt(1 - ((r - b) / (1 - b))^2),
 
@@ -96,33 +96,37 @@ def exchanged(pressure: float, supply: float, duration: float, constant: float, 
         constant: T [s].
         ratio: critical pressure ratio b.
     """
-    left = duration / constant
+    remaining = duration / constant  # time in units of T
     if supply > pressure:
         r = pressure / supply
         if r < ratio:
-            if r + left <= ratio:
-                return pressure + supply * left
-            left -= ratio - r
+            if r + remaining <= ratio:
+                return pressure + supply * remaining
+            remaining -= ratio - r
             r = ratio
-        angle = math.asin((r - ratio) / (1.0 - ratio)) + left / (1.0 - ratio)
-        return supply if angle >= 0.5 * math.pi else supply * (ratio + (1.0 - ratio) * math.sin(angle))
+        angle = math.asin((r - ratio) / (1.0 - ratio)) + remaining / (1.0 - ratio)
+        if angle >= 0.5 * math.pi:  # the pressures are equal
+            return supply
+        return supply * (ratio + (1.0 - ratio) * math.sin(angle))
     if supply < pressure:
         r = supply / pressure
         if r < ratio:
             choked = math.log(ratio / r)
-            if left <= choked:
-                return pressure * math.exp(-left)
-            left -= choked
+            if remaining <= choked:
+                return pressure * math.exp(-remaining)
+            remaining -= choked
             r = ratio
         free = 1.0 - ratio
         angle = math.asin((r - ratio) / free)
-        while left > 0.0 and angle < 0.5 * math.pi:  # by Runge and Kutta, of fourth order
-            step = min(left, _STEP) / free
+        while remaining > 0.0 and angle < 0.5 * math.pi:  # by Runge and Kutta, of fourth order
+            step = min(remaining, _STEP) / free
             a = step * (ratio + free * math.sin(angle))
             b = step * (ratio + free * math.sin(angle + 0.5 * a))
             c = step * (ratio + free * math.sin(angle + 0.5 * b))
             d = step * (ratio + free * math.sin(angle + c))
             angle += (a + 2.0 * (b + c) + d) / 6.0
-            left -= _STEP
-        return supply if angle >= 0.5 * math.pi else supply / (ratio + free * math.sin(angle))
+            remaining -= _STEP
+        if angle >= 0.5 * math.pi:
+            return supply
+        return supply / (ratio + free * math.sin(angle))
     return pressure

@@ -31,7 +31,7 @@ _MEMBERS = 64  # more than any archive has
 _EXPANSION = 250
 _SMALL = 1 << 24  # expansion that is always allowed [bytes]
 _CHUNK = 1 << 20
-# what zipfile and zlib raise for damaged files
+# exceptions that zipfile, zlib and numpy raise for damaged files
 DAMAGE = (
     OSError,
     EOFError,
@@ -76,8 +76,8 @@ class Archive:
         members: its arrays by name.
 
     Raises:
-        InputError: a member that is no array, whose size differs from what its header announces, that stands there
-            twice, or that expands to hundreds of times the size of the file.
+        InputError: a member that is no array, whose size differs from its header, or that occurs twice; members that
+            expand to hundreds of times the size of the file.
     """
 
     def __init__(self, stream: BinaryIO) -> None:
@@ -100,17 +100,18 @@ class Archive:
         with self._zip.open(info) as member:
             start = member.read(len(_MAGIC) + 2)
             header = member.read(int.from_bytes(start[-2:], "little"))
-        found = _HEADER.fullmatch(header.decode("latin-1"))
-        if found is None or not start.startswith(_MAGIC) or len(start) != len(_MAGIC) + 2:
+        announced = _HEADER.fullmatch(header.decode("latin-1"))
+        if announced is None or not start.startswith(_MAGIC) or len(start) != len(_MAGIC) + 2:
             raise InputError(f"{name} is no array of numbers or text")
-        dtype = np.dtype(found[1])
-        shape = tuple(int(size) for size in found[3].split(",") if size.strip())
+        type_name = announced[1]
+        dtype = np.dtype(type_name)
+        shape = tuple(int(size) for size in announced[3].split(",") if size.strip())
         if len(start + header) + math.prod(shape) * dtype.itemsize != info.file_size:
-            raise InputError(f"{name} has {info.file_size} bytes, not those of {found[1]} and shape ({found[3]})")
-        return Member(dtype, shape, found[2] == "True", info, start + header)
+            raise InputError(f"{name} has {info.file_size} bytes, not those of {type_name} and shape ({announced[3]})")
+        return Member(dtype, shape, announced[2] == "True", info, start + header)
 
     def read(self, name: str) -> NDArray[Any] | Stored:
-        """Return an array, in a temporary file if it is that of a long run, and add its name and bytes to the checksum.
+        """Return an array, in a temporary file if it belongs to a long run; add its name and bytes to the checksum.
 
         Raises:
             KeyError: there is no such member.
@@ -122,32 +123,33 @@ class Archive:
             if len(member.shape) and member.shape[0] > memory.LONG and not member.fortran:
                 values: NDArray[Any] | Stored = self._long(name, member, stream)
             else:
-                values = np.empty(math.prod(member.shape), member.dtype)
-                self._fill(name, values, stream)
-                values = values.reshape(member.shape, order="F" if member.fortran else "C")
+                flat = np.empty(math.prod(member.shape), member.dtype)
+                self._fill(name, flat, stream)
+                values = flat.reshape(member.shape, order="F" if member.fortran else "C")
             if stream.read(1):  # at the end zipfile compares its own checksum
                 raise InputError(f"{name} is longer than announced")
         return values
 
     def _long(self, name: str, member: Member, stream: IO[bytes]) -> Stored:
-        rows, tail = member.shape[0], member.shape[1:]
-        table = FileTable(rows, {name: (member.dtype, tail)})
+        rows = member.shape[0]
+        row_shape = member.shape[1:]
+        table = FileTable(rows, {name: (member.dtype, row_shape)})
         for block in blocks(rows):
-            values = np.empty((block.stop - block.start) * math.prod(tail), member.dtype)
+            values = np.empty((block.stop - block.start) * math.prod(row_shape), member.dtype)
             self._fill(name, values, stream)
             table.write(block.start, {name: values})
         return table.stored(rows)[name]
 
     def _fill(self, name: str, values: NDArray[Any], stream: IO[bytes]) -> None:
         """Fill in an array of one dimension from a stream, and add its bytes to the checksum."""
-        left = values.view(np.uint8).data if values.nbytes else memoryview(b"")
-        while len(left):
-            chunk = stream.read(min(_CHUNK, len(left)))
+        unfilled = values.view(np.uint8).data if values.nbytes else memoryview(b"")
+        while len(unfilled):
+            chunk = stream.read(min(_CHUNK, len(unfilled)))
             if not chunk:
                 raise InputError(f"{name} ends early")
-            left[: len(chunk)] = chunk
+            unfilled[: len(chunk)] = chunk
             self._digest.update(chunk)
-            left = left[len(chunk) :]
+            unfilled = unfilled[len(chunk) :]
 
     def check(self) -> None:
         """Compare the checksum of the arrays read so far, in this order, with the one in the archive.
@@ -155,14 +157,14 @@ class Archive:
         Raises:
             InputError: they differ.
         """
-        own = self._digest.hexdigest()
-        if str(self.read(CHECKSUM)) != own:
+        computed = self._digest.hexdigest()  # before the checksum itself is read
+        if str(self.read(CHECKSUM)) != computed:
             raise InputError(f"its {CHECKSUM} is not that of its content")
 
 
 @contextmanager
 def open_archive(stream: BinaryIO) -> Iterator[Archive]:
-    """Open an archive; whatever its damage does to the block becomes one InputError."""
+    """Open an archive; errors that its damage raises in the block become one InputError."""
     try:
         yield Archive(stream)
     except DAMAGE as error:

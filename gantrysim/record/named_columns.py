@@ -1,4 +1,4 @@
-"""The record of a run as named columns, units in their names, for tables outside the package."""
+"""The record of a run as named columns, with units in their names, for tables outside the package."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _FLOWS = ("flow", "flow_demand")
 
 
 class Record(Protocol):
-    """The attributes of a `Run` that have a column, or say what the columns are."""
+    """The attributes of a `Run` that have a column, or describe the columns."""
 
     @property
     def machine(self) -> Any: ...
@@ -63,22 +63,23 @@ def columns(run: Record) -> dict[str, NDArray[Any]]:
     Raises:
         InputError: two columns would have one name, because of the names of the axes.
     """
-    found: list[tuple[str, NDArray[Any]]] = [("time_s", run.time)]
+    labelled: list[tuple[str, NDArray[Any]]] = [("time_s", run.time)]
     for name, unit in _PER_AXIS.items():
-        labels = [f"{name}_{axis}_{unit or own}" for axis, own in zip(run.axes, run.units, strict=True)]
-        found += zip(labels, _split(getattr(run, name)), strict=True)
+        labels = [f"{name}_{axis}_{unit or axis_unit}" for axis, axis_unit in zip(run.axes, run.units, strict=True)]
+        labelled += zip(labels, _split(getattr(run, name)), strict=True)
     for name in _TIPS:
-        found += zip([f"{name}_{axis}_mm" for axis in "xyz"], _split(getattr(run, name)), strict=True)
-    found += [(f"{name}_mm3_per_s", getattr(run, name)) for name in _FLOWS]
-    found.append(("dispense", run.dispense))
-    table = dict(found)
-    if len(table) < len(found):
+        labels = [f"{name}_{axis}_mm" for axis in "xyz"]
+        labelled += zip(labels, _split(getattr(run, name)), strict=True)
+    labelled += [(f"{name}_mm3_per_s", getattr(run, name)) for name in _FLOWS]
+    labelled.append(("dispense", run.dispense))
+    table = dict(labelled)
+    if len(table) < len(labelled):
         raise InputError(f"axes {', '.join(run.axes)}: two columns of a table would have one name")
     return table
 
 
 def description(run: Record) -> dict[str, str]:
-    """Return what a table says of its run besides the columns: machine, axes, period, fault, versions."""
+    """Return the metadata of a run for a table: machine, axes, period, fault, versions."""
     return {
         "program": "gantrysim",
         "version": metadata.version("gantrysim"),

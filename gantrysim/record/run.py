@@ -96,22 +96,22 @@ class Run(Shown):
     def __post_init__(self) -> None:
         for name, value in list(vars(self).items()):
             if isinstance(value, np.ndarray) and _writable(value):
-                own = value.copy()  # the caller's array stays the caller's
-                own.flags.writeable = False
-                object.__setattr__(self, name, own)
+                copied = value.copy()  # the caller may go on writing to the array
+                copied.flags.writeable = False
+                object.__setattr__(self, name, copied)
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the record to a NumPy .npz file, with a SHA-256 of its content; an earlier file stays until then.
+        """Write the record to a NumPy .npz file, with a SHA-256 of its content, replacing an earlier file at the end.
 
         Raises:
             InputError: the file cannot be written.
         """
         with replaced(file) as partial, partial.open("wb") as stream:  # by path it would add a suffix
-            write_record(stream, {f.name: vars(self)[f.name] for f in fields(self)})
+            write_record(stream, {field.name: vars(self)[field.name] for field in fields(self)})
 
     def replaced(self, **changes: Any) -> Run:
-        """Return the record with other values of some fields; what lies in files stays there, unlike by `replace`."""
-        return Run(**{f.name: vars(self)[f.name] for f in fields(self)} | changes)
+        """Return the record with other values of some fields; columns in temporary files are not read into memory."""
+        return Run(**{field.name: vars(self)[field.name] for field in fields(self)} | changes)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a pandas DataFrame with a row per servo tick; `attrs` describe the run.
@@ -151,13 +151,13 @@ class Run(Shown):
 
 
 def _writable(array: NDArray[Any]) -> bool:
-    """Return whether anyone can write to the memory of an array."""
+    """Return whether the memory of an array can be written to through it or through the array that it is a view of."""
     memory = array.base if isinstance(array.base, np.ndarray) else array
     return bool(array.flags.writeable or memory.flags.writeable or not memory.flags.owndata)
 
 
 def check_run(value: Any) -> None:
-    """Raise InputError for what is likely to be given instead of a run: a file or folder, or a job."""
+    """Raise InputError for values often mistaken for a run: a file or folder, or a job."""
     advice = ""
     if isinstance(value, str | os.PathLike):
         advice = "a record is read by gantrysim.Run.load"

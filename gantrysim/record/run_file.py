@@ -1,4 +1,4 @@
-"""The file of a record: what is written, and everything that is checked before it is believed."""
+"""The file of a record: writing, and validation on load."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gantrysim.paths.kinds import kind_of, path_of
 from gantrysim.record.archive import CHECKSUM, Archive, Member, open_archive, write_archive
 from gantrysim.record.fault import Fault
 
-_FORMAT = 7  # the only one that is read
+_FORMAT = 7  # a number of its own for every change of the members; no other is read
 _NUMBERS = ("period", "gap", "face", "needle_length")
 _TEXTS = ("machine", "requested", "fault", "injected", "job_sha256", "machine_sha256")
 _LISTS = ("axes", "units")
@@ -36,11 +36,14 @@ _LAST = ("demand", "torque", "current", "voltage")  # not finite where a fault e
 def write_record(stream: BinaryIO, content: Mapping[str, Any]) -> None:
     """Write the attributes of a record to a NumPy .npz file, with a SHA-256 of its content."""
     arrays = {name: value for name, value in content.items() if name not in _OPTIONAL or value is not None}
-    path, fault = content["requested"], content["fault"]
-    parameters = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in path.parameters().items()}
+    path = content["requested"]
+    fault = content["fault"]
+    parameters = {
+        name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in path.parameters().items()
+    }
     arrays["requested"] = json.dumps({"kind": kind_of(path), "parameters": parameters})
     arrays["fault"] = json.dumps(asdict(fault) if fault else None)
-    arrays["injected"] = json.dumps([one.table() for one in content["injected"]])
+    arrays["injected"] = json.dumps([fault.table() for fault in content["injected"]])
     write_archive(stream, {"format": _FORMAT, **dict(sorted(arrays.items()))})
 
 
@@ -58,7 +61,7 @@ def _content(archive: Archive) -> dict[str, Any]:
     """Return the attributes of a record, checked.
 
     Raises:
-        InputError: there is something wrong with them.
+        InputError: a member, number, name or path that no record has.
     """
     _check_format(archive)
     _check_members(archive.members)
@@ -67,15 +70,18 @@ def _content(archive: Archive) -> dict[str, Any]:
     content: dict[str, Any] = {name: float(array_of(raw.pop(name))) for name in _NUMBERS}
     content |= {name: str(raw.pop(name)) for name in _TEXTS}
     content |= {name: tuple(str(item) for item in array_of(raw.pop(name))) for name in _LISTS}
-    path, fault = json.loads(content["requested"]), json.loads(content["fault"])
+    path = json.loads(content["requested"])
+    fault = json.loads(content["fault"])
     _check_values(content, raw)
     content["requested"] = path_of(path["kind"], path["parameters"])
     length = content["requested"].length
     if not 0 < length < np.inf:
         raise InputError(f"requested has a length of {length:g} mm")
     content["fault"] = None if fault is None else _fault(fault, content["axes"])
-    content["injected"] = tuple(fault_of(one) for one in json.loads(content["injected"]))
-    return {**content, **{name: read_only(one) if isinstance(one, np.ndarray) else one for name, one in raw.items()}}
+    content["injected"] = tuple(fault_of(table) for table in json.loads(content["injected"]))
+    for name, column in raw.items():
+        content[name] = read_only(column) if isinstance(column, np.ndarray) else column
+    return content
 
 
 def _check_format(archive: Archive) -> None:
@@ -101,12 +107,18 @@ def _check_members(members: Mapping[str, Member]) -> None:
     expected: dict[str, tuple[str, tuple[int, ...]]] = {"format": ("i", ()), CHECKSUM: ("U", ())}
     for names, kind, shape in ((_NUMBERS, "f", ()), (_TEXTS, "U", ()), (_LISTS, "U", axes)):
         expected |= dict.fromkeys(names, (kind, shape))
-    for name, width in (_COLUMNS | {name: width for name, width in _OPTIONAL.items() if name in members}).items():
-        columns = axes if width is None else (width,) if width else ()
+    present = {name: width for name, width in _OPTIONAL.items() if name in members}
+    for name, width in (_COLUMNS | present).items():
+        columns: tuple[int, ...] = ()
+        if width is None:
+            columns = axes
+        elif width:
+            columns = (width,)
         expected[name] = ("b" if name == "dispense" else "f", rows + columns)
     for name in {**expected, **members}:
         if name not in expected or name not in members:
-            raise InputError(f"{name} is {'missing' if name in expected else 'no member of a record'}")
+            problem = "missing" if name in expected else "no member of a record"
+            raise InputError(f"{name} is {problem}")
         kind, size = expected[name]
         member = members[name]
         if member.dtype.kind != kind or member.shape != size or (kind == "f" and member.dtype.itemsize != 8):
@@ -124,7 +136,8 @@ def _check_values(content: Mapping[str, Any], columns: Mapping[str, NDArray[Any]
         number = content[name]
         if not np.isfinite(number) or (name != "gap" and number <= 0):
             raise InputError(f"{name} = {number:g}")
-    time, period = array_of(columns["time"]), content["period"]
+    time = array_of(columns["time"])
+    period = content["period"]
     for rows in blocks(time.size):
         expected = period * np.arange(rows.start, rows.stop)
         if not np.allclose(time[rows], expected, rtol=1e-12, atol=1e-9 * period):
@@ -133,19 +146,22 @@ def _check_values(content: Mapping[str, Any], columns: Mapping[str, NDArray[Any]
         raise InputError("dispense has values other than true and false")
     for name, column in columns.items():
         values = array_of(column)
-        last = len(values) - (name in _LAST and content["fault"] != "null")
+        count = len(values)
+        if name in _LAST and content["fault"] != "null":
+            count -= 1
         unknown = name in _NAN and np.isnan(values[0])  # of an axis whose motor is an ideal source of torque
-        wrong = 0
-        for rows in blocks(last):
+        not_finite = 0
+        for rows in blocks(count):
             finite = np.isfinite(values[rows]) | (unknown & np.isnan(values[rows]))
-            wrong += finite.size - np.count_nonzero(finite)
-        if wrong:
-            raise InputError(f"{name} has {wrong} values that are not finite")
+            not_finite += finite.size - np.count_nonzero(finite)
+        if not_finite:
+            raise InputError(f"{name} has {not_finite} values that are not finite")
 
 
 def _fault(content: Any, axes: Sequence[str]) -> Fault:
     fault = Fault(**content)
-    texts, numbers = (fault.kind, fault.axis, fault.unit, fault.reaction), (fault.time, fault.value, fault.limit)
+    texts = (fault.kind, fault.axis, fault.unit, fault.reaction)
+    numbers = (fault.time, fault.value, fault.limit)
     if (
         fault.axis not in axes
         or not all(isinstance(text, str) and text.isprintable() for text in texts)

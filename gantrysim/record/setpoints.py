@@ -48,7 +48,8 @@ class Supervision:
             if getattr(self, name) != math.inf:
                 positive(name, getattr(self, name), unit)
         whole("position_error_delay", self.position_error_delay, 0)
-        at_least("settle_timeout", self.settle_timeout, at_least("settle_time", self.settle_time, 0, "s"), "s")
+        settle_time = at_least("settle_time", self.settle_time, 0, "s")
+        at_least("settle_timeout", self.settle_timeout, settle_time, "s")
 
 
 @dataclass(frozen=True)
@@ -84,8 +85,8 @@ class Setpoints:
         if dispense.shape != position.shape[:1]:
             raise InputError(f"dispenser command of shape {dispense.shape}: must be {position.shape[:1]}")
         if not np.isfinite(position).all():  # axis by axis it would take much longer
-            bad = int(np.argmin(np.isfinite(position).all(axis=1)))
-            raise InputError(f"setpoint {bad} = {position[bad].tolist()}: must be finite")
+            row = int(np.argmin(np.isfinite(position).all(axis=1)))
+            raise InputError(f"setpoint {row} = {position[row].tolist()}: must be finite")
         gates = np.array(self.gates, np.int64)
         if gates.ndim != 1 or np.any(np.diff(gates, prepend=-1, append=len(position)) <= 0):
             raise InputError(f"gates {gates.tolist()}: must be ascending indices of the {len(position)} setpoints")
@@ -111,12 +112,12 @@ class Setpoints:
 
     @property
     def run_ticks(self) -> int:
-        """Number of servo ticks of a run that waits at each gate for no longer than it must."""
+        """Number of servo ticks of a run with the shortest wait at each gate, the settling time."""
         return len(self.position) + self.gates.size * periods(self.supervision.settle_time, self.period)
 
     @property
     def most_ticks(self) -> int:
-        """Number of servo ticks of a run that waits at each gate for as long as it may, before that is a fault."""
+        """Number of servo ticks of a run with the longest wait at each gate, after which it is a fault."""
         return len(self.position) + self.gates.size * (periods(self.supervision.settle_timeout, self.period) + 1)
 
     def hold(self, duration: float) -> Setpoints:
@@ -136,15 +137,16 @@ class Setpoints:
     def _padded(self, before: int, after: int) -> Setpoints:
         if not before and not after:
             return self
-        total, added = len(self.position) + before + after, (before + after) * self.period
-        check_ticks(total, f"hold of {added:g} s in periods of {self.period:g} s", "hold for a shorter time")
-        position = np.pad(self.position, ((before, after), (0, 0)), "edge")
+        total = len(self.position) + before + after
+        duration = (before + after) * self.period
+        check_ticks(total, f"hold of {duration:g} s in periods of {self.period:g} s", "hold for a shorter time")
+        rows = ((before, after), (0, 0))
         return replace(
             self,
-            position=position,
+            position=np.pad(self.position, rows, "edge"),
             dispense=np.pad(self.dispense, (before, after)),
             gates=self.gates + before,
-            torque=None if self.torque is None else np.pad(self.torque, ((before, after), (0, 0)), "edge"),
+            torque=None if self.torque is None else np.pad(self.torque, rows, "edge"),
         )
 
     @classmethod
@@ -180,8 +182,10 @@ class Setpoints:
             s = profile.position(np.arange(block.start, block.stop) * period)
             if block.stop > n:
                 s[-1] = path.length
+            if coordinates is not None:
+                return coordinates(s)
             # stacked, as NumPy copies short rows of a longer array much slower than columns
-            return np.stack([*path.position(s).T[: len(axes)]], axis=1) if coordinates is None else coordinates(s)
+            return np.stack([*path.position(s).T[: len(axes)]], axis=1)
 
         position = by_blocks(positions, n + 1)
         return cls(period, axes, position, np.ones(n + 1, bool), path if requested is None else requested)
@@ -204,7 +208,7 @@ def periods(duration: float, period: float) -> int:
     Raises:
         InputError: more than MAX_TICKS.
     """
-    count = duration / period - 1e-9
+    count = duration / period - 1e-9  # rounding of the quotient must not add a period
     if not count <= MAX_TICKS:
         raise InputError(f"{duration:g} s in periods of {period:g} s: makes {count:.3g} ticks, at most {MAX_TICKS:g}")
     return math.ceil(count)
