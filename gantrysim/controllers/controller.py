@@ -6,32 +6,13 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
-from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive
 from gantrysim.controllers.loop_theory import LoopTheory
 from gantrysim.paths.path import Path
+from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
-
-
-class Recorded(Protocol):
-    """The attributes of a `Run` that a controller can record."""
-
-    @property
-    def axes(self) -> tuple[str, ...]: ...
-    @property
-    def units(self) -> tuple[str, ...]: ...
-    @property
-    def period(self) -> float: ...
-    @property
-    def time(self) -> Floats: ...
-    @property
-    def commanded(self) -> Floats: ...
-    @property
-    def commanded_tip(self) -> Floats: ...
-    @property
-    def encoder(self) -> Floats: ...
 
 
 class Controller(ABC):
@@ -137,7 +118,7 @@ class Controller(ABC):
         factor = positive("speed", speed, "mm/s") / self.programmed_speed
         return self.with_speeds(lambda programmed: programmed * factor)
 
-    def write_record(self, run: Recorded, file: str | os.PathLike[str]) -> bool:
+    def write_record(self, run: Run, file: str | os.PathLike[str]) -> bool:
         """Write the controller's own record of a run, if it keeps one; return whether it was written."""
         return False
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gantrysim.base.errors import InputError, finite
-from gantrysim.controllers.controller import Controller, Recorded
+from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.softmc.commands import Circle, Command, Move, SoftMCError
 from gantrysim.controllers.softmc.geometry import AXES, segment
 from gantrysim.controllers.softmc.group import Group
@@ -19,6 +19,7 @@ from gantrysim.controllers.softmc.record import Record
 from gantrysim.controllers.softmc.stream import Leg, leg_of, stream
 from gantrysim.controllers.softmc.text import SPEEDS, SourceLine, read
 from gantrysim.paths.chain import Chain
+from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 
 
@@ -113,7 +114,7 @@ class Program(Controller):
         program = SPEEDS.changed(self.arguments()["program"], change)
         return {"group.velocity": change(self.group.velocity), "program": program}
 
-    def write_record(self, run: Recorded, file: str | os.PathLike[str]) -> bool:
+    def write_record(self, run: Run, file: str | os.PathLike[str]) -> bool:
         if self.record is None:
             return False
         self.record.write(run, file, self.group.position_error_delay)

@@ -11,7 +11,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import unknown, whole
 from gantrysim.base.files import replaced
-from gantrysim.controllers.controller import Recorded
+from gantrysim.record.run import Run
 
 EXPRESSIONS = ("PCMD", "PFB", "PE", "VCMD", "VFB", "SETPOINT")
 
@@ -43,7 +43,7 @@ class Record:
                 raise unknown("expression", str(name), EXPRESSIONS)
         object.__setattr__(self, "what", tuple(name.upper() for name in what))
 
-    def of(self, run: Recorded, delay: int = 0) -> dict[str, Floats]:
+    def of(self, run: Run, delay: int = 0) -> dict[str, Floats]:
         """Return the columns: "time" [s], and one per expression and axis, as "PCMD x".
 
         Args:
@@ -57,7 +57,7 @@ class Record:
                 columns[f"{name} {axis}"] = values[:, a]
         return columns
 
-    def write(self, run: Recorded, file: str | os.PathLike[str], delay: int = 0) -> None:
+    def write(self, run: Run, file: str | os.PathLike[str], delay: int = 0) -> None:
         """Write the columns as CSV, with units in the header."""
         columns = self.of(run, delay)
         units = {"time": "s", **{f"SETPOINT {axis}": "mm" for axis in "xyz"}}
@@ -70,7 +70,7 @@ class Record:
             writer.writerows(np.column_stack(list(columns.values())).tolist())
 
 
-def evaluated(name: str, run: Recorded, delay: int) -> Floats:
+def evaluated(name: str, run: Run, delay: int) -> Floats:
     """Return an expression at every tick of a run, (n, axes); PE with the command of `delay` ticks before."""
     if name == "SETPOINT":
         return run.commanded_tip

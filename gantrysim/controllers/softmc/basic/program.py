@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gantrysim.base.errors import InputError, at_least, finite, positive, whole
-from gantrysim.controllers.controller import Controller, Recorded
+from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.softmc.basic.declarations import routine
 from gantrysim.controllers.softmc.basic.expressions import trees
@@ -25,6 +25,7 @@ from gantrysim.controllers.softmc.geometry import AXES
 from gantrysim.controllers.softmc.group import Group
 from gantrysim.controllers.softmc.stream import Leg, Stream, stream
 from gantrysim.paths.chain import Chain
+from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints, periods
 
 
@@ -168,7 +169,7 @@ class Basic(Controller):
     def _stream(self, period: float) -> Stream:
         return stream(self.task.time.steps, positive("period", period, "s"))
 
-    def write_record(self, run: Recorded, file: str | os.PathLike[str]) -> bool:
+    def write_record(self, run: Run, file: str | os.PathLike[str]) -> bool:
         """Write what the program records; of several records the later ones to numbered files beside the first."""
         records = [record for record in self.task.records if record.spans]
         if not records:

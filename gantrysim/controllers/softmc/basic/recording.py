@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.files import replaced
-from gantrysim.controllers.controller import Recorded
 from gantrysim.controllers.softmc.basic.timeline import Mark
 from gantrysim.controllers.softmc.record import evaluated
+from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 
 
@@ -66,7 +66,7 @@ class Recording:
 
     def write(
         self,
-        run: Recorded,
+        run: Run,
         file: str | os.PathLike[str],
         coordinates: Sequence[str],
         setpoints: Setpoints,
@@ -97,7 +97,7 @@ class Recording:
             writer.writerows(np.column_stack([of[samples] for _, of in values]).tolist())
 
 
-def rows_of(run: Recorded, setpoints: Setpoints) -> NDArray[np.int64]:
+def rows_of(run: Run, setpoints: Setpoints) -> NDArray[np.int64]:
     """Return the row of a run at which each setpoint is reached, (n,).
 
     At a gate the run has further rows, during which the command rests: the k-th change of the command in the run is
@@ -131,7 +131,7 @@ def _row(rows: NDArray[np.int64], tick: int) -> int:
     return int(rows[min(tick, len(rows) - 1)])
 
 
-def _column(column: Column, run: Recorded, coordinates: Sequence[str], delay: int) -> tuple[str, Floats]:
+def _column(column: Column, run: Run, coordinates: Sequence[str], delay: int) -> tuple[str, Floats]:
     if column.what == "clock":
         return "ms", np.round(1e3 * run.time, 9)
     if column.what == "setpoint" and column.index < 3:
