@@ -32,9 +32,9 @@ class DrawnAhead:
         """Ask for the next episode of each place, from a copy of its random numbers."""
         for place, random in randoms.items():
             before = random.bit_generator.state
-            own = np.random.Generator(type(random.bit_generator)(0))
-            own.bit_generator.state = before
-            self._asked[place] = before, own
+            copy = np.random.Generator(type(random.bit_generator)(0))
+            copy.bit_generator.state = before
+            self._asked[place] = before, copy
 
     def free(self, episodes: Iterable[Episode | None]) -> None:
         """Take episodes that are over, to free their memory on the thread too."""
@@ -44,8 +44,8 @@ class DrawnAhead:
         """Begin to draw the episodes that are asked for; best before Python waits for native code."""
         if self._over:
             self._thread.submit(self._over.clear)
-        for place, (before, own) in self._asked.items():
-            self._next[place] = before, self._thread.submit(self._draw, own)
+        for place, (before, copy) in self._asked.items():
+            self._next[place] = before, self._thread.submit(self._draw, copy)
         self._asked.clear()
 
     def take(self, randoms: Mapping[int, np.random.Generator]) -> dict[int, Episode]:

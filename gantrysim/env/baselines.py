@@ -32,11 +32,12 @@ def width_feedback(env: BeadWidthEnv, gain: float) -> Policy:
         env: its environment.
         gain: share of the error, above 0.
     """
-    at, settings = env.observation_names.index("width_error"), env.settings
+    error = env.observation_names.index("width_error")
+    settings = env.settings
     factor = -gain * 2 * settings.index * settings.tolerance / settings.step
 
     def policy(observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        return np.clip([factor * observation[at]], -1.0, 1.0).astype(np.float32)
+        return np.clip([factor * observation[error]], -1.0, 1.0).astype(np.float32)
 
     return policy
 
@@ -51,17 +52,21 @@ def slow_at_reversals(env: SpeedOverrideEnv, speed: float) -> Policy:
         env: its environment.
         speed: slow speed [mm/s].
     """
-    settings, names = env.settings, env.observation_names
-    low, high = math.log(settings.slowest), math.log(settings.fastest)
+    settings = env.settings
+    names = env.observation_names
+    low = math.log(settings.slowest)
+    high = math.log(settings.fastest)
     braking = 2 * _BRAKING * settings.acceleration
 
     def policy(observation: NDArray[np.float32]) -> NDArray[np.float32]:
         seen = dict(zip(names, observation.tolist(), strict=True))
-        near, far = seen["to_reversal_near"], 10 * seen["to_reversal"]
+        near = seen["to_reversal_near"]
+        far = 10 * seen["to_reversal"]
         ahead = near if near < 1 else far
         moves_on = 100 * seen["speed"] * settings.decision_interval  # until the next decision
         ahead = math.inf if far >= 10 else max(ahead - _BEFORE - moves_on, 0.0)
-        wanted = speed if 10 * seen["since_reversal"] <= _AFTER else math.sqrt(speed**2 + braking * ahead)
+        fastest = math.sqrt(speed**2 + braking * ahead)  # from which it can brake to the slow speed until the reversal
+        wanted = speed if 10 * seen["since_reversal"] <= _AFTER else fastest
         override = np.clip(math.log(min(wanted / (100 * seen["program_speed"]), _TOP)), low, high)
         present = low + 0.5 * (seen["override"] + 1) * (high - low)
         return np.clip([(override - present) / settings.step], -1.0, 1.0).astype(np.float32)
@@ -70,11 +75,11 @@ def slow_at_reversals(env: SpeedOverrideEnv, speed: float) -> Policy:
 
 
 def friction_compensation(env: ServoTorqueEnv, share: float) -> Policy:
-    """Return the change of the level to that of the friction, as it is fitted while the nozzle moves.
+    """Return friction compensation at the level of friction that is estimated while the nozzle moves.
 
     Args:
         env: its environment.
-        share: of the level that is missing, which is made up for at each decision.
+        share: of the missing level, added at each decision.
     """
     missing = [k for k, name in enumerate(env.observation_names) if name.startswith("missing_")]
 
@@ -85,7 +90,7 @@ def friction_compensation(env: ServoTorqueEnv, share: float) -> Policy:
 
 
 def gain_schedule(env: SpiralTuningEnv, caution: float) -> Policy:
-    """Return the gains for the payload that the fitted inertia tells of.
+    """Return a gain schedule over the payload, estimated from the fitted inertia.
 
     kp, with ki, and kd are those of the largest kp that keeps |S| <= 2 on the nominal machine with this payload;
     acceleration_ff is the nominal one times the fitted ratio of inertia.
@@ -94,15 +99,17 @@ def gain_schedule(env: SpiralTuningEnv, caution: float) -> Policy:
         env: its environment.
         caution: payload added to the fitted one for kp and kd [kg].
     """
-    source, names = env._episodes.source, env.observation_names
-    fitted, present = names.index("inertia"), slice(names.index("gain_kp"), names.index("gain_kp") + len(TUNED_GAINS))
-    reach, steps = math.log(env.settings.gain_range), np.array(env.settings.step)
+    source = env._episodes.source
+    names = env.observation_names
+    fitted = names.index("inertia")
+    present = slice(names.index("gain_kp"), names.index("gain_kp") + len(TUNED_GAINS))
+    reach = math.log(env.settings.gain_range)
+    steps = np.array(env.settings.step)
     machine = source.machine
     loaded = machine.perturbed(Perturbation(payload=1.0))
-    square, product = (
-        sum(one.inertia * axis.inertia for one, axis in zip(other.axes, machine.axes, strict=True))
-        for other in (machine, loaded)
-    )
+    inertia = [axis.inertia for axis in machine.axes]
+    square = sum(nominal * nominal for nominal in inertia)
+    product = sum(axis.inertia * nominal for axis, nominal in zip(loaded.axes, inertia, strict=True))
     per_kg = product / square - 1  # what 1 kg adds to the ratio fitted to all axes
     payloads = np.arange(0.0, MOST + 1.0, 0.5)
     gains = _stiffest(SensitivityTable(machine, source.servo, env.settings.gain_range), payloads)
@@ -124,19 +131,21 @@ def _stiffest(sensitivity: SensitivityTable, payloads: NDArray[np.float64]) -> N
     Their kp is the largest that keeps the limit, but no larger than for a smaller payload; kd is the least with it.
     """
     steps = np.linspace(-1.0, 1.0, 2 * _STEPS + 1).tolist()
-    found, pairs = [], itertools.product(steps[::-1], steps)
+    stiffest = []
+    pairs = itertools.product(steps[::-1], steps)
     kp, kd = next(pairs)
     for payload in payloads:
         while sensitivity.cost([[[kp], [kd], [0.0], [0.0]]], payload) > 0:
             kp, kd = next(pairs, (kp, kd))
             if kp == -1.0 and kd == 1.0:  # none does
                 break
-        found.append((kp, kd))
-    return np.array(found)
+        stiffest.append((kp, kd))
+    return np.array(stiffest)
 
 
 _STEPS = 16  # of gains tried, per range
-_BEFORE, _AFTER = 0.3, 1.0  # where it moves slowly, ahead of a reversal and behind it [mm]
+_BEFORE = 0.3  # where it moves slowly, ahead of a reversal [mm]
+_AFTER = 1.0  # the same behind it: friction has reversed by then [mm]
 _BRAKING = 0.7  # share of the acceleration
 _TOP = 1.5  # override between reversals
 

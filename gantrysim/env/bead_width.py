@@ -13,7 +13,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Source
-from gantrysim.env.glue import PIECE, PIECES, STATE, SUMS, lay
+from gantrysim.env.glue import PIECE, PIECES, STATE, SUMS, BeadState, Camera, Glue, Program, lay
 from gantrysim.env.look_ahead import LimitedSpeed, LookAhead, ahead_entries, look_ahead
 from gantrysim.env.observation import Entry
 from gantrysim.env.outcome import Outcome
@@ -111,15 +111,18 @@ class BeadWidthBatch(EpisodeBatch):
     """Places in which episodes run whose pressure the agent sets; arguments as of `EpisodeBatch`."""
 
     settings: BeadWidthSettings
-    kept: ClassVar[tuple[str, ...]] = (*EpisodeBatch.kept, "_override", "_bead", "_ring", "_sums", "_seen", "_whole")
+    saved: ClassVar[tuple[str, ...]] = (*EpisodeBatch.saved, "_override", "_bead", "_ring", "_sums", "_seen", "_whole")
 
     def __init__(self, settings: BeadWidthSettings, places: int, threads: int | None, ahead: bool) -> None:
         super().__init__(settings, places, threads, ahead, BeadWidthSource(settings))
         self._override = np.zeros(places)  # logarithm
-        self._bead, self._ring = np.zeros((places, len(STATE))), np.zeros((places, PIECES))
-        self._sums, self._seen = np.zeros((places, len(SUMS))), np.zeros((places, 3))
+        self._bead = np.zeros((places, len(STATE)))
+        self._ring = np.zeros((places, PIECES))
+        self._sums = np.zeros((places, len(SUMS)))
+        self._seen = np.zeros((places, 3))
         self._whole = np.zeros((places, 4))  # the first sums, of the whole episode
-        self._speeds, self._noise = [np.zeros(1)] * places, [np.zeros(1)] * places
+        self._speeds = [np.zeros(1)] * places
+        self._noise = [np.zeros(1)] * places
         self._look: list[LookAhead | None] = [None] * places
         self._ahead_values = np.zeros((places, len(ahead_entries(_SPEEDS))))
 
@@ -137,9 +140,10 @@ class BeadWidthBatch(EpisodeBatch):
     def _action_size(self) -> int:
         return 1
 
-    def _start(self, place: int, episode: Episode) -> None:
-        super()._start(place, episode)
-        settings, setpoints = self.settings, episode.simulation.setpoints
+    def _reset(self, place: int, episode: Episode) -> None:
+        super()._reset(place, episode)
+        settings = self.settings
+        setpoints = episode.simulation.setpoints
         self._override[place] = math.log(settings.override)
         for array in (self._bead, self._ring, self._sums, self._seen, self._whole):
             array[place] = 0.0
@@ -150,47 +154,45 @@ class BeadWidthBatch(EpisodeBatch):
         self._noise[place] = settings.camera_noise * random.standard_normal(_NOISES)
         self._look[place] = LookAhead(episode.points)
 
-    def _apply(self, places: Sequence[int]) -> None:
+    def _act(self, places: Sequence[int]) -> None:
         most = math.log(self.settings.override_range)
         moved = self._override[places] + self.settings.step * self._action[places, 0]
         self._override[places] = np.clip(moved, -most, most)
 
     def _follow(self, place: int, first: int, last: int) -> None:
         """Lay the bead of some ticks, and see it."""
-        settings, episode = self.settings, self._episode(place)
-        speeds, drawn = self._speeds[place], episode.drawn
-        lay(  # type: ignore[no-untyped-call]
+        settings = self.settings
+        episode = self._episode(place)
+        speeds = self._speeds[place]
+        drawn = episode.drawn
+        lay(
             episode.simulation.log,
-            first,
-            last,
-            speeds,
-            float(speeds.max()),
-            math.exp(self._override[place]),
-            np.array([*(drawn[name] for name in GLUE), settings.index]),
-            round(settings.behind / PIECE),
-            self._noise[place],
-            settings.tolerance,
-            self.source.servo.period,
-            self._bead[place],
-            self._ring[place],
-            self._sums[place],
+            (first, last),
+            Program(speeds, float(speeds.max()), math.exp(self._override[place]), self.source.servo.period),
+            Glue(**{name: drawn[name] for name in GLUE}, flow_index=settings.index),
+            Camera(round(settings.behind / PIECE), self._noise[place], settings.tolerance),
+            BeadState(self._bead[place], self._ring[place], self._sums[place]),
         )
-        sums, whole = self._sums[place], self._whole[place]
+        sums = self._sums[place]
+        whole = self._whole[place]
         whole[[0, 1, 3]] += sums[[0, 1, 3]]
         whole[2] = max(whole[2], sums[2])
         if sums[4]:
             mean = sums[5] / sums[4] / settings.tolerance
             seen = self._seen[place]
-            seen[:] = mean, mean - seen[0] if seen[2] else 0.0, 1.0
+            seen[1] = mean - seen[0] if seen[2] else 0.0
+            seen[0] = mean
+            seen[2] = 1.0
 
     def observations(self) -> NDArray[np.float32]:
         interval = self.source.ticks or 1
         for place, look in enumerate(self._look):
             if look is not None:
                 sent = int(self._sent[place])
-                speeds = [self._speeds[place][sent + k * interval : sent + k * interval + 1] for k in range(3)]
+                speeds = self._speeds[place][sent : sent + 3 * interval : interval].tolist()
+                speeds += [0.0] * (3 - len(speeds))  # the program rests after its end
                 s = look.s[max(int(self._foot[place]), 0)]
-                self._ahead_values[place] = look_ahead(look, s, [float(v.sum()) for v in speeds])
+                self._ahead_values[place] = look_ahead(look, s, speeds)
         parts = [
             np.clip(self._seen[:, :2], -_WORST, _WORST),
             self._seen[:, 2:],

@@ -6,7 +6,6 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,9 +13,10 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.errors import GantryError, InputError
-from gantrysim.engine.batch import Batch, Moment
+from gantrysim.engine.batch import Batch
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.ahead import DrawnAhead
+from gantrysim.env.episode_state import EpisodeState
 from gantrysim.env.episodes import Chosen, Episode, Source
 from gantrysim.env.interval import PER_AXIS, SHARED, SPAN, TOTAL, measure
 from gantrysim.env.observation import Entry, IntervalValues
@@ -28,29 +28,16 @@ from gantrysim.record.run import Run
 _SHARED = 16  # places from which on threads share the measurements
 
 
-@dataclass(frozen=True, eq=False)
-class EpisodeState:
-    """A moment of an episode, saved; another environment with the same settings can go on from there.
-
-    Attributes:
-        settings: of the environment.
-        drawn: values drawn for the episode.
-        moment: of its simulation.
-        values: of the task, by name.
-        random: state of the random numbers, from which the next episodes are drawn.
-    """
-
-    settings: PathSettings
-    drawn: dict[str, float]
-    moment: Moment
-    values: dict[str, NDArray[Any]]
-    random: Mapping[str, Any]
-
-
 class EpisodeBatch(ABC):
     """Places in which episodes run; all advance in one native call.
 
-    A task derives from it: what an action does, what is observed, and the outcome.
+    A task derives from it. For all places at once it defines, in the order in which they are called,
+
+        _reset         begin an episode at a place
+        observations   what the agent observes, the entries of `_entries`
+        _act           what an action does
+        _follow        what the task measures beside the machine
+        _outcome       reward, end of the episode, and infos
 
     Args:
         settings: of the environment.
@@ -67,12 +54,13 @@ class EpisodeBatch(ABC):
     """
 
     # attributes with one row per place, which a saved state holds
-    kept: ClassVar[tuple[str, ...]] = ("_action", "_rows", "_foot", "_measured", "_total")
+    saved: ClassVar[tuple[str, ...]] = ("_action", "_rows", "_foot", "_measured", "_total")
 
     def __init__(
         self, settings: PathSettings, places: int, threads: int | None, ahead: bool, source: Source | None = None
     ) -> None:
-        self.settings, self.source = settings, Source(settings) if source is None else source
+        self.settings = settings
+        self.source = Source(settings) if source is None else source
         machine = self.source.machine
         self._axes = len(machine.axes)
         self._batch = Batch(machine, places, threads)
@@ -80,11 +68,16 @@ class EpisodeBatch(ABC):
         self._parts = min(places, os.cpu_count() or 1 if threads is None else threads)
         self._threads = ThreadPoolExecutor(self._parts, "measurements")  # they begin when they are first needed
         field = self._batch.field  # live views
-        self._gains, self._ticks, self._sent, self._faults = map(field, ("gains", "tick", "index", "fault"))
-        self._steps, *self._addresses = map(field, ("steps", "log", "axis_log", "setpoints"))
+        self._gains = field("gains")
+        self._ticks = field("tick")
+        self._sent = field("index")
+        self._faults = field("fault")
+        self._steps = field("steps")
+        self._addresses = {name: field(name) for name in ("log", "axis_log", "setpoints")}
         self._peak = np.array([axis.peak_torque for axis in machine.axes])
         self.entries = self._entries()
-        low, high = (np.array([getattr(entry, end) for entry in self.entries], np.float32) for end in ("low", "high"))
+        low = np.array([entry.low for entry in self.entries], np.float32)
+        high = np.array([entry.high for entry in self.entries], np.float32)
         self.observation_space = Box(low, high, dtype=np.float32)
         self.action_space = Box(-1.0, 1.0, (self._action_size(),), np.float32)
         self.episodes: list[Episode | None] = [None] * places
@@ -92,7 +85,8 @@ class EpisodeBatch(ABC):
         self._rows = np.zeros((places, len(SHARED) + len(PER_AXIS) * self._axes))
         self._spans = np.zeros(places, SPAN)
         self._spans["foot"] = -1
-        self._foot, self._measured = self._spans["foot"], np.zeros(places, np.int64)  # ticks measured
+        self._foot = self._spans["foot"]
+        self._measured = np.zeros(places, np.int64)  # ticks
         self._setpoints = np.ones(places, np.int64)
         self._total = np.zeros((places, TOTAL))
         self.measured = IntervalValues.of(self._rows)
@@ -106,7 +100,7 @@ class EpisodeBatch(ABC):
         """Return the number of actions of a place."""
 
     @abstractmethod
-    def _apply(self, places: Sequence[int]) -> None:
+    def _act(self, places: Sequence[int]) -> None:
         """Apply the actions of places, before their episodes advance."""
 
     @abstractmethod
@@ -119,10 +113,10 @@ class EpisodeBatch(ABC):
 
     def _ends(self, advanced: NDArray[np.bool_]) -> Ends:
         """Return how the episodes stand at the places that have advanced."""
-        left = self._setpoints - self._sent
+        remaining = self._setpoints - self._sent
         faulty = advanced & (self._faults != 0)
-        undone = np.ones_like(left) if self.source.ticks is None else 1 + left // self.source.ticks
-        return Ends(faulty, advanced & (left <= 0) & ~faulty, undone)
+        undone = np.ones_like(remaining) if self.source.ticks is None else 1 + remaining // self.source.ticks
+        return Ends(faulty, advanced & (remaining <= 0) & ~faulty, undone)
 
     @property
     def longest(self) -> int:
@@ -136,7 +130,7 @@ class EpisodeBatch(ABC):
 
         Args:
             randoms: random numbers of the places.
-            chosen: what is chosen of an episode and not drawn.
+            chosen: values of an episode that are not drawn.
         """
         if chosen or self._ahead is None:
             drawn = {place: self.source.draw(random, (chosen or {}).get(place)) for place, random in randoms.items()}
@@ -145,25 +139,31 @@ class EpisodeBatch(ABC):
             self._ahead.free(self.episodes[place] for place in drawn)
         self._batch.load({place: drawn[place].simulation for place in sorted(drawn)})
         for place, episode in drawn.items():
-            self._start(place, episode)
+            self._reset(place, episode)
         self._measure(list(drawn))
         if self._ahead is not None:
             self._ahead.prepare(randoms)
         return {place: episode.drawn for place, episode in drawn.items()}
 
-    def _start(self, place: int, episode: Episode) -> None:
+    def _reset(self, place: int, episode: Episode) -> None:
+        """Begin an episode at a place."""
         self.episodes[place] = episode
-        self._action[place], self._total[place] = 0.0, 0.0  # `measure` writes the rows
-        self._foot[place], self._measured[place] = -1, 0
-        span, dispense = self._spans[place], episode.simulation.setpoints.dispense
+        self._action[place] = 0.0
+        self._total[place] = 0.0  # the rows are written by `measure`
+        self._foot[place] = -1
+        self._measured[place] = 0
+        span = self._spans[place]
+        dispense = episode.simulation.setpoints.dispense
         self._setpoints[place] = span["count"] = len(episode.simulation.position)
-        span["dispense"], span["points"] = dispense.ctypes.data, episode.points.ctypes.data
-        span["entries"], span["spacing"] = len(episode.points), episode.spacing
+        span["dispense"] = dispense.ctypes.data
+        span["points"] = episode.points.ctypes.data
+        span["entries"] = len(episode.points)
+        span["spacing"] = episode.spacing
 
     def save(self, place: int, random: np.random.Generator) -> EpisodeState:
         """Return the present state of the episode at a place."""
         drawn = self._episode(place).drawn
-        values = {name: np.copy(getattr(self, name)[place]) for name in self.kept}
+        values = {name: np.copy(getattr(self, name)[place]) for name in self.saved}
         return EpisodeState(self.settings, drawn, self._batch.moment(place), values, random.bit_generator.state)
 
     def restore(self, place: int, state: EpisodeState, random: np.random.Generator) -> None:
@@ -176,7 +176,7 @@ class EpisodeBatch(ABC):
             raise InputError("this state is that of an environment with other settings: use one with the same settings")
         episode = self.source.episode(state.drawn)
         self._batch.resume(place, episode.simulation, state.moment)
-        self._start(place, episode)
+        self._reset(place, episode)
         for name, value in state.values.items():
             getattr(self, name)[place] = value
         random.bit_generator.state = state.random
@@ -191,9 +191,11 @@ class EpisodeBatch(ABC):
         Raises:
             InputError: an action that is not finite, or of another shape.
         """
-        actions, places = np.asarray(actions, float), np.flatnonzero(mask).tolist()
+        actions = np.asarray(actions, float)
+        places = np.flatnonzero(mask).tolist()
         if actions.shape != self._action.shape:
-            size, shape = self._action.shape[1], actions.shape[1:]
+            size = self._action.shape[1]
+            shape = actions.shape[1:]
             raise InputError(f"{len(actions)} actions of shape {shape}: must be {len(mask)} of shape ({size},)")
         if not np.isfinite(actions[places]).all():
             place = next(place for place in places if not np.isfinite(actions[place]).all())
@@ -201,7 +203,7 @@ class EpisodeBatch(ABC):
         self._action[places] = np.clip(actions[places], -1.0, 1.0)
         if not places:
             return self._outcome(mask)
-        self._apply(places)
+        self._act(places)
         self._run(places)
         self._measure(places)
         return self._outcome(mask)
@@ -244,28 +246,34 @@ class EpisodeBatch(ABC):
         if self.source.ticks is not None:
             substeps = self._episode(places[0]).simulation.substeps
             last = self._ticks - self._sent + self._spans["count"] - 1  # tick, if no stream waits at a gate
-            left = int((last * substeps + 1 - self._steps)[places].max())
-            steps = min(self.source.ticks, -(-left // substeps)) * substeps  # decisions fall on ticks
+            steps_left = int((last * substeps + 1 - self._steps)[places].max())
+            steps = min(self.source.ticks, -(-steps_left // substeps)) * substeps  # decisions fall on ticks
         if self._ahead is not None:
             self._ahead.start()
         self._batch.advance(places, steps)
 
     def _measure(self, places: Sequence[int]) -> None:
         """Measure the ticks since the last decision."""
-        spans, at = self._spans, np.array(places, np.int64)
-        spans["log"], spans["axis_log"], spans["setpoints"] = self._addresses
-        spans["first"], spans["last"] = self._measured, self._ticks
-        parts = np.array_split(at, self._parts if len(at) >= _SHARED else 1)
+        spans = self._spans
+        measured_places = np.array(places, np.int64)
+        for name, address in self._addresses.items():
+            spans[name] = address
+        spans["first"] = self._measured
+        spans["last"] = self._ticks
+        parts = np.array_split(measured_places, self._parts if len(measured_places) >= _SHARED else 1)
         common = self.source.servo.period, self._peak, self._rows, self._total
         others = [self._threads.submit(measure, spans, part, *common) for part in parts[1:]]
         measure(spans, parts[0], *common)  # type: ignore[no-untyped-call]
-        _ = [other.result() for other in others]
-        self._measured[at] = self._ticks[at]
-        for place, first, last in zip(places, spans["first"][at].tolist(), spans["last"][at].tolist(), strict=True):
+        for other in others:
+            other.result()
+        self._measured[measured_places] = self._ticks[measured_places]
+        for place, first, last in zip(
+            places, spans["first"][measured_places].tolist(), spans["last"][measured_places].tolist(), strict=True
+        ):
             self._follow(place, first, last)
 
     def _follow(self, place: int, first: int, last: int) -> None:  # noqa: B027  most tasks have nothing of the kind
-        """Follow what a task has beside the machine at a place, from one tick to before another."""
+        """Update what the task measures at a place beside the machine, from one tick to before another."""
 
     def _fault_texts(self, faulty: NDArray[np.bool_]) -> NDArray[Any]:
         """Return the faults of the places that have one as texts, None elsewhere, (places,)."""

@@ -64,7 +64,7 @@ class Episode:
 
 
 class Chosen(NamedTuple):
-    """What is chosen of an episode and not drawn.
+    """Values of an episode that are chosen, not drawn.
 
     Attributes:
         spiral: diameter, thickness, speed and turns, as in `Settings`, or some of them.
@@ -123,7 +123,8 @@ class Source:
             self.machine = Machine(settings.machine)
             servo = Servo.derive(self.machine.axes, **dict(settings.servo))
         else:
-            self.machine, servo = self._job.built_machine, self._job.built_servo
+            self.machine = self._job.built_machine
+            servo = self._job.built_servo
         servo.check_torque("environment")
         if LEARNING in servo.law:
             raise InputError(f"environment: servo law = {words(servo.law)}: leave out learning, which needs whole runs")
@@ -140,7 +141,8 @@ class Source:
         Raises:
             InputError: an unknown name, or a value out of bounds.
         """
-        spiral, machine = self._drawn_spiral(random), {}
+        spiral = self._drawn_spiral(random)
+        machine = {}
         if self.settings.spread is not None:
             machine = self.settings.spread.sample(random, self.machine)
         task = {name: float(random.uniform(*bounds)) for name, bounds in self.task.items()}
@@ -258,7 +260,8 @@ class Source:
         return periods(slowest.duration, self.servo.period) + 1
 
     def _ticks(self) -> int | None:
-        interval, period = self.settings.decision_interval, self.servo.period
+        interval = self.settings.decision_interval
+        period = self.servo.period
         if interval == np.inf:
             return None
         ticks = round(interval / period)

@@ -30,7 +30,9 @@ class Frames:
             raise InputError(f"render_mode = {mode!r}: must be None or 'rgb_array'")
         if not isinstance(size, tuple | list) or len(size) != 2:
             raise InputError(f"size = {size!r}: must be width and height [pixels]")
-        self._size = whole("width of the picture", size[0], 1), whole("height of the picture", size[1], 1)
+        width = whole("width of the picture", size[0], 1)
+        height = whole("height of the picture", size[1], 1)
+        self._size = (width, height)
         self._renderer: Renderer | None = None
 
     def picture(self, episodes: EpisodeBatch, place: int) -> NDArray[np.uint8]:

@@ -1,4 +1,4 @@
-"""Friction that changes during an episode, its torque by a model, and the level at which the servo meets it."""
+"""Friction that changes during an episode: torque of the nominal model, and level estimated from torque commands."""
 
 # mypy: allow-untyped-calls, allow-untyped-decorators
 
@@ -40,12 +40,13 @@ class Changing(Source):
             )
 
     def change(self, drawn: Mapping[str, float]) -> Perturbation:
-        """Return what is different from that moment on."""
+        """Return the perturbation from that moment on, relative to the machine of the episode."""
         raise NotImplementedError
 
     def episode(self, drawn: Mapping[str, float]) -> Episode:
         episode = super().episode(drawn)
-        simulation, machine = episode.simulation, episode.simulation.machine
+        simulation = episode.simulation
+        machine = episode.simulation.machine
         changed = machine.perturbed(self.change(drawn))
         voltage = any(self.servo.current_bandwidth)
         model = changed.stepping(simulation.model.opt.timestep, voltage)
@@ -77,38 +78,35 @@ def model_torques(axes: tuple[Axis, ...], position: Floats, period: float) -> tu
     inertia, viscous = np.array([(axis.inertia, axis.viscous) for axis in axes]).T
     sliding = np.zeros(position.shape)
     for a, axis in enumerate(axes):
-        _fill(velocity[:, a].copy(), period, *axis.friction, sliding[:, a])
+        _fill(velocity[:, a].copy(), period, tuple(axis.friction), sliding[:, a])
     return sliding, inertia * acceleration + viscous * velocity
 
 
 @jit
-def _fill(
-    velocity: Floats, period: float, coulomb: float, static: float, speed: float, stiffness: float, torque: Floats
-) -> None:
+def _fill(velocity: Floats, period: float, friction: tuple[float, ...], torque: Floats) -> None:
     last = 0.0
     for k in range(velocity.size):
-        last = _friction_torque(last, velocity[k], velocity[k] * period, (coulomb, static, speed, stiffness))
+        last = _friction_torque(last, velocity[k], velocity[k] * period, friction)
         torque[k] = last
 
 
 @jit
-def fit(log: Log, first: int, last: int, sliding: Floats, moving: Floats, forget: float, sums: Floats) -> None:
-    """Fit the level h of the friction at which the servo meets it, by least squares that forget exponentially.
+def fit(log: Log, ticks: tuple[int, int], sliding: Floats, moving: Floats, forget: float, sums: Floats) -> None:
+    """Estimate the level h of the friction by least squares that forget exponentially.
 
         demand - moving = h sliding,    h = N / D,    N <- N exp(-T/tau) + sliding (demand - moving), D likewise
 
     Args:
         log: the servo's, see `gantrysim.native.row.Log`.
-        first: the first tick.
-        last: the tick after the last.
+        ticks: the first, and the one after the last.
         sliding: torque of the nominal friction, one row per setpoint, (n, axes) [N·m].
         moving: torque of inertia and viscous friction, (n, axes) [N·m].
         forget: exp(-T/tau).
         sums: N and D, (axes, 2), to be updated.
     """
-    for k in range(first, last):
-        at = log.tick[k].setpoint
+    for k in range(ticks[0], ticks[1]):
+        setpoint = log.tick[k].setpoint
         for a in range(len(sums)):
-            regressor = sliding[at, a]
-            sums[a, 0] = forget * sums[a, 0] + regressor * (log.axis[k, a].demand - moving[at, a])
+            regressor = sliding[setpoint, a]
+            sums[a, 0] = forget * sums[a, 0] + regressor * (log.axis[k, a].demand - moving[setpoint, a])
             sums[a, 1] = forget * sums[a, 1] + regressor * regressor

@@ -19,7 +19,9 @@ from gantrysim.env.vector import PathVectorEnv
 from gantrysim.servo.gains import GAIN_NAMES
 
 # Largest penalties of an interval, and that of one lost by a fault, which is the larger so that no fault pays.
-_CONTOUR, _RIPPLE, _FAULT = 6.0, 4.0, 12.0
+_CONTOUR = 6.0
+_RIPPLE = 4.0
+_FAULT = 12.0
 
 
 class GainBatch(EpisodeBatch):
@@ -42,13 +44,14 @@ class GainBatch(EpisodeBatch):
         progress = np.minimum(self._sent / self._setpoints, 1.0)
         return observe(self.measured, self._action, progress, self.settings.tolerance, self.settings.ripple_limit)
 
-    def _apply(self, places: Sequence[int]) -> None:
+    def _act(self, places: Sequence[int]) -> None:
         chosen = self._action[places].reshape(len(places), len(TUNED_GAINS), -1)
         for name, factor in gain_factors(np.moveaxis(chosen, 1, 0), self.settings.gain_range).items():
             self._gains[places, : self._axes, GAIN_NAMES.index(name)] = self._centre[name] * factor
 
     def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
-        settings, measured = self.settings, self.measured
+        settings = self.settings
+        measured = self.measured
         faulty, ended, undone = self._ends(advanced)
         alone = self.source.ticks is None  # the episode has one decision
         ripple = measured.ripple.max(axis=1)

@@ -1,4 +1,4 @@
-"""Payload that changes during an episode, and the inertia that the servo's torque demands tell of."""
+"""Payload that changes during an episode, and inertia estimated from torque commands."""
 
 # mypy: allow-untyped-calls, allow-untyped-decorators
 
@@ -36,12 +36,10 @@ SUMS = ("JJ", "JF", "FF", "JD", "FD", "J", "F", "D")
 @jit
 def fit(
     log: Log,
-    first: int,
-    last: int,
+    ticks: tuple[int, int],
     motion: tuple[Floats, Floats],
     axes: Floats,
-    smooth: float,
-    forget: float,
+    decay: tuple[float, float],
     sums: Floats,
 ) -> None:
     """Add ticks to the least squares, which forget exponentially, of inertia and friction in the torque demand.
@@ -53,31 +51,33 @@ def fit(
 
     Args:
         log: the servo's, see `gantrysim.native.row.Log`.
-        first: the first tick.
-        last: the tick after the last.
+        ticks: the first, and the one after the last.
         motion: torque of the nominal friction [N·m] and dDPOS, one row per setpoint, (n, axes) each.
         axes: inertia / T² and viscous / T of the nominal axes, (axes, 2) [N·m/mm].
-        smooth: exp(-T/tau) of the low pass.
-        forget: exp(-T/tau) of the sums.
+        decay: exp(-T/tau) of the low pass, and of the sums.
         sums: of `SUMS`, (axes, 8), to be updated.
     """
     sliding, moved = motion
-    for k in range(max(first, 2), last):
-        at = log.tick[k - 1].setpoint
+    smooth, forget = decay
+    for k in range(max(ticks[0], 2), ticks[1]):
+        setpoint = log.tick[k - 1].setpoint
         for a in range(len(sums)):
-            if moved[at, a] == 0.0:
+            if moved[setpoint, a] == 0.0:
                 continue
-            own, (inertia, viscous) = sums[a], axes[a]
+            total = sums[a]
+            inertia, viscous = axes[a]
             change = log.axis[k, a].encoder - 2 * log.axis[k - 1, a].encoder + log.axis[k - 2, a].encoder
-            own[5] += (1 - smooth) * (inertia * change - own[5])
-            own[6] += (1 - smooth) * (sliding[at, a] - own[6])
-            own[7] += (1 - smooth) * (log.axis[k - 2, a].demand - viscous * moved[at, a] - own[7])
-            j, f, d = own[5], own[6], own[7]
-            own[0] = forget * own[0] + j * j
-            own[1] = forget * own[1] + j * f
-            own[2] = forget * own[2] + f * f
-            own[3] = forget * own[3] + j * d
-            own[4] = forget * own[4] + f * d
+            total[5] += (1 - smooth) * (inertia * change - total[5])
+            total[6] += (1 - smooth) * (sliding[setpoint, a] - total[6])
+            total[7] += (1 - smooth) * (log.axis[k - 2, a].demand - viscous * moved[setpoint, a] - total[7])
+            j = total[5]
+            f = total[6]
+            d = total[7]
+            total[0] = forget * total[0] + j * j
+            total[1] = forget * total[1] + j * f
+            total[2] = forget * total[2] + f * f
+            total[3] = forget * total[3] + j * d
+            total[4] = forget * total[4] + f * d
 
 
 def ratios(sums: Floats) -> tuple[Floats, Floats]:
@@ -90,5 +90,6 @@ def ratios(sums: Floats) -> tuple[Floats, Floats]:
         Ratios of the inertia to the nominal one, (..., axes) and (...,).
     """
     jj, jf, ff, jd, fd = np.moveaxis(sums[..., :5], -1, 0)
-    above, below = jd - jf * fd / ff, jj - jf * jf / ff
+    above = jd - jf * fd / ff
+    below = jj - jf * jf / ff
     return above / below, above.sum(axis=-1) / below.sum(axis=-1)

@@ -4,11 +4,16 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
+from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import cached, inner_jit
 from gantrysim.native.pointers import floats, logs_at, octets
+from gantrysim.native.row import Log
 from gantrysim.paths.nearest import along
 
 # a row of measurements, see `IntervalValues`: those of the path, then those of one axis after the other
@@ -33,29 +38,61 @@ SPAN = np.dtype(
     ]
 )
 
-_HEAD, _EACH = len(SHARED), len(PER_AXIS)
+_PATH_COLUMNS = len(SHARED)
+_AXIS_COLUMNS = len(PER_AXIS)
+
+_CONTOUR_RMS = SHARED.index("contour_rms")
+_CONTOUR_MAX = SHARED.index("contour_max")
+_LATERAL = SHARED.index("lateral")
+_SPEED = SHARED.index("speed")
+_HEADING = SHARED.index("heading")
+_CURVATURE = SHARED.index("curvature")
 
 _CHORD = 8  # points of the path to either side of a foot, over which heading and curvature are taken
 
 
+class _Setpoints(NamedTuple):
+    """Positions of all axes, (n, axes), and whether the dispenser is on, (n,)."""
+
+    position: Floats
+    dispense: NDArray[np.uint8]
+
+
+class _Points(NamedTuple):
+    """Points along the requested path, (m, 3) [mm], their spacing [mm], and the last foot."""
+
+    points: Floats
+    spacing: float
+    foot: int
+
+
 @inner_jit
 def _distance(a, b):
-    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    x = a[0] - b[0]
+    y = a[1] - b[1]
+    z = a[2] - b[2]
     return np.sqrt(x * x + y * y + z * z)
 
 
 @inner_jit
 def _to_chord(points, i, tip):
     """Distance of a tip to the chord from point i to the next, and to the left of it in the XY plane."""
-    a, b = points[i], points[i + 1]
-    u, v, w = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    x, y, z = tip[0] - a[0], tip[1] - a[1], tip[2] - a[2]
+    a = points[i]
+    b = points[i + 1]
+    u = b[0] - a[0]
+    v = b[1] - a[1]
+    w = b[2] - a[2]
+    x = tip[0] - a[0]
+    y = tip[1] - a[1]
+    z = tip[2] - a[2]
     square = u * u + v * v + w * w
     share = min(max((x * u + y * v + z * w) / square, 0.0), 1.0) if square > 0 else 0.0
-    x, y, z = x - share * u, y - share * v, z - share * w
+    x = x - share * u
+    y = y - share * v
+    z = z - share * w
     level = np.sqrt(u * u + v * v)
-    left = (u * y - v * x) / level if level > 0 else 0.0
-    return np.sqrt(x * x + y * y + z * z), left
+    lateral = (u * y - v * x) / level if level > 0 else 0.0
+    return np.sqrt(x * x + y * y + z * z), lateral
 
 
 @cached(numba.njit, error_model="numpy", nogil=True)
@@ -75,75 +112,112 @@ def measure(spans, places, period, peak, rows, totals):
         rows: measurements of all places, to be written: `SHARED`, then `PER_AXIS` for one axis after the other.
         totals: of the episodes so far, (places, TOTAL), to be added to.
     """
-    axes = (rows.shape[1] - _HEAD) // _EACH
+    axes = (rows.shape[1] - _PATH_COLUMNS) // _AXIS_COLUMNS
     for place in places:
         span = spans[place]
-        tick, axis = logs_at(span.log, span.axis_log, span.last, axes)
+        log = Log(*logs_at(span.log, span.axis_log, span.last, axes))
         position = numba.carray(floats(span.setpoints), (span.count, axes))
         dispense = numba.carray(octets(span.dispense), (span.count,))
         points = numba.carray(floats(span.points), (span.entries, 3))
-        first, last, spacing = span.first, span.last, span.spacing
-        row, total = rows[place], totals[place]
-        span.foot = _measure(
-            tick, axis, first, last, position, dispense, points, spacing, span.foot, period, peak, row, total
-        )
+        row = rows[place]
+        row[:] = 0.0
+        ticks = (span.first, span.last)
+        tips, speed = _measure_axes(log, ticks, _Setpoints(position, dispense), period, peak, row)
+        span.foot = _measure_path(_Points(points, span.spacing, span.foot), tips, row, totals[place])
+        row[_SPEED] = speed
 
 
 @inner_jit
-def _measure(log, axes, first, last, position, dispense, points, spacing, foot, period, peak, row, total):
+def _measure_axes(log, ticks, setpoints, period, peak, row):
+    """Measure following errors and torques of the axes, and return the nozzle's places while it dispenses, its speed.
+
+    Args:
+        log: the servo's.
+        ticks: the first, and the one after the last.
+        setpoints: of all ticks.
+        period: servo period [s].
+        peak: peak torque of the drives, (axes,) [N·m].
+        row: of measurements, zero so far; to be written.
+    """
+    first, last = ticks
+    position, dispense = setpoints
     n = position.shape[1]
-    tips, laid, ticks, pairs, way = np.empty((last - first, 3)), 0, 0, 0, 0.0
-    row[:] = 0.0
+    tips = np.empty((last - first, 3))
+    laid = 0
+    count = 0
+    pairs = 0
+    way = 0.0
     for k in range(first, last):
-        at = log[k].setpoint
-        tip = log[k].nozzle
+        setpoint = log.tick[k].setpoint
+        tip = log.tick[k].nozzle
         if not np.isfinite(tip).all():
             continue
-        ticks += 1
-        both = k > 0 and dispense[at] != 0 and dispense[log[k - 1].setpoint] != 0
+        count += 1
+        # at a switch of the dispenser torques differ for other reasons than ripple
+        both = k > 0 and dispense[setpoint] != 0 and dispense[log.tick[k - 1].setpoint] != 0
         pairs += both
         for a in range(n):
-            column = row[_HEAD + _EACH * a : _HEAD + _EACH * (a + 1)]
-            error = position[at, a] - axes[k, a].encoder
-            demand = axes[k, a].demand
+            column = row[_PATH_COLUMNS + _AXIS_COLUMNS * a : _PATH_COLUMNS + _AXIS_COLUMNS * (a + 1)]
+            error = position[setpoint, a] - log.axis[k, a].encoder
+            demand = log.axis[k, a].demand
             column[0] += error * error
             column[1] = max(column[1], abs(error))
             column[2] += error
             column[3] = max(column[3], abs(demand))
             if both:
-                change = demand - axes[k - 1, a].demand
+                change = demand - log.axis[k - 1, a].demand
                 column[4] += change * change
-        way += _distance(tip, log[k - 1].nozzle) if k > 0 else 0.0
-        if dispense[at] != 0:
+        way += _distance(tip, log.tick[k - 1].nozzle) if k > 0 else 0.0
+        if dispense[setpoint] != 0:
             tips[laid] = tip
             laid += 1
     for a in range(n):
-        column = row[_HEAD + _EACH * a : _HEAD + _EACH * (a + 1)]
-        column[0] = np.sqrt(column[0] / max(ticks, 1))
-        column[2] /= max(ticks, 1)
+        column = row[_PATH_COLUMNS + _AXIS_COLUMNS * a : _PATH_COLUMNS + _AXIS_COLUMNS * (a + 1)]
+        column[0] = np.sqrt(column[0] / max(count, 1))
+        column[2] /= max(count, 1)
         column[3] /= peak[a]
         column[4] = np.sqrt(0.5 * column[4] / max(pairs, 1)) / peak[a]
-    feet = along(points, tips[:laid], np.zeros(laid), spacing, max(foot, 0)) if laid else np.zeros(0, np.int64)
-    square, largest, sideways = 0.0, 0.0, 0.0
+    return tips[:laid], way / (max(count, 1) * period)
+
+
+@inner_jit
+def _measure_path(path, tips, row, total):
+    """Measure the contour errors of the nozzle's places while it dispenses, and return the last foot.
+
+    Args:
+        path: points along the requested path, and the foot before.
+        tips: places of the nozzle, (k, 3) [mm].
+        row: of measurements, to be written.
+        total: of the episode, to be added to.
+    """
+    points, spacing, foot = path
+    laid = len(tips)
+    feet = along(points, tips, np.zeros(laid), spacing, max(foot, 0)) if laid else np.zeros(0, np.int64)
+    square = 0.0
+    largest = 0.0
+    sideways = 0.0
     for k in range(laid):
         foot = feet[k]
-        distance, left = np.inf, 0.0
+        distance = np.inf
+        lateral = 0.0
         for i in range(max(foot - 1, 0), min(foot + 1, len(points) - 1)):
-            to, side = _to_chord(points, i, tips[k])
-            if to < distance:
-                distance, left = to, side
+            to_chord, side = _to_chord(points, i, tips[k])
+            if to_chord < distance:
+                distance = to_chord
+                lateral = side
         square += distance * distance
         largest = max(largest, distance)
-        sideways += left
+        sideways += lateral
     total[0] += laid
     total[1] += square
     total[2] = max(total[2], largest)
     middle = min(max(foot, _CHORD), len(points) - 1 - _CHORD)
-    x, y = points[middle] - points[middle - _CHORD], points[middle + _CHORD] - points[middle]
-    heading = np.arctan2(x[1] + y[1], x[0] + y[0])
-    between = np.arctan2(x[0] * y[1] - x[1] * y[0], x[0] * y[0] + x[1] * y[1])
-    speed, curvature = way / (max(ticks, 1) * period), between / (_CHORD * spacing)
-    # in the order of SHARED
-    row[0], row[1], row[2] = np.sqrt(square / max(laid, 1)), largest, sideways / max(laid, 1)
-    row[3], row[4], row[5] = speed, heading, curvature
+    x = points[middle] - points[middle - _CHORD]
+    y = points[middle + _CHORD] - points[middle]
+    turned = np.arctan2(x[0] * y[1] - x[1] * y[0], x[0] * y[0] + x[1] * y[1])
+    row[_CONTOUR_RMS] = np.sqrt(square / max(laid, 1))
+    row[_CONTOUR_MAX] = largest
+    row[_LATERAL] = sideways / max(laid, 1)
+    row[_HEADING] = np.arctan2(x[1] + y[1], x[0] + y[0])
+    row[_CURVATURE] = turned / (_CHORD * spacing)
     return foot

@@ -1,4 +1,4 @@
-"""What lies ahead on a path: curvature and reversals of the axes; and speed profiles with limits along a path."""
+"""Look-ahead along a path: curvature and reversals of the axes; and a speed profile with limits along the path."""
 
 from __future__ import annotations
 
@@ -43,19 +43,19 @@ class LookAhead:
     @cached_property
     def reversals(self) -> Floats:
         """Arc lengths at which an axis reverses, (k,) [mm]."""
-        found = []
+        reversals = []
         for steps in np.diff(self.points, axis=0).T:
             moving = np.flatnonzero(steps)
             turned = np.flatnonzero(np.diff(np.sign(steps[moving])))
-            found.append(self.s[moving[turned] + 1])
-        return np.unique(np.concatenate(found))
+            reversals.append(self.s[moving[turned] + 1])
+        return np.unique(np.concatenate(reversals))
 
     def to_reversal(self, s: ArrayLike) -> tuple[Floats, Floats]:
         """Return the distances to the next reversal and since the last, of the shape of s, inf without one [mm]."""
-        at = np.asarray(s, float)
+        place = np.asarray(s, float)
         edges = np.concatenate([[-np.inf], self.reversals, [np.inf]])
-        after = np.searchsorted(edges, at, "right")
-        return edges[after] - at, at - edges[after - 1]
+        after = np.searchsorted(edges, place, "right")
+        return edges[after] - place, place - edges[after - 1]
 
 
 class LimitedSpeed:
@@ -76,7 +76,8 @@ class LimitedSpeed:
         rise = 2 * acceleration * s
         square = np.minimum.accumulate(square - rise) + rise
         square = (np.minimum.accumulate((square + rise)[::-1]) - rise[::-1])[::-1]
-        self._s, self._v = s, np.sqrt(np.maximum(square, 0.0))
+        self._s = s
+        self._v = np.sqrt(np.maximum(square, 0.0))
         self._t = np.concatenate([[0.0], np.cumsum(2 * np.diff(s) / (self._v[1:] + self._v[:-1]))])
 
     @property
@@ -88,10 +89,10 @@ class LimitedSpeed:
         return float(self._t[-1])
 
     def _parts(self, t: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        at = np.clip(np.asarray(t, float), 0.0, self.duration)
-        k = np.clip(np.searchsorted(self._t, at, "right") - 1, 0, len(self._t) - 2)
+        time = np.clip(np.asarray(t, float), 0.0, self.duration)
+        k = np.clip(np.searchsorted(self._t, time, "right") - 1, 0, len(self._t) - 2)
         slope = (self._v[k + 1] - self._v[k]) / (self._t[k + 1] - self._t[k])
-        return self._s[k], self._v[k] + 0.0 * at, np.stack([at - self._t[k], slope])
+        return self._s[k], self._v[k] + 0.0 * time, np.stack([time - self._t[k], slope])
 
     def position(self, t: ArrayLike) -> Floats:
         s, v, (since, slope) = self._parts(t)
@@ -103,23 +104,29 @@ class LimitedSpeed:
 
 
 AHEAD = (2.0, 5.0, 10.0)  # distances at which the curvature ahead is observed [mm]
-_SPEED, _SPEEDS = 100.0, 10.0  # unit [mm/s] and range
-_CURVATURE, _CURVATURES = 0.1, 10.0  # unit [1/mm] and range
+_SPEED_UNIT = 100.0  # [mm/s]
+_SPEED_RANGE = 10.0  # of these units
+_CURVATURE_UNIT = 0.1  # [1/mm]
+_CURVATURE_RANGE = 10.0  # of these units
 _REVERSAL = 10.0  # range of distances to reversals [mm]
 
 
 def ahead_entries(speeds: Mapping[str, str]) -> list[Entry]:
-    """Return the entries of the observation that tell what lies ahead.
+    """Return the entries of the observation for speed, curvature and reversals ahead.
 
     Args:
         speeds: names and meanings of the speeds among them.
     """
     places = [("", "here"), *((f"_{distance:g}", f"{distance:g} mm ahead") for distance in AHEAD)]
     return [
-        *(Entry(name, 0.0, _SPEEDS, "100 mm/s", meaning) for name, meaning in speeds.items()),
+        *(Entry(name, 0.0, _SPEED_RANGE, "100 mm/s", meaning) for name, meaning in speeds.items()),
         *(
             Entry(
-                f"curvature{name}", -_CURVATURES, _CURVATURES, "0.1/mm", f"path curvature {where}, positive to the left"
+                f"curvature{name}",
+                -_CURVATURE_RANGE,
+                _CURVATURE_RANGE,
+                "0.1/mm",
+                f"path curvature {where}, positive to the left",
             )
             for name, where in places
         ),
@@ -140,8 +147,8 @@ def look_ahead(look: LookAhead, s: float, speeds: Sequence[float]) -> Floats:
     reversal = np.array(look.to_reversal(s)) / _REVERSAL
     return np.concatenate(
         [
-            np.clip(np.array(speeds) / _SPEED, 0.0, _SPEEDS),
-            np.clip(curvature / _CURVATURE, -_CURVATURES, _CURVATURES),
+            np.clip(np.array(speeds) / _SPEED_UNIT, 0.0, _SPEED_RANGE),
+            np.clip(curvature / _CURVATURE_UNIT, -_CURVATURE_RANGE, _CURVATURE_RANGE),
             np.minimum(reversal, 1.0),
         ]
     )

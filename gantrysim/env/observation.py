@@ -14,8 +14,10 @@ from gantrysim.env.interval import PER_AXIS, SHARED
 
 _DECADES = 3.0  # range of errors and ripple, above and below their limits
 _MEAN = 10.0  # range of mean errors [tolerances]
-_SPEED, _SPEEDS = 100.0, 10.0  # unit [mm/s] and range
-_CURVATURE, _CURVATURES = 0.1, 10.0  # unit [1/mm] and range
+_SPEED_UNIT = 100.0  # [mm/s]
+_SPEED_RANGE = 10.0  # of these units
+_CURVATURE_UNIT = 0.1  # [1/mm]
+_CURVATURE_RANGE = 10.0  # of these units
 
 
 class Entry(NamedTuple):
@@ -35,33 +37,41 @@ def entries(axes: Sequence[str], per_axis: bool) -> list[Entry]:
         axes: names of the machine's axes.
         per_axis: whether every axis has gains of its own.
     """
-    decades, tolerances = (-_DECADES, _DECADES), "log10 of tolerances"
-    found: list[Entry] = []
+    decades = (-_DECADES, _DECADES)
+    tolerances = "log10 of tolerances"
+    listed: list[Entry] = []
     for axis in axes:
         error = f"following error of {axis}"
-        found += [
+        listed += [
             Entry(f"tracking_rms_{axis}", *decades, tolerances, f"RMS {error}"),
             Entry(f"tracking_max_{axis}", *decades, tolerances, f"largest {error}"),
             Entry(f"tracking_mean_{axis}", -_MEAN, _MEAN, "tolerances", f"mean {error}, signed"),
         ]
-    found += [
+    listed += [
         Entry("contour_rms", *decades, tolerances, "RMS contour error while dispensing"),
         Entry("contour_max", *decades, tolerances, "largest contour error while dispensing"),
         Entry("contour_mean", -_MEAN, _MEAN, "tolerances", "mean contour error, positive to the left of the path"),
-        Entry("speed", 0.0, _SPEEDS, "100 mm/s", "path speed of the nozzle"),
-        Entry("curvature", -_CURVATURES, _CURVATURES, "0.1/mm", "path curvature at the nozzle, positive to the left"),
+        Entry("speed", 0.0, _SPEED_RANGE, "100 mm/s", "path speed of the nozzle"),
+        Entry(
+            "curvature",
+            -_CURVATURE_RANGE,
+            _CURVATURE_RANGE,
+            "0.1/mm",
+            "path curvature at the nozzle, positive to the left",
+        ),
         Entry("cos_heading", -1.0, 1.0, "1", "path direction at the nozzle, from +x"),
         Entry("sin_heading", -1.0, 1.0, "1", "path direction at the nozzle, from +x"),
     ]
     for axis in axes:
-        found += [
+        listed += [
             Entry(f"torque_{axis}", 0.0, 1.0, "peak torques", f"largest torque demand of {axis}"),
             Entry(f"ripple_{axis}", *decades, "log10 of limits", f"torque ripple of {axis}"),
         ]
     for gain in TUNED_GAINS:
-        for name in [f"{gain}_{axis}" for axis in axes] if per_axis else [gain]:
-            found.append(Entry(f"gain_{name}", -1.0, 1.0, "1", f"action that sets {gain}"))
-    return [*found, Entry("progress", 0.0, 1.0, "1", "share of the setpoints sent")]
+        names = [f"{gain}_{axis}" for axis in axes] if per_axis else [gain]
+        for name in names:
+            listed.append(Entry(f"gain_{name}", -1.0, 1.0, "1", f"action that sets {gain}"))
+    return [*listed, Entry("progress", 0.0, 1.0, "1", "share of the setpoints sent")]
 
 
 class IntervalValues(NamedTuple):
@@ -119,8 +129,8 @@ def observe(
         _decades(measured.contour_rms, tolerance),
         _decades(measured.contour_max, tolerance),
         np.clip(measured.lateral / tolerance, -_MEAN, _MEAN),
-        np.clip(measured.speed / _SPEED, 0.0, _SPEEDS),
-        np.clip(measured.curvature / _CURVATURE, -_CURVATURES, _CURVATURES),
+        np.clip(measured.speed / _SPEED_UNIT, 0.0, _SPEED_RANGE),
+        np.clip(measured.curvature / _CURVATURE_UNIT, -_CURVATURE_RANGE, _CURVATURE_RANGE),
         np.cos(measured.heading),
         np.sin(measured.heading),
     ]

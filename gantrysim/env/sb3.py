@@ -35,21 +35,21 @@ class SB3VecEnv(VecEnv):
     def __init__(self, id: str, num_envs: int = 1, **settings: Any) -> None:
         if not str(gymnasium.spec(id).vector_entry_point).startswith("gantrysim."):
             raise InputError(f"{id} is no environment of gantrysim: use make_vec_env of stable-baselines3")
-        made = gymnasium.make_vec(id, num_envs=num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **settings)
-        self.envs = cast(PathVectorEnv, made.unwrapped)
+        vector_env = gymnasium.make_vec(id, num_envs=num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **settings)
+        self.envs = cast(PathVectorEnv, vector_env.unwrapped)
         self.render_mode = self.envs.render_mode
         self._start = time.monotonic()
-        self._returns, self._lengths = np.zeros(num_envs), np.zeros(num_envs, int)
+        self._returns = np.zeros(num_envs)
+        self._lengths = np.zeros(num_envs, int)
         super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
         self.metadata = self.envs.metadata
 
     def reset(self) -> NDArray[np.float32]:
-        options = {
-            name: [own.get(name, {}) for own in self._options]
-            for name in {name for own in self._options for name in own}
-        }
+        names = {name for options_of_env in self._options for name in options_of_env}
+        options = {name: [options_of_env.get(name, {}) for options_of_env in self._options] for name in names}
         observations, infos = self.envs.reset(seed=self._seeds, options=options or None)
-        self._returns[:], self._lengths[:] = 0.0, 0
+        self._returns[:] = 0.0
+        self._lengths[:] = 0
         self.reset_infos = _each(infos, self.num_envs)
         self._reset_seeds()
         self._reset_options()
@@ -68,7 +68,8 @@ class SB3VecEnv(VecEnv):
         drawn = _each({name: value for name, value in info.items() if "final" not in name}, self.num_envs)
         infos = drawn
         for k in np.flatnonzero(over).tolist():
-            self.reset_infos[k], infos[k] = drawn[k], final[k]
+            self.reset_infos[k] = drawn[k]
+            infos[k] = final[k]
             infos[k]["episode"] = {
                 "r": round(float(self._returns[k]), 6),
                 "l": int(self._lengths[k]),
@@ -77,7 +78,8 @@ class SB3VecEnv(VecEnv):
             infos[k]["terminal_observation"] = last[k]
         for k in range(self.num_envs):
             infos[k]["TimeLimit.truncated"] = bool(truncated[k] and not terminated[k])
-        self._returns[over], self._lengths[over] = 0.0, 0
+        self._returns[over] = 0.0
+        self._lengths[over] = 0
         return observations, rewards.astype(np.float32), over, infos
 
     def close(self) -> None:
@@ -107,9 +109,9 @@ class SB3VecEnv(VecEnv):
 
 def _each(infos: dict[str, Any], count: int) -> list[dict[str, Any]]:
     """Return Gymnasium's infos of a vector environment as a dict for each environment."""
-    each: list[dict[str, Any]] = [{} for _ in range(count)]
+    infos_of_envs: list[dict[str, Any]] = [{} for _ in range(count)]
     for name, values in infos.items():
         if f"_{name}" in infos:
             for k in np.flatnonzero(infos[f"_{name}"]).tolist():
-                each[k][name] = values[k].item() if isinstance(values[k], np.generic) else values[k]
-    return each
+                infos_of_envs[k][name] = values[k].item() if isinstance(values[k], np.generic) else values[k]
+    return infos_of_envs

@@ -1,4 +1,4 @@
-"""What all environments share: one episode at a time."""
+"""Base class of the environments: one episode at a time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from gantrysim.base.errors import GantryError, InputError, unknown
-from gantrysim.env.episode_batch import EpisodeBatch, EpisodeState
+from gantrysim.env.episode_batch import EpisodeBatch
+from gantrysim.env.episode_state import EpisodeState
 from gantrysim.env.episodes import Chosen
 from gantrysim.env.frames import Frames
 from gantrysim.env.settings import PathSettings
@@ -53,7 +54,8 @@ class PathEnv(gymnasium.Env[Observation, Observation], EzPickle, ABC):
         EzPickle.__init__(self, render_mode=render_mode, size=size, **settings)
         self.settings = self.settings_type.of(settings)
         self._episodes = self.batch(self.settings, 1, 1, False)
-        self.observation_space, self.action_space = self._episodes.observation_space, self._episodes.action_space
+        self.observation_space = self._episodes.observation_space
+        self.action_space = self._episodes.action_space
         self.render_mode = render_mode
         self._frames = Frames(render_mode, size)
         if self.settings.decision_interval < math.inf:
@@ -124,7 +126,8 @@ class PathEnv(gymnasium.Env[Observation, Observation], EzPickle, ABC):
         if self._over:
             raise ResetNeeded("no episode is running: call reset")
         outcome = self._episodes.advance(np.asarray(action)[None], np.ones(1, bool))
-        terminated, truncated = bool(outcome.terminated[0]), bool(outcome.truncated[0])
+        terminated = bool(outcome.terminated[0])
+        truncated = bool(outcome.truncated[0])
         self._over = terminated or truncated
         values = {**outcome.info, **outcome.final} if self._over else outcome.info
         info = {name: array[:1].tolist()[0] for name, array in values.items()}
@@ -144,7 +147,7 @@ class PathEnv(gymnasium.Env[Observation, Observation], EzPickle, ABC):
 
 
 def chosen_in(options: dict[str, Any]) -> Chosen | None:
-    """Return what the options of a reset choose of the episode, None where they choose nothing.
+    """Return the values of an episode that the options of a reset fix, None where they fix none.
 
     Raises:
         InputError: an unknown option, or one that is no dict.

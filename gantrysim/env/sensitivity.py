@@ -1,4 +1,4 @@
-"""How far gains that an agent sets are from instability: peaks of |S|, of a machine and its payload, from a table."""
+"""Distance of an agent's gains from instability: a table of the peaks of |S| for a machine and its payload."""
 
 from __future__ import annotations
 
@@ -38,7 +38,9 @@ class SensitivityTable:
     """
 
     def __init__(self, machine: Machine, servo: Servo, gain_range: float) -> None:
-        self._machine, self._servo, self._range = machine, servo, gain_range
+        self._machine = machine
+        self._servo = servo
+        self._range = gain_range
         self._peaks: dict[tuple[int, ...], Floats] = {}
         self._cost = lru_cache(_KEPT)(self._computed)
         self._plants: dict[int, Plant | None] = {}
@@ -46,7 +48,8 @@ class SensitivityTable:
     def _plant(self, payload: int) -> Plant | None:
         """Return the plant with a payload, in steps of the table."""
         if payload not in self._plants:
-            servo, machine = self._servo, self._machine
+            servo = self._servo
+            machine = self._machine
             if payload:
                 machine = machine.perturbed(Perturbation(payload=payload / _PAYLOADS))
             try:

@@ -25,7 +25,8 @@ from gantrysim.machine.machine import Machine
 
 _WORST = 10.0  # tolerances: the largest penalty of an interval, and range of errors
 _FAULT = 2.0  # penalty of an interval lost by a fault; the largest of one without is 1
-_SPEED, _SPEEDS = 100.0, 10.0  # unit [mm/s or deg/s] and range
+_SPEED_UNIT = 100.0  # [mm/s or deg/s]
+_SPEED_RANGE = 10.0  # of these units
 _LEVELS = 5.0  # range of friction, in that of the nominal machine
 _STEPS = 10.0  # range of the level that is missing
 _PRIOR = 0.05  # share of the memory for which the level 1 is remembered at the start
@@ -81,7 +82,7 @@ class ServoTorqueBatch(EpisodeBatch):
 
     settings: ServoTorqueSettings
     source: ServoTorqueSource
-    kept: ClassVar[tuple[str, ...]] = (*EpisodeBatch.kept, "_sums", "_error", "_next", "_outside", "_level")
+    saved: ClassVar[tuple[str, ...]] = (*EpisodeBatch.saved, "_sums", "_error", "_next", "_outside", "_level")
 
     def __init__(self, settings: ServoTorqueSettings, places: int, threads: int | None, ahead: bool) -> None:
         super().__init__(settings, places, threads, ahead, ServoTorqueSource(settings))
@@ -94,7 +95,8 @@ class ServoTorqueBatch(EpisodeBatch):
         self._sums = np.ones((places, len(axes), 2))  # of the fit
         self._error = np.zeros((places, len(axes)))  # following error of the interval before the last [mm or deg]
         self._outside = np.zeros((places, 2))  # ticks in all, and in intervals out of tolerance
-        self._sliding, self._moving = [np.zeros((1, len(axes)))] * places, [np.zeros((1, len(axes)))] * places
+        self._sliding = [np.zeros((1, len(axes)))] * places
+        self._moving = [np.zeros((1, len(axes)))] * places
         self._given = [np.zeros((1, len(axes)))] * places  # torques sent with the setpoints without an agent
         self._next = np.zeros((places, 2, len(axes)))  # velocity and friction until the next decision, as observed
 
@@ -104,7 +106,13 @@ class ServoTorqueBatch(EpisodeBatch):
             entries += [
                 Entry(f"tracking_{axis}", -_WORST, _WORST, "tolerances", f"mean following error of {axis}, signed"),
                 Entry(f"tracking_change_{axis}", -_WORST, _WORST, "tolerances", "its change since the interval before"),
-                Entry(f"velocity_{axis}", -_SPEEDS, _SPEEDS, "100 mm/s", f"demanded velocity of {axis} until the next"),
+                Entry(
+                    f"velocity_{axis}",
+                    -_SPEED_RANGE,
+                    _SPEED_RANGE,
+                    "100 mm/s",
+                    f"demanded velocity of {axis} until the next",
+                ),
                 Entry(
                     f"friction_{axis}", -_LEVELS, _LEVELS, "Coulomb", f"nominal friction torque of {axis} until then"
                 ),
@@ -121,23 +129,27 @@ class ServoTorqueBatch(EpisodeBatch):
     def _action_size(self) -> int:
         return self._axes
 
-    def _start(self, place: int, episode: Episode) -> None:
-        super()._start(place, episode)
+    def _reset(self, place: int, episode: Episode) -> None:
+        super()._reset(place, episode)
         simulation = episode.simulation
-        axes, period = self.source.machine.axes, self.source.servo.period
+        axes = self.source.machine.axes
+        period = self.source.servo.period
         self._sliding[place], self._moving[place] = model_torques(axes, simulation.position, period)
         self._sums[place] = self._prior[:, None]
-        self._error[place], self._outside[place] = 0.0, 0.0
+        self._error[place] = 0.0
+        self._outside[place] = 0.0
         self._level[place] = self.settings.level
         assert simulation.torque is not None
         self._given[place] = simulation.torque.copy()
 
-    def _apply(self, places: Sequence[int]) -> None:
-        settings, interval = self.settings, self.source.ticks or 1
+    def _act(self, places: Sequence[int]) -> None:
+        settings = self.settings
+        interval = self.source.ticks or 1
         moved = self._level[places] + settings.step * self._action[places]
         self._level[places] = np.clip(moved, 0.0, settings.highest)
         for place in places:
-            torque, sent = self._episode(place).simulation.torque, int(self._sent[place])
+            torque = self._episode(place).simulation.torque
+            sent = int(self._sent[place])
             assert torque is not None
             until = slice(sent, sent + interval)
             torque[until] = self._given[place][until] + self._level[place] * self._sliding[place][until]
@@ -145,25 +157,29 @@ class ServoTorqueBatch(EpisodeBatch):
     def _follow(self, place: int, first: int, last: int) -> None:
         """Fit the friction to some ticks, and look ahead to the next decision."""
         log = self._episode(place).simulation.log
-        fit(log, first, last, self._sliding[place], self._moving[place], self._forget, self._sums[place])
-        position, period = self._episode(place).simulation.position, self.source.servo.period
-        after = np.arange(int(self._sent[place]), int(self._sent[place]) + (self.source.ticks or 1))
+        fit(log, (first, last), self._sliding[place], self._moving[place], self._forget, self._sums[place])
+        position = self._episode(place).simulation.position
+        period = self.source.servo.period
+        sent = int(self._sent[place])
+        after = np.arange(sent, sent + (self.source.ticks or 1))
         after = np.clip(after, 1, len(position) - 1)
-        velocity = (position[after] - position[after - 1]).mean(axis=0) / period / _SPEED
+        velocity = (position[after] - position[after - 1]).mean(axis=0) / period / _SPEED_UNIT
         friction = self._sliding[place][after].mean(axis=0) / self._coulomb
-        self._next[place] = np.clip(velocity, -_SPEEDS, _SPEEDS), np.clip(friction, -_LEVELS, _LEVELS)
+        self._next[place] = np.clip(velocity, -_SPEED_RANGE, _SPEED_RANGE), np.clip(friction, -_LEVELS, _LEVELS)
 
     def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
         self._error[mask] = self.measured.tracking_mean[mask]
         return super().advance(actions, mask)
 
     def observations(self) -> NDArray[np.float32]:
-        measured, tolerance, n = self.measured, self.settings.tolerance, len(self.episodes)
+        measured = self.measured
+        tolerance = self.settings.tolerance
+        n = len(self.episodes)
         change = measured.tracking_mean - self._error
         total, squares = np.moveaxis(self._sums, 2, 0)
         fitted = np.divide(total, squares, out=np.ones_like(total), where=squares > 0)  # all may be forgotten at rest
         missing = np.clip((fitted - self._level) / self.settings.step, -_STEPS, _STEPS)
-        each = [
+        by_axis = [
             np.clip(measured.tracking_mean / tolerance, -_WORST, _WORST),
             np.clip(change / tolerance, -_WORST, _WORST),
             self._next[:, 0],
@@ -176,10 +192,11 @@ class ServoTorqueBatch(EpisodeBatch):
             np.clip(measured.lateral / tolerance, -_WORST, _WORST)[:, None],
             np.minimum(self._sent / self._setpoints, 1.0)[:, None],
         ]
-        return np.concatenate([np.stack(each, 2).reshape(n, -1), *shared], 1, dtype=np.float32)
+        return np.concatenate([np.stack(by_axis, 2).reshape(n, -1), *shared], 1, dtype=np.float32)
 
     def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
-        measured, tolerance = self.measured, self.settings.tolerance
+        measured = self.measured
+        tolerance = self.settings.tolerance
         faulty, ended, undone = self._ends(advanced)
         outside = (measured.contour_max > tolerance).astype(float)
         self._outside[advanced] += np.stack([np.ones_like(outside), outside], 1)[advanced]

@@ -110,7 +110,8 @@ class PathSettings(BaseModel):
         positive("tolerance", self.tolerance, "mm")
         if self.decision_interval != math.inf:
             positive("decision_interval", self.decision_interval, "s")
-        least, thickest = self.between("diameter")[0], self.between("thickness")[1]
+        least = self.between("diameter")[0]
+        thickest = self.between("thickness")[1]
         if least < LEAST_DIAMETER * thickest:
             raise InputError(
                 f"diameter = {least:g} mm: must be at least {LEAST_DIAMETER} times the thickness, "

@@ -1,4 +1,4 @@
-"""What an environment tells of itself in Gymnasium's specification."""
+"""Gymnasium's specification of an environment, with the largest number of decisions in an episode."""
 
 from __future__ import annotations
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulate import perfect_follower
-from gantrysim.env.episode_batch import EpisodeBatch, EpisodeState
+from gantrysim.env.episode_batch import EpisodeBatch
+from gantrysim.env.episode_state import EpisodeState
 from gantrysim.env.episodes import Episode
 from gantrysim.env.look_ahead import LookAhead, ahead_entries, look_ahead
 from gantrysim.env.observation import Entry
@@ -33,8 +34,8 @@ class SpeedOverrideBatch(EpisodeBatch):
 
     settings: SpeedOverrideSettings
     source: SpeedOverrideSource
-    kept: ClassVar[tuple[str, ...]] = (
-        *EpisodeBatch.kept,
+    saved: ClassVar[tuple[str, ...]] = (
+        *EpisodeBatch.saved,
         "_override",
         "_along",
         "_setpoints",
@@ -50,7 +51,8 @@ class SpeedOverrideBatch(EpisodeBatch):
         self._written = np.zeros(places, np.int64)  # setpoints
         self._losses = np.zeros((places, 3))  # of the episode: time, error beyond tolerance, and way out of tolerance
         self._way = np.zeros(places)  # commanded in the last interval [mm]
-        self._speed, self._length = np.ones(places), np.ones(places)
+        self._speed = np.ones(places)
+        self._length = np.ones(places)
         self._look: list[LookAhead | None] = [None] * places
         self._ahead_values = np.zeros((places, len(ahead_entries(_SPEEDS))))
         self._near = np.ones((places, 2))
@@ -78,17 +80,21 @@ class SpeedOverrideBatch(EpisodeBatch):
     def longest(self) -> int:
         return self.source.most_ticks // (self.source.ticks or 1)
 
-    def _start(self, place: int, episode: Episode) -> None:
-        super()._start(place, episode)
+    def _reset(self, place: int, episode: Episode) -> None:
+        super()._reset(place, episode)
         self._override[place] = math.log(self.settings.override)
-        self._along[place], self._losses[place], self._way[place], self._written[place] = 0.0, 0.0, 0.0, 0
+        self._along[place] = 0.0
+        self._losses[place] = 0.0
+        self._way[place] = 0.0
+        self._written[place] = 0
         setpoints = episode.simulation.setpoints
         self._length[place] = setpoints.requested.length
         self._speed[place] = self.source.program_speed(episode.drawn)
         self._look[place] = LookAhead(episode.points)
 
-    def _apply(self, places: Sequence[int]) -> None:
-        settings, interval = self.settings, self.source.ticks or 1
+    def _act(self, places: Sequence[int]) -> None:
+        settings = self.settings
+        interval = self.source.ticks or 1
         moved = self._override[places] + settings.step * self._action[places, 0]
         self._override[places] = np.clip(moved, math.log(settings.slowest), math.log(settings.fastest))
         for place in places:
@@ -96,18 +102,22 @@ class SpeedOverrideBatch(EpisodeBatch):
 
     def _write(self, place: int, interval: int) -> None:
         """Write the setpoints of the next interval."""
-        simulation, begin = self._episode(place).simulation, int(self._written[place])
-        path, (s, v) = simulation.setpoints.requested, self._along[place]
+        simulation = self._episode(place).simulation
+        begin = int(self._written[place])
+        path = simulation.setpoints.requested
+        s, v = self._along[place]
         target = math.exp(self._override[place]) * self._speed[place]
         way = np.zeros(interval)
-        settings, period = self.settings, self.source.servo.period
+        settings = self.settings
+        period = self.source.servo.period
         first = 1 if not begin else 0  # the path begins at its start
         before = s
-        self._along[place] = move(s, v, target, path.length, settings.acceleration, period, way[first:])
+        self._along[place] = move((s, v), target, path.length, settings.acceleration, period, way[first:])
         axes = simulation.setpoints.axes
         sent = Setpoints(period, axes, path.position(way)[:, : len(axes)], np.ones(interval, bool), path)
         simulation.position[begin : begin + interval] = axis_positions(simulation.machine, sent)
-        self._written[place], self._way[place] = begin + interval, self._along[place, 0] - before
+        self._written[place] = begin + interval
+        self._way[place] = self._along[place, 0] - before
         if way[-1] >= path.length:
             self._setpoints[place] = begin + int(np.searchsorted(way, path.length)) + 1
 
@@ -125,18 +135,21 @@ class SpeedOverrideBatch(EpisodeBatch):
     def follower(self, place: int) -> Run:
         """Return the record of the whole episode at the program's speed without tracking error."""
         simulation = self._episode(place).simulation
-        asked, speed = simulation.setpoints, float(self._speed[place])
+        asked = simulation.setpoints
+        speed = float(self._speed[place])
         setpoints = Setpoints.along(asked.requested, speed, asked.period, axes=asked.axes)
         return perfect_follower(simulation.machine, setpoints, dispenser=simulation.dispenser)
 
     def observations(self) -> NDArray[np.float32]:
-        settings, measured = self.settings, self.measured
+        settings = self.settings
+        measured = self.measured
         for place, look in enumerate(self._look):
             if look is not None:
                 s, v = self._along[place].tolist()
                 self._ahead_values[place] = look_ahead(look, s, [v, self._speed[place]])
                 self._near[place] = np.minimum(np.array(look.to_reversal(s)) / _NEAR, 1.0)
-        low, high = math.log(settings.slowest), math.log(settings.fastest)
+        low = math.log(settings.slowest)
+        high = math.log(settings.fastest)
         errors = np.column_stack([measured.contour_max, measured.tracking_rms]) / settings.tolerance
         parts = [
             np.clip(errors, 0.0, _ERRORS),
@@ -149,20 +162,21 @@ class SpeedOverrideBatch(EpisodeBatch):
         return np.concatenate(parts, 1, dtype=np.float32)
 
     def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
-        settings, measured = self.settings, self.measured
+        settings = self.settings
+        measured = self.measured
         faulty, ended, _ = self._ends(advanced)
         reference = self._length / self._speed  # nominal duration [s]
         late = np.maximum(self._sent - self._setpoints, 0)  # ticks after the end of the path
         time = ((self.source.ticks or 1) - late) * self.source.servo.period
         beyond = np.clip(measured.contour_max / settings.tolerance - 1, 0.0, settings.worst)
         share = self._way / self._length
-        rest = 1 - self._along[:, 0] / self._length
+        remaining = 1 - self._along[:, 0] / self._length
         worst = 1 / settings.slowest + settings.weight * settings.worst  # largest loss of the whole path
         terms = {
             "reward_progress": settings.progress * share,
             "reward_time": -time / reference,
             "reward_contour": -settings.weight * beyond * share,
-            "reward_fault": np.where(faulty, -(rest + share) * worst, 0.0),
+            "reward_fault": np.where(faulty, -(remaining + share) * worst, 0.0),
         }
         outside = np.where(beyond > 0, share, 0.0)
         self._losses[advanced] += np.stack([time, beyond * share, outside], 1)[advanced]

@@ -26,8 +26,10 @@ from gantrysim.machine.tolerances import Tolerances
 from gantrysim.servo.gains import GAIN_NAMES
 
 _WORST = 10.0  # tolerances: the largest penalty of an interval, and range of errors
-_SPEED, _SPEEDS = 100.0, 10.0  # unit [mm/s or deg/s] and range
-_ACCELERATION, _ACCELERATIONS = 1000.0, 30.0  # unit [mm/s² or deg/s²] and range
+_SPEED_UNIT = 100.0  # [mm/s or deg/s]
+_SPEED_RANGE = 10.0  # of these units
+_ACCELERATION_UNIT = 1000.0  # [mm/s² or deg/s²]
+_ACCELERATION_RANGE = 30.0  # of these units
 _RATIOS = 5.0  # range of the ratio of inertia, to either side
 _PRIOR = 0.005  # share of the memory for which the nominal machine is remembered at the start
 _STEADY = 1000.0  # acceleration taken for that [mm/s² or deg/s²]
@@ -86,19 +88,22 @@ class SpiralTuningBatch(EpisodeBatch):
 
     settings: SpiralTuningSettings
     source: ChangingPayload
-    kept: ClassVar[tuple[str, ...]] = (*EpisodeBatch.kept, "_log", "_sums", "_error", "_next", "_costs", "_payload")
+    saved: ClassVar[tuple[str, ...]] = (*EpisodeBatch.saved, "_log", "_sums", "_error", "_next", "_costs", "_payload")
 
     def __init__(self, settings: SpiralTuningSettings, places: int, threads: int | None, ahead: bool) -> None:
         super().__init__(settings, places, threads, ahead, ChangingPayload(settings))
-        axes, servo = self.source.machine.axes, self.source.servo
+        axes = self.source.machine.axes
+        servo = self.source.servo
         self._centre = {name: np.array(getattr(servo, name)) for name in SCALED}
         self.sensitivity = SensitivityTable(self.source.machine, servo, settings.gain_range)
         self._start_log = np.log(settings.start) / math.log(settings.gain_range)
-        self._smooth, self._forget = (math.exp(-servo.period / tau) for tau in (_SMOOTH, settings.memory))
+        self._smooth = math.exp(-servo.period / _SMOOTH)
+        self._forget = math.exp(-servo.period / settings.memory)
         self._torques = np.array([(axis.inertia / servo.period**2, axis.viscous / servo.period) for axis in axes])
         # r = 1 and h = 1 are remembered as if met with this weight
-        inertia, coulomb = np.array([(_STEADY * axis.inertia, axis.friction.coulomb) for axis in axes]).T
-        j, f = (np.maximum(torque**2, np.finfo(float).tiny ** 0.5) for torque in (inertia, coulomb))
+        least = np.finfo(float).tiny ** 0.5  # an axis without friction has no equation for h, but must not divide by 0
+        j = np.maximum(np.array([_STEADY * axis.inertia for axis in axes]) ** 2, least)
+        f = np.maximum(np.array([axis.friction.coulomb for axis in axes]) ** 2, least)
         self._prior = _PRIOR * settings.memory / servo.period * np.stack([j, 0 * j, f, j, f, *[0 * j] * 3], axis=1)
         self._log = np.zeros((places, len(TUNED_GAINS)))  # of the gains, share of the range
         self._sums = np.ones((places, len(axes), len(SUMS)))
@@ -116,8 +121,16 @@ class SpiralTuningBatch(EpisodeBatch):
             entries += [
                 Entry(f"tracking_{axis}", -_WORST, _WORST, "tolerances", f"mean following error of {axis}, signed"),
                 Entry(f"tracking_change_{axis}", -_WORST, _WORST, "tolerances", "its change since the interval before"),
-                Entry(f"velocity_{axis}", -_SPEEDS, _SPEEDS, "100 mm/s", f"demanded velocity of {axis} until the next"),
-                Entry(f"acceleration_{axis}", -_ACCELERATIONS, _ACCELERATIONS, "1 m/s²", "demanded acceleration"),
+                Entry(
+                    f"velocity_{axis}",
+                    -_SPEED_RANGE,
+                    _SPEED_RANGE,
+                    "100 mm/s",
+                    f"demanded velocity of {axis} until the next",
+                ),
+                Entry(
+                    f"acceleration_{axis}", -_ACCELERATION_RANGE, _ACCELERATION_RANGE, "1 m/s²", "demanded acceleration"
+                ),
                 Entry(f"inertia_{axis}", -_RATIOS, _RATIOS, "1", f"inertia of {axis} over the nominal one, as fitted"),
             ]
         return [
@@ -133,17 +146,20 @@ class SpiralTuningBatch(EpisodeBatch):
     def _action_size(self) -> int:
         return len(TUNED_GAINS)
 
-    def _start(self, place: int, episode: Episode) -> None:
-        super()._start(place, episode)
-        axes, position = self.source.machine.axes, episode.simulation.position
+    def _reset(self, place: int, episode: Episode) -> None:
+        super()._reset(place, episode)
+        axes = self.source.machine.axes
+        position = episode.simulation.position
         sliding, _ = model_torques(axes, position, self.source.servo.period)
         self._motion[place] = sliding, np.diff(position, axis=0, prepend=position[:1])
         self._look[place] = LookAhead(episode.points)
-        self._log[place], self._sums[place] = self._start_log, self._prior
-        self._error[place], self._costs[place] = 0.0, 0.0
+        self._log[place] = self._start_log
+        self._sums[place] = self._prior
+        self._error[place] = 0.0
+        self._costs[place] = 0.0
         self._payload[place] = episode.drawn.get("payload_kg", 0.0)
 
-    def _apply(self, places: Sequence[int]) -> None:
+    def _act(self, places: Sequence[int]) -> None:
         settings = self.settings
         step = np.array(settings.step) / math.log(settings.gain_range) * self._action[places]
         self._log[places] = np.clip(self._log[places] + step, -1.0, 1.0)
@@ -154,27 +170,22 @@ class SpiralTuningBatch(EpisodeBatch):
         """Fit the inertia to some ticks, and look ahead to the next decision."""
         episode = self._episode(place)
         simulation = episode.simulation
-        fit(
-            simulation.log,
-            first,
-            last,
-            self._motion[place],
-            self._torques,
-            self._smooth,
-            self._forget,
-            self._sums[place],
-        )
+        decay = (self._smooth, self._forget)
+        fit(simulation.log, (first, last), self._motion[place], self._torques, decay, self._sums[place])
         if first * simulation.substeps >= simulation.later[0][0]:
             self._payload[place] = episode.drawn["payload_later"]
-        position, period = simulation.position, self.source.servo.period
+        position = simulation.position
+        period = self.source.servo.period
         sent = int(self._sent[place])
         ends = np.clip([sent - 1, sent + (self.source.ticks or 1) - 1], 1, len(position) - 1)
-        way, before = position[ends] - position[ends - 1], position[ends[0]]
+        way = position[ends] - position[ends - 1]
+        before = position[ends[0]]
         time = max(int(ends[1] - ends[0]), 1) * period
-        velocity, acceleration = (position[ends[1]] - before) / time, (way[1] - way[0]) / period / time
+        velocity = (position[ends[1]] - before) / time
+        acceleration = (way[1] - way[0]) / period / time
         self._next[place] = (
-            np.clip(velocity / _SPEED, -_SPEEDS, _SPEEDS),
-            np.clip(acceleration / _ACCELERATION, -_ACCELERATIONS, _ACCELERATIONS),
+            np.clip(velocity / _SPEED_UNIT, -_SPEED_RANGE, _SPEED_RANGE),
+            np.clip(acceleration / _ACCELERATION_UNIT, -_ACCELERATION_RANGE, _ACCELERATION_RANGE),
         )
 
     def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
@@ -182,14 +193,16 @@ class SpiralTuningBatch(EpisodeBatch):
         return super().advance(actions, mask)
 
     def observations(self) -> NDArray[np.float32]:
-        measured, tolerance, n = self.measured, self.settings.tolerance, len(self.episodes)
-        each, common = ratios(self._sums)
+        measured = self.measured
+        tolerance = self.settings.tolerance
+        n = len(self.episodes)
+        ratio, common = ratios(self._sums)
         axes = [
             np.clip(measured.tracking_mean / tolerance, -_WORST, _WORST),
             np.clip((measured.tracking_mean - self._error) / tolerance, -_WORST, _WORST),
             self._next[:, 0],
             self._next[:, 1],
-            np.clip(each, -_RATIOS, _RATIOS),
+            np.clip(ratio, -_RATIOS, _RATIOS),
         ]
         ahead = np.zeros((n, len(ahead_entries(_SPEED_OF))))
         for place, look in enumerate(self._look):
@@ -207,7 +220,8 @@ class SpiralTuningBatch(EpisodeBatch):
         return np.concatenate([np.stack(axes, 2).reshape(n, -1), *shared], 1, dtype=np.float32)
 
     def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
-        measured, settings = self.measured, self.settings
+        measured = self.measured
+        settings = self.settings
         faulty, ended, undone = self._ends(advanced)
         cost = self.sensitivity.cost(self._log[:, :, None], self._payload)
         cost[faulty] = 1.0

@@ -87,13 +87,14 @@ class SpeedOverrideSource(ChangingFriction):
         position = np.repeat(asked.requested.position(0.0)[:, : len(asked.axes)], count, axis=0)
         setpoints = Setpoints(self.servo.period, asked.axes, position, np.ones(count, bool), asked.requested)
         simulation = Simulation.of(machine, self.servo, setpoints, dispenser=Dispenser(area=_BEAD))
-        own = simulation.position.copy()  # to be written as the episode goes on
-        book = LogBook(machine, setpoints, own, simulation.dispenser, drives=simulation.drives)
-        return replace(simulation, position=own, book=book)
+        position = simulation.position.copy()  # to be written as the episode goes on
+        book = LogBook(machine, setpoints, position, simulation.dispenser, drives=simulation.drives)
+        return replace(simulation, position=position, book=book)
 
     def _room(self, length: float, speed: float) -> int:
         """Return the number of setpoints of the slowest episode, a multiple of those of an interval."""
-        settings, interval = self.settings, self.ticks or 1
+        settings = self.settings
+        interval = self.ticks or 1
         ramps = 2 * settings.fastest * speed / settings.acceleration
         longest = length / (settings.slowest * speed) + ramps
         count = math.ceil(longest / self.servo.period / interval + 1) * interval
@@ -123,13 +124,12 @@ class SpeedOverrideSource(ChangingFriction):
 
 @jit
 def move(
-    s: float, v: float, target: float, length: float, acceleration: float, period: float, way: Floats
+    state: tuple[float, float], target: float, length: float, acceleration: float, period: float, way: Floats
 ) -> tuple[float, float]:
     """Move along a path towards a speed, with limited acceleration, such that the path ends at rest.
 
     Args:
-        s: arc length [mm].
-        v: speed [mm/s].
+        state: arc length [mm] and speed [mm/s].
         target: speed wanted [mm/s].
         length: of the path [mm].
         acceleration: limit, in both directions [mm/s²].
@@ -139,13 +139,15 @@ def move(
     Returns:
         Arc length and speed after the last period.
     """
+    s, v = state
     most = acceleration * period
     for k in range(way.size):
-        # after this period at v the rest must suffice to stop: v period + v² / 2a <= length - s
+        # after this period at v, what remains must suffice to stop: v period + v² / 2a <= length - s
         stop = most * (np.sqrt(0.25 + 2 * (length - s) / (most * period)) - 0.5)
         v = max(min(min(max(target, v - most), v + most), stop), 0.0)
         s = min(s + v * period, length)
         if length - s < 1e-6 * length:
-            s, v = length, 0.0
+            s = length
+            v = 0.0
         way[k] = s
     return s, v

@@ -15,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from gantrysim.base.errors import GantryError, InputError, unknown, whole
-from gantrysim.env.episode_batch import EpisodeState
+from gantrysim.env.episode_state import EpisodeState
 from gantrysim.env.episodes import Chosen
 from gantrysim.env.frames import Frames
 from gantrysim.env.scalar import OPTIONS, PathEnv, chosen_in
@@ -63,8 +63,8 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
             raise unknown("autoreset_mode", str(autoreset_mode), modes)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        own = {"threads": threads, "autoreset_mode": autoreset_mode, "render_mode": render_mode, "size": size}
-        EzPickle.__init__(self, num_envs, **own, **settings)
+        arguments = {"threads": threads, "autoreset_mode": autoreset_mode, "render_mode": render_mode, "size": size}
+        EzPickle.__init__(self, num_envs, **arguments, **settings)
         self.settings = self.single.settings_type.of(settings)
         self._episodes = self.single.batch(self.settings, self.num_envs, threads, True)
         self.single_observation_space = self._episodes.observation_space
@@ -100,7 +100,8 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
         Raises:
             InputError: seeds or a mask for another number of environments.
         """
-        mask, chosen = self._mask(options), self._chosen(options or {})
+        mask = self._mask(options)
+        chosen = self._chosen(options or {})
         seeds = self._seeds(seed)
         for place in np.flatnonzero(mask).tolist():
             if seeds[place] is not None or place not in self._randoms:
@@ -158,7 +159,7 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
             return [whole("seed", seed, 0) + i for i in range(self.num_envs)]
         if len(seed) != self.num_envs:
             raise InputError(f"{len(seed)} seeds: must be one, or {self.num_envs}, one for each environment")
-        return [None if one is None else whole("seed", one, 0) for one in seed]
+        return [None if value is None else whole("seed", value, 0) for value in seed]
 
     def _mask(self, options: dict[str, Any] | None) -> Flags:
         mask = (options or {}).get("reset_mask")
@@ -180,8 +181,12 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
             several[name] = list(value) if isinstance(value, list | tuple) else [value] * self.num_envs
             if len(several[name]) != self.num_envs:
                 raise InputError(f"option {name} of {len(several[name])} dicts: must be one, or {self.num_envs}")
-        each = {place: {name: values[place] for name, values in several.items()} for place in range(self.num_envs)}
-        return {place: chosen for place, own in each.items() if (chosen := chosen_in(own)) is not None}
+        chosen = {}
+        for place in range(self.num_envs):
+            of_place = chosen_in({name: values[place] for name, values in several.items()})
+            if of_place is not None:
+                chosen[place] = of_place
+        return chosen
 
     def _begin(self, mask: Flags, chosen: dict[int, Chosen] | None = None) -> dict[str, Any]:
         """Begin new episodes and return the values drawn for them as infos."""
@@ -189,10 +194,12 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
         drawn = self._episodes.begin({place: self._randoms[place] for place in np.flatnonzero(mask).tolist()}, chosen)
         self._over[mask] = False
         infos: dict[str, Any] = {}
-        for name in dict.fromkeys(name for own in drawn.values() for name in own):
-            having = [place for place, own in drawn.items() if name in own]
-            values, has = np.zeros(self.num_envs, type(drawn[having[0]][name])), np.zeros(self.num_envs, bool)
-            values[having], has[having] = [drawn[place][name] for place in having], True
+        for name in dict.fromkeys(name for values in drawn.values() for name in values):
+            having = [place for place, values in drawn.items() if name in values]
+            values = np.zeros(self.num_envs, type(drawn[having[0]][name]))
+            has = np.zeros(self.num_envs, bool)
+            values[having] = [drawn[place][name] for place in having]
+            has[having] = True
             infos |= {name: values, f"_{name}": has}
         return infos
 
@@ -221,16 +228,14 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
 
     def __getstate__(self) -> dict[str, Any]:
         running = [place for place in self._randoms if not self._over[place]]
-        own = {"randoms": self._randoms, "over": self._over, "spec": self._spec}
-        return {**super().__getstate__(), **own, "states": {place: self.save(place) for place in running}}
+        content = {"randoms": self._randoms, "over": self._over, "spec": self._spec}
+        return {**super().__getstate__(), **content, "states": {place: self.save(place) for place in running}}
 
     def __setstate__(self, content: dict[str, Any]) -> None:
         super().__setstate__(content)
-        self._randoms, self._over, self._spec = (
-            copy.deepcopy(content["randoms"]),
-            content["over"].copy(),
-            content["spec"],
-        )
+        self._randoms = copy.deepcopy(content["randoms"])
+        self._over = content["over"].copy()
+        self._spec = content["spec"]
         self.restore(content["states"])
 
     @property
@@ -249,7 +254,7 @@ def _masked(values: dict[str, NDArray[Any]], mask: Flags) -> dict[str, Any]:
         return {}
     infos: dict[str, Any] = {}
     for name, array in values.items():
-        own = np.full_like(array, None if array.dtype == object else 0)
-        own[mask] = array[mask]
-        infos |= {name: own, f"_{name}": mask.copy()}
+        masked = np.full_like(array, None if array.dtype == object else 0)
+        masked[mask] = array[mask]
+        infos |= {name: masked, f"_{name}": mask.copy()}
     return infos

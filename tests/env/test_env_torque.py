@@ -73,7 +73,7 @@ def test_the_level_is_that_of_weighted_least_squares(levels, tau, count):
     forget, sums = math.exp(-PERIOD / tau), np.full((2, 2), 0.3)
     half = count // 2
     for first, last in ((0, half), (half, count)):
-        fit(log, first, last, sliding, moving, forget, sums)
+        fit(log, (first, last), sliding, moving, forget, sums)
     for a in range(2):  # the prior is one more equation, level 1
         weight = np.sqrt(forget ** np.arange(count, -1, -1.0))
         matrix = weight * np.append(np.sqrt(0.3), sliding[:, a])

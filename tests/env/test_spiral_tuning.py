@@ -141,7 +141,7 @@ def test_the_ratio_is_that_of_weighted_least_squares_of_filtered_torques(level, 
     sums[:, :5] = prior
     half = count // 2
     for first, last in ((0, half), (half, count)):
-        fit(log, first, last, (sliding, moved), torques, smooth, forget, sums)
+        fit(log, (first, last), (sliding, moved), torques, (smooth, forget), sums)
     each, common = ratios(sums)
     rows, right = [], []
     for a in range(2):
