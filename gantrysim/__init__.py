@@ -12,16 +12,12 @@ __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 @wrapt.when_imported("gymnasium")
 def _register_environments(gymnasium):  # type: ignore[no-untyped-def]
     """Register the environments by name, in whichever order the two packages are imported."""
-    own = {
-        "SpiralTuning-v0": "SpiralTuning",
-        "GainBandit-v0": "GainBandit",
-        "BeadWidth-v1": "BeadWidth",
-        "SpeedOverride-v1": "SpeedOverride",
-        "ServoTorque-v1": "ServoTorque",
-    }
-    for identity, name in own.items():
+    from gantrysim.env.registry import TASKS
+
+    for identity, module in TASKS.items():
+        name = identity.partition("-")[0]
         gymnasium.register(
             f"gantrysim/{identity}",
-            entry_point=f"gantrysim.env:{name}Env",
-            vector_entry_point=f"gantrysim.env:{name}VectorEnv",
+            entry_point=f"gantrysim.env.{module}:{name}Env",
+            vector_entry_point=f"gantrysim.env.{module}:{name}VectorEnv",
         )

@@ -34,8 +34,6 @@ NOT_YET: dict[str, dict[str, int]] = {
     "controllers/softmc": {"names": 48, "assignments": 1, "parameters": 1, "modules": 2},
     # controllers/trio
     "controllers/trio": {"names": 56, "assignments": 5, "parameters": 4, "modules": 1},
-    # the package itself
-    "": {"names": 1},
     # base
     "base": {"names": 18},
     # cli

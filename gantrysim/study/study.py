@@ -1,7 +1,8 @@
 """The base class of all studies, and the report that a study makes of its rows.
 
-A new study is a package of two modules: study.py with a frozen dataclass derived from `Study`, and report.py with a
-function `report(study, rows)`; a command in gantrysim/cli/study.py runs it.
+A new study is a module with a frozen dataclass derived from `Study`, which defines `rounds` and `report`; a large one
+is a package: study.py with the dataclass, and report.py with a function `report(study, rows)`. A command in
+gantrysim/cli/study.py runs it.
 """
 
 from __future__ import annotations
@@ -131,9 +132,9 @@ class Study(ABC):
         """
 
     def report(self, rows: list[Row]) -> Report:
-        """Return the report: `report(study, rows)` of the module report.py beside the class, or beside a base class.
+        """Return the report; by default `report(study, rows)` of the module report.py beside the class or a base class.
 
-        It is imported on this call, so that running a study depends on no plotting.
+        The module is imported on this call, so that running a study depends on no plotting.
         """
         packages = (kind.__module__.rpartition(".")[0] for kind in type(self).__mro__)
         module = next(f"{package}.report" for package in packages if package and find_spec(f"{package}.report"))

@@ -1,6 +1,7 @@
 """Contributing, README and architecture name what is there, and what they say of extending the package holds."""
 
 import ast
+import csv
 import json
 import re
 import shutil
@@ -189,6 +190,30 @@ length = 4.0
 flow = 2.0
 """
 
+CIRCLE = """
+name = "circle"
+machine = "xy"
+
+[program]
+controller = "fanuc.Program"
+start = [0.0, 10.0, 0.0]
+acceleration = 2000.0
+program = '''
+%
+O0001
+N10 G17 G21 G90
+N20 G02 X0 Y10 I0 J-10 F6000
+N30 M30
+%
+'''
+
+[dispenser]
+flow = 300.0
+
+[simulation]
+settle = 0.05
+"""
+
 WORN = """
 [[faults]]
 kind = "worn nozzle"
@@ -210,6 +235,147 @@ print(json.dumps({
     "faults": [str(fault) for fault in runs[1].injected],
 }))
 """
+
+
+STUDY = '''"""The pace study: duration and contour error over the path speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gantrysim.report.document import Table
+from gantrysim.study.cases import Case, Row
+from gantrysim.study.study import Report, Rounds, Study
+
+
+@dataclass(frozen=True)
+class PaceStudy(Study):
+    """Duration and contour error at shares of the programmed speed.
+
+    Args:
+        shares: of the programmed speed.
+    """
+
+    shares: tuple[float, ...] = (0.5, 1.0)
+
+    name = "pace"
+
+    def rounds(self) -> Rounds:
+        controller = self.job.controller
+        cases = []
+        for share in self.shares:
+            arguments = controller.arguments_at(share * controller.programmed_speed)
+            overrides = {f"program.{key}": value for key, value in arguments.items()}
+            cases.append(Case.of(self.job, overrides, share=share))
+        yield cases
+
+    def report(self, rows: list[Row]) -> Report:
+        table = Table(["share", "contour rms [µm]"], [[row["share"], row["contour_rms_um"]] for row in rows])
+        return Report(f"{len(rows)} speeds.", [table])
+'''
+
+COMMAND = '''
+
+@study_app.command()
+def pace(job: JobArgument = "an225", out: Out = None, workers: Workers = None) -> None:
+    """Compare the contour error at shares of the programmed speed."""
+    from gantrysim.job.job import Job
+    from gantrysim.study.pace import PaceStudy
+
+    carry_out(PaceStudy(Job.load(job)), out, workers, None)
+'''
+
+RUN_STUDY = """
+import sys
+sys.path.insert(0, sys.argv[1])
+sys.argv = ["gantrysim", "study", "pace", sys.argv[2], "--out", sys.argv[3], "--workers", "1"]
+from gantrysim.cli.start import main
+main()
+"""
+
+TASK = '''"""FeedForward-v0: velocity feed-forward set at every decision."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.env.episode_batch import EpisodeBatch
+from gantrysim.env.observation import Entry
+from gantrysim.env.outcome import Outcome
+from gantrysim.env.scalar import PathEnv
+from gantrysim.env.settings import PathSettings
+from gantrysim.env.vector import PathVectorEnv
+from gantrysim.servo.gains import GAIN_NAMES
+
+
+class FeedForwardBatch(EpisodeBatch):
+    """Places in which episodes run whose velocity feed-forward the agent sets; arguments as of `EpisodeBatch`."""
+
+    def _entries(self) -> list[Entry]:
+        return [Entry("contour_rms", 0.0, 10.0, "tolerances", "RMS contour error of the last interval")]
+
+    def _action_size(self) -> int:
+        return 1
+
+    def observations(self) -> NDArray[np.float32]:
+        return np.clip(self.measured.contour_rms[:, None] / self.settings.tolerance, 0.0, 10.0).astype(np.float32)
+
+    def _act(self, places: Sequence[int]) -> None:
+        nominal = np.array(self.source.servo.velocity_ff)
+        self._gains[places, : self._axes, GAIN_NAMES.index("velocity_ff")] = nominal * (1 + self._action[places])
+
+    def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
+        faulty, ended, _ = self._ends(advanced)
+        return Outcome(-self.measured.contour_rms, terminated=faulty, truncated=ended, info={}, final={})
+
+
+class FeedForwardEnv(PathEnv):
+    """Set the velocity feed-forward while the nozzle follows a path."""
+
+    settings_type = PathSettings
+
+    @staticmethod
+    def batch(settings: PathSettings, places: int, threads: int | None, ahead: bool) -> EpisodeBatch:
+        return FeedForwardBatch(settings, places, threads, ahead)
+
+
+class FeedForwardVectorEnv(PathVectorEnv):
+    """Several `FeedForwardEnv` in one."""
+
+    single = FeedForwardEnv
+'''
+
+RUN_TASK = """
+import json, sys
+sys.path.insert(0, sys.argv[1])
+import gymnasium, gantrysim
+envs = gymnasium.make_vec("gantrysim/FeedForward-v0", num_envs=2, turns=1, diameter=40.0, thickness=6.0, spread=None)
+envs.reset(seed=1)
+rewards = 0.0
+for _ in range(8):
+    _, reward, terminated, truncated, _ = envs.step(envs.action_space.low * [[0.0], [1.0]])
+    rewards = rewards + reward
+env = gymnasium.make("gantrysim/FeedForward-v0", turns=1, diameter=40.0, thickness=6.0, spread=None)
+env.reset(seed=1)
+alone = sum(env.step(0 * env.action_space.low)[1] for _ in range(8))
+print(json.dumps({"package": gantrysim.__file__, "vector": rewards.tolist(), "scalar": alone}))
+"""
+
+
+def touched(copy):
+    """Files of a copy of the package that are new or changed."""
+    return {
+        file.relative_to(copy).as_posix()
+        for file in copy.rglob("*.py*")
+        if "__pycache__" not in file.parts
+        and (
+            not (PACKAGE / file.relative_to(copy)).exists()
+            or file.read_bytes() != (PACKAGE / file.relative_to(copy)).read_bytes()
+        )
+    }
 
 
 def append(file, text):
@@ -262,6 +428,47 @@ def test_a_controller_and_a_fault_are_added_as_the_architecture_says(fresh, tmp_
     assert max(plain) > 0
     factors = [1.5 if 0.0495 < time < 0.1495 else 1.0 for time in shown["time"]]
     assert more == pytest.approx([flow * factor for flow, factor in zip(plain, factors, strict=True)])
+
+
+def test_a_study_is_a_file_and_its_command(fresh, tmp_path):
+    copy = shutil.copytree(PACKAGE, tmp_path / "gantrysim", copy_function=_copied_if_there)
+    architecture = " ".join(PAGES["docs/architecture.md"].split())
+    assert "**A study** is a file in `study/`" in architecture
+    assert "| a study | 2 | its file in `study/`, its command in `cli/study.py`;" in PAGES["CONTRIBUTING.md"]
+    (copy / "study" / "pace.py").write_text(STUDY, encoding="utf-8")
+    append(copy / "cli" / "study.py", COMMAND)
+    assert touched(copy) == {"study/pace.py", "cli/study.py"}
+    job = tmp_path / "circle.toml"
+    job.write_text(CIRCLE, encoding="utf-8")
+    done = fresh.run(RUN_STUDY, tmp_path, tmp_path, job, tmp_path / "out")
+    assert done.status in (0, None), done.error
+    assert "2 speeds." in done.output
+    assert {file.name for file in (tmp_path / "out").iterdir()} >= {
+        "study.csv",
+        "study.toml",
+        "job.toml",
+        "report.html",
+    }
+    with (tmp_path / "out" / "study.csv").open(encoding="utf-8", newline="") as stream:
+        slow, fast = csv.DictReader(stream)
+    assert 1.8 < float(slow["duration_s"]) / float(fast["duration_s"]) < 2  # less than twice: the ramps are shorter
+
+
+def test_an_environment_task_is_a_file_and_its_line(fresh, tmp_path):
+    copy = shutil.copytree(PACKAGE, tmp_path / "gantrysim", copy_function=_copied_if_there)
+    architecture = " ".join(PAGES["docs/architecture.md"].split())
+    assert "**A task for learning** is a file in `env/`" in architecture
+    assert "| an environment task | 2 | its file in `env/`, its line in `env/registry.py`;" in PAGES["CONTRIBUTING.md"]
+    (copy / "env" / "feed_forward.py").write_text(TASK, encoding="utf-8")
+    edited(copy / "env" / "registry.py", "TASKS = {\n", 'TASKS = {\n    "FeedForward-v0": "feed_forward",\n')
+    assert touched(copy) == {"env/feed_forward.py", "env/registry.py"}
+    done = fresh.run(RUN_TASK, tmp_path, tmp_path)
+    assert (done.status, done.error) == (0, "")
+    shown = json.loads(done.output)
+    assert Path(shown["package"]).parent == copy
+    nominal, without = shown["vector"]
+    assert shown["scalar"] == nominal
+    assert without < 1.5 * nominal < 0  # a reward is a loss: without feed-forward the nozzle cuts the turns
 
 
 def test_the_readme_names_every_room():
