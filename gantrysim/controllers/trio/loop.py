@@ -87,18 +87,18 @@ def _with_cusps(start: Vector, radius: Floats, angle: Floats, rise: Floats) -> C
     A point of the virtual circle at the angle psi is at centre + r (cos psi, sin psi) with the signed radius r.
     """
     pieces: list[Line | Coil] = []
-    at = np.array(start)
+    place = np.array(start)
     psi = math.pi
     for r, swept, up in zip(radius.tolist(), angle.tolist(), rise.tolist(), strict=True):
-        centre = at - r * np.array([math.cos(psi), math.sin(psi), 0.0])
+        centre = place - r * np.array([math.cos(psi), math.sin(psi), 0.0])
         begin = psi if r >= 0 else psi + math.pi
         psi += swept
         end = centre + np.array([r * math.cos(psi), r * math.sin(psi), up])
         if r:
             pieces.append(Coil(vector(centre), (abs(r), abs(r)), begin, swept, up))
         else:
-            pieces.append(Line(vector(at), vector(end)))
-        at = end
+            pieces.append(Line(vector(place), vector(end)))
+        place = end
     return Chain(pieces)
 
 
@@ -128,8 +128,8 @@ class Connected:
         return np.interp(self.virtual_profile.position(t), self.virtual, self.real)
 
     def velocity(self, t: ArrayLike) -> Floats:
-        at = np.searchsorted(self.virtual, self.virtual_profile.position(t), side="right")
-        k = np.clip(at, 1, self.virtual.size - 1)
+        following = np.searchsorted(self.virtual, self.virtual_profile.position(t), side="right")
+        k = np.clip(following, 1, self.virtual.size - 1)
         step = self.virtual[k] - self.virtual[k - 1]
         ratio = np.divide(self.real[k] - self.real[k - 1], step, out=np.zeros_like(step), where=step > 0)
         return ratio * self.virtual_profile.velocity(t)
@@ -198,10 +198,11 @@ class Loop:
             distance.append(axis.distance)
             begun += self._wait(x) + self.interpreter_time
             axis.advance(self._effect(begun), self.speed / abs(x))
-        held = connected = np.array(ratio)
+        ratios = np.array(ratio)
+        connected = ratios
         if self.ratio_bits is not None:
-            connected = np.round(held * 2.0**self.ratio_bits) / 2.0**self.ratio_bits
-        return Passes(held, connected, np.array(time), np.array([*distance, axis.distance]), axis.profile(), halted)
+            connected = np.round(ratios * 2.0**self.ratio_bits) / 2.0**self.ratio_bits
+        return Passes(ratios, connected, np.array(time), np.array([*distance, axis.distance]), axis.profile(), halted)
 
     def _wait(self, x: float) -> float:
         wait = max(self.period * x, 0.0)  # WA of a negative time does not wait

@@ -38,17 +38,17 @@ class Phases:
         return float(self.time[-1])
 
     def position(self, t: ArrayLike) -> Floats:
-        at = np.clip(np.asarray(t, float), 0.0, self.duration)
-        k = np.clip(np.searchsorted(self.time, at, side="right") - 1, 0, self.speed.size - 1)
-        rest = at - self.time[k]
-        distance = self.distance[k] + rest * (self.speed[k] + 0.5 * self.acceleration[k] * rest)
+        instant = np.clip(np.asarray(t, float), 0.0, self.duration)
+        k = np.clip(np.searchsorted(self.time, instant, side="right") - 1, 0, self.speed.size - 1)
+        elapsed = instant - self.time[k]
+        distance = self.distance[k] + elapsed * (self.speed[k] + 0.5 * self.acceleration[k] * elapsed)
         return np.minimum(distance, self.distance[k + 1])
 
     def velocity(self, t: ArrayLike) -> Floats:
-        at = np.asarray(t, float)
-        k = np.clip(np.searchsorted(self.time, at, side="right") - 1, 0, self.speed.size - 1)
-        inside = (at >= 0) & (at <= self.duration)
-        return np.where(inside, self.speed[k] + self.acceleration[k] * (at - self.time[k]), 0.0)
+        instant = np.asarray(t, float)
+        k = np.clip(np.searchsorted(self.time, instant, side="right") - 1, 0, self.speed.size - 1)
+        inside = (instant >= 0) & (instant <= self.duration)
+        return np.where(inside, self.speed[k] + self.acceleration[k] * (instant - self.time[k]), 0.0)
 
 
 @dataclass

@@ -23,7 +23,7 @@ class Axis:
         superimposed: the axis that ADDAX adds, None for none.
         queue: buffered moves.
         move: the move that the axis holds, and executes.
-        member: the move that moves it, its own or that of another axis.
+        member: the move that moves it, which this axis or another one holds.
         along: speed along the path of its move.
         step: its motion in the last period [units].
         moved: whether it has ever moved.

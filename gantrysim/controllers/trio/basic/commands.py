@@ -1,4 +1,4 @@
-"""The commands of Trio BASIC that name axes, memory or outputs."""
+"""The commands of Trio BASIC that name axes, memory or outputs, a function each: `cmd_connect` is CONNECT."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from gantrysim.base.errors import InputError
+from gantrysim.controllers.basic.code import STATEMENT
+from gantrysim.controllers.basic.statements import PREFIX
 from gantrysim.controllers.trio.basic.moves import (
     CAM,
     CAMBOX,
@@ -39,6 +41,11 @@ Values = list[float]
 Action = Callable[[Process, Values, int], None]
 
 
+# kinds of statement, by which their time is counted
+MOTION = "motion"
+WAIT = "wait"
+
+
 @dataclass(frozen=True)
 class Command:
     """A command.
@@ -52,69 +59,110 @@ class Command:
     act: Action
     least: int
     most: int
-    cost: str = "statement"
+    cost: str
 
 
-def _order(p: Process, move: Move) -> None:
+COMMANDS: dict[str, Command] = {}
+
+
+def command(least: int, most: int, cost: str = STATEMENT) -> Callable[[Action], Action]:
+    """Return a decorator that enters the function `cmd_NAME` as the command NAME.
+
+    Args:
+        least: number of its arguments.
+        most: number of its arguments.
+        cost: kind of statement that its time is counted as.
+    """
+
+    def enter(act: Action) -> Action:
+        name = act.__name__.removeprefix(PREFIX).upper()
+        COMMANDS[name] = Command(act, least, most, cost)
+        return act
+
+    return enter
+
+
+def _order(process: Process, move: Move) -> None:
     """Hand a move to the axes; the program waits where the buffer is full."""
-    motion = p.state.motion
+    motion = process.state.motion
     if not motion.order(move):
-        p.blocked = lambda: motion.order(move)
+        process.blocked = lambda: motion.order(move)
 
 
-def _move(p: Process, values: Values, line: int) -> None:
-    _order(p, Move(MOVE, line, p.axes(len(values)), Straight(tuple(values))))
+@command(1, MAX_AXES, MOTION)
+def cmd_move(process: Process, values: Values, line: int) -> None:
+    """MOVE(distance, ...): a straight line by these distances."""
+    _order(process, Move(MOVE, line, process.axes(len(values)), Straight(tuple(values))))
 
 
-def _moveabs(p: Process, values: Values, line: int) -> None:
-    _order(p, Move(MOVEABS, line, p.axes(len(values)), targets=tuple(values)))
+@command(1, MAX_AXES, MOTION)
+def cmd_moveabs(process: Process, values: Values, line: int) -> None:
+    """MOVEABS(position, ...): a straight line to these positions."""
+    _order(process, Move(MOVEABS, line, process.axes(len(values)), targets=tuple(values)))
 
 
-def _movecirc(p: Process, values: Values, line: int) -> None:
+@command(5, 5, MOTION)
+def cmd_movecirc(process: Process, values: Values, line: int) -> None:
+    """MOVECIRC(end x, end y, centre x, centre y, direction): an arc, its end and centre relative to its start."""
     ex, ey, cx, cy, direction = values
     shape = Arc((ex, ey), (cx, cy), _switch("direction", direction))
-    _order(p, Move(MOVECIRC, line, p.axes(2), shape))
+    _order(process, Move(MOVECIRC, line, process.axes(2), shape))
 
 
-def _mhelical(p: Process, values: Values, line: int) -> None:
+@command(6, 7, MOTION)
+def cmd_mhelical(process: Process, values: Values, line: int) -> None:
+    """MHELICAL(end x, end y, centre x, centre y, direction, rise[, mode]): an arc with an even climb."""
     ex, ey, cx, cy, direction, rise, mode = (*values, 0.0)[:7]
     shape = Arc((ex, ey), (cx, cy), _switch("direction", direction), rise, _switch("mode", mode))
-    _order(p, Move(MHELICAL, line, p.axes(3), shape))
+    _order(process, Move(MHELICAL, line, process.axes(3), shape))
 
 
-def _forward(p: Process, values: Values, line: int) -> None:
-    _order(p, Move(FORWARD, line, p.axes(1), Jog(1.0)))
+@command(0, 0, MOTION)
+def cmd_forward(process: Process, values: Values, line: int) -> None:
+    """FORWARD: on and on in the positive direction."""
+    _order(process, Move(FORWARD, line, process.axes(1), Jog(1.0)))
 
 
-def _reverse(p: Process, values: Values, line: int) -> None:
-    _order(p, Move(REVERSE, line, p.axes(1), Jog(-1.0)))
+@command(0, 0, MOTION)
+def cmd_reverse(process: Process, values: Values, line: int) -> None:
+    """REVERSE: on and on in the negative direction."""
+    _order(process, Move(REVERSE, line, process.axes(1), Jog(-1.0)))
 
 
-def _connect(p: Process, values: Values, line: int) -> None:
-    _order(p, Move(CONNECT, line, p.axes(1), driver=_axis(p, values[1]), ratio=values[0]))
+@command(2, 2, MOTION)
+def cmd_connect(process: Process, values: Values, line: int) -> None:
+    """CONNECT(ratio, axis): follow an axis in proportion."""
+    _order(process, Move(CONNECT, line, process.axes(1), driver=_axis(process, values[1]), ratio=values[0]))
 
 
-def _cam(p: Process, values: Values, line: int) -> None:
+@command(4, 4, MOTION)
+def cmd_cam(process: Process, values: Values, line: int) -> None:
+    """CAM(first, last, scale, distance): run through positions of TABLE at SPEED."""
     first, last, scale, distance = values
-    _order(p, Move(CAM, line, p.axes(1), _profile(p, first, last, scale, _positive("distance", distance))))
+    shape = _profile(process, first, last, scale, _positive("distance", distance))
+    _order(process, Move(CAM, line, process.axes(1), shape))
 
 
-def _cambox(p: Process, values: Values, line: int) -> None:
+@command(5, 7, MOTION)
+def cmd_cambox(process: Process, values: Values, line: int) -> None:
+    """CAMBOX(first, last, scale, link distance, link axis[, options[, position]]): a cam over a link axis."""
     first, last, scale, distance, link, *options = values
-    shape = _profile(p, first, last, scale, _positive("link distance", distance))
-    _order(p, _linked(p, CAMBOX, line, shape, link, options))
+    shape = _profile(process, first, last, scale, _positive("link distance", distance))
+    _order(process, _linked(process, CAMBOX, line, shape, link, options))
 
 
-def _movelink(p: Process, values: Values, line: int) -> None:
+@command(5, 7, MOTION)
+def cmd_movelink(process: Process, values: Values, line: int) -> None:
+    """MOVELINK(distance, link distance, up, down, link axis[, options[, position]]): a ramp over a link axis."""
     distance, length, up, down, link, *options = values
     for name, value in (("acceleration", up), ("deceleration", down)):
         if value < 0:
             raise InputError(f"link distance of {name} = {value:g}: must be at least 0")
     shape = Ramps(distance, _positive("link distance", length), up, down)
-    _order(p, _linked(p, MOVELINK, line, shape, link, options))
+    _order(process, _linked(process, MOVELINK, line, shape, link, options))
 
 
-def _linked(p: Process, kind: int, line: int, shape: Shape, link: float, options: Values) -> Move:
+def _linked(process: Process, kind: int, line: int, shape: Shape, link: float, options: Values) -> Move:
     bits = int(options[0]) if options else 0
     if bits & ~(REPEATS | ABSOLUTE | FORWARD_ONLY) or (options and bits != options[0]):
         raise InputError(
@@ -126,23 +174,23 @@ def _linked(p: Process, kind: int, line: int, shape: Shape, link: float, options
     return Move(
         kind,
         line,
-        p.axes(1),
+        process.axes(1),
         shape,
-        driver=_axis(p, link),
+        driver=_axis(process, link),
         repeats=bool(bits & REPEATS),
         forward_only=bool(bits & FORWARD_ONLY),
         link_start=start,
     )
 
 
-def _profile(p: Process, first: float, last: float, scale: float, length: float) -> Table:
+def _profile(process: Process, first: float, last: float, scale: float, length: float) -> Table:
     """The part of TABLE that is a cam, in units from its first value."""
     begin = index("TABLE", first, TABLE_SIZE)
     end = index("TABLE", last, TABLE_SIZE)
     if not 1 <= end - begin < MOST_POINTS:
         raise InputError(f"cam from TABLE({begin}) to TABLE({end}): must have 2 to {MOST_POINTS} points")
-    table = p.state.table
-    units = p.state.motion.axis(p.base[0]).units
+    table = process.state.table
+    units = process.state.motion.axis(process.base[0]).units
     missing = [k for k in range(begin, end + 1) if k not in table]
     if missing:
         raise InputError(f"cam: TABLE({missing[0]}) must be set before")
@@ -152,16 +200,22 @@ def _profile(p: Process, first: float, last: float, scale: float, length: float)
     return Table(values, length)
 
 
-def _addax(p: Process, values: Values, line: int) -> None:
-    p.state.motion.superimpose(p.base[0], None if values[0] == -1 else _axis(p, values[0]))
+@command(1, 1, MOTION)
+def cmd_addax(process: Process, values: Values, line: int) -> None:
+    """ADDAX(axis): add the motion of another axis; -1 ends it."""
+    process.state.motion.superimpose(process.base[0], None if values[0] == -1 else _axis(process, values[0]))
 
 
-def _cancel(p: Process, values: Values, line: int) -> None:
-    p.state.motion.cancel(p.base[0], _mode(values))
+@command(0, 1, MOTION)
+def cmd_cancel(process: Process, values: Values, line: int) -> None:
+    """CANCEL[(mode)]: cancel the moves of the axis."""
+    process.state.motion.cancel(process.base[0], _mode(values))
 
 
-def _rapidstop(p: Process, values: Values, line: int) -> None:
-    p.state.motion.stop_all(_mode(values))
+@command(0, 1, MOTION)
+def cmd_rapidstop(process: Process, values: Values, line: int) -> None:
+    """RAPIDSTOP[(mode)]: cancel the moves of all axes."""
+    process.state.motion.stop_all(_mode(values))
 
 
 def _mode(values: Values) -> int:
@@ -171,41 +225,51 @@ def _mode(values: Values) -> int:
     return int(mode)
 
 
-def _defpos(p: Process, values: Values, line: int) -> None:
-    for number, value in zip(p.axes(len(values)), values, strict=True):
-        axis = p.state.motion.axis(number)
+@command(1, MAX_AXES, MOTION)
+def cmd_defpos(process: Process, values: Values, line: int) -> None:
+    """DEFPOS(position, ...): define the positions at which the axes are."""
+    for number, value in zip(process.axes(len(values)), values, strict=True):
+        axis = process.state.motion.axis(number)
         axis.zero = axis.position - value
 
 
-def _base(p: Process, values: Values, line: int) -> None:
-    numbers = tuple(_axis(p, value) for value in values)
+@command(1, MAX_AXES)
+def cmd_base(process: Process, values: Values, line: int) -> None:
+    """BASE(axis, ...): the axes of the commands that follow."""
+    numbers = tuple(_axis(process, value) for value in values)
     if len(set(numbers)) < len(numbers):
         raise InputError(f"BASE{numbers}: must name an axis once")
-    p.base = numbers
+    process.base = numbers
 
 
-def _op(p: Process, values: Values, line: int) -> None:
+@command(2, 2)
+def cmd_op(process: Process, values: Values, line: int) -> None:
+    """OP(output, state): switch an output."""
     output = index("OP", values[0], MOST_OUTPUTS)
-    outputs = p.state.outputs
-    p.state.switched.add(output)
+    outputs = process.state.outputs
+    process.state.switched.add(output)
     if values[1]:
         outputs.add(output)
     else:
         outputs.discard(output)
 
 
-def _table(p: Process, values: Values, line: int) -> None:
+@command(2, 1024)
+def cmd_table(process: Process, values: Values, line: int) -> None:
+    """TABLE(first, value, ...): set cells of TABLE."""
     first = index("TABLE", values[0], TABLE_SIZE)
     index("TABLE", first + len(values) - 2, TABLE_SIZE)
-    p.state.table.update(enumerate(values[1:], first))
+    process.state.table.update(enumerate(values[1:], first))
 
 
-def _wa(p: Process, values: Values, line: int) -> None:
-    p.ready += p.state.wait(values[0])
+@command(1, 1, WAIT)
+def cmd_wa(process: Process, values: Values, line: int) -> None:
+    """WA(time): wait for a time [ms]."""
+    process.ready += process.state.wait(values[0])
 
 
-def _axis(p: Process, value: float) -> int:
-    return p.state.motion.axis(value).number
+def _axis(process: Process, value: float) -> int:
+    return process.state.motion.axis(value).number
 
 
 def _switch(name: str, value: float) -> bool:
@@ -218,25 +282,3 @@ def _positive(name: str, value: float) -> float:
     if not value > 0 or math.isinf(value):
         raise InputError(f"{name} = {value:g}: must be greater than 0")
     return value
-
-
-COMMANDS = {
-    "ADDAX": Command(_addax, 1, 1, "motion"),
-    "BASE": Command(_base, 1, MAX_AXES),
-    "CAM": Command(_cam, 4, 4, "motion"),
-    "CAMBOX": Command(_cambox, 5, 7, "motion"),
-    "CANCEL": Command(_cancel, 0, 1, "motion"),
-    "CONNECT": Command(_connect, 2, 2, "motion"),
-    "DEFPOS": Command(_defpos, 1, MAX_AXES, "motion"),
-    "FORWARD": Command(_forward, 0, 0, "motion"),
-    "MHELICAL": Command(_mhelical, 6, 7, "motion"),
-    "MOVE": Command(_move, 1, MAX_AXES, "motion"),
-    "MOVEABS": Command(_moveabs, 1, MAX_AXES, "motion"),
-    "MOVECIRC": Command(_movecirc, 5, 5, "motion"),
-    "MOVELINK": Command(_movelink, 5, 7, "motion"),
-    "OP": Command(_op, 2, 2),
-    "RAPIDSTOP": Command(_rapidstop, 0, 1, "motion"),
-    "REVERSE": Command(_reverse, 0, 0, "motion"),
-    "TABLE": Command(_table, 2, 1024),
-    "WA": Command(_wa, 1, 1, "wait"),
-}

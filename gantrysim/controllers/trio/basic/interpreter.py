@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
+from gantrysim.controllers.basic.tasks import Scheduler, StatementClock
 from gantrysim.controllers.trio.basic.axis import Axis
-from gantrysim.controllers.trio.basic.process import Code, Process, State, Statement
+from gantrysim.controllers.trio.basic.process import ProgramCode, State
 
-MOST_PER_TICK = 1000  # statements of a process within a servo period, where they cost no time
 RECORDED = 4  # axes 0 to 3 can be those of the machine without being named
 _LONGEST = 1000  # servo periods passed at once
-_EARLY = 1e-9  # of a servo period
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,12 @@ class Limits:
 
 
 def run(
-    codes: list[Code], state: State, times: dict[str, float], recorded: tuple[int, ...], valve: int, limits: Limits
+    codes: list[ProgramCode],
+    state: State,
+    times: dict[str, float],
+    recorded: tuple[int, ...],
+    valve: int,
+    limits: Limits,
 ) -> Trace:
     """Run the first program, and those that it starts, until all have ended and the axes rest.
 
@@ -70,13 +74,13 @@ class _Run:
     def __init__(
         self, state: State, times: dict[str, float], recorded: tuple[int, ...], valve: int, limits: Limits
     ) -> None:
+        refusal = f"more than {limits.statements} statements are executed: must be fewer, or raise statement_limit"
         self._state = state
-        self._times = {**times, "none": 0.0}
+        self._clock = StatementClock(times, limits.statements, refusal)
+        self._scheduler = Scheduler(self._clock, state.motion.period)
         self._limits = limits
         self._recorded = recorded
         self._valve = valve
-        self._count = 0
-        self._line = 0
 
     def run(self, name: str) -> Trace:
         state = self._state
@@ -88,13 +92,13 @@ class _Run:
         state.run(name, 0.0)
         most = math.ceil(self._limits.time / motion.period)
         while True:
-            count = self._count
+            count = self._clock.count
             for process in state.processes:  # which they may add to
-                self._execute(process)
+                self._scheduler.execute(process, state.tick)
             state.processes = [process for process in state.processes if not process.ended]
             positions.extend([axis.position for axis in axes])
             outputs.append(self._valve in state.outputs)
-            lines.append(self._active(axes))
+            lines.append(self._active_line(axes))
             if not state.processes and motion.resting(self._recorded):
                 break
             if state.tick >= most:
@@ -103,7 +107,7 @@ class _Run:
                     "raise time_limit"
                 )
             # after a statement, what a process waits for may have come about already
-            ahead = self._undisturbed(most) if self._count == count else 1
+            ahead = self._undisturbed(most) if self._clock.count == count else 1
             passed = motion.glide(ahead, self._recorded)
             if len(passed):
                 positions.frombytes(passed[:-1].tobytes())
@@ -113,8 +117,8 @@ class _Run:
                 motion.step()
             state.tick += max(len(passed), 1)
         position = np.frombuffer(positions, float).reshape(-1, len(axes))
-        on = np.frombuffer(outputs, np.uint8).astype(bool)
-        return Trace(motion.period, position, on, np.frombuffer(lines, np.int64), state)
+        is_on = np.frombuffer(outputs, np.uint8).astype(bool)
+        return Trace(motion.period, position, is_on, np.frombuffer(lines, np.int64), state)
 
     def _undisturbed(self, most: int) -> int:
         """Servo periods, up to the tick `most`, until a process can act without the end of a move."""
@@ -127,63 +131,5 @@ class _Run:
                 return 1
         return int(ahead)
 
-    def _active(self, axes: list[Axis]) -> int:
-        return next((axis.member.line for axis in axes if axis.member is not None), self._line)
-
-    def _execute(self, process: Process) -> None:
-        """Execute the statements of a process that are due at the current tick."""
-        now = self._state.time
-        period = self._state.motion.period
-        due = now + _EARLY * (now + period)
-        done = 0
-        statements = process.code.statements
-        try:
-            if process.blocked is not None and not process.ended:
-                if not process.blocked():
-                    return
-                process.blocked = None
-                process.polls = False
-                process.ready = max(process.ready, now)
-            while process.ready <= due and not process.ended and process.blocked is None:
-                if process.at >= len(statements):
-                    process.ended = True
-                elif done >= MOST_PER_TICK and process.ready <= now:
-                    process.ready = now + period
-                else:
-                    done += 1
-                    self._step(process, statements[process.at], due)
-        except ZeroDivisionError:
-            raise InputError(f"line {process.line}: division by zero") from None
-        except InputError as error:
-            text = str(error)
-            raise InputError(text if text.startswith("line ") else f"line {process.line}: {text}") from None
-        except (OverflowError, ValueError):
-            raise InputError(f"line {process.line}: no number, the operands are out of range") from None
-
-    def _step(self, process: Process, statement: Statement, due: float) -> None:
-        self._count += 1
-        process.line = self._line = statement.line
-        if self._count > self._limits.statements:
-            raise InputError(
-                f"more than {self._limits.statements} statements are executed: must be fewer, or raise statement_limit"
-            )
-        goal = statement.act(process)
-        process.ready += self._times[statement.cost]
-        process.changed |= not statement.pure
-        here = process.at
-        process.at = process.at + 1 if goal is None else goal
-        if goal is not None and goal <= here:
-            self._skip_idle_passes(process, due)
-
-    def _skip_idle_passes(self, process: Process, due: float) -> None:
-        """Skip the passes of a loop that only tests: within a servo tick nothing changes for it."""
-        tick = self._state.tick
-        at, when, ready = process.last
-        if not process.changed and (at, when) == (process.at, tick):
-            lasting = process.ready - ready
-            if lasting > 0:
-                process.ready += max(math.floor((due - process.ready) / lasting), 0) * lasting
-            else:
-                process.ready = (tick + 1) * self._state.motion.period
-        process.last = (process.at, tick, process.ready)
-        process.changed = False
+    def _active_line(self, axes: list[Axis]) -> int:
+        return next((axis.member.line for axis in axes if axis.member is not None), self._clock.line)

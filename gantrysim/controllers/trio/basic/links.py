@@ -53,7 +53,7 @@ def _linked(axis: Axis, move: Move, driven: float, edges: float, end: End) -> fl
             s -= rounds * full
         if s < full:
             break
-        step += move.shape.displacement(full)[0] - move.at[0]
+        step += move.shape.displacement(full)[0] - move.displaced[0]
         move.finished = True
         move.s = full
         follows = axis.queue[0] if axis.queue else None
@@ -64,8 +64,8 @@ def _linked(axis: Axis, move: Move, driven: float, edges: float, end: End) -> fl
         s = s - full
         move = follows
         move.start = (axis.position + step,)
-    at = move.shape.displacement(s)
-    step += at[0] - move.at[0]
+    displaced = move.shape.displacement(s)
+    step += displaced[0] - move.displaced[0]
     move.s = s
-    move.at = at
+    move.displaced = displaced
     return step

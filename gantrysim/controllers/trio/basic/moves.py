@@ -30,7 +30,7 @@ OFF_CIRCLE = 1e-3  # largest difference of the end's and the start's distance fr
 
 
 class Shape(Protocol):
-    """A path in the axes' own units.
+    """A path in the units of its axes.
 
     Attributes:
         length: to its end along the path, inf for none.
@@ -45,7 +45,7 @@ class Shape(Protocol):
 
     def displacements(self, s: Floats) -> Floats:
         """Displacements at each of the distances, (n, axes)."""
-        return np.array([self.displacement(each) for each in s.tolist()])
+        return np.array([self.displacement(distance) for distance in s.tolist()])
 
 
 def _finite(length: float) -> float:
@@ -99,7 +99,8 @@ class Arc(Shape):
     brakes: bool = True
 
     def __post_init__(self) -> None:
-        (ex, ey), (cx, cy) = self.end, self.centre
+        ex, ey = self.end
+        cx, cy = self.centre
         self.radius = math.hypot(cx, cy)
         off = math.hypot(ex - cx, ey - cy) - self.radius
         if self.radius <= OFF_CIRCLE or abs(off) > OFF_CIRCLE:
@@ -119,14 +120,16 @@ class Arc(Shape):
         if share >= 1:
             return self.end if self.rise is None else (*self.end, self.rise)
         psi = self.begin + (-1 if self.clockwise else 1) * self.angle * share
-        flat = self.centre[0] + self.radius * math.cos(psi), self.centre[1] + self.radius * math.sin(psi)
-        return flat if self.rise is None else (*flat, self.rise * share)
+        x = self.centre[0] + self.radius * math.cos(psi)
+        y = self.centre[1] + self.radius * math.sin(psi)
+        return (x, y) if self.rise is None else (x, y, self.rise * share)
 
     def displacements(self, s: Floats) -> Floats:
         share = s / self.length
+        # the library's cosine of single numbers: NumPy's of arrays differs in the last bit
         psi = (self.begin + (-1 if self.clockwise else 1) * self.angle * share).tolist()
-        x = self.centre[0] + self.radius * np.array([math.cos(each) for each in psi])
-        y = self.centre[1] + self.radius * np.array([math.sin(each) for each in psi])
+        x = self.centre[0] + self.radius * np.array([math.cos(angle) for angle in psi])
+        y = self.centre[1] + self.radius * np.array([math.sin(angle) for angle in psi])
         return np.transpose([x, y] if self.rise is None else [x, y, self.rise * share])
 
 
@@ -156,9 +159,9 @@ class Table(Shape):
     brakes: bool = False
 
     def displacement(self, s: float) -> tuple[float, ...]:
-        at = min(max(s / self.length, 0.0), 1.0) * (len(self.values) - 1)
-        k = min(int(at), len(self.values) - 2)
-        return (self.values[k] + (at - k) * (self.values[k + 1] - self.values[k]),)
+        place = min(max(s / self.length, 0.0), 1.0) * (len(self.values) - 1)
+        k = min(int(place), len(self.values) - 2)
+        return (self.values[k] + (place - k) * (self.values[k + 1] - self.values[k]),)
 
 
 class Ramps(Shape):
@@ -188,10 +191,10 @@ class Ramps(Shape):
         self._slopes = (rate / up if up else 0.0, 0.0, -rate / down if down else 0.0)
 
     def displacement(self, s: float) -> tuple[float, ...]:
-        at = min(max(s, 0.0), self.length)
-        k = max(bisect.bisect_right(self._corners, at) - 1, 0)
-        rest = at - self._corners[k]
-        return (self._values[k] + rest * (self._rates[k] + 0.5 * self._slopes[k] * rest),)
+        place = min(max(s, 0.0), self.length)
+        k = max(bisect.bisect_right(self._corners, place) - 1, 0)
+        past_corner = place - self._corners[k]
+        return (self._values[k] + past_corner * (self._rates[k] + 0.5 * self._slopes[k] * past_corner),)
 
 
 @dataclass(eq=False)
@@ -210,7 +213,7 @@ class Move:
         forward_only: whether the link is active in the positive direction alone.
         link_start: position of the link axis at which it starts; None for at once.
         s: distance covered.
-        at: displacements of the axes there.
+        displaced: displacements of the axes there.
         start: positions of the axes when it was loaded.
         stopping: whether it was cancelled and slows down.
         finished: whether it was run to its end.
@@ -228,7 +231,7 @@ class Move:
     forward_only: bool = False
     link_start: float | None = None
     s: float = 0.0
-    at: tuple[float, ...] = ()
+    displaced: tuple[float, ...] = ()
     start: tuple[float, ...] = ()
     stopping: bool = False
     finished: bool = False
@@ -236,5 +239,5 @@ class Move:
 
     @property
     def profiled(self) -> bool:
-        """Whether SPEED, ACCEL and DECEL of its own axis apply."""
+        """Whether SPEED, ACCEL and DECEL of its axis apply."""
         return self.driver is None

@@ -63,7 +63,7 @@ class StatedSpiral:
 
 
 def exact(
-    moves: list[Move], unstated: set[int], numbers: tuple[int, ...], start: Floats, at: Placement
+    moves: list[Move], unstated: set[int], numbers: tuple[int, ...], start: Floats, placement: Placement
 ) -> Chain | None:
     """Return the moves of the machine's axes as geometry, None where they do not state it.
 
@@ -75,7 +75,7 @@ def exact(
         unstated: axes that were moved otherwise.
         numbers: of the machine's axes.
         start: their first positions, (3,) [mm].
-        at: where the program lies.
+        placement: of the program on the work.
     """
     columns = {number: k for k, number in enumerate(numbers[:3])}
     pieces: list[Line | Coil] = []
@@ -98,23 +98,23 @@ def exact(
         if isinstance(move.shape, Arc):
             if len(real) < len(move.axes):
                 return None
-            pieces.append(_coil(move.shape, [columns[number] for number in move.axes], place, at))
+            pieces.append(_coil(move.shape, [columns[number] for number in move.axes], place, placement))
         elif math.dist(place, end) > SHORTEST:
-            begin, finish = at.point([place, end])
+            begin, finish = placement.point([place, end])
             pieces.append(Line(vector(begin), vector(finish)))
         place = end
     return Chain(pieces) if pieces else None
 
 
-def _coil(arc: Arc, columns: list[int], start: list[float], at: Placement) -> Coil:
+def _coil(arc: Arc, columns: list[int], start: list[float], placement: Placement) -> Coil:
     u, v = np.eye(3)[columns[:2]]
     centre = list(start)
     for column, offset in zip(columns[:2], arc.centre, strict=True):
         centre[column] += offset
     angle = -arc.angle if arc.clockwise else arc.angle
     rise = 0.0 if arc.rise is None else arc.rise * float(np.cross(u, v)[columns[2]])
-    frame = [vector(direction) for direction in at.direction([u, v])]
-    return Coil(vector(at.point(centre)), (arc.radius, arc.radius), arc.begin, angle, rise, (frame[0], frame[1]))
+    frame = [vector(direction) for direction in placement.direction([u, v])]
+    return Coil(vector(placement.point(centre)), (arc.radius, arc.radius), arc.begin, angle, rise, (frame[0], frame[1]))
 
 
 def polyline(points: Floats) -> Chain:
@@ -125,11 +125,11 @@ def polyline(points: Floats) -> Chain:
     """
     moved = np.linalg.norm(np.diff(points, axis=0), axis=1) > SHORTEST
     corners = points[np.concatenate([[True], moved])]
-    kept = np.zeros(len(corners), bool)
-    kept[[0, -1]] = True
-    open_ = [(0, len(corners) - 1)]
-    while open_:  # Douglas and Peucker
-        first, last = open_.pop()
+    is_end = np.zeros(len(corners), bool)
+    is_end[[0, -1]] = True
+    stretches = [(0, len(corners) - 1)]
+    while stretches:  # Douglas and Peucker
+        first, last = stretches.pop()
         if last - first < 2:
             continue
         chord = corners[last] - corners[first]
@@ -139,7 +139,7 @@ def polyline(points: Floats) -> Chain:
         worst = int(off.argmax())
         if off[worst] > TOLERANCE:
             middle = first + 1 + worst
-            kept[middle] = True
-            open_ += [(first, middle), (middle, last)]
-    ends = corners[kept]
+            is_end[middle] = True
+            stretches += [(first, middle), (middle, last)]
+    ends = corners[is_end]
     return Chain(Line(vector(a), vector(b)) for a, b in pairwise(ends))

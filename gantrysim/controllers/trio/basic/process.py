@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from gantrysim.base.errors import InputError
+from gantrysim.controllers.basic.code import Code
+from gantrysim.controllers.basic.tasks import Task
 from gantrysim.controllers.trio.basic.motion import Motion
 
 VR_SIZE = 65_536
@@ -14,31 +15,11 @@ TABLE_SIZE = 512_000
 MOST_OUTPUTS = 1024
 MOST_PROCESSES = 32
 MOST_PRINTED = 10_000  # lines of the log; later ones are counted
-MOST_RETURNS = 256  # nested GOSUBs
 
 
-@dataclass
-class Statement:
-    """A statement.
-
-    Attributes:
-        line: of the text.
-        act: executes it and returns the index of the next statement, None for the following one.
-        cost: kind of statement that its time is counted as.
-        pure: whether it only tests and jumps.
-        target: index of the statement that it jumps to.
-    """
-
-    line: int
-    act: Callable[[Process], int | None]
-    cost: str = "statement"
-    pure: bool = False
-    target: int = -1
-
-
-@dataclass
-class Code:
-    """A program.
+@dataclass(frozen=True)
+class ProgramCode:
+    """A program that can be executed.
 
     Attributes:
         name: in capitals.
@@ -46,7 +27,7 @@ class Code:
     """
 
     name: str
-    statements: list[Statement] = field(default_factory=list)
+    statements: Code[Process]
 
 
 @dataclass(frozen=True)
@@ -64,50 +45,28 @@ class Printed:
     text: str
 
 
-@dataclass
-class Process:
+@dataclass(kw_only=True)
+class Process(Task):
     """A running program.
 
     Attributes:
         state: of the controller that it runs on.
-        code: its statements.
+        name: of the program, in capitals.
         number: of the process.
-        at: index of the next statement.
-        ready: time from which it is executed [s].
-        variables: its own.
         base: axes of BASE.
-        returns: statements that GOSUBs return to.
-        loops: end and step of the FOR loops, by their NEXT.
-        blocked: what it waits for, None for nothing.
-        polls: whether that may come without the end of a move.
-        changed: whether it has done more than test and jump since the last backward jump.
-        last: where and when it last jumped back.
         ticks_zero: servo tick at which TICKS is 0.
-        ended: whether it has stopped.
-        line: of the statement executed last.
     """
 
     state: State
-    code: Code
+    name: str
     number: int
-    ready: float
-    at: int = 0
-    variables: dict[str, float] = field(default_factory=dict)
     base: tuple[int, ...] = (0,)
-    returns: list[int] = field(default_factory=list)
-    loops: dict[int, tuple[float, float]] = field(default_factory=dict)
-    blocked: Callable[[], bool] | None = None
-    polls: bool = False
-    changed: bool = True
-    last: tuple[int, int, float] = (-1, -1, 0.0)
     ticks_zero: float = 0.0
-    ended: bool = False
-    line: int = 0
 
     def axes(self, count: int) -> tuple[int, ...]:
         """Return the axes of a command with `count` values: those of BASE, then the following numbers."""
-        more = range(self.base[-1] + 1, self.base[-1] + 1 + count - len(self.base))
-        return (*self.base[:count], *more)
+        following = range(self.base[-1] + 1, self.base[-1] + 1 + count - len(self.base))
+        return (*self.base[:count], *following)
 
 
 @dataclass
@@ -125,12 +84,12 @@ class State:
         switched: outputs that a program has switched.
         processes: in the order of their start.
         printed: what programs print.
-        more_printed: lines that the log does not keep.
+        unlogged: number of printed lines that the log does not keep.
         ignored: parameters without an effect that were set.
     """
 
     motion: Motion
-    programs: dict[str, Code]
+    programs: dict[str, ProgramCode]
     inputs: frozenset[int]
     wait_resolution: float
     tick: int = 0
@@ -140,7 +99,7 @@ class State:
     switched: set[int] = field(default_factory=set)
     processes: list[Process] = field(default_factory=list)
     printed: list[Printed] = field(default_factory=list)
-    more_printed: int = 0
+    unlogged: int = 0
     ignored: set[str] = field(default_factory=set)
 
     @property
@@ -163,14 +122,21 @@ class State:
             raise InputError(f"RUN on process {number:g}: must be a free one of 1 to {MOST_PROCESSES}")
         if not free:
             raise InputError(f"RUN {name!r}: at most {MOST_PROCESSES} processes run at once")
-        self.processes.append(Process(self, code, free[0] if number is None else int(number), ready))
+        process = Process(
+            code=code.statements,
+            ready=ready,
+            state=self,
+            name=code.name,
+            number=free[0] if number is None else int(number),
+        )
+        self.processes.append(process)
 
     def stop(self, name: str | None) -> None:
         """Stop the processes of a program, None for all."""
         if name is not None and name.upper() not in self.programs:
             raise InputError(f"STOP {name!r}: must be one of the programs {', '.join(self.programs)}")
         for process in self.processes:
-            if name is None or process.code.name == name.upper():
+            if name is None or process.name == name.upper():
                 process.ended = True
 
     def log(self, channel: float | None, text: str) -> None:
@@ -178,7 +144,7 @@ class State:
         if len(self.printed) < MOST_PRINTED:
             self.printed.append(Printed(self.time, None if channel is None else int(channel), text))
         else:
-            self.more_printed += 1
+            self.unlogged += 1
 
     def wait(self, milliseconds: float) -> float:
         """Return the time that WA takes [s]."""

@@ -29,6 +29,11 @@ class Glide(NamedTuple):
     braking: NDArray[np.bool_]
 
 
+# SPEED, ACCEL, DECEL, inf for no limit, and the servo period [units/s, units/s², units/s², s]. A plain tuple: numba
+# looks up the types of the arguments on every call, and finds those of a named one slowly.
+Rates = tuple[float, float, float, float]
+
+
 @dataclass(slots=True)
 class Speed:
     """Speed of an axis along its path.
@@ -41,38 +46,36 @@ class Speed:
     value: float = 0.0
     braking: bool = False
 
-    def advance(self, left: float, target: float, up: float, down: float, period: float) -> float:
+    def advance(self, remaining: float, rates: Rates) -> float:
         """Run for a period and return the distance covered.
 
-        Phases of constant acceleration follow one another within the period: towards `target`, at it, and with
-        `down` from where v^2 = 2 down (left - s) on.
+        Phases of constant acceleration follow one another within the period: towards SPEED, at it, and with
+        DECEL from where v^2 = 2 DECEL (remaining - s) on.
 
         Args:
-            left: to the stop, inf for none [units].
-            target: SPEED [units/s].
-            up: ACCEL, inf for no limit [units/s²].
-            down: DECEL, inf for no limit [units/s²].
-            period: [s].
+            remaining: distance to the stop, inf for none [units].
+            rates: of the axis.
         """
-        gone, self.value, self.braking = _advance(self.value, self.braking, left, target, up, down, period)
-        return gone
+        distance, self.value, self.braking = _advance(self.value, self.braking, remaining, rates)
+        return distance
 
-    def glide(
-        self, s: float, lengths: Floats, target: float, up: float, down: float, period: float, most: int
-    ) -> Glide:
-        """Return the next periods, at most `most`, before the one in which a path ends; the speed itself stays.
+    def glide(self, s: float, lengths: Floats, rates: Rates, most: int) -> Glide:
+        """Return the next periods before the one in which a path ends; the speed itself stays.
 
-        `s` is the distance covered of the path, `lengths` holds its length and those of the paths that follow without
-        a stop; the others are those of `advance`.
+        Args:
+            s: distance covered of the path [units].
+            lengths: of the path, and of those that follow without a stop, (m,) [units].
+            rates: of the axis.
+            most: periods.
         """
-        return Glide(*_glide(self.value, self.braking, s, lengths, target, up, down, period, most))
+        return Glide(*_glide((self.value, self.braking), s, lengths, rates, most))
 
 
 @inner_jit
-def _towards(value: float, target: float, up: float, down: float, left: float) -> tuple[float, float, float]:
+def _towards(value: float, target: float, up: float, down: float, remaining: float) -> tuple[float, float, float]:
     """Return speed, acceleration, and time until the speed is `target`."""
     if value < target and math.isinf(up):
-        value = min(target, math.sqrt(2 * down * left))
+        value = min(target, math.sqrt(2 * down * remaining))
     elif value > target and math.isinf(down):
         value = target
     elif value < target:
@@ -83,76 +86,71 @@ def _towards(value: float, target: float, up: float, down: float, left: float) -
 
 
 @inner_jit
-def _until_braking(value: float, rate: float, down: float, left: float) -> float:
-    """Positive root t of a t^2 + b t = c, where (v + rate t)^2 = 2 down (left - v t - rate t^2 / 2)."""
-    if math.isinf(left):
+def _until_braking(value: float, rate: float, down: float, remaining: float) -> float:
+    """Positive root t of a t^2 + b t = c, where (v + rate t)^2 = 2 down (remaining - v t - rate t^2 / 2)."""
+    if math.isinf(remaining):
         return math.inf
     share = rate / down + 1
     a = 0.5 * rate * share
     b = value * share
-    c = max(left - 0.5 * value**2 / down, 0.0)
+    c = max(remaining - 0.5 * value**2 / down, 0.0)
     root = b + math.sqrt(max(b * b + 4 * a * c, 0.0))
+    # the form of the root that loses no digits where a is near 0
     return 2 * c / root if root > 0 else math.inf
 
 
 @jit
-def _advance(
-    value: float, braking: bool, left: float, target: float, up: float, down: float, period: float
-) -> tuple[float, float, bool]:
+def _advance(value: float, braking: bool, remaining: float, rates: Rates) -> tuple[float, float, bool]:
     """Return the distance covered in a period, and speed and braking after it."""
-    if braking and left > 0.5 * value**2 / down * (1 + 1e-6) + 1e-9:
+    target, up, down, period = rates
+    if braking and remaining > 0.5 * value**2 / down * (1 + 1e-6) + 1e-9:
         braking = False  # a move was merged behind, or DECEL was raised
-    gone = 0.0
-    rest = period
-    tiny = _TINY * (1 + left if math.isfinite(left) else 1.0)
-    while rest > _TINY and left - gone > tiny:
+    covered = 0.0
+    time_left = period
+    tiny = _TINY * (1 + remaining if math.isfinite(remaining) else 1.0)
+    while time_left > _TINY and remaining - covered > tiny:
         if braking:
             rate = -down
             to_target = math.inf
             to_end = value / down
         else:
-            value, rate, to_target = _towards(value, target, up, down, left - gone)
-            to_end = _until_braking(value, rate, down, left - gone)
-        duration = min(rest, to_target, to_end)
-        gone += duration * (value + 0.5 * rate * duration)
+            value, rate, to_target = _towards(value, target, up, down, remaining - covered)
+            to_end = _until_braking(value, rate, down, remaining - covered)
+        duration = min(time_left, to_target, to_end)
+        covered += duration * (value + 0.5 * rate * duration)
         value = max(value + rate * duration, 0.0)
-        rest -= duration
+        time_left -= duration
         if duration == to_end and (braking or math.isinf(down)):
-            gone = left
+            covered = remaining
         elif duration == to_end:
             braking = True
         elif duration == to_target:
             value = target
-    if left - gone <= tiny:
-        gone = left
+    if remaining - covered <= tiny:
+        covered = remaining
         value = 0.0
         braking = False
-    return gone, value, braking
+    return covered, value, braking
 
 
 @jit
 def _glide(
-    value: float,
-    braking: bool,
-    s: float,
-    lengths: Floats,
-    target: float,
-    up: float,
-    down: float,
-    period: float,
-    most: int,
+    state: tuple[float, bool], s: float, lengths: Floats, rates: Rates, most: int
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Return distance covered, speed and braking after each period."""
+    value, braking = state
     covered = np.empty(most)
     speed = np.empty(most)
     brakes = np.empty(most, np.bool_)
     for k in range(most):
-        left = lengths[0] - s
-        for more in lengths[1:]:
-            left += more
-        gone, value, braking = _advance(value, braking, left, target, up, down, period)
-        s += gone
-        if s >= lengths[0] or gone >= left:
+        remaining = lengths[0] - s
+        for length in lengths[1:]:
+            remaining += length
+        distance, value, braking = _advance(value, braking, remaining, rates)
+        s += distance
+        if s >= lengths[0] or distance >= remaining:
             return covered[:k], speed[:k], brakes[:k]
-        covered[k], speed[k], brakes[k] = s, value, braking
+        covered[k] = s
+        speed[k] = value
+        brakes[k] = braking
     return covered, speed, brakes

@@ -17,11 +17,12 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.speeds import SpeedWords
 from gantrysim.controllers.trio.basic import interpreter, text
-from gantrysim.controllers.trio.basic.code import assemble
+from gantrysim.controllers.trio.basic.assembly import assemble
+from gantrysim.controllers.trio.basic.buffers import MOST_AXES, MotionSettings
 from gantrysim.controllers.trio.basic.interpreter import Limits, Trace
-from gantrysim.controllers.trio.basic.motion import MOST_AXES, Motion
+from gantrysim.controllers.trio.basic.motion import Motion
 from gantrysim.controllers.trio.basic.path import StatedSpiral, exact, polyline
-from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, Code, Printed, State
+from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, Printed, ProgramCode, State
 from gantrysim.controllers.trio.basic.words import IGNORED
 from gantrysim.paths.path import Path
 from gantrysim.record.setpoints import MAX_TICKS, Setpoints
@@ -152,7 +153,7 @@ class Basic(Controller):
         _ = self.codes
 
     @cached_property
-    def codes(self) -> list[Code]:
+    def codes(self) -> list[ProgramCode]:
         """The programs of the text."""
         return [assemble(source, not self.unassigned_zero) for source in text.read(self.text)]
 
@@ -170,18 +171,17 @@ class Basic(Controller):
             positive("period", period, "s")
             recorded = self.axis_numbers or (0, 1, 2)
             starts = dict(zip(self.axis_numbers or range(len(_AXES)), self.start, strict=False))
-            motion = Motion(
+            settings = MotionSettings(
                 period,
                 starts,
                 self.initial_speed,
-                self.initial_acceleration,
                 self.initial_acceleration,
                 self.buffers,
                 self.axis_numbers or (0, 1),
                 self.ratio_bits or None,
             )
             state = State(
-                motion, {code.name: code for code in self.codes}, frozenset(self.inputs), self.wait_resolution
+                Motion(settings), {code.name: code for code in self.codes}, frozenset(self.inputs), self.wait_resolution
             )
             times = asdict(self.interpreter_time)
             limits = Limits(self.statement_limit, min(self.time_limit, MAX_TICKS * period))
@@ -266,8 +266,8 @@ class Basic(Controller):
         for line in state.printed[:_SHOWN]:
             channel = "" if line.channel is None else f"#{line.channel}"
             notes.append(f"PRINT{channel} at {line.time:.3f} s: {line.text}")
-        more = len(state.printed) - _SHOWN + state.more_printed
-        return (*notes, f"PRINT: {more} more lines") if more > 0 else tuple(notes)
+        unshown = len(state.printed) - _SHOWN + state.unlogged
+        return (*notes, f"PRINT: {unshown} more lines") if unshown > 0 else tuple(notes)
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
         return {"text": SPEEDS.changed(self.text, change)}

@@ -1,4 +1,4 @@
-"""Statements that only do something: what a process does at each, and the kind that its time is counted as."""
+"""Statements that act, a function each: `cmd_print` is PRINT."""
 
 from __future__ import annotations
 
@@ -7,207 +7,218 @@ from collections.abc import Callable
 from typing import Any
 
 from gantrysim.base.errors import InputError
+from gantrysim.controllers.basic.code import Act
+from gantrysim.controllers.basic.statements import Statements
 from gantrysim.controllers.trio.basic import words
 from gantrysim.controllers.trio.basic.axis import Axis
-from gantrysim.controllers.trio.basic.commands import COMMANDS
-from gantrysim.controllers.trio.basic.expressions import Expression, Reference, unknown_word
+from gantrysim.controllers.trio.basic.commands import COMMANDS, WAIT
+from gantrysim.controllers.trio.basic.expressions import unknown_word
+from gantrysim.controllers.trio.basic.names import variable
 from gantrysim.controllers.trio.basic.process import VR_SIZE, Process, index
-from gantrysim.controllers.trio.basic.text import Raw
+from gantrysim.controllers.trio.basic.program_assembler import Handler, ProgramAssembler
+from gantrysim.controllers.trio.basic.raw import Evaluate, Expression, Raw, Reference
 
-Act = Callable[[Process], int | None]
-Leaf = tuple[Act, str]
+PRINT = "print"  # kind of statement, by which its time is counted
+
 Store = Callable[[Process, float], None]
+statement = Statements[Handler]()
 
 
-def _wait_until(raw: Raw) -> Leaf:
-    value = raw.data[0].value
-
-    def act(p: Process) -> None:
-        if not value(p):
-            p.blocked = lambda: bool(value(p))
-            p.polls = True
-
-    return act, "wait"
-
-
-def _wait_idle(raw: Raw) -> Leaf:
-    return _waiting(raw, lambda axis: axis.idle)
-
-
-def _wait_loaded(raw: Raw) -> Leaf:
-    return _waiting(raw, lambda axis: not axis.queue)
-
-
-def _waiting(raw: Raw, over: Callable[[Axis], bool]) -> Leaf:
-    number = _axis_of(raw)
-
-    def act(p: Process) -> None:
-        axis = p.state.motion.axis(number(p))
-        if not over(axis):
-            p.blocked = lambda: over(axis)
-
-    return act, "wait"
-
-
-def _run(raw: Raw) -> Leaf:
-    name = str(raw.data[0])[1:-1]
-    number = raw.data[1]
-
-    def act(p: Process) -> None:
-        p.state.run(name, p.ready, None if number is None else number.value(p))
-
-    return act, "statement"
-
-
-def _stop(raw: Raw) -> Leaf:
-    name = None if raw.data[0] is None else str(raw.data[0])[1:-1]
-
-    def act(p: Process) -> None:
-        if name is None:
-            p.ended = True
-        else:
-            p.state.stop(name)
-
-    return act, "statement"
-
-
-def _halt(raw: Raw) -> Leaf:
-    return lambda p: p.state.stop(None), "statement"
-
-
-def _print(raw: Raw) -> Leaf:
-    channel, *items = raw.data
-    parts = [_printed(item) for item in items if item is not None]
-
-    def act(p: Process) -> None:
-        p.state.log(None if channel is None else channel.value(p), "".join(part(p) for part in parts))
-
-    return act, "print"
-
-
-def _command(raw: Raw) -> Leaf:
+@statement("ref")
+def cmd_command(assembler: ProgramAssembler, raw: Raw) -> None:
+    """A command by its name, see `commands`."""
     ref: Reference = raw.data[0]
     command = COMMANDS.get(ref.name)
     if command is None:
-        readable = ref.name in words.AXIS_VALUES or ref.name in words.SYSTEM_VALUES or ref.name in words.CONSTANTS
-        if readable or ref.name in words.FUNCTIONS or ref.name in words.IGNORED or ref.name in ("VR", "IN"):
+        tables = (words.AXIS_PARAMETERS, words.SYSTEM_PARAMETERS, words.CONSTANTS, words.FUNCTIONS, words.IGNORED)
+        if any(ref.name in table for table in tables) or ref.name in ("VR", "IN"):
             raise InputError(f"{ref.name}: is a value, not a command")
         raise unknown_word(ref)
-    given = [each.value for each in ref.count(command.least, command.most)]
+    arguments = [argument.value for argument in ref.count(command.least, command.most)]
     run = command.act
     line = raw.line
 
-    def act(p: Process) -> None:
-        values = [each(p) for each in given]
+    def act(process: Process) -> None:
+        values = [argument(process) for argument in arguments]
         for k, value in enumerate(values, 1):
             if not math.isfinite(value):
                 raise InputError(f"{ref.spelled}: value {k} = {value:g}: must be finite")
-        run(p, values, line)
+        run(process, values, line)
 
-    if ref.axis is None:
-        return act, command.cost
-    number = ref.axis.value
+    assembler.emit(line, act if ref.axis is None else _on_axis(ref.axis, act), command.cost)
 
-    def on_axis(p: Process) -> None:
-        base = p.base
-        p.base = (p.state.motion.axis(number(p)).number,)
+
+def _on_axis(axis: Expression, act: Act[Process]) -> Act[Process]:
+    """Return what acts with another axis in place of BASE's."""
+    number = axis.value
+
+    def on_axis(process: Process) -> None:
+        base = process.base
+        process.base = (process.state.motion.axis(number(process)).number,)
         try:
-            act(p)
+            act(process)
         finally:
-            p.base = base
+            process.base = base
 
-    return on_axis, command.cost
+    return on_axis
 
 
-def _assign(raw: Raw) -> Leaf:
+@statement('ref "=" expr')
+def cmd_assign(assembler: ProgramAssembler, raw: Raw) -> None:
+    """word = value: set a variable, a parameter or a cell of memory."""
     ref: Reference = raw.data[0]
     expression: Expression = raw.data[1]
     value = expression.value
     store = _store(ref)
 
-    def act(p: Process) -> None:
-        result = value(p)
+    def act(process: Process) -> None:
+        result = value(process)
         if not math.isfinite(result):
             raise InputError(f"{ref.spelled} = {result:g}: must be finite")
-        store(p, result)
+        store(process, result)
 
-    return act, "statement"
+    assembler.emit(raw.line, act)
+    assembler.assigned.add(ref.name)
 
 
 def _store(ref: Reference) -> Store:
+    """Return what sets a variable, a parameter or a cell of memory."""
     name = ref.name
-    if name in words.AXIS_SETTERS or name in words.IGNORED:
-        ref.plain(0, axis=True)
-        number = None if ref.axis is None else ref.axis.value
-        setter = words.AXIS_SETTERS.get(name)
-
-        def store(p: Process, value: float) -> None:
-            axis = p.state.motion.axis(p.base[0] if number is None else number(p))
-            if setter is None:
-                axis.values[name] = value
-                p.state.ignored.add(name)
-            else:
-                setter(axis, value)
-
-        return store
-    if name in words.SYSTEM_SETTERS:
+    parameter = words.AXIS_PARAMETERS.get(name)
+    if name in words.IGNORED or (parameter is not None and parameter.write is not None):
+        return _store_of_axis(ref)
+    system = words.SYSTEM_PARAMETERS.get(name)
+    if system is not None and system.write is not None:
         ref.plain(0)
-        return words.SYSTEM_SETTERS[name]
+        return system.write
     if name == "VR":
-        at = ref.plain(1)[0].value
-        return lambda p, value: p.state.vr.__setitem__(index("VR", at(p), VR_SIZE), value)
+        k = ref.plain(1)[0].value
+        return lambda process, value: process.state.vr.__setitem__(index("VR", k(process), VR_SIZE), value)
     if name == "TABLE":
         raise InputError("TABLE: is set by TABLE(first, value, ...), not by =")
     if ref.arguments is not None or ref.axis is not None:
         raise unknown_word(ref)
     cell = variable(name)
-    return lambda p, value: p.variables.__setitem__(cell, value)
+    return lambda process, value: process.variables.__setitem__(cell, value)
 
 
-def variable(name: str) -> str:
-    """Return the name of a variable that is assigned, in capitals, or raise InputError where it is a word."""
-    word = name.upper()
-    fixed = (words.CONSTANTS, words.FUNCTIONS, words.AXIS_VALUES, words.SYSTEM_VALUES, words.IGNORED, COMMANDS)
-    if word in words.KEYWORDS or any(word in table for table in fixed) or word in ("IN", "READ_OP"):
-        raise InputError(f"{name} = ...: is a word of the language that cannot be assigned")
-    if word in words.NOT_EMULATED:
-        raise InputError(f"{name}: a word of the controller that is not emulated")
-    return word
+def _store_of_axis(ref: Reference) -> Store:
+    ref.plain(0, axis=True)
+    name = ref.name
+    number = None if ref.axis is None else ref.axis.value
+    parameter = words.AXIS_PARAMETERS.get(name)
+    write = None if parameter is None else parameter.write
+
+    def store(process: Process, value: float) -> None:
+        axis = process.state.motion.axis(process.base[0] if number is None else number(process))
+        if write is None:  # accepted without effect: noted, and read again as it was set
+            axis.values[name] = value
+            process.state.ignored.add(name)
+        else:
+            write(axis, value)
+
+    return store
 
 
-def _axis_of(raw: Raw) -> Callable[[Process], float]:
-    if not raw.data or raw.data[0] is None:
-        return lambda p: p.base[0]
-    value: Callable[[Process], float] = raw.data[0].value
-    return value
+@statement('WAIT "UNTIL"i expr')
+def cmd_wait_until(assembler: ProgramAssembler, raw: Raw) -> None:
+    """WAIT UNTIL condition."""
+    value = raw.data[0].value
+
+    def act(process: Process) -> None:
+        if not value(process):
+            process.blocked = lambda: bool(value(process))
+            process.polls = True
+
+    assembler.emit(raw.line, act, WAIT)
+
+
+@statement('WAIT "IDLE"i axis?')
+def cmd_wait_idle(assembler: ProgramAssembler, raw: Raw) -> None:
+    """WAIT IDLE [AXIS(n)]: until the axis has no move."""
+    assembler.emit(raw.line, _waiting(raw, lambda axis: axis.idle), WAIT)
+
+
+@statement('WAIT "LOADED"i axis?')
+def cmd_wait_loaded(assembler: ProgramAssembler, raw: Raw) -> None:
+    """WAIT LOADED [AXIS(n)]: until the axis' buffer is empty."""
+    assembler.emit(raw.line, _waiting(raw, lambda axis: not axis.queue), WAIT)
+
+
+def _waiting(raw: Raw, is_over: Callable[[Axis], bool]) -> Act[Process]:
+    number: Evaluate = raw.data[0].value if raw.data and raw.data[0] is not None else _first_of_base
+
+    def act(process: Process) -> None:
+        axis = process.state.motion.axis(number(process))
+        if not is_over(axis):
+            process.blocked = lambda: is_over(axis)
+
+    return act
+
+
+def _first_of_base(process: Process) -> float:
+    return process.base[0]
+
+
+@statement('RUN STRING ["," expr]')
+def cmd_run(assembler: ProgramAssembler, raw: Raw) -> None:
+    """RUN "program"[, process]: start a program."""
+    name = str(raw.data[0])[1:-1]
+    number = raw.data[1]
+
+    def act(process: Process) -> None:
+        process.state.run(name, process.ready, None if number is None else number.value(process))
+
+    assembler.emit(raw.line, act)
+
+
+@statement("STOP [STRING]")
+def cmd_stop(assembler: ProgramAssembler, raw: Raw) -> None:
+    """STOP ["program"]: end this process, or those of a program."""
+    name = None if raw.data[0] is None else str(raw.data[0])[1:-1]
+
+    def act(process: Process) -> None:
+        if name is None:
+            process.ended = True
+        else:
+            process.state.stop(name)
+
+    assembler.emit(raw.line, act)
+
+
+@statement("HALT")
+def cmd_halt(assembler: ProgramAssembler, raw: Raw) -> None:
+    """HALT: end all processes."""
+    assembler.emit(raw.line, lambda process: process.state.stop(None))
+
+
+@statement('PRINT ["#" expr ","] [_items]')
+def cmd_print(assembler: ProgramAssembler, raw: Raw) -> None:
+    """PRINT [#channel,] item, ..."""
+    channel, *items = raw.data
+    parts = [_printed(item) for item in items if item is not None]
+
+    def act(process: Process) -> None:
+        number = None if channel is None else channel.value(process)
+        process.state.log(number, "".join(part(process) for part in parts))
+
+    assembler.emit(raw.line, act, PRINT)
 
 
 def _printed(item: Any) -> Callable[[Process], str]:
+    """Return the text of a string, of CHR(), or of a number with its width and digits."""
     if isinstance(item, str):
-        return lambda p: item
+        return lambda process: item
     if isinstance(item, list):  # CHR()
         code = item[0].value
-        return lambda p: chr(index("CHR", code(p), 256))
+        return lambda process: chr(index("CHR", code(process), 256))
     value, *form = item
     width = form[0].value if len(form) == 2 else None
     digits = form[-1].value if form else None
 
-    def number(p: Process) -> str:
-        places = 4 if digits is None else index("digits", digits(p), 16)
-        text = f"{value.value(p):.{places}f}"
-        return text if width is None else text.rjust(index("width", width(p), 64))
+    def number(process: Process) -> str:
+        places = 4 if digits is None else index("digits", digits(process), 16)
+        text = f"{value.value(process):.{places}f}"
+        return text if width is None else text.rjust(index("width", width(process), 64))
 
     return number
-
-
-LEAVES: dict[str, Callable[[Raw], Leaf]] = {
-    "ASSIGN": _assign,
-    "COMMAND": _command,
-    "HALT": _halt,
-    "PRINT": _print,
-    "RUN": _run,
-    "STOP": _stop,
-    "WAIT IDLE": _wait_idle,
-    "WAIT LOADED": _wait_loaded,
-    "WAIT UNTIL": _wait_until,
-}

@@ -6,25 +6,28 @@ import math
 import re
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.resources import files
 from typing import Any, cast
 
 from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedEOF, UnexpectedToken
 
 from gantrysim.base.errors import InputError
+from gantrysim.controllers.basic.operators import Operator
+from gantrysim.controllers.basic.statements import with_keywords
+from gantrysim.controllers.basic.values import number_of
 from gantrysim.controllers.trio.basic import words
 from gantrysim.controllers.trio.basic.commands import COMMANDS
 from gantrysim.controllers.trio.basic.expressions import (
-    Expression,
-    Reference,
+    OPERATORS,
     constant,
-    joined,
     known_words,
+    operation,
     unknown_word,
     value_of,
 )
+from gantrysim.controllers.trio.basic.raw import Expression, Raw, Reference, Source
+from gantrysim.controllers.trio.basic.statement_table import STATEMENTS
 
 # characters of a text, a line, a word
 LONGEST = 1_000_000
@@ -36,38 +39,6 @@ MAIN = "MAIN"  # name of a program without one
 MOST_SECTIONS = 64
 
 
-@dataclass(frozen=True)
-class Raw:
-    """A statement as it stands in the text.
-
-    Attributes:
-        kind: its keyword, or COMMAND, ASSIGN, LABEL.
-        line: of the text.
-        data: its parts.
-        inline: of IF: whether its branch stands in the same line.
-    """
-
-    kind: str
-    line: int
-    data: tuple[Any, ...] = ()
-    inline: bool = False
-
-
-@dataclass
-class Source:
-    """One program of a text.
-
-    Attributes:
-        name: in capitals.
-        lines: its statements, line by line.
-        read: variables that it reads, with the line of the first time.
-    """
-
-    name: str
-    lines: list[list[Raw]] = field(default_factory=list)
-    read: dict[str, int] = field(default_factory=dict)
-
-
 class _Parser(threading.local):
     """The parser of a thread, built when it is first used; it hands what it reads to its builder, without a tree."""
 
@@ -77,12 +48,14 @@ class _Parser(threading.local):
 
     @cached_property
     def lark(self) -> Lark:
-        grammar = files("gantrysim.controllers.trio.basic").joinpath("grammar.lark").read_text(encoding="utf-8")
+        text = files("gantrysim.controllers.trio.basic").joinpath("grammar.lark").read_text(encoding="utf-8")
+        grammar = with_keywords(text.replace("$statements", STATEMENTS.rule))
         return Lark(grammar, parser="lalr", maybe_placeholders=True, transformer=self.builder)
 
     def parse(self, text: str, read: dict[str, int], before: int) -> list[list[Raw]]:
         """Return the statements of a text, line by line, after so many lines; add the variables that it reads."""
-        self.builder.names, self.builder.before = read, before
+        self.builder.names = read
+        self.builder.before = before
         return cast(list[list[Raw]], self.lark.parse(text))
 
 
@@ -141,10 +114,10 @@ def _source(name: str, text: str, before: int) -> Source:
 def _misspelt(text: str, before: int, line: int) -> InputError | None:
     """The error for a line whose first word is unknown and is followed by what no variable can be."""
     lines = text.split("\n")
-    found = _VERB.match(lines[line - before - 1]) if 0 < line - before <= len(lines) else None
-    if found is None or found[1].upper() in known_words():
+    verb = _VERB.match(lines[line - before - 1]) if 0 < line - before <= len(lines) else None
+    if verb is None or verb[1].upper() in known_words():
         return None
-    return InputError(f"line {line}: {unknown_word(Reference(found[1].upper(), None, None, line, found[1]))}")
+    return InputError(f"line {line}: {unknown_word(Reference(verb[1].upper(), None, None, line, verb[1]))}")
 
 
 def _number(text: str) -> float:
@@ -152,13 +125,6 @@ def _number(text: str) -> float:
     if math.isinf(value):
         raise InputError(f"number {text[:LONGEST_WORD]}: too large")
     return value
-
-
-def _statement(kind: str) -> Callable[..., Raw]:
-    def build(self: _Builder, children: list[Any]) -> Raw:
-        return Raw(kind, self.line_of(children[0]), tuple(children[1:]))
-
-    return build
 
 
 class _Builder(Transformer):  # type: ignore[type-arg]
@@ -171,6 +137,17 @@ class _Builder(Transformer):  # type: ignore[type-arg]
 
     names: dict[str, int]
     before: int
+
+    def __init__(self) -> None:
+        super().__init__()
+        for kind in STATEMENTS.handlers:
+            if not hasattr(self, kind):
+                setattr(self, kind, partial(self._statement, kind))
+        setattr(self, "if", partial(self._branch, "if"))  # a word of Python
+
+    def _statement(self, kind: str, children: list[Any]) -> Raw:
+        """A statement without its keyword, which has the line."""
+        return Raw(kind, self.line_of(children[0]), tuple(children[1:]))
 
     def line_of(self, token: Token) -> int:
         """Line of the whole text in which a token stands."""
@@ -186,52 +163,31 @@ class _Builder(Transformer):  # type: ignore[type-arg]
         for k, child in enumerate(children):
             if isinstance(child, Token):
                 if child.type == "ELSE":
-                    flat.append(Raw("ELSE", self.line_of(child), (), inline > 0))
+                    flat.append(Raw("else", self.line_of(child), (), inline > 0))
                 continue
             parts = child if isinstance(child, list) else [child]
             colon = k + 1 < len(children) and getattr(children[k + 1], "type", None) == "COLON"
             if k == 0 and colon and _is_label(parts[0]):
-                parts = [Raw("LABEL", parts[0].line, (parts[0].data[0].name,))]
+                parts = [Raw("label", parts[0].line, (parts[0].data[0].name,))]
             inline += sum(part.inline for part in parts)
             flat += parts
-        return flat + [Raw("ENDIF", flat[-1].line)] * inline if flat else flat
-
-    def if_(self, children: list[Any]) -> list[Raw]:
-        return self._branch("IF", children)
+        return flat + [Raw("endif", flat[-1].line)] * inline if flat else flat
 
     def elseif(self, children: list[Any]) -> list[Raw]:
-        return self._branch("ELSEIF", children)
+        return self._branch("elseif", children)
 
     def _branch(self, kind: str, children: list[Any]) -> list[Raw]:
+        """An IF or ELSEIF, and the statements after it in its line."""
         word, condition, then = children
-        own = [] if then is None else then if isinstance(then, list) else [then]
-        return [Raw(kind, self.line_of(word), (condition,), kind == "IF" and bool(own)), *own]
+        branch = then if isinstance(then, list) else [] if then is None else [then]
+        is_inline = kind == "if" and bool(branch)
+        return [Raw(kind, self.line_of(word), (condition,), is_inline), *branch]
 
     def command(self, children: list[Any]) -> Raw:
-        return Raw("COMMAND", children[0].line, tuple(children))
+        return Raw("command", children[0].line, tuple(children))
 
     def assign(self, children: list[Any]) -> Raw:
-        return Raw("ASSIGN", children[0].line, tuple(children))
-
-    endif = _statement("ENDIF")
-    while_ = _statement("WHILE")
-    wend = _statement("WEND")
-    repeat = _statement("REPEAT")
-    until = _statement("UNTIL")
-    for_ = _statement("FOR")
-    next_ = _statement("NEXT")
-    goto = _statement("GOTO")
-    gosub = _statement("GOSUB")
-    return_ = _statement("RETURN")
-    on_goto = _statement("ON GOTO")
-    on_gosub = _statement("ON GOSUB")
-    wait_until = _statement("WAIT UNTIL")
-    wait_idle = _statement("WAIT IDLE")
-    wait_loaded = _statement("WAIT LOADED")
-    run = _statement("RUN")
-    stop = _statement("STOP")
-    halt = _statement("HALT")
-    print_ = _statement("PRINT")
+        return Raw("assign", children[0].line, tuple(children))
 
     def text(self, children: list[Any]) -> str:
         return str(children[0])[1:-1]
@@ -258,30 +214,33 @@ class _Builder(Transformer):  # type: ignore[type-arg]
         return expression
 
     def joined(self, children: list[Any]) -> Expression:
-        return joined(children, self._at)
+        return OPERATORS.read(children, self._operation)
+
+    def _operation(self, sign: str, operator: Operator, operands: list[Expression]) -> Expression:
+        return self._located(cast(Token, sign), lambda: operation(sign, operator, operands))
 
     def constant(self, children: list[Any]) -> Expression:
-        return self._at(children[0], lambda: constant(_number(str(children[0]))))
+        return self._located(children[0], lambda: constant(_number(str(children[0]))))
 
     def hexadecimal(self, children: list[Any]) -> Expression:
-        return self._at(children[0], lambda: constant(float(int(str(children[0])[1:], 16))))
+        return self._located(children[0], lambda: constant(number_of(str(children[0]), "$")))
 
     def value(self, children: list[Any]) -> Expression:
-        return self._at(children[0], lambda: value_of(children[0], self.names))
+        return self._located(children[0], lambda: value_of(children[0], self.names))
 
-    def _at(self, place: Token | Reference, build: Callable[[], Expression]) -> Expression:
+    def _located(self, place: Token | Reference, build: Callable[[], Expression]) -> Expression:
         """Build an expression; an error names the line of a token or word of it."""
         try:
             return build()
         except (OverflowError, InputError) as error:
             line = place.line if isinstance(place, Reference) else self.line_of(place)
-            said = "number too large" if isinstance(error, OverflowError) else error
-            raise InputError(f"line {line}: {said}") from None
+            reason = "number too large" if isinstance(error, OverflowError) else error
+            raise InputError(f"line {line}: {reason}") from None
 
 
 def _is_label(raw: Raw) -> bool:
-    if raw.kind != "COMMAND":
+    if raw.kind != "command":
         return False
     ref: Reference = raw.data[0]
-    known = ref.name in COMMANDS or ref.name in words.KEYWORDS or ref.name in words.NOT_EMULATED
-    return ref.arguments is None and ref.axis is None and not known
+    is_word = ref.name in COMMANDS or ref.name in words.KEYWORDS or ref.name in words.NOT_EMULATED
+    return ref.arguments is None and ref.axis is None and not is_word

@@ -4,38 +4,47 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from gantrysim.base.errors import InputError
+from gantrysim.controllers.basic import values as basic
+from gantrysim.controllers.basic.values import Function
 from gantrysim.controllers.trio.basic.axis import Axis
-from gantrysim.controllers.trio.basic.process import Process, State
+from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, TABLE_SIZE, VR_SIZE, Process, State, index
 
 CONSTANTS = {"PI": math.pi, "TRUE": -1.0, "FALSE": 0.0, "ON": 1.0, "OFF": 0.0}
 
-FUNCTIONS: dict[str, Callable[..., float]] = {
-    "ABS": abs,
-    "ACOS": math.acos,
-    "ASIN": math.asin,
-    "ATAN": math.atan,
-    "ATAN2": math.atan2,
-    "COS": math.cos,
-    "EXP": math.exp,
-    "FRAC": lambda x: x - math.trunc(x),
-    "INT": lambda x: float(math.trunc(x)),
-    "LN": math.log,
-    "SGN": lambda x: float((x > 0) - (x < 0)),
-    "SIN": math.sin,
-    "SQR": math.sqrt,
-    "TAN": math.tan,
+FUNCTIONS: dict[str, Function] = {
+    **basic.FUNCTIONS,
+    "ATAN": Function(math.atan),
+    "FRAC": Function(lambda x: x - math.trunc(x)),
+    "INT": Function(lambda x: float(math.trunc(x))),
+    "LN": Function(math.log),
+    "SQR": Function(math.sqrt),
 }
-ARGUMENTS = {"ATAN2": 2}  # of functions, else one
 
 
-def _remain(c: State, axis: Axis) -> float:
+@dataclass(frozen=True)
+class AxisParameter:
+    """A parameter of an axis.
+
+    Attributes:
+        read: its value, given what the controller shares and the axis.
+        write: sets it on an axis; None where it can only be read.
+    """
+
+    read: Callable[[State, Axis], float]
+    write: Callable[[Axis, float], None] | None = None
+
+
+def _remaining(state: State, axis: Axis) -> float:
     move = axis.member
-    return 0.0 if move is None or not math.isfinite(move.shape.length) else move.shape.length - move.s
+    if move is None or not math.isfinite(move.shape.length):
+        return 0.0
+    return move.shape.length - move.s
 
 
-def _end_of_move(c: State, axis: Axis) -> float:
+def _end_of_move(state: State, axis: Axis) -> float:
     move = axis.member
     if move is None or not move.profiled or not math.isfinite(move.shape.length):
         return axis.position - axis.zero
@@ -43,31 +52,12 @@ def _end_of_move(c: State, axis: Axis) -> float:
     return move.start[k] + move.shape.displacement(move.shape.length)[k] - axis.zero
 
 
-def _speed(c: State, axis: Axis) -> float:
-    return axis.step / c.motion.period
+def _driver(state: State, axis: Axis) -> float:
+    return -1.0 if axis.member is None or axis.member.driver is None else axis.member.driver
 
 
-AXIS_VALUES: dict[str, Callable[[State, Axis], float]] = {
-    "ACCEL": lambda c, axis: axis.acceleration,
-    "ATYPE": lambda c, axis: axis.type or 0.0,
-    "DECEL": lambda c, axis: axis.deceleration,
-    "DEMAND_EDGES": lambda c, axis: (axis.position - axis.zero) * axis.units,
-    "DPOS": lambda c, axis: axis.position - axis.zero,
-    "ENDMOVE": _end_of_move,
-    "FE": lambda c, axis: 0.0,
-    "LINK_AXIS": lambda c, axis: -1.0 if axis.member is None or axis.member.driver is None else axis.member.driver,
-    "MERGE": lambda c, axis: float(axis.merge),
-    "MOVES_BUFFERED": lambda c, axis: float(len(axis.queue)),
-    "MPOS": lambda c, axis: axis.position - axis.zero,
-    "MSPEED": _speed,
-    "MTYPE": lambda c, axis: float(axis.mtype),
-    "NTYPE": lambda c, axis: float(axis.ntype),
-    "REMAIN": _remain,
-    "SERVO": lambda c, axis: float(axis.servo),
-    "SPEED": lambda c, axis: axis.speed,
-    "UNITS": lambda c, axis: axis.units,
-    "VP_SPEED": lambda c, axis: axis.along.value,
-}
+def _position(state: State, axis: Axis) -> float:
+    return axis.position - axis.zero
 
 
 def _set_speed(axis: Axis, value: float) -> None:
@@ -108,14 +98,26 @@ def _set_deceleration(axis: Axis, value: float) -> None:
     axis.deceleration = _positive("DECEL", axis, value)
 
 
-AXIS_SETTERS: dict[str, Callable[[Axis, float], None]] = {
-    "ACCEL": _set_acceleration,
-    "ATYPE": _set_type,
-    "DECEL": _set_deceleration,
-    "MERGE": _set_merge,
-    "SERVO": _set_servo,
-    "SPEED": _set_speed,
-    "UNITS": _set_units,
+AXIS_PARAMETERS = {
+    "ACCEL": AxisParameter(lambda state, axis: axis.acceleration, _set_acceleration),
+    "ATYPE": AxisParameter(lambda state, axis: axis.type or 0.0, _set_type),
+    "DECEL": AxisParameter(lambda state, axis: axis.deceleration, _set_deceleration),
+    "DEMAND_EDGES": AxisParameter(lambda state, axis: (axis.position - axis.zero) * axis.units),
+    "DPOS": AxisParameter(_position),
+    "ENDMOVE": AxisParameter(_end_of_move),
+    "FE": AxisParameter(lambda state, axis: 0.0),  # the servo is beyond the controller's programs
+    "LINK_AXIS": AxisParameter(_driver),
+    "MERGE": AxisParameter(lambda state, axis: float(axis.merge), _set_merge),
+    "MOVES_BUFFERED": AxisParameter(lambda state, axis: float(len(axis.queue))),
+    "MPOS": AxisParameter(_position),
+    "MSPEED": AxisParameter(lambda state, axis: axis.step / state.motion.period),
+    "MTYPE": AxisParameter(lambda state, axis: float(axis.mtype)),
+    "NTYPE": AxisParameter(lambda state, axis: float(axis.ntype)),
+    "REMAIN": AxisParameter(_remaining),
+    "SERVO": AxisParameter(lambda state, axis: float(axis.servo), _set_servo),
+    "SPEED": AxisParameter(lambda state, axis: axis.speed, _set_speed),
+    "UNITS": AxisParameter(lambda state, axis: axis.units, _set_units),
+    "VP_SPEED": AxisParameter(lambda state, axis: axis.along.value),
 }
 
 # parameters that are accepted and noted, by what their values do not change here
@@ -131,28 +133,43 @@ NO_EFFECT = {
 IGNORED = {name: reason for names, reason in NO_EFFECT.items() for name in names.split()}
 
 
-def _ticks(p: Process) -> float:
-    return p.ticks_zero - p.state.tick
+@dataclass(frozen=True)
+class SystemParameter:
+    """A parameter of the controller, or of a process.
+
+    Attributes:
+        read: its value, given the process.
+        write: sets it; None where it can only be read.
+    """
+
+    read: Callable[[Process], float]
+    write: Callable[[Process, float], None] | None = None
 
 
-SYSTEM_VALUES: dict[str, Callable[[Process], float]] = {
-    "MOTION_ERROR": lambda p: 0.0,
-    "PROCNUMBER": lambda p: float(p.number),
-    "SERVO_PERIOD": lambda p: 1e6 * p.state.motion.period,
-    "TICKS": _ticks,
-    "WDOG": lambda p: float(p.state.motion.enabled),
+def _set_ticks(process: Process, value: float) -> None:
+    process.ticks_zero = process.state.tick + value
+
+
+def _set_wdog(process: Process, value: float) -> None:
+    process.state.motion.enabled = bool(value)
+
+
+SYSTEM_PARAMETERS = {
+    "MOTION_ERROR": SystemParameter(lambda process: 0.0),
+    "PROCNUMBER": SystemParameter(lambda process: float(process.number)),
+    "SERVO_PERIOD": SystemParameter(lambda process: 1e6 * process.state.motion.period),
+    "TICKS": SystemParameter(lambda process: process.ticks_zero - process.state.tick, _set_ticks),
+    "WDOG": SystemParameter(lambda process: float(process.state.motion.enabled), _set_wdog),
 }
 
-
-def _set_ticks(p: Process, value: float) -> None:
-    p.ticks_zero = p.state.tick + value
-
-
-def _set_wdog(p: Process, value: float) -> None:
-    p.state.motion.enabled = bool(value)
-
-
-SYSTEM_SETTERS: dict[str, Callable[[Process, float], None]] = {"TICKS": _set_ticks, "WDOG": _set_wdog}
+# memory, inputs and outputs, by their index
+MEMORY: dict[str, Callable[[Process, float], float]] = {
+    "IN": lambda process, k: float(index("IN", k, MOST_OUTPUTS) in process.state.inputs),
+    "OP": lambda process, k: float(index("OP", k, MOST_OUTPUTS) in process.state.outputs),
+    "READ_OP": lambda process, k: float(index("READ_OP", k, MOST_OUTPUTS) in process.state.outputs),
+    "TABLE": lambda process, k: process.state.table.get(index("TABLE", k, TABLE_SIZE), 0.0),
+    "VR": lambda process, k: process.state.vr.get(index("VR", k, VR_SIZE), 0.0),
+}
 
 
 def _names(text: str) -> frozenset[str]:

@@ -1,0 +1,1 @@
+"""The core of BASIC dialects: operators, statements, blocks and jumps, frames, tasks and their clock."""

@@ -1,0 +1,276 @@
+"""The assembly of code: statements in the order of the text, blocks and labels resolved to jumps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+from gantrysim.base.errors import InputError
+from gantrysim.controllers.basic.code import STATEMENT, Act, Code, Frame, Loop, Statement
+
+FrameType = TypeVar("FrameType", bound=Frame)
+Condition = Callable[[FrameType], object]
+
+ENDS = {"IF": "ENDIF", "WHILE": "WEND", "REPEAT": "UNTIL", "FOR": "NEXT"}  # of the blocks
+
+
+@dataclass
+class Block(Generic[FrameType]):
+    """A block of which the end is not reached yet.
+
+    Attributes:
+        kind: its keyword.
+        line: at which it begins.
+        first: index of its first statement.
+        test: the statement that jumps past its branch; None where nothing does.
+        exits: jumps to its end.
+        variable: of a FOR loop.
+    """
+
+    kind: str
+    line: int
+    first: int
+    test: Statement[FrameType] | None = None
+    exits: list[Statement[FrameType]] = field(default_factory=list)
+    variable: str = ""
+
+
+class Assembler(Generic[FrameType]):
+    """Assembles code.
+
+    Blocks end as they begin, in the order of the text, whatever the syntax that a dialect has for them: it may read
+    line by line, or walk a tree. Parts of a statement that cost nothing have the cost None.
+
+    Attributes:
+        code: the statements so far.
+    """
+
+    def __init__(self) -> None:
+        self.code: Code[FrameType] = []
+        self._blocks: list[Block[FrameType]] = []
+        self._labels: dict[str, int] = {}
+        self._jumps: list[tuple[str, int, Callable[[int], None]]] = []
+
+    @property
+    def here(self) -> int:
+        """Index of the statement that comes next."""
+        return len(self.code)
+
+    def emit(
+        self, line: int, act: Act[FrameType], cost: str | None = STATEMENT, pure: bool = False
+    ) -> Statement[FrameType]:
+        """Add a statement."""
+        statement = Statement(line, act, cost, pure)
+        self.code.append(statement)
+        return statement
+
+    def jump(self, line: int, cost: str | None = STATEMENT) -> Statement[FrameType]:
+        """Add a jump, whose target is filled in later."""
+        statement = self.emit(line, lambda frame: None, cost, pure=True)
+        statement.act = lambda frame: statement.target
+        return statement
+
+    def test(self, line: int, condition: Condition[FrameType], cost: str | None = STATEMENT) -> Statement[FrameType]:
+        """Add a statement that jumps where a condition is false."""
+        statement = self.emit(line, lambda frame: None, cost, pure=True)
+        statement.act = lambda frame: None if condition(frame) else statement.target
+        return statement
+
+    def finish(self) -> Code[FrameType]:
+        """Return the code.
+
+        Raises:
+            InputError: a block without its end, or a label that stands nowhere.
+        """
+        if self._blocks:
+            block = self._blocks[-1]
+            raise InputError(f"line {block.line}: {block.kind} without its {ENDS[block.kind]}")
+        for name, line, fill_in in self._jumps:
+            if name not in self._labels:
+                raise InputError(f"line {line}: label {name}: must stand before a colon at the start of a line")
+            fill_in(self._labels[name])
+        return self.code
+
+    # blocks
+
+    def close(self, word: str, *kinds: str) -> Block[FrameType]:
+        """Return the innermost block, which a word ends.
+
+        Raises:
+            InputError: it is of another kind, or there is none.
+        """
+        if not self._blocks or self._blocks[-1].kind not in kinds:
+            inside = f" inside the {self._blocks[-1].kind} of line {self._blocks[-1].line}" if self._blocks else ""
+            raise InputError(f"{word} without {' or '.join(kinds)}{inside}")
+        return self._blocks.pop()
+
+    def begin_if(self, line: int, condition: Condition[FrameType]) -> None:
+        """Begin the branch of an IF."""
+        first = self.here
+        self._blocks.append(Block("IF", line, first, self.test(line, condition)))
+
+    def begin_elseif(self, line: int, condition: Condition[FrameType], cost: str | None = STATEMENT) -> None:
+        """End a branch and begin the next."""
+        block = self._end_branch("ELSEIF", line)
+        block.test = self.test(line, condition, cost)
+
+    def begin_else(self, line: int) -> None:
+        """End a branch and begin the last, which is run where no condition holds."""
+        self._end_branch("ELSE", line)
+
+    def _end_branch(self, word: str, line: int) -> Block[FrameType]:
+        block = self.close(word, "IF")
+        if block.test is None:
+            raise InputError(f"{word} after the ELSE of the IF of line {block.line}")
+        block.exits.append(self.jump(line, None))
+        block.test.target = self.here
+        block.test = None
+        self._blocks.append(block)
+        return block
+
+    def end_if(self) -> None:
+        """End an IF."""
+        block = self.close("ENDIF", "IF")
+        for statement in (*block.exits, block.test):
+            if statement is not None:
+                statement.target = self.here
+
+    def begin_while(self, line: int, condition: Condition[FrameType]) -> None:
+        """Begin a loop that is tested before each pass."""
+        first = self.here
+        self._blocks.append(Block("WHILE", line, first, self.test(line, condition)))
+
+    def end_while(self, line: int, cost: str | None = STATEMENT) -> None:
+        """End a loop that is tested before each pass."""
+        block = self.close("WEND", "WHILE")
+        self.jump(line, cost).target = block.first
+        if block.test is not None:
+            block.test.target = self.here
+
+    def begin_repeat(self, line: int) -> None:
+        """Begin a loop that is tested after each pass."""
+        self._blocks.append(Block("REPEAT", line, self.here))
+
+    def end_repeat(self, line: int, condition: Condition[FrameType]) -> None:
+        """End a loop that goes on until a condition holds."""
+        test = self.test(line, condition)
+        test.target = self.close("UNTIL", "REPEAT").first
+
+    def begin_for(self, line: int, variable: str, start: Callable[[FrameType], Loop]) -> None:
+        """Begin a FOR loop.
+
+        Args:
+            line: of the text.
+            variable: name of its variable.
+            start: sets the variable to its first value.
+        """
+        key = self.here
+
+        def act(frame: FrameType) -> int | None:
+            loop = start(frame)
+            frame.loops[key] = loop
+            return None if loop.inside else statement.target
+
+        statement = self.emit(line, act)
+        self._blocks.append(Block("FOR", line, key, statement, variable=variable))
+
+    def end_for(self, line: int, block: Block[FrameType]) -> None:
+        """End a FOR loop, given its block."""
+        key = block.first
+
+        def act(frame: FrameType) -> int | None:
+            if key not in frame.loops:
+                raise InputError(f"NEXT without having run the FOR of line {block.line}")
+            loop = frame.loops[key]
+            loop.assign(loop.value() + loop.step)
+            return key + 1 if loop.inside else None
+
+        self.emit(line, act)
+        if block.test is not None:
+            block.test.target = self.here
+
+    def select(self, line: int, choice: Callable[[FrameType], int], branches: Sequence[Callable[[], None]]) -> None:
+        """Add branches of which one is run.
+
+        Args:
+            line: of the text.
+            choice: index of the branch; one that there is not runs none.
+            branches: each adds its statements.
+        """
+        targets: dict[int, int] = {}
+        self._choose(line, choice, targets, lambda frame, target: target)
+        skip = self.jump(line, None)
+        exits = [skip]
+        for k, branch in enumerate(branches):
+            targets[k] = self.here
+            branch()
+            exits.append(self.jump(line, None))
+        for statement in exits:
+            statement.target = self.here
+
+    # labels and jumps
+
+    def label(self, name: str) -> None:
+        """Name the statement that comes next.
+
+        Raises:
+            InputError: the label stands in two places.
+        """
+        if name in self._labels:
+            raise InputError(f"label {name}: stands in two places, must be in one")
+        self._labels[name] = self.here
+
+    def goto(self, line: int, label: str) -> None:
+        """Jump to a label."""
+        self._to_label(self.jump(line), label)
+
+    def gosub(self, line: int, label: str) -> None:
+        """Call the subroutine at a label."""
+        after = self.here + 1
+        statement = self.emit(line, lambda frame: frame.call(after, statement.target))
+        self._to_label(statement, label)
+
+    def leave(self, line: int) -> None:
+        """Return from a subroutine."""
+        self.emit(line, lambda frame: frame.leave())
+
+    def goto_one_of(self, line: int, choice: Callable[[FrameType], int], labels: Sequence[str]) -> None:
+        """Jump to the label of a number from 1 on, to none where it has none."""
+        targets: dict[int, int] = {}
+        self._choose(line, choice, targets, lambda frame, target: target)
+        self._to_labels(line, targets, labels)
+
+    def gosub_one_of(self, line: int, choice: Callable[[FrameType], int], labels: Sequence[str]) -> None:
+        """Call the subroutine at the label of a number from 1 on, none where it has none."""
+        targets: dict[int, int] = {}
+        after = self.here + 1
+        self._choose(line, choice, targets, lambda frame, target: frame.call(after, target))
+        self._to_labels(line, targets, labels)
+
+    def _choose(
+        self,
+        line: int,
+        choice: Callable[[FrameType], int],
+        targets: dict[int, int],
+        jump: Callable[[FrameType, int], int],
+    ) -> None:
+        def act(frame: FrameType) -> int | None:
+            target = targets.get(choice(frame))
+            return None if target is None else jump(frame, target)
+
+        self.emit(line, act)
+
+    def _to_label(self, statement: Statement[FrameType], label: str) -> None:
+        def fill_in(target: int) -> None:
+            statement.target = target
+
+        self._jumps.append((label.upper(), statement.line, fill_in))
+
+    def _to_labels(self, line: int, targets: dict[int, int], labels: Sequence[str]) -> None:
+        for k, label in enumerate(labels, 1):
+
+            def fill_in(target: int, k: int = k) -> None:
+                targets[k] = target
+
+            self._jumps.append((label.upper(), line, fill_in))

@@ -1,0 +1,111 @@
+"""Code: statements in one list with jumps, and the frame in which it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Generic, NamedTuple, TypeVar
+
+from gantrysim.base.errors import InputError
+
+STATEMENT = "statement"  # kind of statement with no time of its own
+MOST_RETURNS = 256  # nested GOSUBs
+
+FrameType = TypeVar("FrameType", bound="Frame")
+Act = Callable[[FrameType], int | None]
+
+
+@dataclass
+class Statement(Generic[FrameType]):
+    """A statement.
+
+    Attributes:
+        line: of the text.
+        act: executes it; returns the index of the next statement, None for the following one.
+        cost: kind of statement that its time is counted as; None for a part of the statement before, without time.
+        pure: whether it only tests and jumps.
+        target: index of the statement that it jumps to.
+    """
+
+    line: int
+    act: Act[FrameType]
+    cost: str | None = STATEMENT
+    pure: bool = False
+    target: int = -1
+
+
+Code = list[Statement[FrameType]]
+
+
+class Loop(NamedTuple):
+    """A FOR loop under way.
+
+    Attributes:
+        value: returns the value of its variable.
+        assign: sets the variable.
+        end: last value.
+        step: added on every pass, not 0.
+    """
+
+    value: Callable[[], float]
+    assign: Callable[[float], None]
+    end: float
+    step: float
+
+    @property
+    def inside(self) -> bool:
+        """Whether the variable has not passed the end."""
+        value = self.value()
+        return value <= self.end if self.step > 0 else value >= self.end
+
+
+@dataclass
+class Frame:
+    """Code under way with its variables: a program, or a call of a routine.
+
+    Attributes:
+        code: its statements.
+        variables: of this frame, by name.
+        shared: variables that all frames of a program see, unless they have one of that name.
+        position: index of the next statement.
+        returns: indices of the statements that GOSUBs return to.
+        loops: those whose FOR was run, by its index.
+    """
+
+    code: Code[Any] = field(default_factory=list)
+    variables: dict[str, Any] = field(default_factory=dict)
+    shared: dict[str, Any] = field(default_factory=dict)
+    position: int = 0
+    returns: list[int] = field(default_factory=list)
+    loops: dict[int, Loop] = field(default_factory=dict)
+
+    def find(self, name: str) -> Any:
+        """Return what a name stands for, of this frame or shared; None where it is unknown."""
+        return self.variables.get(name) or self.shared.get(name)
+
+    def execute(self, statement: Statement[Any]) -> int | None:
+        """Execute a statement and return the index that it jumps to, None for the following one."""
+        goal = statement.act(self)
+        self.position = self.position + 1 if goal is None else goal
+        return goal
+
+    def call(self, after: int, target: int) -> int:
+        """Return the index of a subroutine, and remember where it returns to.
+
+        Raises:
+            InputError: too many calls within one another.
+        """
+        if len(self.returns) >= MOST_RETURNS:
+            raise InputError(f"GOSUB nested more than {MOST_RETURNS} deep: must return before")
+        self.returns.append(after)
+        return target
+
+    def leave(self) -> int:
+        """Return the index that a subroutine returns to.
+
+        Raises:
+            InputError: no subroutine was called.
+        """
+        if not self.returns:
+            raise InputError("RETURN without GOSUB")
+        return self.returns.pop()

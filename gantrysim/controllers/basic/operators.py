@@ -1,0 +1,91 @@
+"""Operators by rank, and the reading of flat expressions with them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar
+
+Evaluate = Callable[[Any], Any]  # from the frame in which an expression is evaluated to its value
+Join = Callable[..., Evaluate]  # from the sign as the text has it, and the operands' evaluations
+
+
+@dataclass(frozen=True)
+class Operator:
+    """An operator of a dialect.
+
+    Attributes:
+        rank: the higher binds the tighter.
+        join: returns the evaluation of the result, given the sign and the operands' evaluations.
+        from_right: whether operators of this rank are taken from the right, as powers are.
+    """
+
+    rank: int
+    join: Join
+    from_right: bool = False
+
+
+def of_values(function: Callable[..., Any]) -> Join:
+    """Return what joins operands by a function of their values, all of which are evaluated."""
+
+    def join(sign: str, first: Evaluate, second: Evaluate | None = None) -> Evaluate:
+        if second is None:
+            return lambda frame: function(first(frame))
+        return lambda frame: function(first(frame), second(frame))
+
+    return join
+
+
+def of_sign_and_values(function: Callable[..., Any]) -> Join:
+    """Return what joins operands by a function of the operator's sign and their values."""
+    return lambda sign, *operands: of_values(partial(function, sign))(sign, *operands)
+
+
+_Operand = TypeVar("_Operand")
+Apply = Callable[[str, Operator, list[_Operand]], _Operand]
+
+
+@dataclass(frozen=True)
+class Operators:
+    """All operators of a dialect.
+
+    Attributes:
+        before: those that stand before their operand, by sign in capitals.
+        between: those that stand between two operands.
+    """
+
+    before: Mapping[str, Operator]
+    between: Mapping[str, Operator]
+
+    def read(self, parts: Iterable[_Operand | str], apply: Apply[_Operand]) -> _Operand:
+        """Return the operand that a flat expression stands for, by Dijkstra's shunting yard.
+
+        A grammar with a rule per rank takes a step per rank for every number; a flat one leaves the ranks to this.
+
+        Args:
+            parts: operands and signs in their order; a sign is a text, an operand is not.
+            apply: returns the operand that an operator makes, given its sign, itself and its operands.
+        """
+        operands: list[_Operand] = []
+        waiting: list[tuple[str, Operator, int]] = []  # with the number of its operands
+
+        def reduce(least_rank: int) -> None:
+            while waiting and waiting[-1][1].rank >= least_rank:
+                sign, operator, count = waiting.pop()
+                operands[-count:] = [apply(sign, operator, operands[-count:])]
+
+        expects_operand = True
+        for part in parts:
+            if not isinstance(part, str):
+                operands.append(part)
+                expects_operand = False
+            elif expects_operand:
+                waiting.append((part, self.before[part.upper()], 1))
+            else:
+                operator = self.between[part.upper()]
+                reduce(operator.rank + operator.from_right)
+                waiting.append((part, operator, 2))
+                expects_operand = True
+        reduce(0)
+        return operands[0]

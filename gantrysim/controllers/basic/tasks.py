@@ -1,0 +1,144 @@
+"""Tasks: programs that run beside one another, statement by statement, each by its clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from gantrysim.base.errors import InputError
+from gantrysim.controllers.basic.code import Frame
+
+MOST_PER_TICK = 1000  # statements of a task within a tick, where they cost no time
+_EARLY = 1e-9  # of a tick: rounding of the times of statements
+
+
+class StatementClock:
+    """The number of statements that are executed, and the time that each takes.
+
+    Args:
+        times: of a statement, by its kind [s].
+        most: statements.
+        refusal: message where there are more.
+
+    Attributes:
+        count: statements begun.
+        line: of the statement begun last.
+    """
+
+    def __init__(self, times: Mapping[str, float], most: int, refusal: str) -> None:
+        self.times: dict[str | None, float] = {None: 0.0}
+        for kind, time in times.items():
+            self.times[kind] = time
+        self.count = 0
+        self.line = 0
+        self._most = most
+        self._refusal = refusal
+
+    def begin(self, line: int) -> None:
+        """Count a statement.
+
+        Raises:
+            InputError: there are too many.
+        """
+        self.line = line
+        self.count += 1
+        if self.count > self._most:
+            raise InputError(self._refusal)
+
+
+@dataclass
+class Task(Frame):
+    """A running program.
+
+    Attributes:
+        ready: time from which its next statement is executed [s].
+        blocked: whether what it waits for has come about; None where it waits for nothing.
+        polls: whether that may come about without the end of a move.
+        changed: whether it has done more than test and jump since the last backward jump.
+        last_pass: position, tick and `ready` of that jump.
+        ended: whether it has stopped.
+        line: of the statement executed last.
+    """
+
+    ready: float = 0.0
+    blocked: Callable[[], bool] | None = None
+    polls: bool = False
+    changed: bool = True
+    last_pass: tuple[int, int, float] = (-1, -1, 0.0)
+    ended: bool = False
+    line: int = 0
+
+
+class Scheduler:
+    """Executes the statements of tasks that are due at a tick.
+
+    A statement takes the time of its kind, after which the next one is due. What is commanded takes effect at ticks
+    alone, so that between two of them only tasks change what tasks see.
+
+    Args:
+        clock: of all tasks.
+        period: from one tick to the next [s].
+    """
+
+    def __init__(self, clock: StatementClock, period: float) -> None:
+        self._clock = clock
+        self._period = period
+
+    def execute(self, task: Task, tick: int) -> None:
+        """Execute the statements of a task that are due at a tick.
+
+        Raises:
+            InputError: a statement fails, with its line.
+        """
+        now = tick * self._period
+        try:
+            self._execute(task, tick, now)
+        except ZeroDivisionError:
+            raise InputError(f"line {task.line}: division by zero") from None
+        except InputError as error:
+            text = str(error)
+            raise InputError(text if text.startswith("line ") else f"line {task.line}: {text}") from None
+        except (OverflowError, ValueError):
+            raise InputError(f"line {task.line}: no number, the operands are out of range") from None
+
+    def _execute(self, task: Task, tick: int, now: float) -> None:
+        if task.blocked is not None and not task.ended:
+            if not task.blocked():
+                return
+            task.blocked = None
+            task.polls = False
+            task.ready = max(task.ready, now)
+        due = now + _EARLY * (now + self._period)
+        count = 0
+        while task.ready <= due and not task.ended and task.blocked is None:
+            if task.position >= len(task.code):
+                task.ended = True
+            elif count >= MOST_PER_TICK and task.ready <= now:
+                task.ready = now + self._period
+            else:
+                count += 1
+                self._step(task, tick, due)
+
+    def _step(self, task: Task, tick: int, due: float) -> None:
+        position = task.position
+        statement = task.code[position]
+        task.line = statement.line
+        self._clock.begin(statement.line)
+        goal = task.execute(statement)
+        task.ready += self._clock.times[statement.cost]
+        task.changed |= not statement.pure
+        if goal is not None and goal <= position:
+            self._skip_idle_passes(task, tick, due)
+
+    def _skip_idle_passes(self, task: Task, tick: int, due: float) -> None:
+        """Skip the passes of a loop that only tests: until the next tick nothing changes for it."""
+        position, tick_of_last, ready = task.last_pass
+        if not task.changed and (position, tick_of_last) == (task.position, tick):
+            pass_time = task.ready - ready
+            if pass_time > 0:
+                task.ready += max(math.floor((due - task.ready) / pass_time), 0) * pass_time
+            else:
+                task.ready = (tick + 1) * self._period
+        task.last_pass = (task.position, tick, task.ready)
+        task.changed = False

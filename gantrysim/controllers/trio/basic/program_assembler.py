@@ -1,0 +1,24 @@
+"""The assembler of a program, to which its statements add themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from gantrysim.controllers.basic.assembler import Assembler
+from gantrysim.controllers.trio.basic.process import Process
+from gantrysim.controllers.trio.basic.raw import Raw
+
+
+class ProgramAssembler(Assembler[Process]):
+    """Assembles a program.
+
+    Attributes:
+        assigned: variables that a statement assigns.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.assigned: set[str] = set()
+
+
+Handler = Callable[[ProgramAssembler, Raw], None]

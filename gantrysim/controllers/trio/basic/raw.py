@@ -1,0 +1,90 @@
+"""Statements and words as they stand in the text, before they are assembled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from gantrysim.base.errors import InputError
+from gantrysim.controllers.trio.basic.process import Process
+
+Evaluate = Callable[[Process], float]
+
+
+@dataclass(frozen=True)
+class Expression:
+    """An expression.
+
+    Attributes:
+        value: evaluates it.
+        depth: of its nesting.
+    """
+
+    value: Evaluate
+    depth: int = 1
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A word with what belongs to it: a variable, a parameter, a function or a command.
+
+    Attributes:
+        name: in capitals.
+        arguments: None without brackets.
+        axis: of AXIS(), None without.
+        line: of the text.
+        spelled: as in the text.
+    """
+
+    name: str
+    arguments: tuple[Expression, ...] | None
+    axis: Expression | None
+    line: int
+    spelled: str
+
+    def count(self, least: int, most: int) -> tuple[Expression, ...]:
+        """Return the arguments, or raise InputError where their number is out of bounds."""
+        arguments = self.arguments or ()
+        if not least <= len(arguments) <= most:
+            wanted = str(least) if least == most else f"{least} to {most}"
+            raise InputError(f"{self.name} with {len(arguments)} values: must have {wanted}")
+        return arguments
+
+    def plain(self, arguments: int, axis: bool = False) -> tuple[Expression, ...]:
+        """Return the arguments of a word that takes so many, and AXIS() if `axis`."""
+        if self.axis is not None and not axis:
+            raise InputError(f"{self.name} AXIS(): {self.name} does not belong to an axis")
+        return self.count(arguments, arguments)
+
+
+@dataclass(frozen=True)
+class Raw:
+    """A statement as it stands in the text.
+
+    Attributes:
+        kind: name of its function in `flow` or `statements`, without the prefix.
+        line: of the text.
+        data: its parts.
+        inline: of IF: whether its branch stands in the same line.
+    """
+
+    kind: str
+    line: int
+    data: tuple[Any, ...] = ()
+    inline: bool = False
+
+
+@dataclass
+class Source:
+    """One program of a text.
+
+    Attributes:
+        name: in capitals.
+        lines: its statements, line by line.
+        read: variables that it reads, with the line of the first time.
+    """
+
+    name: str
+    lines: list[list[Raw]] = field(default_factory=list)
+    read: dict[str, int] = field(default_factory=dict)
