@@ -52,8 +52,6 @@ NOT_YET: dict[str, dict[str, int]] = {
     "render": {"names": 18, "assignments": 56, "parameters": 2},
     # drawings
     "drawings": {"names": 38, "assignments": 3, "modules": 1},
-    # paths
-    "paths": {"names": 47, "assignments": 11, "parameters": 6, "modules": 2},
     # engine
     "engine": {"names": 40, "assignments": 20, "parameters": 3},
     # faults

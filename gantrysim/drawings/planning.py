@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.drawings.corners import SMOOTH, tangent
 from gantrysim.drawings.routing import Route
-from gantrysim.paths.limits import Limited, fastest, nodes, velocity_bound
+from gantrysim.paths.limits import Derivatives, Limited, fastest, nodes, velocity_bound
 from gantrysim.paths.pieces import Coil
 
 # Largest angle of an arc between two nodes, within which the acceleration of an axis exceeds its limit by a share of an
@@ -106,7 +106,7 @@ def planned(route: Route, velocity: ArrayLike, acceleration: ArrayLike, jump: fl
     rests = np.isin(piece, pauses) & (s == edges[piece + 1])
     if limited.any():
         speed[rests] = 0.0
-    base = fastest(s, speed, first, second, velocity, acceleration)
+    base = fastest(Derivatives(s, first, second), speed, velocity, acceleration)
     return Paused(base, chain.ends[pauses], np.array([legs[k].pause for k in pauses]))
 
 

@@ -75,18 +75,19 @@ class ArcChain(Path):
         return self._s[1:]
 
     def _locate(self, s: ArrayLike) -> tuple[NDArray[np.intp], Floats]:
+        """Return the pieces at arc lengths, and the distances from their starts, (n,) each."""
         arc_length = np.atleast_1d(np.asarray(s, float))
         k = np.clip(np.searchsorted(self._s, arc_length, side="right") - 1, 0, self.pieces - 1)
         return k, arc_length - self._s[k]
 
     def position(self, s: ArrayLike) -> Floats:
-        k, rest = self._locate(s)
-        steps = _arc(self._theta[k], self._kappa[k], rest * self._cosine[k], rest * self._sine[k])
+        k, distance = self._locate(s)
+        steps = _arc(self._theta[k], self._kappa[k], distance * self._cosine[k], distance * self._sine[k])
         return self._points[k] + steps
 
     def heading(self, s: ArrayLike) -> Floats:
-        k, rest = self._locate(s)
-        return self._theta[k] + self._kappa[k] * self._cosine[k] * rest
+        k, distance = self._locate(s)
+        return self._theta[k] + self._kappa[k] * self._cosine[k] * distance
 
     def curvature(self, s: ArrayLike) -> Floats:
         k = self._locate(s)[0]

@@ -49,6 +49,23 @@ class _Places(NamedTuple):
     swept: Floats
 
 
+class _Columns(NamedTuple):
+    """The pieces of a chain as compiled functions take them, a row each; see `ROW`, and the sine of a line's climb."""
+
+    coil: NDArray[np.bool_]
+    frame: Floats
+    origin: Floats
+    direction: Floats
+    straight: Floats
+    heading: Floats
+    radius: Floats
+    growth: Floats
+    rise: Floats
+    begin: Floats
+    turn: Floats
+    angle: Floats
+
+
 class Chain(Path):
     """Consecutive pieces; each begins at the end of the one before.
 
@@ -65,14 +82,15 @@ class Chain(Path):
 
     def __init__(self, pieces: Iterable[Line | Coil | Mapping[str, Any]]) -> None:
         built = [piece if isinstance(piece, Line | Coil) else piece_from(piece) for piece in pieces]
-        kept = [(piece, length) for piece in built if (length := length_of(piece)) > SHORTEST]
-        if not kept:
+        lengths = [length_of(piece) for piece in built]
+        positive = [(piece, length) for piece, length in zip(built, lengths, strict=True) if length > SHORTEST]
+        if not positive:
             raise InputError("chain: must have a piece of positive length")
-        self.pieces: tuple[Line | Coil, ...] = tuple(piece for piece, _ in kept)
-        self._s = np.cumsum([0.0, *(length for _, length in kept)])
+        self.pieces: tuple[Line | Coil, ...] = tuple(piece for piece, _ in positive)
+        self._s = np.cumsum([0.0, *(length for _, length in positive)])
         if self.length == math.inf:
             raise InputError("chain: length = inf mm: must be finite")
-        rows = np.array([row_of(piece, length) for piece, length in kept], ROW)
+        rows = np.array([row_of(piece, length) for piece, length in positive], ROW)
         self._columns: Columns = {name: np.ascontiguousarray(rows[name]) for name in ROW.names or ()}
         frame = self._columns["frame"]
         frame[:, 2] = np.cross(frame[:, 0], frame[:, 1])
@@ -94,18 +112,21 @@ class Chain(Path):
 
     def _join_headings(self) -> None:
         """Make the headings continuous except at corners."""
-        ends = np.arange(len(self.pieces)), np.diff(self._s)
-        first = self._at(ends[0], 0 * ends[1]).heading
-        last = self._at(*ends).heading
+        pieces = np.arange(len(self.pieces))
+        lengths = np.diff(self._s)
+        first = self._at(pieces, 0 * lengths).heading
+        last = self._at(pieces, lengths).heading
         frame = self._columns["frame"]
         direction = self._columns["direction"]
-        flat = np.linalg.norm(np.einsum("kij,kj->ki", frame[:, :2], direction), axis=1)
-        normal = ~self._columns["coil"] & (flat < 1e-9)  # lines along the normal
+        in_plane = np.linalg.norm(np.einsum("kij,kj->ki", frame[:, :2], direction), axis=1)
+        along_normal = ~self._columns["coil"] & (in_plane < 1e-9)
         before = None
         headings = self._columns["heading"].tolist()
         for k, (begin, end) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
-            if normal[k]:
-                headings[k] = before = 0.0 if before is None else before
+            if along_normal[k]:  # such a line has no heading of its own
+                if before is None:
+                    before = 0.0
+                headings[k] = before
                 continue
             turns = 0.0 if before is None else math.tau * round((before - begin) / math.tau)
             headings[k] += turns
@@ -141,22 +162,24 @@ class Chain(Path):
         return spacing.pop() if len(spacing) == 1 else None
 
     def _locate(self, s: ArrayLike) -> tuple[NDArray[np.intp], Floats]:
-        at = np.atleast_1d(np.asarray(s, float))
-        k = np.clip(np.searchsorted(self._s, at, side="right") - 1, 0, len(self.pieces) - 1)
-        return k, at - self._s[k]
+        arc_length = np.atleast_1d(np.asarray(s, float))
+        k = np.clip(np.searchsorted(self._s, arc_length, side="right") - 1, 0, len(self.pieces) - 1)
+        return k, arc_length - self._s[k]
 
-    def _at(self, k: NDArray[np.intp], rest: Floats) -> _Places:
-        return _Places(*_values(k, rest, *(self._columns[name] for name in _COLUMNS)))
+    def _at(self, k: NDArray[np.intp], distance: Floats) -> _Places:
+        columns = _Columns(*(self._columns[name] for name in _Columns._fields))
+        return _Places(*_values(k, distance, columns))
 
     def position(self, s: ArrayLike) -> Floats:
         return self._at(*self._locate(s)).point
 
     def progress(self, s: ArrayLike) -> tuple[NDArray[np.intp], Floats]:
         """Piece at arc lengths, (n,), and the completed share of its angle, or of a line's length, (n,)."""
-        k, rest = self._locate(s)
+        k, distance = self._locate(s)
         coil = self._columns["coil"][k]
-        angle = self._columns["angle"][k]
-        return k, np.where(coil, self._at(k, rest).swept / np.where(coil, angle, 1.0), rest / np.diff(self._s)[k])
+        angle = np.where(coil, self._columns["angle"][k], 1.0)
+        share_of_angle = self._at(k, distance).swept / angle
+        return k, np.where(coil, share_of_angle, distance / np.diff(self._s)[k])
 
     def heading(self, s: ArrayLike) -> Floats:
         return self._at(*self._locate(s)).heading
@@ -168,38 +191,18 @@ class Chain(Path):
         return self._at(*self._locate(s)).climb
 
     def local(self, s: ArrayLike) -> Local:
-        k, rest = self._locate(s)
-        here = self._at(k, rest)
-        return Local.of(here.point, here.heading, here.climb, self._columns["frame"][k], here.turning)
+        k, distance = self._locate(s)
+        places = self._at(k, distance)
+        return Local.of(places.point, places.heading, places.climb, self._columns["frame"][k], places.turning)
 
     def frame(self, s: ArrayLike) -> Floats:
         return self._columns["frame"][self._locate(s)[0]]
 
 
-_COLUMNS = (
-    *("coil", "frame", "origin", "direction", "straight", "heading"),
-    *("radius", "growth", "rise", "begin", "turn", "angle"),
-)
-
-
 @jit
-def _values(
-    k: NDArray[np.intp],
-    rest: Floats,
-    coil: NDArray[np.bool_],
-    frame: Floats,
-    origin: Floats,
-    direction: Floats,
-    straight: Floats,
-    offset: Floats,
-    radius: Floats,
-    growth: Floats,
-    rise: Floats,
-    begin: Floats,
-    turn: Floats,
-    angle: Floats,
-) -> tuple[Floats, ...]:
-    """Return the fields of `_Places` at lengths from the starts of the pieces k; the others are a chain's columns."""
+def _values(k: NDArray[np.intp], distance: Floats, columns: _Columns) -> tuple[Floats, ...]:
+    """Return the fields of `_Places` at distances from the starts of the pieces k."""
+    frame = columns.frame
     n = k.size
     point = np.empty((n, 3))
     heading = np.empty(n)
@@ -209,22 +212,26 @@ def _values(
     for i in range(n):
         j = k[i]
         for a in range(3):
-            point[i, a] = origin[j, a] + rest[i] * direction[j, a]
-        heading[i], climb[i] = offset[j], straight[j]
-        if not coil[j]:
+            point[i, a] = columns.origin[j, a] + distance[i] * columns.direction[j, a]
+        heading[i] = columns.heading[j]
+        climb[i] = columns.straight[j]
+        if not columns.coil[j]:
             continue
-        b = growth[j]
-        c = rise[j]
-        swept[i] = phi = swept_angle(radius[j], b, np.hypot(b, c), rest[i], angle[j])  # type: ignore[no-untyped-call]
-        rho = radius[j] + b * phi
-        psi = begin[j] + turn[j] * phi
+        radius = columns.radius[j]
+        turn = columns.turn[j]
+        b = columns.growth[j]
+        c = columns.rise[j]
+        phi = swept_angle(radius, b, np.hypot(b, c), distance[i], columns.angle[j])  # type: ignore[no-untyped-call]
+        swept[i] = phi
+        rho = radius + b * phi
+        psi = columns.begin[j] + turn * phi
         x = rho * np.cos(psi)
         y = rho * np.sin(psi)
         z = c * phi
         for a in range(3):
             point[i, a] += x * frame[j, 0, a] + y * frame[j, 1, a] + z * frame[j, 2, a]
-        heading[i] += begin[j] + turn[j] * (phi + np.arctan2(max(rho, 0.0), b))
+        heading[i] += columns.begin[j] + turn * (phi + np.arctan2(max(rho, 0.0), b))
         climb[i] = c / max(np.hypot(np.hypot(rho, b), c), SHORTEST)
         flat = rho * rho + b * b
-        turning[i] = turn[j] * (flat + b * b) / max(flat * np.sqrt(flat + c * c), SHORTEST**3)
+        turning[i] = turn * (flat + b * b) / max(flat * np.sqrt(flat + c * c), SHORTEST**3)
     return point, heading, climb, turning, swept

@@ -58,20 +58,23 @@ def _antiderivative(rho, c):
 
 @jit
 def _arc_lengths(r, b, c, angle):
-    found = np.empty(r.size)
+    lengths = np.empty(r.size)
     for k in range(r.size):
-        found[k] = _length(r[k], b[k], c[k], angle[k])
-    return found
+        lengths[k] = _length(r[k], b[k], c[k], angle[k])
+    return lengths
 
 
 @jit
 def swept_along(r, b, c, s, most):
     """Return the angles from 0 to `most` at which the arc lengths are s, (n,), see `swept_angle` [rad]."""
-    found = np.empty(s.size)
+    angles = np.empty(s.size)
     rate = np.hypot(r, c)
     for k in range(s.size):
-        found[k] = _guess(rate, b, s[k], most) if b * c == 0.0 else swept_angle(r, b, c, s[k], most)
-    return found
+        if b * c == 0.0:
+            angles[k] = _guess(rate, b, s[k], most)
+        else:
+            angles[k] = swept_angle(r, b, c, s[k], most)
+    return angles
 
 
 @inner_jit

@@ -10,6 +10,7 @@ can still be reached; one forward pass takes the highest reachable speeds below.
 from __future__ import annotations
 
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,8 +37,8 @@ class Limited:
         self._v = speed
         unlimited = ~np.isfinite(speed)
         if unlimited.any():
-            at = s[unlimited][0]
-            raise InputError(f"speed = {speed[unlimited][0]:g} mm/s at {at:g} mm of the path: must be finite")
+            place = s[unlimited][0]
+            raise InputError(f"speed = {speed[unlimited][0]:g} mm/s at {place:g} mm of the path: must be finite")
         total = speed[1:] + speed[:-1]
         step = np.diff(s)
         stuck = (total <= 0) & (step > 0)
@@ -69,30 +70,34 @@ class Limited:
         return float(self._v[k]), float(self._s[k])
 
     def _locate(self, t: ArrayLike) -> tuple[NDArray[np.intp], Floats, Floats]:
-        at = np.clip(np.asarray(t, float), 0.0, self.duration)
-        k = np.clip(np.searchsorted(self._t, at, side="right") - 1, 0, self._dt.size - 1)
+        """Return the intervals at times, the times since their beginnings, and their accelerations, (n,) each."""
+        time = np.clip(np.asarray(t, float), 0.0, self.duration)
+        k = np.clip(np.searchsorted(self._t, time, side="right") - 1, 0, self._dt.size - 1)
         rate = np.divide(self._v[k + 1] - self._v[k], self._dt[k], out=np.zeros(k.shape), where=self._dt[k] > 0)
-        return k, at - self._t[k], rate
+        return k, time - self._t[k], rate
 
     def position(self, t: ArrayLike) -> Floats:
-        k, rest, rate = self._locate(t)
-        return np.clip(self._s[k] + rest * (self._v[k] + 0.5 * rate * rest), 0.0, self.length)
+        k, elapsed, rate = self._locate(t)
+        return np.clip(self._s[k] + elapsed * (self._v[k] + 0.5 * rate * elapsed), 0.0, self.length)
 
     def velocity(self, t: ArrayLike) -> Floats:
-        k, rest, rate = self._locate(t)
-        at = np.asarray(t, float)
-        return np.where((at >= 0) & (at <= self.duration), self._v[k] + rate * rest, 0.0)
+        k, elapsed, rate = self._locate(t)
+        time = np.asarray(t, float)
+        return np.where((time >= 0) & (time <= self.duration), self._v[k] + rate * elapsed, 0.0)
 
     def reached(self, s: float) -> float:
         """Return the time at which the arc length s is reached [s]."""
         k = int(np.clip(np.searchsorted(self._s, s, side="left") - 1, 0, self._dt.size - 1))
         low = self._v[k]
         high = self._v[k + 1]
-        rest = max(s - self._s[k], 0.0)
+        distance = max(s - self._s[k], 0.0)
+        if not distance > 0:
+            return float(self._t[k])
         step = self._s[k + 1] - self._s[k]
-        share = min(rest / step, 1.0) if step > 0 else 1.0
-        at = np.sqrt((1 - share) * low**2 + share * high**2)
-        return float(self._t[k] + (2 * rest / (low + at) if rest > 0 else 0.0))
+        share = min(distance / step, 1.0) if step > 0 else 1.0
+        # v² is linear in s
+        speed = np.sqrt((1 - share) * low**2 + share * high**2)
+        return float(self._t[k] + 2 * distance / (low + speed))
 
 
 def nodes(ends: ArrayLike, step: ArrayLike) -> tuple[Floats, NDArray[np.intp]]:
@@ -142,11 +147,23 @@ def velocity_bound(s: Floats, first: Floats, velocity: ArrayLike) -> Floats:
         return (np.asarray(velocity, float) / largest).min(axis=1)
 
 
+class Derivatives(NamedTuple):
+    """Derivatives of the axes' positions by the arc length, at nodes of a path.
+
+    Attributes:
+        s: nodes, (m,), not descending; two at the same place where q'' jumps [mm].
+        first: q', (m, axes) [mm/mm].
+        second: q'', (m, axes) [mm/mm²].
+    """
+
+    s: Floats
+    first: Floats
+    second: Floats
+
+
 def fastest(
-    s: Floats,
+    derivatives: Derivatives,
     speed: ArrayLike,
-    first: Floats,
-    second: Floats,
     velocity: ArrayLike,
     acceleration: ArrayLike,
     begin: float = 0.0,
@@ -158,10 +175,8 @@ def fastest(
     limits by the change of q'' over half a step, for which a thousandth of the limits is reserved.
 
     Args:
-        s: nodes, (m,), not descending; two at the same place where q'' jumps [mm].
+        derivatives: of the axes' positions at the nodes.
         speed: largest path speed at each node, one for all or (m,); 0 is a halt [mm/s].
-        first: q', (m, axes) [mm/mm].
-        second: q'', (m, axes) [mm/mm²].
         velocity: limits of the axes, (axes,); inf for none [mm/s].
         acceleration: limits of the axes, (axes,); inf for none [mm/s²].
         begin: path speed at the start, if any acceleration is limited [mm/s].
@@ -170,6 +185,7 @@ def fastest(
     Raises:
         InputError: the limits do not allow the speed `begin`.
     """
+    s, first, second = derivatives
     top = np.broadcast_to(np.asarray(speed, float), s.shape) ** 2
     limit = np.asarray(acceleration, float) * (1 - MARGIN)
     with np.errstate(divide="ignore", invalid="ignore"):

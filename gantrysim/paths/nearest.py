@@ -1,102 +1,69 @@
-"""The feet of a trace on a path, as entries of a table of points along it, in the order of the motion."""
+"""The feet of a trace on a path, as entries of a table of points along it, in the order of the motion; compiled."""
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import inner_jit, jit
+from gantrysim.paths.minima import Minima, Table, find_minima, first_near_entry, nearest_entry, square_distance
 
 # A foot advances by at most _REACH more than four times the point's step, and goes back by at most _BACK more than it
-# [mm]; of all feet that a point may have, the best _KEPT are followed.
+# [mm]; of all sequences of feet up to a point, the best _BEAM are continued.
 _REACH = 10.0
 _BACK = 1.0
-_KEPT = 8
+_BEAM = 8
 _AROUND = 12  # entries about the first foot that are searched for a nearer one
 _WEIGHT = 0.02  # of the distance from the path, per mm of the trace, against the difference in progress [1/mm]
 # Between two points with others left out between them the path may go with the trace, or leave that motion out: any
 # progress from the distance of the two to the length of the trace between them is likely, and that length the likelier.
-_LEFT_OUT = 0.1  # weight of the rest of the length against a progress beyond either
+_LEFT_OUT = 0.1  # weight of the remaining length against a progress beyond either
 _ROUNDING = 1e-9  # of lengths [mm]
-_CANDIDATES = 1024  # minima about a point that are looked at
+_CANDIDATES = 1024  # minima about a point that are considered
 
 
-@inner_jit
-def _square(a, b):
-    """Squared distance of two points."""
-    x = a[0] - b[0]
-    y = a[1] - b[1]
-    z = a[2] - b[2]
-    return x * x + y * y + z * z
+class Trace(NamedTuple):
+    """Points in the order of a motion.
 
-
-@inner_jit
-def _nearest(table, point, low, high):
-    """Index of the first entry nearest to a point, from low to high inclusive."""
-    best = low
-    least = np.inf
-    for i in range(max(low, 0), min(high, len(table) - 1) + 1):
-        square = _square(table[i], point)
-        if square < least:
-            best = i
-            least = square
-    return best
-
-
-@inner_jit
-def _first(table, point, spacing):
-    """Index of the first entry as near to a point as the nearest, within the table's spacing."""
-    nearest = table[_nearest(table, point, 0, len(table) - 1)]
-    bound = np.sqrt(_square(nearest, point)) + spacing
-    for i in range(len(table)):
-        if _square(table[i], point) <= bound * bound:
-            return i
-    return 0
-
-
-@inner_jit
-def _vertex(before, square, after):
-    """Place of the vertex of a parabola through three squared distances, in entries from the middle one, -1 to 1."""
-    second = before - 2 * square + after
-    return min(max(0.5 * (before - after) / second, -1.0), 1.0) if second > 0 else 0.0
-
-
-@inner_jit
-def _minima(table, point, low, high, found, place, distance):
-    """Find the entries from low to high that are nearer to a point than their neighbours; return their number.
-
-    Without any, it is the nearest; an end of the table needs one neighbour only.
-
-    Args:
-        table: points along the path, (m, 3) [mm].
-        point: (3,) [mm].
-        low: first entry.
-        high: last entry.
-        found: into whose first elements their indices are written, (c,).
-        place: likewise where the distance is least about each, in entries, (c,).
-        distance: likewise the distances, (c,) [mm].
+    Attributes:
+        points: (n, 3) [mm].
+        travel: length of the trace from the point before where others between them are left out, 0 elsewhere, (n,)
+            [mm].
     """
-    count = 0
-    best = low
-    least = np.inf
-    before = np.inf if low == 0 else _square(table[low - 1], point)
-    square = _square(table[low], point)
-    for i in range(low, high + 1):
-        after = np.inf if i == len(table) - 1 else _square(table[i + 1], point)
-        if square <= before and square < after and count < len(found):
-            found[count], distance[count] = i, np.sqrt(square)
-            place[count] = i + (_vertex(before, square, after) if 0 < i < len(table) - 1 else 0.0)
-            count += 1
-        if square < least:
-            best = i
-            least = square
-        before = square
-        square = after
-    if count == 0:
-        found[0], place[0], distance[0] = best, best, np.sqrt(least)
-        return 1
-    return count
+
+    points: Floats
+    travel: Floats
+
+
+class Sequences(NamedTuple):
+    """Sequences of feet that are continued at each point of a trace, as Viterbi's algorithm stores them.
+
+    Attributes:
+        entry: candidates of each point, (n, _BEAM).
+        origin: which candidate of the point before each of them follows, (n, _BEAM).
+        candidates: number of candidates of each point, (n,).
+    """
+
+    entry: NDArray[np.int32]
+    origin: NDArray[np.int8]
+    candidates: NDArray[np.int64]
+
+
+class Ends(NamedTuple):
+    """Ends of the sequences at the last point so far, one per candidate.
+
+    Attributes:
+        cost: of the sequence, above that of the best, (_BEAM,).
+        place: of the foot, in entries, (_BEAM,).
+    """
+
+    cost: Floats
+    place: Floats
 
 
 @inner_jit
@@ -110,17 +77,17 @@ def _range(values, count):
 
 
 @inner_jit
-def _start(table, point, spacing, begin):
+def _start(table, point, begin):
     """Return the index of the entry at the first foot of a trace that begins at a point; arguments as in `along`."""
-    last_entry = len(table) - 1
+    points = table.points
     if begin < 0:
-        first = _first(table, point, spacing)
+        first = first_near_entry(table, point)
         reach = 2
     else:
-        first = min(begin, last_entry)
-        reach = int((2 * np.sqrt(_square(point, table[first])) + _BACK) / spacing)
-    first = _nearest(table, point, first - reach, first + reach)
-    return _nearest(table, point, first - _AROUND, first + _AROUND)
+        first = min(begin, len(points) - 1)
+        reach = int((2 * np.sqrt(square_distance(point, points[first])) + _BACK) / table.spacing)
+    first = nearest_entry(points, point, first - reach, first + reach)
+    return nearest_entry(points, point, first - _AROUND, first + _AROUND)
 
 
 @inner_jit
@@ -139,75 +106,77 @@ def _misfit(advance, step, length):
 
 
 @inner_jit
-def _extend(table, trace, travel, spacing, index, origin, kept, cost, at):
+def _extend(table, trace, sequences, ends):
     """Extend the best sequences of feet from the first point of a trace to all others.
 
     Args:
-        table: points along the path, (m, 3) [mm].
-        trace: points, (n, 3) [mm].
-        travel: as in `along`, (n,) [mm].
-        spacing: of the table [mm].
-        index: candidates of every point, (n, _KEPT), the first row given, the others written.
-        origin: which of the candidates of the point before each of them follows, (n, _KEPT), likewise.
-        kept: number of candidates, (n,), likewise.
-        cost: of the sequences that end at the candidates, (_KEPT,), updated.
-        at: where their feet are, in entries, (_KEPT,), updated.
+        table: points along the path.
+        trace: the trace.
+        sequences: of its points, the first row given, the others written.
+        ends: of the sequences, updated.
     """
-    last_entry = len(table) - 1
-    extended = np.zeros(_KEPT)
-    reached = np.zeros(_KEPT)
-    candidate = np.zeros(_CANDIDATES, np.int64)
-    place = np.zeros(_CANDIDATES)
-    distance = np.zeros(_CANDIDATES)
+    points = table.points
+    spacing = table.spacing
+    last_entry = len(points) - 1
+    extended_cost = np.zeros(_BEAM)
+    extended_place = np.zeros(_BEAM)
+    minima = Minima(np.zeros(_CANDIDATES, np.int64), np.zeros(_CANDIDATES), np.zeros(_CANDIDATES))
     count = 0
     lowest = 0.0
-    for k in range(1, len(trace)):
-        step = np.sqrt(_square(trace[k], trace[k - 1]))
-        length = max(travel[k], step)
-        before = kept[k - 1]
-        first, last = _range(index[k - 1], before)
+    for k in range(1, len(trace.points)):
+        point = trace.points[k]
+        step = np.sqrt(square_distance(point, trace.points[k - 1]))
+        length = max(trace.travel[k], step)
+        before = sequences.candidates[k - 1]
+        first, last = _range(sequences.entry[k - 1], before)
         low = max(first - int((_BACK + length) / spacing), 0)
         for ahead in (_BACK, _REACH):  # far ahead only where no foot nearby advances as the trace does
             high = min(last + int((ahead + 4 * length) / spacing) + 1, last_entry)
             count = 0
-            for c in range(_minima(table, trace[k], low, high, candidate, place, distance)):
+            for c in range(find_minima(points, point, low, high, minima)):
                 best = 0
                 least = np.inf
                 for j in range(before):
-                    total = cost[j] + _misfit((place[c] - at[j]) * spacing, step, travel[k])
-                    if total < least:
+                    advance = (minima.place[c] - ends.place[j]) * spacing
+                    cost = ends.cost[j] + _misfit(advance, step, trace.travel[k])
+                    if cost < least:
                         best = j
-                        least = total
-                least += _WEIGHT * distance[c] * length
-                slot = count if count < _KEPT else int(np.argmax(extended))
-                if count < _KEPT:
+                        least = cost
+                least += _WEIGHT * minima.distance[c] * length
+                # where all slots are taken, the costliest sequence gives way
+                slot = count if count < _BEAM else int(np.argmax(extended_cost))
+                if count < _BEAM:
                     count += 1
-                elif extended[slot] <= least:
+                elif extended_cost[slot] <= least:
                     continue
-                extended[slot], reached[slot] = least, place[c]
-                index[k, slot], origin[k, slot] = candidate[c], best
-            lowest = _range(extended, count)[0]
+                extended_cost[slot] = least
+                extended_place[slot] = minima.place[c]
+                sequences.entry[k, slot] = minima.entry[c]
+                sequences.origin[k, slot] = best
+            lowest = _range(extended_cost, count)[0]
             if lowest <= 0.5 * length:
                 break
         alive = 0
         for c in range(count):  # those far behind the best do not come back
-            if extended[c] <= lowest + 2 * _REACH:
-                cost[alive], at[alive] = extended[c] - lowest, reached[c]
-                index[k, alive], origin[k, alive] = index[k, c], origin[k, c]
+            if extended_cost[c] <= lowest + 2 * _REACH:
+                ends.cost[alive] = extended_cost[c] - lowest
+                ends.place[alive] = extended_place[c]
+                sequences.entry[k, alive] = sequences.entry[k, c]
+                sequences.origin[k, alive] = sequences.origin[k, c]
                 alive += 1
-        kept[k] = alive
+        sequences.candidates[k] = alive
 
 
 @inner_jit
-def _trace_back(index, origin, slot, found):
-    """Write the sequence that ends at a candidate of the last point of `found`."""
-    for k in range(len(found) - 1, -1, -1):
-        found[k] = index[k, slot]
-        slot = origin[k, slot]
+def _trace_back(sequences, slot, entries):
+    """Write the sequence that ends at a candidate of the last point of `entries`."""
+    for k in range(len(entries) - 1, -1, -1):
+        entries[k] = sequences.entry[k, slot]
+        slot = sequences.origin[k, slot]
 
 
 @jit
-def along(table, trace, travel, spacing, begin):
+def along(points, trace, travel, spacing, begin):
     """Return the index of the entry at the foot of every point of a trace, in the order of the motion, (n,).
 
     Candidates are the points of the path that are nearer than their neighbours. Among all sequences of candidates s_k
@@ -219,7 +188,7 @@ def along(table, trace, travel, spacing, begin):
     trace does, where the path retraces itself or nearly does, and is the nearest where it may be either of two.
 
     Args:
-        table: points along the path, (m, 3) [mm].
+        points: of a table along the path, (m, 3) [mm].
         trace: points, (n, 3) [mm].
         travel: length of the trace from the point before where others between them are left out, 0 elsewhere, (n,)
             [mm]. It stands for l_k there, see `_misfit`.
@@ -227,64 +196,59 @@ def along(table, trace, travel, spacing, begin):
         begin: index at which the trace begins; -1 to search the whole table.
     """
     n = len(trace)
-    index = np.zeros((n, _KEPT), np.int32)
-    origin = np.zeros((n, _KEPT), np.int8)
-    kept = np.ones(n, np.int64)
-    cost = np.zeros(_KEPT)
-    at = np.zeros(_KEPT)
-    index[0, 0] = _start(table, trace[0], spacing, begin)
-    at[0] = index[0, 0]
-    _extend(table, trace, travel, spacing, index, origin, kept, cost, at)
-    found = np.empty(n, np.int64)
-    _trace_back(index, origin, int(np.argmin(cost[: kept[n - 1]])), found)
-    return found
+    table = Table(points, spacing)
+    sequences = Sequences(np.zeros((n, _BEAM), np.int32), np.zeros((n, _BEAM), np.int8), np.ones(n, np.int64))
+    ends = Ends(np.zeros(_BEAM), np.zeros(_BEAM))
+    sequences.entry[0, 0] = _start(table, trace[0], begin)
+    ends.place[0] = sequences.entry[0, 0]
+    _extend(table, Trace(trace, travel), sequences, ends)
+    entries = np.empty(n, np.int64)
+    _trace_back(sequences, int(np.argmin(ends.cost[: sequences.candidates[n - 1]])), entries)
+    return entries
 
 
 @jit
-def _next_block(table, trace, travel, spacing, index, origin, kept, cost, at, found, last):
+def _next_block(table, block, undecided, ends, entries, is_last):
     """Extend sequences by a block of a trace, and write what all of them have in common.
 
     Args:
-        table: as in `along`.
-        trace: the block, after the last point of the one before, (k + 1, 3) [mm].
-        travel: as in `along`, (k + 1,) [mm].
-        spacing: as in `along`.
-        index: of the points that are not decided, the last is the first of `trace`, (u, _KEPT).
-        origin: likewise, see `_extend`.
-        kept: likewise, (u,).
-        cost: see `_extend`.
-        at: see `_extend`.
-        found: of the points not decided and of the block, (u + k,), written as far as it is decided.
-        last: whether the block is the last.
+        table: points along the path.
+        block: of the trace, after the last point of the block before, k + 1 points.
+        undecided: sequences of the points that are not decided, the last the first of `block`, u points.
+        ends: of the sequences, updated.
+        entries: of the points not decided and of the block, (u + k,), written as far as they are decided.
+        is_last: whether the block is the last.
 
     Returns:
-        The number of decided points less one, and index, origin and kept from the last decided one on.
+        The number of decided points less one, and the sequences from the last decided point on.
     """
-    u = len(kept) - 1
-    n = len(trace)
-    indices = np.zeros((u + n, _KEPT), np.int32)
-    origins = np.zeros((u + n, _KEPT), np.int8)
-    counts = np.ones(u + n, np.int64)
-    indices[: u + 1], origins[: u + 1], counts[: u + 1] = index, origin, kept
-    _extend(table, trace, travel, spacing, indices[u:], origins[u:], counts[u:], cost, at)
+    u = len(undecided.candidates) - 1
+    n = len(block.points)
+    entry = np.zeros((u + n, _BEAM), np.int32)
+    origin = np.zeros((u + n, _BEAM), np.int8)
+    count = np.ones(u + n, np.int64)
+    entry[: u + 1] = undecided.entry
+    origin[: u + 1] = undecided.origin
+    count[: u + 1] = undecided.candidates
+    _extend(table, block, Sequences(entry[u:], origin[u:], count[u:]), ends)
     k = u + n - 1
-    slots = np.arange(counts[k])
-    if last:
-        slots[:] = np.argmin(cost[: counts[k]])
+    slots = np.arange(count[k])
+    if is_last:
+        slots[:] = np.argmin(ends.cost[: count[k]])
     while k > 0 and slots.min() != slots.max():
         for c in range(len(slots)):
-            slots[c] = origins[k, slots[c]]
+            slots[c] = origin[k, slots[c]]
         k -= 1
     if slots.min() == slots.max():
-        _trace_back(indices, origins, slots[0], found[: k + 1])
-    return k, indices[k:].copy(), origins[k:].copy(), counts[k:].copy()
+        _trace_back(Sequences(entry, origin, count), slots[0], entries[: k + 1])
+    return k, Sequences(entry[k:].copy(), origin[k:].copy(), count[k:].copy())
 
 
-def along_blocks(table, blocks, count, spacing, begin):
+def along_blocks(points, blocks, count, spacing, begin):
     """Return what `along` does, (n,), for a trace that is given block by block.
 
     Args:
-        table: as in `along`.
+        points: as in `along`.
         blocks: iterator of the trace's points in their order, (k, 3) each, and their `travel`, (k,) each [mm].
         count: number of points, n.
         spacing: as in `along`.
@@ -292,68 +256,23 @@ def along_blocks(table, blocks, count, spacing, begin):
     """
     trace, travel = next(blocks)
     if len(trace) == count:
-        return along(table, trace, travel, spacing, begin)
-    found = np.empty(count, np.int64)
+        return along(points, trace, travel, spacing, begin)
+    table = Table(points, spacing)
+    entries = np.empty(count, np.int64)
     decided = 0
     seen = 0
-    index = np.zeros((1, _KEPT), np.int32)
-    origin = np.zeros((1, _KEPT), np.int8)
-    kept = np.ones(1, np.int64)
-    cost = np.zeros(_KEPT)
-    at = np.zeros(_KEPT)
-    index[0, 0] = at[0] = along(table, trace[:1], travel[:1], spacing, begin)[0]
+    undecided = Sequences(np.zeros((1, _BEAM), np.int32), np.zeros((1, _BEAM), np.int8), np.ones(1, np.int64))
+    ends = Ends(np.zeros(_BEAM), np.zeros(_BEAM))
+    first = along(points, trace[:1], travel[:1], spacing, begin)[0]
+    undecided.entry[0, 0] = first
+    ends.place[0] = first
     while seen < count:
-        seen = decided + len(kept) + len(trace) - 1
-        part = found[decided:seen]
-        k, index, origin, kept = _next_block(
-            table, trace, travel, spacing, index, origin, kept, cost, at, part, seen == count
-        )
+        seen = decided + len(undecided.candidates) + len(trace) - 1
+        k, undecided = _next_block(table, Trace(trace, travel), undecided, ends, entries[decided:seen], seen == count)
         decided += k
         if seen < count:
             last = trace[-1:]
             trace, travel = next(blocks)
             trace = np.concatenate([last, trace])
             travel = np.concatenate([[0.0], travel])
-    return found
-
-
-@jit
-def longer_steps(steps):
-    """Return the longer of the steps before and after each point of a trace, (n,) [mm].
-
-    A point at rest has the last step before the rest, and the first after it.
-
-    Args:
-        steps: from each point to the next, (n - 1,) [mm].
-    """
-    found = np.zeros(len(steps) + 1)
-    moved = 0.0
-    for k in range(len(steps)):
-        if steps[k] > 0.0:
-            moved = steps[k]
-        found[k + 1] = moved
-    moved = 0.0
-    for k in range(len(steps) - 1, -1, -1):
-        if steps[k] > 0.0:
-            moved = steps[k]
-        found[k] = max(found[k], moved)
-    return found
-
-
-@jit
-def vertices(table, points, nearest):
-    """Return the vertex of a parabola through the squared distances to three entries, in entries, (n,).
-
-    Args:
-        table: points along the path, (m, 3) [mm].
-        points: (n, 3) [mm].
-        nearest: index of the entry nearest to each point, (n,).
-    """
-    found = np.empty(len(points))
-    square = np.empty(3)
-    for k in range(len(points)):
-        middle = min(max(nearest[k], 1), len(table) - 2)
-        for i in range(3):
-            square[i] = _square(table[middle - 1 + i], points[k])
-        found[k] = middle + _vertex(square[0], square[1], square[2])
-    return found
+    return entries

@@ -22,7 +22,7 @@ ZX: Frame = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
 YZ: Frame = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 XZ: Frame = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 
-SHORTEST = 1e-9  # length of a piece that is kept [mm]
+SHORTEST = 1e-9  # length up to which a piece is dropped [mm]
 _SQUARE = 1e-9  # tolerance of a frame's scalar products
 
 # a piece as a row of numbers
@@ -112,8 +112,9 @@ def _check(piece: str, frame: Frame, **values: Any) -> None:
         if not all(map(math.isfinite, value if isinstance(value, Iterable) else (value,))):
             raise InputError(f"{piece}: {name} = {value}: must be finite")
     u, v = frame
-    squares = (sum(map(operator.mul, a, b)) for a, b in ((u, u), (u, v), (v, v)))
-    if not all(abs(square - one) <= _SQUARE for square, one in zip(squares, (1.0, 0.0, 1.0), strict=True)):
+    products = (sum(map(operator.mul, a, b)) for a, b in ((u, u), (u, v), (v, v)))
+    # so written that a nan is refused
+    if not all(abs(product - unit) <= _SQUARE for product, unit in zip(products, (1.0, 0.0, 1.0), strict=True)):
         raise InputError(f"{piece}: frame = {frame}: must be two orthogonal unit vectors")
 
 

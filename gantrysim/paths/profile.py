@@ -62,8 +62,8 @@ class Constant:
         return np.clip(np.asarray(t, float) * self.speed, 0.0, self.length)
 
     def velocity(self, t: ArrayLike) -> Floats:
-        at = np.asarray(t, float)
-        return np.where((at >= 0) & (at <= self.duration), self.speed, 0.0)
+        time = np.asarray(t, float)
+        return np.where((time >= 0) & (time <= self.duration), self.speed, 0.0)
 
 
 # Shapes of a ramp from 0 to the speed V with an acceleration of at most A. With the time T of the ramp, `velocity` is
@@ -139,7 +139,9 @@ class Jerk:
         return Ramp(min(rise / (speed / reached + rise), 0.5), reached / acceleration)
 
     def time(self, speed: float, acceleration: float) -> float:
-        return self._ramp(speed, acceleration).time(speed, acceleration) if speed > 0 else 0.0
+        if not speed > 0:
+            return 0.0
+        return self._ramp(speed, acceleration).time(speed, acceleration)
 
     def velocity(self, x: Floats, speed: float, acceleration: float) -> Floats:
         return self._ramp(speed, acceleration).velocity(x, speed, acceleration)
@@ -190,6 +192,7 @@ class PointToPoint:
             return self.speed
         low = 0.0
         high = self.speed
+        # bisection from the full speed could run out of steps at a very short distance
         while self.length > 0 and 0.5 * high * sum(self._ramps(0.5 * high)) > 2 * self.length:
             high *= 0.5
         for _ in range(_HALVINGS):
@@ -215,27 +218,30 @@ class PointToPoint:
         return sum(self._times)
 
     def position(self, t: ArrayLike) -> Floats:
-        at = np.asarray(t, float)
+        time = np.asarray(t, float)
         if self.peak <= 0:
-            return np.where(at > 0, self.length, 0.0)
-        up, along, down = self._times
-        moved = np.clip(at - up, 0.0, along)
-        left = self.duration - at
-        climbed = np.full(at.shape, 0.5 * up)
-        braked = np.zeros(at.shape)
-        ramp = at < up  # most times lie on neither ramp
-        climbed[ramp] = up * self.shape.distance(np.maximum(at[ramp] / up, 0.0), self.peak, self.acceleration)
-        ramp = left < down
-        braked[ramp] = down * (0.5 - self.shape.distance(np.maximum(left[ramp] / down, 0.0), self.peak, self._down))
-        return np.clip(self.peak * (climbed + moved + braked), 0.0, self.length)
+            return np.where(time > 0, self.length, 0.0)
+        up, constant, down = self._times
+        # distances in units of the peak speed: each ramp covers half of its time
+        at_speed = np.clip(time - up, 0.0, constant)
+        time_to_end = self.duration - time
+        rising = np.full(time.shape, 0.5 * up)
+        falling = np.zeros(time.shape)
+        ramp = time < up  # most times lie on neither ramp
+        share = np.maximum(time[ramp] / up, 0.0)
+        rising[ramp] = up * self.shape.distance(share, self.peak, self.acceleration)
+        ramp = time_to_end < down
+        share = np.maximum(time_to_end[ramp] / down, 0.0)
+        falling[ramp] = down * (0.5 - self.shape.distance(share, self.peak, self._down))
+        return np.clip(self.peak * (rising + at_speed + falling), 0.0, self.length)
 
     def velocity(self, t: ArrayLike) -> Floats:
-        at = np.asarray(t, float)
+        time = np.asarray(t, float)
         if self.peak <= 0:
-            return np.zeros(at.shape)
+            return np.zeros(time.shape)
         up, _, down = self._times
-        rising = np.clip(at / up, 0.0, 1.0) if up > 0 else np.ones(at.shape)
-        falling = np.clip((self.duration - at) / down, 0.0, 1.0) if down > 0 else np.ones(at.shape)
+        rising = np.clip(time / up, 0.0, 1.0) if up > 0 else np.ones(time.shape)
+        falling = np.clip((self.duration - time) / down, 0.0, 1.0) if down > 0 else np.ones(time.shape)
         first = self.shape.velocity(rising, self.peak, self.acceleration)
         last = self.shape.velocity(falling, self.peak, self._down)
         return self.peak * np.minimum(first, last)

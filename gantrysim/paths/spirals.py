@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +14,22 @@ from gantrysim.base.errors import InputError, finite, point, positive
 from gantrysim.base.jit import jit
 from gantrysim.paths.lengths import arc_length, swept_along
 from gantrysim.paths.path import Path
+
+
+class _Numbers(NamedTuple):
+    """An involute as compiled functions take it.
+
+    Attributes:
+        radius, a, rise, start, turn: as of `Involute`.
+        direction: of the first tangent, cosine and sine.
+    """
+
+    radius: float
+    a: float
+    rise: float
+    start: tuple[float, float]
+    direction: tuple[float, float]
+    turn: float
 
 
 @dataclass(frozen=True)
@@ -102,8 +118,10 @@ class Involute(Path):
         return LastCall(self._swept)
 
     def _swept(self, s: Floats) -> Floats:
-        numbers = float(self.radius), -self.a, abs(self._rise)
-        angles: Floats = swept_along(*numbers, s.ravel(), self.angle).reshape(s.shape)  # type: ignore[no-untyped-call]
+        radius = float(self.radius)
+        rise = abs(self._rise)
+        angles: Floats = swept_along(radius, -self.a, rise, s.ravel(), self.angle)  # type: ignore[no-untyped-call]
+        angles = angles.reshape(s.shape)
         angles.flags.writeable = False
         return angles
 
@@ -111,15 +129,21 @@ class Involute(Path):
         """Points of coordinates along the first tangent, and towards the centre."""
         c = np.cos(self.heading_start)
         s = np.sin(self.heading_start)
-        left = self._turn * inward
-        return np.stack([self.start[0] + along * c - left * s, self.start[1] + along * s + left * c, up], axis=-1)
+        lateral = self._turn * inward
+        return np.stack([self.start[0] + along * c - lateral * s, self.start[1] + along * s + lateral * c, up], axis=-1)
 
     def position(self, s: ArrayLike) -> Floats:
         phi = self.phi(s)
-        c = np.cos(self.heading_start)
-        d = np.sin(self.heading_start)
-        turned = np.cos(phi), np.sin(phi)  # not compiled, for other rounding would be another path
-        return _points(phi, *turned, float(self.radius), self.a, self._rise, self.start, float(c), float(d), self._turn)
+        numbers = _Numbers(
+            radius=float(self.radius),
+            a=self.a,
+            rise=self._rise,
+            start=self.start,
+            direction=(float(np.cos(self.heading_start)), float(np.sin(self.heading_start))),
+            turn=self._turn,
+        )
+        # not compiled: cosine and sine of another library round differently, which would be another path
+        return _points(phi, np.cos(phi), np.sin(phi), numbers)
 
     def heading(self, s: ArrayLike) -> Floats:
         return self.heading_start + self._turn * self.phi(s)
@@ -134,25 +158,17 @@ class Involute(Path):
 
 
 @jit
-def _points(
-    phi: Floats,
-    cosine: Floats,
-    sine: Floats,
-    radius: float,
-    a: float,
-    rise: float,
-    start: tuple[float, float],
-    c: float,
-    d: float,
-    turn: float,
-) -> Floats:
-    """Return the points of an involute whose first tangent has the direction (c, d), (n, 3) [mm]."""
+def _points(phi: Floats, cosine: Floats, sine: Floats, numbers: _Numbers) -> Floats:
+    """Return the points of an involute at angles with these cosines and sines, (n, 3) [mm]."""
+    radius = numbers.radius
+    a = numbers.a
+    c, d = numbers.direction
     points = np.empty((phi.size, 3))
     for k in range(phi.size):
         rho = radius - a * phi[k]
         along = a - a * cosine[k] + rho * sine[k]
-        left = turn * (radius - a * sine[k] - rho * cosine[k])
-        points[k, 0] = start[0] + along * c - left * d
-        points[k, 1] = start[1] + along * d + left * c
-        points[k, 2] = rise * phi[k]
+        lateral = numbers.turn * (radius - a * sine[k] - rho * cosine[k])
+        points[k, 0] = numbers.start[0] + along * c - lateral * d
+        points[k, 1] = numbers.start[1] + along * d + lateral * c
+        points[k, 2] = numbers.rise * phi[k]
     return points

@@ -43,8 +43,11 @@ class Track(Chain):
         begin = np.concatenate([self._start[None], self._end[:-1]])
         coil = self._angle != 0
         count = len(coil)
-        one = np.unique(self._plane)
-        frame = np.broadcast_to(self._frames[one[0]], (count, 3, 3)) if one.size == 1 else self._frames[self._plane]
+        planes = np.unique(self._plane)
+        if planes.size == 1:  # no copies of the one frame: programs have many pieces, most in one plane
+            frame = np.broadcast_to(self._frames[planes[0]], (count, 3, 3))
+        else:
+            frame = self._frames[self._plane]
         lengths = np.sqrt(((self._end - begin) ** 2).sum(axis=1))
         straight = np.where(coil, 1.0, lengths)
         direction = np.where(coil[:, None], 0.0, (self._end - begin) / np.maximum(straight, SHORTEST)[:, None])
@@ -70,31 +73,33 @@ class Track(Chain):
         """Fill in the columns of the coils and return their lengths."""
         frame = columns["frame"][coil]
         angle = np.abs(self._angle[coil])
+        # from the centre to start and end, in the frame of the plane
         arms = [np.einsum("ijk,ik->ij", frame, p - self._centre[coil]) for p in (begin[coil], self._end[coil])]
         radii = [np.hypot(arm[:, 0], arm[:, 1]) for arm in arms]
         columns["radius"][coil] = radii[0]
-        columns["growth"][coil] = growth = (radii[1] - radii[0]) / angle
-        columns["rise"][coil] = rise = (arms[1][:, 2] - arms[0][:, 2]) / angle
+        growth = (radii[1] - radii[0]) / angle
+        columns["growth"][coil] = growth
+        columns["rise"][coil] = (arms[1][:, 2] - arms[0][:, 2]) / angle
         columns["begin"][coil] = np.arctan2(arms[0][:, 1], arms[0][:, 0])
         columns["turn"][coil] = np.sign(self._angle[coil])
         columns["angle"][coil] = angle
-        return arc_length(radii[0], growth, np.hypot(growth, rise), angle)
+        return arc_length(radii[0], growth, np.hypot(growth, columns["rise"][coil]), angle)
 
     def _continue_headings(self, lengths: Floats) -> None:
         """Make the headings continuous except at corners; lines along the normal keep that of the piece before."""
         k = np.arange(lengths.size)
         first = self._at(k, 0 * lengths).heading
         last = self._at(k, lengths).heading
-        level = self._columns["coil"] | (np.abs(self._columns["straight"]) < 1 - 1e-12)
-        of = np.flatnonzero(level)
-        jumps = np.round((last[of[:-1]] - first[of[1:]]) / (2 * np.pi))
-        turns = 2 * np.pi * np.concatenate([np.zeros(min(of.size, 1)), np.cumsum(jumps)])
+        has_heading = self._columns["coil"] | (np.abs(self._columns["straight"]) < 1 - 1e-12)
+        headed = np.flatnonzero(has_heading)
+        jumps = np.round((last[headed[:-1]] - first[headed[1:]]) / (2 * np.pi))
+        turns = 2 * np.pi * np.concatenate([np.zeros(min(headed.size, 1)), np.cumsum(jumps)])
         heading = self._columns["heading"]
-        heading[of] += turns
-        if of.size < k.size:
-            before = np.searchsorted(of, k[~level]) - 1
-            ends = np.append(last[of] + turns, 0.0)  # the last stands for none before
-            heading[~level] = ends[before]
+        heading[headed] += turns
+        if headed.size < k.size:
+            before = np.searchsorted(headed, k[~has_heading]) - 1
+            ends = np.append(last[headed] + turns, 0.0)  # index -1, of no piece before, takes the 0
+            heading[~has_heading] = ends[before]
 
     def parameters(self) -> dict[str, Any]:
         return {
@@ -111,13 +116,13 @@ class Track(Chain):
         return None
 
     def _locate(self, s: ArrayLike) -> tuple[NDArray[np.intp], Floats]:
-        at = np.atleast_1d(np.asarray(s, float))
-        k = np.clip(np.searchsorted(self._s, at, side="right") - 1, 0, self._angle.size - 1)
-        return k, at - self._s[k]
+        arc_length = np.atleast_1d(np.asarray(s, float))
+        k = np.clip(np.searchsorted(self._s, arc_length, side="right") - 1, 0, self._angle.size - 1)
+        return k, arc_length - self._s[k]
 
-    def place(self, k: NDArray[np.intp], rest: Floats) -> Floats:
+    def place(self, k: NDArray[np.intp], distance: Floats) -> Floats:
         """Return the points at distances from the starts of pieces, (n, 3) [mm]."""
-        return self._at(k, rest).point
+        return self._at(k, distance).point
 
     @property
     def coil(self) -> NDArray[np.bool_]:
@@ -144,8 +149,8 @@ class Track(Chain):
         k = np.flatnonzero(self.coil)
         if k.size:
             lengths = np.diff(self._s)[k]
-            for tangent, rest in ((first, 0 * lengths), (last, lengths)):
-                _, theta, sine, *_ = self._at(k, rest)
+            for tangent, distance in ((first, 0 * lengths), (last, lengths)):
+                _, theta, sine, *_ = self._at(k, distance)
                 cosine = np.sqrt(np.maximum(1 - sine**2, 0.0))
                 local = np.stack([cosine * np.cos(theta), cosine * np.sin(theta), sine], axis=1)
                 tangent[k] = np.einsum("ij,ijk->ik", local, self._columns["frame"][k])

@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from gantrysim.base.errors import InputError
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.chain import Chain
-from gantrysim.paths.limits import Limited, fastest, nodes
+from gantrysim.paths.limits import Derivatives, Limited, fastest, nodes
 from gantrysim.paths.pieces import Coil, Line
 
 IN_HAND = 1e-3  # of an acceleration limit, kept for what lies between the nodes
@@ -34,7 +34,7 @@ def straight(length, speed, acceleration, step=0.01, velocity=math.inf, **ends):
     """The law along a line of one axis."""
     s = nodes([length], step)[0]
     rate = np.ones((s.size, 1))
-    return fastest(s, speed, rate, 0 * rate, [velocity], [acceleration], **ends)
+    return fastest(Derivatives(s, rate, 0 * rate), speed, [velocity], [acceleration], **ends)
 
 
 class Waves:
@@ -149,11 +149,11 @@ def test_each_limit_bites():
 def test_axis_that_takes_half_the_way_has_half_the_limit_to_spare():
     s = nodes([100.0], 0.01)[0]
     rate = np.tile([0.8, -0.6], (s.size, 1))
-    both = fastest(s, 1000.0, rate, 0 * rate, [40, 60], [400, 1e9])
-    only = fastest(s, 1000.0, rate[:, :1], 0 * rate[:, :1], [40], [400])
+    both = fastest(Derivatives(s, rate, 0 * rate), 1000.0, [40, 60], [400, 1e9])
+    only = fastest(Derivatives(s, rate[:, :1], 0 * rate[:, :1]), 1000.0, [40], [400])
     assert both.duration == pytest.approx(100 / 50 + 50 / 500 / (1 - IN_HAND), rel=TIME)
     assert both.duration == pytest.approx(only.duration, rel=1e-12)
-    unlimited = fastest(s, 50.0, rate, 0 * rate, [math.inf] * 2, [400, math.inf])
+    unlimited = fastest(Derivatives(s, rate, 0 * rate), 50.0, [math.inf] * 2, [400, math.inf])
     assert unlimited.duration == pytest.approx(both.duration, rel=1e-9)
 
 
@@ -163,7 +163,7 @@ def test_full_turns_of_a_circle_are_no_faster_than_its_centripetal_acceleration(
     path = ArcChain((radius, 0), math.pi / 2, 1 / radius, 6 * math.pi * radius)
     s, piece = nodes(path.ends, 0.02)
     rate, bend = (value[:, :2] for value in axes_of(path, s, piece))
-    law = fastest(s, 1000.0, rate, bend, [math.inf] * 2, [a, a])
+    law = fastest(Derivatives(s, rate, bend), 1000.0, [math.inf] * 2, [a, a])
     best = math.sqrt(a * radius)
     # where the tangent is along an axis, the other takes all of the centripetal acceleration
     quarters = 0.5 * math.pi * radius * np.arange(2, 11)
@@ -175,7 +175,7 @@ def test_full_turns_of_a_circle_are_no_faster_than_its_centripetal_acceleration(
     assert 1 - 2 * IN_HAND < acceleration <= 1 + ACCELERATION
     assert velocity == 0
     # the feed alone
-    slow = fastest(s, 50.0, rate, bend, [math.inf] * 2, [a, a])
+    slow = fastest(Derivatives(s, rate, bend), 50.0, [math.inf] * 2, [a, a])
     assert slow.slowest[0] == pytest.approx(50, rel=1e-12)
     assert slow.duration == pytest.approx(6 * math.pi * radius / 50 + 50 / a, rel=1e-3)
 
@@ -186,13 +186,13 @@ def test_a_halt_at_a_corner_cuts_the_path_in_two():
     rate, bend = axes_of(path, s, piece)
     corner = s == 30
     assert corner.sum() == 2
-    law = fastest(s, np.where(corner, 0.0, 50.0), rate, bend, [math.inf] * 3, [500, 1000, math.inf])
+    law = fastest(Derivatives(s, rate, bend), np.where(corner, 0.0, 50.0), [math.inf] * 3, [500, 1000, math.inf])
     parts = 30 / 50 + 50 / 500 + 40 / 50 + 50 / 1000
     assert law.duration == pytest.approx(parts, rel=2e-4)
     assert law.velocity(law.reached(30.0)) == pytest.approx(0, abs=1e-9)
     assert law.slowest == (0.0, 30.0)
     assert law.reached(30.0) == pytest.approx(30 / 50 + 50 / 500, rel=1e-3)
-    through = fastest(s, 50.0, rate, bend, [math.inf] * 3, [500, 1000, math.inf])
+    through = fastest(Derivatives(s, rate, bend), 50.0, [math.inf] * 3, [500, 1000, math.inf])
     assert through.duration < law.duration
 
 
@@ -202,7 +202,7 @@ def test_a_line_into_an_arc_brakes_before_it():
     path = Chain([Line((0, 0, 0), (50, 0, 0)), Coil((50, radius, 0), (radius, radius), -math.pi / 2, math.pi)])
     s, piece = nodes(path.ends, 0.01)
     rate, bend = axes_of(path, s, piece)
-    law = fastest(s, 1000.0, rate, bend, [math.inf] * 3, [a] * 3, end=math.sqrt(a * radius))
+    law = fastest(Derivatives(s, rate, bend), 1000.0, [math.inf] * 3, [a] * 3, end=math.sqrt(a * radius))
     corner = law.velocity(law.reached(50.0))
     assert corner == pytest.approx(math.sqrt(a * radius), rel=IN_HAND)
     before = law.velocity(law.reached(45.0))
@@ -225,7 +225,7 @@ def test_axes_stay_within_random_limits_along_random_smooth_paths(path, length, 
     if axes > 1 and seed % 3 == 0:
         velocity[0] = acceleration[-1] = math.inf
     s = nodes([length], 0.02)[0]
-    law = fastest(s, speed, path.rate(s), path.bend(s), velocity, acceleration)
+    law = fastest(Derivatives(s, path.rate(s), path.bend(s)), speed, velocity, acceleration)
     used_velocity, used_acceleration = moved(law, path.position, velocity, acceleration)
     assert used_velocity <= 1 + VELOCITY
     assert used_acceleration <= 1 + ACCELERATION
@@ -251,7 +251,7 @@ def shortfall(path, length, speed, seed):
     begin, end = random.choice([0.0, 1.0, 5.0], 2)
     s = np.linspace(0, length, 301)
     rate, bend = path.rate(s), path.bend(s)
-    law = fastest(s, speed, rate, bend, velocity, acceleration, begin, end)
+    law = fastest(Derivatives(s, rate, bend), speed, velocity, acceleration, begin, end)
     x = law.velocity(np.array([law.reached(at) for at in s])) ** 2
     feed = np.minimum(speed**2, ((velocity / np.abs(rate)) ** 2).min(axis=1))
     feed[0], feed[-1] = min(feed[0], begin**2), min(feed[-1], end**2)
@@ -290,7 +290,7 @@ def test_the_cost_of_the_bound_at_constant_speed():
         path = random_waves(random, axes := random.integers(1, 4))
         acceleration = 10 ** random.uniform(2, 3.7, axes)
         speed, s = random.uniform(20, 300), np.linspace(0, 60, 301)
-        law = fastest(s, speed, path.rate(s), path.bend(s), [math.inf] * axes, acceleration)
+        law = fastest(Derivatives(s, path.rate(s), path.bend(s)), speed, [math.inf] * axes, acceleration)
         feed = np.full(s.size, speed**2)
         feed[[0, -1]] = 0.0
         freest = Limited(s, np.sqrt(programme(s, feed, path.rate(s), path.bend(s), acceleration)))
@@ -306,7 +306,10 @@ def test_the_time_of_a_distance_is_the_inverse_of_the_distance_at_a_time(path, l
     s = nodes([0.4 * length, length], 0.1)[0]
     halts = np.where(s == s[np.searchsorted(s, 0.4 * length)], 0.0, speed)
     law = fastest(
-        s, halts, path.rate(s), path.bend(s), [math.inf] * path.amplitude.shape[0], [900.0] * path.amplitude.shape[0]
+        Derivatives(s, path.rate(s), path.bend(s)),
+        halts,
+        [math.inf] * path.amplitude.shape[0],
+        [900.0] * path.amplitude.shape[0],
     )
     asked = np.concatenate([np.random.default_rng(seed).uniform(0, length, 50), s])
     t = np.array([law.reached(at) for at in asked])
@@ -368,22 +371,22 @@ def test_limits_that_allow_no_motion_are_refused():
         with pytest.raises(
             InputError, match=rf"^speed = 0 mm/s at {place} mm of the path: the limits allow no motion$"
         ):
-            fastest(s, speed, rate, 0 * rate, [velocity], [acceleration])
+            fastest(Derivatives(s, rate, 0 * rate), speed, [velocity], [acceleration])
 
 
 def test_a_path_without_any_limit_is_refused():
     s = nodes([5.0, 10.0], 0.5)[0]
     rate = np.stack([s <= 5, s > 5], axis=1).astype(float)
     with pytest.raises(InputError, match=r"^speed = inf mm/s at 6 mm of the path: must be finite$"):
-        fastest(s, math.inf, rate, 0 * rate, [math.inf] * 2, [500, math.inf])
+        fastest(Derivatives(s, rate, 0 * rate), math.inf, [math.inf] * 2, [500, math.inf])
     with pytest.raises(InputError, match=r"^speed = inf mm/s at 0 mm of the path: must be finite$"):
-        fastest(s, math.inf, rate, 0 * rate, [math.inf] * 2, [math.inf] * 2)
+        fastest(Derivatives(s, rate, 0 * rate), math.inf, [math.inf] * 2, [math.inf] * 2)
 
 
 def test_the_limit_of_a_stationary_axis_has_no_effect():
     s = nodes([10.0], 0.05)[0]
     rate = np.tile([1.0, 0.0], (s.size, 1))
-    law = fastest(s, 20.0, rate, 0 * rate, [math.inf, 0.0], [math.inf, 0.0])
+    law = fastest(Derivatives(s, rate, 0 * rate), 20.0, [math.inf, 0.0], [math.inf, 0.0])
     assert law.duration >= 0.5
     assert law.position(law.duration) == pytest.approx(10, abs=WAY)
 
@@ -395,7 +398,7 @@ def test_very_short_pieces_are_traversed(lengths, halts):
     s = nodes(ends, 0.05)[0]
     rate = np.ones((s.size, 1))
     joint = np.isin(s, ends[:-1])
-    law = fastest(s, np.where(joint & halts, 0.0, 100.0), rate, 0 * rate, [math.inf], [1000.0])
+    law = fastest(Derivatives(s, rate, 0 * rate), np.where(joint & halts, 0.0, 100.0), [math.inf], [1000.0])
     a = 1000 * (1 - IN_HAND)
     parts = lengths if halts else [ends[-1]]
     expected = sum(2 * math.sqrt(part / a) for part in parts)

@@ -14,7 +14,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.controllers.fanuc.feeding import Feeding, Spliced
 from gantrysim.controllers.fanuc.legs import Leg
 from gantrysim.paths.chain import Chain
-from gantrysim.paths.limits import MARGIN, Limited, fastest, nodes
+from gantrysim.paths.limits import MARGIN, Derivatives, Limited, fastest, nodes
 from gantrysim.paths.pieces import Coil, Line
 
 _STEP = (0.02, 2.0)  # smallest and largest distance of nodes [mm]
@@ -114,14 +114,14 @@ class Planner:
         top = self._feed(s, piece, dry)
         a = self._feeding.acceleration
         if math.isinf(a):
-            return fastest(s, top, np.ones((s.size, 1)), np.zeros((s.size, 1)), [math.inf], [a])
+            return fastest(Derivatives(s, np.ones((s.size, 1)), np.zeros((s.size, 1))), top, [math.inf], [a])
         braked = np.sqrt(np.maximum(speed**2 - 2 * braking * self._limit * (s - begin), 0.0))
         top = self._at_corners(s, np.maximum(top, braked))
         linear = self._derivatives(s, piece)
         rotary = self._rotary(s, piece)
         first, second = (np.column_stack(pair) for pair in zip(linear, rotary, strict=True))
         limits = np.array([self._limit] * 3 + [self._rotary_limit])
-        return fastest(s, top, first, second, np.full(4, math.inf), limits, begin=speed)
+        return fastest(Derivatives(s, first, second), top, np.full(4, math.inf), limits, begin=speed)
 
     def _feed(self, s: Floats, piece: NDArray[np.intp], dry: bool) -> Floats:
         """Largest path speed at the nodes [mm/s]."""

@@ -19,7 +19,7 @@ from gantrysim.controllers.stage.bounds import AXES, FREE, Place, Three, axis_li
 from gantrysim.controllers.stage.outline import outline, polygon
 from gantrysim.controllers.stage.table import Complex, Table, Turning
 from gantrysim.paths.arcs import ArcChain
-from gantrysim.paths.limits import Limited, fastest, nodes, velocity_bound
+from gantrysim.paths.limits import Derivatives, Limited, fastest, nodes, velocity_bound
 from gantrysim.paths.profile import Constant
 from gantrysim.record.setpoints import Setpoints
 
@@ -193,7 +193,7 @@ class OutlineTrace(Controller):
         if any(math.isfinite(limit) for limit in self.acceleration):
             jump = (np.diff(s) == 0) & (np.abs(np.diff(first, axis=0)).max(axis=1) > _JUMP)
             speed[:-1][jump] = speed[1:][jump] = 0.0
-        return fastest(s, speed, first, second, self.velocity, self.acceleration)
+        return fastest(Derivatives(s, first, second), speed, self.velocity, self.acceleration)
 
     def _derivatives(self, s: Floats, piece: NDArray[np.intp], edges: Floats) -> list[Floats]:
         """First and second derivatives of th, x and y by the arc length, inside each piece, (m, 3)."""

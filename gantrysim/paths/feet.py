@@ -1,0 +1,211 @@
+"""Feet of points on a path, within an interval of arc lengths or on the nearer leg of a corner."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base.arrays import Floats, dot
+from gantrysim.base.columns import Column, by_blocks
+from gantrysim.base.jit import jit
+from gantrysim.paths.corners import Corners
+from gantrysim.paths.local import Local
+
+_STEPS = 60
+# Within so many entries of the table the feet on both sides of a corner are compared; of a trace and a corner so sharp
+# that the path nearly retraces itself within NEAR_SHARP entries and a step of the trace, where it cannot tell the two
+# legs apart.
+_NEAR_CORNER = 12
+NEAR_SHARP = 2
+# Where a path does not nearly retrace itself, the foot of a point at a distance d inside a corner lies at most
+# d tan(alpha / 2) from it, alpha being the angle by which the tangent turns there, at most 143 degrees.
+_INSIDE_CORNER = 3.1
+_TOLERANCE = 1e-11  # [mm]
+_INSIDE = 1e-11  # [mm]
+_LAST_STEP = 1e-7  # of Newton's method, after which the error is of the order of its square [mm]
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Points projected onto a path.
+
+    Attributes:
+        s: arc length of the foot points, (n,) [mm].
+        offset: point minus foot point, (n, 3) [mm].
+        lateral: component along the left normal, (n,) [mm].
+        vertical: component along the binormal, tangent x left normal, up on a level path, (n,) [mm].
+        beyond: distance along the tangent, ahead positive: 0 but at an end of the path, or at a corner at which
+            it nearly retraces itself, (n,) [mm].
+        distance: distance to the path, (n,) [mm].
+    """
+
+    s: Column[Floats] = Column()
+    offset: Column[Floats] = Column()
+    lateral: Column[Floats] = Column()
+    vertical: Column[Floats] = Column()
+    beyond: Column[Floats] = Column()
+    distance: Column[Floats] = Column()
+
+
+class Curve(Protocol):
+    """A path, as far as feet need it."""
+
+    @property
+    def length(self) -> float:
+        """Arc length [mm]."""
+
+    @property
+    def corners(self) -> Floats:
+        """Arc lengths at which the tangent jumps, ascending, (m,) [mm]."""
+
+    @property
+    def legs(self) -> Corners:
+        """The corners, and the frames of the legs between them."""
+
+    def local(self, s: Floats) -> Local:
+        """Points and the path's frame at arc lengths."""
+
+
+def foot_between(path: Curve, p: Floats, low: Floats, high: Floats, guess: Floats) -> Projection:
+    """Project points onto the parts of a path between two arc lengths, from a guess.
+
+    Newton's method on g(s) = (c(s) - p).t(s) = 0, with g' = 1 + (c(s) - p).t'(s). Where its step leaves the
+    interval, as at the path's ends, jumps of curvature or centres of curvature, the end is tried, then bisection.
+
+    Args:
+        path: the path.
+        p: points, (n, 3) [mm].
+        low: begin of each interval, (n,) [mm].
+        high: end of each interval, (n,) [mm].
+        guess: of the foot, (n,) [mm].
+    """
+    first = low
+    last = high
+    low = low.copy()
+    high = high.copy()
+    s = np.clip(guess, low, high)
+    offset, normal, tangent = np.empty((3, len(p), 3))
+    end_tried = np.zeros(len(p), bool)
+    active = np.arange(len(p))
+    for _ in range(_STEPS):
+        s_active = s[active]
+        local = path.local(s_active)
+        back = local.position - p[active]
+        along_path = local.tangent
+        ahead = dot(back, along_path)
+        slope = 1.0 + dot(back, local.curvature)
+        beyond = ahead > 0
+        high[active[beyond]] = s_active[beyond]
+        low[active[~beyond]] = s_active[~beyond]
+        step = np.divide(ahead, slope, out=np.full_like(ahead, np.inf), where=slope > 0)
+        moved = s_active - step
+        lowest = low[active]
+        highest = high[active]
+        outside = (moved < lowest) | (moved > highest)
+        # just inside, as a corner has another tangent on its other side
+        end = np.where(ahead > 0, first[active] + _INSIDE, last[active] - _INSIDE)
+        try_end = outside & ~end_tried[active] & (lowest < end) & (end < highest)
+        moved[outside] = np.where(try_end, end, 0.5 * (lowest + highest))[outside]
+        end_tried[active] |= outside
+        s[active] = moved
+        # the last step is so short that the path is straight along it
+        offset[active] = -back - (moved - s_active)[:, None] * along_path
+        normal[active] = local.normal
+        tangent[active] = along_path
+        active = active[np.abs(moved - s_active) > np.where(outside, _TOLERANCE, _LAST_STEP)]
+        if not active.size:
+            break
+    else:  # no convergence about a corner without a foot on either side
+        local = path.local(s[active])
+        offset[active] = p[active] - local.position
+        normal[active] = local.normal
+        tangent[active] = local.tangent
+    s = np.where(s - first <= 2 * _INSIDE, first, np.where(last - s <= 2 * _INSIDE, last, s))
+    vertical = dot(offset, np.cross(tangent, normal))
+    return Projection(s, offset, dot(offset, normal), vertical, dot(offset, tangent), np.sqrt(dot(offset, offset)))
+
+
+def compare_legs(path: Curve, p: Floats, projection: Projection, spacing: float, sharp: Floats | float) -> None:
+    """Replace feet near a corner whose other leg is nearer.
+
+    Args:
+        path: a path with corners.
+        p: points, (n, 3) [mm].
+        projection: of the points, updated.
+        spacing: of the path's table [mm].
+        sharp: distance from a sharp corner within which that is done, (n,) [mm].
+    """
+    corners = path.corners
+    edges = np.concatenate([[0.0], corners, [path.length]])
+    k = 1 + np.searchsorted(0.5 * (corners[1:] + corners[:-1]), projection.s)
+    reach = np.maximum(_NEAR_CORNER * spacing, _INSIDE_CORNER * projection.distance)
+    reach = np.where(path.legs.sharp[k - 1], np.minimum(_NEAR_CORNER * spacing, sharp), reach)
+    near = np.flatnonzero(np.abs(edges[k] - projection.s) <= reach)
+    corner = edges[k[near]]
+    before = np.maximum(edges[k[near] - 1], corner - reach[near])
+    after = np.minimum(edges[k[near] + 1], corner + reach[near])
+    # the last step to a foot may have crossed the corner, with the frame of the leg that it left
+    crossed = np.abs(projection.s[near] - corner) <= 2 * _LAST_STEP
+    ahead = projection.s[near] > corner
+    for side, low, high in ((~ahead, before, corner), (ahead, corner, after)):
+        other = foot_between(path, p[near], low, high, 0.5 * (low + high))
+        closer = other.distance < projection.distance[near] - _INSIDE  # a tie leaves the foot as it is
+        closer |= crossed & side
+        for name, values in vars(projection).items():
+            values[near[closer]] = getattr(other, name)[closer]
+
+
+def longer_steps(trace: Floats, rows: NDArray[np.intp]) -> Floats:
+    """Return the longer of the steps before and after some points of a trace, (m,) [mm].
+
+    A point at rest has the last step before the rest, and the first after it.
+
+    Args:
+        trace: points, (n, 3) [mm].
+        rows: of the points, ascending, (m,).
+    """
+
+    def steps(block: slice) -> Floats:
+        points = trace[rows[block.start : block.stop + 1]]
+        return np.sqrt(np.sum(np.diff(points, axis=0) ** 2, axis=1))
+
+    longer: Floats = _longer(by_blocks(steps, rows.size - 1))
+    return longer
+
+
+def travel_between(trace: Floats, rows: NDArray[np.intp]) -> Floats:
+    """Return the length of a trace from each of some points to the next, where others lie between, else 0.
+
+    Args:
+        trace: points, (n, 3) [mm].
+        rows: of the points, ascending, (m,).
+
+    Returns:
+        The length from the point before each, (m,) [mm].
+    """
+    travel = np.zeros(rows.size)
+    for k in np.flatnonzero(np.diff(rows) > 1):
+        between = trace[rows[k] : rows[k + 1] + 1]
+        steps = np.linalg.norm(np.diff(between, axis=0), axis=1)
+        travel[k + 1] = steps.sum()
+    return travel
+
+
+@jit
+def _longer(steps: Floats) -> Floats:
+    """Return the longer of the steps before and after each point, (m,), of steps from each to the next, (m - 1,)."""
+    longer = np.zeros(len(steps) + 1)
+    moved = 0.0
+    for k in range(len(steps)):
+        if steps[k] > 0.0:
+            moved = steps[k]
+        longer[k + 1] = moved
+    moved = 0.0
+    for k in range(len(steps) - 1, -1, -1):
+        if steps[k] > 0.0:
+            moved = steps[k]
+        longer[k] = max(longer[k], moved)
+    return longer

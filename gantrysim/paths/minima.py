@@ -1,0 +1,138 @@
+"""Entries of a table of points that are nearer to a point than their neighbours; compiled."""
+
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base.arrays import Floats
+from gantrysim.base.jit import inner_jit, jit
+
+
+class Table(NamedTuple):
+    """Points along a path, evenly spaced.
+
+    Attributes:
+        points: (m, 3) [mm].
+        spacing: arc length from one to the next [mm].
+    """
+
+    points: Floats
+    spacing: float
+
+
+class Minima(NamedTuple):
+    """Buffers for the minima about a point.
+
+    Attributes:
+        entry: their indices, (c,).
+        place: where the distance is least about each, in entries, (c,).
+        distance: the distances, (c,) [mm].
+    """
+
+    entry: NDArray[np.int64]
+    place: Floats
+    distance: Floats
+
+
+@inner_jit
+def square_distance(a, b):
+    """Squared distance of two points."""
+    x = a[0] - b[0]
+    y = a[1] - b[1]
+    z = a[2] - b[2]
+    return x * x + y * y + z * z
+
+
+@inner_jit
+def nearest_entry(points, point, low, high):
+    """Index of the first entry nearest to a point, from low to high inclusive."""
+    best = low
+    least = np.inf
+    for i in range(max(low, 0), min(high, len(points) - 1) + 1):
+        square = square_distance(points[i], point)
+        if square < least:
+            best = i
+            least = square
+    return best
+
+
+@inner_jit
+def first_near_entry(table, point):
+    """Index of the first entry as near to a point as the nearest, within the table's spacing."""
+    points = table.points
+    nearest = points[nearest_entry(points, point, 0, len(points) - 1)]
+    bound = np.sqrt(square_distance(nearest, point)) + table.spacing
+    for i in range(len(points)):
+        if square_distance(points[i], point) <= bound * bound:
+            return i
+    return 0
+
+
+@inner_jit
+def _vertex(before, square, after):
+    """Place of the vertex of a parabola through three squared distances, in entries from the middle one, -1 to 1."""
+    second = before - 2 * square + after
+    return min(max(0.5 * (before - after) / second, -1.0), 1.0) if second > 0 else 0.0
+
+
+@inner_jit
+def find_minima(points, point, low, high, minima):
+    """Find the entries from low to high that are nearer to a point than their neighbours; return their number.
+
+    Without any, it is the nearest; an end of the table needs one neighbour only.
+
+    Args:
+        points: along the path, (m, 3) [mm].
+        point: (3,) [mm].
+        low: first entry.
+        high: last entry.
+        minima: into whose first elements they are written; those that have no room are left out.
+    """
+    last_entry = len(points) - 1
+    count = 0
+    best = low
+    least = np.inf
+    before = np.inf if low == 0 else square_distance(points[low - 1], point)
+    square = square_distance(points[low], point)
+    for i in range(low, high + 1):
+        after = np.inf if i == last_entry else square_distance(points[i + 1], point)
+        if square <= before and square < after and count < len(minima.entry):
+            minima.entry[count] = i
+            minima.distance[count] = np.sqrt(square)
+            minima.place[count] = i + (_vertex(before, square, after) if 0 < i < last_entry else 0.0)
+            count += 1
+        if square < least:
+            best = i
+            least = square
+        before = square
+        square = after
+    if count == 0:
+        minima.entry[0] = best
+        minima.place[0] = best
+        minima.distance[0] = np.sqrt(least)
+        return 1
+    return count
+
+
+@jit
+def vertices(points, p, nearest):
+    """Return the vertex of a parabola through the squared distances to three entries, in entries, (n,).
+
+    Args:
+        points: along the path, (m, 3) [mm].
+        p: points beside it, (n, 3) [mm].
+        nearest: index of the entry nearest to each point, (n,).
+    """
+    places = np.empty(len(p))
+    square = np.empty(3)
+    for k in range(len(p)):
+        middle = min(max(nearest[k], 1), len(points) - 2)
+        for i in range(3):
+            square[i] = square_distance(points[middle - 1 + i], p[k])
+        places[k] = middle + _vertex(square[0], square[1], square[2])
+    return places
