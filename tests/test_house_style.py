@@ -32,22 +32,14 @@ NOT_YET: dict[str, dict[str, int]] = {
     "controllers/stage": {"names": 6},
     # controllers/softmc
     "controllers/softmc": {"names": 48, "assignments": 1, "parameters": 1, "modules": 2},
-    # base
-    "base": {"names": 18},
     # cli
-    "cli": {"names": 46, "assignments": 1, "functions": 6, "parameters": 1},
+    "cli": {"functions": 6, "parameters": 1},
     # job
-    "job": {"names": 11, "parameters": 1},
-    # compare
-    "compare": {"names": 43, "assignments": 3},
-    # exchange
-    "exchange": {"names": 17},
-    # plots
-    "plots": {"names": 11},
+    "job": {"parameters": 1},
     # report
-    "report": {"names": 5, "parameters": 3},
+    "report": {"parameters": 3},
     # view
-    "view": {"names": 7, "assignments": 2, "parameters": 2},
+    "view": {"names": 1, "parameters": 2},
     # render
     "render": {"names": 18, "assignments": 56, "parameters": 2},
     # drawings

@@ -101,10 +101,10 @@ class FileTable:
     def __init__(self, most: int, columns: Mapping[str, tuple[np.dtype[Any], tuple[int, ...]]]) -> None:
         self._columns = dict(columns)
         self._offsets = dict[str, int]()
-        at = 0
+        offset = 0
         for name, (dtype, tail) in columns.items():
-            self._offsets[name] = at
-            at += -(-most * dtype.itemsize * int(np.prod(tail, dtype=np.int64)) // 64) * 64
+            self._offsets[name] = offset
+            offset += -(-most * dtype.itemsize * int(np.prod(tail, dtype=np.int64)) // 64) * 64
         with _writing():
             self._file = _File()
 
@@ -113,11 +113,11 @@ class FileTable:
         for name, block in blocks.items():
             dtype, tail = self._columns[name]
             row = dtype.itemsize * int(np.prod(tail, dtype=np.int64))
-            left = memoryview(cast(Any, np.ascontiguousarray(block, dtype).reshape(-1).view(np.uint8)))
+            unwritten = memoryview(cast(Any, np.ascontiguousarray(block, dtype).reshape(-1).view(np.uint8)))
             with _writing():
                 self._file.raw.seek(self._offsets[name] + first * row)
-                while left:
-                    left = left[self._file.raw.write(left) :]
+                while unwritten:
+                    unwritten = unwritten[self._file.raw.write(unwritten) :]
 
     def stored(self, rows: int) -> dict[str, Stored]:
         """Return the first rows of all columns."""

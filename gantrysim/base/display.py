@@ -14,7 +14,7 @@ def decimals_of(whole: float) -> int:
 
 
 class Shown(ABC):
-    """An object with facts about itself, in the order of their weight."""
+    """Mixin: repr and HTML table from `facts`, most important first."""
 
     @abstractmethod
     def facts(self) -> Mapping[str, str]:
@@ -31,7 +31,7 @@ def table_html(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) 
     """Return a table in HTML; the first cell of a row is its head."""
     head = "".join(f"<th>{escape(name)}</th>" for name in heads)
     body = "".join(
-        f"<tr><th>{escape(first)}</th>{''.join(f'<td>{escape(cell)}</td>' for cell in rest)}</tr>"
-        for first, *rest in rows
+        f"<tr><th>{escape(first)}</th>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>"
+        for first, *cells in rows
     )
     return f"<table><caption>{escape(title)}</caption>{f'<tr>{head}</tr>' if head else ''}{body}</table>"

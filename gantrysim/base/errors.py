@@ -24,8 +24,8 @@ shown = _shortened.repr
 class GantryError(Exception):
     """Base of every error that gantrysim raises on purpose; its text has a bounded length, whatever it quotes."""
 
-    def __init__(self, text: str = "", *more: object) -> None:
-        super().__init__(shortened(text), *more)
+    def __init__(self, text: str = "", *arguments: object) -> None:
+        super().__init__(shortened(text), *arguments)
 
 
 class InputError(GantryError, ValueError):
@@ -58,13 +58,13 @@ def text_of(error: BaseException) -> str:
 def expanded(path: str | os.PathLike[str]) -> Path:
     """Return a path with ~ as the home folder, or raise InputError where there is none, or no such path can be."""
     try:
-        found = Path(path).expanduser()
-        found.exists()  # fails for too long a name, or in a folder that may not be entered
+        expanded_path = Path(path).expanduser()
+        expanded_path.exists()  # fails for too long a name, or in a folder that may not be entered
     except RuntimeError:
         raise InputError(f"{os.fspath(path)}: there is no such home folder") from None
     except OSError as error:
         raise InputError(f"{shown(os.fspath(path))}: {error.strerror}") from None
-    return found
+    return expanded_path
 
 
 def finite(name: str, value: float, unit: str = "") -> float:
@@ -119,7 +119,8 @@ def place(name: str, value: Sequence[float], unit: str = "mm") -> tuple[float, f
     numbers = tuple(value)
     if len(numbers) not in (2, 3):
         raise InputError(f"{name} of {len(numbers)} numbers: must be x, y[, z]")
-    x, y, z = (*(finite(f"{name} {axis}", one, unit) for axis, one in zip("xyz", numbers, strict=False)), 0.0)[:3]
+    coordinates = [finite(f"{name} {axis}", number, unit) for axis, number in zip("xyz", numbers, strict=False)]
+    x, y, z = [*coordinates, 0.0][:3]
     return x, y, z
 
 

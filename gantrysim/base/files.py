@@ -57,8 +57,8 @@ def replaced(file: str | os.PathLike[str]) -> Iterator[Path]:
         InputError: a folder, no regular file, a link to a file in another folder, or a file that cannot be written.
     """
     target = _writable(file)
-    kept = f"; the earlier {target.name} is kept" if target.exists() else ""
-    with _written(f"file {file}", kept, f"{file} is complete") as done, _scratch(target.parent) as scratch:
+    note = f"; the earlier {target.name} is kept" if target.exists() else ""
+    with _written(f"file {file}", note, f"{file} is complete") as done, _scratch(target.parent) as scratch:
         yield scratch / target.name
         if PARTIAL not in str(target.parent):  # else the folder around it does
             _to_disk([scratch / target.name])
@@ -82,8 +82,8 @@ def replaced_files(folder: Path, names: Iterable[str], label: str) -> Iterator[P
         InputError: the files cannot be written; the old ones are kept.
     """
     names = list(names)
-    kept = f"; the earlier files in {folder}/ are kept" if any((folder / name).exists() for name in names) else ""
-    with _written(label, kept, f"the files in {folder}/ are complete") as done, _scratch(folder) as scratch:
+    note = f"; the earlier files in {folder}/ are kept" if any((folder / name).exists() for name in names) else ""
+    with _written(label, note, f"the files in {folder}/ are complete") as done, _scratch(folder) as scratch:
         (scratch / NEW).mkdir()
         yield scratch / NEW
         check_free(folder, names, label)
@@ -91,7 +91,7 @@ def replaced_files(folder: Path, names: Iterable[str], label: str) -> Iterator[P
         _to_disk(file for file in scratch.rglob("*") if not file.is_dir())
         with deferred():
             scratch.rename(folder / SWAP)
-            complete_swap(folder, own=True)
+            complete_swap(folder, is_ours=True)
             done.append(True)
 
 
@@ -117,7 +117,7 @@ def held(folder: Path, label: str) -> Iterator[None]:
     Raises:
         InputError: in use by another command, or not to be written to; or hidden files that no command can have left.
     """
-    made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     lock = folder / LOCK
     stream: BinaryIO | None = None
     try:
@@ -139,7 +139,7 @@ def held(folder: Path, label: str) -> Iterator[None]:
                 with suppress(OSError):
                     lock.unlink()
                 stream.close()  # releases the lock, after its file is gone
-            for parent in made:
+            for parent in missing:
                 with suppress(OSError):  # not empty
                     parent.rmdir()
 
@@ -190,17 +190,26 @@ def _writable(file: str | os.PathLike[str]) -> Path:
 
 
 @contextmanager
-def _written(label: str, kept: str, complete: str) -> Iterator[list[bool]]:
-    """Say in errors and interrupts of the block what they leave; yields a list to be filled once that is the new."""
+def _written(label: str, note: str, complete: str) -> Iterator[list[bool]]:
+    """Report which files remain after an error or an interrupt of the block.
+
+    Args:
+        label: of the files, in errors.
+        note: which earlier files are kept.
+        complete: message of an interrupt once the new files are in place.
+
+    Yields:
+        A list to be filled once they are.
+    """
     done: list[bool] = []
     try:
         yield done
     except KeyboardInterrupt:
-        raise (ReplacedError(complete) if done else KeyboardInterrupt(f"nothing is written{kept}")) from None
+        raise (ReplacedError(complete) if done else KeyboardInterrupt(f"nothing is written{note}")) from None
     except OSError as error:
         if error.errno not in _DISK and not any(part in str(error.filename) for part in (PARTIAL, SWAP)):
             raise
-        raise InputError(f"{label}: cannot be written: {error.strerror or error}{kept}") from None
+        raise InputError(f"{label}: cannot be written: {error.strerror or error}{note}") from None
 
 
 @contextmanager
@@ -214,7 +223,7 @@ def _scratch(folder: Path) -> Iterator[Path]:
                 scratch = Path(tempfile.mkdtemp(prefix=PARTIAL, dir=folder))
                 stack.callback(deferred()(shutil.rmtree), scratch, ignore_errors=True)
                 with suppress(FileNotFoundError, BlockingIOError):  # swept as abandoned before it was locked
-                    stack.enter_context(_claimed(scratch, own=True))
+                    stack.enter_context(_claimed(scratch, is_ours=True))
                     claimed = True
         yield scratch
 
@@ -228,8 +237,8 @@ def _sweep(folder: Path) -> None:
 
 
 @contextmanager
-def _claimed(scratch: Path, *, own: bool = False) -> Iterator[None]:
-    """Lock a hidden folder in the block; without locks one of our `own` will do, and nothing is known of another's.
+def _claimed(scratch: Path, *, is_ours: bool = False) -> Iterator[None]:
+    """Lock a hidden folder in the block; without locks, one that `is_ours` counts as locked.
 
     Raises:
         BlockingIOError: another process has locked it.
@@ -241,12 +250,12 @@ def _claimed(scratch: Path, *, own: bool = False) -> Iterator[None]:
         return
     number = os.open(scratch, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     try:
-        if not own and not is_of_this_user(os.fstat(number)):
+        if not is_ours and not is_of_this_user(os.fstat(number)):
             raise PermissionError(errno.EPERM, "belongs to another user", str(scratch))
         try:
             fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            if not own or isinstance(error, BlockingIOError):
+            if not is_ours or isinstance(error, BlockingIOError):
                 raise
         if not os.path.samestat(os.fstat(number), scratch.lstat()):
             raise FileNotFoundError(errno.ENOENT, "is another folder by now", str(scratch))

@@ -51,5 +51,5 @@ def tell_compiling(tell: Callable[[], None]) -> None:
 
 
 def inner_jit(function: _Function) -> _Function:
-    """Compile a function that only compiled functions call; it becomes a part of them, also in their cache."""
+    """Compile a helper inlined into, and cached with, its callers."""
     return numba.njit(error_model="numpy")(function)

@@ -1,4 +1,4 @@
-"""What a run of many ticks needs of the machine that computes it, and what that has."""
+"""Memory needed by long runs, and memory available."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _GROUPS = (
 
 
 def give_back() -> None:
-    """Return to the system what the C library keeps of memory that is freed; glibc does so when it is told to."""
+    """Return freed memory, which the C library keeps, to the system; glibc does so on request."""
     with suppress(AttributeError, OSError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)
 
@@ -88,9 +88,9 @@ def check_ticks(ticks: float, what: str, remedy: str) -> None:
 
 def _machine_memory(root: Path) -> float:
     """Return the memory that the machine has left; all of it where it does not say, inf where it says nothing [B]."""
-    left = _statistics(root / "proc/meminfo").get("MemAvailable:")
-    if left is not None:
-        return 1024.0 * left
+    available = _statistics(root / "proc/meminfo").get("MemAvailable:")
+    if available is not None:
+        return 1024.0 * available
     try:
         return float(os.sysconf("SC_PAGE_SIZE")) * float(os.sysconf("SC_PHYS_PAGES"))
     except (AttributeError, OSError, ValueError):  # Windows has no sysconf

@@ -101,5 +101,5 @@ def _set(handler: Handler | signal.Handlers) -> dict[int, Handler | int | None]:
     """Set a handler of all the signals and return the earlier ones; a SIGHUP that nohup ignores stays ignored."""
     if threading.current_thread() is not threading.main_thread():
         return {}
-    kept = {number for number in ENDING if number != signal.SIGINT and signal.getsignal(number) is signal.SIG_IGN}
-    return {number: signal.signal(number, handler) for number in ENDING if number not in kept}
+    ignored = {number for number in ENDING if number != signal.SIGINT and signal.getsignal(number) is signal.SIG_IGN}
+    return {number: signal.signal(number, handler) for number in ENDING if number not in ignored}

@@ -34,14 +34,14 @@ def pending(folder: Path) -> bool:
     return os.path.lexists(folder / SWAP)
 
 
-def complete_swap(folder: Path, *, own: bool = False) -> None:
+def complete_swap(folder: Path, *, is_ours: bool = False) -> None:
     """Move the old files of a held folder away and the complete new ones in; continue where a killed process stopped.
 
     The list of names says that old files are left. While it is there, an error moves them back.
 
     Args:
         folder: that this process holds.
-        own: whether this process has made the hidden folder; some file systems show another owner even then.
+        is_ours: whether this process has made the hidden folder; some file systems show another owner even then.
 
     Raises:
         OSError: an old file cannot be moved; all are kept, and the new files are removed.
@@ -54,7 +54,7 @@ def complete_swap(folder: Path, *, own: bool = False) -> None:
     names = swap / NAMES
     new = swap / NEW
     old = swap / OLD
-    listed = _checked(folder, own)
+    listed = _checked(folder, is_ours)
     if listed is not None:
         try:
             for name in listed:
@@ -121,7 +121,7 @@ def is_of_this_user(status: os.stat_result) -> bool:
     return not hasattr(os, "geteuid") or status.st_uid == os.geteuid()
 
 
-def _checked(folder: Path, own: bool) -> list[str] | None:
+def _checked(folder: Path, is_ours: bool) -> list[str] | None:
     """Return the names in the hidden folder's list, None without one, after all that it holds has been checked.
 
     Raises:
@@ -133,7 +133,7 @@ def _checked(folder: Path, own: bool) -> list[str] | None:
         raise _refused(folder, "is a link")
     if not stat.S_ISDIR(status.st_mode):
         raise _refused(folder, "is no folder")
-    if not (own or is_of_this_user(status)):
+    if not (is_ours or is_of_this_user(status)):
         raise _refused(folder, "belongs to another user")
     parts = [part.name for part in swap.iterdir()]
     for part in parts:

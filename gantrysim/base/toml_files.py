@@ -159,8 +159,8 @@ def one_line(error: ValidationError, known: Iterable[str] = ()) -> str:
     named = 1
     while named < min(len(texts), _FEW) and len("; ".join(texts[: named + 1])) <= _LONGEST:
         named += 1
-    more = [f"and {len(texts) - named} more"] if len(texts) > named else []
-    return "; ".join([*texts[:named], *more])
+    others = [f"and {len(texts) - named} more"] if len(texts) > named else []
+    return "; ".join([*texts[:named], *others])
 
 
 def _meant(where: str, known: Sequence[str]) -> str:

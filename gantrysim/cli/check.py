@@ -16,7 +16,7 @@ def check(
     settings: Settings = None,
     controller: Reader = None,
     speed: Speed = None,
-    at: At = None,
+    origin: At = None,
     rotate: Rotate = None,
     scale: Scale = None,
     allow_code: AllowCode = False,
@@ -33,7 +33,7 @@ def check(
         settings or (),
         model,
         controller=controller,
-        placement=placement(at, rotate, scale),
+        placement=placement(origin, rotate, scale),
         speed=speed,
         allow_code=allow_code,
     )

@@ -39,9 +39,7 @@ def compare(
     ] = None,
     period: Annotated[float | None, typer.Option(help="Sampling period, for a log without time \\[s].")] = None,
     blocks: Annotated[int, typer.Option(min=0, help="Blocks of a Trio TABLE dump.")] = 0,
-    align: Annotated[
-        str, typer.Option(help="What is fitted of the trace: time, offset, rotation, or none.")
-    ] = "time,offset",
+    align: Annotated[str, typer.Option(help="Fitted to the trace: time, offset, rotation, or none.")] = "time,offset",
     circle: Annotated[
         str | None,
         typer.Option(metavar="RADIUS[,X,Y]", help="Evaluate a circular test too, about X, Y in the work frame \\[mm]."),
@@ -75,25 +73,25 @@ def compare(
         raise InputError(f"run {run}: {folder.name} in it is a link: name the output folder with --out")
     trace = Trace.of(read_log(measured, blocks or given.blocks), given, saved.run)
     what = tuple(part.strip() for part in align.split(",") if part.strip() not in ("", "none"))
-    found = Comparison.of(trace, saved.run, saved.machine, what)
-    content = {"run": str(run), "measured": str(measured), **found.summary()}
+    comparison = Comparison.of(trace, saved.run, saved.machine, what)
+    content = {"run": str(run), "measured": str(measured), **comparison.summary()}
     if circle is not None:
         radius, centre = _circle(circle)
-        content["circle"] = found.circle(radius, centre)
+        content["circle"] = comparison.circle(radius, centre)
     with output_folder(folder, Output("comparison", _SUMMARY, (_SUMMARY, OVERLAY, SPECTRUM, REPORT))) as scratch:
         (scratch / _SUMMARY).write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        written = [_SUMMARY, *save_comparison(found, scratch), REPORT]
-        write_comparison_page(scratch / REPORT, found, saved.job.name, measured.name, content.get("circle"))
-    show(_table(found))
+        written = [_SUMMARY, *save_comparison(comparison, scratch), REPORT]
+        write_comparison_page(scratch / REPORT, comparison, saved.job.name, measured.name, content.get("circle"))
+    show(_table(comparison))
     if circle is not None:
         show(_circle_table(content["circle"]))
-    say(headline(found), wrap=True)
-    say(alignment_text(found), wrap=True)
-    for peak in found.peaks:
+    say(headline(comparison), wrap=True)
+    say(alignment_text(comparison), wrap=True)
+    for peak in comparison.peaks:
         say(f"unexplained at {peak.frequency:.1f} Hz: {_UM * peak.rms:.2g} µm rms")
     if saved.changed:
         warn(f"note: machine {saved.machine.name} has changed since the run")
-    for note in found.notes:
+    for note in comparison.notes:
         say(f"note: {note}", wrap=True)
     say(f"written to {folder}/: {', '.join(written)}")
 
@@ -106,7 +104,7 @@ def _circle(text: str) -> tuple[float, tuple[float, float]]:
     return radius, (centre[0], centre[1]) if centre else (0.0, 0.0)
 
 
-def _table(found: Comparison) -> Table:
+def _table(comparison: Comparison) -> Table:
     from rich.table import Table
 
     table = Table(title="error normal to the path [µm]", title_justify="left", box=None, padding=(0, 1, 0, 0))
@@ -114,15 +112,15 @@ def _table(found: Comparison) -> Table:
     for column in _HEADS:
         table.add_column(column, justify="right", no_wrap=True)
     table.add_column("span", overflow="fold")
-    budgets = [budget.values for budget in (found.measured, found.simulated)]
-    for name in (*found.parts, "contour"):
+    budgets = [budget.values for budget in (comparison.measured, comparison.simulated)]
+    for name in (*comparison.parts, "contour"):
         cells = []
         for values in budgets:
             part = values.contour if name == "contour" else values.parts[name]
             cells += [part.rms, part.p95, part.max]
-        rest = found.unexplained[name]
-        numbers = [f"{_UM * cell:.1f}" for cell in (*cells, rest.rms, rest.max)]
-        table.add_row(name, *numbers, found.parts.get(name, "requested path to the last link measured"))
+        difference = comparison.unexplained[name]
+        numbers = [f"{_UM * cell:.1f}" for cell in (*cells, difference.rms, difference.max)]
+        table.add_row(name, *numbers, comparison.parts.get(name, "requested path to the last link measured"))
     table.caption = "difference: of the errors at the same instant, lateral and vertical"
     table.caption_justify = "left"
     return table
@@ -136,5 +134,5 @@ def _circle_table(values: dict[str, dict[str, float]]) -> Table:
     for name in values:
         table.add_column(name, justify="right")
     for key in values["measured"]:
-        table.add_row(key, *(f"{own[key]:.2f}" for own in values.values()))
+        table.add_row(key, *(f"{row[key]:.2f}" for row in values.values()))
     return table

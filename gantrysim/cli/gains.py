@@ -73,8 +73,8 @@ def gains(
             text = read_text(expanded(file), errors="replace")
         except OSError as error:
             raise InputError(f"--from {name} {file}: cannot be read: {error.strerror}") from None
-        found = imported(name, text, axes, loaded.built_servo, f"--from {name} {file}")
-        content = servo_toml(loaded, found, [f"Gains in the words of {name}, from {file.name}."])
+        imported_servo = imported(name, text, axes, loaded.built_servo, f"--from {name} {file}")
+        content = servo_toml(loaded, imported_servo, [f"Gains in the words of {name}, from {file.name}."])
     elif export == _SHAPER:
         content, notes = klipper(axes)
     else:
@@ -100,26 +100,26 @@ def _table(job: Job) -> Table:
     from gantrysim.exchange.unsaid import unsaid
 
     machine = job.built_machine
-    own = AxisServo.of(machine.axes, job.built_servo)
+    axis_servos = AxisServo.of(machine.axes, job.built_servo)
     table = Table(
         title=f"Servo gains of {job.name}, u the unit of the axis", title_justify="left", box=None, padding=(0, 1, 0, 0)
     )
     for heading in ("controller", "word", "unit", "from"):
         table.add_column(heading, no_wrap=heading != "from", overflow="fold")
-    for axis in own:
+    for axis in axis_servos:
         table.add_column(f"{axis.name}\n\\[{axis.unit}]", justify="right", no_wrap=True)
     table.caption = SYMBOLS
     table.caption_justify = "left"
-    for name, one in DIALECTS.items():
+    for name, chosen in DIALECTS.items():
         try:
-            rows = list(zip(*(one.words(axis) for axis in own), strict=True))
+            rows = list(zip(*(chosen.words(axis) for axis in axis_servos), strict=True))
         except InputError as error:
             table.add_row(name, "", "", str(error))
             continue
         for k, words in enumerate(rows):
             values = (f"{word.value:.4g}" for word in words)
             table.add_row(name if k == 0 else "", words[0].name, words[0].unit, words[0].formula, *values)
-        if lost := unsaid(one, own, job.built_servo):
+        if lost := unsaid(chosen, axis_servos, job.built_servo):
             table.add_row("", "", "", f"no export: no word for {', '.join(lost)}")
         table.add_section()
     return table

@@ -136,8 +136,8 @@ def margins_table(period: float = ServoSettings().period) -> Table:
     )
     for name in builtin_models():
         machine = Machine(name)
-        found = Plant.of(machine, period).margins(Servo.derive(machine.axes, period))
-        for a, (axis, margins) in enumerate(zip(machine.axes, found, strict=True)):
+        all_margins = Plant.of(machine, period).margins(Servo.derive(machine.axes, period))
+        for a, (axis, margins) in enumerate(zip(machine.axes, all_margins, strict=True)):
             table.add_row(
                 "" if a else name,
                 axis.name,

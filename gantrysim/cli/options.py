@@ -25,7 +25,9 @@ Reader = Annotated[
     ),
 ]
 Speed = Annotated[float | None, typer.Option(help="Speed of the program's fastest motion \\[mm/s].")]
-At = Annotated[str | None, typer.Option(metavar="X,Y", help="Place of the program's origin on the work \\[mm].")]
+At = Annotated[
+    str | None, typer.Option("--at", metavar="X,Y", help="Place of the program's origin on the work \\[mm].")
+]
 Rotate = Annotated[float | None, typer.Option(help="Turn of the program about its origin \\[deg].")]
 Scale = Annotated[float | None, typer.Option(help="Factor on the program's lengths.")]
 AllowCode = Annotated[
@@ -46,11 +48,11 @@ def to_write(folder: Path | None) -> Path | None:
     return folder
 
 
-def placement(at: str | None, rotate: float | None, scale: float | None) -> dict[str, float]:
+def placement(origin: str | None, rotate: float | None, scale: float | None) -> dict[str, float]:
     """Return the attributes of a `Placement` that are given."""
     given: dict[str, float] = {}
-    if at is not None:
-        parts: list[Any] = at.split(",")
+    if origin is not None:
+        parts: list[Any] = origin.split(",")
         given["x"], given["y"] = point("--at", parts)
     given |= {name: value for name, value in (("rotate", rotate), ("scale", scale)) if value is not None}
     return given

@@ -43,8 +43,8 @@ def render(
         typer.Option(help="Seconds of the run per second of film; by default 1, or more to keep it below a minute."),
     ] = None,
     colour: Colour = "plain",
-    at: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Draw a single picture at this time of the run.")
+    moment: Annotated[
+        float | None, typer.Option("--at", metavar="SECONDS", help="Draw a single picture at this time of the run.")
     ] = None,
     label: Annotated[
         list[str] | None,
@@ -78,18 +78,18 @@ def render(
     if speed is not None:
         positive("speed of the film", speed)
     pixels = None if size is None else size_of(size)
-    target = _target(folders, out, at)
+    target = _target(folders, out, moment)
     with interruptible() as go_on:
         runs = [SavedRun.load(folder) for folder in folders]
         for run in runs:
             if run.changed:
                 warn(f"note: machine {run.machine.name} has changed since {run.folder} was run")
         names = label or labels_of(runs)
-        own = [run for run in runs if expanded(run.folder).absolute() == target.absolute().parent]
+        replaced = [run for run in runs if expanded(run.folder).absolute() == target.absolute().parent]
 
         def check() -> None:
             go_on()
-            for run in own:
+            for run in replaced:
                 if not run.is_current:
                     raise InputError(f"run {run.folder}: has been run again meanwhile: render it again")
 
@@ -97,7 +97,7 @@ def render(
         with Film(takes, camera=camera, size=pixels, colour=colour) as film:
             if target.suffix.lower() not in FILMS:
                 check()
-                film.save_picture(target, at)
+                film.save_picture(target, moment)
                 content = "picture"
             else:
                 with share_bar("render", check) as advance:
@@ -112,19 +112,19 @@ def size_of(text: str) -> tuple[int, int]:
     Raises:
         InputError: the text is not of this form.
     """
-    found = re.fullmatch(r"(\d{1,9})[x×](\d{1,9})", text.strip())
-    if found is None:
+    size = re.fullmatch(r"(\d{1,9})[x×](\d{1,9})", text.strip())
+    if size is None:
         raise InputError(f"--size {text}: must be width x height in pixels, as in 960x720")
-    return int(found[1]), int(found[2])
+    return int(size[1]), int(size[2])
 
 
-def _target(folders: list[Path], out: Path | None, at: float | None) -> Path:
+def _target(folders: list[Path], out: Path | None, moment: float | None) -> Path:
     """Return the file to be written."""
     from gantrysim.render.encoding import FILMS, PICTURES
     from gantrysim.report.folder import RENDER
 
     if out is None:
-        suffix = FILMS[0] if at is None else PICTURES[0]
+        suffix = FILMS[0] if moment is None else PICTURES[0]
         first = expanded(folders[0])
         if len(folders) == 1:
             return first / f"{RENDER}{suffix}"
@@ -132,6 +132,6 @@ def _target(folders: list[Path], out: Path | None, at: float | None) -> Path:
     suffix = out.suffix.lower()
     if suffix not in (*FILMS, *PICTURES):
         raise InputError(f"--out {out}: suffix = {out.suffix!r}: must be {', '.join(FILMS)} or {PICTURES[0]}")
-    if at is not None and suffix in FILMS:
-        raise InputError(f"--at {at:g} with --out {out}: --at draws a single picture: must be {PICTURES[0]}")
+    if moment is not None and suffix in FILMS:
+        raise InputError(f"--at {moment:g} with --out {out}: --at draws a single picture: must be {PICTURES[0]}")
     return expanded(out)

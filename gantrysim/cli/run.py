@@ -38,7 +38,7 @@ def run(
     ] = None,
     controller: Reader = None,
     speed: Speed = None,
-    at: At = None,
+    origin: At = None,
     rotate: Rotate = None,
     scale: Scale = None,
     video: Annotated[bool, typer.Option(help="Write video.mp4.")] = True,
@@ -73,7 +73,7 @@ def run(
         model,
         servo,
         controller=controller,
-        placement=placement(at, rotate, scale),
+        placement=placement(origin, rotate, scale),
         speed=speed,
         allow_code=allow_code,
     )
@@ -119,7 +119,7 @@ def run(
     say(f"written to {folder}/: {', '.join(written)}")
     if record.fault is not None:
         if causes:
-            say("note: no causes, they are those of a complete run")
+            say("causes skipped: the run ended in a fault")
         warn(str(record.fault), "fault")
         raise typer.Exit(FAULT)
     if failed:
@@ -166,16 +166,16 @@ def _evaluated(
     budget = Budget(analysis)
     bead = Bead(record, job.bead, analysis)
     laid = bead.values if bead.nominal > 0 else None
-    found = losses = None
+    causes_found = losses = None
     shown: list[Callable[[], None]] = []
     if causes and record.fault is None:
         with share_bar("causes", go_on) as advance:
-            found = causes_of(job, record, advance)
+            causes_found = causes_of(job, record, advance)
     if record.injected:
         with share_bar("simulate without faults", go_on) as advance:
             healthy = job.without_faults().run(advance)
         losses = Losses.of(bead, Bead(healthy, job.bead)) if healthy.dispense.any() else None
-    write_run(scratch, job, machine, budget, laid, found, losses)
+    write_run(scratch, job, machine, budget, laid, causes_found, losses)
     scatter = None
     if repeat is not None and record.fault is None:
         with share_bar("repeat", go_on) as advance:
@@ -200,8 +200,8 @@ def _evaluated(
     if losses is not None:
         cost = losses_table(record, losses)
         shown.append(lambda: show(cost))
-    if found is not None:
-        table = causes_table(found)
+    if causes_found is not None:
+        table = causes_table(causes_found)
         shown.append(lambda: show(table))
     if scatter is not None:
         spread = scatter_table(scatter)
@@ -216,6 +216,6 @@ def _evaluated(
     if with_report:
         with optional("report"), share_bar("report", go_on) as advance:
             write_run_page(
-                scratch / REPORT, job, machine, bead, scratch / VIDEO, advance, found, losses, budget, scatter
+                scratch / REPORT, job, machine, bead, scratch / VIDEO, advance, causes_found, losses, budget, scatter
             )
     return shown

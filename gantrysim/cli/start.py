@@ -36,7 +36,7 @@ def last_words(kind: type[BaseException], error: BaseException, trace: Traceback
         SystemExit: with the exit status of the command.
     """
     # an interrupted import may raise an error of its own
-    if any(isinstance(each, KeyboardInterrupt) for each in _causes(error)):
+    if any(isinstance(cause, KeyboardInterrupt) for cause in _causes(error)):
         print(f"interrupted{_left}", file=sys.stderr)
         raise SystemExit(signals.status())
     if isinstance(error, RuntimeError) and "MUJOCO_GL" in str(error):

@@ -46,16 +46,19 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
     for link, part in values.parts.items():
         add(link, part, DESCRIPTIONS[link])
         if link == "tracking":
-            for axis, own in budget.tracking_by_axis(machine).items():
-                add(f"  by {axis}", budget.values_of(own))
+            for axis, tracking in budget.tracking_by_axis(machine).items():
+                add(f"  by {axis}", budget.values_of(tracking))
     if values.corner is not None:
         add(CORNER, values.corner, DESCRIPTIONS[CORNER])
     table.add_section()
-    contour, (x, y, _) = values.contour, values.contour.point
+    contour = values.contour
+    x, y, _ = contour.point
     add("contour", contour, DESCRIPTIONS["contour"])
-    # the causes are those of a complete run without faults on purpose
-    cause = "not what caused it" if run.fault is not None or run.injected else "--causes what caused it"
-    table.caption = f"links say where on the chain the error lies, {cause}\n"
+    table.caption = "links show where on the chain the error lies"
+    # causes are those of a complete run without faults on purpose
+    if run.fault is None and not run.injected:
+        table.caption += "; to see what causes it, add --causes"
+    table.caption += "\n"
     table.caption += "share of the mean square contour error; a negative share offsets others\n"
     table.caption += f"largest contour error at t = {contour.time:z.2f} s, x = {x:z.1f}, y = {y:z.1f} mm"
     table.caption_justify = "left"
@@ -84,7 +87,7 @@ def causes_table(causes: Causes) -> Table:
     for row in rows:
         table.add_row(*row)
     table.caption = "worth: rms with the cause minus rms without it, negative where it offsets others; gains stay, "
-    table.caption += "\n".join(["worths do not add up", *map(escape, causes.notes)])
+    table.caption += "\n".join(["effects do not add up", *map(escape, causes.notes)])
     table.caption_justify = "left"
     return table
 
@@ -98,9 +101,15 @@ def outcome_table(
     for unit, (axis, error) in zip(run.units, values.tracking.items(), strict=True):
         rms, largest = (f"{_UM * value:z.1f} {THOUSANDTH[unit]}" for value in (error.rms, error.max))
         table.add_row(f"following error {axis}", rms, f"max {largest}")
-    if margins is not None and any(own != NO_LOOP for own in margins):
-        axis, own = min(zip(run.axes, margins, strict=True), key=lambda pair: min(pair[1].gain, pair[1].together))
-        table.add_row("gain margin", f"{min(own.gain, own.together):z.2f}", f"of {axis}, {_judged(own)}")
+    if margins is not None and any(axis_margins != NO_LOOP for axis_margins in margins):
+        axis, axis_margins = min(
+            zip(run.axes, margins, strict=True), key=lambda pair: min(pair[1].gain, pair[1].together)
+        )
+        table.add_row(
+            "gain margin",
+            f"{min(axis_margins.gain, axis_margins.together):z.2f}",
+            f"of {axis}, {_judged(axis_margins)}",
+        )
     if values.spacing is not None:
         s = values.spacing
         requested = "" if run.requested.turn_spacing is None else f"requested {run.requested.turn_spacing:g}, "
@@ -130,7 +139,7 @@ def plan_table(name: str, plan: Plan) -> Table:
     table.title = escape(f"{name}: {plan.controller} on {plan.machine}, not simulated")
     table.title_justify = "left"
     table.add_row("requested path", f"{plan.length:z.3f} mm", "")
-    table.add_row("commanded way", f"{plan.way:z.3f} mm", f"{plan.glue:z.3f} mm with glue")
+    table.add_row("commanded path length", f"{plan.way:z.3f} mm", f"{plan.glue:z.3f} mm with glue")
     table.add_row("time", f"{plan.duration:z.3f} s", f"at most {plan.speed:z.2f} mm/s")
     files = f", {plan.files / _MB:z.0f} MB of temporary files" if plan.files else ""
     table.add_row(

@@ -121,7 +121,7 @@ def write_words(folder: Path, name: str | None) -> None:
     from gantrysim.report.folder import JOB
     from gantrysim.tuning.servo import TUNED
 
-    files = {one.name: folder / f"{Path(TUNED).stem}-{one.name}{one.suffix}" for one in DIALECTS.values()}
+    files = {chosen.name: folder / f"{Path(TUNED).stem}-{chosen.name}{chosen.suffix}" for chosen in DIALECTS.values()}
     for other, file in files.items():
         if other != name:
             file.unlink(missing_ok=True)

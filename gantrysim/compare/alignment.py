@@ -59,9 +59,9 @@ def aligned(trace: Trace, run: Run, what: tuple[str, ...] = ("time", "offset")) 
         run: simulated.
         what: is fitted, of `ALIGNED`; the rest is taken to be zero.
     """
-    for one in what:
-        if one not in ALIGNED:
-            raise unknown("alignment", one, ALIGNED)
+    for quantity in what:
+        if quantity not in ALIGNED:
+            raise unknown("alignment", quantity, ALIGNED)
     by = trace.links[0]
     placed = "offset" in what
     turning = "rotation" in what and trace.nozzle is not None
@@ -93,47 +93,47 @@ def _fitted(
     tau, turn = _correlated(trace.time, m, run, simulated[:, known], turning) if free else (float(shift or 0.0), 0.0)
     offset = np.zeros(m.shape[1])
     for _ in range(_STEPS):
-        at = trace.time - tau
-        inside = (at >= run.time[0]) & (at <= run.time[-1])
+        shifted = trace.time - tau
+        inside = (shifted >= run.time[0]) & (shifted <= run.time[-1])
         if np.count_nonzero(inside) < LEAST:
             raise InputError(
                 f"the trace covers {np.count_nonzero(inside)} of its samples with the run, from {run.time[0]:g} to "
                 f"{run.time[-1]:g} s: must be at least {LEAST}"
             )
-        s = spline(at[inside])
-        rate = spline(at[inside], 1)
-        rest = m[inside] - turned(s, turn) - offset
+        s = spline(shifted[inside])
+        rate = spline(shifted[inside], 1)
+        residual = m[inside] - turned(s, turn) - offset
         slopes = []
         if free:
             slopes.append(-turned(rate, turn))
         if turning:
             slopes.append(turned(s, turn + np.pi / 2) * (columns < 2))
         if placed:
-            slopes += [np.broadcast_to(unit, rest.shape) for unit in np.eye(rest.shape[1])]
+            slopes += [np.broadcast_to(unit, residual.shape) for unit in np.eye(residual.shape[1])]
         if not slopes:
             break
-        step = np.linalg.lstsq(np.stack([slope.ravel() for slope in slopes], axis=1), rest.ravel(), rcond=None)[0]
-        left = list(step)
-        change = left.pop(0) if free else 0.0
+        step = np.linalg.lstsq(np.stack([slope.ravel() for slope in slopes], axis=1), residual.ravel(), rcond=None)[0]
+        steps = list(step)
+        change = steps.pop(0) if free else 0.0
         tau += change
         if turning:
-            turn += left.pop(0)
-        offset = offset + (np.array(left) if placed else 0.0)
+            turn += steps.pop(0)
+        offset = offset + (np.array(steps) if placed else 0.0)
         if abs(change) <= _SETTLED * run.period and np.abs(step).max() <= _SETTLED:
             break
     whole = np.zeros(measured.shape[1])
     whole[known] = offset
-    return float(tau), whole, float(turn), float(np.sqrt(np.mean(rest**2)))
+    return float(tau), whole, float(turn), float(np.sqrt(np.mean(residual**2)))
 
 
 def turned(points: Floats, turn: float) -> Floats:
     """Return points turned about z, (n, 2 or more)."""
     if turn == 0.0:
         return points
-    x, y, *more = points.T
+    x, y, *others = points.T
     cos = np.cos(turn)
     sin = np.sin(turn)
-    return np.column_stack([cos * x - sin * y, sin * x + cos * y, *more])
+    return np.column_stack([cos * x - sin * y, sin * x + cos * y, *others])
 
 
 def _correlated(time: Floats, measured: Floats, run: Run, simulated: Floats, turning: bool) -> tuple[float, float]:
@@ -148,20 +148,20 @@ def _correlated(time: Floats, measured: Floats, run: Run, simulated: Floats, tur
         )
     even = np.arange(time[0], time[-1], run.period)
     smooth = partial(np.convolve, np.full(_SMOOTH, 1 / _SMOOTH), mode="same")
-    one, other = (
+    first, second = (
         np.array([smooth(np.diff(column)) for column in columns])
         for columns in (
             [np.interp(even, time, column) for column in measured.T],
             simulated.T,
         )
     )
-    lags = correlation_lags(one.shape[1], other.shape[1])
+    lags = correlation_lags(first.shape[1], second.shape[1])
     if turning:  # in the plane as complex numbers, whose magnitude does not depend on a turn
-        product = correlate(one[0] + 1j * one[1], other[0] + 1j * other[1], method="fft")
+        product = correlate(first[0] + 1j * first[1], second[0] + 1j * second[1], method="fft")
         best = int(np.abs(product).argmax())
         turn = float(np.angle(product[best]))
     else:
-        total = sum(correlate(a, b, method="fft") for a, b in zip(one, other, strict=True))
+        total = sum(correlate(a, b, method="fft") for a, b in zip(first, second, strict=True))
         best = int(np.argmax(total))
         turn = 0.0
     return float(even[0] - run.time[0] + lags[best] * run.period), turn

@@ -21,7 +21,7 @@ from gantrysim.record.run import Run
 _UNEVEN = 0.01  # of a period, between samples of one rate
 
 
-def beside(trace: Trace, found: Alignment, run: Run, machine: Machine) -> tuple[Run, Run]:
+def beside(trace: Trace, alignment: Alignment, run: Run, machine: Machine) -> tuple[Run, Run]:
     """Return the records of the measured and of the simulated run, at the trace's instants that both cover.
 
     A link of the chain that is not measured is that of the link before it, in both, so that its share is zero: without
@@ -32,39 +32,40 @@ def beside(trace: Trace, found: Alignment, run: Run, machine: Machine) -> tuple[
     Raises:
         InputError: the trace begins after the dispenser is on.
     """
-    at = trace.time - found.shift
-    rows = np.flatnonzero((at >= run.time[0]) & (at <= run.time[-1]))
-    at = at[rows]
+    instants = trace.time - alignment.shift
+    rows = np.flatnonzero((instants >= run.time[0]) & (instants <= run.time[-1]))
+    instants = instants[rows]
     starts = run.time[np.flatnonzero(run.dispense)[0]]
     period = float(np.median(np.diff(trace.time)))
-    if at[0] > starts + period:
+    if instants[0] > starts + period:
         raise InputError(
-            f"the trace begins at {at[0]:.4g} s of the run, {at[0] - starts:.4g} s after the dispenser is on: must "
-            "cover the start of the bead"
+            f"the trace begins at {instants[0]:.4g} s of the run, {instants[0] - starts:.4g} s after the dispenser is "
+            "on: must cover the start of the bead"
         )
-    tick = np.clip(np.floor(at / run.period + 1e-6).astype(int), 0, len(run.time) - 1)
-    simulated = {name: CubicSpline(run.time, getattr(run, name), axis=0)(at) for name in ("commanded", "encoder")}
+    tick = np.clip(np.floor(instants / run.period + 1e-6).astype(int), 0, len(run.time) - 1)
+    simulated = {name: CubicSpline(run.time, getattr(run, name), axis=0)(instants) for name in ("commanded", "encoder")}
     measured: dict[str, Floats] = {"commanded": simulated["commanded"]}
     if "commanded" in trace.axes:
-        own = trace.axes["commanded"][rows] - found.offsets["axes"]
-        measured["commanded"] = np.where(np.isnan(own), simulated["commanded"], own)
+        commanded = trace.axes["commanded"][rows] - alignment.offsets["axes"]
+        measured["commanded"] = np.where(np.isnan(commanded), simulated["commanded"], commanded)
     if "encoder" in trace.axes:
-        own = trace.axes["encoder"][rows] - found.offsets["axes"]
-        missing = np.isnan(own)
-        measured["encoder"] = np.where(missing, measured["commanded"], own)
+        encoder = trace.axes["encoder"][rows] - alignment.offsets["axes"]
+        missing = np.isnan(encoder)
+        measured["encoder"] = np.where(missing, measured["commanded"], encoder)
         simulated["encoder"] = np.where(missing, simulated["commanded"], simulated["encoder"])
     else:
-        measured["encoder"], simulated["encoder"] = measured["commanded"], simulated["commanded"]
+        measured["encoder"] = measured["commanded"]
+        simulated["encoder"] = simulated["commanded"]
     records = []
     for chain, actual in ((measured, True), (simulated, False)):
         tips = {link: machine.tip(chain[link]) for link in ("commanded", "encoder")}
         if trace.nozzle is None:
             nozzle = tips["encoder"]
         elif actual:
-            nozzle = turned(trace.nozzle[rows] - found.offsets["nozzle"], -np.radians(found.rotation))
+            nozzle = turned(trace.nozzle[rows] - alignment.offsets["nozzle"], -np.radians(alignment.rotation))
             nozzle = np.where(np.isnan(nozzle), tips["commanded"], nozzle)
         else:
-            nozzle = CubicSpline(run.time, run.nozzle, axis=0)(at)
+            nozzle = CubicSpline(run.time, run.nozzle, axis=0)(instants)
             nozzle = np.where(np.isnan(trace.nozzle[rows]), tips["commanded"], nozzle)
         nothing = np.full_like(chain["encoder"], np.nan)
         # no trace tells errors of the geometry from structure
@@ -77,7 +78,7 @@ def beside(trace: Trace, found: Alignment, run: Run, machine: Machine) -> tuple[
             replace(
                 run,
                 period=period,
-                time=at,
+                time=instants,
                 **columns,
                 motor=chain["encoder"],
                 commanded_tip=tips["commanded"],

@@ -54,7 +54,7 @@ class Explained:
     Attributes:
         links: that are compared.
         measured, simulated: rms of the error [mm].
-        left: rms of the difference [mm].
+        difference: rms of the difference [mm].
         share: explained share of the measured mean square, at most 1 and below zero where the difference is larger
             than the error; None where there is no measured error.
     """
@@ -62,7 +62,7 @@ class Explained:
     links: tuple[str, ...]
     measured: float
     simulated: float
-    left: float
+    difference: float
     share: float | None
 
 
@@ -110,8 +110,8 @@ class Comparison:
                 "every axis in motion, the encoders or the nozzle"
             )
         Analysis(run)
-        found = aligned(trace, run, what)
-        measured, simulated = beside(trace, found, run, machine)
+        alignment = aligned(trace, run, what)
+        measured, simulated = beside(trace, alignment, run, machine)
         notes = list(trace.notes)
         if "commanded" not in trace.links:
             notes.append("the command is not measured: it is the simulation's in both budgets")
@@ -120,20 +120,21 @@ class Comparison:
             notes.append(f"the trace covers {100 * covered:.1f} % of the time for which the dispenser is on")
         if not evenly(measured.time):
             notes.append("the samples have no even rate: there is no spectrum")
-        return cls(Budget(measured), Budget(simulated), trace.links, unmeasured, found, machine, tuple(notes))
+        return cls(Budget(measured), Budget(simulated), trace.links, unmeasured, alignment, machine, tuple(notes))
 
     @property
     def parts(self) -> dict[str, str]:
         """The links that are compared, with what they span: those that the trace measures and tells apart."""
-        told = {}
+        spans = {}
         if not self.unmeasured_command:
-            told["generation"] = DESCRIPTIONS["generation"]
+            spans["generation"] = DESCRIPTIONS["generation"]
         last = "commanded"
         if "encoder" in self.links:
-            told["tracking"], last = DESCRIPTIONS["tracking"], "encoder"
+            spans["tracking"] = DESCRIPTIONS["tracking"]
+            last = "encoder"
         if "nozzle" in self.links:
-            told["structure"] = f"{last} to nozzle"
-        return told
+            spans["structure"] = f"{last} to nozzle"
+        return spans
 
     @property
     def not_compared(self) -> dict[str, str]:
@@ -155,23 +156,23 @@ class Comparison:
             np.sum([_across(budget.parts[name]) for name in self.parts], axis=0)
             for budget in (self.measured, self.simulated)
         )
-        size, simulated_size, left = (
+        size, simulated_size, difference = (
             ErrorSize.of(np.linalg.norm(error, axis=1)).rms for error in (measured, simulated, measured - simulated)
         )
-        share = 1 - (left / size) ** 2 if size >= NOTHING else None
-        return Explained(tuple(self.parts), size, simulated_size, left, share)
+        share = 1 - (difference / size) ** 2 if size >= NOTHING else None
+        return Explained(tuple(self.parts), size, simulated_size, difference, share)
 
     @cached_property
     def difference(self) -> dict[str, Floats]:
         """Measured less simulated error across the path, of each link and in all as "contour", (m, 2) [mm]."""
-        found = {}
+        differences = {}
         for name in (*LINKS, "contour"):
-            one, other = (
+            measured, simulated = (
                 budget.contour if name == "contour" else budget.parts[name]
                 for budget in (self.measured, self.simulated)
             )
-            found[name] = _across(one) - _across(other)
-        return found
+            differences[name] = _across(measured) - _across(simulated)
+        return differences
 
     @property
     def unexplained(self) -> dict[str, ErrorSize]:
@@ -204,8 +205,8 @@ class Comparison:
         places, _ = find_peaks(density, height=10 * floor, distance=3)
         best = sorted(places, key=lambda k: -density[k])[:PEAKS]
         step = frequency[1] - frequency[0]
-        found = [Peak(float(frequency[k]), math.sqrt(float(density[max(k - 1, 0) : k + 2].sum() * step))) for k in best]
-        return [peak for peak in found if peak.rms > NOTHING]
+        peaks = [Peak(float(frequency[k]), math.sqrt(float(density[max(k - 1, 0) : k + 2].sum() * step))) for k in best]
+        return [peak for peak in peaks if peak.rms > NOTHING]
 
     def circle(self, radius: float, centre: tuple[float, float] = (0.0, 0.0)) -> dict[str, Mapping[str, Any]]:
         """Return the values of `gantrysim study circle` of both, over the circle's middle 360 degrees.
@@ -217,7 +218,7 @@ class Comparison:
         Raises:
             InputError: the command is no full circle about the centre.
         """
-        found: dict[str, Mapping[str, Any]] = {}
+        rows: dict[str, Mapping[str, Any]] = {}
         for name, budget in (("measured", self.measured), ("simulated", self.simulated)):
             run = budget.analysis.run
             x, y = (run.commanded_tip[:, :2] - centre).T
@@ -229,8 +230,8 @@ class Comparison:
                     f"mm off the radius of {radius:g} mm: must be a full circle there"
                 )
             row = circle_row(run, centre, radius, (swept - 360) / 2, 15.0)
-            found[name] = {key: value for key, value in row.items() if not isinstance(value, list)}
-        return found
+            rows[name] = {key: value for key, value in row.items() if not isinstance(value, list)}
+        return rows
 
     def summary(self) -> dict[str, Any]:
         """Return all values, for JSON; lengths in mm."""

@@ -53,23 +53,24 @@ class Trace:
         axes = {}
         notes = []
         for link in ("commanded", "encoder"):
-            found = {axis: sources[f"{link}.{axis}"] for axis in run.axes if f"{link}.{axis}" in sources}
-            if found:
-                columns = {axis: log.values(source, units[axis], period) for axis, source in found.items()}
+            of_link = {axis: sources[f"{link}.{axis}"] for axis in run.axes if f"{link}.{axis}" in sources}
+            if of_link:
+                columns = {axis: log.values(source, units[axis], period) for axis, source in of_link.items()}
                 size = len(next(iter(columns.values())))
                 axes[link] = np.column_stack([columns.get(axis, np.full(size, np.nan)) for axis in run.axes])
-                if missing := [axis for axis in run.axes if axis not in found]:
+                if missing := [axis for axis in run.axes if axis not in of_link]:
                     instead = (
                         "that of the simulation" if link == "commanded" else "that of the command, in both budgets"
                     )
                     notes.append(f"{link} of {', '.join(missing)} is not measured: {instead}")
         nozzle = None
-        if found := {axis: sources[axis] for axis in "xyz" if axis in sources}:
-            if not {"x", "y"} <= found.keys():
-                raise InputError(f"{log.label}: nozzle in {', '.join(found)}: must be in x and y, and may be in z")
-            columns = {axis: log.values(source, "mm", period) for axis, source in found.items()}
+        of_nozzle = {axis: sources[axis] for axis in "xyz" if axis in sources}
+        if of_nozzle:
+            if not {"x", "y"} <= of_nozzle.keys():
+                raise InputError(f"{log.label}: nozzle in {', '.join(of_nozzle)}: must be in x and y, and may be in z")
+            columns = {axis: log.values(source, "mm", period) for axis, source in of_nozzle.items()}
             nozzle = np.column_stack([columns.get(axis, np.full(len(columns["x"]), np.nan)) for axis in "xyz"])
-            if "z" not in found:
+            if "z" not in of_nozzle:
                 notes.append("nozzle in z is not measured: that of the command")
         if not axes and nozzle is None:
             raise InputError(
@@ -99,9 +100,9 @@ def _times(log: Log, source: Source | None, period: float | None, size: int) -> 
 
 def _recognised(log: Log, run: Run) -> dict[str, Source]:
     """Return the quantities of tables of `gantrysim export` and of softMC's RECORD."""
-    found = {"time": "time_s" if "time_s" in log.columns else "time", **{axis: f"nozzle_{axis}_mm" for axis in "xyz"}}
+    columns = {"time": "time_s" if "time_s" in log.columns else "time", **{axis: f"nozzle_{axis}_mm" for axis in "xyz"}}
     for axis, unit in zip(run.axes, run.units, strict=True):
         for link, word in (("commanded", "PCMD"), ("encoder", "PFB")):
             plain = f"{link}_{axis}_{unit}"
-            found[f"{link}.{axis}"] = plain if plain in log.columns else f"{word} {axis}"
-    return {key: Source(name) for key, name in found.items() if name in log.columns}
+            columns[f"{link}.{axis}"] = plain if plain in log.columns else f"{word} {axis}"
+    return {key: Source(name) for key, name in columns.items() if name in log.columns}

@@ -23,7 +23,7 @@ _WIDE = 10.7  # of a plot across the page [inch]
 
 def write_comparison_page(
     file: str | os.PathLike[str],
-    found: Comparison,
+    comparison: Comparison,
     run: str,
     measured: str,
     circle: Mapping[str, Mapping[str, Any]] | None = None,
@@ -32,69 +32,72 @@ def write_comparison_page(
 
     Args:
         file: to write or replace.
-        found: the comparison.
+        comparison: the comparison.
         run: name of the run.
         measured: name of the log.
         circle: values of a circular test, as `Comparison.circle` returns them.
     """
-    write_page(file, f"{measured} beside {run}", "A measured trace and its simulation", list(_sections(found, circle)))
+    write_page(
+        file, f"{measured} beside {run}", "A measured trace and its simulation", list(_sections(comparison, circle))
+    )
 
 
-def _sections(found: Comparison, circle: Mapping[str, Mapping[str, Any]] | None) -> Iterator[Section]:
-    yield Section("Summary", headline(found), facts=_facts(found))
+def _sections(comparison: Comparison, circle: Mapping[str, Mapping[str, Any]] | None) -> Iterator[Section]:
+    yield Section("Summary", headline(comparison), facts=_facts(comparison))
     yield Section(
         "Error budgets",
         "Errors are normal to the requested path; the contour error is that of the last link measured. Links that are "
         "not measured are not compared. The difference is that of the errors at the same instant, not of the two "
         "numbers beside it.",
-        figure=drawn(draw_overlay, found, _WIDE, 2.2 * (len(found.parts) + 2)),
-        table=_budgets(found),
+        figure=drawn(draw_overlay, comparison, _WIDE, 2.2 * (len(comparison.parts) + 2)),
+        table=_budgets(comparison),
     )
-    yield Section("Alignment", alignment_text(found), table=_offsets(found))
-    has_spectrum = bool(found.spectrum[0].size)
+    yield Section("Alignment", alignment_text(comparison), table=_offsets(comparison))
+    has_spectrum = bool(comparison.spectrum[0].size)
     yield Section(
         "Not explained by the model",
-        unexplained(found),
-        figure=drawn(draw_spectrum, found, _WIDE, 4.6) if has_spectrum else None,
-        table=_peaks(found) if found.peaks else None,
+        unexplained(comparison),
+        figure=drawn(draw_spectrum, comparison, _WIDE, 4.6) if has_spectrum else None,
+        table=_peaks(comparison) if comparison.peaks else None,
     )
     if circle is not None:
         keys = circle["measured"]
-        rows = [[key, *(float(own[key]) for own in circle.values())] for key in keys]
+        rows = [[key, *(float(row[key]) for row in circle.values())] for key in keys]
         heads: list[str | Column] = ["value", *(Column(name, ".2f") for name in circle)]
         yield Section("Circular test", table=Table(heads, rows, "Values of gantrysim study circle"))
-    if found.notes:
-        yield Section("Notes", [f"{note[0].upper()}{note[1:]}." for note in found.notes])
-    yield Section("Versions", table=Table(["", "version"], [list(item) for item in versions(found.machine).items()]))
+    if comparison.notes:
+        yield Section("Notes", [f"{note[0].upper()}{note[1:]}." for note in comparison.notes])
+    yield Section(
+        "Versions", table=Table(["", "version"], [list(item) for item in versions(comparison.machine).items()])
+    )
 
 
-def headline(found: Comparison) -> str:
+def headline(comparison: Comparison) -> str:
     """Return both contour errors, how much of the measured links the simulation explains, and what is not compared."""
-    contour = [budget.values.contour.rms for budget in (found.measured, found.simulated)]
+    contour = [budget.values.contour.rms for budget in (comparison.measured, comparison.simulated)]
     sizes = f"Contour error: {_UM * contour[0]:.1f} µm rms measured, {_UM * contour[1]:.1f} µm simulated."
-    return " ".join([sizes, _explained(found), *_not_compared(found)])
+    return " ".join([sizes, _explained(comparison), *_not_compared(comparison)])
 
 
-def _explained(found: Comparison) -> str:
+def _explained(comparison: Comparison) -> str:
     """Return how much of the measured links the simulation explains, in a sentence."""
-    explained = found.explained
-    links = " + ".join(_named(found))
+    explained = comparison.explained
+    links = " + ".join(_named(comparison))
     measured = f"{links}, {_UM * explained.measured:.1f} µm rms measured"
-    if explained.left < NOTHING:
+    if explained.difference < NOTHING:
         return f"Of {measured}, no difference is left."
-    left = f"{_UM * explained.left:.1f} µm rms"
+    difference = f"{_UM * explained.difference:.1f} µm rms"
     if explained.share is None:
-        return f"Of {links} there is no measured error; the simulated one is {left}."
+        return f"Of {links} there is no measured error; the simulated one is {difference}."
     if explained.share <= 0:
-        return (
-            f"Of {measured}, the simulation explains none ({share_text(explained.share)}): their difference is {left}."
-        )
-    return f"Of {measured}, the simulation explains {share_text(explained.share)} in mean square; {left} is left."
+        share = share_text(explained.share)
+        return f"Of {measured}, the simulation explains none ({share}): their difference is {difference}."
+    return f"Of {measured}, the simulation explains {share_text(explained.share)} in mean square; {difference} is left."
 
 
-def _named(found: Comparison) -> list[str]:
+def _named(comparison: Comparison) -> list[str]:
     """Return the compared links, with their spans where these are not those of every budget."""
-    return [name if span == DESCRIPTIONS[name] else f"{name} ({span})" for name, span in found.parts.items()]
+    return [name if span == DESCRIPTIONS[name] else f"{name} ({span})" for name, span in comparison.parts.items()]
 
 
 def share_text(share: float) -> str:
@@ -102,43 +105,46 @@ def share_text(share: float) -> str:
     return f"{math.floor(1000 * share) / 10:z.1f} %"
 
 
-def _not_compared(found: Comparison) -> list[str]:
+def _not_compared(comparison: Comparison) -> list[str]:
     """Return which links are not compared, and why, in a sentence; nothing where all are."""
-    missing = [f"{link}, as {why}" for link, why in found.not_compared.items()]
+    missing = [f"{link}, as {why}" for link, why in comparison.not_compared.items()]
     return [f"Not compared: {'; '.join(missing)}."] if missing else []
 
 
-def unexplained(found: Comparison) -> list[str]:
+def unexplained(comparison: Comparison) -> list[str]:
     """Return what the model does not explain, a paragraph each: links, constant and varying part, frequencies."""
-    contour = found.unexplained["contour"]
+    contour = comparison.unexplained["contour"]
     if contour.rms < NOTHING:
-        return [f"No difference is left of what is measured: {', '.join(found.parts)}.", *_not_compared(found)]
-    links = sorted(found.parts, key=lambda name: -found.unexplained[name].rms)
-    sizes = ", ".join(f"{name} {_UM * found.unexplained[name].rms:.2f} µm rms" for name in links)
-    told = [f"Difference by link, largest first: {sizes}. Links can offset one another."]
-    told += _not_compared(found)
-    lateral = found.difference["contour"][:, 0]
+        return [
+            f"No difference is left of what is measured: {', '.join(comparison.parts)}.",
+            *_not_compared(comparison),
+        ]
+    links = sorted(comparison.parts, key=lambda name: -comparison.unexplained[name].rms)
+    sizes = ", ".join(f"{name} {_UM * comparison.unexplained[name].rms:.2f} µm rms" for name in links)
+    sentences = [f"Difference by link, largest first: {sizes}. Links can offset one another."]
+    sentences += _not_compared(comparison)
+    lateral = comparison.difference["contour"][:, 0]
     mean = _UM * float(lateral.mean())
     varying = _UM * float(lateral.std())
     side = "left" if mean > 0 else "right"
-    told.append(
+    sentences.append(
         f"Across the path the measured nozzle lies {abs(mean):.2f} µm further to the {side} on average; the difference "
         f"varies by {varying:.2f} µm rms about that, and is {_UM * contour.max:.2f} µm at most in any direction."
     )
-    if found.peaks:
-        named = ", ".join(f"{peak.frequency:.1f} Hz ({_UM * peak.rms:.2g} µm rms)" for peak in found.peaks)
-        told.append(f"Frequencies that the model lacks: {named}.")
-    elif found.spectrum[0].size:
-        told.append("No frequency stands out from the spectrum: what is left is noise, drift or slow.")
-    return told
+    if comparison.peaks:
+        named = ", ".join(f"{peak.frequency:.1f} Hz ({_UM * peak.rms:.2g} µm rms)" for peak in comparison.peaks)
+        sentences.append(f"Frequencies that the model lacks: {named}.")
+    elif comparison.spectrum[0].size:
+        sentences.append("No frequency stands out from the spectrum: what is left is noise, drift or slow.")
+    return sentences
 
 
-def alignment_text(found: Comparison) -> str:
+def alignment_text(comparison: Comparison) -> str:
     """Return how the trace was aligned, in one sentence."""
-    alignment = found.alignment
-    run = found.measured.analysis.run
+    alignment = comparison.alignment
+    run = comparison.measured.analysis.run
     text = f"Aligned by {alignment.by}: the trace's time is {alignment.shift:+z.6f} s against the run's"
-    for frame, axis, offset, unit in _placed(found):
+    for frame, axis, offset, unit in _placed(comparison):
         text += f"; {frame} offset {axis} {offset:+z.4f} {unit}"
     if alignment.rotation:
         text += f"; turned by {alignment.rotation:+.4f} deg"
@@ -147,55 +153,55 @@ def alignment_text(found: Comparison) -> str:
     return f"{text}; left {_UM * alignment.residual:.2f} {kinds} rms."
 
 
-def _placed(found: Comparison) -> Iterator[tuple[str, str, float, str]]:
+def _placed(comparison: Comparison) -> Iterator[tuple[str, str, float, str]]:
     """Yield frame, axis, offset and unit of every offset."""
-    run = found.measured.analysis.run
+    run = comparison.measured.analysis.run
     names = {"axes": (run.axes, run.units), "nozzle": ("xyz", ("mm",) * 3)}
-    for frame, offsets in found.alignment.offsets.items():
+    for frame, offsets in comparison.alignment.offsets.items():
         for axis, offset, unit in zip(names[frame][0], offsets.tolist(), names[frame][1], strict=True):
             yield frame, axis, offset, unit
 
 
-def _facts(found: Comparison) -> list[tuple[str, str, str]]:
+def _facts(comparison: Comparison) -> list[tuple[str, str, str]]:
     facts = [
         (f"Contour error, {name}", f"{_UM * values.rms:.1f} µm", f"max {_UM * values.max:.1f} µm")
         for name, values in (
-            ("measured", found.measured.values.contour),
-            ("simulated", found.simulated.values.contour),
-            ("difference", found.unexplained["contour"]),
+            ("measured", comparison.measured.values.contour),
+            ("simulated", comparison.simulated.values.contour),
+            ("difference", comparison.unexplained["contour"]),
         )
     ]
-    explained = found.explained
+    explained = comparison.explained
     if explained.share is not None:
-        facts.append(("Explained", share_text(explained.share), f"of {' + '.join(_named(found))}, in mean square"))
-    return [*facts, ("Time shift", f"{found.alignment.shift:+z.6f} s", f"by {found.alignment.by}")]
+        facts.append(("Explained", share_text(explained.share), f"of {' + '.join(_named(comparison))}, in mean square"))
+    return [*facts, ("Time shift", f"{comparison.alignment.shift:+z.6f} s", f"by {comparison.alignment.by}")]
 
 
-def _budgets(found: Comparison) -> Table:
+def _budgets(comparison: Comparison) -> Table:
     heads: list[str | Column] = ["link", "span"]
     heads += [
         Column(f"{which}, {size} [µm]", ".2f") for which in ("measured", "simulated") for size in ("rms", "95 %", "max")
     ]
     heads += [Column(f"difference, {size} [µm]", ".2f") for size in ("rms", "max")]
     rows = []
-    for name in (*found.parts, "contour"):
+    for name in (*comparison.parts, "contour"):
         cells: list[float] = []
-        for budget in (found.measured, found.simulated):
+        for budget in (comparison.measured, comparison.simulated):
             part = budget.values.contour if name == "contour" else budget.values.parts[name]
             cells += [part.rms, part.p95, part.max]
-        rest = found.unexplained[name]
-        span = found.parts.get(name, "requested path to the last link measured")
-        rows.append([name, span, *(_UM * cell for cell in (*cells, rest.rms, rest.max))])
+        difference = comparison.unexplained[name]
+        span = comparison.parts.get(name, "requested path to the last link measured")
+        rows.append([name, span, *(_UM * cell for cell in (*cells, difference.rms, difference.max))])
     return Table(heads, rows, "Error normal to the requested path, measured, simulated, and their difference", COLOURS)
 
 
-def _offsets(found: Comparison) -> Table:
-    rows = [[f"{frame} {axis}", offset, unit] for frame, axis, offset, unit in _placed(found)]
-    rows.insert(0, ["time", found.alignment.shift, "s"])
-    rows.append(["rotation", found.alignment.rotation, "deg"])
+def _offsets(comparison: Comparison) -> Table:
+    rows = [[f"{frame} {axis}", offset, unit] for frame, axis, offset, unit in _placed(comparison)]
+    rows.insert(0, ["time", comparison.alignment.shift, "s"])
+    rows.append(["rotation", comparison.alignment.rotation, "deg"])
     return Table(["", Column("against the run", ".6f"), "unit"], rows, "Trace against run")
 
 
-def _peaks(found: Comparison) -> Table:
-    rows = [[peak.frequency, _UM * peak.rms] for peak in found.peaks]
+def _peaks(comparison: Comparison) -> Table:
+    rows = [[peak.frequency, _UM * peak.rms] for peak in comparison.peaks]
     return Table([Column("frequency [Hz]", ".1f"), Column("rms [µm]", ".3g")], rows, "Peaks of the spectrum")

@@ -35,8 +35,8 @@ def draw_overlay(figure: Figure | SubFigure, comparison: Comparison) -> tuple[Ax
         panel.set_title(name, loc="right")
         panel.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
     analysis = comparison.measured.analysis
-    rest = comparison.difference["contour"][:, 0]
-    panels[-1].plot(*_line(analysis.nozzle.s, analysis.ticks, rest), lw=0.9, color=COLOURS["structure"])
+    difference = comparison.difference["contour"][:, 0]
+    panels[-1].plot(*_line(analysis.nozzle.s, analysis.ticks, difference), lw=0.9, color=COLOURS["structure"])
     panels[-1].set_title("measured less simulated", loc="right")
     panels[-1].set_xlabel("distance along the requested path [mm]")
     for panel in panels:

@@ -134,7 +134,8 @@ def _source(key: str, text: str) -> Source:
     if column.endswith("]"):
         bracket = column.find("[", column.rfind("]", 0, -1) + 1)
         if bracket > 0:
-            column, unit = column[:bracket], column[bracket + 1 : -1]
+            unit = column[bracket + 1 : -1]
+            column = column[:bracket]
     name, star, number = column.rpartition("*")
     if star and name and _NUMBER.fullmatch(number):
         column = name
@@ -176,7 +177,7 @@ def read_log(file: str | Path, blocks: int = 0) -> Log:
 
 
 def _csv(label: str, rows: list[tuple[int, str]]) -> Log:
-    separator = next((each for each in ";\t," if each in rows[0][1]), None)
+    separator = next((candidate for candidate in ";\t," if candidate in rows[0][1]), None)
     comma = separator == ";" and any("," in line for _, line in rows[1:3])  # as the decimal sign
     lines = [(k, line.replace(",", ".") if comma else line) for k, line in rows if line != _LOST]
     first = _cells(lines[0][1], separator) if lines else []
@@ -225,21 +226,21 @@ def _numbers(label: str, lines: list[tuple[int, str]], separator: str | None, na
 
 def _halscope(label: str, rows: list[tuple[int, str]], period: float) -> Log:
     """Read lines of pairs, the channel's name and its value."""
-    found: dict[str, list[float]] = {}
+    columns: dict[str, list[float]] = {}
     for k, line in rows:
         cells = line.split()
         pairs = list(zip(cells[::2], map(_number, cells[1::2]), strict=False))
         if len(cells) % 2 or any(value is None for _, value in pairs):
             raise InputError(f"{label}: line {k}: must be names and values of channels: {line[:_SHOWN]!r}")
         for name, value in pairs:
-            found.setdefault(name, []).append(float(value or 0.0))
-    if not found:
+            columns.setdefault(name, []).append(float(value or 0.0))
+    if not columns:
         raise InputError(f"{label}: has no rows")
-    shortest = min(map(len, found.values()))
-    if max(map(len, found.values())) > shortest + 1:  # the last line alone may be cut
-        counts = ", ".join(f"{name} {len(values)}" for name, values in found.items())
+    shortest = min(map(len, columns.values()))
+    if max(map(len, columns.values())) > shortest + 1:  # the last line alone may be cut
+        counts = ", ".join(f"{name} {len(values)}" for name, values in columns.items())
         raise InputError(f"{label}: its channels have different numbers of samples: {counts}")
-    return Log(label, {name: np.array(values[:shortest]) for name, values in found.items()}, {}, period)
+    return Log(label, {name: np.array(values[:shortest]) for name, values in columns.items()}, {}, period)
 
 
 def _table_dump(label: str, lines: list[str], blocks: int) -> Log:

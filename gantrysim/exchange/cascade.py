@@ -60,13 +60,13 @@ class SoftMC(Dialect):
         return lines
 
     def read(self, text: str, axes: Sequence[AxisServo]) -> list[dict[str, float]]:
-        found: list[dict[str, float]] = [{} for _ in axes]
+        values: list[dict[str, float]] = [{} for _ in axes]
         places = {axis.name.lower(): a for a, axis in enumerate(axes)}
         for owner, word, value in by_name(rf"(\w+)\.(\w+)\s*=\s*({NUMBER})\s*(?:'.*)?", text):
             a = places.get(owner.lower())
             if a is not None and word.upper() in _SOFTMC:
-                found[a][word.upper()] = float(value)
-        return found
+                values[a][word.upper()] = float(value)
+        return values
 
 
 class Fanuc(Dialect):
@@ -97,12 +97,12 @@ class Fanuc(Dialect):
         return ["%", f"N01825Q1 {values}", "%"]
 
     def read(self, text: str, axes: Sequence[AxisServo]) -> list[dict[str, float]]:
-        found: list[dict[str, float]] = [{} for _ in axes]
-        for (rest,) in by_name(r"N0*1825\s*(?:Q1)?\s*(.*)", text):
-            for number, value in re.findall(r"A(\d{1,4})\s*P(\d+)", rest, re.IGNORECASE):
-                if 1 <= int(number) <= len(found):
-                    found[int(number) - 1]["1825"] = float(value)
-        return found
+        values: list[dict[str, float]] = [{} for _ in axes]
+        for (arguments,) in by_name(r"N0*1825\s*(?:Q1)?\s*(.*)", text):
+            for number, value in re.findall(r"A(\d{1,4})\s*P(\d+)", arguments, re.IGNORECASE):
+                if 1 <= int(number) <= len(values):
+                    values[int(number) - 1]["1825"] = float(value)
+        return values
 
 
 def _per_speed(axis: AxisServo) -> tuple[float, str]:

@@ -165,4 +165,4 @@ class Dialect(ABC):
 
 def by_name(pattern: str, text: str, flags: re.RegexFlag = re.IGNORECASE) -> list[tuple[str, ...]]:
     """Return the groups of every line that matches as a whole."""
-    return [found.groups() for line in text.splitlines() if (found := re.fullmatch(pattern, line.strip(), flags))]
+    return [matched.groups() for line in text.splitlines() if (matched := re.fullmatch(pattern, line.strip(), flags))]

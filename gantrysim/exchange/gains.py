@@ -16,7 +16,7 @@ from gantrysim.machine.axis import Axis
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.servo import Servo
 
-DIALECTS: dict[str, Dialect] = {one.name: one for one in (Trio(), LinuxCNC(), LinuxCNCIni(), SoftMC(), Fanuc())}
+DIALECTS: dict[str, Dialect] = {entry.name: entry for entry in (Trio(), LinuxCNC(), LinuxCNCIni(), SoftMC(), Fanuc())}
 
 
 def dialect(name: str) -> Dialect:
@@ -68,12 +68,12 @@ def imported(name: str, text: str, axes: Iterable[Axis], servo: Servo, label: st
         InputError: no words of the dialect, not those of every axis, or a term that the servo's law lacks.
     """
     chosen = dialect(name)
-    own = AxisServo.of(axes, servo)
-    found = chosen.read(text, own)
-    missing = [axis.name for axis, words in zip(own, found, strict=True) if not words]
+    axis_servos = AxisServo.of(axes, servo)
+    words_by_axis = chosen.read(text, axis_servos)
+    missing = [axis.name for axis, words in zip(axis_servos, words_by_axis, strict=True) if not words]
     if missing:
-        names = ", ".join(word.name for word in chosen.words(own[0]))
+        names = ", ".join(word.name for word in chosen.words(axis_servos[0]))
         raise InputError(f"{label}: has none of {names} for axis {', '.join(missing)}, in the words of {name}")
-    gains = [chosen.gains(words, axis) for words, axis in zip(found, own, strict=True)]
-    own_gains: dict[str, Any] = {gain: tuple(one.get(gain, 0.0) for one in gains) for gain in GAIN_NAMES}
+    gains = [chosen.gains(words, axis) for words, axis in zip(words_by_axis, axis_servos, strict=True)]
+    own_gains: dict[str, Any] = {gain: tuple(axis_gains.get(gain, 0.0) for axis_gains in gains) for gain in GAIN_NAMES}
     return replace(servo, **own_gains)

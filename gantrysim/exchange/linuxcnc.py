@@ -79,14 +79,14 @@ class LinuxCNC(Dialect):
         return [*lines, "start"]
 
     def read(self, text: str, axes: Sequence[AxisServo]) -> list[dict[str, float]]:
-        found: list[dict[str, float]] = [{} for _ in axes]
+        values: list[dict[str, float]] = [{} for _ in axes]
         places = {axis.name.lower(): a for a, axis in enumerate(axes)} | {str(a): a for a in range(len(axes))}
         known = {term[0].lower(): term[0] for term in (*_TERMS, *_FOREIGN)}
         for owner, pin, value in by_name(rf"setp\s+(?:pid\.)?([\w-]+)\.([\w-]+)\s+({NUMBER})\s*(?:#.*)?", text):
             a = places.get(owner.lower())
             if a is not None and pin.lower() in known:
-                found[a][known[pin.lower()]] = float(value)
-        return found
+                values[a][known[pin.lower()]] = float(value)
+        return values
 
 
 class LinuxCNCIni(LinuxCNC):
@@ -108,7 +108,7 @@ class LinuxCNCIni(LinuxCNC):
         return lines
 
     def read(self, text: str, axes: Sequence[AxisServo]) -> list[dict[str, float]]:
-        found: list[dict[str, float]] = [{} for _ in axes]
+        values: list[dict[str, float]] = [{} for _ in axes]
         names = {axis.name.lower(): a for a, axis in enumerate(axes)}
         known = {term[1] for term in (*_TERMS, *_FOREIGN)}
         section: int | None = None
@@ -117,6 +117,6 @@ class LinuxCNCIni(LinuxCNC):
             if head:
                 section = int(head[1]) if head[1] else names.get((head[2] or "").lower())
             given = re.match(rf"\s*(\w+)\s*=\s*({NUMBER})\s*(?:[#;].*)?$", line)
-            if given and given[1].upper() in known and section is not None and section < len(found):
-                found[section][given[1].upper()] = float(given[2])
-        return found
+            if given and given[1].upper() in known and section is not None and section < len(values):
+                values[section][given[1].upper()] = float(given[2])
+        return values

@@ -68,8 +68,8 @@ def _zeros(motion: Motion) -> Complexes:
     whole[:n, n] = motion.B[:, 0] / np.abs(motion.B).max() * np.abs(motion.A).max()
     whole[n, :n] = motion.C[0] / np.abs(motion.C).max()
     shift = np.diag([*np.ones(n), 0.0])
-    found = eigvals(whole, shift)
-    return found[np.isfinite(found) & (np.abs(found) < _FASTEST)]
+    zeros = eigvals(whole, shift)
+    return zeros[np.isfinite(zeros) & (np.abs(zeros) < _FASTEST)]
 
 
 def pulses(kind: str, frequency: float, damping: float) -> tuple[Floats, Floats]:
@@ -128,10 +128,10 @@ def klipper(axes: Iterable[Axis], kind: str = "mzv") -> tuple[str, list[str]]:
             notes.append(f"axis {axis.name}: no mode swings behind its motor, it needs no shaper")
         if mode is None:
             continue
-        for one in SHAPERS:
-            sizes, times = pulses(one, mode.frequency, mode.damping)
-            told = ", ".join(f"{size:.4f} at {1e3 * time:.3f} ms" for size, time in zip(sizes, times, strict=True))
-            lines.append(f"# {axis.name}: {one} {told}")
+        for shaper in SHAPERS:
+            sizes, times = pulses(shaper, mode.frequency, mode.damping)
+            impulses = ", ".join(f"{size:.4f} at {1e3 * time:.3f} ms" for size, time in zip(sizes, times, strict=True))
+            lines.append(f"# {axis.name}: {shaper} {impulses}")
         lines += [
             f"shaper_type_{axis.name}: {kind}",
             f"shaper_freq_{axis.name}: {mode.frequency:.4f}",

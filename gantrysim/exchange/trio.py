@@ -50,8 +50,8 @@ class Trio(Dialect):
 
     def gains(self, words: Mapping[str, float], axis: AxisServo) -> dict[str, float]:
         factors = self._factors(axis)
-        found = [words.get(name, 0.0) / factor for name, factor in zip(_WORDS, factors, strict=True)]
-        return dict(zip(_GAINS, found, strict=True)) | {"acceleration_ff": 0.0}
+        scaled = [words.get(name, 0.0) / factor for name, factor in zip(_WORDS, factors, strict=True)]
+        return dict(zip(_GAINS, scaled, strict=True)) | {"acceleration_ff": 0.0}
 
     def body(self, axes: Sequence[AxisServo]) -> list[str]:
         lines = [f"' SERVO_PERIOD={1e6 * axes[0].period:g} [us], set once and active after a restart"]
@@ -62,7 +62,7 @@ class Trio(Dialect):
         return lines
 
     def read(self, text: str, axes: Sequence[AxisServo]) -> list[dict[str, float]]:
-        found: list[dict[str, float]] = [{} for _ in axes]
+        values: list[dict[str, float]] = [{} for _ in axes]
         base = 0
         for line in text.splitlines():
             for statement in line.split("'")[0].split(":"):
@@ -71,9 +71,9 @@ class Trio(Dialect):
                 given = _LINE.fullmatch(statement.strip())
                 if given and given[1].upper() in _WORDS:
                     number = base if given[2] is None else int(given[2])
-                    if number < len(found):
-                        found[number][given[1].upper()] = float(given[3])
-        return found
+                    if number < len(values):
+                        values[number][given[1].upper()] = float(given[3])
+        return values
 
     @staticmethod
     def _known(axis: AxisServo) -> list[float]:

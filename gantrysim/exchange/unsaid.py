@@ -68,9 +68,9 @@ def beside(dialect: Dialect, servo: Servo) -> list[str]:
     for name, meaning in BESIDE.items():
         value = getattr(servo, name)
         values = value if isinstance(value, tuple) else (value,)
-        if name in dialect.carries or not any(one and one != "motor" for one in values):
+        if name in dialect.carries or not any(value and value != "motor" for value in values):
             continue
-        shown = ", ".join(one if isinstance(one, str) else f"{one:g}" for one in values)
+        shown = ", ".join(value if isinstance(value, str) else f"{value:g}" for value in values)
         lines.append(f"not in these words, to be set beside: {name} = {shown}, {meaning}")
     return lines
 

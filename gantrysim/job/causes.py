@@ -1,12 +1,12 @@
 """The causes of a job's error: the job run again with one cause at a time switched off.
 
-The links of the error budget say where on the chain the error lies: each is the difference of two traces. What caused
-it is another question, as one cause acts on several links: the encoder's counts, for one, pass through the servo's kd
-to the motor and shake the structure. Here the job is run again without the cause; what it is worth is the difference.
+The links of the error budget locate the error on the chain: each is the difference of two traces. A link is not a
+cause, as one cause acts on several links: encoder steps, amplified by kd, also shake the structure. Here the job is run
+again without the cause, and its worth is the difference:
 
     worth = error of the job - error without the cause
 
-All else stays, the gains included, which are those for the real machine. Worths do not add up to the error: causes act
+All else stays, the gains included, which are those for the real machine. Effects do not add up to the error: causes act
 together, and one may offset another, which then has a negative worth.
 """
 
@@ -72,10 +72,10 @@ class Setup:
         if self.ticks == 1:
             return record
         arrays = {field.name: getattr(record, field.name) for field in fields(record)}
-        kept: dict[str, Any] = {
+        columns: dict[str, Any] = {
             name: value[:: self.ticks] for name, value in arrays.items() if isinstance(value, np.ndarray)
         }
-        return replace(record, **kept, period=record.period * self.ticks)
+        return replace(record, **columns, period=record.period * self.ticks)
 
 
 @dataclass(frozen=True)
@@ -174,8 +174,8 @@ class Effect:
     def worth(self) -> Errors:
         """Errors with the cause minus those without it, negative where it offsets other causes; empty if it failed."""
         return {
-            name: ErrorSize(self.before[name].rms - left.rms, self.before[name].max - left.max)
-            for name, left in self.without.items()
+            name: ErrorSize(self.before[name].rms - size.rms, self.before[name].max - size.max)
+            for name, size in self.without.items()
         }
 
 
@@ -184,7 +184,7 @@ class Causes:
     """What the causes of a job's error are worth; printed, it is a table.
 
     Attributes:
-        errors: errors of the job as it is.
+        errors: errors of the unchanged job.
         effects: the effect of switching off each cause, in the order of `CAUSES`, and of `GEOMETRY` where there is any.
     """
 

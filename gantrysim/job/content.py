@@ -73,7 +73,7 @@ class JobContent(BaseModel):
     @field_validator("faults", mode="before")
     @classmethod
     def _check_kinds(cls, value: Any) -> Any:
-        if not isinstance(value, list | tuple) or not all(isinstance(one, dict | InjectedFault) for one in value):
+        if not isinstance(value, list | tuple) or not all(isinstance(table, dict | InjectedFault) for table in value):
             raise InputError(f"faults = {value!r:.60}: must be tables, [[faults]]")
         for n, table in enumerate(value):
             if isinstance(table, dict):
@@ -157,5 +157,5 @@ def _keys(content: Mapping[str, Any], *, allow_code: bool) -> list[str]:
 
 def content_digest(content: Mapping[str, Any]) -> str:
     """Return the SHA-256 of a job file's values, without its machine: that may move, and has a digest of its own."""
-    rest = {key: value for key, value in content.items() if key != "machine"}
-    return hashlib.sha256(json.dumps(rest, sort_keys=True, default=str).encode()).hexdigest()
+    values = {key: value for key, value in content.items() if key != "machine"}
+    return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()

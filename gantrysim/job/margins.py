@@ -14,9 +14,9 @@ LOW_MARGIN = 1.5  # gain margin below which a run says so
 def margin_notes(machine: Machine, margins: tuple[Margins, ...] | None) -> tuple[str, ...]:
     """Return a note for each axis whose gain margin is below 1.5."""
     return tuple(
-        f"servo: {name} is {own}: a gain margin below {LOW_MARGIN:g} leaves little to other loads and machines"
-        for name, own in zip(machine.axis_names, margins or (), strict=False)
-        if min(own.gain, own.together) < LOW_MARGIN
+        f"servo: {name} is {margin}: a gain margin below {LOW_MARGIN:g} leaves little to other loads and machines"
+        for name, margin in zip(machine.axis_names, margins or (), strict=False)
+        if min(margin.gain, margin.together) < LOW_MARGIN
     )
 
 
@@ -30,7 +30,7 @@ def check_stability(machine: Machine, margins: tuple[Margins, ...] | None, setti
             that shape the loops are to be changed.
     """
     named = zip(machine.axis_names, margins or (), strict=False)
-    unstable = [f"{name} is {own}" for name, own in named if not own.stable]
+    unstable = [f"{name} is {margin}" for name, margin in named if not margin.stable]
     if unstable:
         advice = "change the law, or give lower gains"
         names = (*SHAPING, "frequency", "velocity_bandwidth")

@@ -102,7 +102,7 @@ def reject_booleans(kind: type[Any], values: Mapping[str, Any], prefix: str = ""
         items = value if isinstance(value, list | tuple) else [value]
         if any(isinstance(item, bool) for item in items) and hint and bool not in kinds and Any not in kinds:
             raise InputError(f"{prefix}{name} = {str(value).lower()}: true and false are no numbers")
-        nested = next((one for one in kinds if isinstance(one, type) and is_dataclass(one)), None)
+        nested = next((part for part in kinds if isinstance(part, type) and is_dataclass(part)), None)
         if isinstance(value, Mapping) and nested is not None:
             reject_booleans(nested, value, f"{prefix}{name}.")
 

@@ -38,7 +38,7 @@ class _Derivation(BaseModel):
     feedback: _Feedback | list[_Feedback] = _setting(
         "motor", "where the encoders are: on the motor or on the load, or none"
     )
-    mode: _Mode | list[_Mode] | None = _setting(None, "what the drives are told, by default what their motors are for")
+    mode: _Mode | list[_Mode] | None = _setting(None, "command mode of the drives, by default that of their motors")
     drive_period: float | None = _setting(None, f"of the loops in the drives, by default {DRIVE_PERIOD:g} [s]")
     velocity_bandwidth: float | None = _setting(
         None, "of velocity loops in the drives, by default the highest that keeps the margins [Hz]"

@@ -34,10 +34,10 @@ class LostSteps(NamedTuple):
     unit: str
 
     def __str__(self) -> str:
-        left = f"{abs(self.steps)}, {self.offset:+.4g} {self.unit} from its command" if self.steps else "none"
+        text = f"{abs(self.steps)}, {self.offset:+.4g} {self.unit} from its command" if self.steps else "none"
         return (
             f"stepper {self.axis} lost up to {self.most} full steps, the first at t = {self.time:.4f} s, at the end "
-            f"{left}: lower acceleration or speed, or raise the current or the bus voltage"
+            f"{text}: lower acceleration or speed, or raise the current or the bus voltage"
         )
 
 
@@ -54,9 +54,9 @@ def lost_steps(machine: Machine, servo: Servo, run: Run) -> tuple[LostSteps, ...
         if behind.any():
             first = float(run.time[np.flatnonzero(behind)[0]])
             most = int(np.abs(behind).max())
-            left = int(behind[-1])
+            last = int(behind[-1])
             lost.append(
-                LostSteps(axis.name, _FULL_STEPS * left, _FULL_STEPS * most, first, -left * period + 0.0, axis.unit)
+                LostSteps(axis.name, _FULL_STEPS * last, _FULL_STEPS * most, first, -last * period + 0.0, axis.unit)
             )
     return tuple(lost)
 

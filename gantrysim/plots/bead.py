@@ -64,10 +64,10 @@ def draw_bead_along(figure: Figure | SubFigure, bead: Bead) -> tuple[Axes, ...]:
         analysis = bead.analysis
         s, clearance = thinned(analysis.spacing.s, bead.clearance())
         on = bead.length[analysis.ticks]
-        at = np.interp(s, np.maximum.accumulate(analysis.nozzle.s), on)
-        axes.fill_between(at, clearance, 0, where=clearance > 0, color=_GAP, lw=0, alpha=0.6, label="gap")
-        axes.fill_between(at, clearance, 0, where=clearance < 0, color=_OVERLAP, lw=0, alpha=0.6, label="overlap")
-        axes.plot(at, clearance, color=INK, lw=0.8)
+        length = np.interp(s, np.maximum.accumulate(analysis.nozzle.s), on)
+        axes.fill_between(length, clearance, 0, where=clearance > 0, color=_GAP, lw=0, alpha=0.6, label="gap")
+        axes.fill_between(length, clearance, 0, where=clearance < 0, color=_OVERLAP, lw=0, alpha=0.6, label="overlap")
+        axes.plot(length, clearance, color=INK, lw=0.8)
         axes.axhline(0, color=INK, lw=0.8)
         axes.set(ylabel="clearance [mm]")
         axes.set_title("Clearance to the next turn: spacing less bead width", loc="right")

@@ -30,11 +30,11 @@ def draw_budget(figure: Figure | SubFigure, budget: Budget) -> tuple[Axes, ...]:
     whole, *below = figure.subplots(2 if turns else 1, height_ratios=[1, 2.6] if turns else None, squeeze=False)[:, 0]
     shares = {name: np.array([part.share]) for name, part in budget.values.parts.items()}
     stack_bars(whole, np.zeros(1), {name: 100 * share for name, share in shares.items()}, upright=False)
-    at = 0.0
+    end = 0.0
     for name, share in shares.items():
         if share[0] >= _LEAST_NAMED:
-            whole.text(at + 50 * share[0], 0, f"{100 * share[0]:.1f} %", ha="center", va="center", color=_on(name))
-        at += 100 * max(share[0], 0.0)
+            whole.text(end + 50 * share[0], 0, f"{100 * share[0]:.1f} %", ha="center", va="center", color=_on(name))
+        end += 100 * max(share[0], 0.0)
     whole.set(yticks=[], xlabel="share of the contour error's mean square [%]")
     whole.grid(visible=False, axis="y")
     whole.spines["left"].set_visible(False)
@@ -128,23 +128,23 @@ def _shares_by_turn(budget: Budget) -> dict[str, Floats]:
     }
 
 
-def stack_bars(axes: Axes, at: Floats, values: dict[str, Floats], upright: bool) -> None:
+def stack_bars(axes: Axes, places: Floats, values: dict[str, Floats], upright: bool) -> None:
     """Stack bars, positive values on one side of zero and negative ones on the other.
 
     Args:
         axes: axes to draw on.
-        at: places of the bars, (m,).
+        places: places of the bars, (m,).
         values: values of every link, (m,).
         upright: whether the bars are vertical.
     """
-    above = np.zeros(at.size)
-    below = np.zeros(at.size)
+    above = np.zeros(places.size)
+    below = np.zeros(places.size)
     for name, value in values.items():
         foot = np.where(value >= 0, above, below)
         if upright:
-            axes.bar(at, value, 0.7, bottom=foot, color=COLOURS[name], label=name)
+            axes.bar(places, value, 0.7, bottom=foot, color=COLOURS[name], label=name)
         else:
-            axes.barh(at, value, 0.7, left=foot, color=COLOURS[name], label=name)
+            axes.barh(places, value, 0.7, left=foot, color=COLOURS[name], label=name)
         above = above + np.maximum(value, 0)
         below = below + np.minimum(value, 0)
     if below.min() < 0:

@@ -27,13 +27,13 @@ def draw_causes(figure: Figure | SubFigure, worth: Mapping[str, Mapping[str, flo
     Returns:
         The axes.
     """
-    links = dict.fromkeys(link for one in worth.values() for link in one if link != "contour")
+    links = dict.fromkeys(link for sizes in worth.values() for link in sizes if link != "contour")
     errors = ("contour", *links)
-    at = np.arange(len(worth))
+    places = np.arange(len(worth))
     panels = figure.subplots(1, len(errors), sharey=True, squeeze=False)[0]
     for axes, error in zip(panels, errors, strict=True):
-        size = np.array([UM * one[error] for one in worth.values()])
-        bars = axes.barh(at, np.nan_to_num(size), 0.62, color=COLOURS[error])
+        size = np.array([UM * sizes[error] for sizes in worth.values()])
+        bars = axes.barh(places, np.nan_to_num(size), 0.62, color=COLOURS[error])
         axes.bar_label(bars, ["–" if np.isnan(value) else f"{value:z.2f}" for value in size], padding=3, fontsize=8)
         low, high = (float(end) for end in (np.nanmin([0.0, *size]), np.nanmax([0.0, *size])))
         room = max(_ROOM * (high - low), _LEAST)
@@ -44,6 +44,6 @@ def draw_causes(figure: Figure | SubFigure, worth: Mapping[str, Mapping[str, flo
         axes.locator_params(axis="x", nbins=3)
         axes.tick_params(axis="y", length=0)
         axes.spines["left"].set_visible(False)
-    panels[0].set_yticks(at, list(worth))
+    panels[0].set_yticks(places, list(worth))
     panels[0].invert_yaxis()
     return tuple(panels)

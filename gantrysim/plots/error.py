@@ -24,7 +24,7 @@ def draw_error(figure: Figure | SubFigure, analysis: Analysis) -> tuple[Axes, ..
     kinds = [unit for unit in THOUSANDTH if unit in run.units]
     *upper, lower = figure.subplots(len(kinds) + 1, sharex=True)
     for panel, unit in zip(upper, kinds, strict=True):
-        members = [a for a, own in enumerate(run.units) if own == unit]
+        members = [a for a, axis_unit in enumerate(run.units) if axis_unit == unit]
         for a in members:
             time, error = thinned(run.time, _following(run, a))
             panel.plot(time, 1e3 * error, color=AXIS_COLOURS[a], lw=0.9, label=run.axes[a])
@@ -75,7 +75,7 @@ def _clip(axes: Axes, analysis: Analysis, members: list[int], unit: str) -> None
     worst = max(members, key=lambda a: abs(errors[a]))
     time = run.time[k]
     peak = errors[worst]
-    at = (time, np.sign(peak) * usual)
+    place = (time, np.sign(peak) * usual)
     text = f"peak {peak:.0f} {unit} at {time:.3f} s"
     colour = AXIS_COLOURS[worst]
-    axes.annotate(text, at, xytext=(8, -12 if at[1] > 0 else 6), textcoords="offset points", color=colour)
+    axes.annotate(text, place, xytext=(8, -12 if place[1] > 0 else 6), textcoords="offset points", color=colour)

@@ -115,26 +115,26 @@ def thinned(x: Floats, y: Floats, columns: int = _COLUMNS) -> tuple[Floats, Floa
     size = -(-x.size // columns)
     if size <= 4:
         return x, y
-    kept = np.zeros(x.size, bool)
-    _mark(kept, y, size)
-    return x[kept], y[kept]
+    drawn = np.zeros(x.size, bool)
+    _mark(drawn, y, size)
+    return x[drawn], y[drawn]
 
 
 @jit
-def _mark(kept: NDArray[np.bool_], y: Floats, size: int) -> None:
+def _mark(drawn: NDArray[np.bool_], y: Floats, size: int) -> None:
     """Mark the first, lowest, highest and last of every so many values, and every NaN; in place, as lines are long."""
     for begin in range(0, y.size, size):
         end = min(begin + size, y.size)
         low = high = -1
         for k in range(begin, end):
             if np.isnan(y[k]):
-                kept[k] = True
+                drawn[k] = True
             elif low < 0:
                 low = high = k
             elif y[k] < y[low]:
                 low = k
             elif y[k] > y[high]:
                 high = k
-        kept[begin] = kept[end - 1] = True
+        drawn[begin] = drawn[end - 1] = True
         if low >= 0:
-            kept[low] = kept[high] = True
+            drawn[low] = drawn[high] = True

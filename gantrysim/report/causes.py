@@ -28,7 +28,7 @@ def causes_section(causes: Causes) -> Section:
         *(Column(f"{head} [µm]", ".2f") for head in causes.heads[1:]),
         "without it",
     ]
-    without = ["the job as it is", *(effect.cause.off for effect in causes.effects)]
+    without = ["the job unchanged", *(effect.cause.off for effect in causes.effects)]
     rows = [[name, *cells, off] for (name, cells), off in zip(causes.rows, without, strict=True)]
     return Section(
         "Causes",
@@ -36,7 +36,7 @@ def causes_section(causes: Causes) -> Section:
             "The links of the error budget say where on the chain the error lies; this section says what caused it. "
             "The job was run again with one cause at a time switched off, with the same gains and all else equal.",
             "Worth is the rms contour error of the job minus that without the cause: negative where the cause offsets "
-            "others. Worths do not add up.",
+            "others. Effects do not add up.",
             *(f"{note[0].upper()}{note[1:]}." for note in causes.notes),
         ],
         figure=drawn(draw_causes, worth, _WIDE, _HEIGHT),

@@ -125,15 +125,15 @@ def write_page(
     from jinja2 import Environment, StrictUndefined  # slow to import
     from markupsafe import Markup
 
-    own = files("gantrysim.report")
+    folder = files("gantrysim.report")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters.update(several=_several, base64=lambda content: base64.b64encode(content).decode("ascii"))
-    template = environment.from_string((own / "page.html").read_text(encoding="utf-8"))
+    template = environment.from_string((folder / "page.html").read_text(encoding="utf-8"))
     content = template.render(
         title=title,
         subtitle=subtitle,
         warning=warning,
-        style=Markup((own / "page.css").read_text(encoding="utf-8")),
+        style=Markup((folder / "page.css").read_text(encoding="utf-8")),
         sections=list(_with_figures(sections, progress or (lambda share: None))),
     )
     with replaced(file) as partial:

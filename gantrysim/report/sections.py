@@ -193,9 +193,9 @@ def _bead_sizes(values: BeadValues) -> Table:
 def _volumes(values: BeadValues) -> Table:
     descriptions = {
         "ramps": "requested by the program beyond the nominal section while the speed ramps",
-        "starts": "laid beyond the request until the flow has settled",
-        "running": "the same while the flow is settled, from a limit",
-        "stops": "the same from when the dispenser closes",
+        "starts": "valve opening: until the flow has settled",
+        "running": "flow limit: while the flow is settled",
+        "stops": "valve closing: from when the dispenser closes",
         "error": "total",
     }
     volumes = values.volume_error_parts | {"error": values.volume_error}
@@ -210,7 +210,7 @@ def _volumes(values: BeadValues) -> Table:
             [name, volume, 100 * volume / values.requested_volume, descriptions[name]]
             for name, volume in volumes.items()
         ],
-        "Volume laid beyond the nominal section along the path; the parts sum to the error",
+        "Volume beyond the nominal section along the path; the parts sum to the error",
     )
 
 

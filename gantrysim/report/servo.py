@@ -54,14 +54,14 @@ def _margins(machine: Machine, margins: tuple[Margins, ...] | None, run: Run) ->
     return Table(
         columns,
         rows,
-        "Stability margins at home, without Coulomb friction; with all it moves: for a factor on the gains of all axes "
-        "that move each other; torque ripple while the dispenser is on",
+        "Stability margins at the home position, without Coulomb friction; with all it moves: for a factor on the "
+        "gains of all axes that move each other; torque ripple while the dispenser is on",
     )
 
 
 def _gains(machine: Machine, servo: Servo) -> Table:
-    laws = (one for one in LAW_PARAMETERS if any(getattr(servo, one.name)))
-    shown = (*GAINS, *(one for one in NOTCH if any(servo.notch_frequency)), *laws)
+    laws = (parameter for parameter in LAW_PARAMETERS if any(getattr(servo, parameter.name)))
+    shown = (*GAINS, *(NOTCH if any(servo.notch_frequency) else ()), *laws)
     # a row for each gain: with a column for each, the table would be wider than the page
     rows = [[gain.name, gain.unit, *getattr(servo, gain.name)] for gain in shown]
     columns = [Column(f"{axis.name} [{axis.unit}]") for axis in machine.axes]
@@ -78,7 +78,8 @@ def _text(machine: Machine, margins: tuple[Margins, ...] | None) -> str:
     unstable = [name for name, axis_margins in by_axis.items() if not axis_margins.stable]
     if unstable:
         return f"Unstable, Coulomb friction neglected: {', '.join(unstable)}."
-    gains = {name: min(own.gain, own.together) for name, own in by_axis.items() if own != NO_LOOP}
+    loops = {name: axis_margins for name, axis_margins in by_axis.items() if axis_margins != NO_LOOP}
+    gains = {name: min(axis_margins.gain, axis_margins.together) for name, axis_margins in loops.items()}
     if not gains:
         return "All axes are steppers in open loop: no loop, no margins."
     least = min(gains, key=gains.__getitem__)

@@ -86,24 +86,24 @@ def _names(root: ElementTree.Element, prefix: str) -> dict[str, str]:
 def _make_local(element: ElementTree.Element, names: dict[str, str]) -> None:
     """Remove an element's namespace, and adapt its ids, colours and fonts to the page."""
     element.tag = _local(element.tag)
-    own: dict[str, str] = {}
+    attributes: dict[str, str] = {}
     for key, value in element.attrib.items():
         if key == "id":
             if value in names:
-                own["id"] = names[value]
+                attributes["id"] = names[value]
         elif key == _HREF:
-            own["href"] = f"#{names[value[1:]]}" if value.startswith("#") else value
+            attributes["href"] = f"#{names[value[1:]]}" if value.startswith("#") else value
         elif key in _COORDINATES:
-            own[key] = _NUMBER.sub(_rounded, value)
+            attributes[key] = _NUMBER.sub(_rounded, value)
         else:
             text = _REFERENCE.sub(lambda match: f"url(#{names[match[1]]})", value)
             if key == "style":
                 text = _FAMILY.sub("", _FONT.sub(r"font: \1 var(--sans)", text))
                 for ink in ("#000000", INK):
                     text = text.replace(ink, "currentColor")
-            own[key] = text
+            attributes[key] = text
     element.attrib.clear()
-    element.attrib.update(own)
+    element.attrib.update(attributes)
 
 
 def _local(tag: str) -> str:

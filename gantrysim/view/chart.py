@@ -30,11 +30,11 @@ def thinned(time: Floats, value: Floats, points: int = POINTS) -> tuple[Floats, 
         return time, value
     bins = points // 2
     edges = np.arange(bins + 1) * n // bins
-    kept = []
+    extremes = []
     for begin, end in itertools.pairwise(edges.tolist()):
         part = value[begin:end]
-        kept += sorted({begin + int(part.argmin()), begin + int(part.argmax())})
-    return time[kept], value[kept]
+        extremes += sorted({begin + int(part.argmin()), begin + int(part.argmax())})
+    return time[extremes], value[extremes]
 
 
 def lines(time: Floats, value: Floats, points: int = POINTS, most: int = _LINES) -> list[tuple[Floats, Floats]]:
@@ -88,7 +88,8 @@ class Chart:
         step = round_step(end / _STEPS)
         steps = math.ceil(end / step - 1e-9)
         top = round_step(max(largest, _LEAST))
-        figure.range[0], figure.range[1] = (0, steps * step), (0, top)
+        figure.range[0] = (0, steps * step)
+        figure.range[1] = (0, top)
         figure.gridsize[0] = steps + 1
         figure.xformat = "%.0f" if step >= 1 else "%.2g"
         figure.yformat = "%.0f" if top >= 5 else "%.2g"

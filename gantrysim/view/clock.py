@@ -85,5 +85,6 @@ class Pace:
         """Seconds shown per second; None before a whole second is recorded."""
         if not self._shown:
             return None
-        (start, first), (end, last) = self._shown[0], self._shown[-1]
+        start, first = self._shown[0]
+        end, last = self._shown[-1]
         return (last - first) / (end - start) if end - start >= _SPAN else None

@@ -83,9 +83,9 @@ class Player:
             while not stopped():
                 start = self._timer()
                 self.picture()
-                left = _PERIOD - (self._timer() - start)
-                if left > 0:
-                    self._rest(left)
+                remaining = _PERIOD - (self._timer() - start)
+                if remaining > 0:
+                    self._rest(remaining)
         except WindowClosedError:
             pass
         return self._source.fault if self._source.live else None
@@ -106,10 +106,10 @@ class Player:
             source.go(moment)
         run = source.run
         tick = source.tick
-        at = float(run.time[tick])
-        if source.live and not self.clock.paused and at + run.period < moment:
+        reached = float(run.time[tick])
+        if source.live and not self.clock.paused and reached + run.period < moment:
             # too slow: the clock waits, so that no time has to be made up later
-            self.clock = self.clock.moved(at, now)
+            self.clock = self.clock.moved(reached, now)
         self._pace.note(now, self.clock.at(now))
         if self._shown != (run, tick):
             self._window.pose(lambda: self._pose(run, tick))

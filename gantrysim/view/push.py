@@ -38,9 +38,11 @@ class Bodies:
             name = shown.body(body).name
             parent = int(shown.body_parentid[body])
             same = same and body < simulated.nbody and name == simulated.body(body).name
-            found = mujoco.mj_name2id(simulated, mujoco.mjtObj.mjOBJ_BODY, name) if name else (body if same else -1)
+            simulated_body = (
+                mujoco.mj_name2id(simulated, mujoco.mjtObj.mjOBJ_BODY, name) if name else (body if same else -1)
+            )
             self._source[body], self._target[body] = (
-                (body, found) if found > 0 else (self._source[parent], self._target[parent])
+                (body, simulated_body) if simulated_body > 0 else (self._source[parent], self._target[parent])
             )
         if shown.nbody > 1 and simulated.nbody > 1 and not self._target.any():
             raise InputError("the displayed model has no body of the simulated one")

@@ -64,10 +64,12 @@ class ViewerWindow:
         threading.Thread(target=self._upload, name="bead", daemon=True).start()
         with self._inside() as handle, handle.lock():
             # Esc frees the viewer's own camera, at the pose of the fixed one
-            own = handle.cam
-            own.lookat[:], own.distance, own.azimuth, own.elevation = _free_view(scene, view)
-            own.type = view.type
-            own.fixedcamid = view.fixedcamid
+            free_camera = handle.cam
+            free_camera.lookat[:], free_camera.distance, free_camera.azimuth, free_camera.elevation = _free_view(
+                scene, view
+            )
+            free_camera.type = view.type
+            free_camera.fixedcamid = view.fixedcamid
 
     def pressed(self) -> list[int]:
         """Return the keys pressed since the last call, by GLFW's codes."""

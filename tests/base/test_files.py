@@ -143,9 +143,9 @@ def test_an_interrupt_says_what_it_has_left(old, number):
                 signal.raise_signal(number)
             complete = files.complete_swap
 
-            def complete_and_signal(folder, own=False):
+            def complete_and_signal(folder, is_ours=False):
                 signal.raise_signal(number)
-                complete(folder, own=own)
+                complete(folder, is_ours=is_ours)
 
             files.complete_swap = complete_and_signal
         pytest.fail("went on")
@@ -181,7 +181,7 @@ def test_new_files_are_on_disk_before_they_take_their_place(old, synced, monkeyp
     complete = files.complete_swap
     early = []
     monkeypatch.setattr(
-        files, "complete_swap", lambda folder, own=False: (early.extend(synced), complete(folder, own=own))
+        files, "complete_swap", lambda folder, is_ours=False: (early.extend(synced), complete(folder, is_ours=is_ours))
     )
     replace(old)
     assert set(early) >= {"a.txt", "c.txt", "e.txt", "names.json"}

@@ -114,14 +114,14 @@ def test_causes_are_found_on_request(gantrysim_command, tmp_path):
         shown = [without["contour"]["rms_um"], without["contour"]["max_um"], worth]
         shown += [without[link]["rms_um"] for link in LINKS]
         assert [float(cell) for cell in rows[name]] == pytest.approx(shown, abs=0.0051)
-    assert "worths do not add up" in " ".join(printed.split())
+    assert "effects do not add up" in " ".join(printed.split())
 
 
 def test_a_run_that_ends_in_a_fault_has_no_causes(gantrysim_command, tmp_path):
     faulty = ["--set", "following_error_limit=0.01", "--causes"]
     status, printed, _ = gantrysim_command("run", "an225", "--out", tmp_path, *QUICK, *faulty)
     assert status == 3
-    assert "note: no causes, they are those of a complete run" in printed
+    assert "causes skipped: the run ended in a fault" in printed
     assert json.loads((tmp_path / "summary.json").read_text())["causes"] is None
 
 

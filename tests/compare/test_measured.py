@@ -141,7 +141,7 @@ def test_what_is_not_measured_explains_nothing(noisy):
     tracking = Budget(run).values.parts["tracking"].rms
     assert Budget(run).values.parts["generation"].rms > 20 * SIGMA
     assert explained.links == ("tracking",)
-    assert explained.left == pytest.approx(SIGMA, rel=0.02)
+    assert explained.difference == pytest.approx(SIGMA, rel=0.02)
     assert explained.simulated == pytest.approx(tracking, rel=1e-3)
     assert explained.measured**2 == pytest.approx(tracking**2 + SIGMA**2, rel=0.05)
     assert explained.share == pytest.approx(tracking**2 / (tracking**2 + SIGMA**2), abs=0.03)

@@ -185,7 +185,7 @@ def test_speed_spacing_and_errors(shown):
 
 def test_stability_and_torque_ripple(shown):
     peaks = [axis.peak_torque for axis in shown.machine.axes]
-    caption = next(text for text in shown.page.tables() if text.startswith("Stability margins at home"))
+    caption = next(text for text in shown.page.tables() if text.startswith("Stability margins at the home position"))
     rows = shown.page.tables()[caption]
     for axis, margins, ripple, peak in zip("xy", shown.margins, RIPPLE, peaks, strict=True):
         assert rows[axis] == {
@@ -250,7 +250,7 @@ def test_the_bead(shown):
         "stops": values.stop_error,
     }
     whole, error = values.requested_volume, values.volume - values.requested_volume
-    caption = "Volume laid beyond the nominal section along the path; the parts sum to the error"
+    caption = "Volume beyond the nominal section along the path; the parts sum to the error"
     table = shown.page.tables()[caption]
     for name, volume in (*volumes.items(), ("error", error)):
         cells = [cell.replace("−", "-") for cell in table[name].values()]
@@ -260,7 +260,7 @@ def test_the_bead(shown):
     heads = ["volume [mm³]", "of the requested volume [%]", "description"]
     assert [*table] == [*volumes, "error"]
     assert [*table["ramps"]] == heads
-    words = {"ramps": "while the speed ramps", "starts": "until the flow has settled", "running": "while the flow is"}
+    words = {"ramps": "while the speed ramps", "starts": "until the flow has settled", "running": "flow limit"}
     words |= {"stops": "from when the dispenser closes", "error": "total"}
     for name, word in words.items():
         assert word in table[name]["description"]
