@@ -42,8 +42,6 @@ NOT_YET: dict[str, dict[str, int]] = {
     "view": {"names": 1, "parameters": 2},
     # render
     "render": {"names": 18, "assignments": 56, "parameters": 2},
-    # drawings
-    "drawings": {"names": 38, "assignments": 3, "modules": 1},
     # engine
     "engine": {"names": 40, "assignments": 20, "parameters": 3},
     # faults

@@ -31,13 +31,13 @@ _LEAST_CUT = 1e-7
 
 @dataclass(frozen=True)
 class Leg:
-    """A piece of the path and how it is run.
+    """A piece of the path with its glue, speed and pause.
 
     Attributes:
         piece: a line, or an arc.
         glue: whether glue is laid.
         speed: programmed speed [mm/s].
-        travel: whether it is the way between two strokes.
+        travel: whether it leads from one stroke to another.
         pause: time of rest at its end [s].
         dot: whether glue is laid in that time.
     """
@@ -64,7 +64,7 @@ class Leg:
 
 @dataclass
 class Count:
-    """Corners that were found.
+    """Numbers of corners.
 
     Attributes:
         rounded: number of those that are rounded.
@@ -95,7 +95,8 @@ def place(piece: Line | Coil, share: Floats) -> Floats:
 def tangent(piece: Line | Coil, share: float) -> Floats:
     """Return the unit tangent of a line or an arc at a share of its length, (3,)."""
     if isinstance(piece, Line):
-        (a, b, c), (u, v, w) = piece.start, piece.end
+        a, b, c = piece.start
+        u, v, w = piece.end
         return np.array([u - a, v - b, w - c]) / math.dist(piece.start, piece.end)
     psi = piece.begin + share * piece.angle
     u, v = np.array(piece.frame)
@@ -112,7 +113,9 @@ def part(piece: Line | Coil, low: float, high: float) -> Line | Coil:
 
 def turn(before: Floats, after: Floats) -> float:
     """Return the angle between two unit vectors [rad]."""
-    (a, b, c), (u, v, w) = before.tolist(), after.tolist()
+    a, b, c = before.tolist()
+    u, v, w = after.tolist()
+    # from sine and cosine, as acos loses half of the digits at small angles
     return math.atan2(math.hypot(b * w - c * v, c * u - a * w, a * v - b * u), a * u + b * v + c * w)
 
 
@@ -122,9 +125,9 @@ def rounded(legs: list[Leg], tolerance: float, count: Count) -> list[Leg]:
     A blend takes at most the whole of a piece, and half of one with a corner at its other end too.
 
     Args:
-        legs: one from the end of the other.
+        legs: each from the end of the one before.
         tolerance: largest deviation [mm]; 0 rounds nothing.
-        count: is added to.
+        count: of corners, increased.
     """
     turns = np.array([turn(tangent(a.piece, 1.0), tangent(b.piece, 0.0)) for a, b in pairwise(legs)])
     corner = turns > SMOOTH
@@ -144,18 +147,20 @@ def rounded(legs: list[Leg], tolerance: float, count: Count) -> list[Leg]:
             continue
         count.rounded += 1
         distance, blends[k] = blend
-        cut[k, 1] = cut[k + 1, 0] = distance
-    made: list[Leg] = []
+        cut[k, 1] = distance
+        cut[k + 1, 0] = distance
+    rounded_legs: list[Leg] = []
     for k, leg in enumerate(legs):
         if cut[k].any():
             low = cut[k, 0] / lengths[k]
             high = 1 - cut[k, 1] / lengths[k]
-            if (high - low) * lengths[k] > SHORTEST:  # as the chain drops what is not
-                made.append(replace(leg, piece=part(leg.piece, low, high)))
+            if (high - low) * lengths[k] > SHORTEST:  # the chain would drop a shorter piece
+                rounded_legs.append(replace(leg, piece=part(leg.piece, low, high)))
         else:
-            made.append(leg)
-        made += [replace(leg, piece=piece, speed=min(leg.speed, legs[k + 1].speed)) for piece in blends.get(k, ())]
-    return made
+            rounded_legs.append(leg)
+        for piece in blends.get(k, ()):
+            rounded_legs.append(replace(leg, piece=piece, speed=min(leg.speed, legs[k + 1].speed)))  # noqa: PERF401
+    return rounded_legs
 
 
 def _blend(

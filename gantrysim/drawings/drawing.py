@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
-from itertools import pairwise
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,12 +13,11 @@ import numpy as np
 from gantrysim.base.errors import InputError, at_least, finite, point, positive, unknown
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
-from gantrysim.drawings.dxf import BINARY, read_dxf
 from gantrysim.drawings.planning import Paused, planned
+from gantrysim.drawings.reading import hex_of, kind_of, read_sheet
 from gantrysim.drawings.routing import Manner, Route, routed
 from gantrysim.drawings.shapes import FASTEST, Sheet, Stroke, checked
-from gantrysim.drawings.svg import read_svg
-from gantrysim.drawings.table import read_points, with_speeds
+from gantrysim.drawings.table import with_speeds
 from gantrysim.drawings.units import millimetres
 from gantrysim.paths.chain import Chain
 from gantrysim.record.setpoints import Setpoints, ticks
@@ -41,7 +38,7 @@ _SHOWN = 30  # names in a message
 class Drawing(Controller):
     """Traces the lines and curves of a drawing at the fastest speed within the limits of the axes.
 
-    Read are DXF (LINE, ARC, CIRCLE, ELLIPSE, LWPOLYLINE, POLYLINE, SPLINE, POINT, and INSERT of these), SVG (all shapes
+    It reads DXF (LINE, ARC, CIRCLE, ELLIPSE, LWPOLYLINE, POLYLINE, SPLINE, POINT, and INSERT of these), SVG (all shapes
     and transforms) and CSV (a point in every line: x, y[, z][, glue][, speed]). Strokes are traced in the order and the
     direction in which they are drawn. A stroke that begins where the one before ends continues it; between others the
     axes travel with the dispenser off.
@@ -53,13 +50,13 @@ class Drawing(Controller):
     Attributes:
         text: the drawing.
         placement: of the drawing on the work.
-        format: "dxf", "svg", "csv", or "auto" to tell it by the text.
+        format: "dxf", "svg", "csv", or "auto" to recognise it by the text.
         unit: "mm", "cm", "m", "um", "in", "ft", "pt", "px", or "auto" for that of the drawing.
-        layers: those that are traced, by layer, group or colour; all by default.
+        layers: layers, groups or colours that are traced; all by default.
         glue: layers, groups or colours that lay glue, as a list, or as a table of true and false; all by default. The
             others are traced at the travel speed with the dispenser off.
         curve: "lines" or "spline" through the points of a CSV.
-        order: "drawn", or "nearest" to go on with the nearest stroke.
+        order: "drawn", or "nearest" to continue with the nearest stroke.
         reverse: whether strokes may be traced backwards, where that joins them or is nearer.
         speed: along the path where glue is laid [mm/s].
         travel_speed: where none is [mm/s].
@@ -143,7 +140,7 @@ class Drawing(Controller):
     @cached_property
     def sheet(self) -> Sheet:
         """The drawing, in its own place, in mm."""
-        return _read(self.kind, self.text, self.unit, self.curve, self.dot_time > 0)
+        return read_sheet(self.kind, self.text, self.unit, self.curve, self.dot_time > 0)
 
     @cached_property
     def _strokes(self) -> tuple[Stroke, ...]:
@@ -151,51 +148,53 @@ class Drawing(Controller):
         raised = np.array([0.0, 0.0, self.height])
         traced = self._matching("layers", self.layers)
         glue = self._laying()
-        return tuple(
-            checked(self._with_glue(stroke, lays).moved(lambda points: self.placement.point(points) + raised))
-            for stroke, kept, lays in zip(self.sheet.strokes, traced, glue, strict=True)
-            if kept
-        )
+        strokes = []
+        for stroke, is_traced, lays in zip(self.sheet.strokes, traced, glue, strict=True):
+            if is_traced:
+                placed = self._with_glue(stroke, lays).moved(lambda points: self.placement.point(points) + raised)
+                strokes.append(checked(placed))
+        return tuple(strokes)
 
     def _matching(self, key: str, names: tuple[str, ...] | None) -> list[bool]:
         """Whether each stroke has one of the names."""
         if names is None:
             return [True] * len(self.sheet.strokes)
-        known: set[str] = set().union(*(stroke.names for stroke in self.sheet.strokes))
+        present: set[str] = set().union(*(stroke.names for stroke in self.sheet.strokes))
         wanted: set[str] = set()
         for name in names:
-            same = {name.lower(), _hex(name)} & known
-            if not same:
-                raise unknown(f"{key}: layer or colour", name, sorted(known)[:_SHOWN])
-            wanted |= same
+            matching = {name.lower(), hex_of(name)} & present
+            if not matching:
+                raise unknown(f"{key}: layer or colour", name, sorted(present)[:_SHOWN])
+            wanted |= matching
         return [bool(stroke.names & wanted) for stroke in self.sheet.strokes]
 
     def _laying(self) -> list[bool]:
+        """Whether each stroke lays glue by the names of its layers."""
         if isinstance(self.glue, dict):
             off = self._matching("glue", tuple(name for name, on in self.glue.items() if not on))
             self._matching("glue", tuple(self.glue))
-            return [not each for each in off]
+            return [not is_off for is_off in off]
         return self._matching("glue", self.glue)
 
     @staticmethod
     def _with_glue(stroke: Stroke, lays: bool) -> Stroke:
         stated = stroke.glue or (True,) * max(len(stroke.shapes), 1)
-        return replace(stroke, glue=tuple(lays and each for each in stated))
+        return replace(stroke, glue=tuple(lays and stated_glue for stated_glue in stated))
 
     @cached_property
     def _manner(self) -> Manner:
         start = None if self.start is None else np.array([*self.start, self.height])
         return Manner(
-            self.speed,
-            self.travel_speed,
-            self.lift,
-            self.join_tolerance,
-            self.chord_tolerance,
-            self.corner_tolerance,
-            self.dot_time,
-            self.order == "nearest",
-            self.reverse,
-            start,
+            speed=self.speed,
+            travel_speed=self.travel_speed,
+            lift=self.lift,
+            join=self.join_tolerance,
+            chord=self.chord_tolerance,
+            corner=self.corner_tolerance,
+            dot_time=self.dot_time,
+            nearest=self.order == "nearest",
+            reverse=self.reverse,
+            start=start,
         )
 
     @cached_property
@@ -205,7 +204,7 @@ class Drawing(Controller):
 
     @cached_property
     def requested(self) -> Chain:
-        """The path as drawn, with the ways between: its corners are sharp, its curves ten times finer."""
+        """The path as drawn, with the travel between: its corners are sharp, its curves ten times finer."""
         fine = replace(self._manner, chord=_FINER * self.chord_tolerance, corner=0.0)
         return routed(list(self._strokes), fine).chain
 
@@ -221,8 +220,8 @@ class Drawing(Controller):
     @cached_property
     def axes(self) -> tuple[str, ...]:
         """Names of the axes: x, y, and z unless everything lies at the height 0."""
-        low = [leg.start for leg in self.route.legs] + [leg.end for leg in self.route.legs]
-        return ("x", "y", "z") if np.abs(np.array(low)[:, 2]).max() > 0 else ("x", "y")
+        ends = [leg.start for leg in self.route.legs] + [leg.end for leg in self.route.legs]
+        return ("x", "y", "z") if np.abs(np.array(ends)[:, 2]).max() > 0 else ("x", "y")
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
         changed: dict[str, Any] = {"speed": change(self.speed)}
@@ -245,12 +244,13 @@ class Drawing(Controller):
 
     @property
     def _left_out(self) -> str:
-        counts = dict(self.sheet.ignored)
-        return f"; ignored: {', '.join(f'{n} {kind}' for kind, n in sorted(counts.items()))}" if counts else ""
+        if not self.sheet.ignored:
+            return ""
+        return f"; ignored: {_counts(self.sheet.ignored)}"
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is traced and what is not, assumptions, corners, and the effect of the axes' limits."""
+        """Strokes traced and ignored, assumptions, corners, and the effect of the axes' limits."""
         legs = self.route.legs
         corners = self.route.corners
         laid = sum(leg.length for leg in legs if leg.glue)
@@ -263,7 +263,7 @@ class Drawing(Controller):
         if untraced:
             ignored["stroke of other layers"] = untraced
         if ignored:
-            notes.append("ignored: " + ", ".join(f"{n} {kind}" for kind, n in sorted(ignored.items())))
+            notes.append(f"ignored: {_counts(ignored)}")
         notes += self.sheet.remarks
         if corners.rounded or corners.sharp:
             passed = f"passed at a jump of {self.corner_speed:g} mm/s" if self.corner_speed else "with a stop"
@@ -278,34 +278,5 @@ class Drawing(Controller):
         return tuple(notes)
 
 
-def kind_of(text: str) -> str:
-    """Return the format of a text: svg begins with "<", dxf with a pair of lines, a group code and its value."""
-    lines = [line.strip() for line in text.lstrip("\ufeff \t\r\n")[:10_000].splitlines()[:200]]
-    if text.startswith(BINARY):
-        return "dxf"
-    if lines and lines[0].startswith("<"):
-        return "svg"
-    codes = [code == "0" and value in ("SECTION", "EOF") for code, value in pairwise(lines)]
-    return "dxf" if any(codes) else "csv"
-
-
-@lru_cache(maxsize=4)
-def _read(kind: str, text: str, unit: str, curve: str, dots: bool) -> Sheet:
-    text = text.removeprefix("\ufeff")
-    length = millimetres(unit)
-    if kind == "dxf":
-        return read_dxf(text, length, dots)
-    return read_svg(text, length) if kind == "svg" else read_points(text, length or 1.0, curve)
-
-
-def _hex(name: str) -> str:
-    """A colour of CSS as "#rrggbb", any other name as it is."""
-    from svgelements import Color
-
-    if not re.fullmatch(r"#([0-9a-fA-F]{3}){1,2}|[a-fA-F]*[g-zG-Z][a-zA-Z]*", name):
-        return name
-    try:
-        colour = Color(name)
-    except ValueError:
-        return name
-    return name if colour.value is None else str(colour.hexrgb).lower()
+def _counts(ignored: dict[str, int]) -> str:
+    return ", ".join(f"{count} {kind}" for kind, count in sorted(ignored.items()))

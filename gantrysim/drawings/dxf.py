@@ -28,7 +28,7 @@ _DEEPEST = 32  # nested blocks
 _MOST = 200_000  # entities, those of blocks counted each time
 _SPLINE_FRAME = 16  # flag of a vertex that is a control point
 
-logging.getLogger("ezdxf").addHandler(logging.NullHandler())  # what it repairs is not printed
+logging.getLogger("ezdxf").addHandler(logging.NullHandler())  # its repairs are not printed
 
 
 @dataclass
@@ -50,7 +50,7 @@ class _Reading:
 
 @dataclass(frozen=True)
 class _Block:
-    """What an entity inherits from the block's reference: layer and colours."""
+    """Layer and colours that the entities of a block inherit from its reference."""
 
     layer: str
     colours: frozenset[str]
@@ -73,7 +73,7 @@ def read_dxf(text: str, unit: float | None, dots: bool) -> Sheet:
         raise InputError("dxf: binary: must be saved as an ASCII DXF")
     try:
         document = ezdxf.read(io.StringIO(text.lstrip()))
-    except Exception as error:  # whatever the library makes of a malformed drawing
+    except Exception as error:  # ezdxf raises errors of many kinds for malformed drawings
         raise InputError(f"dxf: {_short(error)}: must be a valid ASCII DXF") from None
     try:
         reading = _Reading(document, dots)
@@ -81,7 +81,7 @@ def read_dxf(text: str, unit: float | None, dots: bool) -> Sheet:
         factor, remarks = _unit(document, unit)
     except InputError:
         raise
-    except Exception as error:  # likewise
+    except Exception as error:  # as above, while entities are read
         raise InputError(f"dxf: {_short(error)}: must be a valid drawing") from None
     scaled = tuple(stroke.moved(lambda points: factor * points) for stroke in strokes)
     return Sheet(scaled, dict(reading.ignored), remarks)
@@ -111,16 +111,18 @@ def _strokes(reading: _Reading, entities: Any, block: _Block | None, depth: int)
             raise InputError(f"dxf: more than {_MOST} entities, those of blocks counted each time: must be fewer")
         kind = entity.dxftype()
         layer = str(entity.dxf.get("layer", "0"))
-        own = _Block(block.layer if block is not None and layer == "0" else layer, _colours(reading, entity, block))
-        if not _seen(reading, entity, own.layer):
+        if block is not None and layer == "0":  # DXF: entities on layer 0 of a block are on the layer of its reference
+            layer = block.layer
+        inherited = _Block(layer, _colours(reading, entity, block))
+        if not _visible(reading, entity, layer):
             reading.ignored["invisible"] += 1
         elif kind == "INSERT":
             references = entity.multi_insert() if entity.mcount > 1 else (entity,)
             for reference in references:
-                yield from _strokes(reading, reference.virtual_entities(), own, depth + 1)
+                yield from _strokes(reading, reference.virtual_entities(), inherited, depth + 1)
             reading.ignored.update(["ATTRIB"] * len(entity.attribs))
         else:
-            names = frozenset({own.layer.lower()}) | own.colours
+            names = frozenset({layer.lower()}) | inherited.colours
             where = f"dxf: {kind} {entity.dxf.get('handle') or ''}".strip()
             try:
                 stroke = _stroke(reading, entity, where, names)
@@ -132,7 +134,7 @@ def _strokes(reading: _Reading, entities: Any, block: _Block | None, depth: int)
                 yield stroke
 
 
-def _seen(reading: _Reading, entity: Any, layer: str) -> bool:
+def _visible(reading: _Reading, entity: Any, layer: str) -> bool:
     table = reading.document.layers
     hidden = layer in table and (table.get(layer).is_off() or table.get(layer).is_frozen())
     return not hidden and not entity.dxf.get("invisible", 0)
@@ -150,14 +152,18 @@ def _colours(reading: _Reading, entity: Any, block: _Block | None) -> frozenset[
         if block is not None and layer == "0":
             return block.colours
         table = reading.document.layers
-        number = abs(table.get(layer).dxf.get("color", 7)) if layer in table else 7
-        true = table.get(layer).dxf.get("true_color") if layer in table else None
+        number = 7
+        if layer in table:
+            number = abs(table.get(layer).dxf.get("color", 7))  # negative where the layer is off
+            true = table.get(layer).dxf.get("true_color")
     if true is not None:
         return frozenset({"#{:02x}{:02x}{:02x}".format(*int2rgb(true))})
     if not 1 <= number <= 255:
         return frozenset()
     names = {f"aci:{number}", "#{:02x}{:02x}{:02x}".format(*aci2rgb(number))}
-    return frozenset(names | ({_NAMES[number]} if number in _NAMES else set()))
+    if number in _NAMES:
+        names.add(_NAMES[number])
+    return frozenset(names)
 
 
 def _stroke(reading: _Reading, entity: Any, where: str, names: frozenset[str]) -> Stroke | None:
@@ -177,7 +183,7 @@ def _stroke(reading: _Reading, entity: Any, where: str, names: frozenset[str]) -
     elif kind == "SPLINE":
         tool = entity.construction_tool()
         weights = np.array(tool.weights() or [1.0] * tool.count, float)
-        control = np.array([tuple(at) for at in tool.control_points], float)
+        control = np.array([tuple(place) for place in tool.control_points], float)
         shapes = [Spline(np.array(tool.knots(), float), control, weights, int(tool.degree))]
     elif kind == "LWPOLYLINE":
         z = float(dxf.get("elevation", 0.0))
@@ -201,7 +207,7 @@ def _round(entity: Any) -> Ellipse:
     if entity.dxftype() == "ARC":
         begin = float(dxf.start_angle)
         end = float(dxf.end_angle)
-        end = begin + ((end - begin) % 360.0 or 360.0)
+        end = begin + ((end - begin) % 360.0 or 360.0)  # equal angles are a whole circle
     radius = float(dxf.radius)
     if not 0 < radius < math.inf:
         raise InputError(f"radius = {radius:g}: must be greater than 0")
@@ -211,12 +217,12 @@ def _round(entity: Any) -> Ellipse:
 
 def _vertices(entity: Any) -> list[Shape]:
     """Lines and arcs of a POLYLINE, without the control points of a spline through it."""
-    kept = [vertex.dxf for vertex in entity.vertices if not vertex.dxf.get("flags", 0) & _SPLINE_FRAME]
-    places = [_vector(vertex.location) for vertex in kept]
+    vertices = [vertex.dxf for vertex in entity.vertices if not vertex.dxf.get("flags", 0) & _SPLINE_FRAME]
+    places = [_vector(vertex.location) for vertex in vertices]
     if entity.is_3d_polyline:
         return _polyline([(place, 0.0) for place in places], bool(entity.is_closed), None)
     z = _vector(entity.dxf.get("elevation", (0, 0, 0)))[2]
-    bulges = [float(vertex.get("bulge", 0)) for vertex in kept]
+    bulges = [float(vertex.get("bulge", 0)) for vertex in vertices]
     flat = [(point(place[0], place[1], z), bulge) for place, bulge in zip(places, bulges, strict=True)]
     return _polyline(flat, bool(entity.is_closed), entity.ocs())
 

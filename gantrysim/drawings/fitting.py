@@ -116,8 +116,8 @@ def _lines(shape: Curve, tolerance: float) -> list[Line | Coil]:
         along = np.einsum("nmi,ni->nm", points - ends[:-1, None], chord)
         square = np.einsum("ni,ni->n", chord, chord)[:, None]
         share = np.clip(np.divide(along, square, out=np.zeros_like(along), where=square > 0), 0.0, 1.0)
-        off = np.linalg.norm(points - ends[:-1, None] - share[..., None] * chord[:, None], axis=2).max(axis=1)
-        coarse = off > _SAFETY * tolerance
+        deviation = np.linalg.norm(points - ends[:-1, None] - share[..., None] * chord[:, None], axis=2).max(axis=1)
+        coarse = deviation > _SAFETY * tolerance
         if not coarse.any():
             break
         edges = np.sort(np.concatenate([edges, 0.5 * (low + high)[coarse]]))
@@ -133,7 +133,7 @@ def _biarcs(shape: Curve, tolerance: float, z: float) -> list[Line | Coil]:
     high = edges[1:]
     done: list[list[Complexes]] = []
     for halving in range(_HALVINGS):
-        _check_count(2 * (low.size + sum(each[0].size for each in done)))
+        _check_count(2 * (low.size + sum(fitted[0].size for fitted in done)))
         begin = _complex(shape.at(low)[0])
         end = _complex(shape.at(high)[0])
         first = _tangents(shape, low, high)
@@ -146,23 +146,24 @@ def _biarcs(shape: Curve, tolerance: float, z: float) -> list[Line | Coil]:
         with np.errstate(divide="ignore", invalid="ignore"):
             wide = np.maximum(np.abs(np.angle(first / chord)), np.abs(np.angle(last / chord)))
             join = middle(begin, first, end, last)
-            off = _deviation(points, begin, first, join, end, last)
-        good = short | ((wide < _WIDEST) & (off < _SAFETY * tolerance))
+            deviation = _deviation(points, begin, first, join, end, last)
+        good = short | ((wide < _WIDEST) & (deviation < _SAFETY * tolerance))
         straight = short
         if halving == _HALVINGS - 1:
             straight = short | ~good
             good = np.ones_like(good)
-        kept = [values[good] for values in (low, begin, first, join, end, np.where(straight, 0, last))]
-        done.append(kept)
+        # a tangent of 0 stands for a straight line
+        done.append([values[good] for values in (low, begin, first, join, end, np.where(straight, 0, last))])
         if good.all():
             break
         half = 0.5 * (low + high)[~good]
         low = np.concatenate([low[~good], half])
         high = np.concatenate([half, high[~good]])
-    at, begin, first, join, end, last = map(np.concatenate, zip(*done, strict=True))
-    order = np.argsort(at if shape.knots[0] < shape.knots[-1] else -at, kind="stable")
+    parameter, *columns = map(np.concatenate, zip(*done, strict=True))
+    order = np.argsort(parameter if shape.knots[0] < shape.knots[-1] else -parameter, kind="stable")
     pieces: list[Line | Coil] = []
-    for a, t0, m, b, t1 in zip(*(each[order].tolist() for each in (begin, first, join, end, last)), strict=True):
+    # begin, its tangent, joint, end and its tangent
+    for a, t0, m, b, t1 in zip(*(column[order].tolist() for column in columns), strict=True):
         if a == b:
             continue
         if t1 == 0:  # shorter than the tolerance, as at a cusp
@@ -193,18 +194,18 @@ def _deviation(
     return np.where(before, *distances).max(axis=1)
 
 
-def _tangents(shape: Curve, at: Floats, other: Floats) -> Complexes:
+def _tangents(shape: Curve, end: Floats, other: Floats) -> Complexes:
     """Unit tangents at one end of intervals, from inside where the derivative vanishes, (n,)."""
     # one side of a knot may differ from the other
-    inside = at + 1e-9 * (other - at)
+    inside = end + 1e-9 * (other - end)
     slope = _complex(shape.at(inside)[1])
-    scale = np.abs(_complex(shape.at(0.5 * (at + other))[1]))
+    scale = np.abs(_complex(shape.at(0.5 * (end + other))[1]))
     weak = np.abs(slope) <= 1e-6 * scale
     if weak.any():
-        near = at[weak]
-        there = other[weak]
-        step = _complex(shape.at(near + _NUDGE * (there - near))[0]) - _complex(shape.at(near)[0])
-        ascending = (there > near) == (shape.knots[-1] > shape.knots[0])
+        near = end[weak]
+        far = other[weak]
+        step = _complex(shape.at(near + _NUDGE * (far - near))[0]) - _complex(shape.at(near)[0])
+        ascending = (far > near) == (shape.knots[-1] > shape.knots[0])
         slope[weak] = np.where(ascending, step, -step)
     length = np.abs(slope)
     return np.divide(slope, length, out=np.ones_like(slope), where=length > 0)

@@ -1,4 +1,4 @@
-"""The fastest progress along a route within the limits of the axes, with rests."""
+"""The fastest progress along a route within the limits of the axes, with pauses."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ _SHARE = 1e-7  # of a piece, from its ends to its inside
 
 @dataclass(frozen=True)
 class Paused:
-    """A profile with rests.
+    """A profile with pauses.
 
     Args:
-        base: without them.
-        at: arc lengths of the rests, ascending, (m,) [mm].
-        rest: their durations, (m,) [s].
+        base: the profile without them.
+        places: arc lengths of the pauses, ascending, (m,) [mm].
+        pauses: their durations, (m,) [s].
     """
 
     base: Limited
-    at: Floats
-    rest: Floats
+    places: Floats
+    pauses: Floats
 
     @property
     def length(self) -> float:
@@ -41,22 +41,22 @@ class Paused:
 
     @property
     def duration(self) -> float:
-        return self.base.duration + float(self.rest.sum())
+        return self.base.duration + float(self.pauses.sum())
 
     @cached_property
     def _begins(self) -> Floats:
-        """Times at which the rests begin, (m,) [s]."""
-        reached = np.array([self.base.reached(s) for s in self.at])
-        return reached + np.append(0.0, np.cumsum(self.rest))[: self.rest.size]
+        """Times at which the pauses begin, (m,) [s]."""
+        reached = np.array([self.base.reached(s) for s in self.places])
+        return reached + np.append(0.0, np.cumsum(self.pauses))[: self.pauses.size]
 
     def _moving(self, t: ArrayLike) -> Floats:
         """Time spent in motion, (n,) [s]."""
-        at = np.asarray(t, float)
-        k = np.searchsorted(self._begins, at, side="right")
-        done = np.append(0.0, np.cumsum(self.rest))
-        began = np.append(-np.inf, self._begins + self.rest)[k]
-        # during the rest that began last the motion stands still
-        return at - done[k] + np.maximum(began - at, 0.0)
+        time = np.asarray(t, float)
+        k = np.searchsorted(self._begins, time, side="right")
+        paused = np.append(0.0, np.cumsum(self.pauses))
+        end_of_pause = np.append(-np.inf, self._begins + self.pauses)[k]
+        # during the pause that began last the motion stands still
+        return time - paused[k] + np.maximum(end_of_pause - time, 0.0)
 
     def position(self, t: ArrayLike) -> Floats:
         return self.base.position(self._moving(t))
@@ -65,11 +65,11 @@ class Paused:
         return np.where(self.resting(t) >= 0, 0.0, self.base.velocity(self._moving(t)))
 
     def resting(self, t: ArrayLike) -> NDArray[np.intp]:
-        """Index of the rest at times, -1 in motion, (n,)."""
-        at = np.asarray(t, float)
-        k = np.searchsorted(self._begins, at, side="right") - 1
-        ends = np.append(self._begins + self.rest, -np.inf)
-        return np.where(at < ends[k], k, -1)
+        """Index of the pause at times, -1 in motion, (n,)."""
+        time = np.asarray(t, float)
+        k = np.searchsorted(self._begins, time, side="right") - 1
+        ends = np.append(self._begins + self.pauses, -np.inf)  # index -1, before the first pause, takes -inf
+        return np.where(time < ends[k], k, -1)
 
 
 def planned(route: Route, velocity: ArrayLike, acceleration: ArrayLike, jump: float) -> Paused:
@@ -99,15 +99,15 @@ def planned(route: Route, velocity: ArrayLike, acceleration: ArrayLike, jump: fl
     if limited.any():
         change = np.abs(np.diff(first, axis=0))[:, limited].max(axis=1)
         corner = (np.diff(piece) > 0) & (change > SMOOTH)
+        # a corner has two nodes, at the end of one piece and at the begin of the next
         for side in (slice(None, -1), slice(1, None)):
-            at = speed[side]
-            at[corner] = np.minimum(at[corner], jump / change[corner])
-    pauses = np.array([k for k, leg in enumerate(legs) if leg.pause > 0], int)
-    rests = np.isin(piece, pauses) & (s == edges[piece + 1])
+            speed[side][corner] = np.minimum(speed[side][corner], jump / change[corner])
+    pausing = np.array([k for k, leg in enumerate(legs) if leg.pause > 0], int)
+    pauses = np.isin(piece, pausing) & (s == edges[piece + 1])
     if limited.any():
-        speed[rests] = 0.0
+        speed[pauses] = 0.0
     base = fastest(Derivatives(s, first, second), speed, velocity, acceleration)
-    return Paused(base, chain.ends[pauses], np.array([legs[k].pause for k in pauses]))
+    return Paused(base, chain.ends[pausing], np.array([legs[k].pause for k in pausing]))
 
 
 def _spans(route: Route, acceleration: ArrayLike) -> tuple[Floats, Floats, NDArray[np.intp]]:
@@ -118,23 +118,29 @@ def _spans(route: Route, acceleration: ArrayLike) -> tuple[Floats, Floats, NDArr
         steps: largest distance of nodes, (p,) [mm].
         owner: leg of every span, (p,).
     """
-    finite = [float(limit) for limit in np.asarray(acceleration, float) if np.isfinite(limit)]
+    limits = np.asarray(acceleration, float)
+    finite = [float(limit) for limit in limits if np.isfinite(limit)]
     starts = np.append(0.0, route.chain.ends[:-1])
     ends = []
     steps = []
     owner = []
     for k, (leg, begin, end) in enumerate(zip(route.legs, starts.tolist(), route.chain.ends.tolist(), strict=True)):
         length = end - begin
-        curved = _TURN * leg.piece.radius[0] if isinstance(leg.piece, Coil) else np.inf
-        ahead = np.abs(tangent(leg.piece, 0.0))
-        along = [
-            limit / share for limit, share in zip(np.asarray(acceleration, float), ahead, strict=True) if share > 0
-        ]
-        slowest = min(finite, default=np.inf) if isinstance(leg.piece, Coil) else min(along)
+        if isinstance(leg.piece, Coil):
+            largest_step = _TURN * leg.piece.radius[0]
+            slowest = min(finite, default=np.inf)
+        else:
+            largest_step = np.inf
+            direction = np.abs(tangent(leg.piece, 0.0))
+            slowest = min(limit / share for limit, share in zip(limits, direction, strict=True) if share > 0)
         ramp = 0.5 * leg.speed**2 / slowest
-        parted = 0 < ramp < 0.4 * length
-        lengths = [ramp, length - 2 * ramp, ramp] if parted else [length]
-        ends += [begin + ramp, end - ramp, end] if parted else [end]
-        steps += [min(part / _PARTS * (1 + 1e-9), curved) for part in lengths]  # rounding must not add one
+        if 0 < ramp < 0.4 * length:
+            lengths = [ramp, length - 2 * ramp, ramp]
+            ends += [begin + ramp, end - ramp, end]
+        else:
+            lengths = [length]
+            ends.append(end)
+        # rounding must not add an interval
+        steps += [min(part / _PARTS * (1 + 1e-9), largest_step) for part in lengths]
         owner += [k] * len(lengths)
     return np.array(ends), np.array(steps), np.array(owner)

@@ -1,4 +1,4 @@
-"""From the strokes of a drawing to one path: order, joints, and the ways between."""
+"""From the strokes of a drawing to one path: order, joints, and the travel between."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _SPAN = 10  # an arc is turned to close a gap of less than this part of its chor
 
 @dataclass(frozen=True)
 class Manner:
-    """How strokes are run.
+    """Speeds, tolerances and order of the strokes.
 
     Attributes:
         speed, travel_speed: [mm/s].
-        lift: height of the ways between strokes above the higher end [mm].
+        lift: height of the travel between strokes above the higher end [mm].
         join: largest gap between two strokes that are joined [mm].
         chord: largest deviation of a curve's pieces [mm].
         corner: largest deviation of a rounded corner [mm].
@@ -55,7 +55,7 @@ class Route:
     """The whole path.
 
     Attributes:
-        legs: one from the end of the other, each of positive length.
+        legs: each from the end of the one before, of positive length.
         chain: their pieces.
         stretches: number of strokes after joining.
         corners: those within stretches.
@@ -73,7 +73,7 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
     Raises:
         InputError: no path of positive length, or too many pieces.
     """
-    # before any is fitted: each shape becomes one piece at least
+    # before any is fitted: each shape becomes at least one piece
     _check_pieces(sum(len(stroke.shapes) for stroke in strokes))
     stretches = _joined(strokes, manner)
     if manner.nearest:
@@ -83,22 +83,28 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
     up = np.array([0.0, 0.0, manner.lift])
     here = manner.start
     for stretch in stretches:
-        drawn = rounded(_drawn(stretch, manner), manner.corner, count) if stretch[0].dot is None else []
-        first = stretch[0].dot if stretch[0].dot is not None else drawn[0].start if drawn else None
-        if first is None:  # shorter than any piece
-            continue
-        if here is None and manner.lift > 0:
-            here = first + up
-            way = [Line(vector(here), vector(first))]
-        else:
-            way = [] if here is None else _way(here, first, manner.lift, started=bool(legs))
-        legs += [Leg(line, False, manner.travel_speed, travel=True) for line in way]
-        if stretch[0].dot is not None:
+        dot = stretch[0].dot
+        drawn: list[Leg] = []
+        first = dot
+        if dot is None:
+            drawn = rounded(_drawn(stretch, manner), manner.corner, count)
+            if not drawn:  # shorter than any piece
+                continue
+            first = drawn[0].start
+        assert first is not None
+        travel: list[Line] = []
+        if here is not None:
+            travel = _travel(here, first, manner.lift, started=bool(legs))
+        elif manner.lift > 0:
+            travel = [Line(vector(first + up), vector(first))]
+        legs += [Leg(line, False, manner.travel_speed, travel=True) for line in travel]
+        if dot is not None:
             if not legs:
                 raise InputError(f"{stretch[0].where}: a dot comes first: must have start or lift, to come to it")
-            legs[-1] = replace(legs[-1], pause=legs[-1].pause + manner.dot_time, dot=bool((stretch[0].glue or (1,))[0]))
+            lays_glue = bool((stretch[0].glue or (1,))[0])
+            legs[-1] = replace(legs[-1], pause=legs[-1].pause + manner.dot_time, dot=lays_glue)
         legs += drawn
-        here = first if stretch[0].dot is not None else drawn[-1].end
+        here = first if dot is not None else drawn[-1].end
         _check_pieces(len(legs))
     if here is None or not legs:
         raise InputError("drawing: must have a line of positive length that is traced")
@@ -113,32 +119,38 @@ def _check_pieces(count: int) -> None:
 
 
 def _joined(strokes: list[Stroke] | list[list[Stroke]], manner: Manner) -> list[list[Stroke]]:
-    """Strokes, or stretches of them, joined in their order where their ends meet."""
-    made: list[list[Stroke]] = []
+    """Return stretches: strokes, or stretches of them, joined in their order where their ends meet."""
+    stretches: list[list[Stroke]] = []
     for item in strokes:
         stretch = item if isinstance(item, list) else [item]
-        if made and stretch[0].dot is None and made[-1][0].dot is None:
-            before = made[-1]
-            choices = [(before, stretch)]
-            if manner.reverse:
-                choices += [(before, _back(stretch)), (_back(before), stretch), (_back(before), _back(stretch))]
-                choices = choices[: 4 if len(before) == 1 else 2]
-            joint = next((pair for pair in choices if _apart(pair[0][-1].end, pair[1][0].start) <= manner.join), None)
-            if joint is not None:
-                made[-1] = [*joint[0], *joint[1]] if joint[0] is not before else before
-                if joint[0] is before:
-                    before.extend(joint[1])
-                continue
-        made.append(list(stretch))
-    return made
+        joint = None
+        if stretches and stretch[0].dot is None and stretches[-1][0].dot is None:
+            joint = _joint(stretches[-1], stretch, manner)
+        if joint is None:
+            stretches.append(list(stretch))
+            continue
+        before, after = joint
+        if before is not stretches[-1]:
+            stretches[-1] = before
+        stretches[-1].extend(after)  # in place: a stretch of n strokes is not copied n times
+    return stretches
+
+
+def _joint(before: list[Stroke], after: list[Stroke], manner: Manner) -> tuple[list[Stroke], list[Stroke]] | None:
+    """Return two stretches in the directions in which the first ends where the second begins, None if none does."""
+    choices = [(before, after)]
+    if manner.reverse:
+        choices.append((before, _back(after)))
+        if len(before) == 1:  # a longer stretch has its direction by the joints within it
+            choices += [(_back(before), after), (_back(before), _back(after))]
+    for first, second in choices:
+        if math.dist(first[-1].end, second[0].start) <= manner.join:
+            return first, second
+    return None
 
 
 def _back(stretch: list[Stroke]) -> list[Stroke]:
     return [stroke.reversed() for stroke in stretch[::-1]]
-
-
-def _apart(a: Floats, b: Floats) -> float:
-    return math.dist(a, b)
 
 
 def _by_distance(stretches: list[list[Stroke]], reverse: bool) -> list[list[Stroke]]:
@@ -149,20 +161,22 @@ def _by_distance(stretches: list[list[Stroke]], reverse: bool) -> list[list[Stro
         )
     starts = np.array([stretch[0].start for stretch in stretches])
     ends = np.array([stretch[-1].end for stretch in stretches])
-    left = np.ones(len(stretches), bool)
-    made = []
+    remaining = np.ones(len(stretches), bool)
+    ordered = []
     k = 0
     backwards = False
     while True:
-        left[k] = False
-        made.append(_back(stretches[k]) if backwards else stretches[k])
-        if not left.any():
-            return made
+        remaining[k] = False
+        ordered.append(_back(stretches[k]) if backwards else stretches[k])
+        if not remaining.any():
+            return ordered
         here = starts[k] if backwards else ends[k]
-        forward = np.where(left, np.linalg.norm(starts - here, axis=1), np.inf)
-        other = np.where(left, np.linalg.norm(ends - here, axis=1), np.inf) if reverse else np.full(left.size, np.inf)
-        backwards = bool(other.min() < forward.min())
-        k = int((other if backwards else forward).argmin())
+        to_start = np.where(remaining, np.linalg.norm(starts - here, axis=1), np.inf)
+        to_end = np.full(remaining.size, np.inf)
+        if reverse:
+            to_end = np.where(remaining, np.linalg.norm(ends - here, axis=1), np.inf)
+        backwards = bool(to_end.min() < to_start.min())
+        k = int((to_end if backwards else to_start).argmin())
 
 
 def _drawn(stretch: list[Stroke], manner: Manner) -> list[Leg]:
@@ -172,41 +186,45 @@ def _drawn(stretch: list[Stroke], manner: Manner) -> list[Leg]:
         glue = stroke.glue or (True,) * len(stroke.shapes)
         speeds = stroke.speed or (math.nan,) * len(stroke.shapes)
         space: list[Leg] = []  # along consecutive curves in space
-        for shape, lays, stated in zip(stroke.shapes, glue, speeds, strict=True):
-            speed = stated if stated == stated else manner.speed if lays else manner.travel_speed
+        for shape, lays, stated_speed in zip(stroke.shapes, glue, speeds, strict=True):
+            speed = stated_speed
+            if math.isnan(stated_speed):
+                speed = manner.speed if lays else manner.travel_speed
             pieces = pieces_of(shape, manner.chord)
-            made = [Leg(piece, lays, speed) for piece in pieces]
-            if len(pieces) > 1 and isinstance(pieces[0], Line) and any(a.start[2] != a.end[2] for a in made):
-                space += made
+            legs_of_shape = [Leg(piece, lays, speed) for piece in pieces]
+            climbs = any(leg.start[2] != leg.end[2] for leg in legs_of_shape)
+            if len(pieces) > 1 and isinstance(pieces[0], Line) and climbs:
+                space += legs_of_shape
                 continue
             _append(legs, _smooth(space, manner))
             space = []
-            _append(legs, made)
+            _append(legs, legs_of_shape)
             _check_pieces(len(legs))
         _append(legs, _smooth(space, manner))
     return legs
 
 
 def _smooth(legs: list[Leg], manner: Manner) -> list[Leg]:
-    kept = [leg for leg in legs if leg.length > _SHORTEST]
-    return rounded(kept, 0.5 * manner.chord, Count()) if kept else []
+    """Return lines along curves in space with their corners rounded, within the other half of the tolerance."""
+    long_enough = [leg for leg in legs if leg.length > _SHORTEST]
+    return rounded(long_enough, 0.5 * manner.chord, Count()) if long_enough else []
 
 
-def _append(legs: list[Leg], more: list[Leg]) -> None:
+def _append(legs: list[Leg], new_legs: list[Leg]) -> None:
     """Append legs, each moved to the end of the one before."""
-    for leg in more:
+    for leg in new_legs:
         if leg.length <= _SHORTEST:
             continue
-        if legs:
-            end = legs[-1].end
-            start = leg.start
-            if _apart(end, start) > _NO_GAP:
-                leg = _closed_up(legs, leg, end, start)
-        legs.append(leg)
+        if legs and math.dist(legs[-1].end, leg.start) > _NO_GAP:
+            legs.append(_closed_up(legs, leg))
+        else:
+            legs.append(leg)
 
 
-def _closed_up(legs: list[Leg], leg: Leg, end: Floats, start: Floats) -> Leg:
+def _closed_up(legs: list[Leg], leg: Leg) -> Leg:
     """The next leg, with the gap before it closed: a line or an arc is moved at one of its ends, else a line added."""
+    end = legs[-1].end
+    start = leg.start
     piece = leg.piece
     before = legs[-1].piece
     if isinstance(piece, Line):
@@ -220,7 +238,7 @@ def _closed_up(legs: list[Leg], leg: Leg, end: Floats, start: Floats) -> Leg:
         turned = _turned(piece, end)
         if turned is not None:
             return replace(leg, piece=turned)
-    if _apart(end, start) > _SHORTEST:
+    if math.dist(end, start) > _SHORTEST:
         legs.append(replace(leg, piece=Line(vector(end), vector(start))))
     return leg
 
@@ -228,23 +246,23 @@ def _closed_up(legs: list[Leg], leg: Leg, end: Floats, start: Floats) -> Leg:
 def _turned(arc: Coil, start: Floats) -> Coil | None:
     """An arc turned and scaled about its end so that it begins elsewhere, None if it is closed or in another plane."""
     first, last = place(arc, np.array([0.0, 1.0]))
-    z, w = (complex(*(at - last)[:2]) for at in (first, start))
-    if arc.frame != XY or abs(w - z) * _SPAN > abs(z) or abs(start[2] - first[2]) > _NO_GAP:
+    chord = complex(*(first - last)[:2])
+    new_chord = complex(*(start - last)[:2])
+    if arc.frame != XY or abs(new_chord - chord) * _SPAN > abs(chord) or abs(start[2] - first[2]) > _NO_GAP:
         return None
-    change = w / z
+    change = new_chord / chord
     centre = complex(*last[:2]) + change * complex(*(np.array(arc.centre) - last)[:2])
     radius = abs(change) * arc.radius[0]
     begin = arc.begin + math.atan2(change.imag, change.real)
     return Coil((centre.real, centre.imag, arc.centre[2]), (radius, radius), begin, arc.angle)
 
 
-def _way(here: Floats, there: Floats, lift: float, started: bool) -> list[Line]:
-    """Lines from one place to another, lifted; the first way of all comes from above."""
+def _travel(here: Floats, there: Floats, lift: float, started: bool) -> list[Line]:
+    """Lines from one place to another, lifted; the first travel of all comes from above."""
+    places = [here, there]
     if lift > 0:
         top = max(here[2], there[2]) + lift
-        above = [np.array([at[0], at[1], top]) for at in (here, there)]
+        above = [np.array([x, y, top]) for x, y, _ in places]
         places = [here, *above, there] if started else [*above, there]
-    else:
-        places = [here, there]
     lines = [Line(vector(a), vector(b)) for a, b in pairwise(places)]
     return [line for line in lines if length(line) > _SHORTEST]

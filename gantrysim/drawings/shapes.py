@@ -161,7 +161,7 @@ Shape = Segment | Curve
 
 @dataclass(frozen=True)
 class Stroke:
-    """What is drawn without a gap.
+    """Shapes that are drawn without a gap, or a dot.
 
     Attributes:
         shapes: one after the other, each from the end of the one before; none for a dot.
@@ -190,15 +190,15 @@ class Stroke:
     @property
     def points(self) -> Floats:
         """Points that define the shapes, to be checked, (n, 3)."""
-        found = [np.zeros((0, 3))] if self.dot is None else [self.dot[None]]
+        points = [np.zeros((0, 3))] if self.dot is None else [self.dot[None]]
         for shape in self.shapes:
             if isinstance(shape, Spline):
-                found.append(shape.control)
+                points.append(shape.control)
             elif isinstance(shape, Ellipse):
-                found.append(np.array([shape.centre, shape.u, shape.v, [shape.begin, shape.finish, 0.0]]))
+                points.append(np.array([shape.centre, shape.u, shape.v, [shape.begin, shape.finish, 0.0]]))
             else:
-                found.append(np.array(shape.ends))
-        return np.concatenate(found)
+                points.append(np.array(shape.ends))
+        return np.concatenate(points)
 
     def moved(self, place: Callable[[Floats], Floats]) -> Stroke:
         """Return the stroke with its points mapped by `place`, an affine map of (..., 3)."""
@@ -256,9 +256,9 @@ def bulged(first: Floats, last: Floats, bulge: float) -> Shape:
         return Segment(first, last)
     chord = complex(*(last - first)[:2])
     # distance of the centre to the left of the chord's middle, as a share of the chord
-    left = (1 - bulge**2) / (4 * bulge)
+    to_the_left = (1 - bulge**2) / (4 * bulge)
     middle = complex(*(0.5 * (first + last))[:2])
-    centre = middle + 1j * chord * left
+    centre = middle + 1j * chord * to_the_left
     out = complex(*first[:2]) - centre
     u = point(out.real, out.imag)
     v = point(-out.imag, out.real)

@@ -58,7 +58,7 @@ def read_svg(text: str, unit: float | None) -> Sheet:
     plain = ElementTree.tostring(root, encoding="unicode")
     try:
         document = svgelements.SVG.parse(io.StringIO(plain), reify=False, ppi=96.0, on_error="raise")
-    except Exception as error:  # whatever the library makes of a malformed attribute
+    except Exception as error:  # svgelements raises errors of many kinds for malformed attributes
         raise InputError(f"svg: {_short(error)}: must be a valid drawing") from None
     height = document.height if isinstance(document.height, int | float) else 0.0
     strokes: list[Stroke] = []
@@ -70,7 +70,7 @@ def read_svg(text: str, unit: float | None) -> Sheet:
             strokes += _strokes(element, names, px, float(height))
         except InputError:
             raise
-        except Exception as error:  # likewise
+        except Exception as error:  # as above, while shapes are computed
             raise InputError(f"svg: {_where(element)}: {_short(error)}: must be a valid shape") from None
     return Sheet(tuple(strokes), ignored, remarks)
 
@@ -107,9 +107,9 @@ def _check(root: ElementTree.Element) -> dict[str, int]:
 
 
 def _check_lengths(root: ElementTree.Element) -> None:
-    """Raise InputError where a document would take the library minutes: its time grows faster than some attributes.
+    """Raise InputError for attributes so long that the library, whose time grows faster than they, would take minutes.
 
-    What is not traced may be long, as an image is in its attribute, and is left out.
+    Long attributes of elements that are not traced, such as an image's, are removed.
     """
     numbers = 0
     for item in root.iter():
@@ -138,9 +138,9 @@ def _check_lengths(root: ElementTree.Element) -> None:
 
 
 def _rules(style: str) -> str:
-    """Return the rules of a style sheet, "selector{body}" each, without comments, rests and runs of blanks.
+    """Return the rules of a style sheet, "selector{body}" each, without comments, incomplete rules and runs of blanks.
 
-    On a text that is none, the library's regular expressions would take a time of the third power of its length.
+    On other text the time of the library's regular expressions would grow with the third power of its length.
     """
     parts = style.split("/*")
     plain = " ".join([parts[0], *(part.partition("*/")[2] for part in parts[1:])])
@@ -182,20 +182,21 @@ def _elements(group: Any, names: frozenset[str]) -> Iterator[tuple[Any, frozense
     from svgelements import Shape
 
     for element in group:
-        own = names | _names(element)
+        all_names = names | _names(element)
         if isinstance(element, Shape):
-            yield element, own
+            yield element, all_names
         elif isinstance(element, list):
-            yield from _elements(element, own)
+            yield from _elements(element, all_names)
 
 
 def _names(element: Any) -> frozenset[str]:
-    own = (getattr(element, "values", None) or {}).get("attributes", {})
-    found = {str(own[name]).lower() for name in ("id", _LABEL) if own.get(name)}
+    """Return the id, Inkscape's label and the stroke's colour of an element itself."""
+    attributes = (getattr(element, "values", None) or {}).get("attributes", {})
+    names = {str(attributes[key]).lower() for key in ("id", _LABEL) if attributes.get(key)}
     colour = getattr(element, "stroke", None)
     if colour is not None and colour.value is not None:
-        found.add(str(colour.hexrgb).lower())
-    return frozenset(found)
+        names.add(str(colour.hexrgb).lower())
+    return frozenset(names)
 
 
 def _where(element: Any) -> str:
@@ -213,15 +214,15 @@ def _strokes(element: Any, names: frozenset[str], px: float, height: float) -> l
     def place(points: Floats) -> Floats:
         return points @ turn.T + shift
 
-    found: list[list[Shape]] = [[]]
+    subpaths: list[list[Shape]] = [[]]
     for segment in element.segments(transformed=False):
         if isinstance(segment, Move):
-            found.append([])
+            subpaths.append([])
             continue
         if segment.start is None or segment.end is None:
             raise InputError(f"{where}: must begin with a move")
-        _append(found[-1], _shape(segment).moved(place))
-    return [Stroke(tuple(shapes), where, names) for shapes in found if shapes]
+        _append(subpaths[-1], _shape(segment).moved(place))
+    return [Stroke(tuple(shapes), where, names) for shapes in subpaths if shapes]
 
 
 def _append(shapes: list[Shape], shape: Shape) -> None:
@@ -233,8 +234,8 @@ def _append(shapes: list[Shape], shape: Shape) -> None:
     elif isinstance(shape, Ellipse) and not (shape.u.any() or shape.v.any()):
         return
     elif isinstance(shape, Ellipse) and isinstance(before, Ellipse) and _continues(before, shape):
-        turned = (shape.finish - shape.begin) + before.finish
-        shapes[-1] = Ellipse(before.centre, before.u, before.v, before.begin, turned)
+        finish = (shape.finish - shape.begin) + before.finish
+        shapes[-1] = Ellipse(before.centre, before.u, before.v, before.begin, finish)
     else:
         shapes.append(shape)
 
@@ -255,9 +256,9 @@ def _shape(segment: Any) -> Shape:
     if isinstance(segment, CubicBezier):
         return bezier(begin, _point(segment.control1), _point(segment.control2), end)
     if isinstance(segment, Arc):
-        turned = float(segment.get_rotation())
-        c = math.cos(turned)
-        s = math.sin(turned)
+        rotation = float(segment.get_rotation())
+        c = math.cos(rotation)
+        s = math.sin(rotation)
         u = float(segment.rx) * point(c, s)
         v = float(segment.ry) * point(-s, c)
         first = float(segment.get_start_t())

@@ -26,7 +26,9 @@ from gantrysim.drawings.shapes import FASTEST, LARGEST, Segment, Shape, Sheet, S
 COLUMNS = ("x", "y", "z", "glue", "speed")
 _SWITCH = {"1": True, "true": True, "on": True, "yes": True, "0": False, "false": False, "off": False, "no": False}
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
-_SAME = 1e-6  # distance of two points that are one [mm]
+_SAME = 1e-6  # distance up to which two points are one [mm]
+# sign in the line, regular expression, and whether a comma is the decimal sign beside it; the first that fits is taken
+_SEPARATORS = ((";", ";", True), ("\t", "\t", True), (",", ",", False), ("", r"\s+", True))
 _COMMENT = "#"
 
 
@@ -40,7 +42,7 @@ class _Row:
 
 @dataclass(frozen=True)
 class _Layout:
-    """How a text is divided.
+    """Columns of a text, and the signs that divide them.
 
     Attributes:
         separator: regular expression; blanks around it belong to no cell.
@@ -55,10 +57,11 @@ class _Layout:
     header: int
 
     def cells(self, line: str) -> list[str]:
-        found = [cell.strip() for cell in re.split(self.separator, line.strip())]
-        while len(found) > 2 and not found[-1]:
-            found.pop()
-        return found
+        """Return the cells of a line, without empty ones at its end."""
+        cells = [cell.strip() for cell in re.split(self.separator, line.strip())]
+        while len(cells) > 2 and not cells[-1]:
+            cells.pop()
+        return cells
 
 
 def read_points(text: str, factor: float, curve: str) -> Sheet:
@@ -92,34 +95,27 @@ def with_speeds(text: str, change: Callable[[float], float]) -> str | None:
     layout = _layout(text)
     if "speed" not in layout.columns:
         return None
-    at = layout.columns.index("speed")
-    made = []
-    found = False
+    index = 2 * layout.columns.index("speed")  # of the cell: separators are at every second place
+    lines = []
+    has_speed = False
     for number, line in enumerate(text.splitlines(), 1):
-        parts = re.split(f"({layout.separator})", line.strip())  # separators at every second place
-        data = number != layout.header and not line.lstrip().startswith(_COMMENT) and len(parts) > 2 * at
-        if data and parts[2 * at].strip():
-            speed = f"{change(_number(number, 'speed', parts[2 * at], layout.comma)):.9g}"
-            shown = speed.replace(".", ",") if layout.comma else speed
-            parts[2 * at], found = parts[2 * at].replace(parts[2 * at].strip(), shown), True
-        made.append("".join(parts))
-    return "\n".join(made) if found else None
+        parts = re.split(f"({layout.separator})", line.strip())
+        is_data = number != layout.header and not line.lstrip().startswith(_COMMENT) and len(parts) > index
+        if is_data and parts[index].strip():
+            speed = f"{change(_number(number, 'speed', parts[index], layout.comma)):.9g}"
+            if layout.comma:
+                speed = speed.replace(".", ",")
+            parts[index] = parts[index].replace(parts[index].strip(), speed)
+            has_speed = True
+        lines.append("".join(parts))
+    return "\n".join(lines) if has_speed else None
 
 
 def _layout(text: str) -> _Layout:
     for number, line in enumerate(text.splitlines(), 1):
         if not line.strip() or line.lstrip().startswith(_COMMENT):
             continue
-        separator, comma = next(
-            (pattern, comma)
-            for sign, pattern, comma in (
-                (";", ";", True),
-                ("\t", "\t", True),
-                (",", ",", False),
-                ("", r"\s+", True),
-            )
-            if sign in line
-        )
+        separator, comma = next((pattern, comma) for sign, pattern, comma in _SEPARATORS if sign in line)
         layout = _Layout(separator, comma, COLUMNS, 0)
         cells = layout.cells(line)
         if all(_NUMBER.fullmatch(cell.replace(",", ".")) or cell.lower() in _SWITCH for cell in cells if cell):
@@ -139,7 +135,7 @@ def _named(number: int, cells: list[str]) -> tuple[str, ...]:
 
 
 def _bare(head: str) -> str:
-    """The name in a column's head, without what begins with a bracket."""
+    """The name in a column's head, without a unit in brackets."""
     name = head.partition("[")[0].partition("(")[0]
     return name if name == head else name.rstrip("_" + whitespace)
 
@@ -205,11 +201,11 @@ def _spline(points: Floats, line: int) -> list[Shape]:
     closed = len(points) > 3 and math.dist(points[0], points[-1]) <= _SAME
     if closed:
         points = np.concatenate([points[:-1], points[:1]])
-    at = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-    if not np.diff(at).min() > 0:
-        raise InputError(f"line {line}: spline of {at[-1]:g} mm: has points that are too close for its length")
-    slope = CubicSpline(at, points, bc_type="periodic" if closed else "natural")(at, 1)
-    third = np.diff(at)[:, None] / 3
+    chord = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    if not np.diff(chord).min() > 0:
+        raise InputError(f"line {line}: spline of {chord[-1]:g} mm: has points that are too close for its length")
+    slope = CubicSpline(chord, points, bc_type="periodic" if closed else "natural")(chord, 1)
+    third = np.diff(chord)[:, None] / 3
     after = points[:-1] + third * slope[:-1]
     before = points[1:] - third * slope[1:]
     return [bezier(*control) for control in zip(points[:-1], after, before, points[1:], strict=True)]

@@ -1,0 +1,53 @@
+"""From the text of a drawing to its strokes, whatever its format; names of their layers and colours."""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+from itertools import pairwise
+
+from gantrysim.drawings.dxf import BINARY, read_dxf
+from gantrysim.drawings.shapes import Sheet
+from gantrysim.drawings.svg import read_svg
+from gantrysim.drawings.table import read_points
+from gantrysim.drawings.units import millimetres
+
+
+def kind_of(text: str) -> str:
+    """Return the format of a text: svg begins with "<", dxf with a pair of lines, a group code and its value."""
+    lines = [line.strip() for line in text.lstrip("\ufeff \t\r\n")[:10_000].splitlines()[:200]]
+    if text.startswith(BINARY):
+        return "dxf"
+    if lines and lines[0].startswith("<"):
+        return "svg"
+    codes = [code == "0" and value in ("SECTION", "EOF") for code, value in pairwise(lines)]
+    return "dxf" if any(codes) else "csv"
+
+
+@lru_cache(maxsize=4)
+def read_sheet(kind: str, text: str, unit: str, curve: str, dots: bool) -> Sheet:
+    """Return the strokes of a drawing; arguments as of `Drawing`, `dots` for whether points are traced.
+
+    The last few are remembered: a job's checks, its path and its notes all ask for the same drawing.
+    """
+    text = text.removeprefix("\ufeff")
+    length = millimetres(unit)
+    if kind == "dxf":
+        return read_dxf(text, length, dots)
+    if kind == "svg":
+        return read_svg(text, length)
+    return read_points(text, length or 1.0, curve)
+
+
+def hex_of(name: str) -> str:
+    """Return a colour of CSS as "#rrggbb", any other name unchanged."""
+    from svgelements import Color
+
+    # not words of a to f alone, which svgelements takes for hexadecimal digits
+    if not re.fullmatch(r"#([0-9a-fA-F]{3}){1,2}|[a-fA-F]*[g-zG-Z][a-zA-Z]*", name):
+        return name
+    try:
+        colour = Color(name)
+    except ValueError:
+        return name
+    return name if colour.value is None else str(colour.hexrgb).lower()
