@@ -384,9 +384,10 @@ def test_the_docstring_lists_the_observation():
 def test_importing_the_package_registers_the_environments():
     import gantrysim  # noqa: F401
 
-    for name in ("SpiralTuning", "GainBandit"):
+    for name, module in (("SpiralTuning", "spiral_tuning"), ("GainBandit", "gain_bandit")):
         spec = gymnasium.spec(f"gantrysim/{name}-v0")
-        assert spec.vector_entry_point == f"gantrysim.env:{name}VectorEnv"
+        assert spec.entry_point == f"gantrysim.env.{module}:{name}Env"
+        assert spec.vector_entry_point == f"gantrysim.env.{module}:{name}VectorEnv"
 
 
 def test_the_settings_are_those_that_the_docstring_lists():
