@@ -18,8 +18,15 @@ MOST_PARAMETERS = 6  # self and cls not counted
 NO_NOUNS = {"own", "one", "found", "at", "each", "told", "kept", "left", "made", "rest", "more"}
 
 # Exceptions, "file:name" with the reason. Commands of the terminal may have any number of parameters without one.
-NAMES_ALLOWED: dict[str, str] = {}
-PARAMETERS_ALLOWED: dict[str, str] = {}
+NAMES_ALLOWED: dict[str, str] = {
+    "render/film.py:at": "keyword of Film.save_picture that users type",
+    "render/film.py:left": "side of a picture, beside its top",
+    "render/strip.py:left": "side of the curves, beside right, above and bottom",
+}
+PARAMETERS_ALLOWED: dict[str, str] = {
+    "render/film.py:save_video": "keywords of Take, Film and Film.save in one call, which users type",
+    "render/renderer.py:__init__": "a run, its view and the looks of its bead, which users type",
+}
 
 # By room, the most places that break a rule; "" is the package's own folder. Lower a number as you cure places, and
 # take out what reaches zero. The comments between the lines let git merge neighbouring rooms that change side by side.
@@ -40,8 +47,6 @@ NOT_YET: dict[str, dict[str, int]] = {
     "report": {"parameters": 3},
     # view
     "view": {"names": 1, "parameters": 2},
-    # render
-    "render": {"names": 18, "assignments": 56, "parameters": 2},
     # engine
     "engine": {"names": 40, "assignments": 20, "parameters": 3},
     # faults

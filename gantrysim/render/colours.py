@@ -19,10 +19,12 @@ from gantrysim.record.run import Run
 COLOURS = ("plain", "width", "error")
 
 _SHADES = 256
-_ERROR_PERCENTILE, _WIDTH_PERCENTILES = 99.5, (5.0, 95.0)  # of the values, that a scale spans
-_LEAST_ERROR = 1.0  # [µm], that a scale spans
-_LEAST_WIDTH = 0.02  # of the nominal width, that a scale spans to either side
-_LABEL_ERROR = 0.005  # of the span, to which labels are exact
+# span of a scale, in percentiles of the values: a peak at a corner or a blob at a stop must not dominate it
+_ERROR_PERCENTILE = 99.5
+_WIDTH_PERCENTILES = (5.0, 95.0)
+_LEAST_ERROR = 1.0  # smallest span of an error scale [µm]
+_LEAST_WIDTH = 0.02  # smallest span of a width scale to either side, relative to the nominal width
+_LABEL_ERROR = 0.005  # rounding of labels, relative to the span
 _UM = 1e3
 
 
@@ -61,10 +63,17 @@ class Scale:
         A sign before the first or the last marks values beyond it.
         """
         values = (self.low, 0.5 * (self.low + self.high), self.high)
-        near = _LABEL_ERROR * (self.high - self.low)
-        digits = next(d for d in itertools.count() if all(abs(float(f"{v:.{d}f}") - v) <= near for v in values))
-        low, middle, high = (f"{value:.{digits}f}" for value in values)
-        return f"≤ {low}" if self.below else low, middle, f"≥ {high}" if self.above else high
+        rounding = _LABEL_ERROR * (self.high - self.low)
+        for digits in itertools.count():
+            texts = [f"{value:.{digits}f}" for value in values]
+            if all(abs(float(text) - value) <= rounding for text, value in zip(texts, values, strict=True)):
+                break
+        low, middle, high = texts
+        if self.below:
+            low = f"≤ {low}"
+        if self.above:
+            high = f"≥ {high}"
+        return low, middle, high
 
 
 def scale_for(
@@ -87,18 +96,24 @@ def scale_for(
         raise unknown("colour", colour, COLOURS)
     if colour == "plain":
         return None
-    given = [None] * len(runs) if beads is None else beads
-    sweeps = [Sweep(run, bead) for run, bead in zip(runs, given, strict=True)]
+    if beads is None:
+        beads = [None] * len(runs)
+    sweeps = [Sweep(run, bead) for run, bead in zip(runs, beads, strict=True)]
     values = np.concatenate([_values(colour, sweep) for sweep in sweeps])
     if colour == "error":
-        low, high = 0.0, _rounded_up(max(float(np.percentile(values, _ERROR_PERCENTILE)), _LEAST_ERROR))
-        title, unit, table = "contour error", "µm", _table("viridis", 0.22, 1.0)
-    else:
-        nominal = float(sweeps[0].bead_trace.nominal_section.width[0]) or float(np.median(values)) or 1.0  # or no glue
-        reach = float(np.abs(np.percentile(values, _WIDTH_PERCENTILES) - nominal).max())
-        reach = min(_rounded_up(max(reach, _LEAST_WIDTH * nominal)), nominal)
-        low, high = nominal - reach, nominal + reach
-        title, unit, table = "bead width", "mm", _table("coolwarm", 0.0, 1.0)
+        largest = float(np.percentile(values, _ERROR_PERCENTILE))
+        high = _rounded_up(max(largest, _LEAST_ERROR))
+        # without viridis' darkest shades
+        return _scale("contour error", "µm", (0.0, high), values, _table("viridis", 0.22, 1.0))
+    nominal = float(sweeps[0].bead_trace.nominal_section.width[0]) or float(np.median(values)) or 1.0  # or no glue
+    reach = float(np.abs(np.percentile(values, _WIDTH_PERCENTILES) - nominal).max())
+    reach = min(_rounded_up(max(reach, _LEAST_WIDTH * nominal)), nominal)
+    return _scale("bead width", "mm", (nominal - reach, nominal + reach), values, _table("coolwarm", 0.0, 1.0))
+
+
+def _scale(title: str, unit: str, span: tuple[float, float], values: Floats, table: NDArray[np.uint8]) -> Scale:
+    """Return a scale over a span, which marks values beyond it."""
+    low, high = span
     return Scale(title, unit, low, high, bool(values.min() < low), bool(values.max() > high), table)
 
 
@@ -108,7 +123,8 @@ def errors_along(bead_trace: BeadTrace) -> Floats:
     if not run.dispense.any():
         return np.zeros(bead_trace.place.size)
     ticks = np.arange(len(run.time), dtype=np.float64)
-    return bead_trace.along(_UM * np.interp(ticks, bead_trace.analysis.ticks, bead_trace.analysis.nozzle.distance))
+    analysis = bead_trace.analysis
+    return bead_trace.along(_UM * np.interp(ticks, analysis.ticks, analysis.nozzle.distance))
 
 
 def _values(colour: str, sweep: Sweep) -> Floats:

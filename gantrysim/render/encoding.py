@@ -21,12 +21,14 @@ from gantrysim.base.files import replaced
 
 Picture = NDArray[np.uint8]
 
-_MP4, _GIF = ".mp4", ".gif"
+_MP4 = ".mp4"
+_GIF = ".gif"
 FILMS = (_MP4, _GIF)
 PICTURES = (".png",)
 
 _HUNDREDTHS = 100.0  # of a second, the unit of a GIF's frame times
-_SHORTEST, _LONGEST = 2, 65535  # the shortest that players respect, and the longest of the format
+_SHORTEST = 2  # frame time that players respect; many show shorter ones for a tenth of a second
+_LONGEST = 65535  # frame time of the format
 # Players guess the colour space of unlabelled films differently; with its index in front a film plays while it loads.
 _MP4_OPTIONS = (
     "-vf scale=out_color_matrix=bt709:out_range=tv,"
@@ -34,7 +36,7 @@ _MP4_OPTIONS = (
     "-c:v libx264 -crf 14 -pix_fmt yuv420p -movflags +faststart"
 )
 _GIF_OPTIONS = "-lavfi paletteuse=dither=none -c:v gif -loop 0"
-_KEPT = 20  # last lines of an encoder's messages
+_MESSAGES = 20  # last lines of an encoder's messages that are remembered
 _FINEST_RATE = 1_000_000  # denominator of frames per second as a fraction
 
 
@@ -101,11 +103,12 @@ def film_writer(
         encoder = subprocess.Popen(
             command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, restore_signals=False
         )
-        stdin, stderr = encoder.stdin, encoder.stderr
+        stdin = encoder.stdin
+        stderr = encoder.stderr
         assert stdin is not None
         assert stderr is not None
         # messages are read at once: the pipe must not fill up
-        messages: deque[bytes] = deque(maxlen=_KEPT)
+        messages: deque[bytes] = deque(maxlen=_MESSAGES)
         listener = threading.Thread(target=messages.extend, args=(stderr,), name="encoder", daemon=True)
         listener.start()
 
@@ -147,12 +150,12 @@ def _encoder() -> str:
     try:
         from imageio_ffmpeg import get_ffmpeg_exe
 
-        found = get_ffmpeg_exe()
+        file = get_ffmpeg_exe()
     except (ImportError, RuntimeError) as error:
         raise NoEncoderError(f"no encoder: {text_of(error)}: reinstall imageio-ffmpeg") from None
-    if shutil.which(found) is None:
-        raise NoEncoderError(f"no encoder: {found} cannot be run: reinstall imageio-ffmpeg or unset IMAGEIO_FFMPEG_EXE")
-    return str(found)
+    if shutil.which(file) is None:
+        raise NoEncoderError(f"no encoder: {file} cannot be run: reinstall imageio-ffmpeg or unset IMAGEIO_FFMPEG_EXE")
+    return str(file)
 
 
 class _StoppedError(Exception):
@@ -171,7 +174,7 @@ def save_picture(file: Path, picture: Picture) -> None:
 
 
 def _reason(messages: Iterable[bytes], status: int) -> str:
-    """Return why an encoder failed: its last message without the name of its part, or its exit status."""
+    """Return why an encoder failed: its last message without the name of ffmpeg's component, or its exit status."""
     lines = [line.decode(errors="replace").strip() for line in messages]
     reasons = [re.sub(r"^\[[^]]* @ [^]]*\] ", "", line) for line in lines if line]
     if reasons:
@@ -187,7 +190,7 @@ def _palette(samples: Sequence[Picture]) -> Image.Image:
     image = Image.fromarray(np.concatenate(samples))
     colours = np.zeros((256, 3), np.uint8)
     for first, method in ((0, Image.Quantize.MEDIANCUT), (128, Image.Quantize.MAXCOVERAGE)):
-        counted = image.quantize(128, method, dither=Image.Dither.NONE).getpalette() or []
-        found = np.array(counted, np.uint8).reshape(-1, 3)[:128]
-        colours[first : first + len(found)] = found
+        palette = image.quantize(128, method, dither=Image.Dither.NONE).getpalette() or []
+        half = np.array(palette, np.uint8).reshape(-1, 3)[:128]
+        colours[first : first + len(half)] = half
     return Image.fromarray(colours.reshape(16, 16, 3))

@@ -41,7 +41,7 @@ class Take:
 
     Attributes:
         label: of the run; by default its machine's name.
-        bead: settings of the bead, or the bead itself, which saves its being computed again.
+        bead: settings of the bead, or the bead itself, which is then not computed again.
     """
 
     machine: Machine
@@ -97,34 +97,34 @@ class Film(Closing):
     ) -> None:
         if len(takes) not in _SIZES:
             raise InputError(f"number of runs = {len(takes)}: must be 1, 2 or 4")
-        self.size = width, height = checked_size("film", _SIZES[len(takes)] if size is None else size)
+        self.size = checked_size("film", _SIZES[len(takes)] if size is None else size)
+        width, height = self.size
         beads = [BeadTrace.of(take.run, take.bead) for take in takes]
         self._runs = [Telemetry(bead.run, bead) for bead in beads]
         self.end = max(float(take.run.time[-1]) for take in takes)
         scale = scale_for(colour, [take.run for take in takes], beads)
         labels = [take.label or take.machine.name for take in takes]
         self.panel = Panel(self._runs, self.size, labels[0], scale)
-        panel = self.panel.size[1]
+        room = height - self.panel.size[1]
         self._headers: list[Header] = []
-        self.cells: tuple[Cell, ...] = (Cell(0, 0, width, height - panel),)
+        self.cells: tuple[Cell, ...] = (Cell(0, 0, width, room),)
         rows = 1
         if len(takes) > 1:
             rows = len(takes) if len(takes) == 2 and height > width else len(takes) // 2
-            self.cells = self._places(labels, rows, height - panel)
-        least = panel + rows * (self.cells[0].top + _LEAST_HEIGHT)
+            self.cells = self._places(labels, rows, room)
+        least = self.panel.size[1] + rows * (self.cells[0].top + _LEAST_HEIGHT)
         if height < least:
             raise InputError(f"height of the film = {height}: must be at least {least}, for the pictures")
-        with ExitStack() as opened:
-            self._renderers = [
-                opened.enter_context(
-                    Renderer(take.machine, take.run, camera, (cell.width, cell.height), bead, colour, scale)
-                )
-                for take, cell, bead in zip(takes, self.cells, beads, strict=True)
-            ]
+        self._renderers: list[Renderer] = []
+        with ExitStack() as opened:  # closes those that are open where one cannot be opened
+            for take, cell, bead in zip(takes, self.cells, beads, strict=True):
+                size = (cell.width, cell.height)
+                renderer = Renderer(take.machine, take.run, camera, size, bead, colour, scale)
+                self._renderers.append(opened.enter_context(renderer))
             self._opened = opened.pop_all()
 
     def _places(self, labels: Sequence[str], rows: int, room: int) -> tuple[Cell, ...]:
-        """Make the headers and return the places of the pictures, row by row, in the height above the panel."""
+        """Draw the headers and return the places of the pictures, row by row, in the height above the panel."""
         columns = len(labels) // rows
         width = (self.size[0] - (columns - 1) * _GAP) // columns
         lines = 2 if room > rows * width else 1
@@ -182,7 +182,8 @@ class Film(Closing):
                 f"number of frames = {frames:.6g}, with {fps:g} frames per second and speed {speed:g}: must be at most "
                 f"{_MOST_FRAMES}: use fewer frames per second or a higher speed"
             )
-        return [*(k * step for k in range(int(np.ceil(self.end / step - 1e-9)))), self.end]
+        count = int(np.ceil(self.end / step - 1e-9))
+        return [*(k * step for k in range(count)), self.end]
 
     def save(
         self,
@@ -206,17 +207,18 @@ class Film(Closing):
         """
         target = Path(file)
         rate = film_rate(target, fps)
-        playing = max(1.0, float(np.ceil(self.end / _LONGEST))) if speed is None else speed
-        times = self.times(rate, playing)
+        if speed is None:
+            speed = max(1.0, float(np.ceil(self.end / _LONGEST)))
+        times = self.times(rate, speed)
 
-        def samples() -> list[Picture]:
-            return [self.frame(times[k * (len(times) - 1) // 2], playing) for k in range(3)]
+        def samples() -> list[Picture]:  # first, middle and last
+            return [self.frame(times[k * (len(times) - 1) // 2], speed) for k in range(3)]
 
         with film_writer(target, rate, self.size, samples) as append:
-            for done, time in enumerate(times, 1):
-                append(self.frame(time, playing))
+            for count, time in enumerate(times, 1):
+                append(self.frame(time, speed))
                 if progress is not None:
-                    progress(done / len(times))
+                    progress(count / len(times))
         return len(times)
 
     def save_picture(self, file: str | os.PathLike[str], at: float | None = None) -> None:

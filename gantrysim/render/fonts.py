@@ -14,7 +14,7 @@ from PIL import ImageColor, ImageDraw, ImageFont
 PAPER = "#ffffff"
 MUTED = "#5b626c"  # of secondary text
 LINE = 1.25  # line spacing in sizes of the letters
-_MARGIN = 0.6  # around text, likewise
+_MARGIN = 0.6  # around text in sizes of the letters
 
 
 class Font:
@@ -27,7 +27,8 @@ class Font:
     """
 
     def __init__(self, size: int, bold: bool = False) -> None:
-        self.size, self.margin = size, round(_MARGIN * size)
+        self.size = size
+        self.margin = round(_MARGIN * size)
         name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
         with (files("matplotlib") / "mpl-data" / "fonts" / "ttf" / name).open("rb") as file:
             # the basic layout draws the same letters whether or not libraqm is installed
@@ -57,26 +58,27 @@ class Font:
         They lose their ends, their middles, or the words they share: the first of these that keeps all words in which
         they differ, else the first that leaves no two the same.
         """
-        candidates = [
-            [cut(text, width) for text in shorter(texts)]
-            for shorter in (list, _without_common)
-            for cut in (self.shortened, self._without_middle)
-        ]
-        different = [short for short in candidates if len(set(short)) == len(set(texts))] or candidates
+        candidates = []
+        for shorter in (list(texts), _without_common(texts)):
+            for cut in (self.shortened, self._without_middle):
+                candidates.append([cut(text, width) for text in shorter])  # noqa: PERF401
+        distinct = [cuts for cuts in candidates if len(set(cuts)) == len(set(texts))] or candidates
+        # words in which the texts differ, a list for each text
         differing = list(zip(*(words for words in _columns(texts) if len(set(words)) > 1), strict=True))
-        complete = [
-            short
-            for short in different
-            if all(word in text for text, words in zip(short, differing, strict=False) for word in words)
-        ]
-        return (complete or different)[0]
+        for cuts in distinct:
+            if all(word in text for text, words in zip(cuts, differing, strict=False) for word in words):
+                return cuts
+        return distinct[0]
 
     def _without_middle(self, text: str, width: float) -> str:
         if self.width(text) <= width:
             return text
-        lengths = range(len(text) - 1, 0, -1)
-        cuts = (f"{text[: n - n // 2].rstrip()}…{text[len(text) - n // 2 :].lstrip()}" for n in lengths)
-        return next((short for short in cuts if self.width(short) <= width), "…")
+        for length in range(len(text) - 1, 0, -1):
+            tail = length // 2
+            cut = f"{text[: length - tail].rstrip()}…{text[len(text) - tail :].lstrip()}"
+            if self.width(cut) <= width:
+                return cut
+        return "…"
 
     def wrapped(self, text: str, width: float) -> list[str]:
         """Return a text in lines of at most a width [pixels], where its words allow that."""
@@ -104,8 +106,8 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 def _without_common(texts: Sequence[str]) -> list[str]:
     """Return texts with an ellipsis for the words that all of them have at the same place."""
-    kept = [["…"] * len(texts) if len(set(words)) == 1 else words for words in _columns(texts)]
-    return [re.sub(" *…[ …]*", "…", " ".join(words)).strip() for words in zip(*kept, strict=True)]
+    columns = [["…"] * len(texts) if len(set(words)) == 1 else words for words in _columns(texts)]
+    return [re.sub(" *…[ …]*", "…", " ".join(words)).strip() for words in zip(*columns, strict=True)]
 
 
 def _columns(texts: Sequence[str]) -> list[tuple[str, ...]]:

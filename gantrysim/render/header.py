@@ -48,7 +48,8 @@ class Header:
 
         Values that do not fit are left out. After the end of the run its state comes first, without momentary values.
         """
-        run, tick = self._run, self._run.tick(time)
+        run = self._run
+        tick = run.tick(time)
         end = f"at {run.time[-1]:.2f} s"
         error = ("error", MUTED, run.error_text(tick), "8888.8 µm")
         rms_max = ("rms / max", MUTED, run.rms_max_text(tick), "8888 / 8888 µm")
@@ -58,14 +59,18 @@ class Header:
         elif run.ended(time):
             values = [(f"ended {end}", MUTED, "", ""), rms_max]
         else:
+            # in two lines the longest value has the second to itself
             values = [error, rms_max, speed] if len(self._rows) == 1 else [error, speed, rms_max]
-        image, letters = self._base.copy(), self.font
+        image = self._base.copy()
+        letters = self.font
         draw = ImageDraw.Draw(image)
-        column, rows = float(letters.margin), self._rows
+        column = float(letters.margin)
+        rows = self._rows
         for name, colour, text, widest in values:
             width = letters.width(f"{name} {widest}".rstrip())
             if column + width > self.size[0]:
-                column, rows = float(letters.margin), rows[1:]
+                column = float(letters.margin)
+                rows = rows[1:]
             if not rows or column + width > self.size[0]:
                 break
             letters.write(draw, (round(column), rows[0]), name, colour, "lm")
@@ -80,4 +85,7 @@ def headers(
     """Return the headers of runs side by side, with labels shortened so that they stay different."""
     first = Header(runs[0], labels[0], colours[0], width, largest, lines)
     labels = font(first.font.size, True).distinct(labels, first.room)
-    return [Header(*one, width, largest, lines) for one in zip(runs, labels, colours, strict=True)]
+    return [
+        Header(run, label, colour, width, largest, lines)
+        for run, label, colour in zip(runs, labels, colours, strict=True)
+    ]

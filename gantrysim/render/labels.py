@@ -33,11 +33,12 @@ def labels_of(runs: Sequence[SavedRun]) -> list[str]:
     keys = dict.fromkeys(key for job in jobs for key in job)
     differing = [key for key in keys if any(job.get(key) != jobs[0].get(key) for job in jobs)]
     values = [[_text(run.job, key, job.get(key)) for key in differing] for run, job in zip(runs, jobs, strict=True)]
-    if not 1 <= len(differing) <= _MOST_KEYS or any(len(text) > _LONGEST_VALUE for row in values for text in row):
+    longest = max((len(text) for row in values for text in row), default=0)
+    if not 1 <= len(differing) <= _MOST_KEYS or longest > _LONGEST_VALUE:
         names = [expanded(run.folder).resolve().name for run in runs]
         return names if len(set(names)) == len(names) else [str(run.folder) for run in runs]
-    last = [key.rpartition(".")[2] for key in differing]
-    names = [short if last.count(short) == 1 else key for short, key in zip(last, differing, strict=True)]
+    short_keys = [key.rpartition(".")[2] for key in differing]
+    names = [short if short_keys.count(short) == 1 else key for short, key in zip(short_keys, differing, strict=True)]
     return [", ".join(f"{name} = {text}" for name, text in zip(names, row, strict=True)) for row in values]
 
 
@@ -77,9 +78,11 @@ def _unit(job: Job, key: str) -> str:
 
 def _description(kind: type[Any], names: Sequence[str]) -> str:
     """Return the description of a field of a dataclass, or of a dataclass within it."""
-    name, *rest = names
-    if not rest:
+    name, *inner_names = names
+    if not inner_names:
         return described(kind).get(name, "")
     hint = get_type_hints(kind).get(name)
-    parts = (part for part in (hint, *get_args(hint)) if isinstance(part, type) and is_dataclass(part))
-    return next((_description(part, rest) for part in parts), "")
+    for part in (hint, *get_args(hint)):  # a field may be optional
+        if isinstance(part, type) and is_dataclass(part):
+            return _description(part, inner_names)
+    return ""

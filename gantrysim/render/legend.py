@@ -12,11 +12,17 @@ from gantrysim.render.colours import Scale
 from gantrysim.render.encoding import Picture
 from gantrysim.render.fonts import LINE, PAPER, Font, font
 
-_BAR, _GAP = 0.9, 0.5  # widths in sizes of the letters
+# of the upright scale, in sizes of the letters
+_BAR = 0.9
+_GAP = 0.5
 
 BAR_HEIGHT = 34  # of the level bar with its text [pixels]
-_BAR_COLOURS, _BAR_MARGIN, _BAR_LETTERS = 12, 6, 12  # heights of its parts [pixels]
-_BAR_PAPER, _BAR_INK = "#14171c", "#ebebeb"
+# heights of its parts [pixels]
+_BAR_COLOURS = 12
+_BAR_MARGIN = 6
+_BAR_LETTERS = 12
+_BAR_PAPER = "#14171c"
+_BAR_INK = "#ebebeb"
 
 
 class Legend:
@@ -32,7 +38,8 @@ class Legend:
     """
 
     def __init__(self, scale: Scale, font: Font, narrow: bool = False) -> None:
-        self._scale, self._font = scale, font
+        self._scale = scale
+        self._font = font
         numbers = (_BAR + _GAP) * font.size + max(map(font.width, scale.labels()))
         self._title = [f"{scale.title} [{scale.unit}]"]
         if narrow:
@@ -41,7 +48,8 @@ class Legend:
 
     def picture(self, height: int) -> Picture:
         """Return the legend in a height [pixels], (height, width, 3)."""
-        font, bar = self._font, round(_BAR * self._font.size)
+        font = self._font
+        bar = round(_BAR * font.size)
         image = Image.new("RGB", (self.width, height), PAPER)
         draw = ImageDraw.Draw(image)
         for number, line in enumerate(self._title):
@@ -61,7 +69,8 @@ class Legend:
 def colour_bar(scale: Scale, width: int) -> Picture:
     """Return a level colour scale with its ends and its title above, (BAR_HEIGHT, width, 3)."""
     image = Image.new("RGB", (width, BAR_HEIGHT), _BAR_PAPER)
-    draw, letters = ImageDraw.Draw(image), font(_BAR_LETTERS)
+    draw = ImageDraw.Draw(image)
+    letters = font(_BAR_LETTERS)
     low, _, high = scale.labels()
     middle = (BAR_HEIGHT - _BAR_COLOURS) // 2
     room = width - 4 * _BAR_MARGIN - 2 * max(letters.width(low), letters.width(high))

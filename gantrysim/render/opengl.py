@@ -55,13 +55,14 @@ def offscreen(width: int, height: int, platform: str = sys.platform) -> Any:
         except Exception as error:  # each system's library has errors of its own
             raise NoOpenGLError(f"no offscreen OpenGL: {_one_line(error)}") from None
     libraries = [requested] if requested in _LIBRARIES else list(_LIBRARIES)
-    found = [name for name in libraries if ctypes.util.find_library(_LIBRARIES[name]) is not None]
+    installed = [name for name in libraries if ctypes.util.find_library(_LIBRARIES[name]) is not None]
     failures = ""
     # a process in which EGL has failed keeps its functions and can no longer load OSMesa's
-    if len(found) == 2 and (failure := _egl_failure()):
-        failures += f" (egl: {failure})"
-        found.remove("egl")
-    for name in found:
+    egl_failure = _egl_failure() if len(installed) == 2 else ""
+    if egl_failure:
+        failures += f" (egl: {egl_failure})"
+        installed.remove("egl")
+    for name in installed:
         try:
             return _context(name, width, height)
         except (ImportError, RuntimeError, AttributeError) as error:
@@ -82,5 +83,8 @@ def _one_line(error: Exception) -> str:
 @cache
 def _egl_failure() -> str:
     """Return why a separate process cannot open an EGL context; empty if it can."""
-    done = subprocess.run([sys.executable, "-c", _TRIAL], capture_output=True, text=True)
-    return "" if done.returncode == 0 else (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+    trial = subprocess.run([sys.executable, "-c", _TRIAL], capture_output=True, text=True)
+    if trial.returncode == 0:
+        return ""
+    messages = trial.stderr.strip().splitlines()
+    return messages[-1] if messages else "no reason given"

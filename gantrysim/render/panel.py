@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import islice
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -17,14 +16,16 @@ from gantrysim.render.legend import Legend
 from gantrysim.render.strip import Strip
 from gantrysim.render.telemetry import Telemetry
 
-_SHARE = 0.18  # height of a panel of one row, of that of the frame
+_SHARE = 0.18  # height of a panel of one row, relative to the frame's
 _LEAST_HEIGHT = 66  # [pixels], for letters of 10
-_ROW, _STRIP_ROW = 6.6, 5.6  # heights of a row of the panel, and of one with only the strip, in sizes of the letters
+# heights of a row of the panel, and of one with only the strip, in sizes of the letters
+_ROW = 6.6
+_STRIP_ROW = 5.6
 _LEAST_LETTERS = 9
 _LEAST_STRIP = 12.5  # width of the strip in sizes of the letters
-_ENOUGH = 0.75  # letters of a simpler layout, of the largest that any layout allows
+_ENOUGH = 0.75  # size of the letters at which a simpler layout is taken, relative to the largest of any layout
 _BESIDE_FAULTS = 4.2  # width of the strip that fault messages leave free, in sizes of the letters
-_MOST_FAULTS = 0.42  # height of fault messages, of that of the strip
+_MOST_FAULTS = 0.42  # height of fault messages, relative to the strip's
 _WIDEST_READOUT = "contour error8888.8 mm/s"
 _RUN_COLOURS = (COLOURS["tracking"], AXIS_COLOURS[1], COLOURS["structure"], AXIS_COLOURS[3])
 _RULE = "#d5d9df"
@@ -32,7 +33,9 @@ _RULE = "#d5d9df"
 
 def run_colours(count: int) -> tuple[str, ...]:
     """Return the colours of runs side by side; for a single one, that of the contour error in all plots."""
-    return (COLOURS["contour"],) if count == 1 else _RUN_COLOURS[:count]
+    if count == 1:
+        return (COLOURS["contour"],)
+    return _RUN_COLOURS[:count]
 
 
 def _readout_width(runs: int, end: float, letters: Font) -> int:
@@ -55,18 +58,25 @@ def _layout(frame: tuple[int, int], runs: int, end: float, scale: Scale | None) 
         legend = 0 if scale is None else Legend(scale, font(size), narrow).width
         strip = round(_LEAST_STRIP * size)
         readout = _readout_width(runs, end, font(size))
-        return readout + strip + legend if rows == 1 else max(readout + legend, strip)
+        if rows == 1:
+            return readout + strip + legend
+        return max(readout + legend, strip)
 
     largest = int(max(_SHARE * frame[1], _LEAST_HEIGHT) / _ROW)
-    kinds = [(rows, narrow) for rows in ((1, 2) if runs == 1 else (1,)) for narrow in (False, True)[: 1 + bool(scale)]]
+    # from the simplest; the readout of several runs is short, their time alone: the strip has room beside it
+    row_counts = (1, 2) if runs == 1 else (1,)
+    narrow_choices = (False, True) if scale else (False,)
+    kinds = [(rows, narrow) for rows in row_counts for narrow in narrow_choices]
     fitting = []
-    for kind in kinds:
-        sizes = (size for size in range(largest, _LEAST_LETTERS - 1, -1) if least_width(*kind, size) <= frame[0])
-        fitting += [(*kind, size) for size in islice(sizes, 1)]
+    for rows, narrow in kinds:
+        for size in range(largest, _LEAST_LETTERS - 1, -1):
+            if least_width(rows, narrow, size) <= frame[0]:
+                fitting.append((rows, narrow, size))
+                break
     if not fitting:
-        least = min(least_width(*kind, _LEAST_LETTERS) for kind in kinds)
+        least = min(least_width(rows, narrow, _LEAST_LETTERS) for rows, narrow in kinds)
         raise InputError(f"width of the film = {frame[0]}: must be at least {least}, for readout and error strip")
-    enough = _ENOUGH * max(size for *_, size in fitting)
+    enough = _ENOUGH * max(size for _, _, size in fitting)
     return next(layout for layout in fitting if layout[2] >= enough)
 
 
@@ -95,10 +105,12 @@ class Panel:
     def __init__(
         self, runs: Sequence[Telemetry], frame: tuple[int, int], title: str = "", scale: Scale | None = None
     ) -> None:
-        self._runs, self._title = tuple(runs), title
+        self._runs = tuple(runs)
+        self._title = title
         end = max(float(run.time[-1]) for run in runs)
         rows, narrow, letters = _layout(frame, len(runs), end, scale)
-        width, self.font = frame[0], font(letters)
+        width = frame[0]
+        self.font = font(letters)
         row = max(round(_SHARE * frame[1]), _LEAST_HEIGHT)
         if int(row / _ROW) > letters:
             row = round(_ROW * letters)
@@ -110,11 +122,13 @@ class Panel:
         self.legend_left = width - legend.shape[1]
         if rows == 1:
             self.size = width, row
-            self.strip_left, self.strip_above = readout, 1
+            self.strip_left = readout
+            self.strip_above = 1
             room = self.legend_left - readout, row - 1
         else:
             self.size = width, row + round(_STRIP_ROW * self.font.size)
-            self.strip_left, self.strip_above = self.font.margin, row
+            self.strip_left = self.font.margin
+            self.strip_above = row
             room = width - self.font.margin, self.size[1] - row
         self._faults = self._fault_lines(room)
         head = max((place + round(LINE * size) for _, _, place, size in self._faults), default=0)
@@ -154,12 +168,13 @@ class Panel:
     def _readout(self, time: float, speed: float | None) -> Picture:
         image = self._labels.copy()
         draw = ImageDraw.Draw(image)
-        playing, now = "" if speed is None else f"×{speed:g}", f"{time:.2f} s"
-        lines = [now, playing]
+        playback = "" if speed is None else f"×{speed:g}"
+        run_time = f"{time:.2f} s"
+        lines = [run_time, playback]
         if len(self._runs) == 1:
             run = self._runs[0]
             tick = run.tick(time)
-            lines = [playing, now, f"{run.speed(tick):.1f} mm/s", run.error_text(tick), run.rms_max_text(tick)]
+            lines = [playback, run_time, f"{run.speed(tick):.1f} mm/s", run.error_text(tick), run.rms_max_text(tick)]
         for row, text in enumerate(lines):
             self.font.write(draw, (self._right, self._row(row)), text, INK, "rm")
         return np.asarray(image)
@@ -175,15 +190,18 @@ class Panel:
         """
         head = "fault: " if len(self._runs) == 1 else "■ fault: "
         faulted = [run for run in self._runs if run.run.fault is not None]
-        width, height = room[0] - _BESIDE_FAULTS * self.font.size, _MOST_FAULTS * room[1]
+        width = room[0] - _BESIDE_FAULTS * self.font.size
+        height = _MOST_FAULTS * room[1]
         for size in range(self.font.size, 0, -1):
-            each = max(1, int(height / (LINE * size)) // max(len(faulted), 1))
-            messages = [font(size).wrapped(f"{head}{run.run.fault}", width) for run in faulted]
-            if size <= _LEAST_LETTERS:
-                messages = [
-                    [*lines[: each - 1], font(size).shortened(" ".join(lines[each - 1 :]), width)] for lines in messages
-                ]
-            lines = [(run, line) for run, message in zip(faulted, messages, strict=True) for line in message if line]
+            letters = font(size)
+            lines_per_run = max(1, int(height / (LINE * size)) // max(len(faulted), 1))
+            lines = []
+            for run in faulted:
+                message = letters.wrapped(f"{head}{run.run.fault}", width)
+                if size <= _LEAST_LETTERS:
+                    last = letters.shortened(" ".join(message[lines_per_run - 1 :]), width)
+                    message = [*message[: lines_per_run - 1], last]
+                lines += [(run, line) for line in message if line]
             if len(lines) * LINE * size <= height:
                 break
         return [(run, line, round(row * LINE * size), size) for row, (run, line) in enumerate(lines)]
@@ -195,11 +213,11 @@ class Panel:
             return strip
         image = Image.fromarray(strip)
         draw = ImageDraw.Draw(image)
-        left = self.strip.left
-        draw.rectangle((left, 0, self.strip.size[0], self.strip.above - 1), rgb(PAPER))
+        column = self.strip.left
+        draw.rectangle((column, 0, self.strip.size[0], self.strip.above - 1), rgb(PAPER))
         colours = run_colours(len(self._runs))
         for run, line, row, size in faults:
-            font(size).write(draw, (left, row), line, COLOURS["fault"])
+            font(size).write(draw, (column, row), line, COLOURS["fault"])
             if line.startswith("■"):
-                font(size).write(draw, (left, row), "■", colours[self._runs.index(run)])
+                font(size).write(draw, (column, row), "■", colours[self._runs.index(run)])
         return np.asarray(image)

@@ -63,12 +63,14 @@ class Renderer(Closing):
         colour: str = "plain",
         scale: Scale | None = None,
     ) -> None:
-        self.size = width, height = checked_size("picture", size)
+        self.size = checked_size("picture", size)
+        width, height = self.size
         self.scene = Scene(machine, run, bead, colour=colour, scale=scale)
         self.view = self.scene.camera(camera)
         model = self.scene.model
-        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
-        if width < _FRAMED * height:
+        model.vis.global_.offwidth = width
+        model.vis.global_.offheight = height
+        if width < _FRAMED * height:  # MuJoCo's field of view is vertical: widened, so that the horizontal one stays
             for fields, name in ((model, "cam_fovy"), (model.vis.global_, "fovy")):
                 half = np.tan(0.5 * np.radians(getattr(fields, name))) * _FRAMED * height / width
                 setattr(fields, name, 2 * np.degrees(np.arctan(half)))
@@ -88,9 +90,10 @@ class Renderer(Closing):
         """Narrow the shadow maps of the lights for a fixed camera near the tip; return the lights to be aimed at it.
 
         Spread over the whole machine a shadow map resolves half a millimetre, too coarse to be seen from near. The
-        OpenGL context takes the shadow scale over when it is made.
+        OpenGL context reads the shadow scale when it is created.
         """
-        model, data = self.model, self.data
+        model = self.model
+        data = self.data
         tip = data.site_xpos[self._tip]
         if self.view.type != mujoco.mjtCamera.mjCAMERA_FIXED:
             return []

@@ -27,7 +27,7 @@ _LIT = 0.3
 _GLOW = (1 - 1.1 * _LIT) / _LIT
 _WETTED = 1.0  # height that a drop climbs up the needle, in radii of the free thread
 _ON_AXIS = 1e-4  # distance of parts in line with the needle [m]
-_HANGS = 3.0  # height that a drop hangs down above the surface, likewise
+_HANGS = 3.0  # length that a drop hangs down, in radii of the free thread
 
 
 class Scene:
@@ -71,7 +71,8 @@ class Scene:
         self.pose(0)
 
     def _set_run(self, run: Run, sweep: Sweep) -> None:
-        self.run, self.sweep = run, sweep
+        self.run = run
+        self.sweep = sweep
         if self._colour == "error":
             self._errors = errors_along(sweep.bead_trace)
 
@@ -89,7 +90,8 @@ class Scene:
         with quiet():
             mujoco.mj_forward(self.model, self.data)
         mesh = self.sweep.mesh(tick)
-        self._vertices[:], self._normals[:] = mesh.vertices, mesh.normals
+        self._vertices[:] = mesh.vertices
+        self._normals[:] = mesh.normals
         if self.scale is not None:
             bead_trace = self.sweep.bead_trace
             values = mesh.width if self._colour == "width" else np.interp(mesh.place, bead_trace.place, self._errors)
@@ -110,7 +112,8 @@ class Scene:
         position = self.data.xpos[work] + frame @ centre
         colour = np.array(_GLUE, np.float32)
         mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_ELLIPSOID, size, position, frame.ravel(), colour)
-        geom.specular, geom.shininess = 0.6, 0.7
+        geom.specular = 0.6
+        geom.shininess = 0.7
         scene.ngeom += 1
 
     def camera(self, name: str | None = None) -> mujoco.MjvCamera:
@@ -134,7 +137,8 @@ class Scene:
 
 def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.MjModel:
     """Compile the machine with the bead's mesh, and the body under a climbing bead, in the work's frame."""
-    spec, run = machine.spec.copy(), sweep.bead_trace.run
+    spec = machine.spec.copy()
+    run = sweep.bead_trace.run
     drawn = sweep.mesh(len(run.time) - 1)
     mesh = spec.add_mesh(name=_BEAD)
     # the compiler requires a volume; the drawn vertices are written later
@@ -146,10 +150,13 @@ def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.Mj
     if scale is not None:
         mesh.usertexcoord = np.full(2 * len(drawn.vertices), 0.5, np.float32)
         texture = spec.add_texture(name=_BEAD, type=mujoco.mjtTexture.mjTEXTURE_2D, nchannel=3)
-        texture.width, texture.height = len(scale.table), 2
+        texture.width = len(scale.table)
+        texture.height = 2
         texture.data = np.stack([scale.table, scale.table]).tobytes()
         material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = _BEAD
-        material.rgba, material.emission, material.specular = (_LIT, _LIT, _LIT, 1), _GLOW, 0.0
+        material.rgba = (_LIT, _LIT, _LIT, 1)
+        material.emission = _GLOW
+        material.specular = 0.0
     _add_to_work(spec, _BEAD, group=0)
     if machine.needle is not None:
         _fit_needle(spec, run)
@@ -178,7 +185,8 @@ def _fit_needle(spec: mujoco.MjSpec, run: Run) -> None:
 
     A needle that leans keeps its length, as its tip has to lie on the axis of rotation.
     """
-    needle, tip = spec.geom(NEEDLE), spec.site(NOZZLE).pos
+    needle = spec.geom(NEEDLE)
+    tip = spec.site(NOZZLE).pos
     needle.size[0] = 0.5e-3 * run.face
     ends = needle.fromto.reshape(2, 3)
     if np.isnan(ends).any():
@@ -192,9 +200,8 @@ def _fit_needle(spec: mujoco.MjSpec, run: Run) -> None:
         points = geom.fromto.reshape(2, 3) - tip
         along = points @ axis
         aside = np.linalg.norm(points - along[:, None] * axis, axis=1)
-        moved = (
-            points + (1e-3 * run.needle_length - length) * axis * ((aside < _ON_AXIS) & (along > 0.5 * length))[:, None]
-        )
+        above_needle = (aside < _ON_AXIS) & (along > 0.5 * length)
+        moved = points + (1e-3 * run.needle_length - length) * axis * above_needle[:, None]
         if not np.isnan(moved).any():
             geom.fromto = (moved + tip).ravel()
 
@@ -224,13 +231,14 @@ def _drop_at(sweep: Sweep, tick: int) -> tuple[Floats, float, float] | None:
     """
     bead_trace = sweep.bead_trace
     run = bead_trace.run
-    flow, most = float(run.flow[tick]), bead_trace.most_flow
+    flow = float(run.flow[tick])
     section = bead_trace.nominal if bead_trace.nominal > 0 else float(bead_trace.area.max())
     if flow <= 0 or section <= 0:
         return None
-    radius = max(float(np.sqrt(section / np.pi)), 0.5 * run.face) * float(np.sqrt(flow / most))
+    radius = max(float(np.sqrt(section / np.pi)), 0.5 * run.face) * float(np.sqrt(flow / bead_trace.most_flow))
     tip = run.nozzle[tick]
     height = float(tip[2] - sweep.surface[tick])
-    top, bottom = _WETTED * radius, min(max(height, 0.0), _HANGS * radius)
+    top = _WETTED * radius
+    bottom = min(max(height, 0.0), _HANGS * radius)
     centre = tip + np.array([0.0, 0.0, 0.5 * (top - bottom)])
     return 1e-3 * centre, 1e-3 * radius, 0.5e-3 * (top + bottom)

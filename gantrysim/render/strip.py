@@ -14,12 +14,13 @@ from gantrysim.render.encoding import Picture
 from gantrysim.render.fonts import MUTED, PAPER, Font, rgb
 from gantrysim.render.telemetry import Telemetry
 
-_GREY, _FAULT = COLOURS["requested"], COLOURS["fault"]
+_GREY = COLOURS["requested"]
+_FAULT = COLOURS["fault"]
 _HEADROOM = 1.06  # of the error axis over the largest error
 _LEAST = 1e-3  # largest error that is not drawn as zero [µm]
 _FUTURE = 0.28  # opacity of the curves after the cursor
-_OFF = 0.22  # and of the shade where the dispenser is off
-_GRID = 0.30
+_OFF = 0.22  # opacity of the shade where the dispenser is off
+_GRID = 0.30  # opacity of the lines at the ticks of the error axis
 _SPOT = 0.24  # radius in sizes of the letters
 # title, and name of the shade; the first that fits is drawn
 _NAMES = (("contour error [µm]", "dispenser off"), ("contour error [µm]", "off"), ("error [µm]", "off"))
@@ -62,8 +63,10 @@ class Strip:
     def __init__(
         self, runs: Sequence[Telemetry], colours: Sequence[str], size: tuple[int, int], font: Font, head: int = 0
     ) -> None:
-        self.size = width, height = size
-        self._runs, self._font = tuple(runs), font
+        self.size = size
+        width, height = size
+        self._runs = tuple(runs)
+        self._font = font
         self._colours = [np.array(rgb(colour)) for colour in colours]
         self.end = max(float(max(run.time[-1], run.run.period)) for run in runs)
         largest = max((float(run.max[-1]) for run in runs if np.isfinite(run.max[-1])), default=0.0)
@@ -103,9 +106,10 @@ class Strip:
         return picture
 
     def _drawn(self) -> tuple[Picture, Picture]:
-        """Return the strip as it looks right of the cursor, and left of it."""
+        """Return the strip as drawn to the right of the cursor, and to the left."""
         paper = Image.new("RGB", self.size, PAPER)
-        off, grey = self._off(), np.array(rgb(_GREY))
+        off = self._off()
+        grey = np.array(rgb(_GREY))
         self._write(ImageDraw.Draw(paper), bool(off.any()))
         base = np.asarray(paper, float)
         area = base[self.above : self.bottom + 1, self.left : self.right + 1]
@@ -136,12 +140,14 @@ class Strip:
         per_column = self.end / (self.right - self.left)
         edges = (np.append(columns, self.right + 1) - 0.5 - self.left) * per_column
         value = np.interp(edges, run.time, run.error, left=np.nan, right=np.nan)
-        low, high = np.fmin(value[:-1], value[1:]), np.fmax(value[:-1], value[1:])
-        at = np.clip(np.round(run.time / per_column).astype(int), 0, len(columns) - 1)
-        np.fmin.at(low, at, run.error)
-        np.fmax.at(high, at, run.error)
+        low = np.fmin(value[:-1], value[1:])
+        high = np.fmax(value[:-1], value[1:])
+        column_of_tick = np.clip(np.round(run.time / per_column).astype(int), 0, len(columns) - 1)
+        np.fmin.at(low, column_of_tick, run.error)
+        np.fmax.at(high, column_of_tick, run.error)
         rows = np.arange(self.above, self.bottom + 1)[:, None]
-        upper, lower = self.row(high) - 0.5 * thick, self.row(low) + 0.5 * thick  # type: ignore[arg-type]
+        upper = self.row(high) - 0.5 * thick  # type: ignore[arg-type]
+        lower = self.row(low) + 0.5 * thick  # type: ignore[arg-type]
         return np.nan_to_num(np.clip(np.minimum(rows + 0.5, lower) - np.maximum(rows - 0.5, upper), 0.0, 1.0))
 
     def _off(self) -> NDArray[np.bool_]:
@@ -157,7 +163,8 @@ class Strip:
     def _write(self, draw: ImageDraw.ImageDraw, shaded: bool) -> None:
         """Draw title, numbers of the axes and name of the shade."""
         font = self._font
-        above, side = round(0.08 * font.size), 0.8 * font.size
+        above = round(0.08 * font.size)
+        side = 0.8 * font.size
         for title, shade in _NAMES if shaded else [(title, "") for title, _ in _NAMES]:
             first = self.left + font.width(title) + (font.size + 1.4 * side) * shaded
             start = round(max(first, self.right - font.width(shade)))

@@ -27,7 +27,8 @@ class Telemetry:
     """
 
     def __init__(self, run: Run, bead: BeadTrace | None = None) -> None:
-        self.run, self._bead = run, bead
+        self.run = run
+        self._bead = bead
 
     @property
     def time(self) -> Floats:
@@ -94,7 +95,8 @@ class Telemetry:
 def _running_rms(values: Floats) -> Floats:
     """Return the root mean square of the finite values up to each, nan before the first, (n,); without other arrays."""
     rms = np.empty(values.size)
-    count, square = 0, 0.0
+    count = 0
+    square = 0.0
     for k in range(values.size):
         if np.isfinite(values[k]):
             count += 1

@@ -27,14 +27,14 @@ _CLEARANCE = 0.09  # beside the needle [mm]
 _FLAT = 0.05  # climb below which a path lies on the work itself [mm]
 _FILM = 0.02  # thickness below which the body is not drawn [mm]
 _LEVEL = 0.05  # cosine of the climb, below which the path has no direction in plan view
-_SHARE = 0.45  # half width of a ledge, of the distance to its neighbour
-_BEND = 0.8  # half width of a ledge, of the radius of curvature
+_SHARE = 0.45  # half width of a ledge, relative to the distance to its neighbour
+_BEND = 0.8  # half width of a ledge, relative to the radius of curvature
 _SAME_TURN = 6.0  # distance along the path that is still the same turn, in half widths
 _ROUND = 0.7  # cosine of the angle between two directions, below which there is a corner between them
 _MOAT = 1.0  # between the ledge of a turn and higher ones beside it [mm]
 _MOSTLY = 0.5  # share of the path above itself, from which it leans on a wall
 _WALL = 2.0  # thickness of a wall [mm]
-_BESIDE = 0.95  # distance of a wall to all turns, of that to its own
+_BESIDE = 0.95  # distance of a wall to all turns, relative to the one to its own
 _CAP = np.radians([-90, -60, -30, 0, 30, 60, 90])  # corners of a ledge's round end
 
 
@@ -73,7 +73,9 @@ def workpiece(run: Run, bead: BeadSettings | BeadTrace | None = None, level: flo
         parts += _walls(track, ~below, clear, floor)
     starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
     faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]).astype(np.int32)
-    return WorkPiece(1e-3 * np.concatenate([part.vertices for part in parts]), faces) if len(faces) else None
+    if not len(faces):
+        return None
+    return WorkPiece(1e-3 * np.concatenate([part.vertices for part in parts]), faces)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,24 +101,25 @@ class _Track:
         """Left normals in plan view, (k, 2)."""
         return np.stack([-self.along[:, 1], self.along[:, 0]], axis=1)
 
-    def selected(self, kept: NDArray[np.bool_]) -> _Track:
+    def selected(self, mask: NDArray[np.bool_]) -> _Track:
         """Return the selected samples; a gap divides a stretch."""
-        parts = np.cumsum(np.diff(kept.astype(np.int8), prepend=0) == 1)
-        _, stretch = np.unique(np.stack([self.stretch, parts])[:, kept], axis=1, return_inverse=True)
-        return _Track(self.s[kept], self.point[kept], self.along[kept], self.turning[kept], stretch.ravel())
+        parts = np.cumsum(np.diff(mask.astype(np.int8), prepend=0) == 1)
+        _, stretch = np.unique(np.stack([self.stretch, parts])[:, mask], axis=1, return_inverse=True)
+        return _Track(self.s[mask], self.point[mask], self.along[mask], self.turning[mask], stretch.ravel())
 
 
 def _track(run: Run, analysis: Analysis, gap: float) -> _Track | None:
     """Sample the requested path wherever the program dispenses; None without a direction in plan view."""
-    foot, ticks = analysis.commanded.s, analysis.ticks
-    found = []
-    for part in np.split(foot, np.flatnonzero(np.diff(ticks) > 1) + 1):
-        first, last = float(part.min()), float(part.max())
-        corners = run.requested.corners
+    corners = run.requested.corners
+    interruptions = np.flatnonzero(np.diff(analysis.ticks) > 1) + 1
+    samples = []
+    for feet in np.split(analysis.commanded.s, interruptions):
+        first = float(feet.min())
+        last = float(feet.max())
         even = np.linspace(first, last, max(int(np.ceil((last - first) / _STEP)), 1) + 1)
-        found.append(np.union1d(even, corners[(first < corners) & (corners < last)]))
-    s = np.concatenate(found)
-    stretch = np.repeat(np.arange(len(found)), [len(part) for part in found])
+        samples.append(np.union1d(even, corners[(first < corners) & (corners < last)]))
+    s = np.concatenate(samples)
+    stretch = np.repeat(np.arange(len(samples)), [len(part) for part in samples])
     local = run.requested.local(s)
     tangent = local.tangent[:, :2]
     level = np.linalg.norm(tangent, axis=1)
@@ -142,11 +145,14 @@ def _stacked(track: _Track, clear: float, width: float) -> tuple[NDArray[np.bool
     """Return which samples have another turn below them, and which have one above, (k,) each."""
     pairs, _ = _pairs(track, clear, width)
     rise = np.diff(track.point[pairs, 2], axis=1)[:, 0]
-    pairs, rise = pairs[np.abs(rise) > width], rise[np.abs(rise) > width]
+    apart = np.abs(rise) > width
+    pairs = pairs[apart]
+    rise = rise[apart]
     upper = np.where(rise > 0, pairs[:, 1], pairs[:, 0])
     lower = np.where(rise > 0, pairs[:, 0], pairs[:, 1])
     above, below = np.zeros((2, len(track.s)), bool)
-    above[upper], below[lower] = True, True
+    above[upper] = True
+    below[lower] = True
     return above, below
 
 
@@ -166,18 +172,20 @@ def _solid(track: _Track, reach: Floats, clear: float, floor: float) -> WorkPiec
     reach = np.maximum(reach, clear)
     ends = np.flatnonzero(np.diff(track.stretch, prepend=-1) > 0)
     tips = np.concatenate([ends, np.append(ends[1:], len(track.s)) - 1])
-    each = np.arange(len(track.s))
-    of = np.concatenate([each, each, each, np.repeat(tips, len(_CAP))])  # sample of each corner
+    count = len(track.s)
+    samples = np.arange(count)
+    # sample of each corner: the middle, left and right of a ledge, then its round ends
+    sample = np.concatenate([samples, samples, samples, np.repeat(tips, len(_CAP))])
     round_ends = np.repeat([-1.0, 1.0], len(ends))[:, None] * np.cos(_CAP)
-    ahead = np.concatenate([np.zeros(3 * len(each)), round_ends.ravel()]) * reach[of]
-    aside = np.concatenate([np.repeat([0.0, 1.0, -1.0], len(each)), np.tile(np.sin(_CAP), len(tips))]) * reach[of]
-    plan = track.point[of, :2] + ahead[:, None] * track.along[of] + aside[:, None] * track.left[of]
-    height = np.maximum(_ceiling(track, plan, of, clear), floor)
+    ahead = np.concatenate([np.zeros(3 * count), round_ends.ravel()]) * reach[sample]
+    aside = np.concatenate([np.repeat([0.0, 1.0, -1.0], count), np.tile(np.sin(_CAP), len(tips))]) * reach[sample]
+    plan = track.point[sample, :2] + ahead[:, None] * track.along[sample] + aside[:, None] * track.left[sample]
+    height = np.maximum(_ceiling(track, plan, sample, clear), floor)
     faces = Delaunay(plan).simplices
     a, b, c = np.moveaxis(plan[faces], 1, 0)
-    double = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    faces = np.where((double > 0)[:, None], faces, faces[:, ::-1])
-    faces = faces[(np.abs(double) > 1e-9) & (height[faces].max(axis=1) > floor + _FILM)]
+    double_area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    faces = np.where((double_area > 0)[:, None], faces, faces[:, ::-1])
+    faces = faces[(np.abs(double_area) > 1e-9) & (height[faces].max(axis=1) > floor + _FILM)]
     top = np.column_stack([plan, height])
     rim = _rim(faces)
     foot = np.column_stack([plan, np.full(len(plan), floor)])
@@ -188,17 +196,18 @@ def _solid(track: _Track, reach: Floats, clear: float, floor: float) -> WorkPiec
     return WorkPiece(vertices, np.concatenate([faces, skirt]).astype(np.int32))
 
 
-def _ceiling(track: _Track, plan: Floats, of: NDArray[np.intp], clear: float) -> Floats:
-    """Return the heights of corners, (v,) [mm]: of their own sample, or of a lower turn nearby."""
+def _ceiling(track: _Track, plan: Floats, sample: NDArray[np.intp], clear: float) -> Floats:
+    """Return the heights of corners, (v,) [mm]: that of their sample, or of a lower turn nearby."""
     from scipy.spatial import cKDTree
 
     near = cKDTree(plan).sparse_distance_matrix(cKDTree(track.point[:, :2]), clear + _MOAT, output_type="ndarray")
-    corner, sample = near["i"], near["j"]
-    own = of[corner]
-    other = np.abs(track.s[own] - track.s[sample]) > _SAME_TURN * clear
-    other |= np.einsum("ij,ij->i", track.along[own], track.along[sample]) < _ROUND
-    height = track.point[of, 2].copy()
-    np.minimum.at(height, corner[other], track.point[sample[other], 2])
+    corner = near["i"]
+    nearby = near["j"]
+    sample_of_corner = sample[corner]
+    other_turn = np.abs(track.s[sample_of_corner] - track.s[nearby]) > _SAME_TURN * clear
+    other_turn |= np.einsum("ij,ij->i", track.along[sample_of_corner], track.along[nearby]) < _ROUND
+    height = track.point[sample, 2].copy()
+    np.minimum.at(height, corner[other_turn], track.point[nearby[other_turn], 2])
     return height
 
 
@@ -219,29 +228,36 @@ def _walls(track: _Track, top: NDArray[np.bool_], clear: float, floor: float) ->
     from scipy.spatial import cKDTree
 
     side = np.where(track.turning < 0, -1.0, 1.0)
-    near, far = (track.point[:, :2] + (offset * side)[:, None] * track.left for offset in (clear, clear + _WALL))
-    apart, _ = cKDTree(track.point[:, :2]).query(near)
+    near = track.point[:, :2] + (clear * side)[:, None] * track.left
+    far = track.point[:, :2] + ((clear + _WALL) * side)[:, None] * track.left
+    distance, _ = cKDTree(track.point[:, :2]).query(near)
     # in sharper bends the wall would fold
-    kept = top & (apart > _BESIDE * clear) & ((clear + _WALL) * np.abs(track.turning) < 1)
-    upper, side, near, far = track.selected(kept), side[kept], near[kept], far[kept]
+    stands = top & (distance > _BESIDE * clear) & ((clear + _WALL) * np.abs(track.turning) < 1)
+    upper = track.selected(stands)
+    side = side[stands]
+    near = near[stands]
+    far = far[stands]
     walls = []
     for number in np.unique(upper.stretch):
-        at = np.flatnonzero(upper.stretch == number)
-        if len(at) < 2:
+        rows = np.flatnonzero(upper.stretch == number)
+        if len(rows) < 2:
             continue
-        high = upper.point[at, 2:]
+        high = upper.point[rows, 2:]
         low = np.full_like(high, floor)
-        corners = [np.hstack(pair) for pair in ((near[at], high), (near[at], low), (far[at], low), (far[at], high))]
-        walls.append(_box(corners if side[at[0]] > 0 else corners[::-1]))
+        edges = ((near[rows], high), (near[rows], low), (far[rows], low), (far[rows], high))
+        corners = [np.hstack(edge) for edge in edges]
+        walls.append(_box(corners if side[rows[0]] > 0 else corners[::-1]))
     return walls
 
 
 def _box(corners: list[Floats]) -> WorkPiece:
     """Return a bar from the four edges along it, (m, 3) each, counter-clockwise seen from its end."""
     m = len(corners[0])
-    vertices, faces = [], []
+    vertices = []
+    faces = []
+    i = np.arange(m - 1)
     for k in range(4):
-        start, i = 2 * k * m, np.arange(m - 1)
+        start = 2 * k * m
         vertices += [corners[k], corners[(k + 1) % 4]]
         faces.append(_band(start + i, start + i + 1, start + m + i, start + m + i + 1))
     start = 8 * m
