@@ -39,9 +39,9 @@ def polygon(corners: Sequence[Sequence[float]]) -> Floats:
 def _crossing(z: Floats) -> tuple[int, int] | None:
     """Two crossing edges, or None: each has the ends of the other on different sides."""
 
-    def side(at: Floats) -> Floats:
+    def side(points: Floats) -> Floats:
         """Positive for points to the left of the edges, (edges, points)."""
-        return (np.conj(np.roll(z, -1) - z)[:, None] * (at[None] - z[:, None])).imag
+        return (np.conj(np.roll(z, -1) - z)[:, None] * (points[None] - z[:, None])).imag
 
     apart = side(z) * side(np.roll(z, -1)) < 0
     crossing = np.argwhere(np.triu(apart & apart.T))

@@ -89,10 +89,11 @@ class Turning:
         """Second derivative TH'' between the breaks, (n,) [rad/mm²]."""
         return self._difference(s, self._raw_rate) if self.window else np.zeros(np.shape(s))
 
-    def _difference(self, s: ArrayLike, of: Callable[[Floats], Floats]) -> Floats:
-        at = np.asarray(s, float)
+    def _difference(self, s: ArrayLike, integral: Callable[[Floats], Floats]) -> Floats:
+        """The moving average over the window, from the integral of what is averaged."""
+        centre = np.asarray(s, float)
         half = 0.5 * self.window
-        return (of(at + half) - of(at - half)) / self.window
+        return (integral(centre + half) - integral(centre - half)) / self.window
 
     @cached_property
     def _slope(self) -> Floats:
@@ -111,5 +112,5 @@ class Turning:
     def _integral(self, s: Floats) -> Floats:
         whole = np.concatenate([[0.0], np.cumsum(0.5 * (self.angle[1:] + self.angle[:-1]) * np.diff(self.s))])
         k = self._locate(s)
-        rest = s - self.s[k]
-        return whole[k] + rest * (self.angle[k] + 0.5 * self._slope[k] * rest)
+        distance = s - self.s[k]
+        return whole[k] + distance * (self.angle[k] + 0.5 * self._slope[k] * distance)

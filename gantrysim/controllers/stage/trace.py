@@ -147,20 +147,20 @@ class OutlineTrace(Controller):
         """Angle of the table along the outline [rad]."""
         path, outward = self._outline
         ends = np.concatenate([[0.0], path.ends])
-        kept = np.concatenate([[True], np.diff(ends) > _NUDGE])
+        distinct = np.concatenate([[True], np.diff(ends) > _NUDGE])
         heading = path.heading(ends)
         first = math.atan2(self.normal[1], self.normal[0]) - (heading[0] + 0.5 * math.pi * outward)
         turned = math.remainder(first, 2 * math.pi) - (heading - heading[0])
-        return Turning(ends[kept], turned[kept], self.blend)
+        return Turning(ends[distinct], turned[distinct], self.blend)
 
     def coordinates(self, s: ArrayLike) -> Floats:
         """Positions of th, x and y at arc lengths of the outline, (n, 3) [deg, mm, mm]."""
-        at = np.atleast_1d(np.asarray(s, float))
+        distance = np.atleast_1d(np.asarray(s, float))
         if self.corner_pieces == 0:
-            return self._exact(at)
+            return self._exact(distance)
         knots = self._knots
         values = self._exact(knots)
-        return np.stack([np.interp(at, knots, values[:, i]) for i in range(3)], axis=1)
+        return np.stack([np.interp(distance, knots, values[:, i]) for i in range(3)], axis=1)
 
     @cached_property
     def _knots(self) -> Floats:
@@ -200,13 +200,13 @@ class OutlineTrace(Controller):
         if self.corner_pieces:
             slope = np.diff(self._exact(edges), axis=0) / np.diff(edges)[:, None]
             return [slope[piece], np.zeros((s.size, 3))]
-        at = np.clip(s, edges[piece] + _NUDGE, edges[piece + 1] - _NUDGE)
-        theta = self.turning.value(at)
-        rate = self.turning.rate(at)
-        change = self.turning.change(at)
-        tangent = _complex(self.requested.tangent(at))
+        inside = np.clip(s, edges[piece] + _NUDGE, edges[piece + 1] - _NUDGE)
+        theta = self.turning.value(inside)
+        rate = self.turning.rate(inside)
+        change = self.turning.change(inside)
+        tangent = _complex(self.requested.tangent(inside))
         first = self._table.first(tangent, theta, rate)
-        second = self._table.second(tangent, self.requested.curvature(at), theta, rate, change)
+        second = self._table.second(tangent, self.requested.curvature(inside), theta, rate, change)
         return [
             np.stack([np.degrees(table), stage.real, stage.imag], axis=1)
             for table, stage in ((rate, first), (change, second))
