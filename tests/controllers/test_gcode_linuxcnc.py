@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.dialect import Dispense
-from gantrysim.controllers.gcode.expressions import Scanner
+from gantrysim.controllers.gcode.lines import GRAMMAR
 from gantrysim.controllers.gcode.linuxcnc import Program
 from gantrysim.controllers.gcode.moves import ANGLE, END, FEED, GLUE, KIND, SOURCE
+from gantrysim.controllers.macro.expressions import Scanner
 
 
 def moves(text, **settings):
@@ -221,7 +222,7 @@ _SUMS = st.recursive(
 
 @given(_SUMS)
 def test_expressions_have_the_value_that_python_gives(text):
-    value = Scanner(f"[{text}]").value("")
+    value = Scanner(f"[{text}]", GRAMMAR).value("")
     assert value(None) == pytest.approx(eval(text.replace("[", "(").replace("]", ")")))
 
 

@@ -48,11 +48,11 @@ def compensated(legs: list[Leg]) -> list[Leg]:
             runs[k] = run
         else:
             runs[k] = [leg]
-    made: list[Leg] = []
+    beside: list[Leg] = []
     for k, leg in enumerate(legs):
-        last = next((other for other in reversed(made) if other.piece is not None), None)
-        made += runs.get(k) or [leg if last is None else _moved(leg, _end(last))]
-    return made
+        last = next((other for other in reversed(beside) if other.piece is not None), None)
+        beside += runs.get(k) or [leg if last is None else _moved(leg, _end(last))]
+    return beside
 
 
 def _runs_in_plane(leg: Leg) -> bool:
@@ -101,8 +101,9 @@ def _normal(line: Line) -> Floats:
 
 
 def _start_up(leg: Leg, follows: Leg) -> Leg:
-    at = replace(follows, piece=_beside(follows))
-    return _between(leg, _start(leg), _end(at) if follows is leg else _start(at))
+    """The move that starts the compensation: it ends where the next motion begins beside its path."""
+    beside = replace(follows, piece=_beside(follows))
+    return _between(leg, _start(leg), _end(beside) if follows is leg else _start(beside))
 
 
 def _between(leg: Leg, start: Vector, end: Vector) -> Leg:

@@ -71,17 +71,17 @@ class Spliced:
     def duration(self) -> float:
         return float(self._times[-1] + self._profiles[-1].duration)
 
-    def _each(self, t: ArrayLike, name: str) -> Floats:
-        at = np.asarray(t, float)
-        k = np.clip(np.searchsorted(self._times, at, side="right") - 1, 0, len(self._profiles) - 1)
-        values = np.empty(at.shape)
+    def _sampled(self, t: ArrayLike, name: str) -> Floats:
+        time = np.asarray(t, float)
+        k = np.clip(np.searchsorted(self._times, time, side="right") - 1, 0, len(self._profiles) - 1)
+        values = np.empty(time.shape)
         for index, profile in enumerate(self._profiles):
             chosen = k == index
-            values[chosen] = getattr(profile, name)(at[chosen] - self._times[index])
+            values[chosen] = getattr(profile, name)(time[chosen] - self._times[index])
         return values
 
     def position(self, t: ArrayLike) -> Floats:
-        return self._each(t, "position")
+        return self._sampled(t, "position")
 
     def velocity(self, t: ArrayLike) -> Floats:
-        return self._each(t, "velocity")
+        return self._sampled(t, "velocity")

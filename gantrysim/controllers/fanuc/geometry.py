@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +18,60 @@ Fail = Callable[[int, str], Alarm]  # an alarm's number and detail, to be raised
 _ROUNDING = 1e-9
 _NAMES = "xyz"
 _CENTRE_WORDS = "IJK"
+
+
+@dataclass(frozen=True)
+class _Round:
+    """A motion about a centre, in its plane as x + iy of the plane's axes [mm].
+
+    Attributes:
+        block: that is run.
+        start: in space.
+        end: in space.
+        centre: of the rotation.
+    """
+
+    block: Arc | Spiral
+    start: Vector
+    end: Vector
+    centre: complex
+
+    @property
+    def axes(self) -> tuple[int, int, int]:
+        """The plane's axes and its normal."""
+        return PLANES[self.block.plane]
+
+    @property
+    def begin_arm(self) -> complex:
+        """From the centre to the start."""
+        return _in_plane(self.block, self.start) - self.centre
+
+    @property
+    def end_arm(self) -> complex:
+        """From the centre to the end."""
+        return _in_plane(self.block, self.end) - self.centre
+
+    @property
+    def rise(self) -> float:
+        """Change of the height above the plane."""
+        across = self.axes[2]
+        return self.end[across] - self.start[across]
+
+    def coil(self, swept: float) -> Coil:
+        """Return the path, given the angle swept [rad]."""
+        first, second, across = self.axes
+        place = [0.0, 0.0, 0.0]
+        place[first] = self.centre.real
+        place[second] = self.centre.imag
+        place[across] = self.start[across]
+        return Coil(
+            centre=(place[0], place[1], place[2]),
+            radius=(abs(self.begin_arm), abs(self.end_arm)),
+            begin=math.atan2(self.begin_arm.imag, self.begin_arm.real),
+            angle=-swept if self.block.clockwise else swept,
+            rise=self.rise,
+            frame=FRAMES[self.block.plane],
+        )
 
 
 def piece_of(
@@ -39,18 +94,22 @@ def piece_of(
     return Segment(start, (x, y, z), FRAMES[block.plane])
 
 
+def _in_plane(block: Arc | Spiral, point: Vector) -> complex:
+    first, second, _ = PLANES[block.plane]
+    return complex(point[first], point[second])
+
+
 def _arc(block: Arc, start: Vector, end: Vector, tolerance: float, fail: Fail) -> Coil:
-    first, second, across = PLANES[block.plane]
-    a = complex(start[first], start[second])
-    b = complex(end[first], end[second])
+    a = _in_plane(block, start)
     if block.centre is not None:
         centre = a + complex(*block.centre)
     elif block.radius:
-        centre = _centre_by_radius(a, b, block.radius, block.clockwise, fail)
+        centre = _centre_by_radius(a, _in_plane(block, end), block.radius, block.clockwise, fail)
     else:
         raise fail(22, "arc without a centre and without a radius: must have I, J, K of its plane, or R")
-    radius = abs(a - centre)
-    reached = abs(b - centre)
+    turn = _Round(block, start, end, centre)
+    radius = abs(turn.begin_arm)
+    reached = abs(turn.end_arm)
     if radius < _ROUNDING:
         raise fail(22, "radius = 0 mm: must be greater than 0 mm; I, J, K are relative to the start")
     if abs(reached - radius) > tolerance:
@@ -59,8 +118,7 @@ def _arc(block: Arc, start: Vector, end: Vector, tolerance: float, fail: Fail) -
             f"radius = {radius:.6g} mm at the start, {reached:.6g} mm at the end: "
             f"difference {abs(reached - radius):.4g} mm must be at most {tolerance:g} mm",
         )
-    swept = _angle(a - centre, b - centre, block.clockwise)
-    return _coil(block.plane, start, centre, (radius, reached), swept, end[across] - start[across], block.clockwise)
+    return turn.coil(_angle(turn))
 
 
 def _centre_by_radius(a: complex, b: complex, radius: float, clockwise: bool, fail: Fail) -> complex:
@@ -76,44 +134,39 @@ def _centre_by_radius(a: complex, b: complex, radius: float, clockwise: bool, fa
 
 
 def _spiral(block: Spiral, start: Vector, end: Vector, tolerance: float, fail: Fail) -> Coil:
-    first, second, across = PLANES[block.plane]
-    a = complex(start[first], start[second])
-    b = complex(end[first], end[second])
-    centre = a + complex(*block.centre)
-    radius = abs(a - centre)
-    reached = abs(b - centre)
-    rise = end[across] - start[across]
+    turn = _Round(block, start, end, _in_plane(block, start) + complex(*block.centre))
+    radius = abs(turn.begin_arm)
+    reached = abs(turn.end_arm)
+    across = turn.axes[2]
     if block.compensation and min(radius, reached) < _ROUNDING:
         end_name = "start" if radius < _ROUNDING else "end"
         raise fail(5124, f"{end_name} at the centre under cutter compensation: must be away from it")
     if radius < _ROUNDING:
         raise fail(5122, "radius at the start = 0 mm: must be greater than 0 mm")
-    if block.height_per_turn is not None and abs(rise) < _ROUNDING:
+    if block.height_per_turn is not None and abs(turn.rise) < _ROUNDING:
         word = _CENTRE_WORDS[across]
         axis = _NAMES[across].upper()
         raise fail(5122, f"height per turn {word} without a height: must come with an end {axis}")
-    turn = _angle(a - centre, b - centre, block.clockwise) if reached > _ROUNDING else 2 * math.pi
-    turns = _turns(block, radius, reached, rise, turn / (2 * math.pi), tolerance, fail)
+    # an end at the centre has no direction: a whole turn leads there
+    part = _angle(turn) if reached > _ROUNDING else 2 * math.pi
+    turns = _turns(block, turn, part / (2 * math.pi), tolerance, fail)
     if block.change is not None:
-        _compare("radius", "Q", radius + turns * block.change, reached, tolerance, fail)
+        _compare(("radius", "Q"), radius + turns * block.change, reached, tolerance, fail)
     if block.height_per_turn is not None:
-        word = _CENTRE_WORDS[across]
-        _compare("height", word, start[across] + turns * block.height_per_turn, end[across], tolerance, fail)
-    swept = 2 * math.pi * turns
-    return _coil(block.plane, start, centre, (radius, reached), swept, rise, block.clockwise)
+        words = ("height", _CENTRE_WORDS[across])
+        _compare(words, start[across] + turns * block.height_per_turn, end[across], tolerance, fail)
+    return turn.coil(2 * math.pi * turns)
 
 
-def _turns(
-    block: Spiral, radius: float, reached: float, rise: float, part: float, tolerance: float, fail: Fail
-) -> float:
+def _turns(block: Spiral, turn: _Round, part: float, tolerance: float, fail: Fail) -> float:
     """Number of turns: whole ones, and the part from the start's direction to the end's, 0 < part <= 1."""
     if block.change is not None:
         step = block.change
-        total = reached - radius
+        total = abs(turn.end_arm) - abs(turn.begin_arm)
         name = "Q"
     elif block.height_per_turn is not None:
         step = block.height_per_turn
-        total = rise
+        total = turn.rise
         name = "height per turn"
     elif block.turns is not None:
         if block.turns < 1 or block.turns != int(block.turns):
@@ -135,28 +188,19 @@ def _turns(
     return whole + part
 
 
-def _compare(what: str, word: str, computed: float, programmed: float, tolerance: float, fail: Fail) -> None:
+def _compare(words: tuple[str, str], computed: float, programmed: float, tolerance: float, fail: Fail) -> None:
+    """Check a length at the end that two words of the block determine, of which the first one says what it is."""
+    name, word = words
     if abs(computed - programmed) > tolerance:
         raise fail(
             5123,
-            f"{what} at the end = {computed:.6g} mm by {word}, {programmed:.6g} mm by the end point: "
+            f"{name} at the end = {computed:.6g} mm by {word}, {programmed:.6g} mm by the end point: "
             f"difference {abs(computed - programmed):.4g} mm must be at most {tolerance:g} mm",
         )
 
 
-def _angle(begin: complex, end: complex, clockwise: bool) -> float:
-    """Angle from one direction to another in the sense of rotation, a full turn if they are equal [rad]."""
-    angle = float(np.angle(end / begin)) * (-1 if clockwise else 1)
+def _angle(turn: _Round) -> float:
+    """Angle from the start to the end in the sense of rotation, a full turn if they are equal [rad]."""
+    angle = float(np.angle(turn.end_arm / turn.begin_arm)) * (-1 if turn.block.clockwise else 1)
     angle = angle % (2 * math.pi)
     return 2 * math.pi if angle < _ROUNDING or 2 * math.pi - angle < _ROUNDING else angle
-
-
-def _coil(
-    plane: str, start: Vector, centre: complex, radius: tuple[float, float], swept: float, rise: float, clockwise: bool
-) -> Coil:
-    first, second, across = PLANES[plane]  # type: ignore[index]
-    place = [0.0, 0.0, 0.0]
-    place[first], place[second], place[across] = centre.real, centre.imag, start[across]
-    begin = math.atan2(start[second] - centre.imag, start[first] - centre.real)
-    angle = -swept if clockwise else swept
-    return Coil((place[0], place[1], place[2]), radius, begin, angle, rise, FRAMES[plane])  # type: ignore[index]

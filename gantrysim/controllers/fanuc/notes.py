@@ -23,16 +23,16 @@ def notes_of(legs: Sequence[Leg], path: Chain, blend_time: float, acceleration: 
     moving = [leg for leg in legs if leg.piece is not None and not leg.rapid]
     idle = sum(leg.source.idle for leg in moving)
     halting = sum(leg.source.halting for leg in moving)
-    found = []
+    notes = []
     if idle:
-        found.append(f"{idle} motions in G41 or G42 have no D or an offset of 0: they follow the programmed path.")
+        notes.append(f"{idle} motions in G41 or G42 have no D or an offset of 0: they follow the programmed path.")
     if math.isinf(acceleration) and not blend_time:
-        return tuple(found)
+        return tuple(notes)
     if halting:
-        found.append(
+        notes.append(
             f"{halting} motions in G64 stop at their end, as G05.1 Q1 or G08 P1, which the program uses, is off."
         )
-    return (*found, *(() if blend_time else _stops(legs, path, acceleration)))
+    return (*notes, *(() if blend_time else _stops(legs, path, acceleration)))
 
 
 def _stops(legs: Sequence[Leg], path: Chain, acceleration: float) -> tuple[str, ...]:

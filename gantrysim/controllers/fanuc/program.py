@@ -39,21 +39,21 @@ class _Part:
 
     Attributes:
         duration: [s].
-        at: from times since its start, (n,), to x, y, z and the rotary axis, (n, 4), and whether glue is laid, (n,).
+        sample: from times since its start, (n,), to x, y, z and the rotary axis, (n, 4), and whether glue is laid,
+            (n,).
     """
 
     duration: float
-    at: Callable[[Floats], tuple[Floats, NDArray[np.bool_]]]
+    sample: Callable[[Floats], tuple[Floats, NDArray[np.bool_]]]
 
 
 @dataclass(frozen=True)
 class Program(Controller):
     """A program of lines, arcs, helices, spirals and cones, with the controller's parameters.
 
-    A text consists of blocks, as `N10 G17 G02 X0 Y-30 I0 J-100 Q-20 F300`; its words are G00 to G04, G05.1, G08, G10
-    L2, G17 to G21, G28, G40 to G44, G49, G52 to G59, G61, G64, G80, G90 to G92, G94, M02, M03, M05, M30 and
-    X Y Z I J K Q L R F D H C; subprograms by M98, M99 and G65; macro variables, IF, GOTO and WHILE. Glue is laid in
-    all motions at feed, unless the program switches it by M03 and M05. G28 moves to `start`. Where the program has
+    A text consists of blocks, as `N10 G17 G02 X0 Y-30 I0 J-100 Q-20 F300`, with subprograms by M98, M99 and G65, macro
+    variables, IF, GOTO and WHILE; docs/g-code.md lists the words. Glue is laid in all motions at feed, unless the
+    program switches it by M03 and M05. G28 moves to `start`. Where the program has
     G05.1 or G08, blocks only overlap where that is on, by `blend_time`; elsewhere the motion stops between them.
 
     F is the constant speed along the path. With a limited acceleration the motion stops before and after a spiral,
@@ -182,10 +182,13 @@ class Program(Controller):
         begun = 0.0
         for moving, group in groupby(self._with_holds(), key=lambda leg: leg.piece is not None):
             legs = list(group)
-            made = [_stretch(legs, feeding, begun)] if moving else [_in_place(leg, here, feeding) for leg in legs]
-            parts += made
-            begun += sum(part.duration for part in made)
-            x, y, z, _ = parts[-1].at(np.array([parts[-1].duration]))[0][0].tolist()
+            if moving:
+                group_parts = [_stretch(legs, feeding, begun)]
+            else:
+                group_parts = [_in_place(leg, here, feeding) for leg in legs]
+            parts += group_parts
+            begun += sum(part.duration for part in group_parts)
+            x, y, z, _ = parts[-1].sample(np.array([parts[-1].duration]))[0][0].tolist()
             here = (x, y, z)
         return tuple(parts)
 
@@ -228,7 +231,7 @@ class Program(Controller):
         which = np.clip(np.searchsorted(begun, time, side="right") - 1, 0, len(self._parts) - 1)
         for k, part in enumerate(self._parts):
             chosen = which == k
-            place[chosen], dispense[chosen] = part.at(time[chosen] - begun[k])
+            place[chosen], dispense[chosen] = part.sample(time[chosen] - begun[k])
         if self.blend_time > 0:
             place, dispense = _averaged(place, dispense, round(self.blend_time / period))
         columns = {"x": 0, "y": 1, "z": 2, self.rotary_axis: 3}
@@ -248,7 +251,7 @@ def _stretch(legs: list[Leg], feeding: Feeding, begun: float) -> _Part:
     rotary = np.array([leg.rotary for leg in legs])
     glue = np.array([leg.dispense for leg in legs])
 
-    def at(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    def sample(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         s = profile.position(t)
         k = np.clip(np.searchsorted(chain.ends, s, side="right"), 0, len(legs) - 1)
         angle = rotary[k, 0]
@@ -256,7 +259,7 @@ def _stretch(legs: list[Leg], feeding: Feeding, begun: float) -> _Part:
             angle = angle + chain.progress(s)[1] * np.diff(rotary, axis=1)[k, 0]
         return np.column_stack([chain.position(s), angle]), glue[k]
 
-    return _Part(profile.duration, at)
+    return _Part(profile.duration, sample)
 
 
 def _in_place(leg: Leg, here: Vector, feeding: Feeding) -> _Part:
@@ -269,12 +272,12 @@ def _in_place(leg: Leg, here: Vector, feeding: Feeding) -> _Part:
     elif first != last:
         profile = Constant(abs(last - first), speed)
 
-    def at(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    def sample(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         turned = np.zeros(t.shape) if profile is None else profile.position(t)
         angle = first + math.copysign(1.0, last - first) * turned
         return np.column_stack([np.tile(here, (t.size, 1)), angle]), np.full(t.shape, leg.dispense)
 
-    return _Part(leg.dwell if profile is None else profile.duration, at)
+    return _Part(leg.dwell if profile is None else profile.duration, sample)
 
 
 def _averaged(place: Floats, dispense: NDArray[np.bool_], window: int) -> tuple[Floats, NDArray[np.bool_]]:

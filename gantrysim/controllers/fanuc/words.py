@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
-from gantrysim.controllers.fanuc.alarm import Source
+from gantrysim.controllers.fanuc.alarm import Alarm, Source
 
 COMMENT = r"\([^)]*\)?"
 LETTERS = "ABCDFGHIJKLMNOPQRSTXYZ"
@@ -28,6 +30,26 @@ class Words(Source):
     auxiliary: tuple[float, ...]
     values: dict[str, float]
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The G and M codes by their names."""
+        return (*self.g_names, *self.m_names)
+
+    @cached_property
+    def g_names(self) -> tuple[str, ...]:
+        """The G codes by their names, as "G05.1"."""
+        return tuple(_code_name("G", code) for code in self.codes)
+
+    @cached_property
+    def m_names(self) -> tuple[str, ...]:
+        """The M codes by their names, as "M03"."""
+        return tuple(_code_name("M", code) for code in self.auxiliary)
+
+
+def _code_name(letter: str, code: float) -> str:
+    """Return the name of a code, with two digits before the decimal point."""
+    return f"{letter}{int(code):02}" if code.is_integer() else f"{letter}{code:04}"
+
 
 def words_of(text: str, name: str, line: int) -> Words:
     """Return a block of letters and numbers.
@@ -43,30 +65,25 @@ def words_of(text: str, name: str, line: int) -> Words:
     values: dict[str, float] = {}
 
     fail = Source(name, line).fail
-    at = 0
-    while at < len(text):
-        letter = text[at]
+    position = 0
+    while position < len(text):
+        letter = text[position]
         if letter.isspace():
-            at += 1
+            position += 1
             continue
-        if letter in "+-" and at > 0 and text[at - 1] in ".0123456789":
-            raise fail(6, f"{text[at : at + _SHOWN]!r} after a number: must be one sign at most, before the number")
-        if letter in "+-.0123456789":
-            raise fail(4, f"{text[at : at + _SHOWN]!r} has no address: must begin with a letter")
-        if letter not in LETTERS:
-            raise fail(9, f"address {letter!r}: must be one of {', '.join(LETTERS)}")
-        found = _NUMBER.match(text, at + 1)
-        if not found:
-            follows = text[at + 1 :].lstrip()
+        _check_address(text, position, fail)
+        number = _NUMBER.match(text, position + 1)
+        if not number:
+            follows = text[position + 1 :].lstrip()
             if follows[:2] in ("--", "+-", "-+", "++") or follows[:1] in ("-", "+"):
                 raise fail(6, f"{letter}{follows[:2]}: must be one sign at most, before the number")
             raise fail(5, f"address {letter} has no number")
-        at = found.end()
-        if text[at : at + 1] == ".":
-            raise fail(7, f"{letter}{found[1][:_SHOWN]}.: must have one decimal point at most")
-        if sum(digit.isdigit() for digit in found[1]) > _DIGITS:
-            raise fail(3, f"{letter}{found[1][:_SHOWN]}: must have {_DIGITS} digits at most")
-        value = float(found[1])
+        position = number.end()
+        if text[position : position + 1] == ".":
+            raise fail(7, f"{letter}{number[1][:_SHOWN]}.: must have one decimal point at most")
+        if sum(digit.isdigit() for digit in number[1]) > _DIGITS:
+            raise fail(3, f"{letter}{number[1][:_SHOWN]}: must have {_DIGITS} digits at most")
+        value = float(number[1])
         if letter == "G":
             codes.append(value)
         elif letter == "M":
@@ -76,3 +93,15 @@ def words_of(text: str, name: str, line: int) -> Words:
                 raise fail(9, f"address {letter} is given twice in the block")
             values[letter] = value
     return Words(name, line, tuple(codes), tuple(auxiliary), values)
+
+
+def _check_address(text: str, position: int, fail: Callable[[int, str], Alarm]) -> None:
+    """Check that an address, a letter, stands at a position."""
+    letter = text[position]
+    shown = repr(text[position : position + _SHOWN])
+    if letter in "+-" and position > 0 and text[position - 1] in ".0123456789":
+        raise fail(6, f"{shown} after a number: must be one sign at most, before the number")
+    if letter in "+-.0123456789":
+        raise fail(4, f"{shown} has no address: must begin with a letter")
+    if letter not in LETTERS:
+        raise fail(9, f"address {letter!r}: must be one of {', '.join(LETTERS)}")

@@ -1,4 +1,4 @@
-"""The dialects of G-code as tables."""
+"""The dialects of G-code, and the words that open the valve."""
 
 from __future__ import annotations
 
@@ -11,64 +11,27 @@ from gantrysim.base.errors import InputError
 
 @dataclass(frozen=True)
 class Dialect:
-    """The words of a dialect; codes in tenths.
+    """The rules of a dialect; its codes name it in `codes/`.
 
     Attributes:
         name: of the dialect.
-        nothing: G codes without an effect on the path.
-        refused: G codes by what they do.
-        unheeded: M codes without an effect on the path.
         letters: words without an effect on the path.
+        dwell: words of a dwell, by the factor to seconds.
         extrudes: whether E feeds material.
-        dwell: words of a dwell and their unit [s].
-        lenient: whether words that the table lacks are counted instead of refused.
+        lenient: whether words without a handler are counted instead of refused, and lines are read as printers'
+            firmware reads them.
     """
 
     name: str
-    nothing: frozenset[int]
-    refused: dict[int, str]
-    unheeded: frozenset[int]
     letters: str
-    dwell: dict[str, float]
+    dwell: tuple[tuple[str, float], ...]
     extrudes: bool = False
     lenient: bool = False
 
 
-_CYCLES = dict.fromkeys((730, 740, 760, *range(810, 900, 10)), "milling cycle")
-_LATHE = dict.fromkeys((700, 710, 711, 712, 720, 721, 722), "lathe cycle")
-_PROBE = dict.fromkeys((382, 383, 384, 385), "probing")
-
-LINUXCNC = Dialect(
-    name="LinuxCNC",
-    nothing=frozenset({800, 960, 970, 980, 990}),
-    refused={
-        **_CYCLES,
-        **_LATHE,
-        **_PROBE,
-        330: "motion synchronised with the spindle",
-        331: "rigid tapping",
-        52: "NURBS",
-        53: "NURBS",
-        62: "NURBS",
-        63: "NURBS",
-    },
-    unheeded=frozenset(
-        {0, 1, 3, 4, 5, 6, 7, 8, 9, 19, 48, 49, 50, 51, 52, 53, 60, 61, *range(62, 69), *range(100, 200)}
-    ),
-    letters="STD$",
-    dwell={"P": 1.0},
-)
-
-SLICER = Dialect(
-    name="slicer",
-    nothing=frozenset({100, 110, 220, 280, 290, 310, 320, 800, 940}),
-    refused={**_CYCLES, **_PROBE, 50: "spline"},
-    unheeded=frozenset(range(2000)) - {2, 30, 82, 83, 98, 99},
-    letters="STDHBCUVW",
-    dwell={"P": 1e-3, "S": 1.0},
-    extrudes=True,
-    lenient=True,
-)
+LINUXCNC = Dialect(name="LinuxCNC", letters="STD$", dwell=(("P", 1.0),))
+# firmware takes P of a dwell in milliseconds, S in seconds
+SLICER = Dialect(name="slicer", letters="STDHBCUVW", dwell=(("P", 1e-3), ("S", 1.0)), extrudes=True, lenient=True)
 
 
 @dataclass(frozen=True)
@@ -93,8 +56,8 @@ class Dispense:
     def switch(self, code: int, number: float | None) -> bool | None:
         """Return whether an M code with its P opens or closes the valve; None if it does neither."""
         switches = _switches(tuple(self.on), tuple(self.off))
-        found = switches.get((code, number))
-        return switches.get((code, None)) if found is None else found
+        with_number = switches.get((code, number))
+        return switches.get((code, None)) if with_number is None else with_number
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,16 @@ from gantrysim.base.errors import InputError
 
 Three = list[float]
 _SYSTEMS = 9
-_INCH = 25.4
+INCH = 25.4  # [mm]
+
+# first numbers of the numbered parameters that show the frames
+_STORED = {"G28": 5161, "G30": 5181}
+_SHIFT = 5211
+_SYSTEM = 5220
+_OFFSETS = 5221  # 20 numbers for each system
+_TURN = 9  # place of the turn among the 20
+_TOOL = 5403
+_POSITION = 5420
 
 
 @dataclass
@@ -27,10 +36,10 @@ class Frames:
         system: number of the work offset in force.
         offsets, turns: of each system.
         shift: of G92 and G52.
-        kept: a shift that G92.2 suspends.
+        suspended_shift: the shift that G92.2 suspends and G92.3 brings back.
         tool: length in force.
         tools: lengths by number.
-        stored: positions of G28 and G30.
+        stored: positions of G28 and G30, by those names.
     """
 
     here: Three
@@ -41,10 +50,10 @@ class Frames:
     offsets: list[Three] = field(default_factory=lambda: [[0.0] * 3 for _ in range(_SYSTEMS + 1)])
     turns: Three = field(default_factory=lambda: [0.0] * (_SYSTEMS + 1))
     shift: Three = field(default_factory=lambda: [0.0] * 3)
-    kept: Three = field(default_factory=lambda: [0.0] * 3)
+    suspended_shift: Three = field(default_factory=lambda: [0.0] * 3)
     tool: float = 0.0
     tools: dict[int, float] = field(default_factory=dict)
-    stored: dict[int, Three] = field(default_factory=dict)
+    stored: dict[str, Three] = field(default_factory=dict)
 
     def axis(self, i: int, value: float) -> float:
         """Return a word of an axis in millimetres."""
@@ -52,23 +61,25 @@ class Frames:
 
     def machine(self, program: Three) -> Three:
         """Return a point of the program in the machine's coordinates."""
-        x, y, z = (a + b for a, b in zip(program, self.shift, strict=True))
-        if self.turns[self.system]:
-            c, s = _turn(self.turns[self.system])
-            x, y = c * x - s * y, s * x + c * y
-        a, b, h = self.offsets[self.system]
-        return [x + a, y + b, z + h]
+        x, y, z = (value + shift for value, shift in zip(program, self.shift, strict=True))
+        offset_x, offset_y, offset_z = self.offsets[self.system]
+        turn = self.turns[self.system]
+        if not turn:
+            return [x + offset_x, y + offset_y, z + offset_z]
+        c, s = _cosine_and_sine(turn)
+        return [c * x - s * y + offset_x, s * x + c * y + offset_y, z + offset_z]
 
     def program(self, machine: Three, shifted: bool = True) -> Three:
         """Return a point of the machine in the program's coordinates, with or without G92."""
-        x, y, z = (a - b for a, b in zip(machine, self.offsets[self.system], strict=True))
-        if self.turns[self.system]:
-            c, s = _turn(self.turns[self.system])
-            x, y = c * x + s * y, c * y - s * x
+        place = [value - offset for value, offset in zip(machine, self.offsets[self.system], strict=True)]
+        turn = self.turns[self.system]
+        if turn:
+            c, s = _cosine_and_sine(turn)
+            x, y, z = place
+            place = [c * x + s * y, c * y - s * x, z]
         if not shifted:
-            return [x, y, z]
-        a, b, h = self.shift
-        return [x - a, y - b, z - h]
+            return place
+        return [value - shift for value, shift in zip(place, self.shift, strict=True)]
 
     def end(self, values: dict[str, float], in_machine: bool) -> Three:
         """Take the axis words of a move and return its end in the machine's coordinates."""
@@ -86,13 +97,14 @@ class Frames:
         distance = math.hypot(place[0], place[1])
         angle = math.degrees(math.atan2(place[1], place[0]))
         if "@" in values:
-            r = values.pop("@") * self.unit
-            distance = r if self.absolute else distance + r
+            word = values.pop("@") * self.unit
+            distance = word if self.absolute else distance + word
         if "^" in values:
-            a = values.pop("^")
-            angle = a if self.absolute else angle + a
-        c, s = _turn(angle)
-        place[0], place[1] = distance * c, distance * s
+            word = values.pop("^")
+            angle = word if self.absolute else angle + word
+        c, s = _cosine_and_sine(angle)
+        place[0] = distance * c
+        place[1] = distance * s
 
     def set_offset(self, number: float, values: dict[str, float], current: bool) -> None:
         """Set a work offset, G10 L2, or so that the current position has the given coordinates, G10 L20."""
@@ -103,16 +115,19 @@ class Frames:
             if current:
                 raise InputError("G10 L20 with R: must not have it")
             self.turns[k] = values.pop("R")
-        given = {i: self.axis(i, values.pop(letter)) for i, letter in enumerate("XYZ") if letter in values}
+        coordinates = {i: self.axis(i, values.pop(letter)) for i, letter in enumerate("XYZ") if letter in values}
         if not current:
-            for i, value in given.items():
+            for i, value in coordinates.items():
                 self.offsets[k][i] = value
             return
+        # move the system by the distance from where its coordinates lie to where the tip is
         in_force = self.system
         self.system = k
         place = self.program(self.here)
-        reached = self.machine([given.get(i, place[i]) for i in range(3)])
-        self.offsets[k] = [o + h - r for o, h, r in zip(self.offsets[k], self.here, reached, strict=True)]
+        reached = self.machine([coordinates.get(i, place[i]) for i in range(3)])
+        self.offsets[k] = [
+            offset + here - there for offset, here, there in zip(self.offsets[k], self.here, reached, strict=True)
+        ]
         self.system = in_force
 
     def set_shift(self, values: dict[str, float], local: bool) -> None:
@@ -122,50 +137,50 @@ class Frames:
             if letter in values:
                 value = self.axis(i, values.pop(letter))
                 self.shift[i] = value if local else place[i] - value
-        self.kept = list(self.shift)
+        self.suspended_shift = list(self.shift)
 
     def shown(self, key: float | str) -> float | None:
         """Return a parameter that shows the frames; None for others."""
-        if isinstance(key, str):
-            if key in ("_x", "_y", "_z"):
-                return self.program(self.here)["xyz".index(key[1])] / self.unit
-            if key in ("_abs_x", "_abs_y", "_abs_z"):
-                return self.here["xyz".index(key[5])] / self.unit
-            flags = {
-                "_metric": self.unit == 1.0,
-                "_imperial": self.unit != 1.0,
-                "_absolute": self.absolute,
-                "_incremental": not self.absolute,
-                "_lathe_diameter_mode": self.diameter,
-                "_lathe_radius_mode": not self.diameter,
-                "_coord_system": 540 + 10 * (self.system - 1) if self.system <= 6 else 584 + self.system,
-            }
-            return float(flags[key]) if key in flags else None
-        number = int(key)
-        if 5420 <= number <= 5422:
-            return self.program(self.here)[number - 5420] / self.unit
-        if number == 5220:
+        return self._named(key) if isinstance(key, str) else self._numbered(int(key))
+
+    def _named(self, key: str) -> float | None:
+        if key in ("_x", "_y", "_z"):
+            return self.program(self.here)["xyz".index(key[1])] / self.unit
+        if key in ("_abs_x", "_abs_y", "_abs_z"):
+            return self.here["xyz".index(key[5])] / self.unit
+        flags = {
+            "_metric": self.unit == 1.0,
+            "_imperial": self.unit != 1.0,
+            "_absolute": self.absolute,
+            "_incremental": not self.absolute,
+            "_lathe_diameter_mode": self.diameter,
+            "_lathe_radius_mode": not self.diameter,
+            # ten times the code, of G54 to G59 and then of G59.1 to G59.3
+            "_coord_system": 540 + 10 * (self.system - 1) if self.system <= 6 else 584 + self.system,
+        }
+        return float(flags[key]) if key in flags else None
+
+    def _numbered(self, number: int) -> float | None:
+        if _POSITION <= number < _POSITION + 3:
+            return self.program(self.here)[number - _POSITION] / self.unit
+        if number == _SYSTEM:
             return float(self.system)
-        if 5221 <= number <= 5390 and (number - 5221) // 20 < _SYSTEMS:
-            k, i = divmod(number - 5221, 20)
+        if _OFFSETS <= number < _OFFSETS + 20 * _SYSTEMS:
+            k, i = divmod(number - _OFFSETS, 20)
             if i < 3:
                 return self.offsets[k + 1][i] / self.unit
-            return self.turns[k + 1] if i == 9 else None
-        if 5211 <= number <= 5213:
-            return self.kept[number - 5211] / self.unit
-        if number == 5403:
+            return self.turns[k + 1] if i == _TURN else None
+        if _SHIFT <= number < _SHIFT + 3:
+            return self.suspended_shift[number - _SHIFT] / self.unit
+        if number == _TOOL:
             return self.tool / self.unit
-        for code, first in ((280, 5161), (300, 5181)):
-            if first <= number < first + 3 and code in self.stored:
-                return self.stored[code][number - first] / self.unit
+        for name, first in _STORED.items():
+            if first <= number < first + 3 and name in self.stored:
+                return self.stored[name][number - first] / self.unit
         return None
 
 
-def _turn(degrees: float) -> tuple[float, float]:
+def _cosine_and_sine(degrees: float) -> tuple[float, float]:
+    """Rounded, so that those of quarter turns are exact."""
     angle = math.radians(degrees)
     return round(math.cos(angle), 15), round(math.sin(angle), 15)
-
-
-def unit_of(code: int) -> float:
-    """Return the unit of G20 and G21 [mm]."""
-    return _INCH if code == 200 else 1.0

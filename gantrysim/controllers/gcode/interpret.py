@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.flow import Flow
-from gantrysim.controllers.gcode.lines import compact, compact_firmware
-from gantrysim.controllers.gcode.modal import Modal
+from gantrysim.controllers.gcode.blocks import Interpreter
+from gantrysim.controllers.gcode.flow import ProgramFlow, ProgramText
 from gantrysim.controllers.gcode.moves import Moves
+from gantrysim.controllers.gcode.state import Setup, State
+from gantrysim.controllers.gcode.system import provided
 
 
 @dataclass(frozen=True)
@@ -30,36 +30,26 @@ class Interpreted:
     ignored: Counter[str]
 
 
-def interpret(
-    text: str,
-    others: Mapping[str, str],
-    start: tuple[float, float, float],
-    modal: Callable[[Moves], Modal],
-    steps: int,
-    skip: bool,
-) -> Interpreted:
+def interpret(program: ProgramText, start: tuple[float, float, float], setup: Setup) -> Interpreted:
     """Run a program.
 
     Args:
-        text: the main program.
-        others: subprograms by name.
+        program: its text.
         start: initial position [mm].
-        modal: makes the state that adds moves to a table.
-        steps: most lines that may run.
-        skip: whether lines that begin with a slash are skipped.
+        setup: what it is run with.
 
     Raises:
         InputError: a line that is refused, with its number.
     """
     moves = Moves(start)
-    state = modal(moves)
-    read = partial(compact_firmware, ignored=state.ignored) if state.dialect.lenient else compact
-    flow = Flow(text, others, state.provided, steps, skip, state.left, read)
+    state = State(moves, setup)
+    interpreter = Interpreter(state)
+    flow = ProgramFlow(program, partial(provided, state), state.subprogram_ends)
     try:
-        for words in flow.words():
+        for line in flow.run():
             state.line = flow.line
             state.depth = flow.depth
-            if not state.run(words):
+            if not interpreter.run(line):
                 break
     except InputError as error:
         raise InputError(f"{flow.where}: {error}") from None

@@ -4,23 +4,49 @@ from __future__ import annotations
 
 import math
 import re
-from collections import Counter
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.expressions import Scanner, Store, Target, Value
+from gantrysim.controllers.macro.expressions import Scanner, Store, Target, Value
+from gantrysim.controllers.macro.operators import FUNCTIONS, OPERATORS, Grammar, rounded_down, rounded_up
 
 Words = list[tuple[str, float]]
 
 LONGEST = 1000  # characters of a line
+GRAMMAR = Grammar(OPERATORS, {**FUNCTIONS, "FIX": rounded_down, "FUP": rounded_up})
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
 _PLAIN_WORD = re.compile(r"([A-Z@^$])([-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+))")
 _PLAIN = re.compile(r"(?:[A-Z][-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+))+")
-_KEYWORD = re.compile(r"SUB|ENDSUB|RETURN|CALL|IF|ELSEIF|ELSE|ENDIF|WHILE|ENDWHILE|DO|REPEAT|ENDREPEAT|BREAK|CONTINUE")
 _LABEL = re.compile(r"O(<[^<>]*>|[0-9]+)")
-_MACRO = re.compile(r"[A-Z_][A-Z_]+[A-Z0-9_]*")
+_COMMAND = re.compile(r"[A-Z_][A-Z_]+[A-Z0-9_]*")
 _MESSAGE = re.compile(r"(?:N[0-9]+)?M[0-9]+")
-CONDITIONS = {"IF", "ELSEIF", "WHILE", "REPEAT"}
+
+
+class Command(NamedTuple):
+    """A command of printers' firmware that has a name, as SET_VELOCITY_LIMIT, and its arguments as written."""
+
+    name: str
+    arguments: str
+
+
+@dataclass(frozen=True)
+class Keywords:
+    """The words that may follow the label of an O word.
+
+    Attributes:
+        names: in the order in which a message lists them.
+        conditions: those with exactly one value in brackets.
+    """
+
+    names: tuple[str, ...]
+    conditions: frozenset[str]
+
+    @cached_property
+    def pattern(self) -> re.Pattern[str]:
+        """Regular expression of a keyword, the longest first: ELSEIF is not read as ELSE."""
+        return re.compile("|".join(sorted(self.names, key=len, reverse=True)))
 
 
 @dataclass(frozen=True)
@@ -43,11 +69,11 @@ class Statement:
 
     def evaluated(self, store: Store) -> Words:
         """Return the words with their values."""
-        found = [(letter, value(store)) for letter, value in self.words]
-        for letter, number in found:
+        words = [(letter, value(store)) for letter, value in self.words]
+        for letter, number in words:
             if not math.isfinite(number):
                 raise InputError(f"{letter} = {number:g}: must be finite")
-        return found
+        return words
 
 
 def compact(line: str) -> str:
@@ -61,20 +87,17 @@ def compact(line: str) -> str:
     return "".join(line.split()).upper()
 
 
-def compact_firmware(line: str, ignored: Counter[str]) -> str:
-    """Return a line as printers' firmware reads it: macros, messages and checksums do not count.
+def read_firmware(line: str) -> str | Command:
+    """Return a line as printers' firmware reads it: a command with a name, or compact as `compact` does.
 
-    Args:
-        line: of the program.
-        ignored: to which macros are added, by name.
+    Messages and checksums do not count. Parentheses are text, as in the message of M117, not comments.
     """
     text = line.split(";", 1)[0].strip().upper()
     if len(text) > LONGEST:
         raise InputError(f"line of {len(text)} characters: must be at most {LONGEST}")
-    macro = _MACRO.match(text)
-    if macro:
-        ignored[macro[0]] += 1
-        return ""
+    name = _COMMAND.match(text)
+    if name:
+        return Command(name[0], text[name.end() :].strip())
     plain = "".join(text.split("*", 1)[0].split())
     message = _MESSAGE.match(plain)
     return message[0] if message and not _PLAIN.fullmatch(plain) else plain
@@ -87,69 +110,62 @@ def plain_words(text: str) -> Words | None:
     return [(letter, float(number)) for letter, number in _PLAIN_WORD.findall(text)]
 
 
-def statement(text: str) -> Statement:
+def statement(text: str, keywords: Keywords) -> Statement:
     """Return a compact line as a statement.
 
     Raises:
         InputError: a line that is none.
     """
-    scanner = Scanner(text)
-    if text[:1] == "N":
-        scanner.at = 1
+    scanner = Scanner(text, GRAMMAR)
+    if scanner.take("N"):
         scanner.value("N")
-    if scanner.rest[:1] == "O":
-        return _control(scanner)
+    if scanner.remaining[:1] == "O":
+        return _control(scanner, keywords)
     words: list[tuple[str, Value]] = []
     settings: list[tuple[Target, Value]] = []
-    while scanner.rest:
+    while scanner.remaining:
         if scanner.take("#"):
             target = scanner.target()
             if not scanner.take("="):
-                raise InputError(f"{scanner.rest[:12]!r}: a parameter at the start of a word must be followed by =")
+                raise InputError(f"{scanner.shown}: a parameter at the start of a word must be followed by =")
             settings.append((target, scanner.value("=")))
             continue
-        letter = scanner.rest[0]
+        letter = scanner.remaining[0]
         if not ("A" <= letter <= "Z" or letter in "@^$"):
-            raise InputError(f"{scanner.rest[:12]!r}: must begin with a letter or #")
-        scanner.at += 1
+            raise InputError(f"{scanner.shown}: must begin with a letter or #")
+        scanner.position += 1
         words.append((letter, scanner.value(letter)))
     return Statement(tuple(words), tuple(settings))
 
 
-def label_of(text: str) -> tuple[str, str] | None:
+def label_of(text: str, keywords: Keywords) -> tuple[str, str] | None:
     """Return the label and the keyword of a compact line that begins with an O word; None for any other."""
-    found = _LABEL.search(text)
-    if not found:
+    label = _LABEL.search(text)
+    if not label:
         return None
-    keyword = _KEYWORD_LONGEST.match(text, found.end())
-    return _key(found[1]), keyword[0] if keyword else ""
-
-
-_KEYWORD_LONGEST = re.compile("|".join(sorted(_KEYWORD.pattern.split("|"), key=len, reverse=True)))
+    keyword = keywords.pattern.match(text, label.end())
+    return _key(label[1]), keyword[0] if keyword else ""
 
 
 def _key(text: str) -> str:
     return text[1:-1].lower() if text.startswith("<") else text.lstrip("0") or "0"
 
 
-def _control(scanner: Scanner) -> Statement:
-    label: str | Value
-    found = _LABEL.match(scanner.text, scanner.at)
-    if found:
-        label = _key(found[1])
-        scanner.at = found.end()
+def _control(scanner: Scanner, keywords: Keywords) -> Statement:
+    written = scanner.matched(_LABEL)
+    if written:
+        label: str | Value = _key(written[1])
     else:
-        scanner.at += 1
+        scanner.take("O")
         label = scanner.value("O")
-    word = _KEYWORD_LONGEST.match(scanner.text, scanner.at)
-    keyword = word[0] if word else ""
-    scanner.at += len(keyword)
+    match = scanner.matched(keywords.pattern)
+    keyword = match[0] if match else ""
     arguments: list[Value] = []
-    while scanner.rest.startswith("["):
+    while scanner.remaining.startswith("["):
         arguments.append(scanner.value(keyword))
-    if scanner.rest:
-        known = ", ".join(_KEYWORD.pattern.lower().split("|"))
-        raise InputError(f"O word: {scanner.rest[:12]!r}: must be one of {known}, and then only values in brackets")
-    if keyword in CONDITIONS and len(arguments) != 1:
+    if scanner.remaining:
+        known = ", ".join(keywords.names).lower()
+        raise InputError(f"O word: {scanner.shown}: must be one of {known}, and then only values in brackets")
+    if keyword in keywords.conditions and len(arguments) != 1:
         raise InputError(f"{keyword.lower()}: must have one condition or number in brackets")
     return Statement(label=label, keyword=keyword, arguments=tuple(arguments))

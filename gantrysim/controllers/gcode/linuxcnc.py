@@ -15,10 +15,9 @@ from gantrysim.controllers.gcode.program import GCode, Library
 class Program(GCode):
     """A program in LinuxCNC's dialect of G-code.
 
-    Its words are G0 to G5.1, G7, G8, G10, G17 to G21, G28, G30, G40, G43, G49, G52 to G59.3, G61, G61.1, G64, G80,
-    G90 to G95 and their fractions, M0 to M9, M19, M30, M48 to M53, M60 to M68, M70 to M73, M98, M99, M100 to M199,
-    subroutines, branches and loops by O words, numbered and named parameters, and expressions. Cutter compensation,
-    milling and lathe cycles, probing, NURBS and motion synchronised with the spindle are refused by name.
+    Lines, arcs, splines and dwells, coordinate systems and tool lengths, subroutines, branches and loops by O words,
+    numbered and named parameters, and expressions; docs/g-code.md lists the words. Cutter compensation, milling and
+    lathe cycles, probing, NURBS and motion synchronised with the spindle are refused by name.
 
     In G64 corners between straight moves are rounded by arcs within the tolerance P; without P an arc takes at most
     half of each move. Lines within Q of a longer one are merged. Elsewhere the velocity may jump by acceleration x

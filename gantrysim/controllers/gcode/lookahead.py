@@ -50,14 +50,16 @@ def planned(lengths: Floats, speed: Floats, acceleration: Floats, joint: Floats)
     rise, fall = (np.clip((peak - end) / (2 * acceleration), 0.0, lengths) for end in (low, high))
     s = np.empty((lengths.size, 3))
     v = np.empty((lengths.size, 3))
-    s[:, 0], v[:, 0] = ends[:-1], np.sqrt(low)
+    s[:, 0] = ends[:-1]
     s[:, 1] = np.minimum(ends[:-1] + rise, ends[1:])
     s[:, 2] = np.clip(ends[1:] - fall, s[:, 1], ends[1:])
-    v[:, 1] = v[:, 2] = np.sqrt(peak)
+    v[:, 0] = np.sqrt(low)
+    v[:, 1] = np.sqrt(peak)
+    v[:, 2] = v[:, 1]
     nodes = np.append(s.ravel(), ends[-1])
     speeds = np.append(v.ravel(), 0.0)
-    kept = np.append(True, np.diff(nodes) > 0)  # of nodes at one place the first, where their speeds agree
-    return Limited(nodes[kept], speeds[kept])
+    distinct = np.append(True, np.diff(nodes) > 0)  # of nodes at one place the first, where their speeds agree
+    return Limited(nodes[distinct], speeds[distinct])
 
 
 @jit

@@ -4,41 +4,78 @@ from __future__ import annotations
 
 import math
 from array import array
+from typing import NamedTuple
 
 import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 
+# kinds
 LINE = 0.0
 ARC = 1.0
 DWELL = 2.0
-EXACT_STOP, EXACT_PATH = -1.0, 0.0  # modes; above 0 a tolerance of rounded corners [mm]
+# modes of corners; above 0 a tolerance of rounded corners [mm]
+EXACT_STOP = -1.0
+EXACT_PATH = 0.0
 PLANES = ((0, 1, 2), (2, 0, 1), (1, 2, 0))  # axes of the plane and its normal, of G17, G18, G19
 
-# columns of a row
-KIND = 0
-END = 1
-CENTRE = 4
-PLANE = 6
-ANGLE = 7
-FEED = 8
-MODE = 9
-NAIVE = 10
-GLUE = 11
-SOURCE = 12
-FLOW = 13
-WIDTH = 14
+
+class Move(NamedTuple):
+    """A row of the table.
+
+    Attributes:
+        kind: `LINE`, `ARC` or `DWELL`.
+        x: of the end [mm].
+        y: of the end [mm].
+        z: of the end [mm].
+        u: of an arc's centre, along the plane's first axis [mm].
+        v: of an arc's centre, along the plane's second axis [mm].
+        plane: its index.
+        angle: swept by an arc, positive counter-clockwise [rad].
+        feed: path speed, 0 for a rapid move [mm/s], or the time of a dwell [s].
+        mode: of the corner at its end [mm].
+        naive: tolerance of merged lines [mm].
+        glue: whether glue is laid.
+        source: line of the program.
+        flow: material fed [mm].
+    """
+
+    kind: float
+    x: float
+    y: float
+    z: float
+    u: float
+    v: float
+    plane: float
+    angle: float
+    feed: float
+    mode: float
+    naive: float
+    glue: float
+    source: float
+    flow: float
+
+
+# columns of the table
+KIND = Move._fields.index("kind")
+END = Move._fields.index("x")
+CENTRE = Move._fields.index("u")
+PLANE = Move._fields.index("plane")
+ANGLE = Move._fields.index("angle")
+FEED = Move._fields.index("feed")
+MODE = Move._fields.index("mode")
+NAIVE = Move._fields.index("naive")
+GLUE = Move._fields.index("glue")
+SOURCE = Move._fields.index("source")
+FLOW = Move._fields.index("flow")
+WIDTH = len(Move._fields)
 _MOST = 5_000_000
 _SAME = 1e-9  # relative to 1 rad
 
 
 class Moves:
     """A growing table of moves.
-
-    The columns are the kind; the end x, y, z [mm]; an arc's centre in its plane [mm]; the plane's index; the angle
-    swept, counter-clockwise positive [rad]; the feed, 0 for a rapid move [mm/s], or the time of a dwell [s]; the mode
-    and the tolerance of merged lines [mm]; whether glue is laid; the line; the material fed [mm].
 
     Args:
         start: initial position (x, y, z) [mm].
@@ -51,24 +88,9 @@ class Moves:
     def __len__(self) -> int:
         return len(self._numbers) // WIDTH
 
-    def add(
-        self,
-        kind: float,
-        end: list[float],
-        feed: float,
-        mode: float,
-        naive: float,
-        glue: bool,
-        line: int,
-        flow: float = 0.0,
-        centre: tuple[float, float] = (0.0, 0.0),
-        plane: int = 0,
-        angle: float = 0.0,
-    ) -> None:
+    def add(self, move: Move) -> None:
         """Append a move."""
-        x, y, z = end
-        u, v = centre
-        self._numbers.extend((kind, x, y, z, u, v, plane, angle, feed, mode, naive, glue, line, flow))
+        self._numbers.extend(move)
         if len(self._numbers) > _MOST * WIDTH:
             raise InputError(f"more than {_MOST} moves")
 

@@ -128,20 +128,21 @@ def requested_track(program: Interpreted, placement: Placement) -> tuple[Track, 
     points = np.concatenate([[program.start], table[:, END : END + 3]]) if len(table) else np.array([program.start])
     arc = table[:, KIND] == ARC
     moved = np.abs(np.diff(points, axis=0)).max(axis=1, initial=0.0) > _SHORTEST / min(placement.scale, 1.0)
-    kept = np.flatnonzero((table[:, KIND] != DWELL) & (arc | moved))
-    if not kept.size:
+    moving = np.flatnonzero((table[:, KIND] != DWELL) & (arc | moved))
+    if not moving.size:
         raise InputError("program: moves none of x, y, z; must have a block that does")
-    plane = table[kept, PLANE].astype(np.intp)
-    begin = np.concatenate([[program.start], points[kept[:-1] + 1]])
+    plane = table[moving, PLANE].astype(np.intp)
+    begin = np.concatenate([[program.start], points[moving[:-1] + 1]])
     centre = begin.copy()
     for index, (u, v, _) in enumerate(PLANES):
         chosen = plane == index
-        centre[chosen, u], centre[chosen, v] = table[kept[chosen], CENTRE], table[kept[chosen], CENTRE + 1]
+        centre[chosen, u] = table[moving[chosen], CENTRE]
+        centre[chosen, v] = table[moving[chosen], CENTRE + 1]
     frames = np.array([np.eye(3)[list(axes)] for axes in PLANES])
     turned = placement.direction(frames) / placement.scale
     start = placement.point([program.start])[0]
-    end = placement.point(points[kept + 1])
-    return Track(start, end, table[kept, ANGLE], placement.point(centre), plane, turned), kept
+    end = placement.point(points[moving + 1])
+    return Track(start, end, table[moving, ANGLE], placement.point(centre), plane, turned), moving
 
 
 def plan(program: Interpreted, placement: Placement, settings: Settings) -> Plan:
@@ -149,18 +150,18 @@ def plan(program: Interpreted, placement: Placement, settings: Settings) -> Plan
     requested, rows = requested_track(program, placement)
     table = program.moves
     halts, waits, wait_rows = _halts(table, rows)
-    base, kept, halts = _simplified(requested, rows, table, halts)
-    mode = np.minimum(table[kept[:-1], MODE], table[kept[1:], MODE])
-    speed, acceleration = _limits(base, table[kept, FEED], settings)
+    base, base_rows, halts = _simplified(requested, rows, table, halts)
+    mode = np.minimum(table[base_rows[:-1], MODE], table[base_rows[1:], MODE])
+    speed, acceleration = _limits(base, table[base_rows, FEED], settings)
     smooth = np.where(halts[1:-1] | (mode <= EXACT_PATH), 0.0, mode)
     need = np.minimum(speed[:-1], speed[1:])
     widest = need**2 / (settings.acceleration * np.sqrt(0.75))
     path, angle, distance = rounded(base, smooth, widest)
     joint = np.minimum(need, jump_speed(angle, settings.acceleration, settings.cycle))
     joint[halts[1:-1] | (mode < EXACT_PATH)] = 0.0
-    profile, source = _profile(path, joint, speed, acceleration, kept, settings)
-    pieces, moving = _waits(path, profile, kept, rows, waits[0])
-    at_feed = (table[kept[:-1], FEED] > 0) & (table[kept[1:], FEED] > 0) & ~halts[1:-1]
+    profile, source = _profile(path, joint, speed, acceleration, base_rows, settings)
+    pieces, moving = _waits(path, profile, base_rows, rows, waits[0])
+    at_feed = (table[base_rows[:-1], FEED] > 0) & (table[base_rows[1:], FEED] > 0) & ~halts[1:-1]
     stopped = at_feed & (joint < _STOP * need)
     sizes = np.diff(base.ends, prepend=0.0)[:-1][stopped]
     small = float(np.median(sizes)) if sizes.size else 0.0
@@ -183,10 +184,10 @@ def _halts(
 
 
 def _waits(
-    path: Rounded, profile: Limited, kept: NDArray[np.intp], rows: NDArray[np.intp], before: NDArray[np.intp]
+    path: Rounded, profile: Limited, base_rows: NDArray[np.intp], rows: NDArray[np.intp], before: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], Floats]:
     """The first piece after each dwell, and the moving time at it, from the number of moves before it."""
-    last = np.searchsorted(kept, rows[np.maximum(before - 1, 0)], side="right") - 1  # piece of the base
+    last = np.searchsorted(base_rows, rows[np.maximum(before - 1, 0)], side="right") - 1  # piece of the base
     order = path.piece + 0.5 * (path.arc >= 0)
     pieces = np.where(before > 0, np.searchsorted(order, last, side="right"), 0)
     moving = np.array([profile.reached(float(s)) if s > 0 else 0.0 for s in path.ends[pieces]])
@@ -205,11 +206,11 @@ def _simplified(
     line = (table[rows, KIND] == LINE) & (table[rows, FEED] > 0)
     joined[1:-1] = same & line[:-1] & line[1:] & ~halts[1:-1] & (naive[:-1] > 0)
     points = track.points
-    kept = merged(points, joined, np.append(naive, 0.0))
-    last = np.flatnonzero(kept[1:])  # pieces that end at a kept point
+    corner = merged(points, joined, np.append(naive, 0.0))
+    last = np.flatnonzero(corner[1:])  # pieces that end at a point that stays
     p = track.parameters()
     simple = Track(p["start"], points[last + 1], p["angle"][last], p["centre"][last], p["plane"][last], p["frames"])
-    return simple, rows[last], halts[np.flatnonzero(kept)]
+    return simple, rows[last], halts[np.flatnonzero(corner)]
 
 
 def _limits(track: Track, feed: Floats, settings: Settings) -> tuple[Floats, Floats]:

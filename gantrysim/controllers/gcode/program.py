@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,10 +15,11 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, place, positive, whole
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.gcode.dialect import Dialect, Dispense
+from gantrysim.controllers.gcode.flow import ProgramText
 from gantrysim.controllers.gcode.interpret import Interpreted, interpret
-from gantrysim.controllers.gcode.modal import Modal
 from gantrysim.controllers.gcode.moves import END, FEED, FLOW, GLUE, KIND, LINE
 from gantrysim.controllers.gcode.planned import Plan, Settings, plan
+from gantrysim.controllers.gcode.state import Setup
 from gantrysim.controllers.placement import Placement
 from gantrysim.paths.track import Track
 from gantrysim.record.setpoints import Setpoints, ticks
@@ -86,19 +87,23 @@ class GCode(Controller):
             InputError: a line that is refused.
         """
         library = self._library
-        modal = partial(
-            Modal,
+        text = ProgramText(
+            main=self.text.removeprefix("\ufeff"),
+            subprograms=library.subprograms,
+            max_steps=self.max_steps,
+            block_skip=self.block_skip,
+            firmware=self.dialect.lenient,
+        )
+        setup = Setup(
             dialect=self.dialect,
             dispense=self.dispense,
-            tolerance=self.arc_tolerance,
-            lacking=self.skip_axes,
+            arc_tolerance=self.arc_tolerance,
+            path_mode=self.path_mode,
+            skip_axes=self.skip_axes,
             tools=library.tools,
-            path=self.path_mode,
-            given=library.parameters,
+            parameters=library.parameters,
         )
-        return interpret(
-            self.text.removeprefix("\ufeff"), library.subprograms, self.start, modal, self.max_steps, self.block_skip
-        )
+        return interpret(text, self.start, setup)
 
     @property
     def _library(self) -> Library:
@@ -147,7 +152,7 @@ class GCode(Controller):
 
     def _times(self, period: float) -> Floats:
         time = np.arange(ticks(self.duration, period) + 1, dtype=np.float64) * period
-        time[-1] = self.duration
+        time[-1] = self.duration  # the last setpoint is the end, less than a period after the one before
         return time
 
     def lines(self, period: float) -> NDArray[np.intp]:
@@ -161,21 +166,21 @@ class GCode(Controller):
     @property
     def notes(self) -> tuple[str, ...]:
         """What was ignored, where the path slows down, and how much material E feeds."""
-        found = []
+        notes = []
         if self.program.ignored:
             words = ", ".join(f"{word} ({count})" for word, count in sorted(self.program.ignored.items()))
-            found.append(f"Words without an effect on the path: {words}.")
+            notes.append(f"Words without an effect on the path: {words}.")
         if self.plan.stops:
-            found.append(
+            notes.append(
                 f"{self.plan.stops} corners between moves at feed are passed at less than a tenth of the feed; the "
                 f"moves before them are {self.plan.small:.3g} mm long at the median. {self._remedy}"
             )
         if self.plan.cut > _CUT:
-            found.append(
+            notes.append(
                 f"G64 without P cuts corners by up to {self.plan.cut:.3g} mm; "
                 f"G64 P{_CUT:g} keeps within {_CUT:g} mm of them."
             )
-        return (*found, *self._flow)
+        return (*notes, *self._flow)
 
     @property
     @abstractmethod

@@ -57,14 +57,14 @@ class Rounded:
     def position(self, s: Floats) -> Floats:
         """Return the points at arc lengths, (n, 3) [mm]."""
         k = self.locate(s)
-        rest = s - self.ends[k]
-        a = self.arc[k]
-        points = self.base.place(self.piece[k], rest + self.begin[k])
-        on = a >= 0
-        if on.any():
-            a, phi = a[on], rest[on] / self.radius[a[on]]
-            turned = np.cos(phi)[:, None] * self.u[a] + np.sin(phi)[:, None] * self.v[a]
-            points[on] = self.centre[a] + self.radius[a][:, None] * turned
+        distance = s - self.ends[k]
+        points = self.base.place(self.piece[k], distance + self.begin[k])
+        on_arc = self.arc[k] >= 0
+        if on_arc.any():
+            arc = self.arc[k[on_arc]]
+            phi = distance[on_arc] / self.radius[arc]
+            turned = np.cos(phi)[:, None] * self.u[arc] + np.sin(phi)[:, None] * self.v[arc]
+            points[on_arc] = self.centre[arc] + self.radius[arc][:, None] * turned
         return points
 
 
@@ -97,10 +97,10 @@ def rounded(track: Track, tolerance: Floats, widest: Floats) -> tuple[Rounded, F
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = np.minimum(0.5 * np.minimum(lengths[:-1], lengths[1:]), tolerance / np.tan(0.25 * angle))
         reach = np.minimum(reach, widest * tangent)
-        made = lines[:-1] & lines[1:] & (tolerance > 0) & (angle > _SLIGHTEST) & (angle < _SHARPEST)
-        made &= reach > _SMALLEST * tangent
-    reach = np.where(made, reach, 0.0)
-    k = np.flatnonzero(made)
+        rounds = lines[:-1] & lines[1:] & (tolerance > 0) & (angle > _SLIGHTEST) & (angle < _SHARPEST)
+        rounds &= reach > _SMALLEST * tangent
+    reach = np.where(rounds, reach, 0.0)
+    k = np.flatnonzero(rounds)
     radius = reach[k] / tangent[k]
     inward = after[k] - before[k]
     inward /= np.sqrt(dot(inward, inward))[:, None]
@@ -111,31 +111,36 @@ def rounded(track: Track, tolerance: Floats, widest: Floats) -> tuple[Rounded, F
     count = lengths.size
     trimmed = np.concatenate([[0.0], reach])  # at the start of each piece
     parts = np.maximum(lengths - trimmed - np.append(reach, 0.0), 0.0)
-    place = np.arange(count) + np.concatenate([[0], np.cumsum(made)])
+    place = np.arange(count) + np.concatenate([[0], np.cumsum(rounds)])
     total = count + k.size
     piece = np.empty(total, np.intp)
     arc = np.full(total, -1, np.intp)
     begin = np.zeros(total)
     size = np.empty(total)
-    piece[place], begin[place], size[place] = np.arange(count), trimmed, parts
-    piece[place[k] + 1], arc[place[k] + 1], size[place[k] + 1] = k, np.arange(k.size), radius * angle[k]
+    piece[place] = np.arange(count)
+    begin[place] = trimmed
+    size[place] = parts
+    arc_place = place[k] + 1  # an arc follows the line before its corner
+    piece[arc_place] = k
+    arc[arc_place] = np.arange(k.size)
+    size[arc_place] = radius * angle[k]
     ends = np.concatenate([[0.0], np.cumsum(size)])
     path = Rounded(track, ends, piece, begin, arc, centre, u, before[k], radius)
-    return path, np.where(made, 0.0, angle), reach * np.tan(0.25 * angle)
+    return path, np.where(rounds, 0.0, angle), reach * np.tan(0.25 * angle)
 
 
 @jit
 def merged(points: Floats, joined: NDArray[np.bool_], tolerance: Floats) -> NDArray[np.bool_]:
-    """Return which points between consecutive lines are kept, (m + 1,), of (m + 1, 3).
+    """Return which points between consecutive lines stay, (m + 1,), of (m + 1, 3).
 
-    From the last kept point the line is extended as long as all points between stay within the tolerance of it.
+    From the last point that stays the line is extended as long as all points between stay within the tolerance of it.
 
     Args:
         points: ends of the lines [mm].
         joined: whether the point may be dropped, (m + 1,).
         tolerance: at each point, (m + 1,) [mm].
     """
-    kept = np.ones(points.shape[0], np.bool_)
+    stays = np.ones(points.shape[0], np.bool_)
     first = 0
     for k in range(1, points.shape[0] - 1):
         if not joined[k]:
@@ -156,7 +161,7 @@ def merged(points: Floats, joined: NDArray[np.bool_], tolerance: Floats) -> NDAr
             inside = offset <= tolerance[j] ** 2 and last <= along <= 1.0
             last = along
         if inside:
-            kept[k] = False
+            stays[k] = False
         else:
             first = k
-    return kept
+    return stays

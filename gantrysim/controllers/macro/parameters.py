@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from gantrysim.base.errors import InputError, unknown
-from gantrysim.controllers.gcode.expressions import Target
+from gantrysim.controllers.macro.expressions import Target
 
 _MOST = 100_000  # parameters in use
 
@@ -22,20 +22,35 @@ class Scope:
     named: dict[str, float] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Numbering:
+    """The numbered parameters of a dialect.
+
+    Attributes:
+        local: number up to which a parameter belongs to one call of a subprogram.
+        highest: largest number.
+    """
+
+    local: int
+    highest: int
+
+
 class Parameters:
     """Numbered parameters, of which the first are local, and named ones, global if they begin with `_`.
 
     Args:
         system: values that the controller provides.
-        local: numbers up to which a parameter is local.
-        highest: largest number.
+        numbering: of the dialect.
+
+    Attributes:
+        scope: the local parameters of the call that runs.
     """
 
-    def __init__(self, system: System, local: int, highest: int) -> None:
+    def __init__(self, system: System, numbering: Numbering) -> None:
         self._system = system
-        self._local = local
-        self._highest = highest
-        self._all = Scope()
+        self._local = numbering.local
+        self._highest = numbering.highest
+        self._common = Scope()
         self.scope = Scope()
 
     def numbered(self, number: float) -> float:
@@ -44,12 +59,12 @@ class Parameters:
         if k <= self._local:
             return self.scope.numbered.get(k, 0.0)
         provided = self._system(k)
-        return self._all.numbered.get(k, 0.0) if provided is None else provided
+        return self._common.numbered.get(k, 0.0) if provided is None else provided
 
     def vacant(self, number: float) -> bool:
         """Return whether a numbered parameter was never set."""
         k = self._checked(number)
-        return k not in (self.scope if k <= self._local else self._all).numbered and self._system(k) is None
+        return k not in self._scope_of(k).numbered and self._system(k) is None
 
     def named(self, name: str) -> float:
         """Return a named parameter.
@@ -79,12 +94,15 @@ class Parameters:
             self._names(target)[target] = value
         else:
             k = self._checked(target(self))
-            (self.scope if k <= self._local else self._all).numbered[k] = value
-        if len(self._all.numbered) + len(self._all.named) + len(self.scope.named) > _MOST:
+            self._scope_of(k).numbered[k] = value
+        if len(self._common.numbered) + len(self._common.named) + len(self.scope.named) > _MOST:
             raise InputError(f"more than {_MOST} parameters")
 
     def _names(self, name: str) -> dict[str, float]:
-        return (self._all if name.startswith("_") else self.scope).named
+        return (self._common if name.startswith("_") else self.scope).named
+
+    def _scope_of(self, number: int) -> Scope:
+        return self.scope if number <= self._local else self._common
 
     def _checked(self, number: float) -> int:
         k = round(number) if math.isfinite(number) else 0

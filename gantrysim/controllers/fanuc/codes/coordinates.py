@@ -1,0 +1,96 @@
+"""Coordinate systems and their shifts, and the move home."""
+
+from __future__ import annotations
+
+from gantrysim.controllers.fanuc.blocks import Block, Rapid
+from gantrysim.controllers.fanuc.codes.code import action, setting
+from gantrysim.controllers.fanuc.state import ENDS, SYSTEMS, State
+from gantrysim.controllers.fanuc.words import Words
+
+
+@action
+def g10(state: State, words: Words) -> list[Block]:
+    """Set the coordinate system P, with L2."""
+    lengths = _taken_lengths(state, words)
+    number = words.values.pop("P", 0.0)
+    if words.values.pop("L", None) != 2 or not 1 <= number <= SYSTEMS or number != int(number):
+        raise words.fail(9, f"G10 must be with L2 and P1 to P{SYSTEMS}, the coordinate systems")
+    zero = state.systems[int(number) - 1]
+    for axis, length in lengths.items():
+        zero[axis] = length + (0.0 if state.absolute else zero[axis])
+    return []
+
+
+@action
+def g28(state: State, words: Words) -> list[Block]:
+    """Rapid moves of the given axes to the initial position, by way of the end."""
+    lengths = _taken_lengths(state, words)
+    way = tuple(state.end(lengths.get(axis), axis) for axis in range(3))
+    home = tuple(state.home[axis] if axis in lengths else None for axis in range(3))
+    moves: list[Block] = [Rapid(end=end, plane=state.plane, exact_stop=True, dispense=False) for end in (way, home)]
+    for axis in lengths:
+        state.here[axis] = state.home[axis]
+    return moves
+
+
+@action
+def g52(state: State, words: Words) -> list[Block]:
+    """Local shift of the coordinates."""
+    for axis, length in _taken_lengths(state, words).items():
+        state.shift[axis] = length
+    return []
+
+
+@setting
+def g53(state: State, words: Words) -> None:
+    """Coordinates of the machine, in this block."""
+    state.in_machine = True
+
+
+@setting
+def g54(state: State, words: Words) -> None:
+    """Coordinate system 1."""
+    state.system = 0
+
+
+@setting
+def g55(state: State, words: Words) -> None:
+    """Coordinate system 2."""
+    state.system = 1
+
+
+@setting
+def g56(state: State, words: Words) -> None:
+    """Coordinate system 3."""
+    state.system = 2
+
+
+@setting
+def g57(state: State, words: Words) -> None:
+    """Coordinate system 4."""
+    state.system = 3
+
+
+@setting
+def g58(state: State, words: Words) -> None:
+    """Coordinate system 5."""
+    state.system = 4
+
+
+@setting
+def g59(state: State, words: Words) -> None:
+    """Coordinate system 6."""
+    state.system = 5
+
+
+@action
+def g92(state: State, words: Words) -> list[Block]:
+    """Shift that gives the position these coordinates."""
+    for axis, length in _taken_lengths(state, words).items():
+        state.shift[axis] = state.here[axis] - state.systems[state.system][axis] - length
+    return []
+
+
+def _taken_lengths(state: State, words: Words) -> dict[int, float]:
+    """Take the words X, Y and Z of a block; by axis [mm]."""
+    return {axis: words.values.pop(letter) * state.unit for axis, letter in enumerate(ENDS) if letter in words.values}

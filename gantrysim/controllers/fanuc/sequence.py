@@ -1,0 +1,276 @@
+"""The order in which blocks run: subprograms, macro variables, branches and loops.
+
+Variables are local to a call (#1 to #33) or common; a word whose value is a variable that was never set is left out.
+"""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_right
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from gantrysim.base.errors import InputError
+from gantrysim.controllers.fanuc.alarm import Alarm, Source
+from gantrysim.controllers.fanuc.computed import GRAMMAR, computed_words
+from gantrysim.controllers.fanuc.words import COMMENT, Words, words_of
+from gantrysim.controllers.macro.expressions import Scanner
+from gantrysim.controllers.macro.flow import END, Fault, Flow
+from gantrysim.controllers.macro.parameters import Numbering, Parameters, Scope, System
+
+_NUMBERING = Numbering(local=33, highest=9999)
+_ALARMS = {Fault.STEPS: 114, Fault.DEPTH: 77, Fault.UNMATCHED: 124}
+_MOST_DIGITS = 20  # of a block's or program's number
+_MACRO = re.compile(r"[#\[=]|^(?:N\s*[0-9]+\s*)?(?:IF|WHILE|GOTO|DO|END|G\s*0*65(?![0-9.]))")
+_LABEL = re.compile(r"N\s*([0-9]+)")
+_PROGRAM = re.compile(r"(?:N[0-9]+)?O([0-9]+)")
+_LOOP = re.compile(r"(DO|END)([1-3])$")
+# letters of a call's arguments and their variables
+_ARGUMENTS = dict(zip("ABCIJKDEFHMQRSTUVWXYZ", (1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 13, *range(17, 27)), strict=True))
+
+Executed = tuple[int, Words | None]  # the next place, and the words of the block, if any
+ControlHandler = Callable[["Sequence", Scanner], int | None]
+CallHandler = Callable[["Sequence", Words], Executed]
+Control = TypeVar("Control", bound=ControlHandler)
+_CONTROLS: dict[str, ControlHandler] = {}  # by the word with which a block begins
+ENDS = frozenset({"M02", "M30"})  # codes that end the program
+CALLS: dict[str, CallHandler] = {}  # by the code, in the order of their precedence
+
+
+def control(word: str) -> Callable[[Control], Control]:
+    """Add a method as what a block does that begins with a word; it returns None where the block is no such one."""
+
+    def add(handler: Control) -> Control:
+        _CONTROLS[word] = handler
+        return handler
+
+    return add
+
+
+def call(handler: CallHandler) -> CallHandler:
+    """Add a method `m98` as what a block with M98 does."""
+    CALLS[handler.__name__.upper()] = handler
+    return handler
+
+
+@dataclass(frozen=True)
+class _Block(Source):
+    text: str
+
+
+class Sequence(Flow[Words]):
+    """Runs the blocks of a text in their order.
+
+    Args:
+        text: the program and its subprograms.
+        skip: whether blocks that begin with a slash are skipped.
+        most_steps: blocks that may run.
+        system: variables that the controller provides.
+    """
+
+    def __init__(self, text: str, skip: bool, most_steps: int, system: System) -> None:
+        super().__init__(Parameters(system, _NUMBERING), most_steps, "blocks")
+        self._blocks: list[_Block] = []
+        self._programs: dict[int, int] = {}  # first blocks, by number
+        for line, written in enumerate(text.splitlines(), 1):
+            for part in re.sub(COMMENT, " ", written).split(";"):
+                plain = part.strip().upper()
+                if not plain or plain.startswith("%"):
+                    continue
+                if plain.startswith("/"):
+                    if skip:
+                        continue
+                    plain = plain[1:].lstrip()
+                program = _PROGRAM.match("".join(plain.split()))
+                if program:
+                    self._programs.setdefault(_numbered(program[1]), len(self._blocks))
+                self._blocks.append(_Block(f"block {len(self._blocks) + 1}", line, plain))
+        self._starts = sorted({0, *self._programs.values()})
+        self._source: Source = Source("block 1", 0)
+        self._mark_labels()
+
+    def _mark_labels(self) -> None:
+        """Note block numbers and the ends of loops, each in its program of the text."""
+        for place, block in enumerate(self._blocks):
+            label = _LABEL.match(block.text)
+            if label and len(label[1]) <= _MOST_DIGITS:
+                self.places.mark((self._program_at(place), _numbered(label[1])), "N", place)
+            loop = _LOOP.search("".join(block.text.split()))
+            if loop:
+                self.places.mark((self._program_at(place), loop[2]), loop[1], place)
+
+    def _program_at(self, place: int) -> int:
+        """First block of the program that a block belongs to."""
+        return self._starts[bisect_right(self._starts, place) - 1]
+
+    def has(self, pattern: str) -> bool:
+        """Return whether a pattern occurs in a block."""
+        return any(re.search(pattern, block.text) for block in self._blocks)
+
+    def runs(self, place: int) -> bool:
+        if place >= len(self._blocks):
+            return False
+        # the main program ends where another begins
+        return self.depth > 0 or place == 0 or place not in self._starts
+
+    def refusal(self, fault: Fault, detail: str) -> Alarm:
+        # the step that is too many has not begun: the source is still that of the step before
+        source = self._blocks[self.place] if fault is Fault.STEPS else self._source
+        return source.fail(_ALARMS[fault], detail)
+
+    def unmatched(self, label: Hashable, words: tuple[str, ...], ahead: bool) -> Alarm:
+        assert isinstance(label, tuple)
+        detail = f"{words[0]}{label[1]}: must be in the program, to match this block"
+        return self.refusal(Fault.UNMATCHED, detail)
+
+    def execute(self) -> Executed:
+        block = self._blocks[self.place]
+        self._source = block
+        try:
+            following, words = self._executed(block)
+        except Alarm:
+            raise
+        except (InputError, OverflowError) as error:
+            raise block.fail(114, str(error)) from None
+        if words is None:
+            return following, None
+        if not ENDS.isdisjoint(words.names):
+            following = END
+        return following, words if words.names or words.values else None
+
+    def _executed(self, block: _Block) -> Executed:
+        if not _MACRO.search(block.text):
+            return self._called(words_of(block.text, block.name, block.line))
+        label = _LABEL.match(block.text)
+        compact = "".join(block.text[label.end() if label else 0 :].split())
+        self._source = Source(f"N{label[1]}" if label else block.name, block.line)
+        for word, handler in _CONTROLS.items():
+            if compact.startswith(word):
+                scanner = Scanner(compact, GRAMMAR)
+                scanner.take(word)
+                following = handler(self, scanner)
+                if following is not None:
+                    return following, None
+        return self._called(computed_words(compact, self._source, self.parameters))
+
+    @control("IF")
+    def jump_or_assign_if(self, scanner: Scanner) -> int:
+        """IF with GOTO, or with THEN and an assignment."""
+        holds = scanner.value("IF")(self.parameters)
+        if scanner.take("GOTO"):
+            return self.jump(scanner) if holds else self.following
+        if not scanner.take("THEN#"):
+            raise self._source.fail(114, "IF: must be followed by GOTO or by THEN and an assignment")
+        return self.assign(scanner) if holds else self.following
+
+    @control("GOTO")
+    def jump(self, scanner: Scanner) -> int:
+        """To the block with a number."""
+        number = scanner.value("GOTO")(self.parameters)
+        return self._labelled(self._program_at(self.place), number)
+
+    @control("WHILE")
+    def begin_while(self, scanner: Scanner) -> int:
+        """WHILE with DO1 to DO3."""
+        holds = scanner.value("WHILE")(self.parameters)
+        loop = re.fullmatch("DO([1-3])", scanner.remaining)
+        if not loop:
+            raise self._source.fail(114, "WHILE: must be followed by DO1, DO2 or DO3")
+        return self.enter_loop(bool(holds), (self._program_at(self.place), loop[1]), "END")
+
+    @control("DO")
+    def begin_loop(self, scanner: Scanner) -> int | None:
+        """DO1 to DO3 without a condition."""
+        return self.following if _is_loop(scanner.remaining) else None
+
+    @control("END")
+    def end_loop(self, scanner: Scanner) -> int | None:
+        """END1 to END3: back to the head of the loop."""
+        if not _is_loop(scanner.remaining):
+            return None
+        return self.behind((self._program_at(self.place), scanner.remaining), ("DO",))
+
+    @control("#")
+    def assign(self, scanner: Scanner) -> int:
+        """Set a variable."""
+        target = scanner.target()
+        if not scanner.take("="):
+            raise InputError(f"{scanner.shown}: an assignment must have = after the variable")
+        value = scanner.expression()
+        if scanner.remaining:
+            raise InputError(f"{scanner.shown}: must be an operator or the end of the block")
+        self.parameters.set(target, value(self.parameters))
+        return self.following
+
+    def _labelled(self, program: int, number: float) -> int:
+        place = self.places.first((program, number), "N")
+        if place is None:
+            raise self._source.fail(78, f"N{number:g}: must be a block of the program")
+        return place
+
+    def _called(self, words: Words) -> Executed:
+        """Enter or leave a subprogram."""
+        for name, handler in CALLS.items():
+            if name in words.names:
+                return handler(self, words)
+        return self.following, words
+
+    @call
+    def g65(self, words: Words) -> Executed:
+        """Call a subprogram with its arguments as local variables."""
+        start = self._entered(words)
+        if start is None:
+            return self.following, None
+        numbers = {_ARGUMENTS[letter]: value for letter, value in words.values.items() if letter in _ARGUMENTS}
+        self.parameters.scope = Scope(numbers)
+        return start, None
+
+    @call
+    def m98(self, words: Words) -> Executed:
+        """Call a subprogram; the other words of the block are run before it."""
+        start = self._entered(words)
+        if start is None:
+            return self.following, None
+        for letter in "PL":
+            words.values.pop(letter, None)
+        return start, words
+
+    def _entered(self, words: Words) -> int | None:
+        """Call the subprogram P, L times, and return its first place; None for no repetition.
+
+        P may also give the repetitions, before the last four digits, which are the number.
+        """
+        values = words.values
+        if "P" not in values:
+            raise words.fail(76, "a call must have the number of the subprogram, P")
+        times, number = divmod(int(values["P"]), 10000)
+        times = int(values.get("L", times or 1))
+        if number not in self._programs:
+            known = ", ".join(f"O{known}" for known in sorted(self._programs)) or "none"
+            raise words.fail(78, f"O{number}: must be one of the text's programs, {known}")
+        self._source = words
+        self.check_depth()
+        return self.enter(self._programs[number] + 1, times) if times >= 1 else None
+
+    @call
+    def m99(self, words: Words) -> Executed:
+        """Return from a subprogram, to the block P if given; the end of the main program."""
+        if not self.depth:
+            return END, words
+        back = self.calls[-1].back
+        depth = self.depth
+        following = self.end_repetition()
+        if self.depth < depth and "P" in words.values:
+            self._source = words
+            return self._labelled(self._program_at(back - 1), words.values["P"]), None
+        return following, None
+
+
+def _is_loop(digit: str) -> bool:
+    return re.fullmatch("[1-3]", digit) is not None
+
+
+def _numbered(digits: str) -> int:
+    """Return the number of a block or program; one of more digits than Python reads is that of no other."""
+    return int(digits) if len(digits) <= _MOST_DIGITS else -1

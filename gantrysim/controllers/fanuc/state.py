@@ -1,0 +1,103 @@
+"""The modal state of a program of blocks: what is in force from block to block."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from gantrysim.controllers.fanuc.blocks import Plane
+from gantrysim.controllers.fanuc.words import Words
+from gantrysim.paths.pieces import Vector
+
+ENDS = "XYZ"
+SYSTEMS = 6  # coordinate systems of G54 to G59
+
+
+@dataclass
+class State:
+    """The modal state.
+
+    Attributes:
+        here: end of the block before, in the machine's coordinates [mm].
+        offsets: cutter compensation by its number D [mm].
+        rotary: letter of the rotary axis.
+        home: position of G28 [mm].
+        system: index of the coordinate system in force.
+        systems: zero of each coordinate system [mm].
+        shift: of G52 and G92 [mm].
+        contoured: whether the program switches the look-ahead, by G05.1 or G08.
+        look_ahead: whether it is on.
+        angle: of the rotary axis [deg].
+        motion: name of the code of motion in force.
+        plane: of arcs and of the compensation.
+        absolute: whether ends are (G90).
+        unit: of lengths [mm].
+        side: of the cutter compensation: 1 left, -1 right, 0 off.
+        offset: of the cutter compensation [mm].
+        exact_stop: whether motions stop at their ends (G61).
+        continuous: whether the program asks for G64.
+        in_machine: whether the coordinates of this block are the machine's (G53).
+        feed: F; None before the first [mm/min].
+        governed: whether the program switches the dispenser, by M03 and M05.
+        glue: whether it is on.
+    """
+
+    here: list[float]
+    offsets: Mapping[str, float]
+    rotary: str
+    home: Vector
+    system: int = 0
+    systems: list[list[float]] = field(default_factory=lambda: [[0.0] * 3 for _ in range(SYSTEMS)])
+    shift: list[float] = field(default_factory=lambda: [0.0] * 3)
+    contoured: bool = False
+    look_ahead: bool = False
+    angle: float = 0.0
+    motion: str = "G00"
+    plane: Plane = "xy"
+    absolute: bool = True
+    unit: float = 1.0
+    side: int = 0
+    offset: float = 0.0
+    exact_stop: bool = False
+    continuous: bool = False
+    in_machine: bool = False
+    feed: float | None = None
+    governed: bool = False
+    glue: bool = False
+
+    @property
+    def idle(self) -> bool:
+        """Whether cutter compensation is on without an offset."""
+        return self.side != 0 and self.offset == 0
+
+    @property
+    def halting(self) -> bool:
+        """Whether motions stop at their ends although G61 is off."""
+        return self.contoured and not self.look_ahead and not self.exact_stop
+
+    def provided(self, key: float | str) -> float | None:
+        """Return a variable of the controller, as the position at the end of the block before; None for others."""
+        if isinstance(key, str):
+            return None
+        if 5001 <= key <= 5003:
+            axis = int(key) - 5001
+            return (self.here[axis] - self.zero(axis)) / self.unit
+        if 5041 <= key <= 5043:
+            return self.here[int(key) - 5041] / self.unit
+        return None
+
+    def zero(self, axis: int) -> float:
+        """Return the position of the program's zero [mm]."""
+        return self.systems[self.system][axis] + self.shift[axis]
+
+    def end(self, value: float | None, axis: int) -> float | None:
+        """Return where a word of an axis leads [mm]; None without one."""
+        if value is None:
+            return None
+        return value + (self.zero(axis) if self.absolute else self.here[axis])
+
+    def required_feed(self, words: Words) -> float:
+        """Return F, or raise the alarm of a block without one."""
+        if self.feed is None:
+            raise words.fail(11, "a motion at feed must have an F, in its block or before")
+        return self.feed

@@ -1,0 +1,176 @@
+"""Blocks of words, applied one after the other by the functions of their codes."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+from gantrysim.base.errors import InputError
+from gantrysim.controllers.gcode.codes import CODES, Code, Kind
+from gantrysim.controllers.gcode.lines import Command, Words
+from gantrysim.controllers.gcode.state import Block, State
+
+_MOST_NAMES = 1000  # of codes, in memory: a program may have any number of unknown ones
+
+
+class Interpreter:
+    """Applies the words of blocks one after the other.
+
+    Args:
+        state: of the program, which is changed.
+    """
+
+    def __init__(self, state: State) -> None:
+        self._state = state
+        self._dialect = state.dialect
+        self._codes = CODES[state.dialect.name]
+
+    def run(self, line: Words | Command) -> bool:
+        """Apply a line; return whether the program goes on.
+
+        Raises:
+            InputError: a word, or a combination of words, that the dialect refuses.
+        """
+        if isinstance(line, Command):
+            return self._command(line)
+        block = Block()
+        codes: list[str] = []
+        auxiliary: list[int] = []
+        for letter, value in line:
+            if letter == "G":
+                codes.append(_code_name(value))
+            elif letter == "M":
+                auxiliary.append(self._auxiliary_number(value))
+            elif letter in block.values and letter != "N":
+                raise InputError(f"{letter} is given twice in the block")
+            else:
+                block.values[letter] = value
+        block.values.pop("N", None)
+        if auxiliary:
+            for number in auxiliary:
+                self._apply_auxiliary(number, block)
+            if self._dialect.extrudes:
+                # in firmware a line is one command: its words belong to its M code
+                if not block.keeps_words:
+                    block.values.clear()
+                if not codes:
+                    return not block.ends
+        self._apply(codes, block)
+        return not block.ends
+
+    def _command(self, line: Command) -> bool:
+        code = self._codes.get(line.name)
+        block = Block(arguments=line.arguments)
+        if code is None or code.handler is None:
+            self._state.ignored[line.name] += 1
+        else:
+            code.handler(self._state, block)
+        return not block.ends
+
+    def _auxiliary_number(self, value: float) -> int:
+        number = round(value)
+        if number != value and not self._dialect.lenient:
+            raise InputError(f"M{value:g}: must be a whole number")
+        return number
+
+    def _apply_auxiliary(self, number: int, block: Block) -> None:
+        state = self._state
+        dispense = state.setup.dispense
+        switched = dispense.switch(number, block.values.get("P")) if dispense.by == "codes" else None
+        if switched is not None:
+            state.glue = switched
+        name = f"M{number}"
+        code = self._codes.get(name)
+        if code is None and not self._dialect.lenient:
+            raise InputError(f"{name}: is no word of {self._dialect.name}")
+        if code is not None and code.handler is not None:
+            code.handler(state, block)
+            return
+        if switched is None:
+            state.ignored[name] += 1
+        if code is not None:
+            block.drop(code.takes)
+
+    def _apply(self, codes: list[str], block: Block) -> None:
+        """Apply the G codes of a block, then F, then the action or the motion in force."""
+        state = self._state
+        action: Code | None = None
+        moves = False
+        for name in codes:
+            code = self._codes.get(name)
+            if code is None or code.handler is None:
+                self._ignore(name, code, block)
+            elif code.kind is Kind.MOTION:
+                state.motion = name
+                moves = True
+            elif code.kind is Kind.ACTION:
+                if action:
+                    raise InputError(f"{action.name} and {name} in one block: must be in blocks of their own")
+                action = code
+            else:
+                code.handler(state, block)
+        if "F" in block.values:
+            state.modes.feed = block.values.pop("F")
+            if state.modes.feed < 0:
+                raise InputError(f"F = {state.modes.feed:g}: must be at least 0")
+        for letter in state.setup.skip_axes:
+            if letter in block.values:
+                block.drop(letter)
+                state.ignored[f"axis {letter}"] += 1
+        if action and action.handler:
+            action.handler(state, block)
+        if block.values and (action is None or (action.shares_words and moves)):
+            self._move(block)
+        if block.values:
+            self._ignore_words(block)
+
+    def _ignore(self, name: str, code: Code | None, block: Block) -> None:
+        """Count a G code without an effect on the path."""
+        if code is None and not self._dialect.lenient:
+            raise InputError(f"{name}: is no word of {self._dialect.name}")
+        self._state.ignored[name] += 1
+        if self._dialect.lenient:
+            block.values.clear()
+
+    def _move(self, block: Block) -> None:
+        """Run the motion in force with the words of a block."""
+        state = self._state
+        code = self._codes[state.motion]
+        moves = not block.values.keys().isdisjoint(code.moved_by)
+        if self._dialect.extrudes and "E" in block.values:
+            block.fed = state.material_fed(block.values.pop("E"))
+        if not moves:
+            if block.fed and code.straight:  # a retraction: the nozzle stands for the time that the feed takes
+                feed = state.feed_per_minute
+                state.pause(abs(block.fed) / feed if feed else 0.0)
+            return
+        if block.in_machine and not code.straight:
+            raise InputError("G53: must be with G0 or G1")
+        assert code.handler is not None
+        code.handler(state, block)
+
+    def _ignore_words(self, block: Block) -> None:
+        """Count words without an effect on the path; refuse others."""
+        state = self._state
+        for letter in [letter for letter in block.values if letter in self._dialect.letters]:
+            value = block.values.pop(letter)
+            if letter == "S":
+                state.modes.spindle = value
+            else:
+                state.ignored[letter] += 1
+        if not block.values:
+            return
+        letter, value = next(iter(block.values.items()))
+        if letter in "ABCUVW":
+            raise InputError(f"{letter}: the machine has the axes x, y, z; skip_axes = {letter!r} skips the word")
+        if not self._dialect.lenient:
+            raise InputError(f"{letter}{value:g}: is not used in this block")
+        state.ignored[letter] += 1
+
+
+@lru_cache(_MOST_NAMES)
+def _code_name(value: float) -> str:
+    """Return the name of a G code; its number is rounded, as an expression in brackets may have computed it."""
+    tenths = round(10 * value)
+    if abs(tenths - 10 * value) > 1e-6:
+        raise InputError(f"G{value:g}: must have one decimal at most")
+    return f"G{tenths / 10:g}"

@@ -1,0 +1,225 @@
+"""The state of a program that runs: modes, coordinate systems, valve and extruder, and the moves so far."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field, replace
+
+from gantrysim.base.errors import InputError
+from gantrysim.controllers.gcode.dialect import Dialect, Dispense
+from gantrysim.controllers.gcode.frames import Frames
+from gantrysim.controllers.gcode.moves import DWELL, EXACT_STOP, LINE, Move, Moves
+
+FARTHEST = 1e7  # of a coordinate [mm]
+_LOWEST_FEED = 1e-9  # by inverse time, of a move without length [mm/s]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a program is run with.
+
+    Attributes:
+        dialect: of the program.
+        dispense: when glue is laid.
+        arc_tolerance: of an arc's radius at its end [mm].
+        path_mode: initial mode of corners, as of `Moves` [mm].
+        skip_axes: letters of axes that the machine lacks, which are counted and skipped.
+        tools: lengths of tools by number [mm].
+        parameters: values that the machine provides, by name.
+    """
+
+    dialect: Dialect
+    dispense: Dispense
+    arc_tolerance: float
+    path_mode: float
+    skip_axes: str = ""
+    tools: dict[int, float] = field(default_factory=dict)
+    parameters: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass
+class Modes:
+    """The modes that M70 saves.
+
+    Attributes:
+        plane: index, of G17, G18, G19.
+        path: mode of `Moves` [mm].
+        naive: tolerance of merged lines [mm].
+        centres: whether I, J, K are absolute (G90.1).
+        feed_mode: "G93", "G94" or "G95".
+        feed: F as programmed.
+        spindle: S.
+    """
+
+    plane: int = 0
+    path: float = math.inf
+    naive: float = 0.0
+    centres: bool = False
+    feed_mode: str = "G94"
+    feed: float = 0.0
+    spindle: float = 0.0
+
+
+@dataclass
+class Block:
+    """A line of words that runs. Handlers take the words that they use from `values`.
+
+    Attributes:
+        values: of the letters but G and M.
+        arguments: of a command of firmware, as written.
+        fed: material that the block feeds [mm].
+        in_machine: whether coordinates are the machine's (G53).
+        keeps_words: whether the words beside M codes belong to a move, not to the codes, in a dialect that extrudes.
+        ends: whether the program ends here.
+    """
+
+    values: dict[str, float] = field(default_factory=dict)
+    arguments: str = ""
+    fed: float = 0.0
+    in_machine: bool = False
+    keeps_words: bool = False
+    ends: bool = False
+
+    def drop(self, letters: str) -> None:
+        """Remove words without an effect on the path."""
+        for letter in letters:
+            self.values.pop(letter, None)
+
+
+@dataclass(frozen=True)
+class _Saved:
+    """Modes that M70 or M73 saved."""
+
+    modes: Modes
+    unit: float
+    absolute: bool
+
+
+class State:
+    """The state of a program that runs.
+
+    Args:
+        moves: to which moves are added.
+        setup: what the program is run with.
+
+    Attributes:
+        frames: the coordinate systems.
+        modes: the modes.
+        motion: name of the code of motion in force.
+        glue: whether M codes have opened the valve.
+        extruder: E of the extruder.
+        relative_extruder: whether E is relative (M83).
+        spline_control: last control point of the cubic spline before, from its end, as x + iy; None after other moves.
+        line: of the program's text, from 1.
+        depth: of the calls of subroutines.
+        ignored: words without an effect on the path, and how often they were met.
+    """
+
+    def __init__(self, moves: Moves, setup: Setup) -> None:
+        self.moves = moves
+        self.setup = setup
+        self.dialect = setup.dialect
+        self.frames = Frames(list(moves.start), tools=setup.tools)
+        self.frames.stored = {"G28": list(moves.start), "G30": list(moves.start)}
+        self.modes = Modes(path=setup.path_mode)
+        self.motion = "G1" if setup.dialect.extrudes else "G0"
+        self.glue = False
+        self.extruder = 0.0
+        self.relative_extruder = False
+        self.spline_control: complex | None = None
+        self.line = 0
+        self.depth = 0
+        self.ignored: Counter[str] = Counter()
+        self._saved: dict[int, _Saved] = {}  # by the depth of calls
+        self._restored: set[int] = set()  # depths at whose end the saved modes come back
+
+    def feed_at(self, length: float) -> float:
+        """Return the path speed of a move at feed, of a length [mm], in mm/s."""
+        modes = self.modes
+        if modes.feed <= 0:
+            raise InputError("a motion at feed must have an F above 0, in its block or before")
+        if modes.feed_mode == "G93":  # F is the inverse of the move's time [1/min]
+            return max(modes.feed * length / 60, _LOWEST_FEED)
+        feed = self.feed_per_minute
+        if modes.feed_mode == "G95":
+            if modes.spindle == 0:
+                raise InputError("G95: feed per revolution must have a spindle speed S")
+            return feed * abs(modes.spindle)
+        return feed
+
+    @property
+    def feed_per_minute(self) -> float:
+        """F as lengths per minute [mm/s]."""
+        return self.modes.feed * self.frames.unit / 60
+
+    def material_fed(self, e: float) -> float:
+        """Return the material that a word E feeds, and set the extruder [mm]."""
+        fed = e if self.relative_extruder else e - self.extruder
+        self.extruder = self.extruder + e if self.relative_extruder else e
+        return fed * self.frames.unit
+
+    def lays_glue(self, at_feed: bool, fed: float) -> bool:
+        """Return whether glue is laid in a move that feeds material [mm]."""
+        match self.setup.dispense.by:
+            case "codes":
+                return self.glue
+            case "extrusion":
+                return fed > 0
+        return at_feed
+
+    def line_to(self, end: list[float], feed: float, fed: float = 0.0) -> None:
+        """Add a line at feed.
+
+        Args:
+            end: in the machine's coordinates [mm].
+            feed: path speed [mm/s].
+            fed: material [mm].
+        """
+        self._line_to(end, feed, fed, self.lays_glue(True, fed))
+
+    def rapid_to(self, end: list[float]) -> None:
+        """Add a rapid move to a place of the machine [mm]."""
+        self._line_to(end, 0.0, 0.0, self.lays_glue(False, 0.0))
+
+    def _line_to(self, end: list[float], feed: float, fed: float, glue: bool) -> None:
+        if not max(map(abs, end)) <= FARTHEST:
+            raise InputError(f"end at {[round(v, 3) for v in end]} mm: must be within {FARTHEST:g} mm")
+        modes = self.modes
+        x, y, z = end
+        self.moves.add(Move(LINE, x, y, z, 0.0, 0.0, 0, 0.0, feed, modes.path, modes.naive, glue, self.line, fed))
+        self.frames.here = end
+
+    def pause(self, time: float) -> None:
+        """Add a dwell [s]."""
+        glue = self.glue and self.setup.dispense.by == "codes"
+        x, y, z = self.frames.here
+        self.moves.add(Move(DWELL, x, y, z, 0.0, 0.0, 0, 0.0, time, EXACT_STOP, 0.0, glue, self.line, 0.0))
+
+    def save_modes(self, restored: bool) -> None:
+        """Save the modes, and have them come back at the subroutine's end or not."""
+        self._saved[self.depth] = _Saved(replace(self.modes), self.frames.unit, self.frames.absolute)
+        self._restored.discard(self.depth)
+        if restored:
+            self._restored.add(self.depth)
+
+    def forget_modes(self) -> None:
+        """Drop the saved modes of this subroutine."""
+        self._saved.pop(self.depth, None)
+
+    def restore_modes(self) -> None:
+        """Return to the saved modes of this subroutine."""
+        if self.depth not in self._saved:
+            raise InputError("M72: must follow M70 or M73 in the same subroutine")
+        saved = self._saved[self.depth]
+        self.modes = replace(saved.modes)
+        self.frames.unit = saved.unit
+        self.frames.absolute = saved.absolute
+
+    def subprogram_ends(self, depth: int) -> None:
+        """Note that a subroutine ends, at the depth of its call."""
+        self.depth = depth
+        if depth in self._restored and depth in self._saved:
+            self.restore_modes()
+        self._restored.discard(depth)
+        self._saved.pop(depth, None)

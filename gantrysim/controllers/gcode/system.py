@@ -1,0 +1,35 @@
+"""The parameters that the controller provides: what a program reads of its own state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from gantrysim.controllers.gcode.state import State
+
+_VERSION = 2.9  # of LinuxCNC, whose words these are
+
+_NAMED: dict[str, Callable[[State], float]] = {
+    "_line": lambda state: float(state.line),
+    "_feed": lambda state: state.modes.feed,
+    "_rpm": lambda state: state.modes.spindle,
+    "_plane": lambda state: 170.0 + 10 * state.modes.plane,  # G17 to G19, times ten
+    "_motion_mode": lambda state: float(round(10 * float(state.motion[1:]))),  # the code, times ten
+    "_vmajor": lambda state: _VERSION,
+    # as of a program that runs, outside any call
+    "_vminor": lambda state: 0.0,
+    "_task": lambda state: 0.0,
+    "_call_level": lambda state: 0.0,
+    "_remap_level": lambda state: 0.0,
+    "_value": lambda state: 0.0,
+    "_value_returned": lambda state: 0.0,
+}
+
+
+def provided(state: State, key: float | str) -> float | None:
+    """Return a parameter of the controller; None for others."""
+    if isinstance(key, str):
+        if key in state.setup.parameters:
+            return state.setup.parameters[key]
+        if key in _NAMED:
+            return _NAMED[key](state)
+    return state.frames.shown(key)

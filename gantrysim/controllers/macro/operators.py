@@ -1,0 +1,161 @@
+"""Operators and functions of macro languages, and the tables from which a dialect chooses its own.
+
+The operators bind, from the strongest: `**`; `* / MOD`; `+ -`; `EQ NE GT GE LT LE`; `AND OR XOR`. Angles are in
+degrees.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+from gantrysim.base.errors import InputError
+
+Function = Callable[[float], float]
+
+_SAME = 1e-6  # difference of numbers that compare as equal
+
+
+class Operator(NamedTuple):
+    """An operator between two values: one of a greater strength is applied first."""
+
+    strength: int
+    function: Callable[[float, float], float]
+
+
+def _divided(a: float, b: float) -> float:
+    if b == 0:
+        raise InputError(f"{a:g} / 0: the divisor must not be 0")
+    return a / b
+
+
+def _modulo(a: float, b: float) -> float:
+    """Remainder that is never negative, unlike fmod's, which has the sign of a."""
+    if b == 0:
+        raise InputError(f"{a:g} MOD 0: the divisor must not be 0")
+    if not (math.isfinite(a) and math.isfinite(b)):  # products of large numbers overflow to infinity
+        raise InputError(f"{a:g} MOD {b:g}: has no finite value")
+    remainder = math.fmod(a, b)
+    return remainder + (abs(b) if remainder < 0 else 0.0)
+
+
+def _power(a: float, b: float) -> float:
+    try:
+        return math.pow(a, b)
+    except (ValueError, OverflowError):
+        raise InputError(f"{a:g} ** {b:g}: has no finite value") from None
+
+
+OPERATORS: dict[str, Operator] = {
+    "**": Operator(5, _power),
+    "*": Operator(4, operator.mul),
+    "/": Operator(4, _divided),
+    "MOD": Operator(4, _modulo),
+    "+": Operator(3, operator.add),
+    "-": Operator(3, operator.sub),
+    "EQ": Operator(2, lambda a, b: float(abs(a - b) < _SAME)),
+    "NE": Operator(2, lambda a, b: float(abs(a - b) >= _SAME)),
+    "GT": Operator(2, lambda a, b: float(a > b)),
+    "GE": Operator(2, lambda a, b: float(a >= b)),
+    "LT": Operator(2, lambda a, b: float(a < b)),
+    "LE": Operator(2, lambda a, b: float(a <= b)),
+    "AND": Operator(1, lambda a, b: float(a != 0 and b != 0)),
+    "OR": Operator(1, lambda a, b: float(a != 0 or b != 0)),
+    "XOR": Operator(1, lambda a, b: float((a != 0) != (b != 0))),
+}
+
+
+def _of_degrees(function: Function) -> Function:
+    return lambda degrees: function(math.radians(degrees))
+
+
+def _in_degrees(function: Function) -> Function:
+    return lambda ratio: math.degrees(function(ratio))
+
+
+def _rounded(x: float) -> float:
+    """The nearest whole number, half of one away from zero; Python's `round` goes to the even one."""
+    return float(math.floor(x + 0.5) if x >= 0 else math.ceil(x - 0.5))
+
+
+def rounded_down(x: float) -> float:
+    """Return the next whole number below."""
+    return float(math.floor(x))
+
+
+def rounded_up(x: float) -> float:
+    """Return the next whole number above."""
+    return float(math.ceil(x))
+
+
+def rounded_to_zero(x: float) -> float:
+    """Return the next whole number towards zero."""
+    return float(math.trunc(x))
+
+
+def rounded_from_zero(x: float) -> float:
+    """Return the next whole number away from zero."""
+    return math.copysign(math.ceil(abs(x)), x)
+
+
+# those that all dialects share; FIX and FUP round differently in each
+FUNCTIONS: dict[str, Function] = {
+    "ABS": abs,
+    "ACOS": _in_degrees(math.acos),
+    "ASIN": _in_degrees(math.asin),
+    "COS": _of_degrees(math.cos),
+    "EXP": math.exp,
+    "LN": math.log,
+    "ROUND": _rounded,
+    "SIN": _of_degrees(math.sin),
+    "SQRT": math.sqrt,
+    "TAN": _of_degrees(math.tan),
+}
+
+
+@dataclass(frozen=True)
+class Grammar:
+    """The words of a dialect's expressions.
+
+    Attributes:
+        operators: between two values, by their spelling.
+        functions: of one value in brackets, by their spelling.
+        arc_tangent: name of the function of a ratio, NAME[y]/[x] or NAME[y] [deg].
+        existence: name of the function that is 1 for a parameter that was set, else 0.
+    """
+
+    operators: Mapping[str, Operator]
+    functions: Mapping[str, Function]
+    arc_tangent: str = "ATAN"
+    existence: str = "EXISTS"
+
+    @cached_property
+    def operator_pattern(self) -> re.Pattern[str]:
+        """Regular expression of an operator."""
+        return _any_of(self.operators)
+
+    @cached_property
+    def function_pattern(self) -> re.Pattern[str]:
+        """Regular expression of a function's name."""
+        return _any_of((*self.functions, self.arc_tangent, self.existence))
+
+    def called(self, name: str, x: float) -> float:
+        """Return the value of a function.
+
+        Raises:
+            InputError: it has no finite value there.
+        """
+        try:
+            return self.functions[name](x)
+        except (ValueError, OverflowError):
+            raise InputError(f"{name}[{x:g}]: has no finite value") from None
+
+
+def _any_of(names: Mapping[str, Operator] | tuple[str, ...]) -> re.Pattern[str]:
+    # the longest first: a pattern takes the first alternative that fits, and "*" begins "**"
+    return re.compile("|".join(re.escape(name) for name in sorted(names, key=len, reverse=True)))
