@@ -58,8 +58,7 @@ def _of_frame(
     assert isinstance(value, float | int)
     if not value:
         return {}
-    axes_needed = {"sag": "x", "racking": "xy"}.get(name, name.removeprefix("squareness_").removeprefix("bending_"))
-    if all(axis in placing for axis in axes_needed) and (name not in BENDING or has_ram):
+    if all(axis in placing for axis in OF_FRAME[name]) and (name not in BENDING or has_ram):
         return {name: value}
     if geometry.given(name) or not placing:
         raise refusal(machine, name)

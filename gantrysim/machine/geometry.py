@@ -13,7 +13,16 @@ OF_SCREWS = ("travel_error", "periodic_error", "play")  # also of axes that are 
 OF_GUIDES = ("straightness", "straightness_vertical", "yaw")  # of each of x, y and z
 SQUARENESS = ("squareness_xy", "squareness_xz", "squareness_yz")
 BENDING = ("bending_x", "bending_y")  # of the ram
-OF_FRAME = (*SQUARENESS, "racking", "sag", *BENDING)
+# errors of the frame, with the axes without which a machine has none
+OF_FRAME = {
+    "squareness_xy": "xy",
+    "squareness_xz": "xz",
+    "squareness_yz": "yz",
+    "racking": "xy",
+    "sag": "x",
+    "bending_x": "x",
+    "bending_y": "y",
+}
 LOADS = {"weight": 2, "force": 3}  # on the ram, with the power of its free length by which it bends
 ERRORS = (*OF_SCREWS, *OF_GUIDES, *OF_FRAME)
 _BOUNDS = {"travel_error": 10.0, "periodic_error": 1.0, "play": 5.0}  # of a magnitude; others 10

@@ -7,7 +7,8 @@ import mujoco
 
 def driven_joints(model: mujoco.MjModel) -> list[int]:
     """Return the index of each axis' joint, in the order of the actuators."""
-    return [int(joint) for joint in model.actuator_trnid[:, 0]]
+    joints: list[int] = model.actuator_trnid[:, 0].tolist()
+    return joints
 
 
 def springs_have_axes(model: mujoco.MjModel) -> bool:

@@ -167,8 +167,11 @@ class Chain(Path):
         return k, arc_length - self._s[k]
 
     def _at(self, k: NDArray[np.intp], distance: Floats) -> _Places:
-        columns = _Columns(*(self._columns[name] for name in _Columns._fields))
-        return _Places(*_values(k, distance, columns))
+        return _Places(*_values(k, distance, self._packed))
+
+    @cached_property
+    def _packed(self) -> _Columns:
+        return _Columns(*(self._columns[name] for name in _Columns._fields))
 
     def position(self, s: ArrayLike) -> Floats:
         return self._at(*self._locate(s)).point

@@ -134,7 +134,12 @@ class Involute(Path):
 
     def position(self, s: ArrayLike) -> Floats:
         phi = self.phi(s)
-        numbers = _Numbers(
+        # not compiled: cosine and sine of another library round differently, which would be another path
+        return _points(phi, np.cos(phi), np.sin(phi), self._numbers)
+
+    @cached_property
+    def _numbers(self) -> _Numbers:
+        return _Numbers(
             radius=float(self.radius),
             a=self.a,
             rise=self._rise,
@@ -142,8 +147,6 @@ class Involute(Path):
             direction=(float(np.cos(self.heading_start)), float(np.sin(self.heading_start))),
             turn=self._turn,
         )
-        # not compiled: cosine and sine of another library round differently, which would be another path
-        return _points(phi, np.cos(phi), np.sin(phi), numbers)
 
     def heading(self, s: ArrayLike) -> Floats:
         return self.heading_start + self._turn * self.phi(s)
