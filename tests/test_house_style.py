@@ -26,6 +26,8 @@ NAMES_ALLOWED: dict[str, str] = {
 PARAMETERS_ALLOWED: dict[str, str] = {
     "render/film.py:save_video": "keywords of Take, Film and Film.save in one call, which users type",
     "render/renderer.py:__init__": "a run, its view and the looks of its bead, which users type",
+    "cli/tune.py:tune": "a command: its parameters are its options",
+    "job/job.py:load": "keywords of a public constructor, one for each option of the command",
 }
 
 # By room, the most places that break a rule; "" is the package's own folder. Lower a number as you cure places, and
@@ -33,14 +35,6 @@ PARAMETERS_ALLOWED: dict[str, str] = {
 NOT_YET: dict[str, dict[str, int]] = {
     # controllers/softmc
     "controllers/softmc": {"names": 48, "assignments": 1, "parameters": 1, "modules": 2},
-    # cli
-    "cli": {"functions": 6, "parameters": 1},
-    # job
-    "job": {"parameters": 1},
-    # report
-    "report": {"parameters": 3},
-    # view
-    "view": {"names": 1, "parameters": 2},
     # engine
     "engine": {"names": 40, "assignments": 20, "parameters": 3},
     # faults

@@ -20,30 +20,36 @@ _UM = 1e3
 _SUMMARY = "compare.json"
 _HEADS = ("measured\nrms", "\n95 %", "\nmax", "simulated\nrms", "\n95 %", "\nmax", "difference\nrms", "\nmax")
 
+Measured = Annotated[
+    Path,
+    typer.Option(
+        help="Log of the real machine: CSV, softMC's RECORD, LinuxCNC's halsampler or halscope, or a TABLE dump.",
+        show_default=False,
+    ),
+]
+Columns = Annotated[
+    str | None,
+    typer.Option(
+        help="Columns of the log: time=t\\[ms],x=px,y=py*0.001 of the nozzle, commanded.x=..., encoder.x=... for "
+        "axes; or a TOML file with a table \\[columns]."
+    ),
+]
+Period = Annotated[float | None, typer.Option(help="Sampling period, for a log without time \\[s].")]
+Align = Annotated[str, typer.Option(help="Fitted to the trace: time, offset, rotation, or none.")]
+Circle = Annotated[
+    str | None,
+    typer.Option(metavar="RADIUS[,X,Y]", help="Evaluate a circular test too, about X, Y in the work frame \\[mm]."),
+]
+
 
 def compare(
     run: Annotated[Path, typer.Argument(help="Output folder of gantrysim run.", show_default=False)],
-    measured: Annotated[
-        Path,
-        typer.Option(
-            help="Log of the real machine: CSV, softMC's RECORD, LinuxCNC's halsampler or halscope, or a TABLE dump.",
-            show_default=False,
-        ),
-    ],
-    columns: Annotated[
-        str | None,
-        typer.Option(
-            help="Columns of the log: time=t\\[ms],x=px,y=py*0.001 of the nozzle, commanded.x=..., encoder.x=... for "
-            "axes; or a TOML file with a table \\[columns]."
-        ),
-    ] = None,
-    period: Annotated[float | None, typer.Option(help="Sampling period, for a log without time \\[s].")] = None,
+    measured: Measured,
+    columns: Columns = None,
+    period: Period = None,
     blocks: Annotated[int, typer.Option(min=0, help="Blocks of a Trio TABLE dump.")] = 0,
-    align: Annotated[str, typer.Option(help="Fitted to the trace: time, offset, rotation, or none.")] = "time,offset",
-    circle: Annotated[
-        str | None,
-        typer.Option(metavar="RADIUS[,X,Y]", help="Evaluate a circular test too, about X, Y in the work frame \\[mm]."),
-    ] = None,
+    align: Align = "time,offset",
+    circle: Circle = None,
     out: Annotated[Path | None, typer.Option(help="Output folder; by default RUN and /compare.")] = None,
 ) -> None:
     """Compare a saved run with a measured trace: both error budgets, and what the model does not explain.

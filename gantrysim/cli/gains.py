@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gantrysim.base.errors import InputError, expanded
-from gantrysim.cli.options import AllowCode, Model, Settings
+from gantrysim.cli.options import AllowCode, Model, ServoFile, Settings
 from gantrysim.cli.terminal import say, show, warn
 
 if TYPE_CHECKING:
@@ -18,27 +18,28 @@ if TYPE_CHECKING:
 
 _SHAPER = "klipper"
 
+Export = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Write the gains for trio, linuxcnc, linuxcnc-ini, softmc or fanuc, or the input shapers of the "
+        "machine's first modes for klipper.",
+    ),
+]
+Source = Annotated[
+    tuple[str, Path] | None,
+    typer.Option("--from", metavar="NAME FILE", help="Read gains in these words, and write the table \\[servo]."),
+]
+
 
 def gains(
     job: Annotated[str, typer.Argument(help="Built-in job, or TOML file.")] = "an225",
-    export: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Write the gains for trio, linuxcnc, linuxcnc-ini, softmc or fanuc, or the input shapers of the "
-            "machine's first modes for klipper.",
-        ),
-    ] = None,
-    source: Annotated[
-        tuple[str, Path] | None,
-        typer.Option("--from", metavar="NAME FILE", help="Read gains in these words, and write the table \\[servo]."),
-    ] = None,
+    export: Export = None,
+    source: Source = None,
     out: Annotated[Path | None, typer.Option(help="File to write; by default the standard output.")] = None,
     model: Model = None,
     settings: Settings = None,
-    servo: Annotated[
-        Path | None, typer.Option(help="TOML file whose table \\[servo] replaces the job's, such as tuned.toml.")
-    ] = None,
+    servo: ServoFile = None,
     allow_code: AllowCode = False,
 ) -> None:
     """Show a job's servo gains in the words and units of motion controllers; write or read them.

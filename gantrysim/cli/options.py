@@ -18,6 +18,10 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the job, as in --set loop_period=0.01."),
 ]
+ServoFile = Annotated[
+    Path | None,
+    typer.Option(help="TOML file whose table \\[servo] replaces the job's, such as tuned.toml of gantrysim tune."),
+]
 Reader = Annotated[
     str | None,
     typer.Option(

@@ -14,49 +14,57 @@ from gantrysim.cli.terminal import interruptible, say, share_bar, warn
 
 _COMPARISON = "comparison"
 
+Folders = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="RUN_DIR", help="Folder of a run; two or four runs are compared side by side.", show_default=False
+    ),
+]
+Camera = Annotated[
+    str | None,
+    typer.Option(
+        help="overview, top, side, or nozzle, which follows the tip; by default overview, or the whole machine if "
+        "it has no cameras."
+    ),
+]
+Size = Annotated[
+    str | None,
+    typer.Option(
+        metavar="WxH",
+        help="Width and height of the film, even numbers for MP4; by default 960x720, for two runs 1280x640, for "
+        "four 1280x960.",
+    ),
+]
+FilmSpeed = Annotated[
+    float | None,
+    typer.Option(help="Seconds of the run per second of film; by default 1, or more to keep it below a minute."),
+]
+Moment = Annotated[
+    float | None, typer.Option("--at", metavar="SECONDS", help="Draw a single picture at this time of the run.")
+]
+Labels = Annotated[
+    list[str] | None,
+    typer.Option(help="Label of a run, given once per run; by default the values in which the jobs differ."),
+]
+PictureFile = Annotated[
+    Path | None,
+    typer.Option(
+        help="File to write: .mp4, .gif, or .png for a single picture, at the end unless --at is given; by default "
+        "render.mp4 in the run's folder, or comparison.mp4 beside the first of several, and .png with --at."
+    ),
+]
+
 
 def render(
-    folders: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="RUN_DIR", help="Folder of a run; two or four runs are compared side by side.", show_default=False
-        ),
-    ],
-    camera: Annotated[
-        str | None,
-        typer.Option(
-            help="overview, top, side, or nozzle, which follows the tip; by default overview, or the whole machine if "
-            "it has no cameras."
-        ),
-    ] = None,
-    size: Annotated[
-        str | None,
-        typer.Option(
-            metavar="WxH",
-            help="Width and height of the film, even numbers for MP4; by default 960x720, for two runs 1280x640, for "
-            "four 1280x960.",
-        ),
-    ] = None,
+    folders: Folders,
+    camera: Camera = None,
+    size: Size = None,
     fps: Annotated[float, typer.Option(help="Frames per second.")] = 25.0,
-    speed: Annotated[
-        float | None,
-        typer.Option(help="Seconds of the run per second of film; by default 1, or more to keep it below a minute."),
-    ] = None,
+    speed: FilmSpeed = None,
     colour: Colour = "plain",
-    moment: Annotated[
-        float | None, typer.Option("--at", metavar="SECONDS", help="Draw a single picture at this time of the run.")
-    ] = None,
-    label: Annotated[
-        list[str] | None,
-        typer.Option(help="Label of a run, given once per run; by default the values in which the jobs differ."),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="File to write: .mp4, .gif, or .png for a single picture, at the end unless --at is given; by default "
-            "render.mp4 in the run's folder, or comparison.mp4 beside the first of several, and .png with --at."
-        ),
-    ] = None,
+    moment: Moment = None,
+    label: Labels = None,
+    out: PictureFile = None,
 ) -> None:
     """Draw saved runs: a film or a picture of the machine and its bead, with readout and error strip.
 

@@ -2,20 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gantrysim.base.errors import text_of
-from gantrysim.cli.options import AllowCode, At, Model, Reader, Rotate, Scale, Settings, Speed, placement, to_write
-from gantrysim.cli.terminal import FAULT, INCOMPLETE, interruptible, say, share_bar, show, warn
+from gantrysim.cli.options import (
+    AllowCode,
+    At,
+    Model,
+    Reader,
+    Rotate,
+    Scale,
+    ServoFile,
+    Settings,
+    Speed,
+    placement,
+    to_write,
+)
+from gantrysim.cli.terminal import FAULT, INCOMPLETE, interruptible, say, share_bar, warn
 
 if TYPE_CHECKING:
+    from gantrysim.cli.evaluation import Wanted
     from gantrysim.job.job import Job
     from gantrysim.record.run import Run
+
+WithCauses = Annotated[
+    bool, typer.Option("--causes", help="Run the job again with one cause of error at a time switched off.")
+]
+Repeat = Annotated[
+    int | None,
+    typer.Option(help="Run the job so many times with other zeros of its encoders; print the figures' scatter."),
+]
 
 
 def run(
@@ -25,17 +43,9 @@ def run(
     ] = None,
     model: Model = None,
     settings: Settings = None,
-    servo: Annotated[
-        Path | None,
-        typer.Option(help="TOML file whose table \\[servo] replaces the job's, such as tuned.toml of gantrysim tune."),
-    ] = None,
-    causes: Annotated[
-        bool, typer.Option("--causes", help="Run the job again with one cause of error at a time switched off.")
-    ] = False,
-    repeat: Annotated[
-        int | None,
-        typer.Option(help="Run the job so many times with other zeros of its encoders; print the figures' scatter."),
-    ] = None,
+    servo: ServoFile = None,
+    causes: WithCauses = False,
+    repeat: Repeat = None,
     controller: Reader = None,
     speed: Speed = None,
     origin: At = None,
@@ -58,14 +68,8 @@ def run(
     Exit status: 0 for a complete run, 1 if a plot, the report or the video failed while all else is written, 2 for bad
     input, 3 for a run that ended in a fault, 130 after Ctrl-C, which leaves the output folder unchanged.
     """
-    from gantrysim.base.memory import LONG
-    from gantrysim.job.causes import check_causes
-    from gantrysim.job.cost import computing_time
+    from gantrysim.cli.evaluation import Wanted
     from gantrysim.job.job import Job
-    from gantrysim.job.losses import events
-    from gantrysim.job.scatter import check_repeats
-    from gantrysim.job.steps import run_notes
-    from gantrysim.report.folder import output_folder, write_fault
 
     loaded = Job.load(
         job,
@@ -77,145 +81,69 @@ def run(
         speed=speed,
         allow_code=allow_code,
     )
-    machine = loaded.built_machine
-    loaded.check_fit()
-    if causes:
-        check_causes(loaded)
-    if repeat is not None:
-        check_repeats(loaded, repeat)
     folder = out if out is not None else Path("out") / loaded.name
-    shown: list[Callable[[], None]] = []
-    failed: list[str] = []
-    if (count := loaded.setpoints.run_ticks) > LONG:
-        warn(f"note: {count:,} servo ticks, about {_lasting(computing_time(loaded))} of computing")
+    simulate_and_show(loaded, folder, Wanted(causes, repeat, video, with_report))
+
+
+def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
+    """Run a job, write its output folder, and print its results.
+
+    Raises:
+        InputError: a job that does not fit its machine, or whose causes or scatter cannot be had.
+        typer.Exit: with the status of `gantrysim run`, unless that is 0.
+    """
+    from gantrysim.base.memory import LONG
+    from gantrysim.cli.evaluation import Evaluation
+    from gantrysim.job.causes import check_causes
+    from gantrysim.job.cost import computing_time
+    from gantrysim.job.losses import events
+    from gantrysim.job.scatter import check_repeats
+    from gantrysim.report.folder import output_folder, write_fault
+
+    machine = job.built_machine
+    job.check_fit()
+    if wanted.causes:
+        check_causes(job)
+    if wanted.repeat is not None:
+        check_repeats(job, wanted.repeat)
+    ticks = job.setpoints.run_ticks
+    if ticks > LONG:
+        warn(f"note: {ticks:,} servo ticks, about {_lasting(computing_time(job))} of computing")
     with interruptible() as go_on, output_folder(folder) as scratch:
+        evaluation = Evaluation(scratch, go_on)
         with share_bar("simulate", go_on) as advance:
-            record = loaded.run(advance)
+            record = job.run(advance)
         if record.fault is not None and not record.dispense.any():
-            write_fault(scratch, loaded, machine, record)
+            write_fault(scratch, job, machine, record)
             say("the run ended before the dispenser was on: there are no errors to evaluate")
             for event in events(record) if record.injected else ():
                 say(event, wrap=True)
         else:
-            shown = _evaluated(
-                scratch,
-                loaded,
-                record,
-                go_on,
-                failed,
-                causes=causes,
-                repeat=repeat,
-                video=video,
-                with_report=with_report,
-            )
+            evaluation.make(job, record, wanted)
         written = sorted(item.name for item in scratch.iterdir() if item.is_file() or any(item.iterdir()))
-    for show_one in shown:
-        show_one()
-    say(f"servo: {loaded.servo_reason}", wrap=True)
-    for note in run_notes(loaded, record):
-        say(f"note: {note}")
-    for text in failed:
-        warn(text, "error")
+    for show_result in evaluation.shown:
+        show_result()
+    _show_end(job, record, evaluation.failed)
     say(f"written to {folder}/: {', '.join(written)}")
     if record.fault is not None:
-        if causes:
+        if wanted.causes:
             say("causes skipped: the run ended in a fault")
         warn(str(record.fault), "fault")
         raise typer.Exit(FAULT)
-    if failed:
+    if evaluation.failed:
         raise typer.Exit(INCOMPLETE)
+
+
+def _show_end(job: Job, record: Run, failed: list[str]) -> None:
+    """Print what bounds the servo, the notes of the run, and which files are missing."""
+    from gantrysim.job.steps import run_notes
+
+    say(f"servo: {job.servo_reason}", wrap=True)
+    for note in run_notes(job, record):
+        say(f"note: {note}")
+    for text in failed:
+        warn(text, "error")
 
 
 def _lasting(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds >= 60 else f"{seconds:.0f} s"
-
-
-def _evaluated(
-    scratch: Path,
-    job: Job,
-    record: Run,
-    go_on: Callable[[], None],
-    failed: list[str],
-    *,
-    causes: bool,
-    repeat: int | None,
-    video: bool,
-    with_report: bool,
-) -> list[Callable[[], None]]:
-    """Write everything that follows from a record; return what is to be shown of it once it is in place.
-
-    A plot, video or report that fails is told in `failed`; the rest is written.
-    """
-    from gantrysim.bead import Bead
-    from gantrysim.cli.tables import causes_table, links_table, losses_table, outcome_table, scatter_table
-    from gantrysim.job.causes import causes_of
-    from gantrysim.job.losses import Losses
-    from gantrysim.job.scatter import scatter_of, scatters
-    from gantrysim.metrics.analysis import Analysis
-    from gantrysim.metrics.budget import Budget
-    from gantrysim.plots import save_plots
-    from gantrysim.render import NoOpenGLError, save_video
-    from gantrysim.render.encoding import NoEncoderError
-    from gantrysim.report.folder import PLOTS, REPORT, SUMMARY, VIDEO, write_run
-    from gantrysim.report.headline import headline
-    from gantrysim.report.page import write_run_page
-    from gantrysim.report.scatter import SCATTER_NOTE, add_to_summary
-
-    machine = job.built_machine
-    analysis = Analysis(record)
-    budget = Budget(analysis)
-    bead = Bead(record, job.bead, analysis)
-    laid = bead.values if bead.nominal > 0 else None
-    causes_found = losses = None
-    shown: list[Callable[[], None]] = []
-    if causes and record.fault is None:
-        with share_bar("causes", go_on) as advance:
-            causes_found = causes_of(job, record, advance)
-    if record.injected:
-        with share_bar("simulate without faults", go_on) as advance:
-            healthy = job.without_faults().run(advance)
-        losses = Losses.of(bead, Bead(healthy, job.bead)) if healthy.dispense.any() else None
-    write_run(scratch, job, machine, budget, laid, causes_found, losses)
-    scatter = None
-    if repeat is not None and record.fault is None:
-        with share_bar("repeat", go_on) as advance:
-            scatter = scatter_of(job, repeat, record=record, progress=advance)
-        add_to_summary(scratch / SUMMARY, scatter)
-
-    @contextmanager
-    def optional(kind: str) -> Iterator[None]:
-        try:
-            yield
-        except (NoOpenGLError, NoEncoderError) as error:
-            missing = f"no {kind}: {error}"
-            shown.append(lambda: warn(missing))
-        except Exception as error:
-            go_on()
-            failed.append(f"no {kind}: {text_of(error).replace(f'{scratch}/', '')}")
-
-    if with_report:
-        with optional("plot"), share_bar("plot", go_on) as advance:
-            save_plots(budget, scratch / PLOTS, bead=bead, progress=advance)
-    shown.append(lambda: show(links_table(job.name, machine, budget)))
-    if losses is not None:
-        cost = losses_table(record, losses)
-        shown.append(lambda: show(cost))
-    if causes_found is not None:
-        table = causes_table(causes_found)
-        shown.append(lambda: show(table))
-    if scatter is not None:
-        spread = scatter_table(scatter)
-        shown.append(lambda: show(spread))
-    elif record.fault is None and scatters(job):
-        shown.append(lambda: say(SCATTER_NOTE, wrap=True))
-    shown.append(lambda: show(outcome_table(record, analysis.values, laid, job.margins)))
-    shown.append(lambda: say(headline(budget), wrap=True))
-    if video:
-        with optional("video"), share_bar("video", go_on) as advance:
-            save_video(machine, record, scratch / VIDEO, bead=bead, label=job.name, progress=advance)
-    if with_report:
-        with optional("report"), share_bar("report", go_on) as advance:
-            write_run_page(
-                scratch / REPORT, job, machine, bead, scratch / VIDEO, advance, causes_found, losses, budget, scatter
-            )
-    return shown

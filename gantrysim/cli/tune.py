@@ -11,61 +11,74 @@ from gantrysim.cli.options import AllowCode, Model, Settings
 from gantrysim.cli.study import Backend, JobArgument, Out, Seed, Workers, carry_out
 from gantrysim.cli.terminal import say, warn
 
+Law = Annotated[
+    str | None,
+    typer.Option(
+        help="Gains to search: pd for kp, kd, velocity_ff and acceleration_ff, pid for these and ki; by default "
+        "pid where the job has an integral term."
+    ),
+]
+Budget = Annotated[int, typer.Option(help="Maximum number of runs of the search.")]
+Robust = Annotated[
+    int, typer.Option(metavar="K", help="Perturbed machines besides the job's own; the worst of all counts.")
+]
+Guards = Annotated[
+    int, typer.Option(metavar="N", help="Machines besides these on which the margin is kept, without runs.")
+]
+Batch = Annotated[
+    int, typer.Option(metavar="N", help="Candidates run side by side; more fill more cores, but waste some runs.")
+]
+Metric = Annotated[
+    str,
+    typer.Option(
+        "--figure",
+        help="Metric to minimise: contour or tracking error, followed by _rms, _p95 or _max.",
+    ),
+]
+Margin = Annotated[
+    float,
+    typer.Option(
+        metavar="M",
+        help="Least gain margin, in every direction: the peak of |S| is at most M/(M - 1); a margin of 2 gives a "
+        "phase margin of at least 29 deg.",
+    ),
+]
+Ripple = Annotated[float, typer.Option(metavar="%", help="Largest torque ripple, in % of the peak torque.")]
+PerAxis = Annotated[
+    bool, typer.Option("--per-axis", help="Search the gains of every axis separately, not one factor for all.")
+]
+Spread = Annotated[
+    str,
+    typer.Option(help="Tolerances of the machines, as in gantrysim study machine: payload=0.5,friction=0.3."),
+]
+Unseen = Annotated[
+    int, typer.Option(metavar="N", help="Machines for the final check of the tuned gains, not in the budget.")
+]
+Export = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Write the tuned gains in the words of a controller too: trio, linuxcnc, linuxcnc-ini, softmc or "
+        "fanuc, as gantrysim gains does.",
+    ),
+]
+
 
 def tune(
     job: JobArgument = "fanuc-spiral",
-    law: Annotated[
-        str | None,
-        typer.Option(
-            help="Gains to search: pd for kp, kd, velocity_ff and acceleration_ff, pid for these and ki; by default "
-            "pid where the job has an integral term."
-        ),
-    ] = None,
-    budget: Annotated[int, typer.Option(help="Maximum number of runs of the search.")] = 300,
-    robust: Annotated[
-        int, typer.Option(metavar="K", help="Perturbed machines besides the job's own; the worst of all counts.")
-    ] = 4,
-    guards: Annotated[
-        int, typer.Option(metavar="N", help="Machines besides these on which the margin is kept, without runs.")
-    ] = 28,
-    batch: Annotated[
-        int, typer.Option(metavar="N", help="Candidates run side by side; more fill more cores, but waste some runs.")
-    ] = 4,
-    metric: Annotated[
-        str,
-        typer.Option(
-            "--figure",
-            help="Metric to minimise: contour or tracking error, followed by _rms, _p95 or _max.",
-        ),
-    ] = "contour_rms",
-    margin: Annotated[
-        float,
-        typer.Option(
-            metavar="M",
-            help="Least gain margin, in every direction: the peak of |S| is at most M/(M - 1); a margin of 2 gives a "
-            "phase margin of at least 29 deg.",
-        ),
-    ] = 2.0,
-    ripple: Annotated[float, typer.Option(metavar="%", help="Largest torque ripple, in % of the peak torque.")] = 2.0,
-    per_axis: Annotated[
-        bool, typer.Option("--per-axis", help="Search the gains of every axis separately, not one factor for all.")
-    ] = False,
-    spread: Annotated[
-        str,
-        typer.Option(help="Tolerances of the machines, as in gantrysim study machine: payload=0.5,friction=0.3."),
-    ] = "",
-    unseen: Annotated[
-        int, typer.Option(metavar="N", help="Machines for the final check of the tuned gains, not in the budget.")
-    ] = 32,
+    law: Law = None,
+    budget: Budget = 300,
+    robust: Robust = 4,
+    guards: Guards = 28,
+    batch: Batch = 4,
+    metric: Metric = "contour_rms",
+    margin: Margin = 2.0,
+    ripple: Ripple = 2.0,
+    per_axis: PerAxis = False,
+    spread: Spread = "",
+    unseen: Unseen = 32,
     seed: Seed = 1,
-    export: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Write the tuned gains in the words of a controller too: trio, linuxcnc, linuxcnc-ini, softmc or "
-            "fanuc, as gantrysim gains does.",
-        ),
-    ] = None,
+    export: Export = None,
     out: Out = None,
     model: Model = None,
     settings: Settings = None,

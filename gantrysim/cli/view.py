@@ -16,9 +16,7 @@ from gantrysim.cli.terminal import FAULT, warn
 if TYPE_CHECKING:
     from gantrysim.job.job import Job
     from gantrysim.record.fault import Fault
-    from gantrysim.render.scene import Scene
-    from gantrysim.view.push import Bodies
-    from gantrysim.view.source import Source
+    from gantrysim.view.playback import Playback
 
 
 def view(
@@ -85,19 +83,21 @@ def _is_saved(shown: str, folder: Path) -> bool:
 def _replay(folder: Path, camera: str | None, colour: str, speed: float) -> None:
     from gantrysim.render.scene import Scene
     from gantrysim.report.saved import SavedRun
+    from gantrysim.view.playback import Playback
     from gantrysim.view.source import Replay
 
     saved = SavedRun.load(folder)
     if saved.changed:
         warn(f"note: machine {saved.machine.name} has changed since {folder} was run; its present model is shown")
     scene = Scene(saved.machine, saved.run, saved.job.bead, colour=colour)
-    _play(saved.job.name, scene, Replay(saved.run), camera, speed)
+    _play(Playback(saved.job.name, scene, Replay(saved.run)), camera, speed)
 
 
 def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | None:
     from gantrysim.engine.simulation import Simulation
     from gantrysim.render.colours import scale_for
     from gantrysim.render.scene import Scene
+    from gantrysim.view.playback import Playback
     from gantrysim.view.push import STIFFNESS, Bodies
     from gantrysim.view.source import Live
 
@@ -114,21 +114,20 @@ def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | No
     scale = scale_for(colour, [follower if colour == "plain" else job.run()], [job.bead])
     scene = Scene(job.built_machine, follower, job.bead, colour=colour, scale=scale)
     scene.model.vis.map.stiffness = max(scene.model.vis.map.stiffness, STIFFNESS)
-    return _play(job.name, scene, Live(simulation), camera, speed, Bodies(scene.model, simulation.model))
+    bodies = Bodies(scene.model, simulation.model)
+    return _play(Playback(job.name, scene, Live(simulation), bodies), camera, speed)
 
 
-def _play(
-    name: str, scene: Scene, source: Source, camera: str | None, speed: float, bodies: Bodies | None = None
-) -> Fault | None:
-    """Play a source in a window and return the fault that ended a live run."""
+def _play(playback: Playback, camera: str | None, speed: float) -> Fault | None:
+    """Play a run in a window and return the fault that ended a live run."""
     from gantrysim.view.player import Player
     from gantrysim.view.window import ViewerWindow, WindowClosedError
 
     # an exception while a window opens or closes would leave its thread drawing freed memory
     with suppress(WindowClosedError), deferred() as stopped:
-        window = ViewerWindow(scene, camera)
+        window = ViewerWindow(playback.scene, camera)
         try:
-            return Player(name, scene, source, window, bodies=bodies, speed=speed).play(stopped)
+            return Player(playback, window, speed=speed).play(stopped)
         finally:
             window.close()
     return None

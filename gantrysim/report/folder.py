@@ -12,13 +12,10 @@ from typing import Any
 from gantrysim.base.errors import InputError, expanded
 from gantrysim.base.files import check_free, held, replaced_files
 from gantrysim.base.swap import pending
-from gantrysim.bead import BeadValues
-from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
-from gantrysim.job.losses import Losses
 from gantrysim.machine.machine import Machine
-from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
+from gantrysim.report.results import RunResults
 from gantrysim.report.summary import fault_summary, summary
 
 JOB = "job.toml"
@@ -97,17 +94,10 @@ def output_folder(folder: Path, output: Output = _RUN_OUTPUT) -> Iterator[Path]:
         yield scratch
 
 
-def write_run(
-    folder: Path,
-    job: Job,
-    machine: Machine,
-    budget: Budget,
-    bead: BeadValues | None = None,
-    causes: Causes | None = None,
-    losses: Losses | None = None,
-) -> None:
+def write_run(folder: Path, results: RunResults) -> None:
     """Write job, record, summary, and the controller's own record into a folder."""
-    _write(folder, job, budget.analysis.run, summary(job, machine, budget, bead, causes, losses))
+    content = summary(results.job, results.machine, results.budget, results.bead_values, results.causes, results.losses)
+    _write(folder, results.job, results.budget.analysis.run, content)
 
 
 def write_fault(folder: Path, job: Job, machine: Machine, run: Run) -> None:

@@ -6,18 +6,12 @@ import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from gantrysim.bead import Bead
-from gantrysim.job.causes import Causes
-from gantrysim.job.job import Job
-from gantrysim.job.losses import Losses
-from gantrysim.job.scatter import Scatter
 from gantrysim.job.steps import run_notes
-from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import AnalysisValues
-from gantrysim.metrics.budget import Budget
 from gantrysim.report.causes import causes_section
 from gantrysim.report.document import Section, Table, write_page
 from gantrysim.report.headline import headline
+from gantrysim.report.results import RunResults
 from gantrysim.report.scatter import scatter_section
 from gantrysim.report.sections import (
     bead_section,
@@ -35,64 +29,56 @@ _UM = 1e3
 
 def write_run_page(
     file: str | os.PathLike[str],
-    job: Job,
-    machine: Machine,
-    bead: Bead,
+    results: RunResults,
     video: str | os.PathLike[str] | None = None,
     progress: Callable[[float], None] | None = None,
-    causes: Causes | None = None,
-    losses: Losses | None = None,
-    budget: Budget | None = None,
-    scatter: Scatter | None = None,
 ) -> None:
     """Write the report of a run as one HTML file.
 
-    It includes the MP4 file `video` where it exists, the causes of the error where they are given, the faults on
-    purpose with their `losses`, and the `scatter` of the figures; `progress` is called with the completed share. A
-    `budget` that is given is not computed again.
+    Args:
+        file: to be written.
+        results: of the run, with its bead.
+        video: MP4 file that is included where it exists.
+        progress: called with the completed share.
     """
-    run = bead.run
+    run = results.budget.analysis.run
+    job = results.job
     write_page(
         file,
-        f"{job.name} on {machine.name}",
+        f"{job.name} on {results.machine.name}",
         f"{job.program['controller']}, servo period {1e3 * run.period:g} ms",
-        list(run_sections(job, machine, bead, None if video is None else Path(video), causes, losses, budget, scatter)),
+        list(run_sections(results, None if video is None else Path(video))),
         warning=None if run.fault is None else f"Fault: {run.fault}. All values are up to the fault.",
         progress=progress,
     )
 
 
-def run_sections(
-    job: Job,
-    machine: Machine,
-    bead: Bead,
-    video: Path | None = None,
-    causes: Causes | None = None,
-    losses: Losses | None = None,
-    budget: Budget | None = None,
-    scatter: Scatter | None = None,
-) -> Iterator[Section]:
+def run_sections(results: RunResults, video: Path | None = None) -> Iterator[Section]:
     """Yield the sections of a run's report, see `write_run_page`."""
-    analysis = bead.analysis
-    budget = Budget(analysis) if budget is None else budget
-    yield Section("Summary", headline(budget), facts=list(_facts(analysis.values, bead.run.requested.turn_spacing)))
-    if bead.run.injected:
-        yield faults_section(bead.run, losses)
+    job = results.job
+    machine = results.machine
+    budget = results.budget
+    bead = results.bead
+    analysis = budget.analysis
+    run = analysis.run
+    yield Section("Summary", headline(budget), facts=list(_facts(analysis.values, run.requested.turn_spacing)))
+    if run.injected:
+        yield faults_section(run, results.losses)
     yield budget_section(budget, machine)
-    if causes is not None:
-        yield causes_section(causes)
-    if scatter is not None:
-        yield scatter_section(scatter)
+    if results.causes is not None:
+        yield causes_section(results.causes)
+    if results.scatter is not None:
+        yield scatter_section(results.scatter)
     yield plan_section(analysis)
     if analysis.spacing.distance.size:
         yield spacing_section(analysis)
-    if bead.nominal > 0:
+    if bead is not None and bead.nominal > 0:
         yield bead_section(bead)
     yield errors_section(analysis)
-    yield servo_section(job, machine, analysis.run)
+    yield servo_section(job, machine, run)
     if video is not None and video.exists():
         yield Section("Video", video=video.read_bytes())
-    if notes := run_notes(job, analysis.run):
+    if notes := run_notes(job, run):
         yield Section("Notes", notes)
     yield Section("Job", "Save as a file for gantrysim run to repeat this run bit for bit.", code=job.toml())
     yield Section("Versions", table=Table(["", "version"], [list(item) for item in versions(machine).items()]))

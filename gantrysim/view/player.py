@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
 from gantrysim.record.fault import Fault
 from gantrysim.record.run import Run
-from gantrysim.render.scene import Scene
 from gantrysim.render.telemetry import Telemetry
 from gantrysim.view.chart import Chart
 from gantrysim.view.clock import Clock, Pace
-from gantrysim.view.push import Bodies
-from gantrysim.view.source import Source
-from gantrysim.view.texts import moment_texts
+from gantrysim.view.playback import Playback
+from gantrysim.view.texts import ViewState, moment_texts
 from gantrysim.view.window import ViewerWindow, WindowClosedError
 
 # GLFW's key codes; MuJoCo's viewer uses none of these while another program steps
@@ -31,18 +30,29 @@ _JUMP = 1.0  # of the arrow keys [s]
 _ALL_KEYS = 10.0  # for which all keys are listed at the beginning; later only while paused [s]
 
 
+class WallClock(NamedTuple):
+    """The time of the viewer, which tests replace.
+
+    Attributes:
+        now: returns the time [s].
+        wait: waits for a time [s].
+    """
+
+    now: Callable[[], float] = time.perf_counter
+    wait: Callable[[float], None] = time.sleep
+
+
+_WALL = WallClock()
+
+
 class Player:
-    """Plays a source until the window is closed.
+    """Plays a run until the window is closed.
 
     Args:
-        name: of the job.
-        scene: of the source's machine.
-        source: of the run.
+        playback: the run.
         window: to show it in.
-        bodies: that the mouse may push; None for a replay.
         speed: seconds shown per second.
-        timer: the wall clock [s].
-        rest: called between pictures with the remaining time [s].
+        wall: the time between pictures.
 
     Raises:
         InputError: a speed that is not above zero.
@@ -50,23 +60,19 @@ class Player:
 
     def __init__(
         self,
-        name: str,
-        scene: Scene,
-        source: Source,
+        playback: Playback,
         window: ViewerWindow,
         *,
-        bodies: Bodies | None = None,
         speed: float = 1.0,
-        timer: Callable[[], float] = time.perf_counter,
-        rest: Callable[[float], None] = time.sleep,
+        wall: WallClock = _WALL,
     ) -> None:
-        self._name = name
-        self._scene = scene
+        source = playback.source
+        self._name = playback.name
+        self._scene = playback.scene
         self._source = source
         self._window = window
-        self._bodies = bodies
-        self._timer = timer
-        self._rest = rest
+        self._bodies = playback.bodies
+        self._wall = wall
         self._pace = Pace()
         self._chart = Chart()
         self._shown: tuple[Run, int] | None = None
@@ -74,18 +80,18 @@ class Player:
         self._telemetry = Telemetry(source.run)
         # waiting at gates may prolong a live run
         end = np.inf if source.live else source.until
-        self._start = timer()
+        self._start = wall.now()
         self.clock = Clock(speed, end, since=self._start)
 
     def play(self, stopped: Callable[[], bool] = lambda: False) -> Fault | None:
         """Play until the window is closed or `stopped` returns True; return the fault that ended a live run."""
         try:
             while not stopped():
-                start = self._timer()
+                start = self._wall.now()
                 self.picture()
-                remaining = _PERIOD - (self._timer() - start)
+                remaining = _PERIOD - (self._wall.now() - start)
                 if remaining > 0:
-                    self._rest(remaining)
+                    self._wall.wait(remaining)
         except WindowClosedError:
             pass
         return self._source.fault if self._source.live else None
@@ -100,7 +106,7 @@ class Player:
             self._act(key)
         self._apply_pushes()
         source = self._source
-        now = self._timer()
+        now = self._wall.now()
         moment = self.clock.at(now)
         if not source.over or not source.live:
             source.go(moment)
@@ -117,7 +123,7 @@ class Player:
         self._show(run, tick, now)
 
     def _act(self, key: int) -> None:
-        now = self._timer()
+        now = self._wall.now()
         if key == _SPACE:
             self.clock = self.clock.toggled(now)
         elif key in (_UP, _DOWN):
@@ -152,6 +158,6 @@ class Player:
         clock = self.clock
         self._chart.draw(telemetry.time[: tick + 1], telemetry.error[: tick + 1], source.until)
         keys = clock.paused or source.over or now - self._start < _ALL_KEYS
-        pace = self._pace.factor
-        texts = moment_texts(self._name, source, telemetry, clock, pace=pace, push=self._push, keys=keys)
+        view = ViewState(clock, self._pace.factor, self._push, keys)
+        texts = moment_texts(self._name, source, telemetry, view)
         self._window.show(texts, self._chart)

@@ -47,20 +47,34 @@ class Texts(NamedTuple):
     fault: tuple[Row, ...]
 
 
-def moment_texts(
-    name: str, source: Source, telemetry: Telemetry, clock: Clock, *, pace: float | None, push: float, keys: bool
-) -> Texts:
+class ViewState(NamedTuple):
+    """State of the viewer.
+
+    Attributes:
+        clock: with the requested speed.
+        pace: actual speed, in seconds of the run per second; None if unknown.
+        push: force of the mouse on the machine [N].
+        keys: whether all keys are listed.
+    """
+
+    clock: Clock
+    pace: float | None
+    push: float
+    keys: bool
+
+
+def moment_texts(name: str, source: Source, telemetry: Telemetry, view: ViewState) -> Texts:
     """Return the texts of a source's present tick.
 
     Args:
         name: of the job.
         source: of the run.
         telemetry: of its record.
-        clock: with the requested speed.
-        pace: actual speed, in seconds of the run per second; None if unknown.
-        push: force of the mouse on the machine [N].
-        keys: whether all keys are listed.
+        view: state of the viewer.
     """
+    clock = view.clock
+    pace = view.pace
+    push = view.push
     tick = source.tick
     paused = clock.paused
     ended = source.over
@@ -82,7 +96,7 @@ def moment_texts(
     lines = textwrap.wrap(plain(str(fault)), _WIDTH) if fault is not None else []
     return Texts(
         tuple(values),
-        (LIVE_KEYS if source.live else REPLAY_KEYS) if keys else (_HINT,),
+        (LIVE_KEYS if source.live else REPLAY_KEYS) if view.keys else (_HINT,),
         tuple(("" if number else "fault", line) for number, line in enumerate(lines)),
     )
 

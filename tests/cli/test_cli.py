@@ -275,7 +275,7 @@ def test_an_interrupted_run_writes_nothing(gantrysim_command, tmp_path, monkeypa
     def interrupted(*arguments, **keywords):
         signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr("gantrysim.plots.save_plots", interrupted)
+    monkeypatch.setattr("gantrysim.cli.evaluation.save_plots", interrupted)
     before = signal.getsignal(signal.SIGINT)
     stopped = gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
     assert stopped == (130, "", "interrupted: nothing is written\n")
@@ -293,7 +293,7 @@ def test_an_interrupt_that_became_another_error_ends_the_run(gantrysim_command, 
             signal.raise_signal(number)
 
     function = ctypes.PYFUNCTYPE(None, Argument)(lambda _: None)
-    monkeypatch.setattr("gantrysim.plots.save_plots", lambda *_, **__: function(1))
+    monkeypatch.setattr("gantrysim.cli.evaluation.save_plots", lambda *_, **__: function(1))
     stopped = gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
     assert stopped == (128 + number, "", "interrupted: nothing is written\n")
     assert not list(tmp_path.iterdir())
@@ -306,7 +306,7 @@ def test_a_lost_interrupt_ends_the_next_step(gantrysim_command, tmp_path, monkey
         progress(0.5)
         pytest.fail("went on")
 
-    monkeypatch.setattr("gantrysim.plots.save_plots", lost)
+    monkeypatch.setattr("gantrysim.cli.evaluation.save_plots", lost)
     assert gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)[0] == 130
 
 
@@ -363,7 +363,7 @@ def test_other_errors_are_raised_unchanged(gantrysim_command, tmp_path, monkeypa
     def broken(*_, **__):
         raise ctypes.ArgumentError("argument 1")
 
-    monkeypatch.setattr("gantrysim.report.folder.write_run", broken)
+    monkeypatch.setattr("gantrysim.cli.evaluation.write_run", broken)
     with pytest.raises(ctypes.ArgumentError, match="argument 1"):
         gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
 

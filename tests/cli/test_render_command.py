@@ -258,7 +258,7 @@ def test_a_later_run_removes_the_files_of_a_killed_process(gantrysim_command, fo
 
 def test_the_video_of_a_run_is_headed_by_its_job(gantrysim_command, tmp_path, monkeypatch):
     seen = {}
-    monkeypatch.setattr("gantrysim.render.save_video", lambda machine, run, file, **named: seen.update(named))
+    monkeypatch.setattr("gantrysim.cli.evaluation.save_video", lambda machine, run, file, **named: seen.update(named))
     small = [word for setting in ("diameter=40", "turns=1", "thickness=5") for word in ("--set", setting)]
     gantrysim_command("run", "an225", *small, "--out", tmp_path, "--no-report")
     assert seen["label"] == "an225"

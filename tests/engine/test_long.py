@@ -27,6 +27,7 @@ from gantrysim.paths.kinds import path_of
 from gantrysim.paths.pieces import Line
 from gantrysim.record.setpoints import Setpoints, Supervision
 from gantrysim.report.folder import write_run
+from gantrysim.report.results import RunResults
 from gantrysim.report.summary import summary
 from gantrysim.servo.servo import Servo
 
@@ -102,7 +103,7 @@ def test_a_folder_gets_a_long_record_without_loading_it(long, tmp_path, monkeypa
     job = Job.load("an225", ["turns=1"])
     run, saved, save = job.run(), [], Run.save
     monkeypatch.setattr(Run, "save", lambda run, file: saved.append(run) or save(run, file))
-    write_run(tmp_path, job, job.built_machine, Budget(run))
+    write_run(tmp_path, RunResults(job, job.built_machine, Budget(run)))
     (record,) = saved
     assert sum(isinstance(value, Stored) for value in vars(record).values()) > 10
     assert not any(isinstance(value, np.ndarray) and len(value) == len(run.time) for value in vars(record).values())

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gantrysim import Fault, Job, Run, causes_of, render
+from gantrysim import Fault, Job, Run, causes_of
 from gantrysim.bead import Bead
 from gantrysim.faults import EncoderSlip
 from gantrysim.job.causes import CAUSES
@@ -20,6 +20,7 @@ from gantrysim.report import servo as servo_page
 from gantrysim.report.folder import REPORT
 from gantrysim.report.headline import headline
 from gantrysim.report.page import write_run_page
+from gantrysim.report.results import RunResults
 from gantrysim.report.summary import summary
 from gantrysim.stability.margins import Margins
 
@@ -34,7 +35,7 @@ def reported(folder, job, run=None, video=None):
     run = job.run() if run is None else run
     bead = Bead(run, job.bead, Analysis(run))
     file = folder / "report.html"
-    write_run_page(file, job, job.built_machine, bead, video)
+    write_run_page(file, RunResults(job, job.built_machine, Budget(bead.analysis), bead), video)
     page = Page(file)
     page.check()
     return page, bead
@@ -170,7 +171,7 @@ def test_the_causes_have_a_section_with_their_table_and_plot(tmp_path):
     causes = causes_of(job, run)
     bead = Bead(run, job.bead, Analysis(run))
     file = tmp_path / "report.html"
-    write_run_page(file, job, job.built_machine, bead, causes=causes)
+    write_run_page(file, RunResults(job, job.built_machine, Budget(bead.analysis), bead, causes))
     page = Page(file)
     page.check()
     assert page.sections[:3] == ["summary", "error-budget", "causes"]
@@ -289,7 +290,9 @@ def test_a_program_cannot_write_markup_into_the_page(tmp_path):
 
 def test_the_command_writes_the_report_with_its_video(gantrysim_command, tmp_path, monkeypatch):
     film = b"\x00\x00\x00 ftypisom" + bytes(range(256))
-    monkeypatch.setattr(render, "save_video", lambda machine, run, file, **keywords: file.write_bytes(film))
+    monkeypatch.setattr(
+        "gantrysim.cli.evaluation.save_video", lambda machine, run, file, **keywords: file.write_bytes(film)
+    )
     settings = [word for setting in SMALL for word in ("--set", setting)]
     status, printed, _ = gantrysim_command("run", "an225", *settings, "--out", tmp_path)
     assert status == 0

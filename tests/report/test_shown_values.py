@@ -18,6 +18,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import DESCRIPTIONS, LINKS, Budget
 from gantrysim.plots.budget import draw_budget
 from gantrysim.report.page import write_run_page
+from gantrysim.report.results import RunResults
 from gantrysim.report.summary import summary
 
 from support.distinct import distinct
@@ -49,7 +50,8 @@ class Shown:
             patch.setattr(f"gantrysim.report.{module}.torque_ripple", lambda run: RIPPLE)
         patch.setattr("gantrysim.report.sections.drawn", lambda *_: Figure())
         self.drawn = Budget(self.bead.analysis)
-        write_run_page(folder / "report.html", self.job, self.machine, self.bead)
+        results = RunResults(self.job, self.machine, self.drawn, self.bead)
+        write_run_page(folder / "report.html", results)
         self.page = Page(folder / "report.html")
         self.summary = summary(self.job, self.machine, self.drawn, self.glue)
         self.links = cells(links_table("an225", self.machine, self.drawn))

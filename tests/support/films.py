@@ -11,6 +11,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.render.fonts import PAPER, font, rgb
 from gantrysim.report.folder import write_run
+from gantrysim.report.results import RunResults
 
 # of films, from the smallest, 9:16 to 32:9
 SHAPES = (
@@ -28,7 +29,8 @@ def small_job(*settings):
 def saved(folder, job, run=None):
     """Write the folder of a run, as the command does, and return it."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_run(folder, job, job.built_machine, Budget(Analysis(job.run() if run is None else run)))
+    budget = Budget(Analysis(job.run() if run is None else run))
+    write_run(folder, RunResults(job, job.built_machine, budget))
     return folder
 
 

@@ -128,12 +128,13 @@ class Commands:
 def _serve():
     from gantrysim import Job
     from gantrysim.bead import Bead
-    from gantrysim.cli import main, start
+    from gantrysim.cli import evaluation, main, start
     from gantrysim.metrics.analysis import Analysis
     from gantrysim.plots import save_plots
     from gantrysim.render import save_video
     from gantrysim.report.page import write_run_page
 
+    assert evaluation
     assert main
     assert save_plots
     assert save_video

@@ -15,7 +15,7 @@ from gantrysim.record.fault import Fault
 from gantrysim.render.strip import round_step
 from gantrysim.view.chart import Chart, lines, thinned
 from gantrysim.view.clock import FASTEST, SLOWEST, Clock, Pace
-from gantrysim.view.texts import LIVE_KEYS, REPLAY_KEYS, moment_texts, plain
+from gantrysim.view.texts import LIVE_KEYS, REPLAY_KEYS, ViewState, moment_texts, plain
 
 CLOCK = 1e-9  # relative, of sums of seconds
 
@@ -105,7 +105,8 @@ def moment(name, time, until, speed, error, factor, *, live=False, ended=False, 
     source = SimpleNamespace(tick=0, until=until, live=live, over=ended, fault=fault)
     telemetry = SimpleNamespace(time=[time], speed=lambda _: speed, error=[error])
     options = {"pace": None, "push": 0.0, "keys": True} | options
-    return moment_texts(name, source, telemetry, Clock(factor, since=None if paused else 0.0), **options)
+    view = ViewState(Clock(factor, since=None if paused else 0.0), **options)
+    return moment_texts(name, source, telemetry, view)
 
 
 def test_texts_of_a_moment():

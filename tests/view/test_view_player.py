@@ -10,7 +10,8 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.render.scene import Scene
-from gantrysim.view.player import Player
+from gantrysim.view.playback import Playback
+from gantrysim.view.player import Player, WallClock
 from gantrysim.view.push import Bodies
 from gantrysim.view.source import Live, Replay
 from gantrysim.view.window import WindowClosedError
@@ -99,7 +100,7 @@ def replayed(made, speed=1.0, **paper):
     _, _, run, scene = made
     wall, source = Wall(), Replay(run)
     window = Paper(scene, **paper)
-    player = Player("circle", scene, source, window, speed=speed, timer=wall, rest=wall.rest)
+    player = Player(Playback("circle", scene, source), window, speed=speed, wall=WallClock(wall, wall.rest))
     assert player.play() is None
     return window
 
@@ -111,7 +112,7 @@ def live(made, speed=1.0, servo=None, source=None, **paper):
     source = source(simulation, wall) if source else Live(simulation, patience=EVER, timer=wall)
     window = Paper(scene, **paper)
     bodies = Bodies(scene.model, simulation.model)
-    player = Player("circle", scene, source, window, bodies=bodies, speed=speed, timer=wall, rest=wall.rest)
+    player = Player(Playback("circle", scene, source, bodies), window, speed=speed, wall=WallClock(wall, wall.rest))
     return window, source, player.play()
 
 
@@ -278,7 +279,7 @@ def test_a_replayed_fault_is_shown_at_its_end_alone(made):
     assert run.fault is not None
     scene, wall = Scene(machine, run), Wall()
     window = Paper(scene, pictures=int(run.time[-1] / FRAME) + 3)
-    assert Player("circle", scene, Replay(run), window, timer=wall, rest=wall.rest).play() is None
+    assert Player(Playback("circle", scene, Replay(run)), window, wall=WallClock(wall, wall.rest)).play() is None
     said = window.column("fault")
     assert len(run.time) > 1
     assert said[0] == ""
@@ -308,7 +309,7 @@ def test_a_replay_ignores_pushes(made):
 def test_zero_speed_is_refused(made):
     _, _, run, scene = made
     with pytest.raises(InputError, match=r"^speed = 0: must be greater than 0$"):
-        Player("circle", scene, Replay(run), Paper(scene), speed=0.0)
+        Player(Playback("circle", scene, Replay(run)), Paper(scene), speed=0.0)
 
 
 def test_the_player_rests_until_the_next_picture(made):
@@ -321,5 +322,5 @@ def test_the_player_rests_until_the_next_picture(made):
             wall.now += 0.01 if len(self.shown) < 3 else 0.1
 
     window = Busy(scene, pictures=6)
-    Player("circle", scene, Replay(run), window, timer=wall, rest=wall.rest).play()
+    Player(Playback("circle", scene, Replay(run)), window, wall=WallClock(wall, wall.rest)).play()
     assert wall.rests == pytest.approx([1 / 60 - 0.01] * 2)

@@ -1,0 +1,41 @@
+"""Everything that is evaluated of one run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gantrysim.bead import Bead, BeadValues
+from gantrysim.job.causes import Causes
+from gantrysim.job.job import Job
+from gantrysim.job.losses import Losses
+from gantrysim.job.scatter import Scatter
+from gantrysim.machine.machine import Machine
+from gantrysim.metrics.budget import Budget
+
+
+@dataclass(frozen=True)
+class RunResults:
+    """Results of a run, and of the further runs made to explain it.
+
+    Attributes:
+        job: the job.
+        machine: on which it ran.
+        budget: error budget of its record.
+        bead: the bead; None where it is not evaluated.
+        causes: worth of each cause of error; None unless the job was run again without each.
+        losses: what faults on purpose cost; None unless the job was run again without them.
+        scatter: scatter of the figures; None unless the job was repeated.
+    """
+
+    job: Job
+    machine: Machine
+    budget: Budget
+    bead: Bead | None = None
+    causes: Causes | None = None
+    losses: Losses | None = None
+    scatter: Scatter | None = None
+
+    @property
+    def bead_values(self) -> BeadValues | None:
+        """Values of the bead, None without glue."""
+        return self.bead.values if self.bead is not None and self.bead.nominal > 0 else None
