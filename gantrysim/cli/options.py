@@ -42,6 +42,13 @@ AllowCode = Annotated[
         "present folder may.",
     ),
 ]
+Camera = Annotated[
+    str | None,
+    typer.Option(
+        help="overview, top, side, or nozzle, which follows the tip; by default overview, or the whole machine if "
+        "it has no cameras."
+    ),
+]
 Colour = Annotated[str, typer.Option(help="Colour the bead by: plain, width, or error (the contour error).")]
 
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from gantrysim.base.errors import InputError, expanded, positive
-from gantrysim.cli.options import Colour
+from gantrysim.cli.options import Camera, Colour
 from gantrysim.cli.terminal import interruptible, say, share_bar, warn
 
 _COMPARISON = "comparison"
@@ -18,13 +18,6 @@ Folders = Annotated[
     list[Path],
     typer.Argument(
         metavar="RUN_DIR", help="Folder of a run; two or four runs are compared side by side.", show_default=False
-    ),
-]
-Camera = Annotated[
-    str | None,
-    typer.Option(
-        help="overview, top, side, or nozzle, which follows the tip; by default overview, or the whole machine if "
-        "it has no cameras."
     ),
 ]
 Size = Annotated[

@@ -10,7 +10,7 @@ import typer
 
 from gantrysim.base.errors import InputError, expanded, positive
 from gantrysim.base.signals import deferred
-from gantrysim.cli.options import AllowCode, Colour, Model, Settings
+from gantrysim.cli.options import AllowCode, Camera, Colour, Model, Settings
 from gantrysim.cli.terminal import FAULT, warn
 
 if TYPE_CHECKING:
@@ -28,12 +28,7 @@ def view(
             show_default=False,
         ),
     ],
-    camera: Annotated[
-        str | None,
-        typer.Option(
-            help="overview, top, side or nozzle; by default overview, or the whole machine if it has no cameras."
-        ),
-    ] = None,
+    camera: Camera = None,
     colour: Colour = "plain",
     speed: Annotated[float, typer.Option(help="Seconds of the run per second.")] = 1.0,
     model: Model = None,

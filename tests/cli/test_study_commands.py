@@ -3,10 +3,16 @@
 import subprocess
 import sys
 import tomllib
+from dataclasses import MISSING, fields
+from inspect import signature
 
 import pytest
 
 import gantrysim.study
+from gantrysim.cli import study as study_commands
+from gantrysim.cli.tune import tune
+from gantrysim.study import CircleStudy, LawsStudy, MachineStudy, RepeatStudy, SpeedStudy
+from gantrysim.tuning import TuningStudy
 
 SMALL = ("an225", "--set", "diameter=60.0", "--set", "turns=1", "--workers", 1)
 
@@ -142,3 +148,23 @@ def test_a_study_ended_by_faults_has_the_exit_status_of_a_fault(gantrysim_comman
     assert messages.startswith("fault: none of the study's 2 cases has values: fault: following error on axis")
     assert messages.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "study", "named"),
+    [
+        (study_commands.speed, SpeedStudy, {}),
+        (study_commands.machine, MachineStudy, {}),
+        (study_commands.circle, CircleStudy, {"model": "machine", "path_speed": "speed"}),
+        (study_commands.repeat, RepeatStudy, {}),
+        (study_commands.laws, LawsStudy, {}),
+        (tune, TuningStudy, {}),
+    ],
+)
+def test_options_have_the_defaults_of_the_study_s_fields(command, study, named):
+    """They stand twice: to read them off the study would load it for every --help."""
+    defaults = {field.name: field.default for field in fields(study) if field.default is not MISSING}
+    options = {named.get(name, name): parameter.default for name, parameter in signature(command).parameters.items()}
+    shared = sorted((options.keys() & defaults.keys()) - {"spread"})
+    assert len(shared) >= 1
+    assert {name: options[name] for name in shared} == {name: defaults[name] for name in shared}
