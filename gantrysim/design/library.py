@@ -47,7 +47,7 @@ class Motor(Table):
     """A motor as its data sheet gives it.
 
     Steppers have no torque constant on their data sheet. With both phases at the rated current I their torque is the
-    holding torque T, and the field is that of a current of sqrt(2) I in the torque-producing axis, hence
+    holding torque T, and the field equals one of a current of sqrt(2) I in the torque-producing axis, hence
     K = T / (sqrt(2) I). In that axis a two-phase motor with the resistance and inductance of one phase obeys the
     equations of a DC motor, copper loss included.
     """
@@ -107,7 +107,7 @@ class Motor(Table):
 
     @property
     def current(self) -> float:
-        """Peak current [A]; of a stepper sqrt(2) times that of a phase."""
+        """Peak current [A]; of a stepper sqrt(2) times the current of a phase."""
         if self.peak_current is not None:
             return self.peak_current
         if self.rated_current:  # both phases together, see the class

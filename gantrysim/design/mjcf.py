@@ -133,7 +133,7 @@ class Mjcf:
         """Return the MJCF as text.
 
         Args:
-            timestep: physics step, by default that of the built-in machines [s].
+            timestep: physics step, by default as in the built-in machines [s].
         """
         if timestep is not None:
             self._only("option").set("timestep", _text(timestep))

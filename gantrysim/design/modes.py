@@ -25,7 +25,7 @@ def modes(model: mujoco.MjModel, qpos: Floats | None = None, locked: Sequence[in
 
     Args:
         model: the compiled model.
-        qpos: position, by default that of the model.
+        qpos: position, by default the model's reference.
         locked: degrees of freedom that are held.
     """
     model = copy.copy(model)

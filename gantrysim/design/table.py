@@ -99,7 +99,7 @@ class Drive(Table):
 
     @property
     def lag(self) -> float:
-        """Time constant of the torque: the shorter of L/R and that of the current loop [s]."""
+        """Time constant of the torque: L/R, or the current loop's if that is shorter [s]."""
         motor = self.known_motor
         return min(motor.inductance / motor.resistance, 1 / (2 * math.pi * self.current_loop))
 
@@ -161,7 +161,7 @@ class Slide(Table):
 
 
 class Masses(Table):
-    """Moving masses, without motors: those of the library are added to what carries them."""
+    """Moving masses without motors, whose masses in the library are added to the parts that carry them."""
 
     bridge: Positive | None = key("of the bridge or arm that x moves on, its nut apart [kg]", None)
     table: Positive | None = key("of the table of a moving-table machine with its work [kg]", None)

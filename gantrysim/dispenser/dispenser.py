@@ -58,7 +58,7 @@ class Dispenser:
         area: cross-section of the bead, an alternative to `flow`: the flow is area * path speed [mm²].
         pressure: pressure while the dispenser is on, an alternative to `flow` with time-pressure metering [kPa].
         metering: "volumetric" (a pump or screw meters the flow) or "time-pressure" (a pressure drives the needle).
-        needle: the needle, also that of the bead's section and of pictures; None for the one that the machine's model
+        needle: the needle, also for the bead's section and pictures; None for the one that the machine's model
             draws. A time-pressure dispenser must have one.
         syringe: air volume and fill of a time-pressure dispenser; None for pressure that acts on the glue at once.
         dead_time: time from the command to the first change [s].

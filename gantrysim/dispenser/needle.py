@@ -51,7 +51,7 @@ class Needle:
 
     (the integral of Rabinowitsch; Chhabra and Richardson, Non-Newtonian Flow and Applied Rheology, 2nd ed. 2008,
     section 3.2). With n = 1 it is Bingham's glue and the law of Buckingham and Reiner. Without a yield stress it is a
-    power-law glue, Q = C p^(1/n); if also n = 1, K is the viscosity and the law that of Hagen and Poiseuille,
+    power-law glue, Q = C p^(1/n); if also n = 1, K is the viscosity and the law Hagen's and Poiseuille's,
     Q = pi R^4 p / (8 K L).
 
     Args:
@@ -60,7 +60,7 @@ class Needle:
         consistency: K [Pa·s^n].
         index: n, below 1 for a shear-thinning glue.
         yield_stress: tau_y [Pa].
-        outer: outer diameter, that of the face; None for that of the standard needle with this bore [mm].
+        outer: outer diameter, at the face; None for a standard needle with this bore [mm].
 
     Raises:
         InputError: an unknown gauge, a value not greater than 0, a negative yield stress, an outer diameter not larger

@@ -35,9 +35,9 @@ class Syringe:
         volume: glue of a full syringe [ml].
         fill: share of it at the start of the program, above 0 and at most 1.
         dead_volume: volume of the hose and above the glue of a full syringe [ml].
-        conductance: sonic conductance C of valve and hose; by default that of a hose of 2.5 mm by 1 m, in adiabatic
+        conductance: sonic conductance C of valve and hose; by default for a hose of 2.5 mm by 1 m, in adiabatic
             flow with a friction factor of 0.03 [dm³/(s·bar)].
-        critical_ratio: critical pressure ratio b of valve and hose, at least 0 and below 1; by default likewise.
+        critical_ratio: critical pressure ratio b of valve and hose, at least 0 and below 1; by default for that hose.
 
     Raises:
         InputError: a value out of bounds.
@@ -91,7 +91,7 @@ def exchanged(pressure: float, supply: float, duration: float, constant: float, 
 
     Args:
         pressure: at the beginning.
-        supply: pressure of the supply, or of what it is vented to.
+        supply: pressure of the supply, or of the atmosphere to which it is vented.
         duration: the time [s].
         constant: T [s].
         ratio: critical pressure ratio b.

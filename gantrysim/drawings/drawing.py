@@ -51,7 +51,7 @@ class Drawing(Controller):
         text: the drawing.
         placement: of the drawing on the work.
         format: "dxf", "svg", "csv", or "auto" to recognise it by the text.
-        unit: "mm", "cm", "m", "um", "in", "ft", "pt", "px", or "auto" for that of the drawing.
+        unit: "mm", "cm", "m", "um", "in", "ft", "pt", "px", or "auto" for the drawing's own.
         layers: layers, groups or colours that are traced; all by default.
         glue: layers, groups or colours that lay glue, as a list, or as a table of true and false; all by default. The
             others are traced at the travel speed with the dispenser off.

@@ -53,8 +53,8 @@ def arc_to(begin: complex, tangent: complex, end: complex, z: float) -> Line | C
 
     Args:
         begin: x + iy [mm].
-        tangent: a unit vector, likewise.
-        end: likewise [mm].
+        tangent: a unit vector, x + iy.
+        end: x + iy [mm].
         z: height [mm].
     """
     chord = end - begin

@@ -45,7 +45,7 @@ class Ellipse:
     Args:
         centre: c, (3,).
         u, v: its conjugate half diameters, (3,).
-        begin, finish: t at the ends; a descending t is run as it is [rad].
+        begin, finish: t at the ends; t may descend [rad].
     """
 
     centre: Floats

@@ -80,7 +80,7 @@ def _short(error: Exception) -> str:
 
 
 def _check(root: ElementTree.Element) -> dict[str, int]:
-    """Check depth and size of a document, with what it reuses; return the elements that are not traced."""
+    """Check depth and size of a document, reused elements among it; return the elements that are not traced."""
     ignored: dict[str, int] = {}
     named = {item.get("id"): item for item in root.iter() if item.get("id")}
     count = 0
@@ -226,7 +226,7 @@ def _strokes(element: Any, names: frozenset[str], px: float, height: float) -> l
 
 
 def _append(shapes: list[Shape], shape: Shape) -> None:
-    """Append a shape that has a length; an arc continues that of the same ellipse."""
+    """Append a shape that has a length; an arc is joined to the arc of the same ellipse before it."""
     before = shapes[-1] if shapes else None
     if isinstance(shape, Segment):
         if not np.array_equal(shape.begin, shape.finish):

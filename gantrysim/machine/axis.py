@@ -53,7 +53,7 @@ class Axis:
         friction: LuGre friction of the motor; all zero without it.
         chain: linear motion of all axes, where a closed chain couples them; else None.
         coupled: linear motion of the axes that move each other, this one among them, in their order; None for an axis
-            that moves no other. In a closed chain it is that of all axes.
+            that moves no other. In a closed chain these are all axes.
         efficiency: share of the work that its transmission passes on.
         mode: command mode of the drive, see `gantrysim.Servo`.
         phases: of a motor whose custom numerics state them, else None.

@@ -152,15 +152,14 @@ def load_of(model: mujoco.MjModel, joint: int) -> int:
     It is a spring of the axis' kind and direction that nothing drives, on the axis' body or on one that it carries.
     """
     driven = set(model.actuator_trnid[: model.nactuator, 0].tolist())
-    springs = [
-        spring
-        for spring in range(model.njnt)
-        if spring not in driven
-        and model.jnt_stiffness[spring] > 0
-        and model.jnt_type[spring] == model.jnt_type[joint]
-        and _carries(model, joint, spring)
-        and _direction(model, joint) @ _direction(model, spring) > _PARALLEL
-    ]
+    direction = _direction(model, joint)
+    springs = []
+    for spring in range(model.njnt):
+        if spring in driven or not model.jnt_stiffness[spring] > 0:
+            continue
+        same_kind = model.jnt_type[spring] == model.jnt_type[joint] and _carries(model, joint, spring)
+        if same_kind and direction @ _direction(model, spring) > _PARALLEL:
+            springs.append(spring)
     return springs[0] if len(springs) == 1 else -1
 
 
@@ -189,6 +188,7 @@ def _drive(model: mujoco.MjModel, actuator: int, name: str) -> dict[str, Any]:
     """Return the attributes of `Axis` that belong to the motor and its drive."""
     torque_limit = _torque_limit(model, actuator, name)
     gain = model.actuator_gainprm[actuator]
+    # a torque drive: input "ff" passes the demand through winding and bus voltage, without MuJoCo's own controller
     if model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_DCMOTOR:
         resistance = float(gain[RESISTANCE])
         constant = float(gain[MOTOR_CONSTANT])
@@ -280,7 +280,7 @@ def _phases(model: mujoco.MjModel, actuator: int) -> Phases | None:
 def _resolution(model: mujoco.MjModel, name: str, actuator: int, scale: float) -> float:
     """Return the axis travel per count of the encoder; 0 where the axis has none."""
     sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, name)
-    if sensor < 0 or not model.nuser_sensor:
+    if sensor < 0 or not model.nuser_sensor:  # without an encoder, or one whose counts are not stated
         return 0.0
     if model.sensor_type[sensor] != mujoco.mjtSensor.mjSENS_ACTUATORPOS or model.sensor_objid[sensor] != actuator:
         raise InputError(f"sensor {name!r} must be an actuatorpos of the actuator {name!r}")

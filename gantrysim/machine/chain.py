@@ -85,22 +85,23 @@ class Chain:
         columns = {address: column for column, address in enumerate(moving)}
         up = _to_world(model, int(model.site_bodyid[site]))
         down = _to_world(model, body)
-        while up and down and up[-1] == down[-1]:
+        while up and down and up[-1] == down[-1]:  # ancestors of both move them alike
             up.pop()
             down.pop()
         self._site: Floats = model.site_pos[site].copy()
         self._steps: list[_Rigid | _Slide | _Hinge] = []
         for b in up:
+            # MuJoCo moves a body by its joints in their order, so a point is moved by the last one first
             for joint in reversed(_joints(model, b, columns)):
                 self._append(_joint(model, joint, columns, 1.0))
             self._append(_Rigid(_rotation(model, b), model.body_pos[b].copy()))
-        below = len(self._steps)
+        upward_steps = len(self._steps)
         for b in reversed(down):
             back = _rotation(model, b).T
             self._append(_Rigid(back, -back @ model.body_pos[b]))
             for joint in _joints(model, b, columns):
                 self._append(_joint(model, joint, columns, -1.0))
-        self.turns_body = any(isinstance(step, _Hinge) for step in self._steps[below:])
+        self.turns_body = any(isinstance(step, _Hinge) for step in self._steps[upward_steps:])
         # without hinges the position is linear: origin + q . directions
         self._linear: tuple[Floats, Floats] | None = None
         if not any(isinstance(step, _Hinge) for step in self._steps):
@@ -108,7 +109,8 @@ class Chain:
             self._linear = origin[0], (self(np.diag(per_si)) - origin) / per_si[:, None]
 
     def _append(self, step: _Rigid | _Slide | _Hinge) -> None:
-        if self._steps and isinstance(step, _Rigid) and isinstance(last := self._steps[-1], _Rigid):
+        last = self._steps[-1] if self._steps else None
+        if isinstance(step, _Rigid) and isinstance(last, _Rigid):  # two rigid motions are one
             self._steps[-1] = last.then(step)
         else:
             self._steps.append(step)

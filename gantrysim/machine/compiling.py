@@ -53,7 +53,7 @@ def compile_mjcf(
 
 
 def _read(source: Path) -> mujoco.MjSpec:
-    """Return the MJCF in a file, or that of the machine whose table a TOML file holds."""
+    """Return the MJCF in a file, or the MJCF of a machine from its table in a TOML file."""
     if source.suffix.lower() == ".toml":
         from gantrysim.design.build import mjcf_in  # slow to import, and for tables alone
 
@@ -63,11 +63,11 @@ def _read(source: Path) -> mujoco.MjSpec:
 
 
 def _no_force_early(compiled: mujoco.MjModel) -> None:
-    """Make a dcmotor's force that of its current at the beginning of a step.
+    """Take a dcmotor's force from its current at the beginning of a step.
 
-    MuJoCo compiles it to be that at the end. With semi-implicit Euler, whose positions lead by half a step, motion is
-    then about a step early, and every loop seems more stable than it is. From the beginning, the force is late by
-    the half step by which positions are early, and the error falls with the square of the step.
+    MuJoCo compiles it to be taken from the current at the end. With semi-implicit Euler, whose positions lead by half a
+    step, motion is then about a step early, and every loop seems more stable than it is. From the beginning, the force
+    is late by the half step by which positions are early, and the error falls with the square of the step.
     """
     compiled.actuator_actearly[:] = False
 
@@ -78,6 +78,7 @@ def without_visuals(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> mujoco.MjM
     Steps need not place these geoms, cameras and lights, and copies hold no textures. MuJoCo keeps a geom that defines
     a body's inertia; if a sensor uses a camera, the result is the compiled model itself.
     """
+    # a second compilation, as MuJoCo cannot remove elements from a compiled model
     bare = spec.copy()
     bare.compiler.discardvisual = True
     bare.visual = mujoco.MjSpec().visual
@@ -89,7 +90,7 @@ def without_visuals(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> mujoco.MjM
         bare.delete(element)
     try:
         physics = bare.compile()
-    except (ValueError, mujoco.FatalError):
+    except (ValueError, mujoco.FatalError):  # such as of a sensor whose camera is gone
         return compiled
     physics.opt.disableflags = compiled.opt.disableflags
     _no_force_early(physics)

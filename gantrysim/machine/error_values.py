@@ -36,7 +36,7 @@ def error_values(
     Args:
         machine: the rigid machine.
         geometry: its errors.
-        placing: those of the axes x, y and z that place the nozzle.
+        placing: names of the axes x, y and z that place the nozzle.
         has_ram: whether z carries the nozzle on a ram.
 
     Raises:

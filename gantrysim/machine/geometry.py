@@ -58,7 +58,7 @@ class Geometry:
         periodic_error: amplitude of the error within a turn of the screw [mm].
         play: lost motion between motor and load at a reversal; the class gives z none, whose weight takes it up [u].
         straightness: horizontal deviation of a guide from the line between its ends [mm].
-        straightness_vertical: the same vertically, of z along y [mm].
+        straightness_vertical: vertical deviation of a guide, of z along y [mm].
         yaw: rotation of x or y about the vertical at the ends of the travel, from its middle [mm/m].
         squareness_xy: lean of y towards x; the angle between them is smaller by it [mm/m].
         squareness_xz: lean of z towards x [mm/m].
@@ -66,18 +66,18 @@ class Geometry:
         racking: rotation of the bridge about the vertical at a reversal [mm/m].
         sag: drop of the nozzle at the middle of the bridge, against its ends [mm].
         bending_x: deflection of the ram along x, out to the lower end of z's travel, under a lateral load [mm].
-        bending_y: the same along y [mm].
+        bending_y: deflection of the ram along y [mm].
         bending_load: load on the ram: "weight" of a head carried beside it, or a lateral "force" at the nozzle.
         ram: free length of the ram below its guide, at the upper end of z's travel [mm].
         abbe: from the line of the screw to the nozzle, along the other horizontal axis, all axes at zero [mm].
         guide_arm: from the middle of an axis' guide blocks to the nozzle, along the axis, all axes at zero; by default
             as the machine states, 125 mm behind the nozzle for the bridges of the built-in ones [mm].
-        warming: rise of the screws' temperature over that of the frame [K].
-        expansion: thermal expansion of the screws; 11.5e-6 is that of steel [1/K].
+        warming: rise of the screws' temperature over the frame's [K].
+        expansion: thermal expansion of the screws; 11.5e-6 for steel [1/K].
         fixed_end: position of the axis at its screw's fixed bearing [mm].
-        scale_warming: rise of the linear scales' temperature over that of the frame; of axes whose servo has
+        scale_warming: rise of the linear scales' temperature over the frame's; for axes whose servo has
             feedback = "load" [K].
-        scale_expansion: thermal expansion of the scales; 8e-6 is that of glass [1/K].
+        scale_expansion: thermal expansion of the scales; 8e-6 for glass [1/K].
         scale_fixed: position of the axis where its scale is fixed [mm].
 
     Raises:
@@ -129,9 +129,10 @@ class Geometry:
         if value is None:
             return
         if isinstance(value, list | tuple):
-            object.__setattr__(self, name, tuple(between(name, axis_value, low, high) for axis_value in value))
+            checked: PerAxis = tuple(between(name, axis_value, low, high) for axis_value in value)
         else:
-            object.__setattr__(self, name, between(name, value, low, high))
+            checked = between(name, value, low, high)
+        object.__setattr__(self, name, checked)
 
     def given(self, name: str) -> bool:
         """Return whether an error is given explicitly rather than by the class."""

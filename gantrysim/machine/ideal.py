@@ -1,7 +1,7 @@
 """Machines with one imperfection removed: friction, winding or compliance.
 
-Each is compiled from the machine's MJCF without the elements that make the imperfection, all else equal. A machine that
-has none is returned as it is.
+Each is compiled from the machine's MJCF without the elements that cause the imperfection, all else equal. A machine
+without such elements is returned unchanged.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def without_friction(machine: Machine) -> Machine:
             element.dynprm[parameter] = 0.0
         for parameter in (COULOMB, STATIC):
             element.biasprm[parameter] = 0.0
-        element.actdim -= 1  # the bristle's deflection
+        element.actdim -= 1  # its activations lose the bristle's deflection
 
     return _without(machine, rubbing, smooth)
 
@@ -63,7 +63,7 @@ def without_winding(machine: Machine) -> Machine:
     def remove(_: mujoco.MjSpec, motor: mujoco.MjsActuator) -> None:
         for parameter in (TIME_CONSTANT, CURRENT_RATE):
             motor.dynprm[parameter] = 0.0
-        motor.actdim -= 1  # the current
+        motor.actdim -= 1  # its activations lose the current
 
     return _without(machine, lambda spec: _motors_with(spec, TIME_CONSTANT), remove)
 

@@ -25,13 +25,13 @@ lateral load bends it by b, along x and y:
 
     b ((L / L1)^p - (L0 / L1)^p)        p = 3: a force F at its end, F L^3 / (3 E I); 2: a moment M, M L^2 / (2 E I)
 
-M is that of the weight of a head whose centre of gravity lies beside the ram. A yaw turns the body of its axis about
+M is the moment of a head's weight whose centre of gravity lies beside the ram. A yaw turns the body of its axis about
 the point where its screw holds it along the axis and the middle of its guide blocks across it: the nozzle moves by
 theta x r, with the lever r from there. Across the axis r is the Abbe offset A, from the line of the screw to the
 nozzle: `abbe`, and the other horizontal coordinate if that axis moves the nozzle against this body. Along the axis r is
 the arm B: `guide_arm`, and the axis' own coordinate if it moves the work under the nozzle. Racking adds
-r d_r / w to theta of the bridge, with d_r a play as wide as the presliding w of its guides. The sag is that of a beam
-on two supports at the ends of the travel with the load at a of its length L, a^2 (L - a)^2 / (3 E I L). All is 0 with
+r d_r / w to theta of the bridge, with d_r a play as wide as the presliding w of its guides. The sag follows a beam on
+two supports at the ends of the travel with the load at a of its length L, a^2 (L - a)^2 / (3 E I L). All is 0 with
 the axes at zero, but the growth of a screw or scale fixed elsewhere.
 
 First order: errors act at the motors' positions and add up. Lost motion is quasi-static: no coasting of the load

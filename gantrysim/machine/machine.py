@@ -73,8 +73,8 @@ class Machine:
         drive_gain: delivered torque per torque demand; 1 unless a perturbation changes the motor constant, (axes,).
         nozzle, work: index of the site and of the body.
         kinematics: from a program's coordinates to the positions of the axes, and back.
-        geometry: errors of its geometry, at first those of the transmissions that the MJCF states; None for an ideal
-            one.
+        geometry: errors of its geometry, at first errors of the transmissions that the MJCF states; None for an ideal
+            geometry.
 
     Raises:
         InputError: an unknown model, an MJCF that MuJoCo rejects, or one that does not meet these requirements.
@@ -162,7 +162,7 @@ class Machine:
 
     @property
     def gap(self) -> float:
-        """Height of the nozzle above the work piece with all axes at zero; perturbations leave it as it is [mm]."""
+        """Height of the nozzle above the work piece with all axes at zero, without perturbations [mm]."""
         return _DEFAULT_GAP if self._height is None else self._height
 
     @property

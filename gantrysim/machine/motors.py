@@ -1,4 +1,4 @@
-"""MuJoCo's dcmotors in a compiled model."""
+"""Parameters of MuJoCo's dcmotors in a compiled model, and copies of it with some of them changed."""
 
 from __future__ import annotations
 

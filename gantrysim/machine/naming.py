@@ -1,4 +1,4 @@
-"""Names that a machine needs, given to elements of an MJCF that bear others."""
+"""Renaming of elements of an MJCF to the names that a machine needs."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def rename(spec: mujoco.MjSpec, names: Mapping[str, str]) -> None:
 
 
 def _rename_axis(spec: mujoco.MjSpec, new: str, old: str) -> None:
-    actuator = _found(spec.actuators, "actuator", new, old)
+    actuator = _element(spec.actuators, "actuator", new, old)
     joint = actuator.target
     if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT:
         raise InputError(
@@ -58,7 +58,7 @@ def _rename_axis(spec: mujoco.MjSpec, new: str, old: str) -> None:
 
 def _rename(spec: mujoco.MjSpec, kind: mujoco.mjtObj, elements: Sequence[Any], new: str, old: str) -> None:
     label = {"SITE": "site", "BODY": "body", "GEOM": "geom", "JOINT": "joint", "ACTUATOR": "actuator"}
-    element = _found(elements, label[kind.name.rpartition("_")[2]], new, old)
+    element = _element(elements, label[kind.name.rpartition("_")[2]], new, old)
     element.name = new
     for sensor in spec.sensors:
         if sensor.objtype == kind and sensor.objname == old:
@@ -66,8 +66,9 @@ def _rename(spec: mujoco.MjSpec, kind: mujoco.mjtObj, elements: Sequence[Any], n
         if sensor.reftype == kind and sensor.refname == old:
             sensor.refname = new
     for equality in spec.equalities:
-        joined = equality.type == mujoco.mjtEq.mjEQ_JOINT
-        if (kind == _OBJECT.mjOBJ_JOINT and joined) or (not joined and equality.objtype == kind):
+        # only other equalities state the kind of the elements that they join
+        joins_joints = equality.type == mujoco.mjtEq.mjEQ_JOINT
+        if (kind == _OBJECT.mjOBJ_JOINT and joins_joints) or (not joins_joints and equality.objtype == kind):
             for end in ("name1", "name2"):
                 if getattr(equality, end) == old:
                     setattr(equality, end, new)
@@ -76,16 +77,16 @@ def _rename(spec: mujoco.MjSpec, kind: mujoco.mjtObj, elements: Sequence[Any], n
             if actuator.target == old:
                 actuator.target = new
     if kind == _OBJECT.mjOBJ_BODY:
-        for seen in (*spec.cameras, *spec.lights):
-            if seen.targetbody == old:
-                seen.targetbody = new
+        for camera_or_light in (*spec.cameras, *spec.lights):
+            if camera_or_light.targetbody == old:
+                camera_or_light.targetbody = new
         for pair in spec.excludes:
             for end in ("bodyname1", "bodyname2"):
                 if getattr(pair, end) == old:
                     setattr(pair, end, new)
 
 
-def _found(elements: Sequence[Any], label: str, new: str, old: str) -> Any:
+def _element(elements: Sequence[Any], label: str, new: str, old: str) -> Any:
     """Return an element by its name, or raise InputError; the new name must be free."""
     for element in elements:
         if element.name == old:

@@ -55,7 +55,7 @@ class Posing:
         """Return qpos at a position of the axes, (nq,); joints that neither move nor follow are at their reference.
 
         Args:
-            physics: the compiled model, whose home offsets may differ from those of the unperturbed one.
+            physics: the compiled model, which may have home offsets.
             position: of the axes, (axes,) [mm or deg].
         """
         position = np.asarray(position, float)

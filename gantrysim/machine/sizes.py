@@ -1,4 +1,4 @@
-"""Sizes in an MJCF that a few characters state and that take minutes or gigabytes, checked before MuJoCo reads it."""
+"""Bounds on sizes in an MJCF, checked before MuJoCo reads it: a few characters can ask for minutes or gigabytes."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from xml.etree.ElementTree import Element
 from gantrysim.base.errors import InputError
 from gantrysim.base.input_files import check_regular
 
-_MOST_ELEMENTS = 20_000  # those of replicate, composite and flexcomp counted each time
+_MOST_ELEMENTS = 20_000  # copies by replicate, composite and flexcomp counted each time
 _MOST_CELLS = 100_000_000  # of height fields and textures together: as floats 400 MB
 _MOST_MEMORY = 4e9  # of <size memory>, [bytes]
-_MOST_USER = 100_000  # numbers of a user's that an element, or the simulation, may have
+_MOST_USER = 100_000  # user values of an element, or of the simulation
 _DEEPEST = 10  # files that include one another
 _SUFFIX = {"k": 2.0**10, "m": 2.0**20, "g": 2.0**30, "t": 2.0**40, "p": 2.0**50, "e": 2.0**60}
 _COPIES = ("replicate", "composite", "flexcomp")
@@ -22,9 +22,9 @@ _CELLS = {"hfield": ("nrow", "ncol"), "texture": ("width", "height")}
 
 
 def check_sizes(file: Path) -> None:
-    """Check sizes and files that an MJCF states, with those of the files that it includes.
+    """Check sizes and files that an MJCF states, included files among them.
 
-    What is no XML passes: MuJoCo says what is wrong with it.
+    A file that is no XML passes: MuJoCo's own message describes the mistake.
 
     Raises:
         InputError: too many elements or cells, too much memory, or a named file that is no regular one.
@@ -50,7 +50,7 @@ def check_sizes(file: Path) -> None:
 
 
 def _elements(parent: Element, folder: Path, copies: float, depth: int) -> Iterator[tuple[Element, float]]:
-    """Yield all elements with the number of times that each is copied, those of included files too."""
+    """Yield all elements, of included files too, with the number of times that each is copied."""
     for child in parent:
         if child.tag == "include" and child.get("file"):
             included = folder / str(child.get("file"))
@@ -80,7 +80,7 @@ def _check_memory(element: Element) -> None:
 
 
 def _memory(text: str) -> float:
-    """Return a size such as "10M" in bytes, 0 for what is none."""
+    """Return a size such as "10M" in bytes, 0 for a text that is not a size."""
     plain = text.strip().lower()
     factor = _SUFFIX.get(plain[-1:], 1.0)
     numbers = _numbers(plain[:-1] if plain[-1:] in _SUFFIX else plain)
@@ -92,8 +92,10 @@ def _check_file(element: Element, root: Element, folder: Path) -> None:
     name = element.get("file")
     if not name:
         return
-    compiler = [item.get(key) for item in root.iter("compiler") for key in ("assetdir", "meshdir", "texturedir")]
-    for asset_folder in ("", *filter(None, compiler)):
+    asset_folders = [""]
+    for compiler in root.iter("compiler"):
+        asset_folders += [compiler.get(key, "") for key in ("assetdir", "meshdir", "texturedir")]
+    for asset_folder in asset_folders:
         check_regular(folder / asset_folder / name)
 
 

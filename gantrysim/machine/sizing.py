@@ -143,20 +143,16 @@ class Sizing:
         model = machine.physics
         motors = [int(model.jnt_dofadr[joint]) for joint in model.actuator_trnid[:, 0]]
         qpos = machine.to_qpos(np.zeros(len(machine.axes)))
-        axes = tuple(
-            _axis_sizing(
-                machine,
-                a,
-                _frequency(axis, servo.mode[a], servo.kp[a]),
-                min(margins[a].gain, margins[a].together) if margins else math.nan,
-                None if run is None else run.torque[:, a],
-            )
-            for a, axis in enumerate(machine.axes)
-        )
+        axes = []
+        for a, axis in enumerate(machine.axes):
+            frequency = _frequency(axis, servo.mode[a], servo.kp[a])
+            margin = min(margins[a].gain, margins[a].together) if margins else math.nan
+            torque = None if run is None else run.torque[:, a]
+            axes.append(_axis_sizing(machine, a, frequency, margin, torque))
         with quiet():
             locked = _named(model, *modes(model, qpos, motors))
             free = _named(model, *modes(model, qpos, ()))
-        return cls(axes, locked, free)
+        return cls(tuple(axes), locked, free)
 
     @property
     def findings(self) -> tuple[str, ...]:

@@ -74,7 +74,7 @@ class Tolerances:
         """Return a random machine's values by column name, see `columns`.
 
         The generator always yields 1 + 4 axes numbers, so a seed gives a factor the same value whichever other
-        tolerances are 0; after them those of the geometry.
+        tolerances are 0; the numbers for the geometry follow.
 
         Args:
             random: random number generator.

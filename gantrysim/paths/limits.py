@@ -180,7 +180,7 @@ def fastest(
         velocity: limits of the axes, (axes,); inf for none [mm/s].
         acceleration: limits of the axes, (axes,); inf for none [mm/s²].
         begin: path speed at the start, if any acceleration is limited [mm/s].
-        end: likewise at the end [mm/s].
+        end: path speed at the end, if any acceleration is limited [mm/s].
 
     Raises:
         InputError: the limits do not allow the speed `begin`.

@@ -92,7 +92,7 @@ def _start(table, point, begin):
 
 @inner_jit
 def _misfit(advance, step, length):
-    """Return by how much a foot's progress differs from that of the trace [mm].
+    """Return by how much a foot's progress differs from the trace's [mm].
 
     Args:
         advance: progress of the foot along the path [mm].

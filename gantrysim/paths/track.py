@@ -86,7 +86,7 @@ class Track(Chain):
         return arc_length(radii[0], growth, np.hypot(growth, columns["rise"][coil]), angle)
 
     def _continue_headings(self, lengths: Floats) -> None:
-        """Make the headings continuous except at corners; lines along the normal keep that of the piece before."""
+        """Make the headings continuous except at corners; lines along the normal keep the heading before them."""
         k = np.arange(lengths.size)
         first = self._at(k, 0 * lengths).heading
         last = self._at(k, lengths).heading

@@ -22,6 +22,7 @@ from gantrysim.base.errors import InputError
 CHECKSUM = "sha256"
 _SUFFIX = ".npy"
 _MAGIC = b"\x93NUMPY\x01\x00"
+# a header as NumPy writes it, read without evaluating it as Python
 _HEADER = re.compile(
     r"\{'descr': '([<|][fbiU]\d{1,9})', 'fortran_order': (True|False), "
     r"'shape': \(((?:\d{1,20}, ?)*(?:\d{1,20})?)\), \}\s*"
@@ -97,6 +98,7 @@ class Archive:
         name = _stem(info.filename)
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) or info.flag_bits & 1:
             raise InputError(f"{name} is encrypted or packed in another way")
+        # the header alone: sizes are checked before the array is allocated
         with self._zip.open(info) as member:
             start = member.read(len(_MAGIC) + 2)
             header = member.read(int.from_bytes(start[-2:], "little"))
@@ -175,6 +177,7 @@ def open_archive(stream: BinaryIO) -> Iterator[Archive]:
 
 def write_archive(stream: BinaryIO, arrays: Mapping[str, Any]) -> None:
     """Write arrays, numbers and texts to an archive, packed, and last the SHA-256 of their names and bytes."""
+    # over names and contents: zip's own CRC of each member notices neither a missing nor a renamed one
     digest = hashlib.sha256()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, value in arrays.items():

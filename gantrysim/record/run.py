@@ -51,12 +51,12 @@ class Run(Shown):
         demand: torque demand of the servo, after its limit, (n, axes) [N·m].
         torque: electromagnetic torque of the motor, (n, axes) [N·m].
         current: motor current, (n, axes) [A]; nan for an ideal torque source.
-        voltage: terminal voltage at the tick's demand, (n, axes) [V]; nan likewise.
+        voltage: terminal voltage at the tick's demand, (n, axes) [V]; nan for an ideal torque source.
         flow: flow out of the nozzle, the mean over the period after the tick, (n,) [mm³/s]; the volume laid is
             sum(flow[:-1]) * period.
         flow_demand: flow demanded by the program over the same period, (n,) [mm³/s].
         dispense: dispenser command, (n,).
-        face: outer diameter of the needle, that of its face [mm].
+        face: outer diameter of the needle, at its face [mm].
         needle_length: length of the needle [mm].
         fault: why the run ended early, or None.
         injected: faults on purpose.
@@ -137,7 +137,7 @@ class Run(Shown):
         """Read a record that `save` has written.
 
         Its members, their types and shapes are checked before they are read; then its SHA-256; then that its numbers
-        are finite and its times those of its period.
+        are finite and its times are multiples of its period.
 
         Raises:
             InputError: no such file, no record of the present format, or a damaged one.

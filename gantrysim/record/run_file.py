@@ -63,6 +63,7 @@ def _content(archive: Archive) -> dict[str, Any]:
     Raises:
         InputError: a member, number, name or path that no record has.
     """
+    # from the cheapest check on: a damaged file must not fill the memory before it is refused
     _check_format(archive)
     _check_members(archive.members)
     raw = {name: archive.read(name) for name in sorted(archive.members.keys() - {"format", CHECKSUM})}
@@ -136,12 +137,14 @@ def _check_values(content: Mapping[str, Any], columns: Mapping[str, NDArray[Any]
         number = content[name]
         if not np.isfinite(number) or (name != "gap" and number <= 0):
             raise InputError(f"{name} = {number:g}")
+    # by blocks: columns of a long run are in files
     time = array_of(columns["time"])
     period = content["period"]
     for rows in blocks(time.size):
         expected = period * np.arange(rows.start, rows.stop)
         if not np.allclose(time[rows], expected, rtol=1e-12, atol=1e-9 * period):
             raise InputError(f"time is not that of ticks every {period:g} s")
+    # NumPy takes bytes other than 0 and 1 for true in some of its functions, but counts and compares them wrongly
     if array_of(columns["dispense"]).view(np.uint8).max() > 1:
         raise InputError("dispense has values other than true and false")
     for name, column in columns.items():

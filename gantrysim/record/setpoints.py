@@ -90,6 +90,7 @@ class Setpoints:
         gates = np.array(self.gates, np.int64)
         if gates.ndim != 1 or np.any(np.diff(gates, prepend=-1, append=len(position)) <= 0):
             raise InputError(f"gates {gates.tolist()}: must be ascending indices of the {len(position)} setpoints")
+        # copies above: the caller may go on writing to its arrays
         for name, array in (("position", position), ("dispense", dispense), ("gates", gates)):
             array.flags.writeable = False
             object.__setattr__(self, name, array)
@@ -170,7 +171,7 @@ class Setpoints:
             period: servo period [s].
             requested: the requested path, by default `path` itself.
             axes: names of the axes, the first of x, y, z.
-            coordinates: positions of the axes at arc lengths, (n,) to (n, axes); by default those of the path.
+            coordinates: positions of the axes at arc lengths, (n,) to (n, axes); by default the points of the path.
         """
         positive("period", period, "s")
         profile = speed if isinstance(speed, Profile) else Constant(path.length, speed)

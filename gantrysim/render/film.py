@@ -131,11 +131,11 @@ class Film(Closing):
         self._headers = headers(self._runs, labels, run_colours(len(labels)), width, self.panel.font.size, lines)
         above = self._headers[0].size[1]
         height = (room - rows * above) // rows
-        return tuple(
-            Cell(column * (width + _GAP), row * (above + height) + above, width, height)
-            for row in range(rows)
-            for column in range(columns)
-        )
+        cells = []
+        for row in range(rows):
+            top = row * (above + height) + above
+            cells += [Cell(column * (width + _GAP), top, width, height) for column in range(columns)]
+        return tuple(cells)
 
     def close(self) -> None:
         """Free the OpenGL contexts, and return the memory that a renderer in software leaves."""
@@ -246,7 +246,7 @@ def save_video(
 ) -> int:
     """Write a film of one run, MP4 or GIF, and return its number of frames.
 
-    The arguments are those of `Take`, `Film` and `Film.save`, and so are the errors raised.
+    Arguments and errors as of `Take`, `Film` and `Film.save`.
     """
     with Film([Take(machine, run, label, bead)], camera=camera, size=size, colour=colour) as film:
         return film.save(file, fps=fps, speed=speed, progress=progress)

@@ -105,7 +105,7 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 
 def _without_common(texts: Sequence[str]) -> list[str]:
-    """Return texts with an ellipsis for the words that all of them have at the same place."""
+    """Return texts with an ellipsis for the words that all of them share at one place."""
     columns = [["…"] * len(texts) if len(set(words)) == 1 else words for words in _columns(texts)]
     return [re.sub(" *…[ …]*", "…", " ".join(words)).strip() for words in zip(*columns, strict=True)]
 

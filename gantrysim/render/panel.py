@@ -32,7 +32,7 @@ _RULE = "#d5d9df"
 
 
 def run_colours(count: int) -> tuple[str, ...]:
-    """Return the colours of runs side by side; for a single one, that of the contour error in all plots."""
+    """Return the colours of runs side by side; a single one has the contour error's colour in all plots."""
     if count == 1:
         return (COLOURS["contour"],)
     return _RUN_COLOURS[:count]
@@ -45,7 +45,7 @@ def _readout_width(runs: int, end: float, letters: Font) -> int:
 
 
 def _layout(frame: tuple[int, int], runs: int, end: float, scale: Scale | None) -> tuple[int, bool, int]:
-    """Return the simplest layout whose letters are not much smaller than those of others.
+    """Return the simplest layout whose letters are not much smaller than in others.
 
     It is the number of rows, 2 with the strip below the readout; whether the legend has a short title in several lines;
     and the size of the letters [pixels].

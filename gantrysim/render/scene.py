@@ -221,8 +221,8 @@ def _mesh_part(model: mujoco.MjModel, mesh: int, part: str) -> NDArray[np.float3
 def _drop_at(sweep: Sweep, tick: int) -> tuple[Floats, float, float] | None:
     """Return the glue between the needle's tip and the bead at a tick, an ellipsoid, or None while none flows.
 
-    It is centre in the work frame, (3,) [m], radius and half height [m]. The radius is that of the free thread of glue,
-    of the nominal section A, or of the needle's face where that is larger:
+    It is centre in the work frame, (3,) [m], radius and half height [m]. The radius follows the free thread of glue,
+    of the nominal section A, or the needle's face where that is larger:
 
         r = max(sqrt(A / pi), f / 2) sqrt(Q / Q0),
 

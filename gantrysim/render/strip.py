@@ -50,13 +50,13 @@ class Strip:
         colours: of their curves.
         size: width and height of the strip [pixels].
         font: of its text.
-        head: height above the curves, at least that of the title [pixels].
+        head: height above the curves, at least the title's [pixels].
 
     Attributes:
-        end: time at the right end, that of the longest run [s].
+        end: time at the right end, where the longest run ends [s].
         top: error at the upper end [µm].
         left, right: first and last column of the curves.
-        above, bottom: first and last row of the curves; the last is that of zero error.
+        above, bottom: first and last row of the curves; the last is zero error.
         time_ticks, error_ticks: of the axes [s], [µm].
     """
 
@@ -80,7 +80,7 @@ class Strip:
         self._future, self._past = self._drawn()
 
     def column(self, time: float) -> float:
-        """Return the column of a time [s], that of the end for later ones."""
+        """Return the column of a time [s]; later than the end, the end's."""
         return self.left + min(max(time / self.end, 0.0), 1.0) * (self.right - self.left)
 
     def row(self, error: float) -> float:

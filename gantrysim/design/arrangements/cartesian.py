@@ -125,7 +125,7 @@ def _y_axis(mjcf: Mjcf, parent: Element, name: str, sign: int, load: float) -> E
 
 
 def _bridge_mass(body: Element, table: MachineTable, room: Extent) -> None:
-    """Give the bridge its mass and that of the motor of x, as a slender beam as long as the legs are apart."""
+    """Give the bridge its mass with the motor of x, as a slender beam as long as the distance of the legs."""
     mass = (table.masses.bridge or 0.0) + drive_of(table.x).known_motor.mass
     inertia = mass * (2 * room.wide) ** 2 / 12
     point_mass(body, mass, (room.x, *BEAM), (0.5 * inertia, inertia, inertia))

@@ -19,7 +19,7 @@ __all__ = ["KINEMATICS", "Coordinate", "Kinematics", "UnreachableError", "kinema
 
 
 def kinematics_of(model: mujoco.MjModel, driven: Sequence[int], nozzle: int, work: int) -> Kinematics:
-    """Return the kinematics that a model names, by default those of axes in series; arguments as of `Kinematics.of`.
+    """Return the kinematics that a model names, by default of axes in series; arguments as of `Kinematics.of`.
 
     Raises:
         InputError: an unknown name, or a model without the mechanism.

@@ -51,7 +51,7 @@ class Coordinate:
         Args:
             model: the compiled model.
             joint: index of a slide or hinge.
-            name: of the coordinate, by default that of the joint.
+            name: of the coordinate, by default the joint's.
             origin: the coordinate where the joint is at zero [mm or deg].
         """
         low = -np.inf
@@ -74,7 +74,7 @@ class Kinematics(ABC):
         followers: joints that no motor drives but that follow the axes through a closed chain, by index.
         axes_are_coordinates: whether every axis is a coordinate by itself. Limits of the linear coordinates are then
             limits of axes, positions within the travel are within reach, and errors of a guide move the nozzle
-            straight. Elsewhere the coordinates x, y and z are those of the nozzle in the work frame.
+            straight. Elsewhere the coordinates x, y and z place the nozzle in the work frame.
     """
 
     axes_are_coordinates: ClassVar[bool] = False
@@ -104,7 +104,7 @@ class Kinematics(ABC):
     def inverse(self, position: Floats) -> Floats:
         """Return the positions of the axes at a program's coordinates, (n, coordinates) to (n, axes).
 
-        It may be the same array.
+        The result may be the argument itself.
 
         Raises:
             UnreachableError: coordinates out of their travel or reach, or too near a singularity.
@@ -124,11 +124,13 @@ class Kinematics(ABC):
 
     def described(self, position: Floats) -> str:
         """Return a position as text, such as "x = 10, y = 0, z = 426 mm, r = 90 deg"."""
-        text = ""
+        parts = []
         for k, (coordinate, value) in enumerate(zip(self.coordinates, position.tolist(), strict=True)):
-            last = k + 1 == len(self.coordinates) or self.coordinates[k + 1].unit != coordinate.unit
-            text += f"{', ' if k else ''}{coordinate.name} = {value:.6g}{f' {coordinate.unit}' if last else ''}"
-        return text
+            part = f"{coordinate.name} = {value:.6g}"
+            if k + 1 == len(self.coordinates) or self.coordinates[k + 1].unit != coordinate.unit:
+                part += f" {coordinate.unit}"  # once, after the last coordinate of that unit
+            parts.append(part)
+        return ", ".join(parts)
 
     def check_travel(self, position: Floats) -> None:
         """Raise UnreachableError where a coordinate is out of its travel, at the first such position."""

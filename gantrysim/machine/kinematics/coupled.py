@@ -21,7 +21,7 @@ class Coupled(Kinematics):
 
         D d + F f = l,    so that    f = F^-1 (l - D d)
 
-    with a row of coefficients per tendon, whose length l is that of its spring at rest, or of its equality constraint.
+    with a row of coefficients per tendon, whose length l is its spring's at rest, or its equality constraint's.
     A follower that is a slide is a coordinate, and so is every axis that no tendon couples; a follower that is a hinge,
     such as the skew of a bridge, is zero in every program.
 
@@ -57,8 +57,7 @@ class Coupled(Kinematics):
             )
         F = rows[:, followers]  # noqa: N806
         D = np.zeros((len(rows), len(driven)))  # noqa: N806
-        values = np.linalg.svd(F, compute_uv=False)
-        if values[-1] <= _SINGULAR * values[0]:
+        if _singular(F):
             raise InputError("kinematics 'coupled': its tendons do not determine the joints that follow the axes")
         for a in tied:
             D[:, a] = rows[:, driven[a]] / per_si_of(model, driven[a])
@@ -79,8 +78,7 @@ class Coupled(Kinematics):
         coordinate_rows.sort(key=lambda row: ("xyz".find(row[0].name) % 4, row[0].name))
         coordinates, out, origin = zip(*coordinate_rows, strict=True)
         square = np.array([*out, *(row for row, _ in hinge_rows)])
-        values = np.linalg.svd(square, compute_uv=False)
-        if values[-1] <= _SINGULAR * values[0]:
+        if _singular(square):
             raise InputError("kinematics 'coupled': its tendons do not determine the axes from the coordinates")
         inverse = np.linalg.inv(square)
         count = len(coordinates)
@@ -107,6 +105,11 @@ class Coupled(Kinematics):
         return axes @ self.gain.T + self.constant
 
 
+def _singular(matrix: Floats) -> bool:
+    values = np.linalg.svd(matrix, compute_uv=False)
+    return bool(values[-1] <= _SINGULAR * values[0])
+
+
 def _tendons(model: mujoco.MjModel) -> tuple[Floats, Floats]:
     """Return coefficients of all joints, (tendons, joints), and lengths, (tendons,), of the tendons that couple."""
     equal = {
@@ -129,6 +132,7 @@ def _tendons(model: mujoco.MjModel) -> tuple[Floats, Floats]:
         else:
             continue
         row = np.zeros(model.njnt)
+        # a tendon may name a joint twice
         for w in wraps:
             row[int(model.wrap_objid[w])] += float(model.wrap_prm[w])
         rows.append(row)

@@ -12,7 +12,7 @@ divided into e' along the hinge's unit vector n and e" across it, and R(a) e = e
     A cos(a) + B sin(a) = C,    A = d.e",    B = d.(n x e),    C = (|d|^2 + |e|^2 - L^2) / 2 - d.e'
 
 has the solutions a = atan2(B, A) +- acos(C / sqrt(A^2 + B^2)), of which each arm keeps the branch that it has at home.
-(Clavel's robot; the equations are those of two links in a plane and of trilateration.)
+(Clavel's robot; the equations of two links in a plane and of trilateration.)
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ _AXES = "xyz"
 class Delta(Kinematics):
     """Kinematics of a delta robot; coordinates x, y and z of the nozzle in the work frame, then the other axes.
 
-    The MJCF has a platform on three slides, along any directions, which are the followers; their ranges are those of x,
-    y and z. Three tendon equalities hold the lengths of rods between a site on an arm and one on the platform.
+    The MJCF has a platform on three slides, along any directions, which are the followers; their ranges limit x, y and
+    z. Three tendon equalities hold the lengths of rods between a site on an arm and one on the platform.
 
     Attributes:
         coordinates, followers: as of `Kinematics`.
