@@ -118,6 +118,11 @@ def test_the_rotary_axis_stands_while_a_corner_is_rounded():
             "the offset, 5 mm",
         ),
         (
+            "G41 D1 G01 X0 Y0 F600\nY40\nN5 G18 Z9\nG40 X9",
+            "alarm 037 CAN NOT CHANGE PLANE IN CRC in block N5 (line 3): plane zx under cutter compensation in plane "
+            "xy: must be selected after G40",
+        ),
+        (
             "G41 D1 G01 X0 Y0 F600\nX40\nN5 Y3\nX0\nG40 Y20",
             "alarm 041 INTERFERENCE IN CUTTER COMPENSATION in block N5 (line 3): straight move too short for the "
             "offset of 5 mm at its corners",

@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 from gantrysim.controllers.fanuc import Alarm, Program
 from gantrysim.controllers.placement import Placement
 
+LARGE = "9" * 200  # its square is infinite
+
 
 def ends(text, **settings):
     """End points of the motions in the plane."""
@@ -36,6 +38,8 @@ def ends(text, **settings):
         ("#1=FIX[-1.5]\n#2=FUP[-1.5]\nG01 X#1 Y#2 F600", [(-1, -2)]),
         ("G01 X1 F600\nO2\nX5", [(1, 0)]),  # another program follows
         ("G01 X1 F600\nM99\nX5", [(1, 0)]),
+        # numbers that agree in six digits are those of two blocks
+        ("G01 F600\nGOTO1000000\nX9\nN1000000 X1\nGOTO1000001\nX8\nN1000001 X2", [(1, 0), (2, 0)]),
     ],
 )
 def test_macros_move_as_their_arithmetic_says(text, expected):
@@ -69,6 +73,11 @@ def test_coordinate_systems_shift_the_path(text, expected):
         ("WHILE[1EQ2]DO1\nG01 X1 F1", "alarm 124 .*END1"),
         ("END1", "alarm 124 .*DO1"),
         ("#1=1/0", "alarm 114 .*divisor"),
+        (f"#1=FIX[{LARGE}*{LARGE}]", r"alarm 114 .*FIX\[inf\]: has no finite value"),
+        (f"#1=FUP[{LARGE}*{LARGE}-{LARGE}*{LARGE}]", r"alarm 114 .*FUP\[nan\]: has no finite value"),
+        (f"M98 P2 L[{LARGE}*{LARGE}-{LARGE}*{LARGE}]\nO2", "alarm 114 .*L = nan: must be finite"),
+        (f"G01 F1\nX[{LARGE}*{LARGE}]", "alarm 114 .*block 2 .*X = inf: must be finite"),
+        (f"GOTO[-1]\nN{'9' * 21} X1", "alarm 078 .*N-1: must be a block"),  # of too many digits to be read
         ("#1=[1+2", "alarm 114"),
         ("IF[1EQ1]X1", "alarm 114 .*GOTO"),
         ("#0=1", "alarm 114 .*#0"),

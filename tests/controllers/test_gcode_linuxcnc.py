@@ -14,6 +14,8 @@ from gantrysim.controllers.gcode.linuxcnc import Program
 from gantrysim.controllers.gcode.moves import ANGLE, END, FEED, GLUE, KIND, SOURCE
 from gantrysim.controllers.macro.expressions import Scanner
 
+LARGE = "9" * 200  # its square is infinite
+
 
 def moves(text, **settings):
     return Program(text=text, **settings).program.moves
@@ -71,6 +73,8 @@ def ends(text, **settings):
         ("M70 G20\nM72 G0 X1", [(1, 0, 0)]),
         ("o1 sub\nM73 G91\nG0 X1\no1 endsub\no1 call\no1 call\nG0 X3", [(1, 0, 0), (2, 0, 0), (3, 0, 0)]),
         ("G0 X1\nM2\nX5", [(1, 0, 0)]),
+        ("G0 X1\n\nG0 X#<_line>\nY#<_line>", [(1, 0, 0), (3, 0, 0), (3, 4, 0)]),
+        ("#1=#<_line>\no1 if [#<_line> eq 2]\nG0 X#1 Y#<_line>\no1 endif", [(1, 3, 0)]),
     ],
 )
 def test_moves_end_where_the_arithmetic_says(text, expected):
@@ -133,6 +137,12 @@ def test_feeds_are_in_their_units(text, feed):
         ("G0 X[1+", "line 1: "),
         ("G0 X[1/0]", "line 1: .*divisor"),
         ("G0 X[sqrt[-1]]", "line 1: SQRT"),
+        (f"G0 X[{LARGE}*{LARGE} mod 2]", "line 1: inf MOD 2: has no finite value"),
+        (f"o[{LARGE}*{LARGE}-{LARGE}*{LARGE}] call", "line 1: O word: label = nan: must be a number"),
+        (
+            f"o1 repeat [{LARGE}*{LARGE}-{LARGE}*{LARGE}]\no1 endrepeat",
+            "line 1: O word: repeat = nan: must be a number",
+        ),
         ("G0 X#<none>", "line 1: unknown parameter '#<none>'"),
         ("G0 X1 (open", "line 1: comment"),
         ("F1 G2 X10", "line 1: arc without I, J and R"),

@@ -28,31 +28,41 @@ def compensated(legs: list[Leg]) -> list[Leg]:
     Stops and motions along the plane's normal take place on the offset path.
 
     Raises:
-        Alarm: compensation that begins or ends in an arc, or an offset too large for a corner or an arc.
+        Alarm: compensation that begins or ends in an arc, another plane while it is in force, or an offset too large
+            for a corner or an arc.
     """
     if not any(leg.compensation for leg in legs):
         return legs
-    along = [k for k, leg in enumerate(legs) if _runs_in_plane(leg)]
-    runs: dict[int, list[Leg]] = {}
-    for n, k in enumerate(along):
+    in_plane = [k for k, leg in enumerate(legs) if _runs_in_plane(leg)]
+    runs: dict[int, list[Leg]] = {}  # what becomes of each of them
+    for n, k in enumerate(in_plane):
         leg = legs[k]
-        before = runs[along[n - 1]] if n else []
-        was = legs[along[n - 1]].compensation if n else 0.0
-        if leg.compensation and not was:
-            follows = legs[along[n + 1]] if n + 1 < len(along) else leg
+        before = legs[in_plane[n - 1]] if n else None
+        compensates = before is not None and before.compensation != 0
+        if leg.compensation and not compensates:
+            follows = legs[in_plane[n + 1]] if n + 1 < len(in_plane) else leg
             runs[k] = [_start_up(leg, follows if follows.compensation else leg)]
-        elif was and not leg.compensation:
-            runs[k] = [_between(leg, _end(before[-1]), _end(leg))]
-        elif leg.compensation:
-            before[-1], run = _joined(before[-1], replace(leg, piece=_beside(leg)))
-            runs[k] = run
-        else:
+        elif before is None or not compensates:
             runs[k] = [leg]
+        elif not leg.compensation:
+            runs[k] = [_between(leg, _end(runs[in_plane[n - 1]][-1]), _end(leg))]
+        else:
+            _check_plane(before, leg)
+            run = runs[in_plane[n - 1]]
+            run[-1], runs[k] = _joined(run[-1], replace(leg, piece=_beside(leg)))
     beside: list[Leg] = []
     for k, leg in enumerate(legs):
         last = next((other for other in reversed(beside) if other.piece is not None), None)
         beside += runs.get(k) or [leg if last is None else _moved(leg, _end(last))]
     return beside
+
+
+def _check_plane(before: Leg, leg: Leg) -> None:
+    """Compensation lies in one plane: the ends of two motions beside their paths meet in no other."""
+    if leg.plane != before.plane:
+        raise leg.source.fail(
+            37, f"plane {leg.plane} under cutter compensation in plane {before.plane}: must be selected after G40"
+        )
 
 
 def _runs_in_plane(leg: Leg) -> bool:

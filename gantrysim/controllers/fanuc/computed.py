@@ -56,6 +56,6 @@ def _numbers(text: str, source: Source, variables: Parameters) -> Iterator[tuple
         if variable and variables.vacant(float(variable[1])):
             continue
         number = value(variables)
-        if math.isnan(number):
-            raise InputError(f"{letter} = nan: must be finite")
+        if not math.isfinite(number):
+            raise InputError(f"{letter} = {number:g}: must be finite")
         yield letter, number

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from functools import partial
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
@@ -44,7 +43,12 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Se
     moves = Moves(start)
     state = State(moves, setup)
     interpreter = Interpreter(state)
-    flow = ProgramFlow(program, partial(provided, state), state.subprogram_ends)
+
+    def system(key: float | str) -> float | None:
+        state.line = flow.line  # of the expression that reads #<_line>, before the words of its line are run
+        return provided(state, key)
+
+    flow = ProgramFlow(program, system, state.subprogram_ends)
     try:
         for line in flow.run():
             state.line = flow.line
