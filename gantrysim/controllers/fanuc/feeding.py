@@ -33,6 +33,7 @@ class Clamp:
 
     def limit(self, r: ArrayLike) -> Floats:
         """Return the largest feed at radii, (n,) [mm/min]."""
+        # at sqrt(r / Rp) Vp the acceleration towards the centre, F^2 / r, is that of Vp at Rp
         return np.maximum(self.feed * np.sqrt(np.asarray(r, float) / self.radius), self.floor)
 
 

@@ -76,19 +76,19 @@ def legs_of(
     legs = []
     here = start
     angle = 0.0
-    feed = None
+    feed: float | None = None  # in force; a rapid move leaves it as it is
     for line in blocks:
         block = line.block
         if isinstance(block, Dwell):
             legs.append(Leg(line, here, None, (angle, angle), 0.0, dispense=block.dispense, dwell=block.time))
             continue
-        if isinstance(block, Rapid):
-            speed: float | None = rapid
-        else:
-            speed = feed = block.feed if block.feed is not None else feed
+        if not isinstance(block, Rapid) and block.feed is not None:
+            feed = block.feed
+        speed = rapid if isinstance(block, Rapid) else feed
         if speed is None:
             raise line.fail(11, "a motion at feed must have an F, in its block or before")
         piece = piece_of(block, here, end_tolerance, arc_tolerance, line.fail)
+        # a line without a length has no direction: only the rotary axis moves, if it does
         still = isinstance(piece, Line) and math.dist(piece.start, piece.end) <= _SHORTEST
         turned = angle if block.rotary is None else block.rotary
         dispense = block.dispense if block.dispense is not None else not isinstance(block, Rapid)

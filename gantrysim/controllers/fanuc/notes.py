@@ -38,8 +38,8 @@ def notes_of(legs: Sequence[Leg], path: Chain, blend_time: float, acceleration: 
 def _stops(legs: Sequence[Leg], path: Chain, acceleration: float) -> tuple[str, ...]:
     """Return the note on corners at which motions stop, where they are too short to reach their feed or in G64."""
     lengths = np.diff(path.ends, prepend=0.0)
-    place = iter(range(lengths.size))
-    index = [next(place) if leg.piece is not None else -1 for leg in legs]
+    pieces = iter(range(lengths.size))
+    index = [next(pieces) if leg.piece is not None else -1 for leg in legs]  # of the path's pieces; -1 for a stop
     corners = set(np.searchsorted(path.ends, path.corners - 1e-9).tolist())
     halts = [
         (leg, float(lengths[k]))
@@ -47,6 +47,7 @@ def _stops(legs: Sequence[Leg], path: Chain, acceleration: float) -> tuple[str, 
         if k in corners and last >= 0 and not (leg.rapid or after.rapid or leg.spiral or after.spiral)
         if not leg.exact_stop
     ]
+    # from rest to the feed and back takes the length v^2 / a
     short = [length for leg, length in halts if length < leg.feed**2 / acceleration]
     if short:
         return (

@@ -196,6 +196,7 @@ class Program(Controller):
         """The motions; stops are longer by the moving average, which comes to rest in them."""
         for leg in self.legs:
             yield replace(leg, dwell=leg.dwell + self.blend_time) if leg.dwell > 0 else leg
+            # the moving average reaches an exact stop only where the commanded positions wait for it
             if self.blend_time > 0 and leg.exact_stop and leg.piece is not None:
                 yield replace(leg, piece=None, rotary=(leg.rotary[1], leg.rotary[1]), dwell=self.blend_time)
 
@@ -225,7 +226,7 @@ class Program(Controller):
         n = ticks(float(begun[-1]), period)
         ticks(float(begun[-1]) + self.blend_time, period)  # raises where the average makes too many
         time = np.arange(n + 1) * period
-        time[-1] = begun[-1]
+        time[-1] = begun[-1]  # the last tick is up to a period after the end, and commands the end
         place = np.empty((n + 1, 4))
         dispense = np.zeros(n + 1, bool)
         which = np.clip(np.searchsorted(begun, time, side="right") - 1, 0, len(self._parts) - 1)
@@ -284,7 +285,7 @@ def _averaged(place: Floats, dispense: NDArray[np.bool_], window: int) -> tuple[
     """Moving average over `window` ticks, by which it is longer; the dispenser is delayed by half of them."""
     padded = np.concatenate([np.repeat(place[:1], window, axis=0), place, np.repeat(place[-1:], window, axis=0)])
     origin = padded[0].copy()
-    summed = np.cumsum(padded - origin, axis=0)
+    summed = np.cumsum(padded - origin, axis=0)  # small numbers: sums of large ones would lose digits
     mean = origin + (summed[window:] - summed[:-window]) / window
     late = np.zeros(len(mean), bool)
     late[window // 2 : window // 2 + len(dispense)] = dispense

@@ -42,7 +42,8 @@ class Planner:
         self._legs = legs
         self._chain = chain
         self._feeding = feeding
-        share = 1.0 if feeding.blend_time == 0 else 0.5  # of the accelerations, for the pieces
+        # share of the accelerations for the pieces: blending leaves the other half for the corners
+        share = 1.0 if feeding.blend_time == 0 else 0.5
         self._limit = share * feeding.acceleration
         self._rotary_limit = share * feeding.rotary_acceleration
         s, piece = nodes(chain.ends, [_step(leg) for leg in legs])
@@ -87,17 +88,18 @@ class Planner:
         edges = np.concatenate([[0.0], self._chain.ends])
         fastest_feed = np.array([max(leg.feed, (self._feeding.dry_run or 0.0) / PER_MINUTE) for leg in self._legs])
         k = np.arange(len(self._legs))
-        added = [s]
-        of = [piece]
+        all_nodes = [s]
+        all_pieces = [piece]
         for edge, inward in ((edges[:-1], 1.0), (edges[1:], -1.0)):
             steepest = np.abs(self._chain.tangent(self._within(edge, k))).max(axis=1)
+            # v^2 / 2 a, with the acceleration that the axis with the greatest share of the motion leaves
             ramp = fastest_feed**2 * steepest / (2 * self._limit * (1 - MARGIN))
             for share in _RAMP:
                 inside = share * ramp < np.diff(edges)
-                added.append((edge + inward * share * ramp)[inside])
-                of.append(k[inside])
-        s = np.concatenate(added)
-        piece = np.concatenate(of)
+                all_nodes.append((edge + inward * share * ramp)[inside])
+                all_pieces.append(k[inside])
+        s = np.concatenate(all_nodes)
+        piece = np.concatenate(all_pieces)
         order = np.lexsort((s, piece))
         return s[order], piece[order]
 
@@ -138,8 +140,10 @@ class Planner:
             limit = feeding.clamp.limit(self._radius(inner, piece[coil])) / PER_MINUTE
             feed[coil] = np.minimum(feed[coil], limit)
         if not feeding.feed_in_space and coil.any():
+            # F is the speed in the plane: along the path it is greater by 1 / cos of the climb
             feed[coil] /= np.sqrt(np.maximum(1 - self._chain.climb(inner) ** 2, 1e-12))
         if math.isfinite(feeding.rotary_velocity):
+            # the path slows where the rotary axis turns faster along it than it can in time
             turning = np.abs(self._rotary(s, piece)[0])
             feed = np.minimum(feed, feeding.rotary_velocity / np.maximum(turning, 1e-200))
         return feed
@@ -173,6 +177,7 @@ class Planner:
             )
             limit[[leg.exact_stop for leg in self._legs[:-1]]] = 0.0
         else:
+            # without blending an axis that does not stop would have to change its velocity at once
             stops = np.array(
                 [
                     first.exact_stop or first.spiral or second.spiral or first.rapid != second.rapid

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.interpret import Interpreted
-from gantrysim.controllers.gcode.lookahead import ALONG, jump_speed, planned, turning_speed
+from gantrysim.controllers.gcode.lookahead import ALONG, INWARD, jump_speed, planned, turning_speed
 from gantrysim.controllers.gcode.moves import (
     ANGLE,
     ARC,
@@ -55,6 +55,23 @@ class Settings:
 
 
 @dataclass(frozen=True)
+class Dwells:
+    """The dwells of a program, (d,) each.
+
+    Attributes:
+        begin: time of the profile, which has none of them, at which each begins [s].
+        times: of each [s].
+        rows: of the moves.
+        pieces: first piece of the path after each.
+    """
+
+    begin: Floats
+    times: Floats
+    rows: NDArray[np.intp]
+    pieces: NDArray[np.intp]
+
+
+@dataclass(frozen=True)
 class Plan:
     """A planned program.
 
@@ -64,9 +81,7 @@ class Plan:
         profile: speed along it, without dwells.
         source: row of the moves for every piece of `path`, (n,).
         moves: the rows.
-        waits: times of the profile at which the program dwells, and the times of the dwells, (d,) each [s].
-        wait_rows: row of the moves of each dwell, (d,).
-        wait_pieces: first piece of `path` after each dwell, (d,).
+        dwells: between the pieces.
         stops: corners between moves at feed passed at less than a tenth of the feed.
         small: median length of the moves before those corners; 0 without [mm].
         cut: largest distance of the path from corners that are rounded without a tolerance; 0 without [mm].
@@ -77,9 +92,7 @@ class Plan:
     profile: Limited
     source: NDArray[np.intp]
     moves: Floats
-    waits: tuple[Floats, Floats]
-    wait_rows: NDArray[np.intp]
-    wait_pieces: NDArray[np.intp]
+    dwells: Dwells
     stops: int
     small: float
     cut: float
@@ -87,7 +100,7 @@ class Plan:
     @property
     def duration(self) -> float:
         """Of the motion with its dwells [s]."""
-        return self.profile.duration + float(self.waits[1].sum())
+        return self.profile.duration + float(self.dwells.times.sum())
 
     def at(self, t: ArrayLike) -> tuple[Floats, NDArray[np.bool_]]:
         """Return points (n, 3) [mm], and whether glue is laid, (n,), at times (n,) [s]."""
@@ -101,21 +114,38 @@ class Plan:
 
     def _rows(self, t: Floats) -> tuple[Floats, NDArray[np.intp]]:
         """Arc lengths, and rows of the moves or dwells, at times."""
-        moving, times = self.waits
-        if not times.size:
+        dwells = self.dwells
+        if not dwells.times.size:
             s = np.asarray(self.profile.position(t))
             return s, self.source[self.path.locate(s)]
-        before = np.concatenate([[0.0], np.cumsum(times)])
-        begun = moving + before[:-1]
+        waited = np.concatenate([[0.0], np.cumsum(dwells.times)])  # before each dwell, and in all
+        begun = dwells.begin + waited[:-1]
         k = np.searchsorted(begun, t, side="right") - 1
         after = k >= 0
         k = np.maximum(k, 0)
-        waiting = after & ((t - begun[k] < times[k]) | (self.wait_pieces[k] == self.source.size))
-        s = np.asarray(self.profile.position(np.where(after, np.maximum(moving[k], t - before[k + 1]), t)))
+        # a dwell after the last piece lasts until the end, whatever rounding makes of its time
+        waiting = after & ((t - begun[k] < dwells.times[k]) | (dwells.pieces[k] == self.source.size))
+        moving = np.where(after, np.maximum(dwells.begin[k], t - waited[k + 1]), t)  # time of the profile
+        s = np.asarray(self.profile.position(moving))
         # the last piece before a dwell and the first after it meet at one place
-        edges = np.concatenate([[0], self.wait_pieces, [self.source.size]])
+        edges = np.concatenate([[0], dwells.pieces, [self.source.size]])
         piece = np.clip(self.path.locate(s), edges[k + after], edges[k + after + 1] - 1)
-        return s, np.where(waiting, self.wait_rows[k], self.source[np.minimum(piece, self.source.size - 1)])
+        return s, np.where(waiting, dwells.rows[k], self.source[np.minimum(piece, self.source.size - 1)])
+
+
+@dataclass(frozen=True)
+class _Base:
+    """The path before its corners are rounded.
+
+    Attributes:
+        track: the path.
+        rows: of the moves, for every piece, (m,).
+        halts: whether a dwell halts the motion before each piece, and at the end, (m + 1,).
+    """
+
+    track: Track
+    rows: NDArray[np.intp]
+    halts: NDArray[np.bool_]
 
 
 def requested_track(program: Interpreted, placement: Placement) -> tuple[Track, NDArray[np.intp]]:
@@ -127,6 +157,7 @@ def requested_track(program: Interpreted, placement: Placement) -> tuple[Track, 
     table = program.moves
     points = np.concatenate([[program.start], table[:, END : END + 3]]) if len(table) else np.array([program.start])
     arc = table[:, KIND] == ARC
+    # the scale of the placement may make a long move of a short one
     moved = np.abs(np.diff(points, axis=0)).max(axis=1, initial=0.0) > _SHORTEST / min(placement.scale, 1.0)
     moving = np.flatnonzero((table[:, KIND] != DWELL) & (arc | moved))
     if not moving.size:
@@ -149,88 +180,97 @@ def plan(program: Interpreted, placement: Placement, settings: Settings) -> Plan
     """Plan a program."""
     requested, rows = requested_track(program, placement)
     table = program.moves
-    halts, waits, wait_rows = _halts(table, rows)
-    base, base_rows, halts = _simplified(requested, rows, table, halts)
-    mode = np.minimum(table[base_rows[:-1], MODE], table[base_rows[1:], MODE])
-    speed, acceleration = _limits(base, table[base_rows, FEED], settings)
-    smooth = np.where(halts[1:-1] | (mode <= EXACT_PATH), 0.0, mode)
-    need = np.minimum(speed[:-1], speed[1:])
-    widest = need**2 / (settings.acceleration * np.sqrt(0.75))
-    path, angle, distance = rounded(base, smooth, widest)
-    joint = np.minimum(need, jump_speed(angle, settings.acceleration, settings.cycle))
-    joint[halts[1:-1] | (mode < EXACT_PATH)] = 0.0
-    profile, source = _profile(path, joint, speed, acceleration, base_rows, settings)
-    pieces, moving = _waits(path, profile, base_rows, rows, waits[0])
-    at_feed = (table[base_rows[:-1], FEED] > 0) & (table[base_rows[1:], FEED] > 0) & ~halts[1:-1]
-    stopped = at_feed & (joint < _STOP * need)
-    sizes = np.diff(base.ends, prepend=0.0)[:-1][stopped]
-    small = float(np.median(sizes)) if sizes.size else 0.0
-    cut = float(distance[np.isinf(mode)].max(initial=0.0))
-    dwells = (moving, waits[1]), wait_rows, pieces
-    return Plan(requested, path, profile, source, table, *dwells, int(stopped.sum()), small, cut)
-
-
-def _halts(
-    table: Floats, rows: NDArray[np.intp]
-) -> tuple[NDArray[np.bool_], tuple[NDArray[np.intp], Floats], NDArray[np.intp]]:
-    """Whether a dwell halts the motion before each piece and at the end; of each dwell, pieces before, time and row."""
-    dwell = np.flatnonzero(table[:, KIND] == DWELL)
-    before = np.searchsorted(rows, dwell)
+    dwell_rows = np.flatnonzero((table[:, KIND] == DWELL) & (table[:, FEED] > 0))
+    moves_before = np.searchsorted(rows, dwell_rows)
     halts = np.zeros(rows.size + 1, bool)
-    times = table[dwell, FEED]
-    halts[before[times > 0]] = True
-    real = times > 0
-    return halts, (before[real], times[real]), dwell[real]
+    halts[moves_before] = True
+    base = _simplified(_Base(requested, rows, halts), table)
+    feed = table[base.rows, FEED]
+    speed, acceleration = _limits(base.track, feed, settings)
+    # where two moves meet, the stricter of their modes holds
+    mode = np.minimum(table[base.rows[:-1], MODE], table[base.rows[1:], MODE])
+    halted = base.halts[1:-1]
+    tolerance = np.where(halted | (mode <= EXACT_PATH), 0.0, mode)
+    # an arc that admits the slower of the two speeds is wide enough: v^2 / r is at most its share of the acceleration
+    needed = np.minimum(speed[:-1], speed[1:])
+    widest = needed**2 / (settings.acceleration * INWARD)
+    path, angle, distance = rounded(base.track, tolerance, widest)
+    joint = np.minimum(needed, jump_speed(angle, settings.acceleration, settings.cycle))
+    joint[halted | (mode < EXACT_PATH)] = 0.0
+    profile, source = _profile(path, joint, (speed, acceleration), base.rows, settings)
+    pieces = _pieces_after(path, base.rows, rows, moves_before)
+    begin = np.array([profile.reached(float(s)) if s > 0 else 0.0 for s in path.ends[pieces]])
+    stopped = (feed[:-1] > 0) & (feed[1:] > 0) & ~halted & (joint < _STOP * needed)
+    sizes = np.diff(base.track.ends, prepend=0.0)[:-1][stopped]
+    return Plan(
+        requested=requested,
+        path=path,
+        profile=profile,
+        source=source,
+        moves=table,
+        dwells=Dwells(begin, table[dwell_rows, FEED], dwell_rows, pieces),
+        stops=int(stopped.sum()),
+        small=float(np.median(sizes)) if sizes.size else 0.0,
+        cut=float(distance[np.isinf(mode)].max(initial=0.0)),
+    )
 
 
-def _waits(
-    path: Rounded, profile: Limited, base_rows: NDArray[np.intp], rows: NDArray[np.intp], before: NDArray[np.intp]
-) -> tuple[NDArray[np.intp], Floats]:
-    """The first piece after each dwell, and the moving time at it, from the number of moves before it."""
-    last = np.searchsorted(base_rows, rows[np.maximum(before - 1, 0)], side="right") - 1  # piece of the base
-    order = path.piece + 0.5 * (path.arc >= 0)
-    pieces = np.where(before > 0, np.searchsorted(order, last, side="right"), 0)
-    moving = np.array([profile.reached(float(s)) if s > 0 else 0.0 for s in path.ends[pieces]])
-    return pieces, moving
+def _pieces_after(
+    path: Rounded, base_rows: NDArray[np.intp], rows: NDArray[np.intp], moves_before: NDArray[np.intp]
+) -> NDArray[np.intp]:
+    """The first piece of the path after each dwell, from the number of moves before the dwell."""
+    last = np.searchsorted(base_rows, rows[np.maximum(moves_before - 1, 0)], side="right") - 1  # piece of the base
+    order = path.piece + 0.5 * (path.arc >= 0)  # an arc lies between the pieces that it joins
+    return np.where(moves_before > 0, np.searchsorted(order, last, side="right"), 0)
 
 
-def _simplified(
-    track: Track, rows: NDArray[np.intp], table: Floats, halts: NDArray[np.bool_]
-) -> tuple[Track, NDArray[np.intp], NDArray[np.bool_]]:
-    """Merge lines within the tolerance of G64 Q; return the track, the rows and the halts of what remains."""
+def _simplified(base: _Base, table: Floats) -> _Base:
+    """Merge lines within the tolerance of G64 Q."""
+    rows = base.rows
     naive = table[rows, NAIVE]
     if not naive.any():
-        return track, rows, halts
+        return base
     joined = np.zeros(rows.size + 1, bool)
-    same = (table[rows[:-1]][:, [FEED, GLUE, MODE, NAIVE]] == table[rows[1:]][:, [FEED, GLUE, MODE, NAIVE]]).all(axis=1)
+    alike = table[rows][:, [FEED, GLUE, MODE, NAIVE]]
+    same = (alike[:-1] == alike[1:]).all(axis=1)
     line = (table[rows, KIND] == LINE) & (table[rows, FEED] > 0)
-    joined[1:-1] = same & line[:-1] & line[1:] & ~halts[1:-1] & (naive[:-1] > 0)
-    points = track.points
+    joined[1:-1] = same & line[:-1] & line[1:] & ~base.halts[1:-1] & (naive[:-1] > 0)
+    points = base.track.points
     corner = merged(points, joined, np.append(naive, 0.0))
     last = np.flatnonzero(corner[1:])  # pieces that end at a point that stays
-    p = track.parameters()
-    simple = Track(p["start"], points[last + 1], p["angle"][last], p["centre"][last], p["plane"][last], p["frames"])
-    return simple, rows[last], halts[np.flatnonzero(corner)]
+    p = base.track.parameters()
+    track = Track(p["start"], points[last + 1], p["angle"][last], p["centre"][last], p["plane"][last], p["frames"])
+    return _Base(track, rows[last], base.halts[np.flatnonzero(corner)])
 
 
 def _limits(track: Track, feed: Floats, settings: Settings) -> tuple[Floats, Floats]:
     """Largest speed and acceleration of every piece."""
     first, _ = track.end_tangents()
+    # along a line the axis with the greatest share of the motion limits it; an arc may have any direction
     steepest = np.where(track.coil, 1.0, np.maximum(np.abs(first).max(axis=1), 1e-9))
-    speed = np.where(
-        feed > 0, np.minimum(feed * settings.override, settings.rapid / steepest), settings.rapid / steepest
-    )
+    fastest = settings.rapid / steepest
+    speed = np.where(feed > 0, np.minimum(feed * settings.override, fastest), fastest)
     acceleration = settings.acceleration / steepest
     tightest = track.tightest
-    round_ = np.isfinite(tightest)
-    speed[round_] = np.minimum(speed[round_], turning_speed(np.maximum(tightest[round_], 1e-9), settings.acceleration))
-    acceleration[round_] = ALONG * settings.acceleration
+    bent = np.isfinite(tightest)
+    speed[bent] = np.minimum(speed[bent], turning_speed(np.maximum(tightest[bent], 1e-9), settings.acceleration))
+    acceleration[bent] = ALONG * settings.acceleration
     return speed, acceleration
 
 
 def _profile(
-    path: Rounded, joint: Floats, speed: Floats, acceleration: Floats, rows: NDArray[np.intp], settings: Settings
+    path: Rounded, joint: Floats, limits: tuple[Floats, Floats], rows: NDArray[np.intp], settings: Settings
 ) -> tuple[Limited, NDArray[np.intp]]:
+    """Speed along the rounded path, and the row of the moves of each of its pieces.
+
+    Args:
+        path: with its arcs.
+        joint: largest speeds at the corners of the base [mm/s].
+        limits: speed [mm/s] and acceleration [mm/s²] of each piece of the base.
+        rows: of the moves, for every piece of the base.
+        settings: of the planner.
+    """
+    speed, acceleration = limits
     arcs = path.arc >= 0
     top = speed[path.piece]
     change = acceleration[path.piece]

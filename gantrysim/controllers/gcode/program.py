@@ -152,7 +152,7 @@ class GCode(Controller):
 
     def _times(self, period: float) -> Floats:
         time = np.arange(ticks(self.duration, period) + 1, dtype=np.float64) * period
-        time[-1] = self.duration  # the last setpoint is the end, less than a period after the one before
+        time[-1] = self.duration  # the last tick is up to a period after the end, and commands the end
         return time
 
     def lines(self, period: float) -> NDArray[np.intp]:

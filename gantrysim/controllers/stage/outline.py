@@ -71,12 +71,13 @@ def outline(z: Floats, radius: float) -> tuple[ArcChain, float]:
     """
     edges = np.roll(z, -1) - z
     turn = np.angle(np.roll(edges, -1) / edges)  # at the end of each edge
+    # an arc that turns by half a turn would need infinite room on its edges
     back = np.flatnonzero(np.abs(turn) > math.pi - _STRAIGHT)
     if back.size:
         raise InputError(f"outline: doubles back at corner {(back[0] + 1) % z.size + 1}")
     if abs(abs(turn.sum()) - 2 * math.pi) > _STRAIGHT:
         raise InputError(f"outline: turns by {math.degrees(turn.sum()):.0f} deg in total: must not cross itself")
-    cut = radius * np.tan(0.5 * np.abs(turn))
+    cut = radius * np.tan(0.5 * np.abs(turn))  # of an edge at its end, from the corner to where the arc begins
     straight = np.abs(edges) - cut - np.roll(cut, 1)
     if straight.min() < -_ROUNDING:
         room = radius * np.abs(edges) / (cut + np.roll(cut, 1))

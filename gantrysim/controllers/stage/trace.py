@@ -185,6 +185,7 @@ class OutlineTrace(Controller):
             return Constant(self.requested.length, self.speed)
         breaks = self._knots if self.corner_pieces else np.concatenate([self.turning.s, self.turning.breaks])
         breaks = np.unique(np.clip(breaks, 0.0, self.requested.length))
+        # pieces must be longer than the nudges from their ends to their insides
         breaks = breaks[np.diff(breaks, prepend=-1.0) > 2 * _NUDGE]
         ends = np.append(breaks[1:-1], self.requested.length)
         s, piece = nodes(ends, _STEP)
@@ -192,7 +193,9 @@ class OutlineTrace(Controller):
         speed = np.minimum(self.speed, velocity_bound(s, first, self.velocity))
         if any(math.isfinite(limit) for limit in self.acceleration):
             jump = (np.diff(s) == 0) & (np.abs(np.diff(first, axis=0)).max(axis=1) > _JUMP)
-            speed[:-1][jump] = speed[1:][jump] = 0.0
+            # a jump of an axis' velocity needs an infinite acceleration: the stage stops there
+            speed[:-1][jump] = 0.0
+            speed[1:][jump] = 0.0
         return fastest(Derivatives(s, first, second), speed, self.velocity, self.acceleration)
 
     def _derivatives(self, s: Floats, piece: NDArray[np.intp], edges: Floats) -> list[Floats]:
@@ -201,6 +204,7 @@ class OutlineTrace(Controller):
             slope = np.diff(self._exact(edges), axis=0) / np.diff(edges)[:, None]
             return [slope[piece], np.zeros((s.size, 3))]
         inside = np.clip(s, edges[piece] + _NUDGE, edges[piece + 1] - _NUDGE)
+        # at the ends of a piece the derivatives jump: those of its inside count
         theta = self.turning.value(inside)
         rate = self.turning.rate(inside)
         change = self.turning.change(inside)
