@@ -1,6 +1,6 @@
-"""Tables with a row per tick, computed in blocks of rows; those of long runs lie in temporary files.
+"""Tables with a row per tick, computed in blocks of rows; long runs keep them in temporary files.
 
-An array of a file is mapped each time that it is asked for, so that it takes memory only while it is in use.
+An array of a file is mapped at each access, so that it takes memory only while it is in use.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Column(Generic[_Array]):
 
 
 class OptionalColumn(Column[_Array]):
-    """A column that may be missing, None, as it is by default."""
+    """A column that may be missing: None, the default."""
 
     def __get__(self, table: object | None, owner: type) -> _Array | None:  # type: ignore[override]
         if table is None or table.__dict__[self._name] is None:
@@ -173,7 +173,7 @@ def table_by_blocks(parts: Iterator[_Table], rows: int) -> _Table:
 
 
 def array_of(value: NDArray[Any] | Stored) -> NDArray[Any]:
-    """Return an array, or that of a file."""
+    """Return an array itself, or the one stored in a file."""
     return value.array() if isinstance(value, Stored) else value
 
 

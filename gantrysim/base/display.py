@@ -18,7 +18,7 @@ class Shown(ABC):
 
     @abstractmethod
     def facts(self) -> Mapping[str, str]:
-        """Return what there is to say about the object, by name; nothing that takes long to compute."""
+        """Return the facts by name; nothing that takes long to compute."""
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{name}: {value}' for name, value in self.facts().items())})"

@@ -1,9 +1,9 @@
 """Results on disk: a file, or the files of a folder, are replaced as a whole or stay as they were.
 
 New files are written to a hidden folder beside the old ones. A single file then takes its place in one step. The files
-of a folder cannot: the hidden folder gets a name that says it is complete, the old files are moved into it, then the
+of a folder cannot: the hidden folder gets a name that marks it as complete, the old files are moved into it, then the
 new ones out of it. So old and new files never lie side by side, and the next command that writes to the folder
-completes what was cut short. A command that only reads changes nothing: it waits, or says what is left.
+completes what was cut short. A command that only reads changes nothing: it waits, or reports what is left.
 
 A folder may come from elsewhere, and its files with it: a link in it leads nothing that is written out of it.
 """

@@ -27,7 +27,7 @@ def check_regular(file: Path, label: str = "") -> None:
     """
     try:
         mode = file.stat().st_mode
-    except OSError:  # who opens it says why
+    except OSError:  # opening it reports the reason
         return
     _check_mode(mode, label or str(file))
 

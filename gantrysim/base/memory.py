@@ -52,7 +52,7 @@ def available_memory(root: Path = Path("/")) -> float:
     """Return the memory that this process may still take: of the machine, and of its control groups [B].
 
     Args:
-        root: of the file system that is asked.
+        root: of the file system that holds the statistics.
     """
     return min([_machine_memory(root), *_group_memory(root)])
 
@@ -87,7 +87,7 @@ def check_ticks(ticks: float, what: str, remedy: str) -> None:
 
 
 def _machine_memory(root: Path) -> float:
-    """Return the memory that the machine has left; all of it where it does not say, inf where it says nothing [B]."""
+    """Return the memory available; the whole memory where that is not stated, inf where neither is [B]."""
     available = _statistics(root / "proc/meminfo").get("MemAvailable:")
     if available is not None:
         return 1024.0 * available

@@ -37,7 +37,7 @@ def pending(folder: Path) -> bool:
 def complete_swap(folder: Path, *, is_ours: bool = False) -> None:
     """Move the old files of a held folder away and the complete new ones in; continue where a killed process stopped.
 
-    The list of names says that old files are left. While it is there, an error moves them back.
+    While the list of names is there, old files are still to be moved, and an error moves them back.
 
     Args:
         folder: that this process holds.
@@ -187,7 +187,7 @@ def _is_folder(file: Path) -> bool:
 
 
 def _names_below(folder: Path) -> list[str]:
-    """Return the relative names of all but folders below a folder, those of links included, which are not followed."""
+    """Return the relative names of all files below a folder, and of links, which are not followed."""
     return sorted(path.relative_to(folder).as_posix() for path in _below(folder, 1)) if folder.is_dir() else []
 
 

@@ -107,7 +107,7 @@ def validated(
         model: class of the model.
         content: values by name.
         label: with which a message begins.
-        keys: returns the dotted names of all keys, where they depend on the content; by default those of the model.
+        keys: returns the dotted names of all keys, where they depend on the content; by default the model's fields.
         context: for the validators of the model.
 
     Raises:
@@ -121,7 +121,7 @@ def validated(
 
 
 def field_names(kind: type[Any], prefix: str = "") -> Iterator[str]:
-    """Yield the dotted names of the fields of a model or dataclass, those of nested ones included."""
+    """Yield the dotted names of the fields of a model or dataclass, nested ones included."""
     hints = get_type_hints(kind)
     for name in getattr(kind, "model_fields", None) or [field.name for field in fields(kind)]:
         yield f"{prefix}{name}"

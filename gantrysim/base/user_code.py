@@ -17,7 +17,7 @@ _lock = RLock()  # an import may itself resolve names
 
 
 def is_code(name: object) -> bool:
-    """Return whether a name is that of the user's code, not of something built in."""
+    """Return whether a name stands for the user's code, not for something built in."""
     return isinstance(name, str) and ":" in name
 
 

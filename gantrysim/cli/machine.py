@@ -31,7 +31,7 @@ def new(
     job: ForJob = None,
     allow_code: AllowCode = False,
 ) -> None:
-    """Write the MJCF of a machine that a TOML table describes, and say what its drives can do.
+    """Write the MJCF of a machine that a TOML table describes, and size its drives.
 
     Jobs take the table itself too, as in `machine = "belt.toml"` or --model belt.toml.
     """
@@ -56,7 +56,7 @@ def new(
 
 
 def describe(machine: Machine, job: str | None, *, allow_code: bool = False) -> None:
-    """Print what a machine's drives can do, and what does not suit."""
+    """Print the sizing of a machine's drives, and what is wrong with it."""
     from gantrysim.cli.sizing import sizing_table
     from gantrysim.job.job import Job
     from gantrysim.machine.checks import notes

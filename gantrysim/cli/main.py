@@ -107,7 +107,7 @@ def info(
 ) -> None:
     """List the built-in machines and jobs, all settings, and the default gains with their stability margins.
 
-    With --model, say what the drives of one machine can do.
+    With --model, size the drives of one machine.
     """
     if model is not None:
         from gantrysim.machine.machine import Machine

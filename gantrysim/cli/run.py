@@ -57,9 +57,9 @@ def run(
 ) -> None:
     """Simulate a job, print its error budget, and write record, summary, plots, report and video.
 
-    The error budget says where on the chain the error lies. With --causes, a second table says what caused it: the job
-    is run again with one cause at a time switched off (program, sampling, counts, friction, winding, compliance), and
-    the change of the error is what that cause is worth.
+    The error budget locates the error on the chain. With --causes, a second table finds its causes: the job is run
+    again with one cause at a time switched off (program, sampling, counts, friction, winding, compliance), and the
+    change of the error is what that cause is worth.
 
     Axes that stick and slip do so by where their encoders' counts fall: figures scatter from one start of the machine
     to the next. With --repeat, the job is run again with the zeros anywhere within a count, and a table gives mean and

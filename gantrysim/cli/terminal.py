@@ -28,7 +28,7 @@ from rich.progress import (
 
 from gantrysim.base import signals
 
-# exit statuses; that of an interrupted command is signals.status()
+# exit statuses; an interrupted command has signals.status()
 INPUT_ERROR = 2
 FAULT = 3  # a fault ended the run, or all runs of a study
 INCOMPLETE = 1  # all is written but a plot, a report or a video that failed

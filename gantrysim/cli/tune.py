@@ -127,7 +127,7 @@ def tune(
 
 
 def write_words(folder: Path, name: str | None) -> None:
-    """Write the tuned gains of a folder in the words of a controller; those of an earlier search are removed."""
+    """Write the tuned gains of a folder in a controller's words, and remove the files of an earlier search."""
     from gantrysim.base.files import replaced
     from gantrysim.exchange.gains import DIALECTS, exported
     from gantrysim.job.job import Job

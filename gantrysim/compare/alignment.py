@@ -35,8 +35,8 @@ class Alignment:
 
     Attributes:
         by: link that gives it: commanded, encoder or nozzle.
-        shift: the trace's time less that of the run [s].
-        offsets: the trace's position less that of the run, by frame: "axes" (axes,) and "nozzle" (3,) [mm or deg].
+        shift: the trace's time less the run's [s].
+        offsets: the trace's position less the run's, by frame: "axes" (axes,) and "nozzle" (3,) [mm or deg].
         rotation: turn of the nozzle's frame about z, counter-clockwise positive [deg].
         residual: rms of what is left of the link [mm or deg].
     """

@@ -24,7 +24,7 @@ _UNEVEN = 0.01  # of a period, between samples of one rate
 def beside(trace: Trace, alignment: Alignment, run: Run, machine: Machine) -> tuple[Run, Run]:
     """Return the records of the measured and of the simulated run, at the trace's instants that both cover.
 
-    A link of the chain that is not measured is that of the link before it, in both, so that its share is zero: without
+    A link that is not measured repeats the link before it, in both runs, so that its share is zero: without
     the encoder, the nozzle's whole deviation from the command is structure; without the nozzle, the rigid machine's at
     the encoder is the nozzle. Of an encoder that is measured on some axes alone, the others are the command. Command,
     dispenser and flow are the simulation's unless the command is measured. What no link needs is nan.
@@ -68,7 +68,7 @@ def beside(trace: Trace, alignment: Alignment, run: Run, machine: Machine) -> tu
             nozzle = CubicSpline(run.time, run.nozzle, axis=0)(instants)
             nozzle = np.where(np.isnan(trace.nozzle[rows]), tips["commanded"], nozzle)
         nothing = np.full_like(chain["encoder"], np.nan)
-        # no trace tells errors of the geometry from structure
+        # a trace cannot separate errors of the geometry from structure
         columns: dict[str, Any] = {
             "geometric_tip": None,
             **chain,

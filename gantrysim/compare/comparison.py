@@ -124,7 +124,7 @@ class Comparison:
 
     @property
     def parts(self) -> dict[str, str]:
-        """The links that are compared, with what they span: those that the trace measures and tells apart."""
+        """The links that are compared, with what they span: those that the trace measures and separates."""
         spans = {}
         if not self.unmeasured_command:
             spans["generation"] = DESCRIPTIONS["generation"]

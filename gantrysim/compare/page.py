@@ -96,7 +96,7 @@ def _explained(comparison: Comparison) -> str:
 
 
 def _named(comparison: Comparison) -> list[str]:
-    """Return the compared links, with their spans where these are not those of every budget."""
+    """Return the compared links, with their spans where they differ from a full budget's."""
     return [name if span == DESCRIPTIONS[name] else f"{name} ({span})" for name, span in comparison.parts.items()]
 
 

@@ -160,7 +160,7 @@ class Effect:
 
     Attributes:
         cause: the cause.
-        before: errors with it: those of the job, at the physics step of the run without it.
+        before: errors of the job at the physics step of the run without the cause.
         without: errors without it; empty where that run failed.
         failure: why it failed.
     """

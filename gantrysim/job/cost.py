@@ -8,7 +8,7 @@ from gantrysim.engine.simulate import simulate
 from gantrysim.job.job import Job
 
 _FIRST = 5_000  # setpoints that are run to see
-# Time of all, with figures, plots and report, over that of the simulation alone; measured on an225 with 1000 turns.
+# Whole time, with figures, plots and report, over the simulation's; measured on an225 with 1000 turns.
 _ALL = 6.0
 
 

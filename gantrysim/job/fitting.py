@@ -1,4 +1,4 @@
-"""Whether a program fits a machine: both speak of the same frame, and of the same geometry."""
+"""Check of a program against its machine: frame and geometry must agree."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _OFF = 1.0  # distance of the commanded tip from the path beyond which the geome
 
 
 def check_fit(machine: Machine, controller: Controller, setpoints: Setpoints, name: str) -> None:
-    """Raise InputError where a program speaks of another frame, or of another geometry, than its machine.
+    """Raise InputError for a program in another frame, or for another geometry, than its machine's.
 
     On a machine that turns its work, programs give positions of the axes: they must put the nozzle on the requested
     path.

@@ -212,7 +212,7 @@ class Job(JobContent):
 
     @property
     def _sent(self) -> Setpoints:
-        """The program's own setpoints; not kept, as those of a long program fill the memory."""
+        """Setpoints of the program alone; not cached, as a long program would fill the memory."""
         setpoints = self.controller.setpoints(self.built_servo.period)
         name = self.program["controller"]
         return checked_setpoints(name, setpoints) if is_code(name) else setpoints
@@ -248,7 +248,7 @@ class Job(JobContent):
                 progress=progress,
             )
         if len(record.time) > memory.LONG:
-            self.__dict__.pop("setpoints", None)  # which fill the memory; computed again if they are asked for
+            self.__dict__.pop("setpoints", None)  # they fill the memory, and are computed again on demand
         return record
 
     def without_faults(self) -> Job:
@@ -273,7 +273,7 @@ class Job(JobContent):
             )
 
     def check_fit(self) -> None:
-        """Raise InputError unless program and machine speak of the same frame and geometry; and `check_faults`."""
+        """Raise InputError unless frame and geometry of program and machine agree; and `check_faults`."""
         with self._located():
             check_fit(self.built_machine, self.controller, self.setpoints, self.program["controller"])
         self.check_faults()

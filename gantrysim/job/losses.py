@@ -1,4 +1,4 @@
-"""What faults on purpose cost: a run with them beside the run of the same job without."""
+"""Cost of faults on purpose: the bead of a run with them compared with the same job without."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _UM = 1e3
 
 @dataclass(frozen=True)
 class Losses:
-    """What a run with faults on purpose lacks, compared with the same job without them.
+    """Glue and accuracy lost by faults on purpose, compared with the same job without them.
 
     Along the requested path the beads are compared where the nozzle is nearest to it while the dispenser is on.
 
@@ -44,7 +44,7 @@ class Losses:
 
     @classmethod
     def of(cls, faulted: Bead, healthy: Bead) -> Losses:
-        """Compare the bead of a run with faults to that of the same job without."""
+        """Compare the bead of a run with faults with the bead of the same job without."""
         s = healthy.analysis.nozzle.s
         reach = _REACH * max(healthy.ds, float(np.diff(np.sort(s)).max(initial=0.0)))
         places = np.arange(s.min(), s.max() + 0.5 * healthy.ds, healthy.ds)

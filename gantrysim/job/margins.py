@@ -1,4 +1,4 @@
-"""What a job says of the stability of its servo, and when it refuses to run."""
+"""Stability of a job's servo: notes on small margins, and refusal of an unstable loop."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.servo.servo_values import SHAPING
 from gantrysim.stability.margins import Margins
 
-LOW_MARGIN = 1.5  # gain margin below which a run says so
+LOW_MARGIN = 1.5  # gain margin below which a run has a note
 
 
 def margin_notes(machine: Machine, margins: tuple[Margins, ...] | None) -> tuple[str, ...]:
@@ -26,8 +26,8 @@ def check_stability(machine: Machine, margins: tuple[Margins, ...] | None, setti
     Args:
         machine: the machine.
         margins: of each axis.
-        settings: of the servo; derived loops are stable, but for those of a user's own law, so that the values given
-            that shape the loops are to be changed.
+        settings: of the servo; derived loops are stable, except with a user's own law, so the error names the given
+            values that shape the loops.
     """
     named = zip(machine.axis_names, margins or (), strict=False)
     unstable = [f"{name} is {margin}" for name, margin in named if not margin.stable]

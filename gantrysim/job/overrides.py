@@ -118,7 +118,7 @@ def _table_of(content: Content, key: str, source: str) -> tuple[Content, str]:
 
 
 def known_keys(content: Content, *, allow_code: bool = False) -> list[str]:
-    """Return the full dotted keys of a job with this content; those of a fault hold its number, from 0.
+    """Return the full dotted keys of a job with this content; a fault's keys hold its number, from 0.
 
     Args:
         content: of a job file.

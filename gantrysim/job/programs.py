@@ -137,8 +137,8 @@ def reader(suffix: str, controller: str | None = None) -> str:
 
     Args:
         suffix: of the file, with its dot.
-        controller: its name or the part before the dot, in any case, or that of the user's own class; by default that
-            of the suffix.
+        controller: its name or the part before the dot, in any case, or the name of the user's own class; by default
+            the controller of the suffix.
 
     Raises:
         InputError: a suffix that no controller has, an unknown controller, or one that reads no program files.
@@ -183,7 +183,7 @@ def keys(table: Mapping[str, Any], *, allow_code: bool) -> list[str]:
 
 
 def _keys_in(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
-    """Yield the dotted names of the values in a table, those of nested tables included."""
+    """Yield the dotted names of the values in a table and its nested tables."""
     for key, value in table.items():
         if f"{prefix}{key}" != "controller":
             yield f"{prefix}{key}"

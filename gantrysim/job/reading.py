@@ -1,4 +1,4 @@
-"""The content of a job as it is to be loaded: its file, then what the caller replaces in it."""
+"""Content of a job to be loaded: its file, with the caller's replacements."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gantrysim.job.overrides import absolute_machine, known_keys, override, plac
 
 
 class Request(NamedTuple):
-    """A job that is asked for; see `Job.load` for the attributes."""
+    """Arguments of `Job.load`, which describes them."""
 
     job: str
     overrides: tuple[str, ...] = ()

@@ -54,7 +54,7 @@ class Figure:
 
     @classmethod
     def of(cls, unit: str, nominal: float, values: Floats) -> Figure:
-        """Return the figure of a nominal value and those of the repeats, (n,)."""
+        """Return the figure of a nominal value and of the repeats' values, (n,)."""
         return cls(
             unit,
             nominal,

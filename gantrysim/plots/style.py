@@ -65,7 +65,7 @@ def sheet(width: float, height: float) -> Iterator[Figure]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    # over matplotlib's own defaults: a matplotlibrc of the user's has no say
+    # over matplotlib's own defaults: a matplotlibrc of the user's has no effect
     known = matplotlib.rcParamsDefault
     defaults = {key: known[key] for key in known if key not in _OF_THE_PROCESS}
     with matplotlib.rc_context({**defaults, **_STYLE}):

@@ -33,7 +33,7 @@ def causes_section(causes: Causes) -> Section:
     return Section(
         "Causes",
         [
-            "The links of the error budget say where on the chain the error lies; this section says what caused it. "
+            "The links of the error budget locate the error on the chain; this section finds its causes. "
             "The job was run again with one cause at a time switched off, with the same gains and all else equal.",
             "Worth is the rms contour error of the job minus that without the cause: negative where the cause offsets "
             "others. Effects do not add up.",

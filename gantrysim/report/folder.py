@@ -66,7 +66,7 @@ class Output:
 
     @contextmanager
     def written(self, folder: Path) -> Iterator[Path]:
-        """Yield a hidden folder in a held one, whose files replace those of an earlier command on success.
+        """Yield a hidden folder in a held one, whose files replace an earlier command's on success.
 
         Raises:
             InputError: as `check`, or the folder cannot be written.
@@ -81,7 +81,7 @@ _RUN_OUTPUT = Output("run", RUN, _FILES)
 
 @contextmanager
 def output_folder(folder: Path, output: Output = _RUN_OUTPUT) -> Iterator[Path]:
-    """Hold a folder and yield a hidden one in it, whose files replace those of an earlier command on success.
+    """Hold a folder and yield a hidden one in it, whose files replace an earlier command's on success.
 
     Other files in the folder stay. On failure nothing is left, not even a folder that this call created.
 

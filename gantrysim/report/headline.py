@@ -17,7 +17,7 @@ _MOST = 0.5
 def headline(budget: Budget) -> str:
     """Return the contour error with the link that has the largest share, and the error along the path if larger.
 
-    Of a run that ended in a fault, or came to a fault on purpose, it says what happened. Such a run's error has its
+    For a run that ended in a fault, or came to a fault on purpose, it states what happened. Such a run's error has its
     cause in the fault, in whatever link it lies, so no link is named.
     """
     contour = budget.values.contour

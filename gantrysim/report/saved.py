@@ -89,7 +89,7 @@ class SavedRun:
 
     @property
     def is_current(self) -> bool:
-        """Whether the folder still holds this record, and not that of a later run."""
+        """Whether the folder still holds this record, not a later run's."""
         return _written(expanded(self.folder)) == self.written
 
 

@@ -69,7 +69,7 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
         "Error budget",
         [
             "Errors are normal to the path. Contributions sum at every sample; a negative share offsets others. A link "
-            "says where on the chain the error lies, as the difference of two traces, not what caused it.",
+            "locates the error on the chain, as the difference of two traces; it does not say what caused it.",
             f"Lag of the nozzle along the path, not part of the contour error: {_UM * values.lag.rms:z.1f} µm rms, "
             f"max {_UM * values.lag.max:z.1f} µm.",
         ],

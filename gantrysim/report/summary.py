@@ -39,7 +39,7 @@ def summary(
 
         error_budget: by link, and as contour for the whole, the error normal to the path (`PartValues`); by axis its
             share of the tracking part; by turn of a spiral the links' errors
-        causes: by cause the errors without it, and what it is worth (`Effect`); null where they were not asked for
+        causes: by cause the errors without it, and its worth (`Effect`); null without --causes
         contour_error_um: distance of the nozzle to the path, the size of error_budget's contour
         requested_spacing_mm, bead_spacing_mm: null where the path, or the trace, has no neighbouring turns
         tracking_error_um: by linear axis; path is the tracking error along the path

@@ -31,7 +31,7 @@ def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
     """Return a figure as an SVG element of an HTML page.
 
     It has no external references and no size but its view box; its ids begin with `prefix`. Black and the plots' ink
-    become the text colour of the page, fonts that of the page. Lines are simplified within a quarter of a point.
+    become the text colour of the page, its fonts the page's. Lines are simplified within a quarter of a point.
     Formulas should use plain characters, as √12: a page lacks the fonts of mathtext.
     """
     import matplotlib  # slow to import

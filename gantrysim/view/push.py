@@ -12,7 +12,7 @@ STIFFNESS = 300.0  # of the mouse's spring per mass; MuJoCo's 100 is too weak ag
 
 
 class Bodies:
-    """Maps bodies of the displayed model to those of the simulated one, by name.
+    """Map from bodies of the displayed model to bodies of the simulated one, by name.
 
     A body that exists only in the displayed model passes its force to its nearest ancestor that is simulated:
 

@@ -158,8 +158,8 @@ def test_the_words_of_the_links_name_no_cause(spiral):
     """A link is where the error lies; its cause may be elsewhere, as count noise that shakes the structure."""
     _, page, bead = spiral
     text = page.section("error-budget") + page.section("summary") + str(Budget(bead.analysis))
-    assert "not what caused it" in text
-    rest = text.replace("not what caused it", "")
+    assert "it does not say what caused it" in text
+    rest = text.replace("it does not say what caused it", "")
     for word in ("cause", "friction", "compliance", "backlash", "quantisation", "from the controller"):
         assert word not in rest
     assert "causes" not in page.sections
@@ -176,7 +176,7 @@ def test_the_causes_have_a_section_with_their_table_and_plot(tmp_path):
     page.check()
     assert page.sections[:3] == ["summary", "error-budget", "causes"]
     text = page.section("causes")
-    assert "where on the chain the error lies; this section says what caused it" in text
+    assert "locate the error on the chain; this section finds its causes" in text
     rows = {row[0]: row[1:] for row in page.rows() if len(row) == 9 and row[0] in ("nothing", *CAUSE_NAMES)}
     assert list(rows) == ["nothing", *CAUSE_NAMES]
     for name, cells in causes.rows:
