@@ -33,8 +33,6 @@ PARAMETERS_ALLOWED: dict[str, str] = {
 # By room, the most places that break a rule; "" is the package's own folder. Lower a number as you cure places, and
 # take out what reaches zero. The comments between the lines let git merge neighbouring rooms that change side by side.
 NOT_YET: dict[str, dict[str, int]] = {
-    # controllers/softmc
-    "controllers/softmc": {"names": 48, "assignments": 1, "parameters": 1, "modules": 2},
     # engine
     "engine": {"names": 40, "assignments": 20, "parameters": 3},
     # faults

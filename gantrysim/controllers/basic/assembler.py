@@ -141,10 +141,18 @@ class Assembler(Generic[FrameType]):
         first = self.here
         self._blocks.append(Block("WHILE", line, first, self.test(line, condition)))
 
-    def end_while(self, line: int, cost: str | None = STATEMENT) -> None:
+    def end_while(self, line: int) -> None:
         """End a loop that is tested before each pass."""
         block = self.close("WEND", "WHILE")
-        self.jump(line, cost).target = block.first
+        self.jump(line).target = block.first
+        if block.test is not None:
+            block.test.target = self.here
+
+    def test_again(self, line: int, condition: Condition[FrameType]) -> None:
+        """End a loop that is tested before each pass, where its end is no statement: the test stands here again."""
+        block = self.close("WEND", "WHILE")
+        body = block.first + 1
+        self.emit(line, lambda frame: body if condition(frame) else None, pure=True)
         if block.test is not None:
             block.test.target = self.here
 

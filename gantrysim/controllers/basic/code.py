@@ -83,11 +83,20 @@ class Frame:
         """Return what a name stands for, of this frame or shared; None where it is unknown."""
         return self.variables.get(name) or self.shared.get(name)
 
-    def execute(self, statement: Statement[Any]) -> int | None:
-        """Execute a statement and return the index that it jumps to, None for the following one."""
-        goal = statement.act(self)
-        self.position = self.position + 1 if goal is None else goal
-        return goal
+    def run(self, begin: Callable[[int, str], None]) -> None:
+        """Execute the code to its end.
+
+        Args:
+            begin: told line and cost of each statement that costs something, before it is executed.
+        """
+        code = self.code
+        count = len(code)
+        while self.position < count:
+            statement = code[self.position]
+            if statement.cost is not None:
+                begin(statement.line, statement.cost)
+            goal = statement.act(self)
+            self.position = self.position + 1 if goal is None else goal
 
     def call(self, after: int, target: int) -> int:
         """Return the index of a subroutine, and remember where it returns to.

@@ -27,16 +27,16 @@ class StatementClock:
     """
 
     def __init__(self, times: Mapping[str, float], most: int, refusal: str) -> None:
-        self.times: dict[str | None, float] = {None: 0.0}
+        self._times: dict[str | None, float] = {None: 0.0}
         for kind, time in times.items():
-            self.times[kind] = time
+            self._times[kind] = time
         self.count = 0
         self.line = 0
         self._most = most
         self._refusal = refusal
 
-    def begin(self, line: int) -> None:
-        """Count a statement.
+    def begin(self, line: int, cost: str | None) -> float:
+        """Count a statement and return the time that it takes [s].
 
         Raises:
             InputError: there are too many.
@@ -45,6 +45,7 @@ class StatementClock:
         self.count += 1
         if self.count > self._most:
             raise InputError(self._refusal)
+        return self._times[cost]
 
 
 @dataclass
@@ -111,25 +112,25 @@ class Scheduler:
             task.ready = max(task.ready, now)
         due = now + _EARLY * (now + self._period)
         count = 0
+        code = task.code
         while task.ready <= due and not task.ended and task.blocked is None:
-            if task.position >= len(task.code):
+            position = task.position
+            if position >= len(code):
                 task.ended = True
-            elif count >= MOST_PER_TICK and task.ready <= now:
+                return
+            if count >= MOST_PER_TICK and task.ready <= now:
                 task.ready = now + self._period
-            else:
-                count += 1
-                self._step(task, tick, due)
-
-    def _step(self, task: Task, tick: int, due: float) -> None:
-        position = task.position
-        statement = task.code[position]
-        task.line = statement.line
-        self._clock.begin(statement.line)
-        goal = task.execute(statement)
-        task.ready += self._clock.times[statement.cost]
-        task.changed |= not statement.pure
-        if goal is not None and goal <= position:
-            self._skip_idle_passes(task, tick, due)
+                return
+            count += 1
+            statement = code[position]
+            task.line = statement.line
+            time = self._clock.begin(statement.line, statement.cost)
+            goal = statement.act(task)
+            task.position = position + 1 if goal is None else goal
+            task.ready += time
+            task.changed |= not statement.pure
+            if goal is not None and goal <= position:
+                self._skip_idle_passes(task, tick, due)
 
     def _skip_idle_passes(self, task: Task, tick: int, due: float) -> None:
         """Skip the passes of a loop that only tests: until the next tick nothing changes for it."""

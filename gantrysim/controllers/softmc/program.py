@@ -80,9 +80,9 @@ class Program(Controller):
         legs = []
         for line in self._lines():
             try:
-                own = self.group.overridden(line.command)
-                path = segment(line.command, here, len(self.start), own.absolute)
-                leg = leg_of(path, here, own, line.command.dispense is not False)
+                group = self.group.overridden(line.command)
+                path = segment(line.command, here, len(self.start), group.absolute)
+                leg = leg_of(path, here, group, line.command.dispense is not False)
             except InputError as error:
                 raise SoftMCError(f"{line.where}: {error}") from None
             legs.append(leg)
@@ -121,15 +121,15 @@ class Program(Controller):
         return True
 
     def setpoints(self, period: float) -> Setpoints:
-        made = stream(self.legs, period)
-        dispense = made.dispense.copy()
-        ends = np.unique(made.ends)
+        streamed = stream(self.legs, period)
+        dispense = streamed.dispense.copy()
+        ends = np.unique(streamed.ends)
         gates = ends[(ends > 0) & (self.group.settle_error < np.inf)]
         dispense[gates] = dispense[gates - 1]  # the dispenser stays as it is while a command settles
         return Setpoints(
             period,
             self.axes,
-            made.position[:, : len(self.start)],
+            streamed.position[:, : len(self.start)],
             dispense,
             self.requested,
             self.group.supervision,

@@ -83,14 +83,14 @@ class Stream:
 
 
 def leg_of(
-    path: Segment, here: Floats, own: Group, dispense: bool, placement: Placement | None = None, line: int = 0
+    path: Segment, here: Floats, group: Group, dispense: bool, placement: Placement | None = None, line: int = 0
 ) -> Leg:
     """Return the motion along a path.
 
     Args:
         path: in the program's coordinates.
         here: its start, x, y, z [mm] and r [deg], (4,).
-        own: properties of the group for this motion.
+        group: its properties for this motion.
         dispense: whether glue is laid.
         placement: of the program's coordinates on the work.
         line: of the program.
@@ -103,11 +103,11 @@ def leg_of(
         here = placed(Segment(None, here), placement).end
     rotation = float(path.end[3] - here[3])
     if path.piece is None:
-        return Leg(here, path, own.in_place(rotation), dispense, line)
+        return Leg(here, path, group.in_place(rotation), dispense, line)
     length = length_of(path.piece)
     if length <= SHORTEST:
         raise InputError(f"path of {length:g} mm: must be longer than {SHORTEST:g} mm")
-    profile = own.along(length, rotation)
+    profile = group.along(length, rotation)
     return Leg(here, path, profile, dispense, line)
 
 

@@ -87,10 +87,10 @@ def _command(text: str) -> tuple[Command, str | None]:
             raise SoftMCError("target is missing: must follow as {x, y, ...}")
         arguments["target"] = _point("target", tokens.pop(0)[1])
     while tokens:
-        kind, found = tokens.pop(0)
+        kind, text_of_word = tokens.pop(0)
         if kind != "word":
-            raise SoftMCError(f"{found!r}: must be one of the words {', '.join(words)}, with = and a value")
-        word = _known("word", found, words)
+            raise SoftMCError(f"{text_of_word!r}: must be one of the words {', '.join(words)}, with = and a value")
+        word = _known("word", text_of_word, words)
         if len(tokens) < 2 or tokens[0][0] != "equals" or tokens[2:3] == [("equals", "=")]:
             raise SoftMCError(f"{word} has no value: must be {_example(word)}, after an =")
         if words[word] in arguments:
@@ -102,21 +102,23 @@ def _command(text: str) -> tuple[Command, str | None]:
 
 def _tokens(text: str) -> list[tuple[str, str]]:
     tokens = []
-    at = 0
-    while at < len(text):
-        match = _TOKEN.match(text, at)
+    position = 0
+    while position < len(text):
+        match = _TOKEN.match(text, position)
         if match is None:
-            raise SoftMCError(f"{text[at:].strip()!r}: must be words, numbers and points in braces, as in {{0, 0, 5}}")
+            raise SoftMCError(
+                f"{text[position:].strip()!r}: must be words, numbers and points in braces, as in {{0, 0, 5}}"
+            )
         tokens.append((str(match.lastgroup), match[str(match.lastgroup)]))
-        at = match.end()
+        position = match.end()
     return tokens
 
 
-def _known(kind: str, found: str, words: dict[str, Any]) -> str:
+def _known(kind: str, name: str, words: dict[str, Any]) -> str:
     for word in words:
-        if word.lower() == found.lower():
+        if word.lower() == name.lower():
             return word
-    raise unknown(kind, found, words)
+    raise unknown(kind, name, words)
 
 
 def _value(word: str, kind: str, text: str) -> Any:

@@ -1,4 +1,4 @@
-"""Calls of subs and functions, and what a name that means nothing is answered with."""
+"""Calls of subs and functions, and the error for a name that means nothing."""
 
 from __future__ import annotations
 
@@ -6,12 +6,29 @@ from collections.abc import Sequence
 from typing import Any
 
 from gantrysim.controllers.softmc.basic import properties
-from gantrysim.controllers.softmc.basic.task import Expression, Frame, Routine
+from gantrysim.controllers.softmc.basic.execution import Expression, Routine, Scope
+from gantrysim.controllers.softmc.basic.tree import Node, name_of, trees
 from gantrysim.controllers.softmc.basic.values import Value, Variable, converted
 from gantrysim.controllers.softmc.commands import SoftMCError
 
 
-def called(routine: Routine, arguments: Sequence[Expression], names: Sequence[str | None], frame: Frame) -> Value:
+class Arguments:
+    """The arguments of a call.
+
+    Attributes:
+        values: their evaluations.
+        names: of those that are nothing but a name, which pass by reference.
+    """
+
+    def __init__(self, values: Sequence[Expression], listed: Sequence[Node]) -> None:
+        self.values = values
+        self.names = [name_of(tree) for tree in listed]
+
+
+NO_ARGUMENTS = Arguments((), ())
+
+
+def call(routine: Routine, arguments: Arguments, scope: Scope) -> Value:
     """Return the value of a function, 0 of a sub.
 
     Variables pass by reference, unless the parameter is BYVAL.
@@ -19,49 +36,56 @@ def called(routine: Routine, arguments: Sequence[Expression], names: Sequence[st
     Raises:
         SoftMCError: another number of arguments, an argument of another kind, or calls too deep.
     """
-    task = frame.task
-    if len(arguments) != len(routine.parameters):
-        raise SoftMCError(f"{routine.name} of {len(arguments)} arguments: must have {len(routine.parameters)}")
-    if task.depth >= task.deepest:
-        raise SoftMCError(f"{routine.name}: calls are nested more than {task.deepest} deep")
-    local: dict[str, Variable] = {}
-    for (parameter, by_value, kind), argument, name in zip(routine.parameters, arguments, names, strict=True):
-        variable = frame.find(name.lower()) if name is not None and not by_value else None
-        if variable is not None and not variable.fixed and (isinstance(variable.value, list) or variable.kind == kind):
-            local[parameter.lower()] = variable
-        else:
-            held = argument(frame)
-            value = held if isinstance(held, list) else converted(parameter, kind, held)
-            local[parameter.lower()] = Variable(parameter, kind, value)
+    execution = scope.execution
+    if len(arguments.values) != len(routine.parameters):
+        raise SoftMCError(f"{routine.name} of {len(arguments.values)} arguments: must have {len(routine.parameters)}")
+    execution.check_depth(routine.name)
+    variables = _passed(routine, arguments, scope)
     if routine.kind is not None:
         initial: Any = 0.0 if routine.kind in ("long", "double") else "" if routine.kind == "string" else None
-        local[routine.name.lower()] = Variable(routine.name, routine.kind, initial)
-    task.depth += 1
-    line = task.line
-    task.run(routine.block, Frame(task, local))
-    task.depth -= 1
-    task.line = line
+        variables[routine.name.lower()] = Variable(routine.name, routine.kind, initial)
+    execution.call(routine.code, variables)
     if routine.kind is None:
         return 0.0
-    result = local[routine.name.lower()].value
+    result: Value | None = variables[routine.name.lower()].value
     if result is None:
         raise SoftMCError(f"{routine.name} returns nothing: must be assigned a value")
     return result
 
 
-def executed(arguments: Sequence[Value], frame: Frame) -> float:
-    """Return 0 after a text has run as statements."""
+def _passed(routine: Routine, arguments: Arguments, scope: Scope) -> dict[str, Variable]:
+    """Return the parameters as variables of the routine."""
+    variables: dict[str, Variable] = {}
+    for (parameter, by_value, kind), argument, name in zip(
+        routine.parameters, arguments.values, arguments.names, strict=True
+    ):
+        variable = scope.find(name.lower()) if name is not None and not by_value else None
+        if variable is not None and not variable.fixed and (isinstance(variable.value, list) or variable.kind == kind):
+            variables[parameter.lower()] = variable
+        else:
+            value = argument(scope)
+            held = value if isinstance(value, list) else converted(parameter, kind, value)
+            variables[parameter.lower()] = Variable(parameter, kind, held)
+    return variables
+
+
+def execute_text(arguments: Sequence[Value], scope: Scope) -> float:
+    """Return 0 after a text has run as statements of the scope."""
     if len(arguments) != 1 or not isinstance(arguments[0], str):
         raise SoftMCError("VesExecute: must have one string")
-    if frame.task.depth >= frame.task.deepest:
-        raise SoftMCError(f"VesExecute: calls are nested more than {frame.task.deepest} deep")
-    frame.task.depth += 1
-    frame.task.run(frame.task.interpret(arguments[0], frame.task.line), frame)
-    frame.task.depth -= 1
+    execution = scope.execution
+    execution.check_depth("VesExecute")
+    execution.call(execution.interpret(arguments[0], execution.clock.line), scope.variables)
     return 0.0
 
 
-def unknown_name(name: str, frame: Frame) -> SoftMCError:
+def listed_arguments(tree: Node) -> list[Node]:
+    """Return the trees of the arguments in brackets, which may be missing."""
+    exprs = tree.children[1]
+    return [] if exprs is None or isinstance(exprs, str) else trees(exprs)
+
+
+def unknown_name(name: str, scope: Scope) -> SoftMCError:
     """Return the error for a name that means nothing."""
-    known = {*frame.local, *frame.task.shared, *frame.task.routines, *properties.NAMES}
+    known = {*scope.variables, *scope.shared, *scope.execution.routines, *properties.NAMES}
     return SoftMCError(f"unknown name {name!r}{properties.hint(name.lower(), known)}")

@@ -4,60 +4,66 @@ from __future__ import annotations
 
 from typing import Any
 
-from lark import Token, Tree
+from lark import Token
 
-from gantrysim.controllers.softmc.basic.expressions import child, expression, several, trees, word
-from gantrysim.controllers.softmc.basic.syntax import Node
-from gantrysim.controllers.softmc.basic.task import Frame, Routine, Statement
+from gantrysim.controllers.basic.statements import Statements
+from gantrysim.controllers.softmc.basic.execution import Action, Routine, Scope
+from gantrysim.controllers.softmc.basic.expressions import expression, several
+from gantrysim.controllers.softmc.basic.program_assembler import CommandHandler
+from gantrysim.controllers.softmc.basic.tree import Node, child, optional, trees, word
 from gantrysim.controllers.softmc.basic.values import Value, Variable, converted
 from gantrysim.controllers.softmc.commands import SoftMCError
+
+command = Statements[CommandHandler]()
 
 _KINDS = {"long": "long", "double": "double", "string": "string", "joint": "point", "location": "point"}
 _INITIAL: dict[str, Value] = {"long": 0.0, "double": 0.0, "string": ""}
 
 
 def routine(tree: Node) -> Routine:
-    """Return a sub or a function, without its block."""
-    given = tree.children[1]
+    """Return a sub or a function, without its code."""
+    declared = optional(tree, 1)
     parameters = []
-    for one in trees(given) if isinstance(given, Tree) else []:
-        by_value, name, _, type_ = one.children
-        assert isinstance(type_, Tree)
-        parameters.append((str(name), by_value is not None, _kind(type_)))
+    for parameter in [] if declared is None else trees(declared):
+        by_value, name, _, _ = parameter.children
+        parameters.append((str(name), by_value is not None, _kind(child(parameter, 3))))
     kind = _kind(child(tree, 2)) if tree.data == "function" else None
     return Routine(word(tree), parameters, kind)
 
 
 def _kind(tree: Node) -> str:
-    names = [str(one).lower() for one in tree.children if one is not None]
-    return next((kind for name, kind in _KINDS.items() if name in names[:1]), "element")
+    words = [str(part).lower() for part in tree.children if part is not None]
+    return next((kind for name, kind in _KINDS.items() if name in words[:1]), "element")
 
 
-def dim(tree: Node) -> Statement:
+@command('(_DIM | COMMON) [SHARED] [CONST] declared ("," declared)* _AS [CONST] type ["=" expr]')
+def cmd_dim(tree: Node) -> Action:
     """DIM and COMMON: variables, constants, arrays and groups."""
-    words = {str(one).lower() for one in tree.children if isinstance(one, Token)}
-    declared = [one for one in trees(tree) if one.data == "declared"]
-    type_ = next(one for one in trees(tree) if one.data == "type")
-    last = tree.children[-1]
-    given = expression(last) if isinstance(last, Tree) and last is not type_ else None
+    words = {str(part).lower() for part in tree.children if isinstance(part, Token)}
+    declared = [part for part in trees(tree) if part.data == "declared"]
+    type_ = next(part for part in trees(tree) if part.data == "type")
+    last = optional(tree, -1)
+    initial = expression(last) if last is not None and last is not type_ else None
     kind = _kind(type_)
-    of = [str(one) for one in type_.children if one is not None]
-    shared = bool(words & {"shared", "common"})
-    fixed = "const" in words
-    is_group = of[0].lower() == "group"
-    if is_group and any(name.lower() != "axnm" for name in of[1::2]):
+    words_of_type = [str(part) for part in type_.children if part is not None]
+    is_shared = bool(words & {"shared", "common"})
+    is_constant = "const" in words
+    is_group = words_of_type[0].lower() == "group"
+    if is_group and any(name.lower() != "axnm" for name in words_of_type[1::2]):
         raise SoftMCError("group: must be followed by Axnm = axis")
-    sizes = [(word(one), [size for sub in trees(one) for size in several(sub)]) for one in declared]
+    axes = tuple(axis.lower() for axis in words_of_type[2::2])
+    sizes = [(word(part), [size for sub in trees(part) for size in several(sub)]) for part in declared]
 
-    def do(frame: Frame) -> None:
+    def act(scope: Scope) -> None:
+        execution = scope.execution
         for name, dimensions in sizes:
             value: Value | None = _INITIAL.get(kind)
             if is_group:
-                value = frame.task.declared_group(name, tuple(axis.lower() for axis in of[2::2]))
-            if given is not None:
-                value = converted(name, kind, given(frame))
-            held: Any = frame.task.array([size(frame) for size in dimensions], value)
-            scope = frame.task.shared if shared else frame.local
-            scope[name.lower()] = Variable(name, kind, held, fixed)
+                value = execution.elements.declared_group(name, axes)
+            if initial is not None:
+                value = converted(name, kind, initial(scope))
+            items: Any = execution.array([size(scope) for size in dimensions], value)
+            variables = scope.shared if is_shared else scope.variables
+            variables[name.lower()] = Variable(name, kind, items, is_constant)
 
-    return do
+    return act

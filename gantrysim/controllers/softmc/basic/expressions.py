@@ -1,14 +1,25 @@
-"""Expressions of MC-Basic as functions of a frame."""
+"""Expressions of MC-Basic as functions of a scope; each kind of node is read by the function that is marked with it."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 from lark import Tree
 
 from gantrysim.base.errors import unknown_text
+from gantrysim.controllers.basic.operators import Evaluate, Operator, Operators, of_sign_and_values, of_values
+from gantrysim.controllers.basic.values import COMPARISONS, number_of
 from gantrysim.controllers.softmc.basic import properties
-from gantrysim.controllers.softmc.basic.calls import called, executed, unknown_name
-from gantrysim.controllers.softmc.basic.syntax import Node
-from gantrysim.controllers.softmc.basic.task import Expression, Frame
+from gantrysim.controllers.softmc.basic.calls import (
+    NO_ARGUMENTS,
+    Arguments,
+    call,
+    execute_text,
+    listed_arguments,
+    unknown_name,
+)
+from gantrysim.controllers.softmc.basic.execution import Expression, Scope
+from gantrysim.controllers.softmc.basic.tree import Node, child, name_of, trees, word
 from gantrysim.controllers.softmc.basic.values import (
     CONSTANTS,
     FUNCTIONS,
@@ -21,47 +32,70 @@ from gantrysim.controllers.softmc.basic.values import (
     number,
     operate,
     text_of,
+    truth,
 )
 from gantrysim.controllers.softmc.commands import SoftMCError
 
 _MOST_COORDINATES = 10
 
 
+def _both(sign: str, first: Evaluate, second: Evaluate) -> Evaluate:
+    """AND, which does not evaluate its second operand where the first is false."""
+    return lambda scope: float(truth(first(scope)) and truth(second(scope)))
+
+
+def _either(sign: str, first: Evaluate, second: Evaluate) -> Evaluate:
+    """OR, which does not evaluate its second operand where the first is true."""
+    return lambda scope: float(truth(first(scope)) or truth(second(scope)))
+
+
+def _one_of_two(sign: str, first: Evaluate, second: Evaluate) -> Evaluate:
+    """XOR, which takes its first operand for a condition before it evaluates the second."""
+    return lambda scope: float(truth(first(scope)) != truth(second(scope)))
+
+
+OPERATORS = Operators(
+    before={
+        "NOT": Operator(3, of_values(lambda value: float(not truth(value)))),
+        "-": Operator(7, of_values(negative)),
+    },
+    between={
+        "OR": Operator(1, _either),
+        "XOR": Operator(1, _one_of_two),
+        "AND": Operator(2, _both),
+        **{sign: Operator(4, of_sign_and_values(compare)) for sign in COMPARISONS},
+        "+": Operator(5, of_sign_and_values(operate)),
+        "-": Operator(5, of_sign_and_values(operate)),
+        "*": Operator(6, of_sign_and_values(operate)),
+        "/": Operator(6, of_sign_and_values(operate)),
+        "MOD": Operator(6, of_sign_and_values(operate)),
+        "^": Operator(8, of_sign_and_values(operate), from_right=True),
+    },
+)
+
+Reader = Callable[[Node], Expression]
+_READERS: dict[str, Reader] = {}
+
+
+def node(*kinds: str) -> Callable[[Reader], Reader]:
+    """Return a decorator that enters the reader of nodes of these kinds."""
+
+    def enter(reader: Reader) -> Reader:
+        for kind in kinds:
+            _READERS[kind] = reader
+        return reader
+
+    return enter
+
+
 def expression(tree: Node) -> Expression:
     """Return the function that evaluates an expression."""
-    return _MAKERS[str(tree.data)](tree)
+    return _READERS[str(tree.data)](tree)
 
 
 def several(tree: Node | None) -> list[Expression]:
     """Return the functions of a list of expressions."""
-    return [] if tree is None else [expression(child) for child in trees(tree)]
-
-
-def trees(tree: Node) -> list[Node]:
-    """Return the children that are trees."""
-    return [child for child in tree.children if isinstance(child, Tree)]
-
-
-def word(tree: Node, k: int = 0) -> str:
-    """Return a child that is a token."""
-    return str(tree.children[k])
-
-
-def child(tree: Node, k: int) -> Node:
-    """Return a child that is a tree."""
-    found = tree.children[k]
-    assert isinstance(found, Tree)
-    return found
-
-
-def truth(value: Value) -> bool:
-    """Return whether a condition holds."""
-    return number("condition", value) != 0
-
-
-def name_of(tree: Node) -> str | None:
-    """Return the name that a tree is, or None."""
-    return word(tree) if tree.data in ("name", "target") else None
+    return [] if tree is None else [expression(part) for part in trees(tree)]
 
 
 def indexed(tree: Node) -> tuple[str, list[Expression]]:
@@ -80,124 +114,138 @@ def indexed(tree: Node) -> tuple[str, list[Expression]]:
     return name, indices
 
 
-def element(tree: Node) -> Expression:
+def element(tree: Node) -> Callable[[Scope], Element]:
     """Return the function that finds the axis or group of a tree."""
     name = name_of(tree)
     if name is None:
         inner = expression(tree)
 
-        def evaluated(frame: Frame) -> Value:
-            value = inner(frame)
+        def evaluated(scope: Scope) -> Element:
+            value = inner(scope)
             if not isinstance(value, Element):
                 raise SoftMCError(f"{text_of(value)}: must be an axis or a group")
             return value
 
         return evaluated
 
-    def named(frame: Frame) -> Value:
-        found = frame.task.element(name, frame)
-        if found is None:
-            raise SoftMCError(f"{name}: must be an axis or a group; {_group_words(frame)}")
-        return found
+    def named(scope: Scope) -> Element:
+        known = scope.execution.element(name, scope)
+        if known is None:
+            raise SoftMCError(f"{name}: must be an axis or a group; {_group_words(scope)}")
+        return known
 
     return named
 
 
-def _group_words(frame: Frame) -> str:
-    moved = frame.task.moved
-    return "none is declared" if moved is None else f"the group is {moved.name}"
+def _group_words(scope: Scope) -> str:
+    group = scope.execution.elements.group
+    return "none is declared" if group is None else f"the group is {group.name}"
 
 
+@node("number")
 def _number(tree: Node) -> Expression:
-    text = word(tree).lower()
-    value = float(int(text, 16)) if text.startswith("0x") else float(text)
-    return lambda frame: value
+    value = number_of(word(tree).lower(), "0x")
+    return lambda scope: value
 
 
+@node("string")
 def _string(tree: Node) -> Expression:
     value = word(tree)[1:-1]
-    return lambda frame: value
+    return lambda scope: value
 
 
+@node("name", "target")
 def _name(tree: Node) -> Expression:
     name = word(tree)
     key = word(tree).lower()
+    is_property = properties.is_property(key)
 
-    def value(frame: Frame) -> Value:
-        variable = frame.find(key)
+    def value(scope: Scope) -> Value:
+        variable = scope.find(key)
         if variable is not None:
             if variable.value is None:
                 raise SoftMCError(f"{name} has no value yet: must be assigned first")
-            return variable.value
+            held: Value = variable.value
+            return held
         if key in CONSTANTS:
             return CONSTANTS[key]
-        routine = frame.task.routines.get(key)
+        execution = scope.execution
+        routine = execution.routines.get(key)
         if routine is not None and routine.kind is not None:
-            return called(routine, [], [], frame)
-        if properties.is_property(key):
-            return frame.task.read(frame.task.focus(), key)
-        if key in frame.task.elements:
-            return frame.task.elements[key]
-        if key[0] in "aj" and key[1:].isdigit() and (found := frame.task.element(key, frame)) is not None:
-            return found
-        raise unknown_name(name, frame)
+            return call(routine, NO_ARGUMENTS, scope)
+        if is_property:
+            return execution.read(execution.elements.focus(), key)
+        return _element_of_name(name, key, scope)
 
     return value
 
 
+def _element_of_name(name: str, key: str, scope: Scope) -> Element:
+    """Return the element of a name that means nothing else."""
+    execution = scope.execution
+    if key in execution.elements.by_name:
+        return execution.elements.by_name[key]
+    axis = execution.element(key, scope) if key[0] in "aj" and key[1:].isdigit() else None
+    if axis is None:
+        raise unknown_name(name, scope)
+    return axis
+
+
+@node("call")
 def _call(tree: Node) -> Expression:
     name = word(tree)
     key = word(tree).lower()
-    given = tree.children[1]
-    listed = trees(given) if isinstance(given, Tree) else []
-    arguments = [expression(one) for one in listed]
-    names = [name_of(one) for one in listed]
+    listed = listed_arguments(tree)
+    arguments = Arguments([expression(argument) for argument in listed], listed)
 
-    def value(frame: Frame) -> Value:
-        routine = frame.task.routines.get(key)
+    def value(scope: Scope) -> Value:
+        routine = scope.execution.routines.get(key)
         if routine is not None:
             if routine.kind is None:
                 raise SoftMCError(f"{routine.name} is a sub: must be called by CALL")
-            return called(routine, arguments, names, frame)
+            return call(routine, arguments, scope)
         if key in FUNCTIONS:
-            return builtin(key, [argument(frame) for argument in arguments])
+            return builtin(key, [argument(scope) for argument in arguments.values])
         if key == "vesexecute":
-            return executed([argument(frame) for argument in arguments], frame)
+            return execute_text([argument(scope) for argument in arguments.values], scope)
         raise SoftMCError(f"{unknown_text('function', name, FUNCTIONS)}, and those of the program")
 
     return value
 
 
+@node("joint", "location")
 def _point(tree: Node) -> Expression:
     parts = several(child(tree, 0))
     if len(parts) > _MOST_COORDINATES:
         raise SoftMCError(f"a point of {len(parts)} numbers: must have at most {_MOST_COORDINATES}")
-    return lambda frame: Point(tuple(number("coordinate", part(frame)) for part in parts))
+    return lambda scope: Point(tuple(number("coordinate", part(scope)) for part in parts))
 
 
+@node("item")
 def _item(tree: Node) -> Expression:
     name, indices = indexed(tree)
     key = name.lower()
 
-    def value(frame: Frame) -> Value:
-        variable = frame.find(key)
+    def value(scope: Scope) -> Value:
+        variable = scope.find(key)
         if variable is None:
-            raise unknown_name(name, frame)
-        found = variable.item([index(frame) for index in indices])
-        if found is None:
+            raise unknown_name(name, scope)
+        item: Value | None = variable.item([index(scope) for index in indices])
+        if item is None:
             raise SoftMCError(f"{name} has no value at that index: must be assigned first")
-        return found
+        return item
 
     return value
 
 
+@node("component")
 def _component(tree: Node) -> Expression:
-    of = expression(child(tree, 0))
+    whole = expression(child(tree, 0))
     which = expression(_only(child(tree, 1)))
 
-    def value(frame: Frame) -> Value:
-        point = of(frame)
-        k = number("coordinate's number", which(frame))
+    def value(scope: Scope) -> Value:
+        point = whole(scope)
+        k = number("coordinate's number", which(scope))
         if not isinstance(point, Point) or not 1 <= k <= len(point.values):
             raise SoftMCError(f"{text_of(point)}{{{k:g}}}: must be a coordinate of a point")
         return point.values[int(k) - 1]
@@ -214,16 +262,11 @@ def _only(tree: Node) -> Node:
     return child(tree, 0)
 
 
+@node("member")
 def _member(tree: Node) -> Expression:
-    of = element(child(tree, 0))
+    owner = element(child(tree, 0))
     name = word(tree, 1)
-
-    def value(frame: Frame) -> Value:
-        found = of(frame)
-        assert isinstance(found, Element)
-        return frame.task.read(found, name)
-
-    return value
+    return lambda scope: scope.execution.read(owner(scope), name)
 
 
 def port(tree: Node) -> int:
@@ -232,76 +275,26 @@ def port(tree: Node) -> int:
     Raises:
         SoftMCError: something else before the number.
     """
-    of = child(tree, 0)
+    owner = child(tree, 0)
     digits = word(tree, 1)[1:]
-    is_output = of.data == "member" and word(of, 1).lower() == "dout"
-    if not is_output or (name_of(child(of, 0)) or "").lower() not in ("sys", "system"):
+    is_output = owner.data == "member" and word(owner, 1).lower() == "dout"
+    if not is_output or (name_of(child(owner, 0)) or "").lower() not in ("sys", "system"):
         raise SoftMCError(f".{digits}: must follow sys.dout")
     return int(digits[:9])
 
 
+@node("port")
 def _port(tree: Node) -> Expression:
     which = port(tree)
-    return lambda frame: frame.task.outputs.get(which, 0.0)
+    return lambda scope: scope.execution.outputs.get(which, 0.0)
 
 
-def _binary(tree: Node) -> Expression:
-    a = expression(child(tree, 0))
-    symbol = word(tree, 1)
-    b = expression(child(tree, 2))
-    return lambda frame: operate(symbol, a(frame), b(frame))
+@node("chain")
+def _chain(tree: Node) -> Expression:
+    """Operands with the operators before and between them."""
+    parts = [expression(part) if isinstance(part, Tree) else str(part) for part in tree.children]
+    return OPERATORS.read(parts, _operation)
 
 
-def _negative(tree: Node) -> Expression:
-    of = expression(child(tree, -1))
-    return lambda frame: negative(of(frame))
-
-
-def _compare(tree: Node) -> Expression:
-    a = expression(child(tree, 0))
-    symbol = word(tree, 1)
-    b = expression(child(tree, 2))
-    return lambda frame: compare(symbol, a(frame), b(frame))
-
-
-def _equal(tree: Node) -> Expression:
-    a = expression(child(tree, 0))
-    b = expression(child(tree, 1))
-    return lambda frame: compare("=", a(frame), b(frame))
-
-
-def _not(tree: Node) -> Expression:
-    of = expression(child(tree, 0))
-    return lambda frame: float(not truth(of(frame)))
-
-
-def _logic(tree: Node) -> Expression:
-    a = expression(child(tree, 0))
-    symbol = word(tree, 1).lower()
-    b = expression(child(tree, 2))
-    if symbol == "and":
-        return lambda frame: float(truth(a(frame)) and truth(b(frame)))
-    if symbol == "or":
-        return lambda frame: float(truth(a(frame)) or truth(b(frame)))
-    return lambda frame: float(truth(a(frame)) != truth(b(frame)))
-
-
-_MAKERS = {
-    "number": _number,
-    "string": _string,
-    "name": _name,
-    "target": _name,
-    "call": _call,
-    "joint": _point,
-    "location": _point,
-    "item": _item,
-    "component": _component,
-    "member": _member,
-    "port": _port,
-    "binary": _binary,
-    "negative": _negative,
-    "compare": _compare,
-    "equal": _equal,
-    "not_": _not,
-    "logic": _logic,
-}
+def _operation(sign: str, operator: Operator, operands: list[Expression]) -> Expression:
+    return operator.join(sign, *operands)

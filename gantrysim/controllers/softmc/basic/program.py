@@ -12,13 +12,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gantrysim.base.errors import InputError, at_least, finite, positive, whole
+from gantrysim.controllers.basic.code import Code
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
+from gantrysim.controllers.softmc.basic.compiling import code_of, interpreted
 from gantrysim.controllers.softmc.basic.declarations import routine
-from gantrysim.controllers.softmc.basic.expressions import trees
-from gantrysim.controllers.softmc.basic.statements import LocatedError, block, interpreted, line_of, statement
-from gantrysim.controllers.softmc.basic.syntax import Node, parse
-from gantrysim.controllers.softmc.basic.task import Block, Frame, Task
+from gantrysim.controllers.softmc.basic.execution import Execution, RunSettings, Scope
+from gantrysim.controllers.softmc.basic.program_assembler import LocatedError
+from gantrysim.controllers.softmc.basic.syntax import parse
+from gantrysim.controllers.softmc.basic.tree import Node, line_of, trees
 from gantrysim.controllers.softmc.basic.values import Variable
 from gantrysim.controllers.softmc.commands import SoftMCError
 from gantrysim.controllers.softmc.geometry import AXES
@@ -79,19 +81,19 @@ class Basic(Controller):
             raise SoftMCError("program moves none of x, y, z: must have at least one command that does")
 
     @property
-    def task(self) -> Task:
+    def task(self) -> Execution:
         """The program after it has run: its printed lines, records and motions."""
-        return _run(
-            self.text,
+        settings = RunSettings(
             self.group,
+            self.placement,
             self.start,
             len(self.coordinates),
             self.line_time,
-            self.output,
             self.override,
             self.max_statements,
-            self.placement,
+            self.output,
         )
+        return _run(self.text, settings)
 
     @cached_property
     def _legs(self) -> tuple[Leg, ...]:
@@ -145,21 +147,21 @@ class Basic(Controller):
 
     def setpoints(self, period: float) -> Setpoints:
         task = self.task
-        made = self._stream(period)
+        streamed = self._stream(period)
         supervised = task.time.supervised
         assert supervised is not None
-        gates = made.ends[[k - 1 for k in task.time.settled if k > 0]]
+        gates = streamed.ends[[k - 1 for k in task.time.settled if k > 0]]
         gates = np.unique(gates[gates > 0]) if supervised.settle_error < np.inf else gates[:0]
-        dispense = made.dispense.copy()
+        dispense = streamed.dispense.copy()
         dispense[gates] = dispense[gates - 1]  # the dispenser stays as it is while the axes settle
         if task.switched:
             dispense[:] = False
             for mark, on in task.switched:
-                dispense[mark.tick(made.ends, period) :] = on
+                dispense[mark.tick(streamed.ends, period) :] = on
         return Setpoints(
             period,
             self.axes,
-            made.position[:, : len(self.axes)],
+            streamed.position[:, : len(self.axes)],
             dispense,
             self.requested,
             supervised.supervision,
@@ -185,48 +187,38 @@ class Basic(Controller):
 
 
 @lru_cache(maxsize=8)
-def _run(
-    text: str,
-    group: Group,
-    start: tuple[float, ...] | None,
-    coordinates: int,
-    line_time: float,
-    output: int,
-    override: float,
-    most: int,
-    placement: Placement,
-) -> Task:
+def _run(text: str, settings: RunSettings) -> Execution:
     """Return a program after it has run."""
-    first = None if start is None else np.array([*start, *[0.0] * (len(AXES) - len(start))])
-    task = Task(group, placement, first, coordinates, line_time, override, most, output, interpreted)
-    task.axes = None if start is None else len(start)
+    execution = Execution(settings, interpreted)
     try:
-        _run_all(parse(text), task)
+        _run_all(parse(text), execution)
     except LocatedError:
         raise
     except InputError as error:
-        raise SoftMCError(f"line {task.line}: {error}" if task.line else str(error)) from None
+        line = execution.clock.line
+        raise SoftMCError(f"line {line}: {error}" if line else str(error)) from None
     except RecursionError:
-        raise SoftMCError(f"line {task.line}: must be less deeply nested") from None
-    return task
+        raise SoftMCError(f"line {execution.clock.line}: must be less deeply nested") from None
+    return execution
 
 
-def _run_all(tree: Node, task: Task) -> None:
+def _run_all(tree: Node, execution: Execution) -> None:
+    """Run the programs of a text, and the statements outside of them, in their order."""
     items = trees(tree)
     for item in items:
         if item.data in ("sub", "function"):
-            made = routine(item)
-            if made.name.lower() in task.routines:
-                raise LocatedError(f"line {line_of(item)}: {made.name} is declared twice")
-            task.routines[made.name.lower()] = made
-    parts: list[tuple[dict[str, Variable], Block]] = []
+            declared = routine(item)
+            if declared.name.lower() in execution.routines:
+                raise LocatedError(f"line {line_of(item)}: {declared.name} is declared twice")
+            execution.routines[declared.name.lower()] = declared
+    parts: list[tuple[dict[str, Variable], Code[Scope]]] = []
     for item in items:
         if item.data in ("sub", "function"):
-            task.routines[str(item.children[0]).lower()].block = block(trees(item)[-1])
+            execution.routines[str(item.children[0]).lower()].code = code_of(trees(trees(item)[-1]))
         elif item.data == "program":
-            parts.append(({}, block(trees(item)[-1])))
+            parts.append(({}, code_of(trees(trees(item)[-1]))))
         else:
-            parts.append((task.shared, [(line_of(item), statement(item))]))
-    for local, statements in parts:
-        task.run(statements, Frame(task, local))
-    task.time.rest(task.line)
+            parts.append((execution.shared, code_of([item])))
+    for variables, code in parts:
+        execution.run(code, variables)
+    execution.time.rest(execution.clock.line)

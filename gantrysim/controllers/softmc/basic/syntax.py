@@ -6,19 +6,20 @@ import re
 from functools import cache, lru_cache
 from importlib.resources import files
 
-from lark import Lark, Token, Tree
+from lark import Lark
 from lark.exceptions import UnexpectedInput, UnexpectedToken
 
+from gantrysim.controllers.basic.statements import with_keywords
+from gantrysim.controllers.softmc.basic.statement_table import BLOCKS, COMMANDS
+from gantrysim.controllers.softmc.basic.tree import Node
 from gantrysim.controllers.softmc.commands import SoftMCError
 
 LONGEST = 1_000_000  # characters of a program
 _COMMENT = re.compile(r"\"[^\"\n]*\"|'[^\n]*|^[ \t]*rem\b[^\n]*", re.IGNORECASE | re.MULTILINE)
-_STATEMENTS = (
-    "attach, call, circle, common, configgroup, delay, detach, dim, do, end, for, function, if, move, moves, next, "
-    "print, program, record, recordclose, recordoff, recordon, select, sleep, sub, while, with, else, elseif, loop"
-)
-
-Node = Tree[Token]
+# what may stand first in a line besides commands and blocks: words of programs, and parts of blocks
+_OF_PROGRAMS = {"end", "function", "next", "program", "sub"}
+_OF_BLOCKS = ("else", "elseif", "loop")
+_STATEMENTS = (*sorted(COMMANDS.first_words | BLOCKS.first_words | _OF_PROGRAMS), *_OF_BLOCKS)
 
 
 @lru_cache(maxsize=32)
@@ -39,13 +40,14 @@ def parse(text: str) -> Node:
 
 def without_comments(text: str) -> str:
     """Return a text without its comments, with the same lines."""
-    plain = _COMMENT.sub(lambda found: found[0] if found[0].startswith('"') else "", text)
+    plain = _COMMENT.sub(lambda match: match[0] if match[0].startswith('"') else "", text)
     return plain.replace("\r\n", "\n").replace("\r", "\n") + "\n"
 
 
 @cache
 def _parser() -> Lark:
-    grammar = files(__package__).joinpath("mcbasic.lark").read_text(encoding="utf-8")
+    text = files(__package__).joinpath("mcbasic.lark").read_text(encoding="utf-8")
+    grammar = with_keywords(text.replace("$commands", COMMANDS.rule).replace("$blocks", BLOCKS.rule))
     return Lark(grammar, parser="lalr", propagate_positions=True, maybe_placeholders=True)
 
 
@@ -57,9 +59,9 @@ def _message(text: str, error: UnexpectedInput) -> str:
     number = text.count("\n", 0, error.pos_in_stream or 0) + 1
     words = lines[number - 1].split()
     where = f'line {number} "{" ".join(words)[:80]}"'
-    found = text[error.pos_in_stream or 0 :].split("\n")[0].split()[:1]
-    before = lines[number - 1][: max(error.column - 1, 0)].split() if found else words
-    is_verb = words and re.fullmatch(r"[A-Za-z]\w*", words[0]) and words[0].lower() not in _STATEMENTS.split(", ")
+    unexpected = text[error.pos_in_stream or 0 :].split("\n")[0].split()[:1]
+    before = lines[number - 1][: max(error.column - 1, 0)].split() if unexpected else words
+    is_verb = words and re.fullmatch(r"[A-Za-z]\w*", words[0]) and words[0].lower() not in _STATEMENTS
     if is_verb and len(before) == 1 and "=" not in words:
-        return f"{where}: unknown statement {words[0]!r}: known: {_STATEMENTS}, or an assignment with ="
-    return f"{where}: {repr(found[0][:40]) if found else 'the end of the line'} does not fit there"
+        return f"{where}: unknown statement {words[0]!r}: known: {', '.join(_STATEMENTS)}, or an assignment with ="
+    return f"{where}: {repr(unexpected[0][:40]) if unexpected else 'the end of the line'} does not fit there"

@@ -117,8 +117,16 @@ class Timeline:
             self.steps.append(Rest(self.clock - self.free, line))
             self.free = self.clock
 
-    def issue(self, command: Command, axes: int, own: Group, dispense: bool, settled: bool, line: int) -> None:
+    def issue(self, command: Command, axes: int, group: Group, dispense: bool, settled: bool, line: int) -> None:
         """Start a motion, or let it wait for its turn.
+
+        Args:
+            command: the motion.
+            axes: number of axes of the group.
+            group: its properties for this motion.
+            dispense: whether glue is laid.
+            settled: whether the motion waits for the axes to settle.
+            line: of the program.
 
         Raises:
             InputError: a command that cannot be run, or too many motions.
@@ -128,8 +136,8 @@ class Timeline:
         start = self.here
         try:
             with np.errstate(over="raise", invalid="raise", divide="raise"):
-                path = segment(command, start, axes, own.absolute)
-                leg = leg_of(path, start, own, dispense, self.placement, line)
+                path = segment(command, start, axes, group.absolute)
+                leg = leg_of(path, start, group, dispense, self.placement, line)
                 duration = leg.duration
         except ArithmeticError:
             raise SoftMCError("the motion has no finite duration: must be slower or shorter") from None
@@ -145,6 +153,6 @@ class Timeline:
         self._paths.append((start, path, leg))
         self.steps.append(leg)
         self.free += duration
-        self.supervised = own
+        self.supervised = group
         if self.free > LONGEST:
             raise SoftMCError(f"motion of {self.free:g} s: must be at most {LONGEST:g} s")

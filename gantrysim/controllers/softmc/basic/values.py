@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from gantrysim.controllers.basic import values as basic
+from gantrysim.controllers.basic.values import ARITHMETIC, COMPARISONS, Function
 from gantrysim.controllers.softmc.commands import SoftMCError
 
 LONGEST = 256  # string
@@ -111,8 +112,8 @@ def array(dimensions: Sequence[Value], value: Value | None) -> Any:
     if any(size < 1 for size in sizes) or math.prod(sizes) > MOST_ITEMS:
         raise SoftMCError(f"dimensions {sizes}: must be at least 1, and at most {MOST_ITEMS} items in all")
 
-    def nested(rest: list[int]) -> Any:
-        return [nested(rest[1:]) for _ in range(rest[0])] if rest else value
+    def nested(inner: list[int]) -> Any:
+        return [nested(inner[1:]) for _ in range(inner[0])] if inner else value
 
     return nested(sizes)
 
@@ -156,6 +157,11 @@ def text_of(value: Value) -> str:
     return f"an array of {len(value)}" if isinstance(value, list) else str(value)
 
 
+def truth(value: Value) -> bool:
+    """Return whether a condition holds."""
+    return number("condition", value) != 0
+
+
 def negative(value: Value) -> Value:
     """Return -value."""
     return operate("*", -1.0, value)
@@ -167,6 +173,8 @@ def operate(symbol: str, a: Value, b: Value) -> Value:
     Raises:
         SoftMCError: operands that do not fit, or a division by zero.
     """
+    if isinstance(a, float) and isinstance(b, float):  # first, as most are
+        return _number(symbol, a, b)
     if isinstance(a, str) and isinstance(b, str) and symbol == "+":
         if len(a) + len(b) > LONGEST:
             raise SoftMCError(f"string of {len(a) + len(b)} characters: must be at most {LONGEST}")
@@ -179,8 +187,6 @@ def operate(symbol: str, a: Value, b: Value) -> Value:
         return Point(tuple(_number(symbol, u, b) for u in a.values))
     if isinstance(a, float) and isinstance(b, Point) and symbol == "*":
         return Point(tuple(_number(symbol, a, v) for v in b.values))
-    if isinstance(a, float) and isinstance(b, float):
-        return _number(symbol, a, b)
     raise SoftMCError(f"{text_of(a)} {symbol} {text_of(b)}: must be two numbers, or points and numbers that fit")
 
 
@@ -194,23 +200,7 @@ def _number(symbol: str, a: float, b: float) -> float:
     return value
 
 
-_NUMBERS: dict[str, Callable[[float, float], float]] = {
-    "+": operator.add,
-    "-": operator.sub,
-    "*": operator.mul,
-    "/": operator.truediv,
-    "mod": math.fmod,
-    "^": operator.pow,
-}
-
-_COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
-    "=": operator.eq,
-    "<>": operator.ne,
-    "<": operator.lt,
-    ">": operator.gt,
-    "<=": operator.le,
-    ">=": operator.ge,
-}
+_NUMBERS: dict[str, Callable[[float, float], float]] = {**ARITHMETIC, "mod": math.fmod}
 
 
 def compare(symbol: str, a: Value, b: Value) -> float:
@@ -222,23 +212,15 @@ def compare(symbol: str, a: Value, b: Value) -> float:
     same = (isinstance(a, float) and isinstance(b, float)) or (isinstance(a, str) and isinstance(b, str))
     if not same and not (isinstance(a, Point) and isinstance(b, Point) and symbol in ("=", "<>")):
         raise SoftMCError(f"{text_of(a)} {symbol} {text_of(b)}: must be two numbers or two strings")
-    return float(_COMPARISONS[symbol](a, b))
+    return float(COMPARISONS[symbol](a, b))
 
 
-FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
-    "abs": (1, abs),
-    "sqrt": (1, math.sqrt),
-    "sin": (1, math.sin),
-    "cos": (1, math.cos),
-    "tan": (1, math.tan),
-    "asin": (1, math.asin),
-    "acos": (1, math.acos),
-    "atn": (1, math.atan),
-    "atan2": (2, math.atan2),
-    "exp": (1, math.exp),
-    "log": (1, math.log),
-    "int": (1, lambda x: float(math.floor(x))),
-    "sgn": (1, lambda x: float((x > 0) - (x < 0))),
+FUNCTIONS: dict[str, Function] = {
+    **{name.lower(): function for name, function in basic.FUNCTIONS.items()},
+    "atn": Function(math.atan),
+    "int": Function(lambda x: float(math.floor(x))),
+    "log": Function(math.log),
+    "sqrt": Function(math.sqrt),
 }
 
 CONSTANTS: dict[str, float] = {
@@ -259,11 +241,11 @@ def builtin(name: str, arguments: Sequence[Value]) -> float:
     Raises:
         SoftMCError: another number of arguments, or no finite value.
     """
-    count, function = FUNCTIONS[name]
-    if len(arguments) != count:
-        raise SoftMCError(f"{name} of {len(arguments)} arguments: must have {count}")
+    function = FUNCTIONS[name]
+    if len(arguments) != function.arguments:
+        raise SoftMCError(f"{name} of {len(arguments)} arguments: must have {function.arguments}")
     numbers = [number(f"argument of {name}", value) for value in arguments]
     try:
-        return float(function(*numbers))
+        return float(function.value(*numbers))
     except (ValueError, OverflowError):
         raise SoftMCError(f"{name}({', '.join(map(text_of, numbers))}): has no finite value") from None
