@@ -42,8 +42,9 @@ _PLAIN = str.maketrans({"µ": "u", "·": "*", "×": "x", "²": "2", "³": "3", "
 _CONTROLS = {code: f"\\x{code:02x}" for code in (*range(7), *range(14, 32), *range(127, 160))}
 
 _WIDEST = 10_000  # characters of a table
-_output = Console(soft_wrap=False)
-_messages = Console(stderr=True)
+# without emoji, as mine.py:Ring: in a message is no picture of a ring
+_output = Console(soft_wrap=False, emoji=False)
+_messages = Console(stderr=True, emoji=False)
 
 
 def spell_out() -> None:
@@ -64,7 +65,7 @@ def spell_out() -> None:
 def show(content: RenderableType) -> None:
     """Print a table or another rich renderable; where the terminal is too narrow, lines run on and nothing is cut."""
     least = Measurement.get(_output, _output.options.update(width=_WIDEST), content).minimum
-    wide = _output if least <= _output.width else Console(width=least)
+    wide = _output if least <= _output.width else Console(width=least, emoji=False)
     wide.print(content, crop=False)
 
 

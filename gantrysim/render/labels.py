@@ -12,7 +12,7 @@ from gantrysim.base.errors import expanded
 from gantrysim.bead import BeadSettings
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.job.job import Job
-from gantrysim.job.programs import described, program_class
+from gantrysim.job.programs import PROGRAMS, described
 from gantrysim.job.settings import ServoSettings
 from gantrysim.report.saved import SavedRun
 
@@ -70,7 +70,10 @@ def _unit(job: Job, key: str) -> str:
     if section == "servo":
         description = ServoSettings.model_fields[names[0]].description or ""
     else:
-        kinds = {"program": program_class(job.program["controller"]), "dispenser": Dispenser, "bead": BeadSettings}
+        kinds: dict[str, type[Any]] = {"dispenser": Dispenser, "bead": BeadSettings}
+        # a user's own controller is not described: the code of a saved run must not run
+        if job.program["controller"] in PROGRAMS:
+            kinds["program"] = PROGRAMS[job.program["controller"]]
         description = _description(kinds[section], names) if section in kinds else ""
     units = _UNIT.findall(description)
     return units[-1] if units and not re.search(r",| or ", units[-1]) else ""

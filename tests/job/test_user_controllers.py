@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from gantrysim import InputError, Job, causes_of
+from gantrysim.render.labels import labels_of
 from gantrysim.report.saved import SavedRun
 from gantrysim.study import Case, SpeedStudy, run_study
 from gantrysim.study.cases import measure
@@ -40,6 +41,17 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     return folder
+
+
+@pytest.fixture
+def forget_code(monkeypatch):
+    """Forget the code that was imported, so that it runs again if it is imported again."""
+
+    def forget():
+        for name in [name for name in sys.modules if name.startswith("gantrysim_code_")]:
+            monkeypatch.delitem(sys.modules, name)
+
+    return forget
 
 
 def job_of(folder, cls="Zigzag", place="mine.py", more="", overrides=()):
@@ -108,6 +120,7 @@ def test_files_that_the_caller_names_are_relative_to_the_working_folder(folder, 
 
 FRESH = """
 import sys
+from gantrysim.render.labels import labels_of
 from gantrysim.report.saved import SavedRun
 saved = SavedRun.load(sys.argv[1])
 print(saved.run.requested.length, saved.job.program["lines"], saved.job.margins[0].stable)
@@ -122,6 +135,13 @@ def test_a_record_loads_in_a_fresh_process_without_the_code(folder):
     assert text.split() == ["68.0", "3", "True"]
     (folder / "mine.py").unlink()
     assert SavedRun.load(run).run.requested.length == pytest.approx(68.0)
+
+
+def test_records_side_by_side_are_labelled_without_the_code(folder, forget_code):
+    runs = [saved(folder / name, job_of(folder, overrides=[f"pitch={name}"])) for name in ("4", "6")]
+    forget_code()
+    (folder / "mine.py").write_text("raise SystemExit('code has run')")
+    assert labels_of([SavedRun.load(run) for run in runs]) == ["pitch = 4", "pitch = 6"]
 
 
 def test_a_run_writes_everything(folder, tmp_path, gantrysim_command):
@@ -280,3 +300,16 @@ def test_the_example_of_the_documentation_runs(tmp_path, monkeypatch, gantrysim_
     job = Job.load("job.toml")
     assert job.plan().length == pytest.approx(40 * np.pi)
     assert gantrysim_command("check", "job.toml", "--speed", "25")[0] == 0
+
+
+def test_a_name_between_colons_is_printed_as_it_is(folder, tmp_path, gantrysim_command, monkeypatch):
+    """Rich would print :ring: as a picture of a ring."""
+    (folder / "mine.py").write_text(SOURCE.replace("class Zigzag(", "class Ring("))
+    (folder / "job.toml").write_text(JOB.format(cls="Ring", place="mine.py"))
+    _, _, errors = gantrysim_command("check", folder / "job.toml")
+    assert f"program.controller = {folder}/mine.py:Ring: if you trust it" in errors
+    monkeypatch.chdir(folder)
+    (folder / "ring:ring:.toml").write_text(JOB.format(cls="Ring", place="mine.py"))
+    assert gantrysim_command("check", "ring:ring:.toml")[0] == 0
+    _, out, _ = gantrysim_command("run", "ring:ring:.toml", "--out", "x:ring:y", "--no-video", "--no-report")
+    assert "written to x:ring:y/" in out
