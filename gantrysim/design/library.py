@@ -177,23 +177,23 @@ def motor_names() -> list[str]:
     return sorted(_content()["motors"])
 
 
-def motor_of(given: str | dict[str, Any]) -> Motor:
+def motor_of(motor: str | dict[str, Any]) -> Motor:
     """Return a motor of the library by its name, or one described by a table.
 
     Raises:
         InputError: an unknown name, or data that contradicts itself.
     """
-    if isinstance(given, dict):
-        return validated(Motor, given, "motor")
-    if given not in _content()["motors"]:
-        raise unknown("motor", given, motor_names())
-    return validated(Motor, _content()["motors"][given], f"motor {given}")
+    if isinstance(motor, dict):
+        return validated(Motor, motor, "motor")
+    if motor not in _content()["motors"]:
+        raise unknown("motor", motor, motor_names())
+    return validated(Motor, _content()["motors"][motor], f"motor {motor}")
 
 
-def counts_of(given: str | float) -> float:
+def counts_of(encoder: str | float) -> float:
     """Return the counts per revolution of an encoder of the library, or the number given."""
-    if not isinstance(given, str):
-        return float(given)
-    if given not in _content()["encoders"]:
-        raise unknown("encoder", given, _content()["encoders"])
-    return validated(Encoder, _content()["encoders"][given], f"encoder {given}").counts
+    if not isinstance(encoder, str):
+        return float(encoder)
+    if encoder not in _content()["encoders"]:
+        raise unknown("encoder", encoder, _content()["encoders"])
+    return validated(Encoder, _content()["encoders"][encoder], f"encoder {encoder}").counts

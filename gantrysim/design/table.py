@@ -188,7 +188,8 @@ class MachineTable(Table):
     def _check(self) -> Self:
         kind = self.arrangement
         moving = "table" if kind == "table" else "bridge"
-        needed = {
+        # each key with its value, and whether the arrangement has it
+        keys = {
             "belts": (self.belts, kind == "corexy"),
             "x.drive": (self.x.drive, kind != "corexy"),
             "y.drive": (self.y.drive, kind != "corexy"),
@@ -198,12 +199,12 @@ class MachineTable(Table):
             "masses.bridge": (self.masses.bridge, moving == "bridge"),
             "masses.ram": (self.masses.ram, self.z is not None),
         }
-        for name, (value, wanted) in needed.items():
-            if wanted and value is None:
+        for name, (value, has_key) in keys.items():
+            if has_key and value is None:
                 raise InputError(f"{name} is missing, arrangement = {kind!r} needs it")
-            if not wanted and value is not None:
-                what = "a machine without z" if name == "masses.ram" else f"arrangement = {kind!r}"
-                raise InputError(f"{name}: {what} has none, leave it out")
+            if not has_key and value is not None:
+                machine = "a machine without z" if name == "masses.ram" else f"arrangement = {kind!r}"
+                raise InputError(f"{name}: {machine} has none, leave it out")
         if self.skew_stiffness and kind != "tandem":
             raise InputError(f"skew_stiffness: arrangement = {kind!r} has none, leave it out")
         if self.belts is not None and self.belts.transmission.kind != "belt":

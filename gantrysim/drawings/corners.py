@@ -219,9 +219,10 @@ def _deviation(arcs: list[Line | Coil], first: Line | Coil, last: Line | Coil) -
     """Largest distance between a biarc and the two pieces that it replaces."""
     blend = np.concatenate([place(arc, _SAMPLES) for arc in arcs])
     corner = np.concatenate([place(first, _SAMPLES), place(last, _SAMPLES)])
-    there = np.minimum(_distance(blend, first), _distance(blend, last)).max()
-    back = np.minimum(_distance(corner, arcs[0]), _distance(corner, arcs[1])).max()
-    return float(max(there, back))
+    # in both directions, as of two curves each may leave the other where that one is near
+    of_blend = np.minimum(_distance(blend, first), _distance(blend, last)).max()
+    of_corner = np.minimum(_distance(corner, arcs[0]), _distance(corner, arcs[1])).max()
+    return float(max(of_blend, of_corner))
 
 
 def _distance(points: Floats, piece: Line | Coil) -> Floats:

@@ -131,9 +131,9 @@ def _biarcs(shape: Curve, tolerance: float, z: float) -> list[Line | Coil]:
     edges = _spread(shape.knots, _FIRST)
     low = edges[:-1]
     high = edges[1:]
-    done: list[list[Complexes]] = []
+    fitted: list[list[Complexes]] = []  # columns of the intervals whose biarc is within the tolerance
     for halving in range(_HALVINGS):
-        _check_count(2 * (low.size + sum(fitted[0].size for fitted in done)))
+        _check_count(2 * (low.size + sum(columns[0].size for columns in fitted)))
         begin = _complex(shape.at(low)[0])
         end = _complex(shape.at(high)[0])
         first = _tangents(shape, low, high)
@@ -142,24 +142,24 @@ def _biarcs(shape: Curve, tolerance: float, z: float) -> list[Line | Coil]:
         points = _complex(shape.at(t.ravel())[0]).reshape(t.shape)
         chord = end - begin
         size = np.maximum(np.abs(points - begin[:, None]).max(axis=1), np.abs(chord))
-        short = size < 0.1 * tolerance
+        is_short = size < 0.1 * tolerance
         with np.errstate(divide="ignore", invalid="ignore"):
-            wide = np.maximum(np.abs(np.angle(first / chord)), np.abs(np.angle(last / chord)))
+            angle = np.maximum(np.abs(np.angle(first / chord)), np.abs(np.angle(last / chord)))
             join = middle(begin, first, end, last)
             deviation = _deviation(points, begin, first, join, end, last)
-        good = short | ((wide < _WIDEST) & (deviation < _SAFETY * tolerance))
-        straight = short
-        if halving == _HALVINGS - 1:
-            straight = short | ~good
-            good = np.ones_like(good)
+        fits = is_short | ((angle < _WIDEST) & (deviation < _SAFETY * tolerance))
+        is_straight = is_short
+        if halving == _HALVINGS - 1:  # as at a cusp, where no interval is short enough
+            is_straight = is_short | ~fits
+            fits = np.ones_like(fits)
         # a tangent of 0 stands for a straight line
-        done.append([values[good] for values in (low, begin, first, join, end, np.where(straight, 0, last))])
-        if good.all():
+        fitted.append([values[fits] for values in (low, begin, first, join, end, np.where(is_straight, 0, last))])
+        if fits.all():
             break
-        half = 0.5 * (low + high)[~good]
-        low = np.concatenate([low[~good], half])
-        high = np.concatenate([half, high[~good]])
-    parameter, *columns = map(np.concatenate, zip(*done, strict=True))
+        middles = 0.5 * (low + high)[~fits]
+        low = np.concatenate([low[~fits], middles])
+        high = np.concatenate([middles, high[~fits]])
+    parameter, *columns = map(np.concatenate, zip(*fitted, strict=True))
     order = np.argsort(parameter if shape.knots[0] < shape.knots[-1] else -parameter, kind="stable")
     pieces: list[Line | Coil] = []
     # begin, its tangent, joint, end and its tangent

@@ -81,7 +81,7 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
     legs: list[Leg] = []
     count = Count()
     up = np.array([0.0, 0.0, manner.lift])
-    here = manner.start
+    position = manner.start
     for stretch in stretches:
         dot = stretch[0].dot
         drawn: list[Leg] = []
@@ -93,8 +93,8 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
             first = drawn[0].start
         assert first is not None
         travel: list[Line] = []
-        if here is not None:
-            travel = _travel(here, first, manner.lift, started=bool(legs))
+        if position is not None:
+            travel = _travel(position, first, manner.lift, started=bool(legs))
         elif manner.lift > 0:
             travel = [Line(vector(first + up), vector(first))]
         legs += [Leg(line, False, manner.travel_speed, travel=True) for line in travel]
@@ -104,12 +104,12 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
             lays_glue = bool((stretch[0].glue or (1,))[0])
             legs[-1] = replace(legs[-1], pause=legs[-1].pause + manner.dot_time, dot=lays_glue)
         legs += drawn
-        here = first if dot is not None else drawn[-1].end
+        position = first if dot is not None else drawn[-1].end
         _check_pieces(len(legs))
-    if here is None or not legs:
+    if position is None or not legs:
         raise InputError("drawing: must have a line of positive length that is traced")
     if manner.lift > 0:
-        legs.append(Leg(Line(vector(here), vector(here + up)), False, manner.travel_speed, travel=True))
+        legs.append(Leg(Line(vector(position), vector(position + up)), False, manner.travel_speed, travel=True))
     return Route(tuple(legs), Chain(leg.piece for leg in legs), len(stretches), count)
 
 
@@ -170,11 +170,11 @@ def _by_distance(stretches: list[list[Stroke]], reverse: bool) -> list[list[Stro
         ordered.append(_back(stretches[k]) if backwards else stretches[k])
         if not remaining.any():
             return ordered
-        here = starts[k] if backwards else ends[k]
-        to_start = np.where(remaining, np.linalg.norm(starts - here, axis=1), np.inf)
+        position = starts[k] if backwards else ends[k]
+        to_start = np.where(remaining, np.linalg.norm(starts - position, axis=1), np.inf)
         to_end = np.full(remaining.size, np.inf)
         if reverse:
-            to_end = np.where(remaining, np.linalg.norm(ends - here, axis=1), np.inf)
+            to_end = np.where(remaining, np.linalg.norm(ends - position, axis=1), np.inf)
         backwards = bool(to_end.min() < to_start.min())
         k = int((to_end if backwards else to_start).argmin())
 
@@ -257,12 +257,12 @@ def _turned(arc: Coil, start: Floats) -> Coil | None:
     return Coil((centre.real, centre.imag, arc.centre[2]), (radius, radius), begin, arc.angle)
 
 
-def _travel(here: Floats, there: Floats, lift: float, started: bool) -> list[Line]:
+def _travel(begin: Floats, end: Floats, lift: float, started: bool) -> list[Line]:
     """Lines from one place to another, lifted; the first travel of all comes from above."""
-    places = [here, there]
+    places = [begin, end]
     if lift > 0:
-        top = max(here[2], there[2]) + lift
+        top = max(begin[2], end[2]) + lift
         above = [np.array([x, y, top]) for x, y, _ in places]
-        places = [here, *above, there] if started else [*above, there]
+        places = [begin, *above, end] if started else [*above, end]
     lines = [Line(vector(a), vector(b)) for a, b in pairwise(places)]
     return [line for line in lines if length(line) > _SHORTEST]

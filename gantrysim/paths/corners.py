@@ -87,10 +87,10 @@ class Corners:
     def of(cls, path: Framed) -> Corners:
         """Return the corners of a path."""
         s = path.corners
-        beside = np.maximum(_BESIDE, _BESIDE_ROUNDING * np.spacing(s))
-        before = path.tangent(s - beside)
-        after = path.tangent(s + beside)
-        normal = path.normal(s - beside)
+        inset = np.maximum(_BESIDE, _BESIDE_ROUNDING * np.spacing(s))
+        before = path.tangent(s - inset)
+        after = path.tangent(s + inset)
+        normal = path.normal(s - inset)
         cosine = dot(before, after)
         cross = np.cross(before, after)
         sine = np.linalg.norm(cross, axis=1)
@@ -99,7 +99,7 @@ class Corners:
         # where a path retraces itself, its sides are exchanged and nothing is turned
         first = np.where(turns[:, None], _turned(normal, axis, cosine, sine), normal)
         second = np.where(turns[:, None], np.cross(after, first), np.cross(before, normal))
-        next_normal = path.normal(s + beside)
+        next_normal = path.normal(s + inset)
         next_binormal = np.cross(after, next_normal)
         columns = [
             [dot(next_normal, first), dot(next_binormal, first)],
@@ -162,9 +162,10 @@ class Corners:
         end = self.leg(to)
         rows = np.flatnonzero(start != end)
         across = np.stack([components.lateral[rows], components.vertical[rows]], axis=1)
-        there = self.carried[end[rows]]
-        here = self.carried[start[rows]]
-        across = np.einsum("nji,njk,nk->ni", there, here, across)  # the inverse of `there` is its transpose
+        carried_to_start = self.carried[start[rows]]
+        carried_to_end = self.carried[end[rows]]
+        # orthogonal: the inverse of the second is its transpose
+        across = np.einsum("nji,njk,nk->ni", carried_to_end, carried_to_start, across)
         lateral = components.lateral.copy()
         vertical = components.vertical.copy()
         lateral[rows] = across[:, 0]

@@ -33,8 +33,8 @@ def arc_length(r: ArrayLike, b: ArrayLike, c: ArrayLike, angle: ArrayLike) -> Fl
 
 def _together(*values: ArrayLike) -> tuple[list[Floats], tuple[int, ...]]:
     """Values broadcast against each other and flattened, and their common shape of at least one dimension."""
-    whole = np.broadcast_arrays(*(np.atleast_1d(np.asarray(value, float)) for value in values))
-    return [np.ascontiguousarray(value).ravel() for value in whole], whole[0].shape
+    arrays = np.broadcast_arrays(*(np.atleast_1d(np.asarray(value, float)) for value in values))
+    return [np.ascontiguousarray(array).ravel() for array in arrays], arrays[0].shape
 
 
 @inner_jit
@@ -96,9 +96,9 @@ def swept_angle(r, b, c, s, most):
     for _ in range(_NEWTON_STEPS):
         rate = np.hypot(r + b * angle, c)
         step = (_length(r, b, c, angle) - s) / rate if rate > 0 else 0.0
-        moved = min(max(angle - step, 0.0), most)
-        done = abs(moved - angle) <= _LAST_STEP * moved
-        angle = moved
-        if done:
+        improved = min(max(angle - step, 0.0), most)
+        converged = abs(improved - angle) <= _LAST_STEP * improved
+        angle = improved
+        if converged:
             break
     return angle

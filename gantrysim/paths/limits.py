@@ -140,9 +140,11 @@ def velocity_bound(s: Floats, first: Floats, velocity: ArrayLike) -> Floats:
     """
     largest = np.abs(first)
     inside = np.diff(s) > 0
-    for here, there in ((slice(None, -1), slice(1, None)), (slice(1, None), slice(None, -1))):
-        neighbour = np.abs(first)[there][inside]
-        largest[here][inside] = np.maximum(largest[here][inside], neighbour)
+    before = slice(None, -1)
+    after = slice(1, None)
+    for node, neighbour in ((before, after), (after, before)):
+        derivative = np.abs(first)[neighbour][inside]
+        largest[node][inside] = np.maximum(largest[node][inside], derivative)
     with np.errstate(divide="ignore"):
         return (np.asarray(velocity, float) / largest).min(axis=1)
 

@@ -260,17 +260,19 @@ def along_blocks(points, blocks, count, spacing, begin):
     table = Table(points, spacing)
     entries = np.empty(count, np.int64)
     decided = 0
-    seen = 0
+    received = 0
     undecided = Sequences(np.zeros((1, _BEAM), np.int32), np.zeros((1, _BEAM), np.int8), np.ones(1, np.int64))
     ends = Ends(np.zeros(_BEAM), np.zeros(_BEAM))
     first = along(points, trace[:1], travel[:1], spacing, begin)[0]
     undecided.entry[0, 0] = first
     ends.place[0] = first
-    while seen < count:
-        seen = decided + len(undecided.candidates) + len(trace) - 1
-        k, undecided = _next_block(table, Trace(trace, travel), undecided, ends, entries[decided:seen], seen == count)
+    while received < count:
+        received = decided + len(undecided.candidates) + len(trace) - 1
+        k, undecided = _next_block(
+            table, Trace(trace, travel), undecided, ends, entries[decided:received], received == count
+        )
         decided += k
-        if seen < count:
+        if received < count:
             last = trace[-1:]
             trace, travel = next(blocks)
             trace = np.concatenate([last, trace])

@@ -31,35 +31,35 @@ _DAMPING_RATIO = 0.03  # of the arm of a cantilever in yaw (assumption)
 
 def bridge(table: MachineTable) -> Mjcf:
     """Return a machine whose bridge moves along y and bears the carriage."""
-    room = Extent.of(table)
-    mjcf = Mjcf(table, "serial", 2 * room.wide)
-    frame(mjcf, room)
-    bench(mjcf, room)
-    work(mjcf.frame, table, room)
+    extent = Extent.of(table)
+    mjcf = Mjcf(table, "serial", 2 * extent.half_width)
+    frame(mjcf, extent)
+    bench(mjcf, extent)
+    work(mjcf.frame, table, extent)
     body = _y_axis(mjcf, mjcf.frame, "bridge", 1, on_bridge(table))
     mjcf.guide_arms["y"] = -BEAM[0] / M
-    _bridge_mass(body, table, room)
-    beam(body, room)
-    motor_of_x(body, room)
+    _bridge_mass(body, table, extent)
+    beam(body, extent)
+    motor_of_x(body, extent)
     x_axis(mjcf, body)
     return mjcf
 
 
 def cantilever(table: MachineTable) -> Mjcf:
     """Return a machine whose arm is guided at its left end and yaws there on its stiffness."""
-    room = Extent.of(table)
-    mjcf = Mjcf(table, "serial", 2 * room.wide)
-    frame(mjcf, room)
-    bench(mjcf, room)
-    work(mjcf.frame, table, room)
+    extent = Extent.of(table)
+    mjcf = Mjcf(table, "serial", 2 * extent.half_width)
+    frame(mjcf, extent)
+    bench(mjcf, extent)
+    work(mjcf.frame, table, extent)
     load = on_bridge(table)
     root = _y_axis(mjcf, mjcf.frame, "guide", 1, load)
     mjcf.guide_arms["y"] = -BEAM[0] / M
-    point_mass(root, 1e-3, (room.x - room.wide, *BEAM))  # the arm's mass is behind its hinge
+    point_mass(root, 1e-3, (extent.x - extent.half_width, *BEAM))  # the arm's mass is behind its hinge
     arm = add(root, "body", name="bridge")
     stiffness = table.arm_stiffness or 0.0
     mass = table.masses.bridge or 0.0
-    inertia = mass * (2 * room.wide) ** 2 / 3 + carried(table) * (room.x - room.wide) ** 2
+    inertia = mass * (2 * extent.half_width) ** 2 / 3 + carried(table) * (extent.x - extent.half_width) ** 2
     add(
         arm,
         "joint",
@@ -67,42 +67,42 @@ def cantilever(table: MachineTable) -> Mjcf:
         class_="flex",
         type="hinge",
         axis=Z,
-        pos=(room.x - room.wide, BEAM[0], BEAM[1]),
+        pos=(extent.x - extent.half_width, BEAM[0], BEAM[1]),
         stiffness=stiffness,
         damping=2 * _DAMPING_RATIO * math.sqrt(stiffness * inertia),
     )
-    _bridge_mass(arm, table, room)
-    beam(arm, room, legs=(-1,))
-    motor_of_x(arm, room)
+    _bridge_mass(arm, table, extent)
+    beam(arm, extent, legs=(-1,))
+    motor_of_x(arm, extent)
     x_axis(mjcf, arm)
     return mjcf
 
 
 def moving_table(table: MachineTable) -> Mjcf:
     """Return a machine whose work moves along y under a beam that stands still."""
-    room = Extent.of(table)
-    mjcf = Mjcf(table, "serial", 2 * room.wide)
-    frame(mjcf, room, rails=False)
+    extent = Extent.of(table)
+    mjcf = Mjcf(table, "serial", 2 * extent.half_width)
+    frame(mjcf, extent, rails=False)
     for side in (-1, 1):
-        x = room.x + side * 0.5 * room.wide
-        geom(mjcf.frame, "", (x, room.y, -0.14), (0.02, room.long + 0.02, 0.035))
-        geom(mjcf.frame, "rail", (x, room.y, -0.1), (0.0075, room.long, 0.005))
+        x = extent.x + side * 0.5 * extent.half_width
+        geom(mjcf.frame, "", (x, extent.y, -0.14), (0.02, extent.half_length + 0.02, 0.035))
+        geom(mjcf.frame, "rail", (x, extent.y, -0.1), (0.0075, extent.half_length, 0.005))
     mass = table.masses.table or 0.0
     body = _y_axis(mjcf, mjcf.frame, "table", -1, mass)
-    mjcf.guide_arms["y"] = -room.y / M
-    point_mass(body, mass, (room.x, room.y, -0.02))
+    mjcf.guide_arms["y"] = -extent.y / M
+    point_mass(body, mass, (extent.x, extent.y, -0.02))
     for side in (-1, 1):
-        geom(body, "block", (room.x + side * 0.5 * room.wide, room.y, -0.055), (0.02, 0.06, 0.04))
+        geom(body, "block", (extent.x + side * 0.5 * extent.half_width, extent.y, -0.055), (0.02, 0.06, 0.04))
     add(
         body,
         "geom",
         material="table",
-        pos=(room.x, room.y, -1e-3 * table.gap - 0.0141),
-        size=(room.wide - 0.06, 0.5e-3 * (table.y.travel[1] - table.y.travel[0]) + 0.02, 0.006),
+        pos=(extent.x, extent.y, -1e-3 * table.gap - 0.0141),
+        size=(extent.half_width - 0.06, 0.5e-3 * (table.y.travel[1] - table.y.travel[0]) + 0.02, 0.006),
     )
-    work(body, table, room)
-    beam(mjcf.frame, room)
-    motor_of_x(mjcf.frame, room)
+    work(body, table, extent)
+    beam(mjcf.frame, extent)
+    motor_of_x(mjcf.frame, extent)
     x_axis(mjcf, mjcf.frame)
     return mjcf
 
@@ -124,8 +124,8 @@ def _y_axis(mjcf: Mjcf, parent: Element, name: str, sign: int, load: float) -> E
     return body
 
 
-def _bridge_mass(body: Element, table: MachineTable, room: Extent) -> None:
+def _bridge_mass(body: Element, table: MachineTable, extent: Extent) -> None:
     """Give the bridge its mass with the motor of x, as a slender beam as long as the distance of the legs."""
     mass = (table.masses.bridge or 0.0) + drive_of(table.x).known_motor.mass
-    inertia = mass * (2 * room.wide) ** 2 / 12
-    point_mass(body, mass, (room.x, *BEAM), (0.5 * inertia, inertia, inertia))
+    inertia = mass * (2 * extent.half_width) ** 2 / 12
+    point_mass(body, mass, (extent.x, *BEAM), (0.5 * inertia, inertia, inertia))

@@ -33,44 +33,27 @@ _PULLEY_TURNS = 1.05  # travel of the motors over that which the corners need
 
 def corexy(table: MachineTable) -> Mjcf:
     """Return a machine whose motors a and b stand on the frame and pull the carriage: r a = x + y, r b = x - y."""
-    room = Extent.of(table)
+    extent = Extent.of(table)
     belts = table.belts
     assert belts is not None  # the table is checked
-    mjcf = Mjcf(table, "coupled", 2 * room.wide)
-    frame(mjcf, room)
-    bench(mjcf, room)
-    work(mjcf.frame, table, room)
+    mjcf = Mjcf(table, "coupled", 2 * extent.half_width)
+    frame(mjcf, extent)
+    bench(mjcf, extent)
+    work(mjcf.frame, table, extent)
     on_x = carried(table) + belts.nut_mass
-    k = 1e6 * belts.transmission.stiffness
     on_y = on_x + (table.masses.bridge or 0.0)
-    radius = M * belts.transmission.travel_per_turn * _ratio(belts) / (2 * math.pi)
-    farthest = max(abs(end) for slide in (table.x, table.y) for end in slide.travel)
-    turn = _PULLEY_TURNS * 2 * M * farthest / radius
+    k = 1e6 * belts.transmission.stiffness  # [N/m]
+    radius = M * belts.transmission.travel_per_turn * _ratio(belts) / (2 * math.pi)  # of the pulleys [m]
     for side, name in ((-1, "a"), (1, "b")):
-        body = add(
-            mjcf.frame, "body", name=f"pulley_{name}", pos=(room.x + side * room.wide, BEAM[0] + room.y + room.long, 0)
-        )
-        point_mass(body, 0.01, (0, 0, 0), (1e-9, 1e-9, 1e-9))  # its inertia is in the armature
-        speed = _motor_speed(belts, (table.x, table.y)) / _ratio(belts)
-        add(
-            body,
-            "joint",
-            name=name,
-            class_="axis",
-            type="hinge",
-            axis=Z,
-            range=(-turn, turn),
-            user=speed,
-        )
-        tube(body, "motor", (0, 0, -0.1, 0, 0, -0.03), f"{name}_motor")
+        _add_pulley(mjcf, extent, side, name, radius)
         # with the other motor at rest, x and y move by half the belt
         load = (on_x + on_y) / 4
         mjcf.motor(name, belts, _ratio(belts), _ratio(belts) / radius, Load(load, Guides()))
     bridge = add(mjcf.frame, "body", name="bridge")
     mjcf.slide(bridge, "y", Y, table.y)
     _add_friction(bridge[-1], table.y)
-    point_mass(bridge, table.masses.bridge or 0.0, (room.x, *BEAM))
-    beam(bridge, room)
+    point_mass(bridge, table.masses.bridge or 0.0, (extent.x, *BEAM))
+    beam(bridge, extent)
     clamp = add(bridge, "body", name="carriage_clamp")
     mjcf.slide(clamp, "x", X, table.x)
     _add_friction(clamp[-1], table.x)
@@ -84,20 +67,36 @@ def corexy(table: MachineTable) -> Mjcf:
     return mjcf
 
 
+def _add_pulley(mjcf: Mjcf, extent: Extent, side: int, name: str, radius: float) -> None:
+    """Append a pulley of CoreXY on its hinge, at the end of the rail on the left, -1, or on the right, 1."""
+    table = mjcf.table
+    belts = table.belts
+    assert belts is not None
+    place = (extent.x + side * extent.half_width, BEAM[0] + extent.y + extent.half_length, 0)
+    body = add(mjcf.frame, "body", name=f"pulley_{name}", pos=place)
+    point_mass(body, 0.01, (0, 0, 0), (1e-9, 1e-9, 1e-9))  # its inertia is in the armature
+    # a corner of the travel takes both slides' positions together
+    farthest = max(abs(end) for slide in (table.x, table.y) for end in slide.travel)
+    turn = _PULLEY_TURNS * 2 * M * farthest / radius
+    speed = _motor_speed(belts, (table.x, table.y)) / _ratio(belts)
+    add(body, "joint", name=name, class_="axis", type="hinge", axis=Z, range=(-turn, turn), user=speed)
+    tube(body, "motor", (0, 0, -0.1, 0, 0, -0.03), f"{name}_motor")
+
+
 def tandem(table: MachineTable) -> Mjcf:
     """Return a machine whose bridge is driven by y1 on its left and y2 on its right, and can skew."""
-    room = Extent.of(table)
+    extent = Extent.of(table)
     drive = drive_of(table.y)
     span = M * (table.span or 0.0)
-    mjcf = Mjcf(table, "coupled", 2 * room.wide)
-    frame(mjcf, room)
-    bench(mjcf, room)
-    work(mjcf.frame, table, room)
+    mjcf = Mjcf(table, "coupled", 2 * extent.half_width)
+    frame(mjcf, extent)
+    bench(mjcf, extent)
+    work(mjcf.frame, table, extent)
     load = on_bridge(table)
     k = 1e6 * drive.transmission.stiffness
     gear = drive.transmission.gear
     for side, name in ((-1, "y1"), (1, "y2")):
-        x = room.x + 0.5 * side * span
+        x = extent.x + 0.5 * side * span
         nut = add(mjcf.frame, "body", name=f"nut_{name}")
         mjcf.slide(nut, name, Y, table.y.model_copy(update={"guides": Guides(viscous=0.5 * table.y.guides.viscous)}))
         point_mass(nut, drive.nut_mass, (x, BEAM[0], -0.1))
@@ -106,7 +105,7 @@ def tandem(table: MachineTable) -> Mjcf:
     bridge = add(mjcf.frame, "body", name="bridge")
     mjcf.slide(bridge, "y", Y, Slide(travel=table.y.travel))
     bridge_mass = (table.masses.bridge or 0.0) + drive_of(table.x).known_motor.mass
-    inertia = bridge_mass * (2 * room.wide) ** 2 / 12
+    inertia = bridge_mass * (2 * extent.half_width) ** 2 / 12
     guides: dict[str, float] = {"damping": 0.0}
     if table.skew_stiffness:
         guides = {
@@ -120,12 +119,12 @@ def tandem(table: MachineTable) -> Mjcf:
         name="skew",
         type="hinge",
         axis=Z,
-        pos=(room.x, *BEAM),
+        pos=(extent.x, *BEAM),
         **guides,
     )
-    point_mass(bridge, bridge_mass, (room.x, *BEAM), (0.5 * inertia, inertia, inertia))
-    beam(bridge, room)
-    motor_of_x(bridge, room)
+    point_mass(bridge, bridge_mass, (extent.x, *BEAM), (0.5 * inertia, inertia, inertia))
+    beam(bridge, extent)
+    motor_of_x(bridge, extent)
     x_axis(mjcf, bridge)
     for name, sign in (("y1", 1), ("y2", -1)):
         mount = _spring(mjcf, f"mount_{name}", k, ratio * math.sqrt(2 * k * load))

@@ -18,28 +18,28 @@ _SIDE = 0.1  # from the travel to the legs of the bridge [m]
 
 
 class Extent(NamedTuple):
-    """Room of the machine [m].
+    """Horizontal extent of the machine [m].
 
     Attributes:
         x, y: centre of the travel.
-        wide: half of the distance of the legs.
-        long: half of the length of the rails along y.
+        half_width: half of the distance of the legs.
+        half_length: half of the length of the rails along y.
     """
 
     x: float
     y: float
-    wide: float
-    long: float
+    half_width: float
+    half_length: float
 
     @classmethod
     def of(cls, table: MachineTable) -> Extent:
-        """Return the room that the travel takes."""
+        """Return the extent for the travel of a table's axes."""
         x0, x1 = table.x.travel
         y0, y1 = table.y.travel
-        wide = 0.5 * M * (x1 - x0) + _SIDE
+        half_width = 0.5 * M * (x1 - x0) + _SIDE
         if table.span is not None:
-            wide = max(wide, 0.5 * M * table.span)
-        return cls(0.5 * M * (x0 + x1), 0.5 * M * (y0 + y1), wide, 0.5 * M * (y1 - y0) + 0.085)
+            half_width = max(half_width, 0.5 * M * table.span)
+        return cls(0.5 * M * (x0 + x1), 0.5 * M * (y0 + y1), half_width, 0.5 * M * (y1 - y0) + 0.085)
 
 
 def drive_of(slide: Slide) -> Drive:
@@ -66,59 +66,59 @@ def point_mass(body: Element, mass: float, pos: Numbers, inertia: Numbers | None
     add(body, "inertial", pos=pos, mass=mass, diaginertia=inertia or 3 * (mass * _GYRATION**2,))
 
 
-def frame(mjcf: Mjcf, room: Extent, rails: bool = True) -> None:
+def frame(mjcf: Mjcf, extent: Extent, rails: bool = True) -> None:
     """Draw feet, profiles, table and the rails along y."""
     body = mjcf.frame
-    y = room.y + BEAM[0]
+    y = extent.y + BEAM[0]
     for side in (-1, 1):
-        x = room.x + side * room.wide
-        geom(body, "", (x, y, -0.14), (0.02, room.long + 0.04, 0.04))
+        x = extent.x + side * extent.half_width
+        geom(body, "", (x, y, -0.14), (0.02, extent.half_length + 0.04, 0.04))
         for end in (-1, 1):
-            geom(body, "cap", (x, y + end * (room.long + 0.01), -0.19), (0.02, 0.01))
+            geom(body, "cap", (x, y + end * (extent.half_length + 0.01), -0.19), (0.02, 0.01))
         if rails:
-            geom(body, "rail", (x, y, _RAIL), (0.0075, room.long, 0.005))
+            geom(body, "rail", (x, y, _RAIL), (0.0075, extent.half_length, 0.005))
     for end in (-1, 1):
-        geom(body, "", (room.x, y + end * (room.long + 0.02), -0.16), (room.wide - 0.02, 0.02, 0.02))
+        geom(body, "", (extent.x, y + end * (extent.half_length + 0.02), -0.16), (extent.half_width - 0.02, 0.02, 0.02))
 
 
-def work(parent: Element, table: MachineTable, room: Extent) -> Element:
+def work(parent: Element, table: MachineTable, extent: Extent) -> Element:
     """Append the body `work`: a plate one gap below the nozzle, larger than the travel."""
     body = add(parent, "body", name="work")
     x0, x1 = table.x.travel
     y0, y1 = table.y.travel
     half = 0.5 * M * (x1 - x0) + 0.01, 0.5 * M * (y1 - y0) + 0.01
     top = -M * table.gap
-    add(body, "geom", name="piece", material="piece", pos=(room.x, room.y, top - 0.004), size=(*half, 0.004))
+    add(body, "geom", name="piece", material="piece", pos=(extent.x, extent.y, top - 0.004), size=(*half, 0.004))
     return body
 
 
-def bench(mjcf: Mjcf, room: Extent) -> None:
+def bench(mjcf: Mjcf, extent: Extent) -> None:
     """Draw the table that carries the work on machines whose work stands still."""
-    half = room.wide - 0.05, room.long
+    half = extent.half_width - 0.05, extent.half_length
     z = -M * mjcf.table.gap - 0.0081 - 0.006
-    add(mjcf.frame, "geom", material="table", pos=(room.x, room.y, z), size=(*half, 0.006))
+    add(mjcf.frame, "geom", material="table", pos=(extent.x, extent.y, z), size=(*half, 0.006))
     for x in (-1, 1):
         for y in (-1, 1):
-            leg = room.x + x * (half[0] - 0.025), room.y + y * (half[1] - 0.02), 0.5 * (z - 0.006 - 0.14)
+            leg = extent.x + x * (half[0] - 0.025), extent.y + y * (half[1] - 0.02), 0.5 * (z - 0.006 - 0.14)
             geom(mjcf.frame, "", leg, (0.016, 0.016, 0.5 * (0.14 + z - 0.006)))
 
 
-def beam(body: Element, room: Extent, legs: tuple[int, ...] = (-1, 1)) -> None:
+def beam(body: Element, extent: Extent, legs: tuple[int, ...] = (-1, 1)) -> None:
     """Draw a beam along x with its rails, and legs on one or both sides."""
     y, z = BEAM
-    geom(body, "", (room.x, y, z), (room.wide - 0.005, 0.02, 0.04), "beam")
+    geom(body, "", (extent.x, y, z), (extent.half_width - 0.005, 0.02, 0.04), "beam")
     for rail in (-1, 1):
-        geom(body, "rail", (room.x, y - 0.024, z + 0.024 * rail), (room.wide - 0.035, 0.004, 0.006))
+        geom(body, "rail", (extent.x, y - 0.024, z + 0.024 * rail), (extent.half_width - 0.035, 0.004, 0.006))
     for side in legs:
-        x = room.x + side * room.wide
+        x = extent.x + side * extent.half_width
         geom(body, "plate", (x, y, 0.04), (0.005, 0.056, 0.12))
         geom(body, "block", (x, y - 0.04, -0.087), (0.017, 0.022, 0.007))
         geom(body, "block", (x, y + 0.04, -0.087), (0.017, 0.022, 0.007))
 
 
-def motor_of_x(body: Element, room: Extent) -> None:
+def motor_of_x(body: Element, extent: Extent) -> None:
     """Draw the motor of x at the end of the beam."""
-    x = room.x + room.wide
+    x = extent.x + extent.half_width
     geom(body, "plate", (x + 0.02, 0.087, 0.13), (0.017, 0.024, 0.024))
     tube(body, "motor", (x + 0.037, 0.087, 0.13, x + 0.11, 0.087, 0.13), "x_motor")
 

@@ -29,9 +29,9 @@ class Coupled(Kinematics):
         coordinates, followers: as of `Kinematics`.
         constant: f with all axes at zero, (followers,) [m or rad].
         gain: f per axis position, (followers, axes) [m or rad per mm or deg].
-        out: of coordinates, forward: coordinate per axis position, (coordinates, axes).
+        coordinate_gain: coordinate per axis position, (coordinates, axes).
         origin: coordinates with all axes at zero, (coordinates,).
-        back: of axes, inverse: axis position per coordinate, (axes, coordinates).
+        axis_gain: axis position per coordinate, (axes, coordinates).
         level: axes that hold every follower that is a hinge at zero with the coordinates at `origin`, (axes,).
     """
 
@@ -39,9 +39,9 @@ class Coupled(Kinematics):
     followers: tuple[int, ...]
     constant: Floats
     gain: Floats
-    out: Floats
+    coordinate_gain: Floats
     origin: Floats
-    back: Floats
+    axis_gain: Floats
     level: Floats
 
     @classmethod
@@ -76,8 +76,8 @@ class Coupled(Kinematics):
         coordinate_rows += [(Coordinate.of(model, driven[a]), np.eye(len(driven))[a], 0.0) for a in untied]
         # x, y and z first, then the others by name
         coordinate_rows.sort(key=lambda row: ("xyz".find(row[0].name) % 4, row[0].name))
-        coordinates, out, origin = zip(*coordinate_rows, strict=True)
-        square = np.array([*out, *(row for row, _ in hinge_rows)])
+        coordinates, coordinate_gain, origin = zip(*coordinate_rows, strict=True)
+        square = np.array([*coordinate_gain, *(row for row, _ in hinge_rows)])
         if _singular(square):
             raise InputError("kinematics 'coupled': its tendons do not determine the axes from the coordinates")
         inverse = np.linalg.inv(square)
@@ -88,18 +88,18 @@ class Coupled(Kinematics):
             followers=followers,
             constant=constant,
             gain=gain,
-            out=np.array(out),
+            coordinate_gain=np.array(coordinate_gain),
             origin=np.array(origin),
-            back=inverse[:, :count],
+            axis_gain=inverse[:, :count],
             level=level,
         )
 
     def forward(self, axes: Floats) -> Floats:
-        return axes @ self.out.T + self.origin
+        return axes @ self.coordinate_gain.T + self.origin
 
     def inverse(self, position: Floats) -> Floats:
         self.check_travel(position)
-        return (position - self.origin) @ self.back.T + self.level
+        return (position - self.origin) @ self.axis_gain.T + self.level
 
     def follow(self, axes: Floats) -> Floats:
         return axes @ self.gain.T + self.constant
