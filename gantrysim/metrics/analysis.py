@@ -127,8 +127,9 @@ class Analysis(Shown):
         return self._followed(self.run.nozzle, like=before)
 
     def _followed(self, trace: Floats, like: tuple[Floats, str]) -> Projection:
-        """Follow a trace, unless an ideal link made it equal to that of the link before."""
+        """Follow a trace, unless an ideal link made it equal to the trace of the link before."""
         other, name = like
+        # following is the longest part of an analysis; with exact encoders or a rigid machine traces are equal
         if all(np.array_equal(trace[block], other[block]) for block in blocks(len(trace))):
             return getattr(self, name)
         return self.run.requested.follow(trace, 0.0, self.ticks)
@@ -145,6 +146,7 @@ class Analysis(Shown):
         on = self.ticks
 
         def along(block: slice) -> Floats:
+            # in blocks: a run of hours does not fit in memory beside its differences
             lag = run.commanded_tip[on[block]] - run.encoder_tip[on[block]]
             return dot(lag, run.requested.tangent(self.commanded.s[block]))
 
@@ -163,7 +165,7 @@ class Analysis(Shown):
             generation=ErrorSize.of(self.commanded.distance),
             contour=ErrorSize.of(self.nozzle.distance),
             speed=Range.of(path_speed(run)[on]),
-            path_length=float(by_blocks(steps, on.size - 1)[np.diff(on) == 1].sum()),
+            path_length=float(by_blocks(steps, on.size - 1)[np.diff(on) == 1].sum()),  # not the way between stretches
             duration=float(run.time[moving[-1] + 1]) if moving.size else 0.0,
             end_point=(x, y, z),
         )
@@ -190,7 +192,7 @@ def path_speed(run: Run) -> Floats:
         return np.zeros(n)
 
     def speed(block: slice) -> Floats:
-        # rows of the neighbouring blocks
+        # with one row of each neighbouring block, so that differences are central at its ends too
         before = min(block.start, 1)
         after = 1 if block.stop < n else 0
         around = run.nozzle[block.start - before : block.stop + after]
@@ -224,7 +226,7 @@ def torque_ripple(run: Run) -> Floats:
     Raises:
         InputError: the dispenser is never on.
     """
-    _dispensing_ticks(run)
+    _dispensing_ticks(run)  # raises where there are none
     both = run.dispense[:-1] & run.dispense[1:]
     squares = [np.sum(np.diff(run.demand[:, a])[both] ** 2) for a in range(len(run.axes))]
     return np.sqrt(np.array(squares) / (2 * max(int(np.count_nonzero(both)), 1)))

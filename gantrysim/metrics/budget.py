@@ -128,7 +128,7 @@ class Budget:
 
     @property
     def corner(self) -> Part | None:
-        """What changing legs at sharp corners adds, see `gantrysim.metrics.links`; None where that is nothing."""
+        """Part from changes of leg at sharp corners, see `gantrysim.metrics.links`; None where it is 0."""
         return self._links[1]
 
     @cached_property
@@ -188,6 +188,7 @@ class Budget:
         return turn
 
     def _turned(self) -> tuple[Floats, tuple[int, int]]:
+        # a nozzle that shakes moves its foot back and forth: the furthest foot so far counts
         foot = np.maximum.accumulate(self.analysis.nozzle.s)
         path = self.analysis.run.requested
         return one_way(by_blocks(lambda block: path.heading(foot[block]), foot.size), foot)
@@ -235,7 +236,7 @@ class Budget:
 
     @cached_property
     def stretches(self) -> tuple[Stretch, ...]:
-        """The turns of a spiral and what lies before and after them; together they hold every tick. None without turns.
+        """The turns of a spiral and the stretches before and after them: all ticks. Empty without turns.
 
         A path is a spiral if some turn of it lies beside another.
         """
@@ -259,12 +260,9 @@ class Budget:
             size = part.size
             sizes[name] = [ErrorSize.of(size[stretch.ticks]) for stretch in self.stretches]
         s = self.analysis.nozzle.s
-        return tuple(
-            TurnValues(
-                turn=stretch.number,
-                name=stretch.name,
-                s=(float(s[stretch.ticks].min()), float(s[stretch.ticks].max())),
-                parts={name: by_stretch[k] for name, by_stretch in sizes.items()},
-            )
-            for k, stretch in enumerate(self.stretches)
-        )
+        turns = []
+        for k, stretch in enumerate(self.stretches):
+            along = s[stretch.ticks]
+            parts = {name: by_stretch[k] for name, by_stretch in sizes.items()}
+            turns.append(TurnValues(stretch.number, stretch.name, (float(along.min()), float(along.max())), parts))
+        return tuple(turns)

@@ -81,7 +81,7 @@ class Trace:
     @property
     def clockwise(self) -> bool:
         """Whether the path is run clockwise."""
-        turned = (np.diff(self.angle) + 180) % 360 - 180
+        turned = (np.diff(self.angle) + 180) % 360 - 180  # across 0 deg by the short way
         return bool(turned.sum() < 0)
 
     @property

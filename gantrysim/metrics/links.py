@@ -24,12 +24,12 @@ from gantrysim.metrics.parts import Part, difference
 from gantrysim.paths.corners import Components
 from gantrysim.paths.path import Path, Projection
 
-_NOTHING = 1e-13  # [mm]
+_NOTHING = 1e-13  # remainder that is rounding [mm]
 _ROUNDING = 1e-9  # by which a difference of offsets may exceed a displacement [mm]
 
 
 class Trace(NamedTuple):
-    """One point of the chain while glue flows: a rigid machine's nozzle at the commanded positions, say, or the nozzle.
+    """Trace of one point of the chain while glue flows, such as the nozzle of a rigid machine at commanded positions.
 
     Attributes:
         foot: projection of the points onto the requested path, with m rows.
@@ -47,7 +47,7 @@ class Trace(NamedTuple):
 
 
 def links(path: Path, chain: list[Trace]) -> tuple[list[Part], Part | None]:
-    """Return the part of the error that each link of a chain adds, and that of the corners.
+    """Return the part of the error that each link of a chain adds, and the part of the corners.
 
     Args:
         path: the requested path.
@@ -73,7 +73,8 @@ def links(path: Path, chain: list[Trace]) -> tuple[list[Part], Part | None]:
 
 def offset_of(foot: Projection) -> Part:
     """Return the offset of points from their feet."""
-    return Part(*(vars(foot)[name] for name in ("lateral", "vertical", "beyond")))  # in a file where they are
+    columns = vars(foot)  # not the attributes: a long run's columns stay in the file that holds them
+    return Part(columns["lateral"], columns["vertical"], columns["beyond"])
 
 
 def _carried(path: Path, foot: Projection, to: Projection, block: slice) -> Part:
@@ -89,7 +90,7 @@ def _link(path: Path, before: Trace, after: Trace, nozzle: Projection, block: sl
     s_before = before.foot.s[block]
     s_after = after.foot.s[block]
     displacement = np.linalg.norm(after.at(block) - before.at(block), axis=1)
-    too_large = part.size > displacement + _ROUNDING
+    too_large = part.size > displacement + _ROUNDING  # the two feet lie on legs that nearly retrace each other
     rows = np.flatnonzero(too_large & path.legs.between(s_before, s_after))
     if not rows.size:
         return part

@@ -72,5 +72,11 @@ class Positioning:
     @property
     def accuracy(self) -> float:
         """A [mm]."""
-        ways = [(way.mean(axis=0), 2 * way.std(axis=0, ddof=1)) for way in (self.up, self.down)]
-        return float(max((mean + two).max() for mean, two in ways) - min((mean - two).min() for mean, two in ways))
+        highest = []
+        lowest = []
+        for deviation in (self.up, self.down):
+            mean = deviation.mean(axis=0)
+            spread = 2 * deviation.std(axis=0, ddof=1)
+            highest.append((mean + spread).max())
+            lowest.append((mean - spread).min())
+        return float(max(highest) - min(lowest))

@@ -23,7 +23,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.metrics.spacing import forward
 from gantrysim.paths.path import Path
 
-_LEAST_CYCLES = 2
+_LEAST_CYCLES = 2  # S_i has n - 1 in the denominator
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,8 @@ from gantrysim.paths.path import Local, Path, Projection
 
 _NEWTON_STEPS = 20
 _LAST_STEP = 1e-7  # Newton step below which the remaining error is of the order of its square [mm]
-_SLOPE_REACH = 0.25  # [mm]
-_LEAST_SLOPE = 0.3
+_SLOPE_REACH = 0.25  # [mm]; a shorter one differentiates encoder counts
+_LEAST_SLOPE = 0.3  # cosine between the directions of two turns, below which Newton's step is shortened
 _CORNER = 0.5  # least jump of the heading between two points that is a corner [rad]
 _CORNER_LENGTH = 1.0  # larger distances mean that points in between are left out [mm]
 _LEAST_OVERLAP = 0.02  # of the second turn over the first [rad]
@@ -112,10 +112,10 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
             active = active[np.abs(step) >= _LAST_STEP]
             if not active.size:
                 break
-        met = (met_at <= s[-1]) & (met_at > 0.5 * (place + guess))
-        met[active] = False
+        met = (met_at <= s[-1]) & (met_at > 0.5 * (place + guess))  # not on the turn that it left
+        met[active] = False  # Newton's method has not settled there
         after = np.clip(np.searchsorted(s, met_at), 1, s.size - 1)
-        met &= parts[after] == parts[after - 1]
+        met &= parts[after] == parts[after - 1]  # no trace, and no glue, in a gap between stretches
         link = np.stack([point, trace(met_at)[0]], axis=1)
         distance = np.abs(dot(link[:, 1] - point, normal))
         return Spacing(place[met], heading[rows][met] / (2 * np.pi), distance[met], met_at[met], link[met])

@@ -11,7 +11,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 
 _ROUNDS = 60
-_SECTORS = 36
+_SECTORS = 36  # enough that the first linear program holds most of the points that bound the zone
 _TOLERANCE = 1e-12  # of the radius
 
 
@@ -48,7 +48,7 @@ def least_squares_circle(points: ArrayLike) -> tuple[tuple[float, float], float]
     """
     p = plane_points(points)
     middle = p.mean(axis=0)
-    q = p - middle
+    q = p - middle  # or a circle far from the origin would lose digits in |p|^2
     matrix = np.column_stack([2 * q, np.ones(len(q))])
     solution, _, rank, _ = np.linalg.lstsq(matrix, (q**2).sum(axis=1), rcond=None)
     if rank < 3:
@@ -104,6 +104,7 @@ def minimum_zone(points: ArrayLike) -> MinimumZone:
         tried = distances(c + step)
         beyond = np.setdiff1d([tried.argmin(), tried.argmax()], counted)
         counted = np.append(counted, beyond)
+        # distances are not quite linear: a long step may overshoot
         while np.ptp(tried) >= width and np.abs(step).max() > least:
             step = 0.5 * step
             tried = distances(c + step)

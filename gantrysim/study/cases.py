@@ -256,12 +256,12 @@ def _has(content: dict[str, Any], key: str, value: Any) -> bool:
 
 
 @lru_cache(maxsize=8)
-def _job(content: str) -> Job:
+def _job(content: str) -> Job:  # cached, as a study's cases differ in a few values of one job
     return Job(**tomllib.loads(content))
 
 
 @lru_cache(maxsize=1)
 def _changed(content: str, overrides: tuple[tuple[str, str], ...]) -> Job:
-    """Return the job with what is changed of it; the parts that are not are those of the job itself, built once."""
+    """Return the job with its overrides; it shares the parts that these leave unchanged, such as a built machine."""
     unchanged = _job(content)
     return unchanged.changed({key: json.loads(value) for key, value in overrides}).sharing(unchanged)

@@ -41,10 +41,9 @@ class Criterion:
             InputError: no value has that name.
         """
         names = list(row)
+        values = names[names.index("status") + 1 :]  # tags come before it
         known = {
-            key: _without_unit(key)
-            for key in names[names.index("status") + 1 :]  # tags come before it
-            if isinstance(row[key], float) and not key.startswith(_NO_METRICS)
+            key: _without_unit(key) for key in values if isinstance(row[key], float) and not key.startswith(_NO_METRICS)
         }
         for key, name in known.items():
             if self.metric in (key, name):
@@ -61,7 +60,7 @@ class Criterion:
             self.key(row)
 
     def value(self, row: Row) -> float:
-        """Return the metric; inf where a fault ended the case, it was refused, or the value is None."""
+        """Return the metric; inf for a case that a fault ended or that was refused, and where the value is None."""
         if row.get("status") != OK:
             return math.inf
         value = row[self.key(row)]

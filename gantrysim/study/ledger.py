@@ -31,7 +31,7 @@ class Ledger:
 
     Attributes:
         resumed: number of rows taken over from an earlier run.
-        discarded: in what the rows found differ from this study's, or None.
+        discarded: differences for which earlier rows were not taken over, or None.
     """
 
     def __init__(self, folder: Path | None, identity: dict[str, Any]) -> None:
@@ -129,7 +129,7 @@ def _checksum(key: str, row: Row) -> str:
 
 
 def _differs(other: Any, identity: dict[str, Any]) -> str:
-    """Return in what the identity found differs, as text."""
+    """Return the differences of an earlier run's identity, as text."""
     if not isinstance(other, dict):
         return "they are not of a study"
     keys = [key for key in {**identity, **other} if other.get(key) != identity.get(key)]

@@ -233,7 +233,7 @@ def _write_rows(study: Study, rows: list[Row], report: Report, folder: Path, ide
 
 
 def _columns(rows: list[Row]) -> tuple[list[str], list[str]]:
-    """Return the columns of the rows, and those of lists."""
+    """Return the names of the rows' columns of single values, and of lists."""
     curves = list(dict.fromkeys(key for row in rows for key in row if isinstance(row[key], list)))
     return [key for key in dict.fromkeys(key for row in rows for key in row) if key not in curves], curves
 
@@ -275,7 +275,8 @@ def _write_curves(rows: list[Row], names: list[str], file: Path) -> None:
         writer = csv.writer(stream)
         writer.writerow(["case", *names])
         for number, row in enumerate(rows, 1):
-            lists = [value if isinstance(value := row.get(name), list) else [] for name in names]
+            cells = [row.get(name) for name in names]
+            lists = [cell if isinstance(cell, list) else [] for cell in cells]
             writer.writerows([number, *values] for values in zip_longest(*lists, fillvalue=""))
 
 

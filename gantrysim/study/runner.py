@@ -99,7 +99,7 @@ def _one_by_one(measure: Measure, cases: Sequence[Case]) -> list[Row]:
 def _finished(
     cases: list[Case], workers: int | None, measure: MeasureTogether, most: int
 ) -> Generator[list[tuple[str, Row]], None, None]:
-    """Run cases in lots of at most `most`, and yield the keys and rows of each lot as it is finished."""
+    """Run cases in lots of at most `most`, and yield the keys and rows of each finished lot."""
     if not cases:
         return
     # slow to import

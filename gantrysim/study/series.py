@@ -13,12 +13,10 @@ def series(rows: list[Row], *columns: str, **tags: Value) -> tuple[Floats, ...]:
 
     Rows without values in one of the columns are left out.
     """
-    chosen = [
-        [row[column] for column in columns]
-        for row in rows
-        if row["status"] == OK
-        and all(row.get(tag) == value for tag, value in tags.items())
-        and all(row.get(column) is not None for column in columns)
-    ]
+    chosen = []
+    for row in rows:
+        tagged = all(row.get(tag) == value for tag, value in tags.items())
+        if row["status"] == OK and tagged and all(row.get(column) is not None for column in columns):
+            chosen.append([row[column] for column in columns])
     values = np.array(chosen, float).reshape(-1, len(columns))
     return tuple(values[np.argsort(values[:, 0], kind="stable")].T)

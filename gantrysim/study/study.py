@@ -100,7 +100,7 @@ class Study(ABC):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What the study does with the job, enough to repeat it; by default all fields but job and measure."""
+        """Settings that repeat the study together with its job; by default all fields but job and measure."""
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("job", "measure")}
 
     @property

@@ -70,7 +70,7 @@ def measured(measure: MeasureTogether, cases: Sequence[Case], origin: Origin) ->
 
 
 def _started_by(origin: Origin) -> bool:
-    """Return whether a study started this process as a copy of its own."""
+    """Return whether the study's process started this one."""
     copied = multiprocessing.current_process().name != "MainProcess"
     return copied and (platform.node(), os.getppid()) == (origin.host, origin.process)
 
@@ -85,7 +85,7 @@ def _check_installed(origin: Origin) -> None:
 
 
 def _check_machines(cases: Sequence[Case], origin: Origin) -> None:
-    """Check that the machines are those of the study; one whose file has changed is built again."""
+    """Check that the machines equal the study's; a machine whose file has changed is built again."""
     expected = dict(origin.machines)
     for name, case in {case.machine: case for case in cases}.items():
         if _digest(case) != expected[name]:

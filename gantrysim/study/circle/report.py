@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -32,9 +32,10 @@ def report(study: CircleStudy, rows: list[Row]) -> Report:
         failed = next(row for row in rows if row["status"] != OK)
         return Report(f"The circle run {failed['direction']} has no values: {failed['status']}")
     test = CircularTest(traces["clockwise"], traces["counter-clockwise"])
-    clockwise, counter_clockwise = (UM * trace.circular_deviation for trace in traces.values())
+    deviation = {name: UM * trace.circular_deviation for name, trace in traces.items()}
     headline = (
-        f"Circular deviation G = {clockwise:.1f} µm clockwise and {counter_clockwise:.1f} µm counter-clockwise, "
+        f"Circular deviation G = {deviation['clockwise']:.1f} µm clockwise and "
+        f"{deviation['counter-clockwise']:.1f} µm counter-clockwise, "
         f"bidirectional G(b) = {UM * test.bidirectional_circular_deviation:.1f} µm, "
         f"for a radius of {study.radius:g} mm at {study.speed:g} mm/s on {study.job.built_machine.name}."
     )
@@ -71,37 +72,23 @@ def report(study: CircleStudy, rows: list[Row]) -> Report:
 
 
 def _values_table(test: CircularTest, traces: dict[str, Trace], motors: dict[str, Trace]) -> Table:
-    both = UM * test.bidirectional_circular_deviation, UM * test.mean_bidirectional_radial_deviation
-    rows = [
-        [
-            name,
-            UM * trace.circular_deviation,
-            UM * motors[name].circular_deviation,
-            UM * trace.deviation.max(),
-            UM * trace.deviation.min(),
-            None,
-            None,
-        ]
-        for name, trace in traces.items()
-    ]
+    both = (UM * test.bidirectional_circular_deviation, UM * test.mean_bidirectional_radial_deviation)
+    rows: list[list[Any]] = []
+    for name, trace in traces.items():
+        circular = (UM * trace.circular_deviation, UM * motors[name].circular_deviation)
+        radial = (UM * trace.deviation.max(), UM * trace.deviation.min())
+        rows.append([name, *circular, *radial, None, None])
     rows.append(["both", None, None, None, None, *both])
     heads = ("G [µm]", "motors' G [µm]", "Fmax [µm]", "Fmin [µm]", "G(b) [µm]", "D [µm]")
     return Table(["path", *(Column(head, ".2f") for head in heads)], rows, caption="Values after ISO 230-4.")
 
 
 def _reversals_table(traces: dict[str, Trace], reach: float) -> Table:
-    rows = [
-        [
-            name,
-            f"{reversal.angle:g} deg",
-            AXES[reversal.axis],
-            UM * reversal.step,
-            UM * reversal.spike,
-            reversal.spike_at,
-        ]
-        for name, trace in traces.items()
-        for reversal in trace.reversals(reach)
-    ]
+    rows: list[list[Any]] = []
+    for name, trace in traces.items():
+        for reversal in trace.reversals(reach):
+            sizes = (UM * reversal.step, UM * reversal.spike, reversal.spike_at)
+            rows.append([name, f"{reversal.angle:g} deg", AXES[reversal.axis], *sizes])
     heads = (("step [µm]", ".2f"), ("spike [µm]", ".2f"), ("spike after [deg]", ".1f"))
     columns: list[str | Column] = ["path", "reversal at", "axis", *(Column(*head) for head in heads)]
     return Table(columns, rows, caption="Reversals of the axes; outward is positive.")
@@ -181,9 +168,5 @@ def _draw_deviation(traces: dict[str, Trace], structure: dict[str, Floats], reac
 def _division(reach: float) -> float:
     """Return the smallest of 1, 2, 5, 10, ... that covers the reach in few divisions."""
     decade = 10.0 ** np.floor(np.log10(max(reach, 1e-3)) - 1)
-    return next(
-        float(step * decade * ten)
-        for ten in (1, 10, 100)
-        for step in _DIVISIONS
-        if reach <= _RINGS * step * decade * ten
-    )
+    divisions = [float(step * decade * ten) for ten in (1, 10, 100) for step in _DIVISIONS]
+    return next(division for division in divisions if reach <= _RINGS * division)

@@ -1,4 +1,4 @@
-"""`gantrysim study circle`: a circular test of a machine after ISO 230-4."""
+"""The circle study: a circular test of a machine after ISO 230-4."""
 
 from __future__ import annotations
 
@@ -88,6 +88,7 @@ class CircleStudy(Study):
     def lead(self) -> float:
         """Angle run before and after the evaluated circle [deg]."""
         distance = self.speed**2 / (2 * _ACCELERATION) + self.speed * _CALM
+        # whole circles more, so that the evaluated one still begins and ends between two reversals
         missing = math.degrees(distance / self.radius) - _LEAD
         return _LEAD + 360 * max(math.ceil(missing / 360), 0)
 
@@ -98,7 +99,7 @@ class CircleStudy(Study):
 
     @property
     def reach(self) -> float:
-        """Angle after a reversal within which its spike is searched: that of its decay, within bounds [deg]."""
+        """Angle after a reversal within which its spike is searched: the angle of its decay, within bounds [deg]."""
         return min(max(SPIKE_REACH, self.decay), _LARGEST_REACH)
 
     def _program(self, sense: float) -> str:
@@ -159,7 +160,8 @@ def circle_row(run: Run, centre: tuple[float, float], radius: float, lead: float
     swept = np.degrees(np.abs(np.unwrap(np.arctan2(commanded[:, 1], commanded[:, 0]))))
     passed = np.abs(swept - swept[0])
     evaluated = (passed >= lead) & (passed < lead + 360)
-    nozzle, motor = (Trace(tip[evaluated, :2], centre, radius) for tip in (run.nozzle, run.motor_tip))
+    nozzle = Trace(run.nozzle[evaluated, :2], centre, radius)
+    motor = Trace(run.motor_tip[evaluated, :2], centre, radius)
     row: Row = {
         "circular_deviation_um": _UM * nozzle.circular_deviation,
         "radial_deviation_max_um": _UM * float(nozzle.deviation.max()),

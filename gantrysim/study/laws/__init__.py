@@ -1,3 +1,3 @@
-"""The study of laws: what each law of the servo gains over PD."""
+"""The laws study: the gain of each of the servo's laws over PD."""
 
 from gantrysim.study.laws.study import LADDER, LawsStudy, laws_row, reversals

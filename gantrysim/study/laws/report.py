@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from gantrysim.study.study import Plot, Report
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_PAYS = 0.95  # of the value without it: what a law must come below to pay
+_PAYS = 0.95  # of the value without a law's last addition, below which the addition pays
 _PD = "pd"
 _PID = "pid"
 _SHOWN = {"following_rms_um": "tracking", "reversal_max_um": "reversals", "contour_rms_um": "contour"}
@@ -36,7 +36,7 @@ _LEFT_OUT = (
 
 
 def report(study: LawsStudy, rows: list[Row]) -> Report:
-    """Return what each law gains over PD, and which do not pay."""
+    """Return the gain of each law over PD, and the laws that do not pay."""
     nominal = chosen(rows, NOMINAL)
     if _PD not in nominal:
         failed = next(row for row in rows if row["law"] == _PD)
@@ -86,8 +86,8 @@ def _value(row: Row, name: str) -> float:
 
 
 def _paying(nominal: dict[str, Row]) -> list[str]:
-    """Return for each value which laws do not bring it below that of the law without their last addition."""
-    without = {law: nominal[before] for law in nominal if (before := _without(law)) in nominal}
+    """Return a note for each value with the laws whose last addition hardly reduces it."""
+    without = {law: nominal[_without(law)] for law in nominal if _without(law) in nominal}
     notes = []
     for name, words in _SHOWN.items():
         idle = [law for law, row in without.items() if not _value(nominal[law], name) < _PAYS * _value(row, name)]
@@ -144,17 +144,17 @@ def _variations(study: LawsStudy, rows: list[Row]) -> Table:
         Column(f"{study.payload:g} kg more", ".3g"),
         Column(f"friction x {study.friction:g}", ".3g"),
     ]
-    cells = [
-        [law, *(_value(by_law[law], "following_rms_um") if law in by_law else None for by_law in variations.values())]
-        for law in variations[NOMINAL]
-    ]
+    cells: list[list[Any]] = []
+    for law in variations[NOMINAL]:
+        errors = [_value(by_law[law], "following_rms_um") if law in by_law else None for by_law in variations.values()]
+        cells.append([law, *errors])
     return Table(columns, cells, caption="Tracking error, rms [µm], on machines that differ from the laws' models.")
 
 
 def _draw(nominal: dict[str, Row]) -> Figure:
-    shown = {
-        label: ([_value(row, name) for row in nominal.values()], colour) for label, (name, colour) in _VALUES.items()
-    }
+    shown = {}
+    for label, (name, colour) in _VALUES.items():
+        shown[label] = ([_value(row, name) for row in nominal.values()], colour)
     return _bars(list(nominal), shown, "error [µm]")
 
 

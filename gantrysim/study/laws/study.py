@@ -1,4 +1,4 @@
-"""`gantrysim study laws`: the servo's laws on one job, each against PD."""
+"""The laws study: the servo's laws on one job, each against PD."""
 
 from __future__ import annotations
 
@@ -66,6 +66,7 @@ def laws_row(case: Case) -> Row:
 
     def values(run: Run) -> Row:
         job = case.job()
+        # rotary axes count only where there are no others: degrees and millimetres have no common sum
         error = _UM * (run.commanded - run.encoder)[:, _linear(run)]
         turned = reversals(run.commanded[:, _linear(run)])
         window = round(AFTER / run.period)
@@ -137,7 +138,7 @@ class LawsStudy(Study):
         positive("friction", self.friction)
 
     def overrides(self, law: tuple[str, ...], integral: float = 1.0) -> dict[str, Any]:
-        """Return the values that give the job a law, by their dotted keys; PD leaves out what it does not have.
+        """Return the values that give the job a law, by their dotted keys; for PD without the gains that it lacks.
 
         Args:
             law: the law.
@@ -155,7 +156,7 @@ class LawsStudy(Study):
 
     @property
     def ladder(self) -> tuple[Rung, ...]:
-        """The rungs that the job can have: without an integral term there is none to be made stronger."""
+        """The rungs that the job can have; a stronger integral term needs one to begin with."""
         integral = any(self.job.built_servo.ki)
         return tuple(rung for rung in LADDER if integral or rung.integral == 1)
 

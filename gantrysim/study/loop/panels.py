@@ -61,7 +61,7 @@ class Panels:
         self._scatter(panel, x, factor * y, color=colour, label=label, **shape)
 
     def spacing_errors(self, nominal: float) -> None:
-        """Draw the deviation of the mean spacing from the nominal one [mm], of the job as it is."""
+        """Draw the deviation of the mean spacing from the nominal one [mm] for the unchanged job."""
         x, mean = series(self.rows, "value", "spacing_mean_mm", sweep=self.sweep, variant=AS_IT_IS)
         label = "error of the mean, as it is"
         self._scatter(

@@ -77,7 +77,8 @@ def sample_and_hold(
     along = normal = 0.0
     radii = np.atleast_1d(np.asarray(radius, float)).tolist()
     for rho in radii:
-        first, second = (circle_response(servo, k, axes[k], speed / rho) for k in plane)
+        first = circle_response(servo, plane[0], axes[plane[0]], speed / rho)
+        second = circle_response(servo, plane[1], axes[plane[1]], speed / rho)
         mean = 0.5 * (first + second)
         half = 0.5 * (first - second)
         along += rho**2 * (mean.imag**2 + 0.5 * abs(half) ** 2) / len(radii)

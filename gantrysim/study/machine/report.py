@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -116,11 +116,12 @@ def _influence_table(study: MachineStudy, factors: list[Influence], explained: f
 
 
 def _variation_table(study: MachineStudy) -> Table:
-    rows = [
-        [in_words(name), f"0 to {spread:g} kg" if name == "payload" else f"{1 / (1 + spread):.3g} to {1 + spread:.3g}"]
-        for name, spread in asdict(study.spread).items()
-        if spread
-    ]
+    rows = []
+    for name, spread in asdict(study.spread).items():
+        if not spread:
+            continue
+        factors = f"{1 / (1 + spread):.3g} to {1 + spread:.3g}"
+        rows.append([in_words(name), f"0 to {spread:g} kg" if name == "payload" else factors])
     errors = study.job.built_machine.kinematic_errors
     for name, size in {} if errors is None else errors.values.items():
         one_sided = name.startswith(("play", "racking"))
@@ -134,14 +135,10 @@ def _worst_table(study: MachineStudy, values: Floats, label: str) -> Table:
     order = np.argsort(-values, kind="stable")[:_WORST]
     columns: list[str | Column] = ["machine", label]
     columns += [Column(in_words(name) + (" [kg]" if name == "payload_kg" else ""), ".3f") for name in study.machines]
-    cells = [
-        [
-            int(k) + 1,
-            float(values[k]) if np.isfinite(values[k]) else None,
-            *(float(factor[k]) for factor in study.machines.values()),
-        ]
-        for k in order
-    ]
+    cells: list[list[Any]] = []
+    for k in order.tolist():
+        value = float(values[k]) if np.isfinite(values[k]) else None
+        cells.append([k + 1, value, *(float(factor[k]) for factor in study.machines.values())])
     return Table(columns, cells, caption="The worst machines; factors multiply the nominal machine's values.")
 
 

@@ -1,4 +1,4 @@
-"""`gantrysim study machine`: the yield of a job over machines built to one drawing."""
+"""The machine study: the yield of a job over machines built to one drawing."""
 
 from __future__ import annotations
 
@@ -75,18 +75,15 @@ class MachineStudy(ToleranceStudy):
         nothing = dict.fromkeys(self.machines, 1.0)
         if self.spread.payload:
             nothing["payload_kg"] = 0.0
-        yield [
-            nominal.tagged(sample=0, **nothing),
-            *(
-                replace(nominal, perturbation=self.perturbation(k + 1)).tagged(
-                    sample=k + 1, **{name: float(values[k]) for name, values in self.machines.items()}
-                )
-                for k in range(self.samples)
-            ),
-        ]
+        cases = [nominal.tagged(sample=0, **nothing)]
+        for sample in range(1, self.samples + 1):
+            factors = {name: float(values[sample - 1]) for name, values in self.machines.items()}
+            perturbed = replace(nominal, perturbation=self.perturbation(sample))
+            cases.append(perturbed.tagged(sample=sample, **factors))
+        yield cases
 
     def drawn(self, rows: list[Row]) -> tuple[Row, list[Row], Floats]:
-        """Return the row of the nominal machine, those of the others, and their metric, (samples,)."""
+        """Return the row of the nominal machine, the rows of all others, and their metric, (samples,)."""
         nominal = rows[0]
         others = rows[1:]
         return nominal, others, np.array([self.criterion.value(row) for row in others])

@@ -61,6 +61,7 @@ def positioning(job: Job, axis: str, perturbations: Sequence[Perturbation]) -> P
     moved_axis = machine.axes[machine.axis_names.index(axis)]
     targets = targets_of(moved_axis.travel)
     over = _OVERRUN * (moved_axis.travel[1] - moved_axis.travel[0])
+    # the outer targets too are approached from both sides
     ends = np.array([targets[0] - over, targets[-1] + over])
     stops = np.concatenate([ends[:1], targets, ends[1:], targets[::-1]])
     speed = min(_SPEED, _SHARE_OF_LIMIT * moved_axis.speed_limit)
@@ -76,7 +77,7 @@ def positioning(job: Job, axis: str, perturbations: Sequence[Perturbation]) -> P
         dispense=np.zeros(position.size, bool),
         requested=Chain([Line(tuple(first.tolist()), tuple(last.tolist()))]),
     )
-    cycles = []
+    cycles = []  # deviations at all stops, in the order of the motion
     for perturbation in perturbations:
         run = simulate(machine.perturbed(perturbation), servo, setpoints, physics_step=job.simulation.physics_step)
         if run.fault is not None:

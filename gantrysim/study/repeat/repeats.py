@@ -63,6 +63,7 @@ def phased_setpoints(job: Job, phase: int) -> Setpoints:
 def places_along(analysis: Analysis, count: int) -> Floats:
     """Return at most `count` evenly spaced places on the requested path where glue is laid, by arc length [mm]."""
     s = analysis.commanded.s
+    # a place counts if a tick of dispensing lies as near as ticks lie to each other within a stretch
     first = np.diff(analysis.ticks, prepend=analysis.ticks[0] - 2) > 1
     step = float(np.abs(np.diff(s))[~first[1:]].max(initial=0.0))
     even = np.linspace(s.min(), s.max(), count)

@@ -83,18 +83,12 @@ def _table(paths: dict[str, RepeatedPath]) -> Table:
         "repeats",
         *(Column(head, ".1f" if head.startswith("at") else ".2f") for head in heads),
     ]
-    rows = [
-        [
-            varied,
-            len(path.attained),
-            *(
-                value
-                for size in (path.accuracy, path.repeatability)
-                for value in (UM * size.max(), path.s[size.argmax()], UM * np.median(size))
-            ),
-        ]
-        for varied, path in paths.items()
-    ]
+    rows: list[list[Any]] = []
+    for varied, path in paths.items():
+        cells: list[Any] = [varied, len(path.attained)]
+        for size in (path.accuracy, path.repeatability):
+            cells += [UM * size.max(), path.s[size.argmax()], UM * np.median(size)]
+        rows.append(cells)
     return Table(columns, rows, caption="Path accuracy and repeatability by varied source, after ISO 9283.")
 
 

@@ -1,4 +1,4 @@
-"""`gantrysim study repeat`: path accuracy and repeatability after ISO 9283."""
+"""The repeat study: path accuracy and repeatability after ISO 9283."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class RepeatStudy(Study):
         return self.job.built_servo.resolution
 
     def rounds(self) -> Rounds:
-        """Yield the repeats with everything varied, and with each source alone, by the same numbers."""
+        """Yield the repeats with all sources varied, and with each source alone, by the same random numbers."""
         generator = np.random.default_rng(self.seed)
         axes = len(self.counts)
         friction = np.exp(self.friction * generator.standard_normal((self.repeats, axes)))
@@ -88,7 +88,8 @@ class RepeatStudy(Study):
         home = generator.uniform(-0.5, 0.5, (self.repeats, axes)) * self.counts
         phase = generator.integers(0, PHASES, self.repeats)
         cases = []
-        for varied in (ALL, *self.sources) if len(self.sources) > 1 else (ALL,):
+        alone = self.sources if len(self.sources) > 1 else ()  # a single source is all that varies
+        for varied in (ALL, *alone):
             for k in range(self.repeats):
                 perturbation = Perturbation()
                 if self.friction and varied in (ALL, "friction"):
@@ -118,11 +119,12 @@ class RepeatStudy(Study):
         command = self.job.controller.requested.position(self.s)
         paths = {}
         for varied in dict.fromkeys(str(row["varied"]) for row in rows):
-            offsets = [
-                np.stack([np.array(row[f"offset_{name}_um"], float) / _UM for name in "xyz"], axis=1)
-                for row in rows
-                if row["varied"] == varied and row["status"] == OK
-            ]
+            offsets = [_offset(row) for row in rows if row["varied"] == varied and row["status"] == OK]
             if len(offsets) > 1:
                 paths[varied] = RepeatedPath(self.s, command, command + np.array(offsets))
         return paths
+
+
+def _offset(row: Row) -> Floats:
+    """Return the offset of the nozzle from the path at the places of a row, (m, 3) [mm]."""
+    return np.stack([np.array(row[f"offset_{name}_um"], float) / _UM for name in "xyz"], axis=1)

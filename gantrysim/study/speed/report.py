@@ -90,11 +90,11 @@ def _table(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Table:
         if row["status"] != OK:
             cells.append([name, speed, None, row["status"], None, None, None])
             continue
-        sizes = {
-            link: size
-            for link in DESCRIPTIONS
-            if link != "contour" and isinstance(size := row.get(f"{link}_rms_um"), float)
-        }
+        sizes: dict[str, float] = {}
+        for link in DESCRIPTIONS:
+            size = row.get(f"{link}_rms_um")
+            if link != "contour" and isinstance(size, float):
+                sizes[link] = size
         most = max(sizes, key=lambda link: sizes[link])
         values = (criterion.value(row), most, sizes[most], row["speed_mean_mm_s"], row["duration_s"])
         cells.append([name, speed, *values])
