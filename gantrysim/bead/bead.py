@@ -208,7 +208,7 @@ class Bead(BeadTrace, Shown):
         return np.diff(excess[np.array(ticks)], axis=1)
 
     def _settled(self, on: int, off: int) -> tuple[int, int]:
-        """First tick of a stretch at which the flow has settled, and the one after the last."""
+        """First tick of a stretch at which the flow has settled, and the tick after the last such."""
         demand = self.run.flow_demand[on:off]
         excess = self.run.flow[on:off] - demand
         usual = float(np.median(excess)) if excess.size else 0.0

@@ -41,7 +41,7 @@ class Glue:
 
 
 def lay_glue(bead: BeadTrace, grid: tuple[Floats, Floats], volume: Floats, wet: Floats, ends: list[End]) -> Glue:
-    """Return the glue of a layer on a grid, or on one with room around it for what the nozzle pushes aside.
+    """Return the glue of a layer on a grid, widened where the nozzle pushes glue beyond it.
 
     Args:
         bead: the trace of the bead.
@@ -116,14 +116,14 @@ def stacked(glue: list[Glue], cell: float) -> tuple[Floats, Floats, Floats, Floa
 
 
 def _joined(places: list[Floats], cell: float) -> Floats:
-    """Return the middles of the cells from the first to the last of several rows of the same cells [mm]."""
+    """Return the middles of the cells that hold several rows of equal cells [mm]."""
     low = min(float(row[0]) for row in places)
     high = max(float(row[-1]) for row in places)
     return np.asarray(low + cell * np.arange(round((high - low) / cell) + 1), np.float64)
 
 
 def _on_grid(values: Floats, grid: tuple[Floats, Floats], wider: tuple[Floats, Floats], cell: float) -> Floats:
-    """Return values of cells, (ny, nx), on a wider grid of the same cells, 0 beyond."""
+    """Return values of cells, (ny, nx), on a wider grid of equal cells, 0 beyond."""
     before = round(float(grid[0][0] - wider[0][0]) / cell)
     below = round(float(grid[1][0] - wider[1][0]) / cell)
     after = wider[0].size - grid[0].size - before
@@ -169,5 +169,6 @@ def _with_room(
     cell = bead.settings.cell
     x = x[0] + cell * (np.arange(nx) - before[1])
     y = y[0] + cell * (np.arange(ny) - before[0])
-    padded = np.pad(ceiling, around, constant_values=dry), np.pad(rise, around, constant_values=free)
-    return x, y, np.pad(height, around), *padded
+    ceiling = np.pad(ceiling, around, constant_values=dry)
+    rise = np.pad(rise, around, constant_values=free)
+    return x, y, np.pad(height, around), ceiling, rise

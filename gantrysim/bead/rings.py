@@ -73,7 +73,9 @@ def rings(
         place: place along the trace, (k,) [mm].
         contact: contact angle [rad].
     """
-    radius, flat, groove = (values[:, None] for values in shape)
+    radius = shape[0][:, None]
+    flat = shape[1][:, None]
+    groove = shape[2][:, None]
     nothing = np.zeros_like(heading)
     ahead = np.stack([np.cos(heading), np.sin(heading), nothing], axis=1)
     right = np.stack([ahead[:, 1], -ahead[:, 0], nothing], axis=1) * np.cos(turned)[:, None]

@@ -8,6 +8,7 @@ of the section, made of the last glue of its stretch.
 from __future__ import annotations
 
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +71,7 @@ class Sweep:
         self._held = np.concatenate([[0.0], np.cumsum(trace.area * np.diff(self._edges))])
         self._before = np.interp(trace.place, self._edges, self._held)
         self._half = trace.strand.half_body()
-        self._kept: tuple[int, list[Mesh]] = (0, [])
+        self._finished: tuple[int, list[Mesh]] = (0, [])
 
     def faces(self) -> NDArray[np.int32]:
         """Triangles of the mesh, (f, 3)."""
@@ -94,11 +95,11 @@ class Sweep:
 
     def _complete(self, count: int) -> list[Mesh]:
         """Return the first stretches as one mesh, if there are any; cached until the next one is complete."""
-        if count != self._kept[0]:
-            there, mesh = self._kept if self._kept[0] < count else (0, [])
-            added = [self._stretch(k, np.inf, np.inf) for k in range(there, count)]
-            self._kept = count, [joined([*mesh, *added])] if count else []
-        return self._kept[1]
+        if count != self._finished[0]:
+            before, mesh = self._finished if self._finished[0] < count else (0, [])
+            added = [self._stretch(k, np.inf, np.inf) for k in range(before, count)]
+            self._finished = (count, [joined([*mesh, *added])] if count else [])
+        return self._finished[1]
 
     @property
     def _nothing(self) -> Mesh:
@@ -126,16 +127,16 @@ class Sweep:
         trace = self.bead_trace
         point = np.stack([np.interp(where, trace.place, self._base[:, i]) for i in range(3)], axis=1)
         if section is None:
-            radius, flat, groove = (np.interp(where, trace.place, values) for values in self._shape)
+            shape = _Shape(*(np.interp(where, trace.place, values) for values in self._shape))
         else:
-            radius, flat, groove = (np.full(where.size, values[0]) for values in _shape_of(section))
+            shape = _Shape(*(np.full(where.size, values[0]) for values in _shape_of(section)))
         heading = np.interp(where, trace.place, trace.heading)
         contact = float(np.radians(trace.settings.contact_angle))
-        return rings(point, heading, (radius, flat, groove), turned, where, contact)
+        return rings(point, heading, shape, turned, where, contact)
 
     @cached_property
-    def _shape(self) -> tuple[Floats, Floats, Floats]:
-        """Radius, flat and groove of the sections at the stations, (r,) each [mm]."""
+    def _shape(self) -> _Shape:
+        """The sections at the stations."""
         return _shape_of(self.bead_trace.strand)
 
     @cached_property
@@ -176,8 +177,16 @@ class Sweep:
         return Mesh(vertices[order].reshape(-1, 3), normals[order].reshape(-1, 3), mesh.place, mesh.width)
 
 
-def _shape_of(section: Section) -> tuple[Floats, Floats, Floats]:
-    return section.radius, section.flat, section.groove
+class _Shape(NamedTuple):
+    """Radius, flat and groove of sections, (r,) each [mm]."""
+
+    radius: Floats
+    flat: Floats
+    groove: Floats
+
+
+def _shape_of(section: Section) -> _Shape:
+    return _Shape(section.radius, section.flat, section.groove)
 
 
 def _crossing(place: Floats, values: Floats) -> float:

@@ -87,6 +87,7 @@ class BeadTrace:
     @property
     def _ascending(self) -> Floats:
         """The length, strictly ascending as np.interp requires, (n,) [mm]."""
+        # a nozzle at rest repeats its length: rounding-sized steps, in place, as a long run has room for few arrays
         length = np.arange(self.length.size, dtype=np.float64)
         length *= 1e-12
         length += self.length
@@ -152,7 +153,7 @@ class BeadTrace:
         sections = demand[moving]
         sections /= speed[moving]
         del demand, speed
-        section = float(np.median(sections))
+        section = float(np.median(sections))  # ramps and corners are few
         steady = np.abs(sections - section) <= _STEADY * section
         return section if self.run.fault is None or np.mean(steady) >= _MOSTLY else 0.0
 
@@ -202,7 +203,7 @@ class BeadTrace:
         ds = self.ds
         edges = np.concatenate([[-ds], self.place]) + 0.5 * ds
         laid = np.diff(np.interp(edges, self._ascending, self.volume))
-        laid[[0, -1]] *= 2  # these stand for half a length
+        laid[[0, -1]] *= 2  # the shares of the first and the last station are half as long
         return self._spread(np.maximum(laid / ds, 0.0))
 
     def _spread(self, area: Floats) -> Floats:
@@ -223,17 +224,17 @@ class BeadTrace:
 
     @cached_property
     def strand(self) -> Section:
-        """The sections at the stations as those of a long bead."""
+        """The sections at the stations of a bead that is long everywhere."""
         return self._sections(self.area, self.nozzle_height)
 
     @cached_property
     def end_length(self) -> Floats:
-        """Length of bead whose volume is that of its round end at the stations, half of a round drop, (r,) [mm]."""
+        """Length of bead with the volume of a round end at the stations, half of a round drop, (r,) [mm]."""
         return np.divide(self.strand.half_body(), self.area, out=np.zeros_like(self.area), where=self.area > 0)
 
     @cached_property
     def drops(self) -> NDArray[np.intp]:
-        """Those of `wet_stretches` that are shorter than their two round ends: each is one round drop, (k, 2)."""
+        """The wet stretches shorter than their two round ends, each of which is one round drop, (k, 2)."""
         short = []
         for first, after in self.wet_stretches.tolist():
             place = self.ds * (np.arange(after - first) + 0.5)
@@ -246,7 +247,7 @@ class BeadTrace:
 
     @cached_property
     def section(self) -> Section:
-        """The sections at the stations; those of a drop are its own, through its middle."""
+        """The sections at the stations; along a drop, the section through its middle."""
         if not len(self.drops):
             return self.strand
         area = self.area.copy()

@@ -215,8 +215,10 @@ class Source:
         bounds = {name: self.settings.between(name) for name in SPIRAL}
         if all(low == high for low, high in bounds.values()):
             return {**{name: low for name, (low, _) in bounds.items()}, "turns": int(bounds["turns"][0])}
-        diameter, thickness, speed = (float(random.uniform(*self.settings.between(name))) for name in SPIRAL[:3])
-        fewest, most = self.settings.between("turns")
+        diameter = float(random.uniform(*bounds["diameter"]))
+        thickness = float(random.uniform(*bounds["thickness"]))
+        speed = float(random.uniform(*bounds["speed"]))
+        fewest, most = bounds["turns"]
         turns = int(random.integers(int(fewest), int(most) + 1))
         return {"diameter": diameter, "thickness": thickness, "speed": speed, "turns": turns}
 
@@ -242,10 +244,10 @@ class Source:
                 f"machine {self.machine.name} turns its work, but spirals need a work that does not turn: "
                 "give a job or another machine"
             )
-        diameter, thickness, speed, turns = (self.settings.between(name) for name in SPIRAL)
-        for distance in thickness:
-            middle = {name: 0.5 * (low + high) for name, (low, high) in self.task.items()}
-            plan = self._spiral(diameter[1], distance, speed[1], int(turns[1]), **middle)
+        largest = {name: self.settings.between(name)[1] for name in SPIRAL}
+        middle = {name: 0.5 * (low + high) for name, (low, high) in self.task.items()}
+        for thickness in self.settings.between("thickness"):
+            plan = self._spiral(largest["diameter"], thickness, largest["speed"], int(largest["turns"]), **middle)
             self._simulation(self.machine, plan)
 
     @cached_property
@@ -253,10 +255,12 @@ class Source:
         """Largest number of servo ticks of an episode, but for spirals chosen at its reset."""
         if self._fixed is not None:
             return self._fixed.setpoints.most_ticks
-        diameter, thickness, speed, turns = (self.settings.between(name) for name in SPIRAL)
+        settings = self.settings
         # n turns are pi n (diameter - n thickness) long, which more turns or a smaller thickness make longer
-        path = self._path(diameter[1], thickness[0], int(turns[1]))
-        slowest = PointToPoint(path.length, self.slowest * speed[0], self.settings.acceleration)
+        path = self._path(
+            settings.between("diameter")[1], settings.between("thickness")[0], int(settings.between("turns")[1])
+        )
+        slowest = PointToPoint(path.length, self.slowest * settings.between("speed")[0], settings.acceleration)
         return periods(slowest.duration, self.servo.period) + 1
 
     def _ticks(self) -> int | None:

@@ -77,6 +77,7 @@ class SB3VecEnv(VecEnv):
             }
             infos[k]["terminal_observation"] = last[k]
         for k in range(self.num_envs):
+            # stable-baselines3 bootstraps the value of a truncated episode, not of a terminated one
             infos[k]["TimeLimit.truncated"] = bool(truncated[k] and not terminated[k])
         self._returns[over] = 0.0
         self._lengths[over] = 0

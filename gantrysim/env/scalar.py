@@ -53,7 +53,7 @@ class PathEnv(gymnasium.Env[Observation, Observation], EzPickle, ABC):
     def __init__(self, *, render_mode: str | None = None, size: tuple[int, int] = (640, 480), **settings: Any) -> None:
         EzPickle.__init__(self, render_mode=render_mode, size=size, **settings)
         self.settings = self.settings_type.of(settings)
-        self._episodes = self.batch(self.settings, 1, 1, False)
+        self._episodes = self.batch(self.settings, 1, 1, False)  # no thread: an agent may run many environments
         self.observation_space = self._episodes.observation_space
         self.action_space = self._episodes.action_space
         self.render_mode = render_mode

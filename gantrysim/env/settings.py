@@ -93,7 +93,7 @@ class PathSettings(BaseModel):
     def _checked_bounds(cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Bounds:
         try:
             return handler(value)
-        except ValidationError:
+        except ValidationError:  # it would list the failure of each type of the union
             raise InputError(
                 f"{info.field_name} = {value!r}: must be one number, or the lowest and the highest"
             ) from None

@@ -17,7 +17,7 @@ from gantrysim.base.jit import jit
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.engine.recording import LogBook
 from gantrysim.engine.simulation import Simulation
-from gantrysim.env.episodes import SPIRAL, Plan
+from gantrysim.env.episodes import Plan
 from gantrysim.env.friction import ChangingFriction
 from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.machine.machine import Machine
@@ -109,9 +109,14 @@ class SpeedOverrideSource(ChangingFriction):
     def most_ticks(self) -> int:
         if self._fixed is not None:
             return self._room(self._fixed.setpoints.requested.length, self.program_speed({}))
-        diameter, thickness, speed, turns = (self.settings.between(name) for name in SPIRAL)
-        plan = self._spiral(diameter[1], thickness[0], speed[0], int(turns[1]))
-        return self._room(plan.setpoints.requested.length, speed[0])
+        slowest = self.settings.between("speed")[0]
+        plan = self._spiral(
+            diameter=self.settings.between("diameter")[1],
+            thickness=self.settings.between("thickness")[0],
+            speed=slowest,
+            turns=int(self.settings.between("turns")[1]),
+        )
+        return self._room(plan.setpoints.requested.length, slowest)
 
     def program_speed(self, drawn: Mapping[str, float]) -> float:
         """Return the program's speed in an episode with these values [mm/s]."""

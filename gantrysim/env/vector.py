@@ -120,10 +120,11 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
         stuck = self.autoreset_mode is not AutoresetMode.NEXT_STEP and resting.any()
         if len(self._randoms) < self.num_envs or stuck:
             raise ResetNeeded("not all environments run an episode: call reset")
-        outcome = self._episodes.advance(actions, ~resting)
+        outcome = self._episodes.advance(actions, ~resting)  # with NEXT_STEP, an ended episode waits for this step
         over = outcome.terminated | outcome.truncated
         self._over = over | resting  # until the next episodes have begun
         if self.autoreset_mode is AutoresetMode.SAME_STEP and over.any():
+            # the last observations and infos move aside for those of the next episodes
             final = self._episodes.observations()
             info = _masked(outcome.info, ~over)
             info |= {"final_obs": np.full(self.num_envs, None, object), "_final_obs": over}
@@ -233,6 +234,7 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
 
     def __setstate__(self, content: dict[str, Any]) -> None:
         super().__setstate__(content)
+        # a shallow copy shares the content: without copies of its own, the two would draw from one stream
         self._randoms = copy.deepcopy(content["randoms"])
         self._over = content["over"].copy()
         self._spec = content["spec"]

@@ -23,7 +23,7 @@ _ROUNDING = 1e-9  # by which moments of inertia keep from the limits of a body, 
 
 
 def fitted_machine(identification: Identification) -> Machine:
-    """Return the machine with the identified values in its MJCF; what is not identified stays as it was.
+    """Return the machine with the identified values in its MJCF; all other values stay.
 
     Friction goes to motor and joint, inertia to the load's body and the motor's armature, the mode to the spring's
     joint. Torques are those of the log: a motor constant other than the nominal is part of all values. Delay, offset

@@ -84,7 +84,7 @@ class Identification:
 
     @cached_property
     def judgements(self) -> tuple[Judgement, ...]:
-        """What the checks leave of each fit.
+        """The fits after their checks.
 
         Raises:
             InputError: a log whose torque has not made its motion.
@@ -127,7 +127,7 @@ class Identification:
 
     @property
     def notes(self) -> list[str]:
-        """What the log does not show of each axis, and whether the model's structure holds."""
+        """Remarks on each axis: values that the log does not show, and whether the model's structure holds."""
         notes = []
         for fit, judgement in zip(self.fits, self.judgements, strict=True):
             notes += self._unseen(fit)
@@ -137,7 +137,7 @@ class Identification:
 
     @property
     def accepted(self) -> tuple[AxisFit, ...]:
-        """The fits with the identified values alone; the others are those of the MJCF."""
+        """The fits with the identified values; all other values are the MJCF's."""
         return tuple(self._accepted(fit, judged) for fit, judged in zip(self.fits, self.judgements, strict=True))
 
     def _accepted(self, fit: AxisFit, judgement: Judgement) -> AxisFit:

@@ -114,7 +114,7 @@ def _parsed(rows: Sequence[Sequence[str]], machine: Machine, columns: Mapping[st
     if "time" not in heads:
         raise InputError(f"has no column time; it has: {', '.join(rows[0])}")
     time = _column(rows, *heads["time"]) * _factor(heads["time"][1], "time", _TIMES, "time")
-    period = even_period(time)
+    period = even_period(time)  # from all stamps: a single difference may be rounded
     axes = [axis for axis in machine.axes if f"{axis.name} position" in heads]
     logged = [axis for axis in axes if f"{axis.name} {DEMAND}" in heads or f"{axis.name} {TORQUE}" in heads]
     if not logged:
@@ -123,7 +123,7 @@ def _parsed(rows: Sequence[Sequence[str]], machine: Machine, columns: Mapping[st
             f"has no axis with position and torque; it must have columns such as {first} position [mm] and "
             f"{first} torque [N·m], and has: {', '.join(rows[0])}"
         )
-    held = all(f"{axis.name} {DEMAND}" in heads for axis in logged)
+    held = all(f"{axis.name} {DEMAND}" in heads for axis in logged)  # a demand is known between its samples too
     kind = DEMAND if held else TORQUE
     if missing := [axis.name for axis in logged if f"{axis.name} {kind}" not in heads]:
         raise InputError(f"has the torque of some axes and the demand of others: {missing[0]} has no {kind}")

@@ -73,7 +73,7 @@ class AxisModel:
 
     @property
     def reduced(self) -> float:
-        """Jm Jl / (Jm + Jl), what swings in the mode [N·m·s²/u]."""
+        """Jm Jl / (Jm + Jl), the reduced inertia of the mode [N·m·s²/u]."""
         return self.inertia * self.share * (1 - self.share)
 
     @property
@@ -121,7 +121,7 @@ class AxisModel:
 
 
 def model_of(machine: Machine, axis: int) -> AxisModel:
-    """Return the model of an axis of a machine; its mode is the one that shows most in the motor's position.
+    """Return the model of an axis of a machine, with the mode that shows most in the motor's position.
 
     In modal form the motor's position per torque is 1/(J s²) + sum of r_i / (s² + w_i²), whose first term and one of
     the sum are two masses with Jl / Jm = J r_i.

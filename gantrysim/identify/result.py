@@ -1,4 +1,4 @@
-"""What the fit of an axis gives."""
+"""Results of the fit of an axis."""
 
 from __future__ import annotations
 
@@ -131,5 +131,5 @@ class AxisFit:
 
     @property
     def holds(self) -> bool:
-        """Whether the residual is as good as white: the model, maybe with a backlash, is that of the axis."""
+        """Whether the residual is practically white: the structure of the model, maybe with a backlash, is right."""
         return float(np.abs(correlation(self.residual)).max()) <= WHITE

@@ -64,7 +64,7 @@ def sampled(A: Floats, B: Floats, time: float) -> tuple[Floats, Floats]:
     norm = 0.0
     for i in range(n):
         norm = max(norm, np.abs(joint[i]).sum())
-    while norm > 0.5:
+    while norm > 0.5:  # scaling and squaring: the series converges fast only for small matrices
         norm *= 0.5
         halvings += 1
     joint *= 0.5**halvings

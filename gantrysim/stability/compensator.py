@@ -44,7 +44,7 @@ class Compensator:
         return cls(np.eye(n, k=-1), np.eye(n)[0], np.asarray(taps[1:], float), float(taps[0]))
 
     def beside(self, other: Compensator) -> Compensator:
-        """Return the sum of two laws of the same error."""
+        """Return the sum of two laws that act on one error."""
         A = self._apart(other)
         return Compensator(A, np.append(self.B, other.B), np.append(self.C, other.C), self.D + other.D)
 
@@ -67,7 +67,7 @@ class Compensator:
     def then(self, filter: tuple[float, float, float, float, float]) -> Compensator:
         """Return this law followed by (b0 + b1/z + b2/z^2) / (1 + a1/z + a2/z^2), given b0, b1, b2, a1, a2."""
         b0, b1, b2, a1, a2 = filter
-        if not (b1 or b2 or a1 or a2):
+        if not (b1 or b2 or a1 or a2):  # a mere factor adds no states
             return Compensator(self.A, self.B, b0 * self.C, b0 * self.D)
         n = len(self.A)
         # the filter in observer form, its direct part b0 taken out

@@ -68,6 +68,7 @@ class Case:
         """Return a case; overrides by full dotted key, as in {"program.loop_period": 0.01}, None for the default."""
         job.check_code()
         content = job.model_dump(exclude_none=True)
+        # a value that the job has already changes nothing: left out, so that equal cases have one key
         changes = {key: value for key, value in (overrides or {}).items() if not _has(content, key, value)}
         changed = tuple(sorted((key, json.dumps(value)) for key, value in changes.items()))
         return cls(job.toml(), changed, mode, perturbation, tuple(tags.items()))
@@ -75,6 +76,7 @@ class Case:
     @property
     def key(self) -> str:
         """Identity of the case without its tags: a SHA-256 in hexadecimal."""
+        # the version too: another one computes other numbers
         content = (version("gantrysim"), self.content, self.overrides, self.mode, repr(self.perturbation))
         return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 

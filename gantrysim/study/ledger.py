@@ -97,7 +97,7 @@ class Ledger:
             return
         try:
             self._stream.write(json.dumps(content, allow_nan=False).encode() + b"\n")
-            self._stream.flush()
+            self._stream.flush()  # a killed process then loses no finished row
         except OSError as error:  # of a stream, which has no name
             raise InputError(f"{self._file}: cannot be written: {error.strerror}") from None
 

@@ -133,7 +133,7 @@ def run_study(
         except (NoValuesError, ReplacedError):
             ledger.remove()
             raise
-        except KeyboardInterrupt:
+        except KeyboardInterrupt:  # the ledger stays, and the same call resumes
             raise StudyInterrupted(len(ledger)) from None
         if failed is None:
             ledger.remove()

@@ -136,6 +136,7 @@ class Study(ABC):
 
         The module is imported on this call, so that running a study depends on no plotting.
         """
+        # a study derived in a test or a user's module has its base's report
         packages = (kind.__module__.rpartition(".")[0] for kind in type(self).__mro__)
         module = next(f"{package}.report" for package in packages if package and find_spec(f"{package}.report"))
         return import_module(module).report(self, rows)

@@ -74,9 +74,9 @@ class Candidate:
         """Return rank and amount from the results so far; `ripple` is the largest allowed, a share of peak torque."""
         faults = [result.fault for result in self.results.values() if result.fault is not None]
         if faults:
-            return 4, -min(faults)
+            return 4, -min(faults)  # a later fault is nearer to none: the search has a slope to follow
         if self.excess > 0:
-            return 3 if self.results else 5, self.excess
+            return 3 if self.results else 5, self.excess  # only the start is run without the margin
         if self.ripple > ripple:
             return 2, math.log(self.ripple / ripple)
         return 1, self.metric

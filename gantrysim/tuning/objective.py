@@ -29,9 +29,12 @@ from gantrysim.study.cases import OK, Case, Row, Value, judged
 from gantrysim.tuning.candidates import TrialResult
 
 METRICS = {
-    f"{link}_{statistic}": f"{word} {link} error"
-    for link in ("contour", "tracking")
-    for statistic, word in (("rms", "rms"), ("p95", "95 %"), ("max", "largest"))
+    "contour_rms": "rms contour error",
+    "contour_p95": "95 % contour error",
+    "contour_max": "largest contour error",
+    "tracking_rms": "rms tracking error",
+    "tracking_p95": "95 % tracking error",
+    "tracking_max": "largest tracking error",
 }
 RIPPLE = "torque_ripple_percent"
 
@@ -128,7 +131,8 @@ def _servo(case: Case) -> Servo:
     job = _base(case)
     changes = case.settings
     allowed = {f"servo.{name}" for name in GAIN_NAMES}
-    if other := sorted(set(changes) - allowed):
+    other = sorted(set(changes) - allowed)
+    if other:
         raise GantryError(f"a case that changes {other[0]}: only {', '.join(sorted(allowed))} may differ")
     settings = ServoSettings(**{**dict(job.servo), **{key.removeprefix("servo."): changes[key] for key in changes}})
     return Servo.derive(job.built_machine.axes, **dict(settings))
@@ -138,9 +142,10 @@ def _row(run: Run, case: Case, metric: str) -> Row:
     row = judged(lambda: run, lambda run: _values(run, _base(case), metric))
     time: Row = {} if run.fault is None else {_FAULT_TIME: run.fault.time}
     servo = _servo(case)
-    gains: Row = {
-        f"{name}_{axis}": gain for name in GAIN_NAMES for axis, gain in zip(run.axes, getattr(servo, name), strict=True)
-    }
+    gains: Row = {}
+    for name in GAIN_NAMES:
+        for axis, gain in zip(run.axes, getattr(servo, name), strict=True):
+            gains[f"{name}_{axis}"] = gain
     return {**row, **time, **gains}
 
 
@@ -149,8 +154,9 @@ def _values(run: Run, job: Job, metric: str) -> Row:
     sizes = {"contour": analysis.nozzle.distance}
     if metric.startswith("tracking"):
         sizes["tracking"] = Budget(analysis).parts["tracking"].size
-    row: Row = {
-        column(f"{link}_{name}"): _UM * of(size) for link, size in sizes.items() for name, of in _STATISTICS.items()
-    }
+    row: Row = {}
+    for link, size in sizes.items():
+        for name, statistic in _STATISTICS.items():
+            row[column(f"{link}_{name}")] = _UM * statistic(size)
     peak = np.array([axis.peak_torque for axis in job.built_machine.axes])  # of the nominal motor, as the drive has it
     return {**row, RIPPLE: 100 * float((torque_ripple(run) / peak).max())}

@@ -1,4 +1,4 @@
-"""What the report of a tuning shows: a headline, tables, notes and plots, of the start and the tuned servo."""
+"""The report of a tuning: headline, tables, notes and plots of the start and the tuned servo."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def tables(study: TuningStudy, rows: list[Row]) -> list[Table]:
 
 
 def notes(study: TuningStudy, rows: list[Row]) -> list[str]:
-    """Return what limits the gains, what is left of the error, and how the search went."""
+    """Return notes on the limit of the gains, the remaining error, and the course of the search."""
     history = study.history(rows)
     best = history.best
     limits = {

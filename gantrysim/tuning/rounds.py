@@ -1,4 +1,4 @@
-"""The points of every round of a search: first ones around the start, then those of one trust region after another."""
+"""The points of every round of a search: first around the start, then from one trust region after another."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _HOPELESS = 0.2
 def rounds(
     begin: Floats, bounds: Floats, natural: Floats, limits: SearchLimits, *, known: bool
 ) -> Generator[list[Floats], Sequence[Candidate], None]:
-    """Yield the points of a round, and receive all candidates considered so far, those of the round last.
+    """Yield the points of a round, and receive all candidates considered so far, the round's last.
 
     The first coordinates are rho, as in `gantrysim.tuning.search`, the others the shape.
 

@@ -49,7 +49,7 @@ _ROUNDED = 1e-3  # relative difference of gains that counts as none
 
 @dataclass(frozen=True)
 class History:
-    """What a search did.
+    """Course and result of a search.
 
     Attributes:
         candidates: that were run, in order; the start is the first.
@@ -221,7 +221,7 @@ def _better(candidate: Candidate, leader: Candidate, ripple: float, share: float
 
 
 def _alike(servo: Servo, other: Servo) -> bool:
-    """Return whether servos have the same gains, but for rounding."""
+    """Return whether servos have equal gains, but for rounding."""
     return all(np.allclose(getattr(servo, name), getattr(other, name), _ROUNDED) for name in GAIN_NAMES)
 
 

@@ -16,7 +16,7 @@ UNITS = {parameter.name: parameter.unit for parameter in DERIVED}  # u is the ax
 
 
 def unit_of(name: str, units: Sequence[str]) -> str:
-    """Return the unit of a value of the servo, given those of the axes; "u" stands for them where they differ."""
+    """Return the unit of a value of the servo; "u" stands for the unit of the axis where these differ."""
     return UNITS[name].replace("u", units[0]) if len(set(units)) == 1 else UNITS[name]
 
 

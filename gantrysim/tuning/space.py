@@ -147,7 +147,8 @@ class SearchSpace:
 
     def _bounds_of(self, shape: Floats) -> Floats:
         names = np.repeat(self.coordinates[1:], self.groups)
-        low, high = (math.asinh(share * math.sinh(_BEND)) / _BEND for share in _SHARES)
+        low = math.asinh(_SHARES[0] * math.sinh(_BEND)) / _BEND
+        high = math.asinh(_SHARES[1] * math.sinh(_BEND)) / _BEND
         linear = np.isin(names, ("v", "a"))
         return np.stack(
             [np.where(linear, low, np.minimum(shape, 0) - _ROOM), np.where(linear, high, np.maximum(shape, 0) + _ROOM)],
@@ -173,14 +174,17 @@ class SearchSpace:
 
     def _numbers(self, servo: Servo) -> dict[str, Floats]:
         """Return the numbers of a servo, (axes,); not finite or not above zero where it has none."""
-        names = (*SEARCHED, "output_velocity")
-        kp, ki, kd, velocity, acceleration, output = (np.array(getattr(servo, name)) for name in names)
+        kp = np.array(servo.kp)
+        output_velocity = np.array(servo.output_velocity)
+        # damping by the measured velocity is damping by the error and a velocity feed-forward, see the module
+        kd = np.array(servo.kd) - output_velocity
+        velocity_ff = np.array(servo.velocity_ff) + output_velocity
         with np.errstate(divide="ignore", invalid="ignore"):
             w = np.sqrt(kp / self._inertia)
             return {
                 "w": w,
-                "zeta": (kd - output) / (2 * self._inertia * w),
-                "n": kp * w / ki,
-                "v": (velocity + output) / self._viscous,
-                "a": acceleration / self._inertia,
+                "zeta": kd / (2 * self._inertia * w),
+                "n": kp * w / np.array(servo.ki),
+                "v": velocity_ff / self._viscous,
+                "a": np.array(servo.acceleration_ff) / self._inertia,
             }

@@ -104,17 +104,16 @@ class TuningStudy(Study):
         sensitivity_bound(self.margin)
         if (self.robust or self.unseen) and not any(asdict(self.spread).values()):
             raise InputError("spread: must be above 0 for at least one factor, or robust and unseen be 0")
-        if self.budget < (least := 2 * (self.robust + 1)):
+        least = 2 * (self.robust + 1)
+        if self.budget < least:
             raise InputError(f"budget = {self.budget}: must be at least {least}, start and one candidate per machine")
 
     @property
     def title(self) -> str:
-        """Title of the report."""
         return f"Tuning of {self.job.name}"
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The settings of the search."""
         named = ("metric", "budget", "robust", "guards", "batch", "margin", "ripple", "per_axis", "unseen", "seed")
         settings = {"law": self.space.name, **{name: getattr(self, name) for name in named}}
         if self.held:
@@ -136,7 +135,6 @@ class TuningStudy(Study):
 
     @property
     def measure_together(self) -> MeasureTogether:
-        """Measures several cases at once."""
         return partial(measure_together, metric=self.metric)
 
     @cached_property
@@ -147,6 +145,7 @@ class TuningStudy(Study):
     @cached_property
     def unseen_perturbations(self) -> list[Perturbation]:
         """Perturbations of the machines of the final check."""
+        # with another seed: machines of the search would flatter the gains that were fitted to them
         return self._drawn(self.unseen, self.seed + 1)
 
     def _perturbed(self, perturbations: Sequence[Perturbation | None]) -> list[Machine]:
@@ -163,7 +162,8 @@ class TuningStudy(Study):
 
     @cached_property
     def guarded(self) -> list[Machine]:
-        """The machines on which the margin is kept: those of the search, then the guards."""
+        """The machines on which the margin is kept: the search's, then the guards."""
+        # margins cost no runs, so they are kept on many more machines than are simulated
         guards = self._drawn(self.guards if self.robust else 0, self.seed + 2)
         return [*self.machines, *self._perturbed(guards)]
 
@@ -196,12 +196,12 @@ class TuningStudy(Study):
         return SearchSpace(law, axes, derived, start, self.per_axis, self.held)
 
     def rounds(self) -> Rounds:
-        """Yield the runs of the search, then those of the final check.
+        """Yield the runs of the search, then of the final check.
 
         Raises:
             InputError: a machine whose margins cannot be computed, or one that refuses the job.
         """
-        for machine in self.machines:
+        for machine in self.machines:  # one that cannot reach the setpoints is refused before hours of runs
             axis_positions(machine, self.job.setpoints)
         history = yield from self._search_rounds()
         if self.unseen:
@@ -248,6 +248,7 @@ class TuningStudy(Study):
         return self._histories[-1][1]
 
     def _replay(self, rows: list[Row]) -> History:
+        # the search depends on seed and rows alone: what the ledger holds is enough to repeat it without a run
         remaining = iter(rows)
         return self.history_of(lambda cases: [next(remaining) for _ in cases])
 

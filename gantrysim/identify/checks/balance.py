@@ -39,13 +39,13 @@ _MEMORY = 8  # correlation of what the low-pass leaves [widths]
 
 
 class Balance(NamedTuple):
-    """What the balance gives.
+    """Result of the balance.
 
     Attributes:
         change: estimates of `NAMES` less those of the fit, (4,).
         deviation: their standard deviations, (4,).
         curved: changes of viscous and Coulomb friction where friction may grow with the square of the speed too, beyond
-            what `SIGNIFICANT` deviations explain, (2,).
+            `SIGNIFICANT` deviations, (2,).
         parts: by partition, the largest mean friction that remains in a part, less two standard deviations [N·m].
     """
 
@@ -132,7 +132,7 @@ def torque_balance(fit: AxisFit, period: float) -> Balance | None:
 
 
 def _regression(A: Floats, torque: Floats, memory: int) -> tuple[Floats, Floats, Floats]:
-    """Return the coefficients of the columns in a torque, their standard deviations, and what remains."""
+    """Return the coefficients of the columns in a torque, their standard deviations, and the remaining torque."""
     size = np.abs(A).max(axis=0)
     A = A / size
     coefficients = np.linalg.lstsq(A, torque, rcond=None)[0]

@@ -1,4 +1,4 @@
-"""Check of the log: encoder and torque must move enough to tell inertia, friction and delay apart."""
+"""Check of the log: encoder and torque must move enough to separate inertia, friction and delay."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ def check_excitation(axis: Axis, position: Floats, torque: Floats) -> None:
             f"{cure}"
         )
     steps = np.abs(np.diff(position))
-    slow, fast = np.quantile(steps[steps > axis.resolution], (0.1, 0.95)) if (steps > axis.resolution).any() else (1, 1)
+    moving = steps[steps > axis.resolution]
+    slow, fast = np.quantile(moving, (0.1, 0.95)) if moving.size else (1, 1)
     if fast < SPEEDS * slow:
         raise InputError(
             f"axis {axis.name}: its fast moves are {fast / slow:.2g} times as fast as its slow ones: must be at least "

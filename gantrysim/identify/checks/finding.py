@@ -1,4 +1,4 @@
-"""What a check of a fit returns."""
+"""Results of a check of a fit."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Finding(NamedTuple):
 
 
 class Doubt(NamedTuple):
-    """What a check adds to the uncertainty of a fit.
+    """Uncertainty that a check adds to a fit.
 
     Attributes:
         deviations: standard deviation by parameter, to be added in squares [unit of the parameter].

@@ -1,4 +1,4 @@
-"""The checks of a fit, and what they leave of it."""
+"""The checks of a fit, and the estimates after them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _STATIC = 0.05  # of the static friction, of the Coulomb friction: encoder count
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """What the checks leave of the fit of an axis.
+    """The fit of an axis after its checks.
 
     Attributes:
         estimates: with deviations that hold the disagreements which the checks found.
@@ -56,7 +56,7 @@ def _verb(finding: Finding) -> str:
 
 
 def judged(fit: AxisFit, period: float) -> Judgement:
-    """Return what the checks leave of a fit.
+    """Return the estimates of a fit after its checks, and the failed checks.
 
     Args:
         fit: of an axis.

@@ -13,7 +13,7 @@ _SMOOTH = 0.004  # standard deviation of the filter of speed and torque that sor
 
 
 def partitions(fit: AxisFit, period: float) -> dict[str, list[NDArray[np.bool_]]]:
-    """Return masks over all samples, (n,) each, by what the parts differ in; those at rest are in none."""
+    """Return masks over all samples, (n,) each, by the quantity in which parts differ; samples at rest are in none."""
     width = max(_SMOOTH / period, 1.0)
     speed = gaussian_filter1d(np.gradient(fit.position, period), width)
     torque = np.abs(gaussian_filter1d(fit.torque, width))

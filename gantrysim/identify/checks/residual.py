@@ -21,7 +21,7 @@ NOISE = 0.15  # largest fitted torque noise, of the torque's own deviation
 
 
 def check_residual(fit: AxisFit) -> Doubt:
-    """Return whether the residual's size and correlation are those of noise.
+    """Return whether the residual looks like noise, by size and correlation.
 
     Raises:
         InputError: the log's torque has not made the log's motion.

@@ -1,4 +1,4 @@
-"""Check: the log without one of its parts must give the same parameters as the whole.
+"""Check: the parameters must not depend on any one part of the log.
 
 A model with the structure of the axis has one set of parameters for early and late, slow and fast, both directions,
 every place of the travel and every torque. Where the estimate moves by more than its own scatter once a part is left
@@ -22,7 +22,7 @@ from gantrysim.identify.whiteness import covariance_of
 CHECK = "parts of the log"
 LARGEST = 0.1  # change of a value from which it is not identified, of the value
 SIGNIFICANT = 3.0  # standard deviations from which a change counts
-_NOT_TOLD = ("offset", "excess")  # about zero on most machines; part of the static friction
+_NOT_REPORTED = ("offset", "excess")  # about zero on most machines; part of the static friction
 _FEWEST = 200  # samples of a part, and of what remains
 
 
@@ -35,7 +35,7 @@ def check_segments(fit: AxisFit, period: float) -> Doubt:
         value = abs(float(getattr(fit.model, name)))
         if name == "delay":
             value = max(value, period)  # of a delay of zero, every change is large
-        if change > LARGEST * value and name not in _NOT_TOLD:
+        if change > LARGEST * value and name not in _NOT_REPORTED:
             share = f"{100 * change / value:.0f} %" if value else "all of its value"
             reason = (
                 f"{name} changes by {share} with a part of the log ({partition}) left out: must be within "

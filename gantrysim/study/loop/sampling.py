@@ -74,7 +74,8 @@ def sample_and_hold(
         speed: V [mm/s].
         radius: of curvature at times evenly apart, rho, (m,) [mm].
     """
-    along = normal = 0.0
+    along = 0.0
+    normal = 0.0
     radii = np.atleast_1d(np.asarray(radius, float)).tolist()
     for rho in radii:
         first = circle_response(servo, plane[0], axes[plane[0]], speed / rho)
