@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from gantrysim.base.errors import InputError, at_least, positive
+from gantrysim.job.circles import circle_program
 from gantrysim.job.job import Job
 from gantrysim.metrics import SPIKE_REACH, Reversal, Trace
 from gantrysim.record.run import Run
@@ -39,8 +40,8 @@ _ACCELERATION = 3000.0  # along the path, at start and end [mm/s²]
 class CircleStudy(Study):
     """A circle run in both directions, evaluated as an instrument for circular tests does.
 
-    softMC's CIRCLE runs the circle about the axes' zero, with a lead before and after the one full circle at constant
-    speed that is evaluated.
+    The circle lies about the axes' zero, with a lead before and after the one full circle at constant speed that is
+    evaluated.
 
     Args:
         machine: a built-in machine or an MJCF file, with axes x and y.
@@ -102,20 +103,15 @@ class CircleStudy(Study):
         """Angle after a reversal within which its spike is searched: the angle of its decay, within bounds [deg]."""
         return min(max(SPIKE_REACH, self.decay), _LARGEST_REACH)
 
-    def _program(self, sense: float) -> str:
+    def _program(self, sense: float) -> dict[str, Any]:
         angle = sense * (360 + 2 * self.lead)
-        return f"Circle G1 Angle={angle:.10g} CircleCenter={{0, 0}}"
+        return circle_program(self.radius, self.speed, _ACCELERATION, angle)
 
     def _job(self) -> Job:
         """Return the job that runs the circle counter-clockwise."""
         content = {
             "name": "circle",
-            "program": {
-                "controller": "softmc.Program",
-                "program": self._program(1.0),
-                "start": [self.radius, 0.0],
-                "group": {"velocity": self.speed, "acceleration": _ACCELERATION},
-            },
+            "program": self._program(1.0),
             "servo": {"integral_time": 0.03},
         }
         job = Job.of_content(content, f"circle of radius {self.radius:g} mm at {self.speed:g} mm/s")
@@ -136,7 +132,7 @@ class CircleStudy(Study):
     def rounds(self) -> Rounds:
         """Yield both directions."""
         yield [
-            Case.of(self.job, {"program.program": self._program(sense)}, direction=name)
+            Case.of(self.job, {"program.program": self._program(sense)["program"]}, direction=name)
             for name, sense in SENSES.items()
         ]
 
