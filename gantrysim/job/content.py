@@ -45,19 +45,22 @@ class JobContent(BaseModel):
     _refusal: str = PrivateAttr("")  # why code that the job names may not run; empty where it may
 
     @classmethod
-    def of_content(cls, content: dict[str, Any], label: str, refusal: str = "") -> Self:
+    def of_content(cls, content: dict[str, Any], label: str, refusal: str = "", *, is_record: bool = False) -> Self:
         """Return the job with the values of a file.
 
         Args:
             content: of the file.
             label: of the job in messages.
             refusal: why code that the file names may not run; empty where it may. A program whose controller is such
-                code is taken as it stands, unchecked, as in the job of a record.
+                code is taken as it stands, unchecked.
+            is_record: whether the job has run. The code of its controller then does not run here, allowed or not: a
+                record is read wherever it lies.
 
         Raises:
             InputError: an invalid key or value.
         """
-        job = validated(cls, content, label, lambda: _keys(content, allow_code=not refusal), {_ALLOW_CODE: not refusal})
+        allow_code = not refusal and not is_record
+        job = validated(cls, content, label, lambda: _keys(content, allow_code=allow_code), {_ALLOW_CODE: allow_code})
         job._refusal = refusal
         return job
 

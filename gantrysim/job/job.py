@@ -101,7 +101,7 @@ class Job(JobContent):
     def of_record(cls, file: Path) -> Job:
         """Return the job of a saved run, which need not run again: its own code is refused only where it would run."""
         read = read_with_overrides(Request(str(file)))
-        return cls.of_content(read.content, read.label, read.refusal)
+        return cls.of_content(read.content, read.label, read.refusal, is_record=True)
 
     def at_speed(self, speed: float) -> Job:
         """Return the job with its program at another speed.

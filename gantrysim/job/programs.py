@@ -76,7 +76,7 @@ def _build_users(name: str, program: type[Controller], values: Mapping[str, Any]
         controller: Controller = constructor(**values)
     except (GantryError, ValidationError):
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InputError(f"controller {name!r}: its constructor raised {text_of(error)}") from None
     check_arguments(name, controller.arguments())
     return controller

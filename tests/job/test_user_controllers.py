@@ -137,6 +137,26 @@ def test_a_record_loads_in_a_fresh_process_without_the_code(folder):
     assert SavedRun.load(run).run.requested.length == pytest.approx(68.0)
 
 
+def test_a_record_in_the_present_folder_loads_without_the_code_and_runs_with_it(folder, forget_code, monkeypatch):
+    job = job_of(folder)
+    run = saved(folder / "run", job)
+    monkeypatch.chdir(run)
+    forget_code()
+    (folder / "mine.py").write_text("raise SystemExit('code has run')")
+    job_again = SavedRun.load(".").job
+    assert job_again.program == job.program
+    with pytest.raises(InputError, match="code has run"):
+        job_again.run()
+    (folder / "mine.py").write_text(SOURCE)
+    np.testing.assert_array_equal(job_again.run().encoder, job.run().encoder)
+
+
+def test_what_a_method_raises_reaches_the_caller(folder):
+    (folder / "mine.py").write_text(SOURCE.replace("        corners = [(0.0, 0.0)]", "        corners = [1 / 0]"))
+    with pytest.raises(ZeroDivisionError):
+        job_of(folder).plan()
+
+
 def test_records_side_by_side_are_labelled_without_the_code(folder, forget_code):
     runs = [saved(folder / name, job_of(folder, overrides=[f"pitch={name}"])) for name in ("4", "6")]
     forget_code()
@@ -204,6 +224,7 @@ def test_a_file_that_has_changed_is_read_anew_even_within_the_second_and_at_the_
         ("Plain", "must be a frozen dataclass, @dataclass(frozen=True)"),
         ("Reserved", "has a field controller, which is a key of every program"),
         ("Raising", "its constructor raised KeyError: 'no such turn'"),
+        ("Exiting", "its constructor raised SystemExit: 0"),
         ("Arrays", "its fields cannot be keys of a job file"),
         ("Undefined", "its fields have a type that is none: NameError: name 'Nowhere' is not defined"),
         ("Complex", "pole cannot stand in a job file"),

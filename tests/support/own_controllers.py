@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -144,6 +145,12 @@ class Reserved(Lines):
 class Raising(Lines):
     def __post_init__(self) -> None:
         raise KeyError("no such turn")
+
+
+@dataclass(frozen=True)
+class Exiting(Lines):
+    def __post_init__(self) -> None:
+        sys.exit(0)
 
 
 @dataclass(frozen=True)
