@@ -38,7 +38,7 @@ class Drive(Table):
     current: Positive | None = key("peak current of the drive, by default the motor's [A]", None)
     current_loop: Positive = key("bandwidth of the current loop, which hides a slower winding [Hz]", 1000.0)
     mode: Mode | None = key(
-        "what the servo sends to the drive: torque, velocity or position; by default torque, of a closed-loop stepper "
+        "command mode of the drive: torque, velocity or position; by default torque, of a closed-loop stepper "
         "position, of a stepper its steps",
         None,
     )

@@ -60,6 +60,7 @@ def _of_frame(
         return {}
     if all(axis in placing for axis in OF_FRAME[name]) and (name not in BENDING or has_ram):
         return {name: value}
+    # a class suits machines of other arrangements too, an error that a user states is meant for this one
     if geometry.given(name) or not placing:
         raise refusal(machine, name)
     return {}

@@ -41,6 +41,7 @@ class Levers(NamedTuple):
             for ancestor in _ancestors(model, body):
                 if ancestor in bodies:
                     carried[axes[bodies.index(ancestor)]].append(name)
+        # an axis moves the work where its body is the work's or carries it
         chain_of_work = [work, *_ancestors(model, work)]
         movers_of_work = [name for name, body in zip(axes, bodies, strict=True) if body in chain_of_work]
         guide_arm = [fact(model, GUIDE_ARM, actuator, 0.0) for actuator in range(len(axes))]

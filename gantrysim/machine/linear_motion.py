@@ -46,6 +46,7 @@ def linear_motion(
             name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, actuator)
             raise UnknownLoopError(f"actuator {name!r} has a delay in its MJCF: it cannot be linearised")
     model = smooth_model(model)
+    # stops and contacts act on one side only: at rest on one of them the slopes would be averages of two machines
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT | mujoco.mjtDisableBit.mjDSBL_CONTACT
     data = mujoco.MjData(model)
     nv = model.nv
@@ -63,6 +64,7 @@ def linear_motion(
         mujoco.mj_forward(model, data)
         return np.concatenate([data.qacc, data.act_dot[wound]])
 
+    # a column of A or B per state or demand
     small = _DIFFERENCE * np.eye(size + len(controls))
     with quiet(), np.errstate(all="ignore"):
         slopes = np.array([rates(step) - rates(-step) for step in small]).T / (2 * _DIFFERENCE)

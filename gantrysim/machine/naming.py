@@ -42,6 +42,7 @@ def _rename_axis(spec: mujoco.MjSpec, new: str, old: str) -> None:
         raise InputError(
             f'names.{new}: actuator {old!r} drives no joint, but {joint!r}: give it joint="...", a slide or hinge'
         )
+    # a path element of a tendon keeps the name that it was made with
     for tendon in spec.tendons:
         if any(getattr(wrap.target, "name", None) == joint for wrap in tendon.path):
             raise InputError(

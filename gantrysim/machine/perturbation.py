@@ -196,4 +196,5 @@ def _add_payload(model: mujoco.MjModel, payload: float, nozzle: int, work: int) 
         name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body)
         raise InputError(f"payload = {payload:g} kg: must leave the body {name!r} a mass, which is {mass:g} kg")
     model.body_mass[body] += payload
+    # gravcomp is a share of the weight: scaled, so that the compensating force does not follow the payload
     model.body_gravcomp[body] *= mass / (mass + payload)

@@ -19,9 +19,11 @@ from gantrysim.record.run import Run
 from gantrysim.servo.servo import Servo
 from gantrysim.stability.margins import margins_of
 
-INERTIA_RATIO = 10.0  # above which a finding says so
+# values beyond which a finding is reported
+INERTIA_RATIO = 10.0
 _COARSE = 10.0  # encoder count [µm or mdeg]
 _NEAR = 0.9  # share of the peak torque
+_LEAST_MARGIN = 1.99  # derived loops have a gain margin of 2 or more, but for rounding
 
 
 class Mode(NamedTuple):
@@ -98,7 +100,7 @@ class AxisSizing:
                 f"{name}: an encoder count is {1e3 * axis.resolution:.3g} {'µm' if axis.unit == 'mm' else 'mdeg'}: an "
                 "encoder with more counts, or more reduction"
             )
-        if self.gain_margin < 1.99:
+        if self.gain_margin < _LEAST_MARGIN:
             lines.append(
                 f"{name}: gain margin {self.gain_margin:.3g}, below 2: a shorter servo period or stiffer drive"
             )

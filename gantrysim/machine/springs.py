@@ -68,6 +68,7 @@ def axis_above(model: mujoco.MjModel, joint: int) -> int | None:
     while body:
         first = int(model.body_jntadr[body])
         count = int(model.body_jntnum[body])
+        # of the joints of one body, each carries those that follow it
         for other in reversed(range(first, first + count)):
             if other < below and other in driven:
                 return driven.index(other)

@@ -83,7 +83,8 @@ class Tolerances:
         axes = machine.axis_names
         names = ["payload_kg", *(f"{name}_{axis}" for name in FACTORS for axis in axes)]
         unit = dict(zip(names, random.random(len(names)), strict=True))
-        unit |= {name: unit[f"{name}_{axes[0]}"] for name in FACTORS}  # factors common to all axes
+        # a factor common to all axes, as of springs that no single axis carries, is the first axis'
+        unit |= {name: unit[f"{name}_{axes[0]}"] for name in FACTORS}
         columns = self.columns(machine)
         geometry = [name for name in columns if name not in unit]
         unit |= dict(zip(geometry, random.random(len(geometry)), strict=True))

@@ -206,23 +206,33 @@ class Delta(Kinematics):
         return float(np.linalg.norm(np.cross(n, d))), abs(arm - rod), arm + rod
 
     def _check_singular(self, position: Floats, u: Floats, angle: Floats) -> None:
+        """Raise UnreachableError near a position at which arms or platform lose a direction of motion.
+
+        With arm and rod in a line the arm would have to move infinitely fast; with the rods parallel or in one plane
+        the platform could move although the arms stand.
+        """
         centres = self._centres(angle)
         rods = u[:, None] - centres  # from elbow to platform, (n, 3, 3)
         unit = rods / self.rod[:, None]
         elbow = centres + self.joint - self.shoulder
-        flat = rods - _dot(rods, self.hinge)[..., None] * self.hinge
-        inner = elbow - _dot(elbow, self.hinge)[..., None] * self.hinge
-        sine = _dot(np.cross(inner, flat), self.hinge) / np.sqrt(_dot(inner, inner) * _dot(flat, flat))
-        straight = DEG * np.arcsin(np.minimum(np.abs(sine), 1.0))
+        # both projected to the plane in which the arm turns
+        rod_in_plane = rods - _dot(rods, self.hinge)[..., None] * self.hinge
+        arm_in_plane = elbow - _dot(elbow, self.hinge)[..., None] * self.hinge
+        squares = _dot(arm_in_plane, arm_in_plane) * _dot(rod_in_plane, rod_in_plane)
+        sine = _dot(np.cross(arm_in_plane, rod_in_plane), self.hinge) / np.sqrt(squares)
+        from_line = DEG * np.arcsin(np.minimum(np.abs(sine), 1.0))
         volume = self.sense * np.linalg.det(unit)
-        near = (straight < LEAST_ANGLE).any(axis=1) | (volume < LEAST_VOLUME)
+        near = (from_line < LEAST_ANGLE).any(axis=1) | (volume < LEAST_VOLUME)
         if near.any():
             row = int(near.argmax())
-            k = int(straight[row].argmin())
+            k = int(from_line[row].argmin())
             text = f"{self.described(position[row])}: near a singularity, "
-            least = straight[row, k]
-            if least < LEAST_ANGLE:
-                text += f"{self.names_of_arms[k]} and its rod are {least:.3g} deg from a line, at least {LEAST_ANGLE:g}"
+            angle_from_line = from_line[row, k]
+            if angle_from_line < LEAST_ANGLE:
+                text += (
+                    f"{self.names_of_arms[k]} and its rod are {angle_from_line:.3g} deg from a line, "
+                    f"at least {LEAST_ANGLE:g}"
+                )
             else:
                 text += (
                     f"the rods are almost parallel or in one plane, det = {volume[row]:.3g}, at least {LEAST_VOLUME:g}"
