@@ -94,6 +94,31 @@ class _Passes(NamedTuple):
     passed: NDArray[np.bool_]
 
 
+class _Piece(NamedTuple):
+    """A piece of the trace between two stations, in cells.
+
+    Attributes:
+        x, y: its begin.
+        dx, dy: from there to its end.
+        reach: half the width of the bead.
+        surface: height of the surface below its begin.
+        rise: of the surface along it.
+        slope: doubt of the surface's height per distance from it.
+        rows, columns: that it may touch, from the first to before the last.
+    """
+
+    x: float
+    y: float
+    dx: float
+    dy: float
+    reach: float
+    surface: float
+    rise: float
+    slope: float
+    rows: tuple[int, int]
+    columns: tuple[int, int]
+
+
 @jit
 def _refused(
     stations: tuple[Floats, Floats, Floats, Floats],
@@ -137,76 +162,91 @@ def _refused(
             continue
         if math.isinf(slope[k]):  # between two surfaces
             continue
-        dx = x[k + 1] - x[k]
-        dy = y[k + 1] - y[k]
-        square = dx * dx + dy * dy
         reach = max(half[k], half[k + 1])
-        rows = (max(math.ceil(min(y[k], y[k + 1]) - reach), 0), math.floor(max(y[k], y[k + 1]) + reach) + 1)
-        columns = (max(math.ceil(min(x[k], x[k + 1]) - reach), 0), math.floor(max(x[k], x[k + 1]) + reach) + 1)
-        for taking in (False, True):  # a layer takes an interval whole or not at all
-            for j in range(rows[0], min(rows[1], shape[0])):
-                for i in range(columns[0], min(columns[1], shape[1])):
-                    px = i - x[k]
-                    py = j - y[k]
-                    along = min(max((px * dx + py * dy) / square, 0.0), 1.0) if square > 0.0 else 0.5
-                    distance = math.hypot(px - along * dx, py - along * dy)
-                    if distance > reach:
-                        continue
-                    here = surface[k] + along * (surface[k + 1] - surface[k])
-                    bounds = (here - slope[k] * distance, here, here + slope[k] * distance)
-                    if taking:
-                        _take(passes, (j, i), k, bounds)
-                    else:
-                        refused[k] |= _conflicts(passes, (j, i), k, bounds, limit, crossing)
-            if refused[k]:
-                conflict = k
-                break
+        piece = _Piece(
+            x=x[k],
+            y=y[k],
+            dx=x[k + 1] - x[k],
+            dy=y[k + 1] - y[k],
+            reach=reach,
+            surface=surface[k],
+            rise=surface[k + 1] - surface[k],
+            slope=slope[k],
+            rows=(
+                max(math.ceil(min(y[k], y[k + 1]) - reach), 0),
+                min(math.floor(max(y[k], y[k + 1]) + reach) + 1, shape[0]),
+            ),
+            columns=(
+                max(math.ceil(min(x[k], x[k + 1]) - reach), 0),
+                min(math.floor(max(x[k], x[k + 1]) + reach) + 1, shape[1]),
+            ),
+        )
+        refused[k] = _conflicts(passes, piece, k, limit, crossing)
+        if refused[k]:
+            conflict = k
+        else:  # a layer takes an interval whole or not at all
+            _take(passes, piece, k)
     return refused
 
 
 @inner_jit
-def _conflicts(
-    passes: _Passes,
-    cell: tuple[int, int],
-    k: int,
-    bounds: tuple[float, float, float],
-    limit: float,
-    crossing: int,
-) -> bool:
-    """Return whether a cell refuses a pass.
+def _below(piece: _Piece, i: int, j: int) -> tuple[bool, float, float, float]:
+    """Return whether a piece passes over a cell, and the lowest, likely and highest surface below it there [cells]."""
+    px = i - piece.x
+    py = j - piece.y
+    square = piece.dx * piece.dx + piece.dy * piece.dy
+    along = min(max((px * piece.dx + py * piece.dy) / square, 0.0), 1.0) if square > 0.0 else 0.5
+    distance = math.hypot(px - along * piece.dx, py - along * piece.dy)
+    here = piece.surface + along * piece.rise
+    doubt = piece.slope * distance
+    return distance <= piece.reach, here - doubt, here, here + doubt
+
+
+@inner_jit
+def _conflicts(passes: _Passes, piece: _Piece, k: int, limit: float, crossing: int) -> bool:
+    """Return whether any cell refuses a piece.
 
     Args:
         passes: over the cells before.
-        cell: row and column.
-        k: interval of the pass.
-        bounds: lowest, likely and highest height of the surface below it in the cell [cells].
+        piece: of the trace.
+        k: its interval.
         limit: of the heights' difference [cells].
         crossing: intervals in which a pass crosses a cell.
     """
-    lowest, here, highest = bounds
-    stays = passes.last[cell] >= k - 1
+    low, high, begin, came, last, passed = passes
     conflict = False
-    if stays and k - passes.came[cell] > crossing:
-        conflict = abs(passes.begin[cell] - here) >= limit
-    if passes.last[cell] >= 0 and (passes.passed[cell] or not stays):
-        conflict |= max(passes.low[cell] - highest, lowest - passes.high[cell]) >= limit
+    for j in range(piece.rows[0], piece.rows[1]):
+        for i in range(piece.columns[0], piece.columns[1]):
+            over, lowest, here, highest = _below(piece, i, j)
+            if not over:
+                continue
+            stays = last[j, i] >= k - 1
+            if stays and k - came[j, i] > crossing:
+                conflict |= abs(begin[j, i] - here) >= limit
+            if last[j, i] >= 0 and (passed[j, i] or not stays):
+                conflict |= max(low[j, i] - highest, lowest - high[j, i]) >= limit
     return conflict
 
 
 @inner_jit
-def _take(passes: _Passes, cell: tuple[int, int], k: int, bounds: tuple[float, float, float]) -> None:
-    """Note a pass over a cell; arguments as of `_conflicts`."""
-    lowest, here, highest = bounds
-    stays = passes.last[cell] >= k - 1
-    if not stays:
-        passes.passed[cell] = passes.last[cell] >= 0
-        passes.came[cell] = k
-        passes.begin[cell] = here
-    if not passes.passed[cell]:
-        if not stays or max(passes.low[cell] - highest, lowest - passes.high[cell]) > 0.0:
-            passes.low[cell] = lowest
-            passes.high[cell] = highest
-        else:  # both hold: the surface lies where they overlap
-            passes.low[cell] = max(passes.low[cell], lowest)
-            passes.high[cell] = min(passes.high[cell], highest)
-    passes.last[cell] = k
+def _take(passes: _Passes, piece: _Piece, k: int) -> None:
+    """Note a piece in the cells that it passes over; arguments as of `_conflicts`."""
+    low, high, begin, came, last, passed = passes
+    for j in range(piece.rows[0], piece.rows[1]):
+        for i in range(piece.columns[0], piece.columns[1]):
+            over, lowest, here, highest = _below(piece, i, j)
+            if not over:
+                continue
+            stays = last[j, i] >= k - 1
+            if not stays:
+                passed[j, i] = last[j, i] >= 0
+                came[j, i] = k
+                begin[j, i] = here
+            if not passed[j, i]:
+                if not stays or max(low[j, i] - highest, lowest - high[j, i]) > 0.0:
+                    low[j, i] = lowest
+                    high[j, i] = highest
+                else:  # both hold: the surface lies where they overlap
+                    low[j, i] = max(low[j, i], lowest)
+                    high[j, i] = min(high[j, i], highest)
+            last[j, i] = k

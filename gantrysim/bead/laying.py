@@ -61,6 +61,16 @@ class Sampling(NamedTuple):
     samples: float
 
 
+class _Interpolated(NamedTuple):
+    """Half the width, half the flat, groove, radius [mm] and curvature [1/mm] between two stations."""
+
+    half: float
+    flat: float
+    groove: float
+    radius: float
+    bend: float
+
+
 @jit
 def drop(layer: Layer, x: Floats, y: Floats, volume: Floats, gap: float, height: float) -> None:
     """Share volumes at points among the four cells around each.
@@ -103,7 +113,7 @@ def lay(layer: Layer, stations: Stations, volume: Floats, cosine: float, samplin
         sampling: of the sections.
     """
     cell, steps, samples = sampling
-    x, y, heading, _, area, half, _, _, _, gap, top = stations
+    x, y, heading, curvature, area, half, flat, groove, radius, gap, top = stations
     widest = 0.0
     for k in range(volume.size):
         if volume[k] > 0.0:
@@ -125,33 +135,31 @@ def lay(layer: Layer, stations: Stations, volume: Floats, cosine: float, samplin
             py = (1.0 - f) * y[k] + f * y[k + 1]
             across = -math.sin(angle) / cell  # unit vector to the left, in cells per mm
             upward = math.cos(angle) / cell
-            count, total = _sampled(stations, k, f, cosine, sampling, (place, weight))
-            for n in range(count):
-                u = place[n]
-                share = part / count if total <= 0.0 else part * weight[n] / total
-                _add(layer, px + across * u, py + upward * u, share, g, height)
+            section = _Interpolated(
+                half=(1.0 - f) * half[k] + f * half[k + 1],
+                flat=(1.0 - f) * flat[k] + f * flat[k + 1],
+                groove=(1.0 - f) * groove[k] + f * groove[k + 1],
+                radius=(1.0 - f) * radius[k] + f * radius[k + 1],
+                bend=(1.0 - f) * curvature[k] + f * curvature[k + 1],
+            )
+            count, total = _sampled(section, cosine, sampling, place, weight)
+            _add(layer, (place[:count], weight[:count]), total, part, (px, py, across, upward), (g, height))
 
 
 @inner_jit
 def _sampled(
-    stations: Stations, k: int, f: float, cosine: float, sampling: Sampling, out: tuple[Floats, Floats]
+    section: _Interpolated, cosine: float, sampling: Sampling, place: Floats, weight: Floats
 ) -> tuple[int, float]:
-    """Sample the section between two stations, and return the number of samples and the sum of their weights.
+    """Sample a section across the trace, and return the number of samples and the sum of their weights.
 
     Args:
-        stations: of the bead.
-        k: the first of the two.
-        f: share of the way to the second.
+        section: between two stations.
         cosine: of the contact angle.
         sampling: of the section.
-        out: place to the left [mm] and weight of each sample, written.
+        place: of each sample, to the left, written [mm].
+        weight: of each sample, written.
     """
-    place, weight = out
-    w = (1.0 - f) * stations.half[k] + f * stations.half[k + 1]
-    b = (1.0 - f) * stations.flat[k] + f * stations.flat[k + 1]
-    d = (1.0 - f) * stations.groove[k] + f * stations.groove[k + 1]
-    rho = (1.0 - f) * stations.radius[k] + f * stations.radius[k + 1]
-    bend = (1.0 - f) * stations.curvature[k] + f * stations.curvature[k + 1]
+    w, b, d, rho, bend = section
     # evenly in the flat and in each of the halves beside it, as a groove has steep walls
     count = 0
     total = 0.0
@@ -174,25 +182,48 @@ def _sampled(
 
 
 @inner_jit
-def _add(layer: Layer, x: float, y: float, volume: float, gap: float, height: float) -> None:
-    """Share a volume among the four cells around a point, by their distances; beyond the grid, on its rim."""
+def _add(
+    layer: Layer,
+    samples: tuple[Floats, Floats],
+    total: float,
+    volume: float,
+    line: tuple[float, float, float, float],
+    heights: tuple[float, float],
+) -> None:
+    """Share a volume among samples across the trace, and each sample among the four cells around it.
+
+    Args:
+        layer: added to.
+        samples: place to the left [mm] and weight of each, (n,).
+        total: sum of the weights.
+        volume: to be shared [mm³].
+        line: place of the trace [cells], and the direction to its left [cells/mm].
+        heights: of the nozzle and the crest [mm].
+    """
     glue, moment, crest = layer
+    place, weight = samples
+    px, py, across, upward = line
+    gap, height = heights
     ny, nx = glue.shape
-    px = min(max(x, 0.0), nx - 1.001)
-    py = min(max(y, 0.0), ny - 1.001)
-    i = int(px)
-    j = int(py)
-    a = px - i
-    b = py - j
-    for row, part in ((j, (1.0 - b) * volume), (j + 1, b * volume)):
-        glue[row, i] += (1.0 - a) * part
-        glue[row, i + 1] += a * part
-        if moment.size:
-            moment[row, i] += (1.0 - a) * part * gap
-            moment[row, i + 1] += a * part * gap
-        if crest.size:
-            crest[row, i] = max(crest[row, i], height)
-            crest[row, i + 1] = max(crest[row, i + 1], height)
+    for n in range(place.size):
+        u = place[n]
+        share = volume / place.size if total <= 0.0 else volume * weight[n] / total
+        # beyond the grid, on its rim
+        cx = min(max(px + across * u, 0.0), nx - 1.001)
+        cy = min(max(py + upward * u, 0.0), ny - 1.001)
+        i = int(cx)
+        j = int(cy)
+        a = cx - i
+        b = cy - j
+        for row, part in ((j, (1.0 - b) * share), (j + 1, b * share)):
+            glue[row, i] += (1.0 - a) * part
+            glue[row, i + 1] += a * part
+            if moment.size:
+                moment[row, i] += (1.0 - a) * part * gap
+                moment[row, i + 1] += a * part * gap
+            if crest.size:
+                crest[row, i] = max(crest[row, i], height)
+                crest[row, i + 1] = max(crest[row, i + 1], height)
 
 
 @jit
