@@ -104,7 +104,8 @@ def _override(content: dict[str, Any], request: Request, authors: list[_Author])
         return known_keys(content, allow_code=request.allow_code or not _is_refused(content, authors))
 
     try:
-        place(content, request.placement or {}, keys())
+        if request.placement:
+            place(content, request.placement, keys())
         for setting in request.overrides:
             override(content, setting, keys())
     except InputError:
