@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.basic.assembler import Assembler
-from gantrysim.controllers.basic.code import STATEMENT, Frame, Loop
-from gantrysim.controllers.basic.operators import Operator, Operators, of_values
+from gantrysim.controllers.basic.code import STATEMENT, ForLoop, Frame
+from gantrysim.controllers.basic.operators import Operators, RankedOperator, of_values
 from gantrysim.controllers.basic.statements import Statements, with_keywords
 from gantrysim.controllers.basic.tasks import MOST_PER_TICK, Scheduler, StatementClock, Task
 
@@ -23,8 +23,8 @@ def joined(sign, *operands):
 
 RANKS = {"|": 1, "&": 2, "+": 5, "-": 5, "*": 6, "/": 6, "%": 6, "**": 8}
 PYTHONS = Operators(
-    before={"~": Operator(7, joined), "-": Operator(7, joined), "+": Operator(7, joined)},
-    between={sign: Operator(rank, joined, from_right=sign == "**") for sign, rank in RANKS.items()},
+    before={"~": RankedOperator(7, joined), "-": RankedOperator(7, joined), "+": RankedOperator(7, joined)},
+    between={sign: RankedOperator(rank, joined, from_right=sign == "**") for sign, rank in RANKS.items()},
 )
 SIGNS = {
     **{ast.BitOr: "|", ast.BitAnd: "&", ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Mod: "%"},
@@ -90,7 +90,7 @@ def run(code, **variables):
 def counter(name, first, last, step):
     def start(frame):
         frame.variables[name] = first
-        return Loop(lambda: frame.variables[name], lambda value: frame.variables.update({name: value}), last, step)
+        return ForLoop(lambda: frame.variables[name], lambda value: frame.variables.update({name: value}), last, step)
 
     return start
 

@@ -35,7 +35,7 @@ def cmd_diagonal(tree: Node) -> Action:
     """DIAGONAL distance: move by the same distance on two axes."""
     distance = expression(child(tree, 0))
 
-    def act(scope: Scope) -> None:
+    def act(scope: RoutineFrame) -> None:
         execution = scope.execution
         length = number("distance", distance(scope))
         execution.move(execution.elements.only_group(None), {"abs": 0.0}, Move((length, length)), False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.basic.code import STATEMENT, Act, Code, Frame, Loop, Statement
+from gantrysim.controllers.basic.code import STATEMENT, Act, Code, ForLoop, Frame, Instruction
 
 FrameType = TypeVar("FrameType", bound=Frame)
 Condition = Callable[[FrameType], object]
@@ -16,14 +16,14 @@ ENDS = {"IF": "ENDIF", "WHILE": "WEND", "REPEAT": "UNTIL", "FOR": "NEXT"}  # of 
 
 
 @dataclass
-class Block(Generic[FrameType]):
+class OpenBlock(Generic[FrameType]):
     """A block of which the end is not reached yet.
 
     Attributes:
         kind: its keyword.
         line: at which it begins.
-        first: index of its first statement.
-        test: the statement that jumps past its branch; None where nothing does.
+        first: index of its first instruction.
+        test: the instruction that jumps past its branch; None where nothing does.
         exits: jumps to its end.
         variable: of a FOR loop.
     """
@@ -31,8 +31,8 @@ class Block(Generic[FrameType]):
     kind: str
     line: int
     first: int
-    test: Statement[FrameType] | None = None
-    exits: list[Statement[FrameType]] = field(default_factory=list)
+    test: Instruction[FrameType] | None = None
+    exits: list[Instruction[FrameType]] = field(default_factory=list)
     variable: str = ""
 
 
@@ -43,39 +43,39 @@ class Assembler(Generic[FrameType]):
     line by line, or walk a tree. Parts of a statement that cost nothing have the cost None.
 
     Attributes:
-        code: the statements so far.
+        code: the instructions so far.
     """
 
     def __init__(self) -> None:
         self.code: Code[FrameType] = []
-        self._blocks: list[Block[FrameType]] = []
+        self._blocks: list[OpenBlock[FrameType]] = []
         self._labels: dict[str, int] = {}
         self._jumps: list[tuple[str, int, Callable[[int], None]]] = []
 
     @property
     def here(self) -> int:
-        """Index of the statement that comes next."""
+        """Index of the instruction that comes next."""
         return len(self.code)
 
     def emit(
         self, line: int, act: Act[FrameType], cost: str | None = STATEMENT, pure: bool = False
-    ) -> Statement[FrameType]:
-        """Add a statement."""
-        statement = Statement(line, act, cost, pure)
-        self.code.append(statement)
-        return statement
+    ) -> Instruction[FrameType]:
+        """Add an instruction."""
+        instruction = Instruction(line, act, cost, pure)
+        self.code.append(instruction)
+        return instruction
 
-    def jump(self, line: int, cost: str | None = STATEMENT) -> Statement[FrameType]:
+    def jump(self, line: int, cost: str | None = STATEMENT) -> Instruction[FrameType]:
         """Add a jump, whose target is filled in later."""
-        statement = self.emit(line, lambda frame: None, cost, pure=True)
-        statement.act = lambda frame: statement.target
-        return statement
+        instruction = self.emit(line, lambda frame: None, cost, pure=True)
+        instruction.act = lambda frame: instruction.target
+        return instruction
 
-    def test(self, line: int, condition: Condition[FrameType], cost: str | None = STATEMENT) -> Statement[FrameType]:
-        """Add a statement that jumps where a condition is false."""
-        statement = self.emit(line, lambda frame: None, cost, pure=True)
-        statement.act = lambda frame: None if condition(frame) else statement.target
-        return statement
+    def test(self, line: int, condition: Condition[FrameType], cost: str | None = STATEMENT) -> Instruction[FrameType]:
+        """Add an instruction that jumps where a condition is false."""
+        instruction = self.emit(line, lambda frame: None, cost, pure=True)
+        instruction.act = lambda frame: None if condition(frame) else instruction.target
+        return instruction
 
     def finish(self) -> Code[FrameType]:
         """Return the code.
@@ -94,7 +94,7 @@ class Assembler(Generic[FrameType]):
 
     # blocks
 
-    def close(self, word: str, *kinds: str) -> Block[FrameType]:
+    def close(self, word: str, *kinds: str) -> OpenBlock[FrameType]:
         """Return the innermost block, which a word ends.
 
         Raises:
@@ -108,7 +108,7 @@ class Assembler(Generic[FrameType]):
     def begin_if(self, line: int, condition: Condition[FrameType]) -> None:
         """Begin the branch of an IF."""
         first = self.here
-        self._blocks.append(Block("IF", line, first, self.test(line, condition)))
+        self._blocks.append(OpenBlock("IF", line, first, self.test(line, condition)))
 
     def begin_elseif(self, line: int, condition: Condition[FrameType], cost: str | None = STATEMENT) -> None:
         """End a branch and begin the next."""
@@ -119,7 +119,7 @@ class Assembler(Generic[FrameType]):
         """End a branch and begin the last, which is run where no condition holds."""
         self._end_branch("ELSE", line)
 
-    def _end_branch(self, word: str, line: int) -> Block[FrameType]:
+    def _end_branch(self, word: str, line: int) -> OpenBlock[FrameType]:
         block = self.close(word, "IF")
         if block.test is None:
             raise InputError(f"{word} after the ELSE of the IF of line {block.line}")
@@ -132,14 +132,14 @@ class Assembler(Generic[FrameType]):
     def end_if(self) -> None:
         """End an IF."""
         block = self.close("ENDIF", "IF")
-        for statement in (*block.exits, block.test):
-            if statement is not None:
-                statement.target = self.here
+        for instruction in (*block.exits, block.test):
+            if instruction is not None:
+                instruction.target = self.here
 
     def begin_while(self, line: int, condition: Condition[FrameType]) -> None:
         """Begin a loop that is tested before each pass."""
         first = self.here
-        self._blocks.append(Block("WHILE", line, first, self.test(line, condition)))
+        self._blocks.append(OpenBlock("WHILE", line, first, self.test(line, condition)))
 
     def end_while(self, line: int) -> None:
         """End a loop that is tested before each pass."""
@@ -158,14 +158,14 @@ class Assembler(Generic[FrameType]):
 
     def begin_repeat(self, line: int) -> None:
         """Begin a loop that is tested after each pass."""
-        self._blocks.append(Block("REPEAT", line, self.here))
+        self._blocks.append(OpenBlock("REPEAT", line, self.here))
 
     def end_repeat(self, line: int, condition: Condition[FrameType]) -> None:
         """End a loop that goes on until a condition holds."""
         test = self.test(line, condition)
         test.target = self.close("UNTIL", "REPEAT").first
 
-    def begin_for(self, line: int, variable: str, start: Callable[[FrameType], Loop]) -> None:
+    def begin_for(self, line: int, variable: str, start: Callable[[FrameType], ForLoop]) -> None:
         """Begin a FOR loop.
 
         Args:
@@ -178,12 +178,12 @@ class Assembler(Generic[FrameType]):
         def act(frame: FrameType) -> int | None:
             loop = start(frame)
             frame.loops[key] = loop
-            return None if loop.inside else statement.target
+            return None if loop.inside else instruction.target
 
-        statement = self.emit(line, act)
-        self._blocks.append(Block("FOR", line, key, statement, variable=variable))
+        instruction = self.emit(line, act)
+        self._blocks.append(OpenBlock("FOR", line, key, instruction, variable=variable))
 
-    def end_for(self, line: int, block: Block[FrameType]) -> None:
+    def end_for(self, line: int, block: OpenBlock[FrameType]) -> None:
         """End a FOR loop, given its block."""
         key = block.first
 
@@ -214,13 +214,13 @@ class Assembler(Generic[FrameType]):
             targets[k] = self.here
             branch()
             exits.append(self.jump(line, None))
-        for statement in exits:
-            statement.target = self.here
+        for instruction in exits:
+            instruction.target = self.here
 
     # labels and jumps
 
     def label(self, name: str) -> None:
-        """Name the statement that comes next.
+        """Name the instruction that comes next.
 
         Raises:
             InputError: the label stands in two places.
@@ -236,8 +236,8 @@ class Assembler(Generic[FrameType]):
     def gosub(self, line: int, label: str) -> None:
         """Call the subroutine at a label."""
         after = self.here + 1
-        statement = self.emit(line, lambda frame: frame.call(after, statement.target))
-        self._to_label(statement, label)
+        instruction = self.emit(line, lambda frame: frame.call(after, instruction.target))
+        self._to_label(instruction, label)
 
     def leave(self, line: int) -> None:
         """Return from a subroutine."""
@@ -269,11 +269,11 @@ class Assembler(Generic[FrameType]):
 
         self.emit(line, act)
 
-    def _to_label(self, statement: Statement[FrameType], label: str) -> None:
+    def _to_label(self, instruction: Instruction[FrameType], label: str) -> None:
         def fill_in(target: int) -> None:
-            statement.target = target
+            instruction.target = target
 
-        self._jumps.append((label.upper(), statement.line, fill_in))
+        self._jumps.append((label.upper(), instruction.line, fill_in))
 
     def _to_labels(self, line: int, targets: dict[int, int], labels: Sequence[str]) -> None:
         for k, label in enumerate(labels, 1):

@@ -1,4 +1,4 @@
-"""Code: statements in one list with jumps, and the frame in which it runs."""
+"""Code: instructions in one list with jumps, and the frame in which they run."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ Act = Callable[[FrameType], int | None]
 
 
 @dataclass
-class Statement(Generic[FrameType]):
-    """A statement.
+class Instruction(Generic[FrameType]):
+    """A statement, or a part of one, as it is executed.
 
     Attributes:
         line: of the text.
-        act: executes it; returns the index of the next statement, None for the following one.
+        act: executes it; returns the index of the next instruction, None for the following one.
         cost: kind of statement that its time is counted as; None for a part of the statement before, without time.
         pure: whether it only tests and jumps.
-        target: index of the statement that it jumps to.
+        target: index of the instruction that it jumps to.
     """
 
     line: int
@@ -34,10 +34,10 @@ class Statement(Generic[FrameType]):
     target: int = -1
 
 
-Code = list[Statement[FrameType]]
+Code = list[Instruction[FrameType]]
 
 
-class Loop(NamedTuple):
+class ForLoop(NamedTuple):
     """A FOR loop under way.
 
     Attributes:
@@ -64,11 +64,11 @@ class Frame:
     """Code under way with its variables: a program, or a call of a routine.
 
     Attributes:
-        code: its statements.
+        code: its instructions.
         variables: of this frame, by name.
         shared: variables that all frames of a program see, unless they have one of that name.
-        position: index of the next statement.
-        returns: indices of the statements that GOSUBs return to.
+        position: index of the next instruction.
+        returns: indices of the instructions that GOSUBs return to.
         loops: those whose FOR was run, by its index.
     """
 
@@ -77,7 +77,7 @@ class Frame:
     shared: dict[str, Any] = field(default_factory=dict)
     position: int = 0
     returns: list[int] = field(default_factory=list)
-    loops: dict[int, Loop] = field(default_factory=dict)
+    loops: dict[int, ForLoop] = field(default_factory=dict)
 
     def find(self, name: str) -> Any:
         """Return what a name stands for, of this frame or shared; None where it is unknown."""
@@ -87,15 +87,15 @@ class Frame:
         """Execute the code to its end.
 
         Args:
-            begin: told line and cost of each statement that costs something, before it is executed.
+            begin: is given line and cost of each instruction that costs something, before it is executed.
         """
         code = self.code
         count = len(code)
         while self.position < count:
-            statement = code[self.position]
-            if statement.cost is not None:
-                begin(statement.line, statement.cost)
-            goal = statement.act(self)
+            instruction = code[self.position]
+            if instruction.cost is not None:
+                begin(instruction.line, instruction.cost)
+            goal = instruction.act(self)
             self.position = self.position + 1 if goal is None else goal
 
     def call(self, after: int, target: int) -> int:

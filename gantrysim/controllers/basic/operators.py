@@ -12,7 +12,7 @@ Join = Callable[..., Evaluate]  # from the sign as the text has it, and the oper
 
 
 @dataclass(frozen=True)
-class Operator:
+class RankedOperator:
     """An operator of a dialect.
 
     Attributes:
@@ -43,7 +43,7 @@ def of_sign_and_values(function: Callable[..., Any]) -> Join:
 
 
 _Operand = TypeVar("_Operand")
-Apply = Callable[[str, Operator, list[_Operand]], _Operand]
+Apply = Callable[[str, RankedOperator, list[_Operand]], _Operand]
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,8 @@ class Operators:
         between: those that stand between two operands.
     """
 
-    before: Mapping[str, Operator]
-    between: Mapping[str, Operator]
+    before: Mapping[str, RankedOperator]
+    between: Mapping[str, RankedOperator]
 
     def read(self, parts: Iterable[_Operand | str], apply: Apply[_Operand]) -> _Operand:
         """Return the operand that a flat expression stands for, by Dijkstra's shunting yard.
@@ -68,7 +68,7 @@ class Operators:
             apply: returns the operand that an operator makes, given its sign, itself and its operands.
         """
         operands: list[_Operand] = []
-        waiting: list[tuple[str, Operator, int]] = []  # with the number of its operands
+        waiting: list[tuple[str, RankedOperator, int]] = []  # with the number of its operands
 
         def reduce(least_rank: int) -> None:
             while waiting and waiting[-1][1].rank >= least_rank:

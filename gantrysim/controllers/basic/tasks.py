@@ -122,13 +122,13 @@ class Scheduler:
                 task.ready = now + self._period
                 return
             count += 1
-            statement = code[position]
-            task.line = statement.line
-            time = self._clock.begin(statement.line, statement.cost)
-            goal = statement.act(task)
+            instruction = code[position]
+            task.line = instruction.line
+            time = self._clock.begin(instruction.line, instruction.cost)
+            goal = instruction.act(task)
             task.position = position + 1 if goal is None else goal
             task.ready += time
-            task.changed |= not statement.pure
+            task.changed |= not instruction.pure
             if goal is not None and goal <= position:
                 self._skip_idle_passes(task, tick, due)
 

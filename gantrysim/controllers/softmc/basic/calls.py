@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from gantrysim.controllers.softmc.basic import properties
-from gantrysim.controllers.softmc.basic.execution import Expression, Routine, Scope
+from gantrysim.controllers.softmc.basic.execution import Expression, Routine, RoutineFrame
 from gantrysim.controllers.softmc.basic.tree import Node, name_of, trees
 from gantrysim.controllers.softmc.basic.values import Value, Variable, converted
 from gantrysim.controllers.softmc.commands import SoftMCError
@@ -28,7 +28,7 @@ class Arguments:
 NO_ARGUMENTS = Arguments((), ())
 
 
-def call(routine: Routine, arguments: Arguments, scope: Scope) -> Value:
+def call(routine: Routine, arguments: Arguments, scope: RoutineFrame) -> Value:
     """Return the value of a function, 0 of a sub.
 
     Variables pass by reference, unless the parameter is BYVAL.
@@ -53,7 +53,7 @@ def call(routine: Routine, arguments: Arguments, scope: Scope) -> Value:
     return result
 
 
-def _passed(routine: Routine, arguments: Arguments, scope: Scope) -> dict[str, Variable]:
+def _passed(routine: Routine, arguments: Arguments, scope: RoutineFrame) -> dict[str, Variable]:
     """Return the parameters as variables of the routine."""
     variables: dict[str, Variable] = {}
     for (parameter, by_value, kind), argument, name in zip(
@@ -69,7 +69,7 @@ def _passed(routine: Routine, arguments: Arguments, scope: Scope) -> dict[str, V
     return variables
 
 
-def execute_text(arguments: Sequence[Value], scope: Scope) -> float:
+def execute_text(arguments: Sequence[Value], scope: RoutineFrame) -> float:
     """Return 0 after a text has run as statements of the scope."""
     if len(arguments) != 1 or not isinstance(arguments[0], str):
         raise SoftMCError("VesExecute: must have one string")
@@ -85,7 +85,7 @@ def listed_arguments(tree: Node) -> list[Node]:
     return [] if exprs is None or isinstance(exprs, str) else trees(exprs)
 
 
-def unknown_name(name: str, scope: Scope) -> SoftMCError:
+def unknown_name(name: str, scope: RoutineFrame) -> SoftMCError:
     """Return the error for a name that means nothing."""
     known = {*scope.variables, *scope.shared, *scope.execution.routines, *properties.NAMES}
     return SoftMCError(f"unknown name {name!r}{properties.hint(name.lower(), known)}")

@@ -7,10 +7,10 @@ from typing import Any
 from lark import Token
 
 from gantrysim.controllers.basic.statements import Statements
-from gantrysim.controllers.softmc.basic.execution import Action, Routine, Scope
+from gantrysim.controllers.softmc.basic.execution import Action, Routine, RoutineFrame
 from gantrysim.controllers.softmc.basic.expressions import expression, several
-from gantrysim.controllers.softmc.basic.program_assembler import CommandHandler
 from gantrysim.controllers.softmc.basic.tree import Node, child, optional, trees, word
+from gantrysim.controllers.softmc.basic.tree_assembler import CommandHandler
 from gantrysim.controllers.softmc.basic.values import Value, Variable, converted
 from gantrysim.controllers.softmc.commands import SoftMCError
 
@@ -54,7 +54,7 @@ def cmd_dim(tree: Node) -> Action:
     axes = tuple(axis.lower() for axis in words_of_type[2::2])
     sizes = [(word(part), [size for sub in trees(part) for size in several(sub)]) for part in declared]
 
-    def act(scope: Scope) -> None:
+    def act(scope: RoutineFrame) -> None:
         execution = scope.execution
         for name, dimensions in sizes:
             value: Value | None = _INITIAL.get(kind)

@@ -29,14 +29,14 @@ DEEPEST = 32  # calls within one another
 
 
 @dataclass(kw_only=True)
-class Scope(Frame):
+class RoutineFrame(Frame):
     """Code under way with the program that it belongs to."""
 
     execution: Execution
 
 
-Expression = Callable[[Scope], Value]
-Action = Callable[[Scope], None]  # of a command
+Expression = Callable[[RoutineFrame], Value]
+Action = Callable[[RoutineFrame], None]  # of a command
 
 
 @dataclass
@@ -46,7 +46,7 @@ class Routine:
     name: str
     parameters: list[tuple[str, bool, str]]
     kind: str | None
-    code: Code[Scope] = field(default_factory=list)
+    code: Code[RoutineFrame] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Execution:
         speeds: of the motions along a path [mm/s].
     """
 
-    def __init__(self, settings: RunSettings, interpret: Callable[[str, int], Code[Scope]]) -> None:
+    def __init__(self, settings: RunSettings, interpret: Callable[[str, int], Code[RoutineFrame]]) -> None:
         self.settings = settings
         self.interpret = interpret
         self.shared: dict[str, Variable] = {}
@@ -127,9 +127,9 @@ class Execution:
         """Number of the group's axes, None where the program does not tell."""
         return self.elements.axes
 
-    def run(self, code: Code[Scope], variables: dict[str, Any]) -> None:
+    def run(self, code: Code[RoutineFrame], variables: dict[str, Any]) -> None:
         """Execute code to its end, with the variables of its scope."""
-        Scope(code=code, variables=variables, shared=self.shared, execution=self).run(self._begin)
+        RoutineFrame(code=code, variables=variables, shared=self.shared, execution=self).run(self._begin)
 
     def _begin(self, line: int, cost: str) -> None:
         """Count a statement and its time.
@@ -154,7 +154,7 @@ class Execution:
         if self.time.clock > LONGEST:
             raise self._too_long()
 
-    def call(self, code: Code[Scope], variables: dict[str, Any]) -> None:
+    def call(self, code: Code[RoutineFrame], variables: dict[str, Any]) -> None:
         """Execute code within a statement, which goes on afterwards."""
         self.depth += 1
         line = self.clock.line
@@ -183,7 +183,7 @@ class Execution:
 
     # elements and their properties
 
-    def element(self, name: str, scope: Scope) -> Element | None:
+    def element(self, name: str, scope: RoutineFrame) -> Element | None:
         """Return the element of a name, None where it is something else."""
         key = name.lower()
         variable = scope.find(key)

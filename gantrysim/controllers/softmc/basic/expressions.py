@@ -7,7 +7,7 @@ from collections.abc import Callable
 from lark import Tree
 
 from gantrysim.base.errors import unknown_text
-from gantrysim.controllers.basic.operators import Evaluate, Operator, Operators, of_sign_and_values, of_values
+from gantrysim.controllers.basic.operators import Evaluate, Operators, RankedOperator, of_sign_and_values, of_values
 from gantrysim.controllers.basic.values import COMPARISONS, number_of
 from gantrysim.controllers.softmc.basic import properties
 from gantrysim.controllers.softmc.basic.calls import (
@@ -18,7 +18,7 @@ from gantrysim.controllers.softmc.basic.calls import (
     listed_arguments,
     unknown_name,
 )
-from gantrysim.controllers.softmc.basic.execution import Expression, Scope
+from gantrysim.controllers.softmc.basic.execution import Expression, RoutineFrame
 from gantrysim.controllers.softmc.basic.tree import Node, child, name_of, trees, word
 from gantrysim.controllers.softmc.basic.values import (
     CONSTANTS,
@@ -56,20 +56,20 @@ def _one_of_two(sign: str, first: Evaluate, second: Evaluate) -> Evaluate:
 
 OPERATORS = Operators(
     before={
-        "NOT": Operator(3, of_values(lambda value: float(not truth(value)))),
-        "-": Operator(7, of_values(negative)),
+        "NOT": RankedOperator(3, of_values(lambda value: float(not truth(value)))),
+        "-": RankedOperator(7, of_values(negative)),
     },
     between={
-        "OR": Operator(1, _either),
-        "XOR": Operator(1, _one_of_two),
-        "AND": Operator(2, _both),
-        **{sign: Operator(4, of_sign_and_values(compare)) for sign in COMPARISONS},
-        "+": Operator(5, of_sign_and_values(operate)),
-        "-": Operator(5, of_sign_and_values(operate)),
-        "*": Operator(6, of_sign_and_values(operate)),
-        "/": Operator(6, of_sign_and_values(operate)),
-        "MOD": Operator(6, of_sign_and_values(operate)),
-        "^": Operator(8, of_sign_and_values(operate), from_right=True),
+        "OR": RankedOperator(1, _either),
+        "XOR": RankedOperator(1, _one_of_two),
+        "AND": RankedOperator(2, _both),
+        **{sign: RankedOperator(4, of_sign_and_values(compare)) for sign in COMPARISONS},
+        "+": RankedOperator(5, of_sign_and_values(operate)),
+        "-": RankedOperator(5, of_sign_and_values(operate)),
+        "*": RankedOperator(6, of_sign_and_values(operate)),
+        "/": RankedOperator(6, of_sign_and_values(operate)),
+        "MOD": RankedOperator(6, of_sign_and_values(operate)),
+        "^": RankedOperator(8, of_sign_and_values(operate), from_right=True),
     },
 )
 
@@ -114,13 +114,13 @@ def indexed(tree: Node) -> tuple[str, list[Expression]]:
     return name, indices
 
 
-def element(tree: Node) -> Callable[[Scope], Element]:
+def element(tree: Node) -> Callable[[RoutineFrame], Element]:
     """Return the function that finds the axis or group of a tree."""
     name = name_of(tree)
     if name is None:
         inner = expression(tree)
 
-        def evaluated(scope: Scope) -> Element:
+        def evaluated(scope: RoutineFrame) -> Element:
             value = inner(scope)
             if not isinstance(value, Element):
                 raise SoftMCError(f"{text_of(value)}: must be an axis or a group")
@@ -128,7 +128,7 @@ def element(tree: Node) -> Callable[[Scope], Element]:
 
         return evaluated
 
-    def named(scope: Scope) -> Element:
+    def named(scope: RoutineFrame) -> Element:
         known = scope.execution.element(name, scope)
         if known is None:
             raise SoftMCError(f"{name}: must be an axis or a group; {_group_words(scope)}")
@@ -137,7 +137,7 @@ def element(tree: Node) -> Callable[[Scope], Element]:
     return named
 
 
-def _group_words(scope: Scope) -> str:
+def _group_words(scope: RoutineFrame) -> str:
     group = scope.execution.elements.group
     return "none is declared" if group is None else f"the group is {group.name}"
 
@@ -160,7 +160,7 @@ def _name(tree: Node) -> Expression:
     key = word(tree).lower()
     is_property = properties.is_property(key)
 
-    def value(scope: Scope) -> Value:
+    def value(scope: RoutineFrame) -> Value:
         variable = scope.find(key)
         if variable is not None:
             if variable.value is None:
@@ -180,7 +180,7 @@ def _name(tree: Node) -> Expression:
     return value
 
 
-def _element_of_name(name: str, key: str, scope: Scope) -> Element:
+def _element_of_name(name: str, key: str, scope: RoutineFrame) -> Element:
     """Return the element of a name that means nothing else."""
     execution = scope.execution
     if key in execution.elements.by_name:
@@ -198,7 +198,7 @@ def _call(tree: Node) -> Expression:
     listed = listed_arguments(tree)
     arguments = Arguments([expression(argument) for argument in listed], listed)
 
-    def value(scope: Scope) -> Value:
+    def value(scope: RoutineFrame) -> Value:
         routine = scope.execution.routines.get(key)
         if routine is not None:
             if routine.kind is None:
@@ -226,7 +226,7 @@ def _item(tree: Node) -> Expression:
     name, indices = indexed(tree)
     key = name.lower()
 
-    def value(scope: Scope) -> Value:
+    def value(scope: RoutineFrame) -> Value:
         variable = scope.find(key)
         if variable is None:
             raise unknown_name(name, scope)
@@ -243,7 +243,7 @@ def _component(tree: Node) -> Expression:
     whole = expression(child(tree, 0))
     which = expression(_only(child(tree, 1)))
 
-    def value(scope: Scope) -> Value:
+    def value(scope: RoutineFrame) -> Value:
         point = whole(scope)
         k = number("coordinate's number", which(scope))
         if not isinstance(point, Point) or not 1 <= k <= len(point.values):
@@ -296,5 +296,5 @@ def _chain(tree: Node) -> Expression:
     return OPERATORS.read(parts, _operation)
 
 
-def _operation(sign: str, operator: Operator, operands: list[Expression]) -> Expression:
+def _operation(sign: str, operator: RankedOperator, operands: list[Expression]) -> Expression:
     return operator.join(sign, *operands)

@@ -10,10 +10,10 @@ from lark import Token, Tree
 from gantrysim.base.errors import unknown
 from gantrysim.controllers.basic.statements import Statements
 from gantrysim.controllers.softmc.basic import properties
-from gantrysim.controllers.softmc.basic.execution import Action, Expression, Scope
+from gantrysim.controllers.softmc.basic.execution import Action, Expression, RoutineFrame
 from gantrysim.controllers.softmc.basic.expressions import element, expression, several
-from gantrysim.controllers.softmc.basic.program_assembler import CommandHandler
 from gantrysim.controllers.softmc.basic.tree import Node, child, name_of, optional, trees, word
+from gantrysim.controllers.softmc.basic.tree_assembler import CommandHandler
 from gantrysim.controllers.softmc.basic.values import Element, Point, Value, number, text_of
 from gantrysim.controllers.softmc.commands import Circle, Move, SoftMCError
 
@@ -64,7 +64,7 @@ def _settings(tree: Node, words: dict[str, str]) -> list[Setting]:
     return settings
 
 
-def _nodal(settings: list[Setting], group: Element, scope: Scope) -> dict[str, Any]:
+def _nodal(settings: list[Setting], group: Element, scope: RoutineFrame) -> dict[str, Any]:
     """Return the properties of this motion alone."""
     nodal = {}
     for name, short, value in settings:
@@ -73,7 +73,7 @@ def _nodal(settings: list[Setting], group: Element, scope: Scope) -> dict[str, A
     return nodal
 
 
-def _point(name: str, value: Value, scope: Scope) -> tuple[float, ...]:
+def _point(name: str, value: Value, scope: RoutineFrame) -> tuple[float, ...]:
     if not isinstance(value, Point):
         raise SoftMCError(f"{name} = {text_of(value)}: must be a point in braces, as in {{0, 0, 5}}")
     if max(map(abs, value.values)) > _FARTHEST:
@@ -91,7 +91,7 @@ class Aim(NamedTuple):
     target: Value
 
 
-def _aim(first: Node, second: Node | None) -> Callable[[Scope], Aim]:
+def _aim(first: Node, second: Node | None) -> Callable[[RoutineFrame], Aim]:
     """Return what finds the group and the target of a MOVE.
 
     `Move G1 {1, 2}` reads as a coordinate of G1, and `Move G1 (p)` as a call: only the run tells whether the name is
@@ -116,14 +116,14 @@ def _name_before(tree: Node) -> str | None:
     return word(tree) if tree.data == "call" else None
 
 
-def _either(first: Node, name: str, brackets: Node) -> Callable[[Scope], Aim]:
+def _either(first: Node, name: str, brackets: Node) -> Callable[[RoutineFrame], Aim]:
     is_component = first.data == "component"
     group = element(Tree("name", [Token("NAME", name)]))
     point = expression(Tree("joint", [brackets])) if is_component else several(brackets)[0]
     # a point of several numbers is no coordinate
     entire = None if is_component and len(brackets.children) > 1 else expression(first)
 
-    def either(scope: Scope) -> Aim:
+    def either(scope: RoutineFrame) -> Aim:
         variable = scope.find(name.lower())
         routine = scope.execution.routines.get(name.lower())
         if (variable is None and routine is None) or (variable is not None and isinstance(variable.value, Element)):
@@ -141,7 +141,7 @@ def cmd_move(tree: Node) -> Action:
     aim = _aim(child(tree, 0), optional(tree, 1))
     settings = _settings(Tree("properties", tree.children[2:]), {})
 
-    def act(scope: Scope) -> None:
+    def act(scope: RoutineFrame) -> None:
         execution = scope.execution
         named, target = aim(scope)
         group = execution.elements.only_group(named)
@@ -161,7 +161,7 @@ def cmd_circle(tree: Node) -> Action:
     named = element(child(first, 0)) if first is not None and first.data == "element" else None
     settings = _settings(tree, _CIRCLE)
 
-    def act(scope: Scope) -> None:
+    def act(scope: RoutineFrame) -> None:
         execution = scope.execution
         group = execution.elements.only_group(None if named is None else named(scope))
         arguments: dict[str, Any] = {}
@@ -187,7 +187,7 @@ def cmd_delay(tree: Node) -> Action:
     named = None if second is None else element(first)
     duration = expression(first if second is None else second)
 
-    def act(scope: Scope) -> None:
+    def act(scope: RoutineFrame) -> None:
         execution = scope.execution
         if named is not None:
             execution.elements.only_group(named(scope))

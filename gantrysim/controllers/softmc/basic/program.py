@@ -17,10 +17,10 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.softmc.basic.compiling import code_of, interpreted
 from gantrysim.controllers.softmc.basic.declarations import routine
-from gantrysim.controllers.softmc.basic.execution import Execution, RunSettings, Scope
-from gantrysim.controllers.softmc.basic.program_assembler import LocatedError
+from gantrysim.controllers.softmc.basic.execution import Execution, RoutineFrame, RunSettings
 from gantrysim.controllers.softmc.basic.syntax import parse
 from gantrysim.controllers.softmc.basic.tree import Node, line_of, trees
+from gantrysim.controllers.softmc.basic.tree_assembler import LocatedError
 from gantrysim.controllers.softmc.basic.values import Variable
 from gantrysim.controllers.softmc.commands import SoftMCError
 from gantrysim.controllers.softmc.geometry import AXES
@@ -211,7 +211,7 @@ def _run_all(tree: Node, execution: Execution) -> None:
             if declared.name.lower() in execution.routines:
                 raise LocatedError(f"line {line_of(item)}: {declared.name} is declared twice")
             execution.routines[declared.name.lower()] = declared
-    parts: list[tuple[dict[str, Variable], Code[Scope]]] = []
+    parts: list[tuple[dict[str, Variable], Code[RoutineFrame]]] = []
     for item in items:
         if item.data in ("sub", "function"):
             execution.routines[str(item.children[0]).lower()].code = code_of(trees(trees(item)[-1]))

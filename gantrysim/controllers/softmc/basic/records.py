@@ -7,11 +7,11 @@ from collections.abc import Callable
 from gantrysim.base.errors import unknown, whole
 from gantrysim.controllers.basic.statements import Statements
 from gantrysim.controllers.softmc.basic import properties
-from gantrysim.controllers.softmc.basic.execution import Action, Scope
+from gantrysim.controllers.softmc.basic.execution import Action, RoutineFrame
 from gantrysim.controllers.softmc.basic.expressions import element, expression
-from gantrysim.controllers.softmc.basic.program_assembler import CommandHandler
 from gantrysim.controllers.softmc.basic.recording import Column, Recording
 from gantrysim.controllers.softmc.basic.tree import Node, child, name_of, trees, word
+from gantrysim.controllers.softmc.basic.tree_assembler import CommandHandler
 from gantrysim.controllers.softmc.basic.values import number
 from gantrysim.controllers.softmc.commands import SoftMCError
 from gantrysim.controllers.softmc.geometry import AXES
@@ -40,7 +40,7 @@ def cmd_record(tree: Node) -> Action:
         raise SoftMCError("Gap: must be one number")
     sampled = [_sampled(part) for part in options["recdata"]]
 
-    def act(scope: Scope) -> None:
+    def act(scope: RoutineFrame) -> None:
         records = scope.execution.records
         if records and not records[-1].closed:
             raise SoftMCError("a record is open: must be closed by RECORDCLOSE")
@@ -58,7 +58,7 @@ def cmd_record(tree: Node) -> Action:
     return act
 
 
-def _sampled(tree: Node) -> Callable[[Scope], list[Column]]:
+def _sampled(tree: Node) -> Callable[[RoutineFrame], list[Column]]:
     """Return the function that makes the columns of an expression of RecData."""
     which = None
     if tree.data == "component":
@@ -75,7 +75,7 @@ def _sampled(tree: Node) -> Callable[[Scope], list[Column]]:
     if what not in (*properties.RECORDED, "clock"):
         raise unknown("expression of RecData", name, [*properties.RECORDED, "sys.clock"])
 
-    def columns(scope: Scope) -> list[Column]:
+    def columns(scope: RoutineFrame) -> list[Column]:
         elements = scope.execution.elements
         if what == "clock":
             return [Column("sys.clock", what)]
@@ -97,7 +97,7 @@ def _sampled(tree: Node) -> Callable[[Scope], list[Column]]:
 def cmd_recordon(tree: Node) -> Action:
     """RECORDON: samples from now on."""
 
-    def act(scope: Scope) -> None:
+    def act(scope: RoutineFrame) -> None:
         records = scope.execution.records
         if not records or records[-1].closed:
             raise SoftMCError("no record is open: RECORD must come first")
@@ -117,7 +117,7 @@ def cmd_recordoff(tree: Node) -> Action:
 def cmd_recordclose(tree: Node) -> Action:
     """RECORDCLOSE: the end of the record."""
 
-    def act(scope: Scope) -> None:
+    def act(scope: RoutineFrame) -> None:
         _stop_record(scope)
         if scope.execution.records:
             scope.execution.records[-1].closed = True
@@ -125,7 +125,7 @@ def cmd_recordclose(tree: Node) -> Action:
     return act
 
 
-def _stop_record(scope: Scope) -> None:
+def _stop_record(scope: RoutineFrame) -> None:
     execution = scope.execution
     if execution.records:
         execution.records[-1].stop(execution.mark())

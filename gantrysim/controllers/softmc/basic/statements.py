@@ -8,10 +8,10 @@ from gantrysim.base.errors import unknown_text
 from gantrysim.controllers.basic.statements import Statements
 from gantrysim.controllers.softmc.basic import properties
 from gantrysim.controllers.softmc.basic.calls import Arguments, call, listed_arguments, unknown_name
-from gantrysim.controllers.softmc.basic.execution import Action, Expression, Scope
+from gantrysim.controllers.softmc.basic.execution import Action, Expression, RoutineFrame
 from gantrysim.controllers.softmc.basic.expressions import element, expression, indexed, port
-from gantrysim.controllers.softmc.basic.program_assembler import CommandHandler
 from gantrysim.controllers.softmc.basic.tree import Node, child, trees, word
+from gantrysim.controllers.softmc.basic.tree_assembler import CommandHandler
 from gantrysim.controllers.softmc.basic.values import Element, number
 from gantrysim.controllers.softmc.commands import SoftMCError
 
@@ -33,7 +33,7 @@ def _to_name(target: Node, value: Expression) -> Action:
     name = word(target)
     key = word(target).lower()
 
-    def act(scope: Scope) -> None:
+    def act(scope: RoutineFrame) -> None:
         variable = scope.find(key)
         if variable is not None:
             variable.assign(value(scope))
@@ -50,7 +50,7 @@ def _to_name(target: Node, value: Expression) -> Action:
 def _to_item(target: Node, value: Expression) -> Action:
     name, indices = indexed(target)
 
-    def act(scope: Scope) -> None:
+    def act(scope: RoutineFrame) -> None:
         variable = scope.find(name.lower())
         if variable is None:
             raise unknown_name(name, scope)
@@ -63,7 +63,7 @@ def _to_member(target: Node, value: Expression) -> Action:
     owner = element(child(target, 0))
     name = word(target, 1)
 
-    def act(scope: Scope) -> None:
+    def act(scope: RoutineFrame) -> None:
         named = owner(scope)
         scope.execution.assign(named, name, value(scope))
 
@@ -90,7 +90,7 @@ def cmd_call_sub(tree: Node) -> Action:
     listed = listed_arguments(tree)
     arguments = Arguments([expression(argument) for argument in listed], listed)
 
-    def act(scope: Scope) -> None:
+    def act(scope: RoutineFrame) -> None:
         routines = scope.execution.routines
         routine = routines.get(name.lower())
         if routine is None:
@@ -129,7 +129,7 @@ def _checking(tree: Node) -> Action:
     """Return what only checks that the named element is one."""
     named = _named_element(tree)
 
-    def act(scope: Scope) -> None:
+    def act(scope: RoutineFrame) -> None:
         if named is not None:
             named(scope)
 
@@ -141,7 +141,7 @@ def cmd_with_element(tree: Node) -> Action:
     """WITH element: properties without an element are those of this one."""
     named = element(child(tree, 0))
 
-    def act(scope: Scope) -> None:
+    def act(scope: RoutineFrame) -> None:
         scope.execution.elements.default = named(scope)
 
     return act
@@ -151,12 +151,12 @@ def cmd_with_element(tree: Node) -> Action:
 def cmd_end_with(tree: Node) -> Action:
     """END WITH."""
 
-    def act(scope: Scope) -> None:
+    def act(scope: RoutineFrame) -> None:
         scope.execution.elements.default = None
 
     return act
 
 
-def _named_element(tree: Node) -> Callable[[Scope], Element] | None:
+def _named_element(tree: Node) -> Callable[[RoutineFrame], Element] | None:
     named = trees(tree)
     return element(named[0]) if named else None

@@ -6,7 +6,7 @@ from itertools import chain
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio.basic.process import ProgramCode
-from gantrysim.controllers.trio.basic.program_assembler import ProgramAssembler
+from gantrysim.controllers.trio.basic.process_assembler import ProcessAssembler
 from gantrysim.controllers.trio.basic.raw import Source
 from gantrysim.controllers.trio.basic.statement_table import STATEMENTS
 
@@ -21,7 +21,7 @@ def assemble(source: Source, strict: bool) -> ProgramCode:
     Raises:
         InputError: a block without its end, an unknown label or word, a number of values that a word does not take.
     """
-    assembler = ProgramAssembler()
+    assembler = ProcessAssembler()
     for raw in chain.from_iterable(source.lines):
         try:
             STATEMENTS.handlers[raw.kind](assembler, raw)

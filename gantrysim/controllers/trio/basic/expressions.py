@@ -7,7 +7,7 @@ from collections.abc import Callable
 from difflib import get_close_matches
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.basic.operators import Evaluate, Operator, Operators, of_values
+from gantrysim.controllers.basic.operators import Evaluate, Operators, RankedOperator, of_values
 from gantrysim.controllers.basic.values import ARITHMETIC, COMPARISONS
 from gantrysim.controllers.trio.basic import words
 from gantrysim.controllers.trio.basic.commands import COMMANDS
@@ -38,26 +38,26 @@ def _power(a: float, b: float) -> float:
 
 OPERATORS = Operators(
     before={
-        "NOT": Operator(3, of_values(lambda a: float(~int(a)))),
-        "+": Operator(7, of_values(operator.pos)),
-        "-": Operator(7, of_values(operator.neg)),
+        "NOT": RankedOperator(3, of_values(lambda a: float(~int(a)))),
+        "+": RankedOperator(7, of_values(operator.pos)),
+        "-": RankedOperator(7, of_values(operator.neg)),
     },
     between={
-        "OR": Operator(1, of_values(_bits(operator.or_))),
-        "XOR": Operator(1, of_values(_bits(operator.xor))),
-        "AND": Operator(2, of_values(_bits(operator.and_))),
-        **{sign: Operator(4, of_values(_truth(comparison))) for sign, comparison in COMPARISONS.items()},
-        "+": Operator(5, of_values(ARITHMETIC["+"])),
-        "-": Operator(5, of_values(ARITHMETIC["-"])),
-        "*": Operator(6, of_values(ARITHMETIC["*"])),
-        "/": Operator(6, of_values(ARITHMETIC["/"])),
-        "MOD": Operator(6, of_values(_remainder)),
-        "^": Operator(8, of_values(_power), from_right=True),
+        "OR": RankedOperator(1, of_values(_bits(operator.or_))),
+        "XOR": RankedOperator(1, of_values(_bits(operator.xor))),
+        "AND": RankedOperator(2, of_values(_bits(operator.and_))),
+        **{sign: RankedOperator(4, of_values(_truth(comparison))) for sign, comparison in COMPARISONS.items()},
+        "+": RankedOperator(5, of_values(ARITHMETIC["+"])),
+        "-": RankedOperator(5, of_values(ARITHMETIC["-"])),
+        "*": RankedOperator(6, of_values(ARITHMETIC["*"])),
+        "/": RankedOperator(6, of_values(ARITHMETIC["/"])),
+        "MOD": RankedOperator(6, of_values(_remainder)),
+        "^": RankedOperator(8, of_values(_power), from_right=True),
     },
 )
 
 
-def operation(sign: str, made_by: Operator, operands: list[Expression]) -> Expression:
+def operation(sign: str, made_by: RankedOperator, operands: list[Expression]) -> Expression:
     """Return what an operator makes of its operands."""
     return _nested(made_by.join(sign, *[operand.value for operand in operands]), *operands)
 

@@ -3,79 +3,79 @@
 from __future__ import annotations
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.basic.code import Loop
+from gantrysim.controllers.basic.code import ForLoop
 from gantrysim.controllers.basic.statements import Statements
 from gantrysim.controllers.trio.basic.names import variable
 from gantrysim.controllers.trio.basic.process import Process
-from gantrysim.controllers.trio.basic.program_assembler import Handler, ProgramAssembler
+from gantrysim.controllers.trio.basic.process_assembler import Handler, ProcessAssembler
 from gantrysim.controllers.trio.basic.raw import Raw
 
 statement = Statements[Handler]()
 
 
 @statement('IF expr "THEN"i [statement]')
-def cmd_if(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_if(assembler: ProcessAssembler, raw: Raw) -> None:
     """IF condition THEN, with or without a branch in its line."""
     assembler.begin_if(raw.line, raw.data[0].value)
 
 
 @statement('ELSEIF expr "THEN"i [statement]')
-def cmd_elseif(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_elseif(assembler: ProcessAssembler, raw: Raw) -> None:
     """ELSEIF condition THEN."""
     assembler.begin_elseif(raw.line, raw.data[0].value)
 
 
 @statement("ENDIF")
-def cmd_endif(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_endif(assembler: ProcessAssembler, raw: Raw) -> None:
     """ENDIF; a branch in the line of its IF ends with the line."""
     assembler.end_if()
 
 
 @statement("WHILE expr")
-def cmd_while(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_while(assembler: ProcessAssembler, raw: Raw) -> None:
     """WHILE condition: a loop tested before each pass."""
     assembler.begin_while(raw.line, raw.data[0].value)
 
 
 @statement("WEND")
-def cmd_wend(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_wend(assembler: ProcessAssembler, raw: Raw) -> None:
     """WEND: the end of a WHILE."""
     assembler.end_while(raw.line)
 
 
 @statement("REPEAT")
-def cmd_repeat(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_repeat(assembler: ProcessAssembler, raw: Raw) -> None:
     """REPEAT: a loop tested after each pass."""
     assembler.begin_repeat(raw.line)
 
 
 @statement("UNTIL expr")
-def cmd_until(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_until(assembler: ProcessAssembler, raw: Raw) -> None:
     """UNTIL condition: the end of a REPEAT."""
     assembler.end_repeat(raw.line, raw.data[0].value)
 
 
 @statement('FOR NAME "=" expr "TO"i expr ["STEP"i expr]')
-def cmd_for(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_for(assembler: ProcessAssembler, raw: Raw) -> None:
     """FOR variable = first TO last [STEP step]."""
     name, first, last, step = raw.data
     cell = variable(name)
     assembler.assigned.add(cell)
 
-    def start(process: Process) -> Loop:
+    def start(process: Process) -> ForLoop:
         variables = process.variables
         variables[cell] = first.value(process)
         end = last.value(process)
         stride = 1.0 if step is None else step.value(process)
         if stride == 0:
             raise InputError("STEP 0: must not be 0")
-        return Loop(lambda: variables.get(cell, 0.0), lambda value: variables.__setitem__(cell, value), end, stride)
+        return ForLoop(lambda: variables.get(cell, 0.0), lambda value: variables.__setitem__(cell, value), end, stride)
 
     assembler.begin_for(raw.line, cell, start)
 
 
 @statement("NEXT [NAME]")
-def cmd_next(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_next(assembler: ProcessAssembler, raw: Raw) -> None:
     """NEXT [variable]: the end of a FOR."""
     block = assembler.close("NEXT", "FOR")
     name = raw.data[0]
@@ -87,12 +87,12 @@ def cmd_next(assembler: ProgramAssembler, raw: Raw) -> None:
 # jumps
 
 
-def cmd_label(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_label(assembler: ProcessAssembler, raw: Raw) -> None:
     """label: at the start of a line."""
     assembler.label(raw.data[0])
 
 
-def cmd_else(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_else(assembler: ProcessAssembler, raw: Raw) -> None:
     """ELSE."""
     assembler.begin_else(raw.line)
 
@@ -102,32 +102,32 @@ statement.handlers |= {"label": cmd_label, "else": cmd_else}
 
 
 @statement("GOTO NAME")
-def cmd_goto(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_goto(assembler: ProcessAssembler, raw: Raw) -> None:
     """GOTO label."""
     assembler.goto(raw.line, raw.data[0])
 
 
 @statement("GOSUB NAME")
-def cmd_gosub(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_gosub(assembler: ProcessAssembler, raw: Raw) -> None:
     """GOSUB label: call a subroutine."""
     assembler.gosub(raw.line, raw.data[0])
 
 
 @statement("RETURN")
-def cmd_return(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_return(assembler: ProcessAssembler, raw: Raw) -> None:
     """RETURN from a subroutine."""
     assembler.leave(raw.line)
 
 
 @statement('ON expr "GOTO"i NAME ("," NAME)*')
-def cmd_on_goto(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_on_goto(assembler: ProcessAssembler, raw: Raw) -> None:
     """ON number GOTO label, ..."""
     expression, *labels = raw.data
     assembler.goto_one_of(raw.line, lambda process: int(expression.value(process)), labels)
 
 
 @statement('ON expr "GOSUB"i NAME ("," NAME)*')
-def cmd_on_gosub(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_on_gosub(assembler: ProcessAssembler, raw: Raw) -> None:
     """ON number GOSUB label, ..."""
     expression, *labels = raw.data
     assembler.gosub_one_of(raw.line, lambda process: int(expression.value(process)), labels)

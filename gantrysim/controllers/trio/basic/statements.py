@@ -15,7 +15,7 @@ from gantrysim.controllers.trio.basic.commands import COMMANDS, WAIT
 from gantrysim.controllers.trio.basic.expressions import unknown_word
 from gantrysim.controllers.trio.basic.names import variable
 from gantrysim.controllers.trio.basic.process import VR_SIZE, Process, index
-from gantrysim.controllers.trio.basic.program_assembler import Handler, ProgramAssembler
+from gantrysim.controllers.trio.basic.process_assembler import Handler, ProcessAssembler
 from gantrysim.controllers.trio.basic.raw import Evaluate, Expression, Raw, Reference
 
 PRINT = "print"  # kind of statement, by which its time is counted
@@ -25,7 +25,7 @@ statement = Statements[Handler]()
 
 
 @statement("ref")
-def cmd_command(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_command(assembler: ProcessAssembler, raw: Raw) -> None:
     """A command by its name, see `commands`."""
     ref: Reference = raw.data[0]
     command = COMMANDS.get(ref.name)
@@ -64,7 +64,7 @@ def _on_axis(axis: Expression, act: Act[Process]) -> Act[Process]:
 
 
 @statement('ref "=" expr')
-def cmd_assign(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_assign(assembler: ProcessAssembler, raw: Raw) -> None:
     """word = value: set a variable, a parameter or a cell of memory."""
     ref: Reference = raw.data[0]
     expression: Expression = raw.data[1]
@@ -121,7 +121,7 @@ def _store_of_axis(ref: Reference) -> Store:
 
 
 @statement('WAIT "UNTIL"i expr')
-def cmd_wait_until(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_wait_until(assembler: ProcessAssembler, raw: Raw) -> None:
     """WAIT UNTIL condition."""
     value = raw.data[0].value
 
@@ -134,13 +134,13 @@ def cmd_wait_until(assembler: ProgramAssembler, raw: Raw) -> None:
 
 
 @statement('WAIT "IDLE"i axis?')
-def cmd_wait_idle(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_wait_idle(assembler: ProcessAssembler, raw: Raw) -> None:
     """WAIT IDLE [AXIS(n)]: until the axis has no move."""
     assembler.emit(raw.line, _waiting(raw, lambda axis: axis.idle), WAIT)
 
 
 @statement('WAIT "LOADED"i axis?')
-def cmd_wait_loaded(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_wait_loaded(assembler: ProcessAssembler, raw: Raw) -> None:
     """WAIT LOADED [AXIS(n)]: until the axis' buffer is empty."""
     assembler.emit(raw.line, _waiting(raw, lambda axis: not axis.queue), WAIT)
 
@@ -161,7 +161,7 @@ def _first_of_base(process: Process) -> float:
 
 
 @statement('RUN STRING ["," expr]')
-def cmd_run(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_run(assembler: ProcessAssembler, raw: Raw) -> None:
     """RUN "program"[, process]: start a program."""
     name = str(raw.data[0])[1:-1]
     number = raw.data[1]
@@ -173,7 +173,7 @@ def cmd_run(assembler: ProgramAssembler, raw: Raw) -> None:
 
 
 @statement("STOP [STRING]")
-def cmd_stop(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_stop(assembler: ProcessAssembler, raw: Raw) -> None:
     """STOP ["program"]: end this process, or those of a program."""
     name = None if raw.data[0] is None else str(raw.data[0])[1:-1]
 
@@ -187,13 +187,13 @@ def cmd_stop(assembler: ProgramAssembler, raw: Raw) -> None:
 
 
 @statement("HALT")
-def cmd_halt(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_halt(assembler: ProcessAssembler, raw: Raw) -> None:
     """HALT: end all processes."""
     assembler.emit(raw.line, lambda process: process.state.stop(None))
 
 
 @statement('PRINT ["#" expr ","] [_items]')
-def cmd_print(assembler: ProgramAssembler, raw: Raw) -> None:
+def cmd_print(assembler: ProcessAssembler, raw: Raw) -> None:
     """PRINT [#channel,] item, ..."""
     channel, *items = raw.data
     parts = [_printed(item) for item in items if item is not None]

@@ -13,7 +13,7 @@ from typing import Any, cast
 from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedEOF, UnexpectedToken
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.basic.operators import Operator
+from gantrysim.controllers.basic.operators import RankedOperator
 from gantrysim.controllers.basic.statements import with_keywords
 from gantrysim.controllers.basic.values import number_of
 from gantrysim.controllers.trio.basic import words
@@ -216,7 +216,7 @@ class _Builder(Transformer):  # type: ignore[type-arg]
     def joined(self, children: list[Any]) -> Expression:
         return OPERATORS.read(children, self._operation)
 
-    def _operation(self, sign: str, operator: Operator, operands: list[Expression]) -> Expression:
+    def _operation(self, sign: str, operator: RankedOperator, operands: list[Expression]) -> Expression:
         return self._located(cast(Token, sign), lambda: operation(sign, operator, operands))
 
     def constant(self, children: list[Any]) -> Expression:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.basic.assembler import Assembler
 from gantrysim.controllers.basic.code import STATEMENT
-from gantrysim.controllers.softmc.basic.execution import Action, Scope
+from gantrysim.controllers.softmc.basic.execution import Action, RoutineFrame
 from gantrysim.controllers.softmc.basic.tree import Node, line_of, trees
 from gantrysim.controllers.softmc.commands import SoftMCError
 
@@ -16,7 +16,7 @@ class LocatedError(SoftMCError):
     """An error with its line."""
 
 
-class ProgramAssembler(Assembler[Scope]):
+class TreeAssembler(Assembler[RoutineFrame]):
     """Assembles statements.
 
     Args:
@@ -62,4 +62,4 @@ class ProgramAssembler(Assembler[Scope]):
 
 
 CommandHandler = Callable[[Node], Action]
-BlockHandler = Callable[[ProgramAssembler, Node, int], None]
+BlockHandler = Callable[[TreeAssembler, Node, int], None]

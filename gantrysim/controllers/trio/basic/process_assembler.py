@@ -9,7 +9,7 @@ from gantrysim.controllers.trio.basic.process import Process
 from gantrysim.controllers.trio.basic.raw import Raw
 
 
-class ProgramAssembler(Assembler[Process]):
+class ProcessAssembler(Assembler[Process]):
     """Assembles a program.
 
     Attributes:
@@ -21,4 +21,4 @@ class ProgramAssembler(Assembler[Process]):
         self.assigned: set[str] = set()
 
 
-Handler = Callable[[ProgramAssembler, Raw], None]
+Handler = Callable[[ProcessAssembler, Raw], None]
