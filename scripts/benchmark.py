@@ -36,7 +36,7 @@ from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.programs import build
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
-from gantrysim.native.tick import compiled
+from gantrysim.native.callback import clock
 from gantrysim.paths.kinds import kind_of, path_of
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.render import Film, Take
@@ -295,7 +295,7 @@ if __name__ == "__main__":
     parser.add_argument("--untimed", action="store_true", help="without MuJoCo's timers in bare MuJoCo too")
     arguments = parser.parse_args()
     if arguments.untimed:
-        mujoco.set_mjcb_time(compiled().clock)
+        mujoco.set_mjcb_time(clock())
     results = {name: BENCHMARKS[name].measure(arguments.rounds) for name in arguments.keys or BENCHMARKS}
     if arguments.json:
         print(json.dumps(results))

@@ -149,7 +149,7 @@ OWN = "gantrysim tune"
 def study_of(name, start, seed, budget, robust):
     job = Job.load(name)
     servo = job.built_servo
-    gains = {f"servo.{gain}": [f * g for g in getattr(servo, gain)] for gain, f in STARTS[start].items()}
+    gains = {f"servo.{gain}": [f * g for g in servo.per_axis(gain)] for gain, f in STARTS[start].items()}
     return TuningStudy(job.changed(gains), law="pid", budget=budget, robust=robust, unseen=0, seed=seed)
 
 

@@ -7,7 +7,6 @@ python scripts/train_ppo.py [JOB] [--steps 80000] [--budget 300]
 import argparse
 import time
 from contextlib import suppress
-from dataclasses import replace
 
 import gymnasium
 import torch
@@ -38,7 +37,7 @@ arguments = parser.parse_args()
 
 
 job = Job.load(arguments.job)
-lower = {f"servo.{name}": [gain / DETUNE for gain in getattr(job.built_servo, name)] for name in SCALED}
+lower = {f"servo.{name}": [gain / DETUNE for gain in job.built_servo.per_axis(name)] for name in SCALED}
 low = job.changed({**lower, "simulation.allow_unstable": True})  # with an integral term only friction holds it
 settings = {"job": job, "detune": DETUNE, "gain_range": GAIN_RANGE, "spread": None, "decision_interval": INTERVAL}
 runs = {f"job, gains / {DETUNE:g}": (low.run(), [low.built_servo], ""), "job": (job.run(), [job.built_servo], "")}
@@ -68,8 +67,8 @@ servos, over = [], False
 while not over:  # an episode without exploration
     action = agent.predict(observation, deterministic=True)[0]
     factors = gain_factors(action, GAIN_RANGE)
-    gains = {name: tuple(factor * gain for gain in getattr(low.built_servo, name)) for name, factor in factors.items()}
-    servos.append(replace(low.built_servo, **gains))
+    gains = {name: tuple(factor * gain for gain in low.built_servo.per_axis(name)) for name, factor in factors.items()}
+    servos.append(low.built_servo.with_values(**gains))
     observation, _, terminated, truncated, _ = env.step(action)
     over = terminated or truncated
 runs[f"agent, {agent.num_timesteps} decisions"] = env.run, servos, learning

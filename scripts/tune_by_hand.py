@@ -10,7 +10,6 @@ Without any, the script prompts for them until "q". The gains of the last trial 
 
 import argparse
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import tomli_w
@@ -38,7 +37,7 @@ try:
     machine, own = job.built_machine, job.built_servo
 except InputError as error:
     parser.error(str(error))
-plant = Plant.of(machine, own.period, own.delay, drives=own.drives)
+plant = Plant.of(machine, own.period, own.delay, drives=own.loop_drives)
 trials: list[tuple[str, Servo, Analysis]] = []
 
 table = Table("trial", title=f"{job.name} on {machine.name}", title_justify="left")
@@ -59,9 +58,9 @@ def changed(servo: Servo, line: str) -> Servo:
         own_axis = "" if parts[2] is None else f" of axis {parts[2]}"
         factor = finite(f"factor of {parts[1]}{own_axis}", parts[3])
         for gain in BY_HAND[parts[1]]:
-            axes = zip(names, getattr(own, gain), getattr(servo, gain), strict=True)
+            axes = zip(names, own.per_axis(gain), servo.per_axis(gain), strict=True)
             gains = [factor * first if parts[2] in (None, name) else now for name, first, now in axes]
-            servo = replace(servo, **{gain: gains})
+            servo = servo.with_values(**{gain: gains})
     return servo
 
 
@@ -100,7 +99,7 @@ for line in arguments.changes or iter(prompt, "q"):
 arguments.out.mkdir(parents=True, exist_ok=True)
 servo = trials[-1][1]
 settings = {name: getattr(job.servo, name) for name in ("period", "delay", "following_error_limit")}
-settings |= {each.name: list(getattr(servo, each.name)) for each in DERIVED}
+settings |= {each.name: list(servo.per_axis(each.name)) for each in DERIVED}
 (arguments.out / "tuned.toml").write_text(tomli_w.dumps({"servo": settings}))
 with sheet(9.0, 4.5) as figure:
     axes = figure.add_subplot(xlabel="distance along the path [mm]", ylabel="contour error, positive to the left [µm]")

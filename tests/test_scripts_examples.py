@@ -68,12 +68,12 @@ def test_changes_by_hand_scale_the_gains(script, job, tmp_path):
     own = Job.load(job).built_servo
     servos = [servo for _, servo, _ in names["trials"]]
     assert servos[0] == own
-    assert servos[1].kp == (0.5 * own.kp[0], own.kp[1])
-    assert servos[2].kp == servos[1].kp  # changes add up
-    assert servos[2].kd == (1.5 * own.kd[0], 1.5 * own.kd[1])
-    assert servos[2].ki == (own.ki[0], 0.0)
-    assert servos[3].velocity_ff == servos[3].acceleration_ff == (0.0, 0.0)
-    assert servos[4].kp == own.kp  # factors apply to the job's own gains
+    assert servos[1].per_axis("kp") == (0.5 * own.kp[0], own.kp[1])
+    assert servos[2].per_axis("kp") == servos[1].per_axis("kp")  # changes add up
+    assert servos[2].per_axis("kd") == (1.5 * own.kd[0], 1.5 * own.kd[1])
+    assert servos[2].per_axis("ki") == (own.ki[0], 0.0)
+    assert servos[3].per_axis("velocity_ff") == servos[3].per_axis("acceleration_ff") == (0.0, 0.0)
+    assert servos[4].per_axis("kp") == own.kp  # factors apply to the job's own gains
     before, after = (analysis.values.tracking for _, _, analysis in names["trials"][:2])
     assert after["x"].rms > 1.2 * before["x"].rms
     assert after["y"].rms == pytest.approx(before["y"].rms, rel=ALONE)
@@ -173,7 +173,7 @@ def test_the_agent_beats_the_detuned_start_and_is_compared_with_the_tuner(script
         observation, *_ = env.step(names["agent"].predict(observation, deterministic=True)[0])
         for k, gain in enumerate(GAIN_NAMES):
             gains = env._episodes._batch.field("gains")[0, :2, k]
-            assert gains == pytest.approx(getattr(servo, gain), rel=SINGLE)
+            assert gains == pytest.approx(servo.per_axis(gain), rel=SINGLE)
 
 
 def test_the_page_of_attacks_keeps_what_people_write_below_its_table():

@@ -105,7 +105,9 @@ def gains_table(period: float = ServoSettings().period) -> Table:
     """Return the default gains of each machine at a servo period [s]."""
     servos = {name: Servo.derive(Machine(name).axes, period) for name in builtin_models()}
     hidden = ("resolution", "torque_limit", "notch_width", "notch_depth")  # the machine's own, or the same for all
-    shown = [g for g in DERIVED if g.name not in hidden and any(any(getattr(s, g.name)) for s in servos.values())]
+    shown = [
+        g for g in DERIVED if g.name not in hidden and any(any(servo.per_axis(g.name)) for servo in servos.values())
+    ]
     units = ", ".join(f"{g.name} {g.unit}" for g in shown)
     table = _table(
         f"default gains at a servo period of {1e3 * period:g} ms",
@@ -119,8 +121,9 @@ def gains_table(period: float = ServoSettings().period) -> Table:
     for name, servo in servos.items():
         axes = Machine(name).axes
         for a, axis in enumerate(axes):
-            frequency = math.sqrt(servo.kp[a] / axis.inertia) / (2 * math.pi)
-            gains = [f"{getattr(servo, g.name)[a]:.3g}" if getattr(servo, g.name)[a] else "–" for g in shown]
+            frequency = math.sqrt(servo.gains[a].kp / axis.inertia) / (2 * math.pi)
+            values = [servo.per_axis(parameter.name)[a] for parameter in shown]
+            gains = [f"{value:.3g}" if value else "–" for value in values]
             table.add_row("" if a else name, axis.name, f"{frequency:.1f}", *gains)
         table.add_section()
     return table

@@ -10,7 +10,7 @@ import mujoco
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.native.hook import installed, installed_law
-from gantrysim.servo.law import PlainLaw
+from gantrysim.servo.laws.plain import PlainLaw
 
 CALLS = 50  # of the stepping function for a run that shows its progress, or more
 MOST_STEPS = 20_000  # per call: some 0.1 s, for Ctrl-C not to wait longer
@@ -39,19 +39,22 @@ def advance(
     most = MOST_STEPS
     if steps is None and progress is not None:
         most = min(most, max(run.steps_left for run in runs.values()) // CALLS + 1)
-    made = 0
+    stepped = 0
     with installed() if hook is None else hook:
-        while (steps is None or made < steps) and (left := [number for number, run in runs.items() if not run.done]):
-            one = runs[left[0]]
-            before = runs[left[0]].steps
-            needed = max(runs[number].steps_left for number in left) if steps is None else steps - made
-            count = min(needed, most, *(runs[number].steps_of_model for number in left))
-            for number in left:
-                runs[number].make_room(count)
-            step(count, left)
-            if one.steps == before:
+        while steps is None or stepped < steps:
+            running = [number for number, run in runs.items() if not run.done]
+            if not running:
                 return
-            made += count
+            witness = runs[running[0]]
+            before = witness.steps
+            needed = max(runs[number].steps_left for number in running) if steps is None else steps - stepped
+            count = min(needed, most, *(runs[number].steps_of_model for number in running))
+            for number in running:
+                runs[number].make_room(count)
+            step(count, running)
+            if witness.steps == before:
+                return
+            stepped += count
             if progress is not None:
                 progress(sum(run.sent for run in runs.values()))
 

@@ -26,14 +26,14 @@ _KINDS: dict[str, tuple[tuple[type, ...], str]] = {
 }
 
 
-def check_argument(name: str, value: Any, place: str = "", more: str = "") -> None:
+def check_argument(name: str, value: Any, place: str = "", alternative: str = "") -> None:
     """Check the type of an argument of a run.
 
     Args:
         name: of the argument.
         value: given.
         place: of the value in a list, as "[2]".
-        more: what else it may be, in words.
+        alternative: what else it may be, in words.
 
     Raises:
         InputError: another type, with what to write instead where that is known.
@@ -42,9 +42,8 @@ def check_argument(name: str, value: Any, place: str = "", more: str = "") -> No
     if isinstance(value, kinds) and not isinstance(value, bool):
         return
     advice = _advice(name, value)
-    raise InputError(
-        f"{name}{place} is of type {type(value).__name__}: must be {words}{more}{f'; {advice}' if advice else ''}"
-    )
+    remedy = f"; {advice}" if advice else ""
+    raise InputError(f"{name}{place} is of type {type(value).__name__}: must be {words}{alternative}{remedy}")
 
 
 def sent(setpoints: Setpoints | Controller, period: float) -> Setpoints:

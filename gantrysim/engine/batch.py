@@ -26,7 +26,6 @@ from gantrysim.native.hook import installed
 from gantrysim.native.row import OFFSETS, ROW, ROW_NUMBERS, Log
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
-from gantrysim.servo.laws.parameters import LEARNING
 from gantrysim.servo.servo import Servo
 
 
@@ -71,8 +70,7 @@ def simulate_batch(
         dispenser=dispenser,
         faults=_per_simulation(faults),
     )
-    runs = [one.servo.learning_repeats + 1 if LEARNING in one.servo.law else 1 for one in simulations]
-    total = sum(count * len(one.position) for count, one in zip(runs, simulations, strict=True))
+    total = sum(simulation.servo.laws.runs * len(simulation.position) for simulation in simulations)
     before = 0
 
     def run(several: Sequence[Simulation]) -> list[Started]:
@@ -94,14 +92,15 @@ def simulate_batch(
             done |= {number: batch.runs[place] for place, number in enumerate(numbers)}
         return [done[number] for number in range(len(several))]
 
-    return [one.record() for one in run_and_learn(simulations, run)]
+    return [started.record() for started in run_and_learn(simulations, run)]
 
 
 def _per_simulation(faults: Sequence[Any]) -> Any:
     """Return the faults of all simulations as one value, those of each as a list."""
     check_argument("faults", faults)
-    each = any(isinstance(one, list | tuple) for one in faults)
-    return [_Faults(one) if isinstance(one, list | tuple) else one for one in faults] if each else _Faults(faults)
+    if not any(isinstance(item, list | tuple) for item in faults):
+        return _Faults(faults)
+    return [_Faults(item) if isinstance(item, list | tuple) else item for item in faults]
 
 
 class _Faults:
@@ -116,9 +115,12 @@ def _simulations(**arguments: Any) -> list[Simulation]:
     for name, value in arguments.items():
         if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim):
             several[name] = list(value)
-        for number, one in enumerate(several.get(name, [value])):
-            place, more = (f"[{number}]", "") if name in several else ("", ", or a list, a tuple or an array of them")
-            check_argument(name, one.faults if isinstance(one, _Faults) else one, place, more)
+        for number, item in enumerate(several.get(name, [value])):
+            given = item.faults if isinstance(item, _Faults) else item
+            if name in several:
+                check_argument(name, given, place=f"[{number}]")
+            else:
+                check_argument(name, given, alternative=", or a list, a tuple or an array of them")
     lengths = {name: len(values) for name, values in several.items()}
     if len(set(lengths.values())) > 1:
         counts = ", ".join(f"{length} of {name}" for name, length in lengths.items())
@@ -128,17 +130,16 @@ def _simulations(**arguments: Any) -> list[Simulation]:
         raise InputError("a batch of no simulation: must have at least one")
     simulations = []
     for k in range(count):
-        own = {name: several[name][k] if name in several else value for name, value in arguments.items()}
+        chosen = {name: several[name][k] if name in several else value for name, value in arguments.items()}
         try:
-            simulations.append(Simulation.of(**{**own, "faults": own["faults"].faults}))
+            simulations.append(Simulation.of(**{**chosen, "faults": chosen["faults"].faults}))
         except InputError as error:
             raise InputError(f"simulation {k} of the batch: {error}") from None
     return simulations
 
 
 # of a servo's row: they belong to the process and to a simulation's own arrays, not to the state of a run
-_OWN = ("magic", "setpoints", "log", "axis_log", "gates", "injected", "drives", "laws", *OFFSETS)
-_OWN_OF_LAWS = ("user", "state_at", "feed")  # of the laws' entries, likewise
+_OF_PROCESS = ("magic", "setpoints", "log", "axis_log", "gates", "stages", *OFFSETS)
 
 
 class Moment(NamedTuple):
@@ -149,14 +150,14 @@ class Moment(NamedTuple):
         log: entries so far.
         drives: state of the drives; None where all are plain ones.
         laws: state of the laws; None where PID does alone.
-        own: state of a user's own law; None without one.
+        user_state: state of a user's own law; None without one.
     """
 
     physics: Floats
     log: Log
     drives: NDArray[np.void] | None
     laws: NDArray[np.void] | None
-    own: Floats | None
+    user_state: Floats | None
 
 
 class Batch:
@@ -216,26 +217,29 @@ class Batch:
         run = self.runs[place]
         if run.simulation.book.first or len(run.simulation.log.tick) < run.ticks:
             raise GantryError("a run whose log is in a file cannot be copied")
-        drives, laws = (None if entries is None else entries.copy() for entries in (run.drives, run.laws))
-        own = None if run.own is None else run.own.state.copy()
         log = run.simulation.log.until(run.ticks)
-        return Moment(self._batch.state[place].copy(), Log(log.tick.copy(), log.axis.copy()), drives, laws, own)
+        return Moment(
+            physics=self._batch.state[place].copy(),
+            log=Log(log.tick.copy(), log.axis.copy()),
+            drives=None if run.drives is None else run.drives.copy(),
+            laws=None if run.laws is None else run.laws.copy(),
+            user_state=None if run.user_law is None else run.user_law.state.copy(),
+        )
 
     def resume(self, place: int, simulation: Simulation, moment: Moment) -> None:
         """Put a simulation into a place at a moment of another simulation of the same."""
         self.load({place: simulation})
         run = self.runs[place]
-        own = {name: run.row[name] for name in _OWN}
+        of_process = {name: run.row[name] for name in _OF_PROCESS}
         self._batch.state[place] = moment.physics
-        for name, value in own.items():
+        for name, value in of_process.items():
             run.row[name] = value
         if run.drives is not None:
             run.drives[:] = moment.drives
         if run.laws is not None and moment.laws is not None:
-            for name in set(moment.laws.dtype.names or ()).difference(_OWN_OF_LAWS):
-                run.laws[name] = moment.laws[name]
-        if run.own is not None:
-            run.own.state[:] = moment.own
+            run.laws[:] = moment.laws
+        if run.user_law is not None:
+            run.user_law.state[:] = moment.user_state
         ticks = len(moment.log.tick)
         simulation.book.make_room(run.row, 0)
         simulation.log.tick[:ticks], simulation.log.axis[:ticks] = moment.log
@@ -253,15 +257,16 @@ class Batch:
             steps: number of physics steps of each.
             progress: called after every call of MuJoCo with the number of setpoints that all of them have sent.
         """
-        at = list(self.runs if places is None else places)
-        if steps is not None and steps <= MOST_STEPS and progress is None and self._plain[at].all():
+        stepped = list(self.runs if places is None else places)
+        if steps is not None and steps <= MOST_STEPS and progress is None and self._plain[stepped].all():
             # one call, without a look at each run, which would take longer than all else that an agent's decision takes
             done = (self._sent >= self._ticks) | (self._faults != 0)
-            if left := [place for place in at if not done[place]]:
+            running = [place for place in stepped if not done[place]]
+            if running:
                 with installed():
-                    self._batch.step(left, nstep=steps)
+                    self._batch.step(running, nstep=steps)
             return
-        advance(self._step, {place: self.runs[place] for place in at}, steps, progress=progress)
+        advance(self._step, {place: self.runs[place] for place in stepped}, steps, progress=progress)
 
     def _step(self, steps: int, places: list[int]) -> None:
         changed = {place: self.runs[place].model for place in places if self.runs[place].simulation.later}

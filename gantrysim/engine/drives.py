@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 from gantrysim.base.errors import InputError
 from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.machine import Machine
+from gantrysim.native.drive_loops import loop_stage
+from gantrysim.native.drives import torque_stage, transmission_stage
+from gantrysim.native.encoders import delay_stage, encoder_stage
 from gantrysim.native.row import DRIVE, POSITION, STEPPER, VELOCITY
+from gantrysim.native.stages import Stage
+from gantrysim.native.stepper import stepper_stage
+from gantrysim.servo.drive_settings import LOOPS, DriveSettings
 from gantrysim.servo.servo import Servo
 
 _PRESLIDING = 5e-6  # of a transmission's friction at a slide [m]
@@ -35,60 +41,106 @@ def drive_entries(machine: Machine, servo: Servo, step: float) -> NDArray[np.voi
     if servo.plain and all(axis.efficiency == 1 for axis in machine.plain_axes):
         return None
     entries = np.zeros(servo.axes, DRIVE)
-    model = machine.physics
-    for a, (axis, address) in enumerate(zip(machine.plain_axes, machine.addresses, strict=True)):
+    for a, axis in enumerate(machine.plain_axes):
         entry = entries[a]
-        entry["load"] = -1
-        if servo.feedback[a] == "load":
-            if address.load < 0:
-                raise InputError(
-                    f"servo feedback of axis {axis.name} = 'load': machine {machine.name} has no one spring by which "
-                    "this axis carries its load; use 'motor'"
-                )
-            entry["load"] = place = model.jnt_qposadr[address.load]
-            entry["load_zero"], entry["per_si"] = model.qpos0[place], PER_SI[axis.unit]
+        drive = servo.drives[a]
+        _fill_encoder(entry, machine, servo, a)
         if axis.efficiency < 1:
-            dof = int(model.jnt_dofadr[model.actuator_trnid[a, 0]])
-            entry["loss"], entry["dof"], entry["damping"] = 1 / axis.efficiency - 1, dof, model.dof_damping[dof]
-            entry["spring"] = model.jnt_dofadr[address.load] if address.load >= 0 else -1
-            entry["presliding"] = (
-                _PRESLIDING if axis.unit == "mm" else _PRESLIDING_TURN / float(model.actuator_gear[a, 0])
-            )
-        entry["noise"], entry["delay"] = servo.encoder_noise[a], servo.feedback_delay
-        entry["seed"] = np.random.SeedSequence([servo.encoder_seed, a]).generate_state(1, np.uint64)[0]
-        entry["once"], entry["twice"] = servo.interpolation_error[a], servo.interpolation_error_twice[a]
-        if servo.signal_period[a]:
-            entry["signal"] = 2 * math.pi / servo.signal_period[a]
-        if bandwidth := servo.current_bandwidth[a]:
+            _fill_transmission(entry, machine, a)
+        if drive.current_bandwidth:
             if not axis.lag > 0:
                 raise InputError(
-                    f"current_bandwidth of axis {axis.name} = {bandwidth:g} Hz: its motor has no inductance, so that "
-                    "its torque follows at once; use 0"
+                    f"current_bandwidth of axis {axis.name} = {drive.current_bandwidth:g} Hz: its motor has no "
+                    "inductance, so that its torque follows at once; use 0"
                 )
-            entry["lead"] = math.expm1(-2 * math.pi * bandwidth * step) / math.expm1(-step / axis.lag)
+            entry["lead"] = math.expm1(-2 * math.pi * drive.current_bandwidth * step) / math.expm1(-step / axis.lag)
             entry["constant"] = axis.motor_constant
-        if servo.mode[a] == "stepper":
-            _step(entry, axis, servo, a, float(machine.drive_gain[a]), step)
-        elif servo.mode[a] != "torque":
-            _close(entry, axis, servo, a, float(machine.drive_gain[a]), step)
+        gain = float(machine.drive_gain[a])
+        if drive.mode == "stepper":
+            _fill_stepper(entry, axis, drive, gain, step)
+        elif drive.mode != "torque":
+            _fill_loop(entry, axis, drive, gain)
+            entry["every"] = round(servo.drive_period / step)
+            entry["period"] = servo.drive_period
     return entries
 
 
-def _close(entry: np.void, axis: Axis, servo: Servo, a: int, gain: float, step: float) -> None:
-    """Fill in the entry of a drive that closes a loop itself."""
-    entry["mode"] = VELOCITY if servo.mode[a] == "velocity" else POSITION
-    entry["every"], entry["period"] = round(servo.drive_period / step), servo.drive_period
-    entry["limit"] = min(servo.torque_limit[a], axis.peak_torque / gain)
-    entry["gain"] = servo.velocity_gain[a]
-    entry["rate"] = 1 / servo.velocity_time[a] if servo.velocity_time[a] else 0.0
+def drive_stages(servo: Servo, entries: NDArray[np.void] | None) -> list[Stage]:
+    """Return the stages of drives that are no plain ones; they hold the address of the entries."""
+    if entries is None:
+        return []
+    address = entries.ctypes.data
+    modes = set(servo.modes)
+    stages = []
+    if not all(drive.ideal_encoder and drive.feedback == "motor" for drive in servo.drives):
+        stages.append(Stage("encoder", encoder_stage(), address))
+    if servo.feedback_delay:
+        stages.append(Stage("feedback", delay_stage(), address))
+    if entries["loss"].any():
+        stages.append(Stage("drive", transmission_stage(), address))
+    if modes & LOOPS:
+        stages.append(Stage("drive", loop_stage(), address))
+    if "stepper" in modes:
+        stages.append(Stage("drive", stepper_stage(), address))
+    if "torque" in modes and (len(modes) > 1 or entries["lead"].any()):
+        stages.append(Stage("drive", torque_stage(), address))
+    return stages
+
+
+def _fill_encoder(entry: np.void, machine: Machine, servo: Servo, a: int) -> None:
+    """Fill in the encoder of an axis: its place, its errors and the delay of its feedback."""
+    axis = machine.plain_axes[a]
+    drive = servo.drives[a]
+    load = machine.addresses[a].load
+    entry["load"] = -1
+    if drive.feedback == "load":
+        if load < 0:
+            raise InputError(
+                f"servo feedback of axis {axis.name} = 'load': machine {machine.name} has no one spring by which "
+                "this axis carries its load; use 'motor'"
+            )
+        place = machine.physics.jnt_qposadr[load]
+        entry["load"] = place
+        entry["load_zero"] = machine.physics.qpos0[place]
+        entry["per_si"] = PER_SI[axis.unit]
+    entry["noise"] = drive.encoder_noise
+    entry["seed"] = np.random.SeedSequence([servo.encoder_seed, a]).generate_state(1, np.uint64)[0]
+    entry["once"] = drive.interpolation_error
+    entry["twice"] = drive.interpolation_error_twice
+    if drive.signal_period:
+        entry["signal"] = 2 * math.pi / drive.signal_period
+    entry["delay"] = servo.feedback_delay
+
+
+def _fill_transmission(entry: np.void, machine: Machine, a: int) -> None:
+    """Fill in a transmission with losses."""
+    axis = machine.plain_axes[a]
+    model = machine.physics
+    load = machine.addresses[a].load
+    dof = int(model.jnt_dofadr[model.actuator_trnid[a, 0]])
+    entry["loss"] = 1 / axis.efficiency - 1
+    entry["dof"] = dof
+    entry["damping"] = model.dof_damping[dof]
+    entry["spring"] = model.jnt_dofadr[load] if load >= 0 else -1
+    turn = _PRESLIDING_TURN / float(model.actuator_gear[a, 0])
+    entry["presliding"] = _PRESLIDING if axis.unit == "mm" else turn
+
+
+def _fill_loop(entry: np.void, axis: Axis, drive: DriveSettings, gain: float) -> None:
+    """Fill in a drive that closes a loop itself; its motor has the torque of one with the gain."""
+    entry["mode"] = VELOCITY if drive.mode == "velocity" else POSITION
+    entry["limit"] = min(drive.torque_limit, axis.peak_torque / gain)
+    entry["gain"] = drive.velocity_gain
+    entry["rate"] = 1 / drive.velocity_time if drive.velocity_time else 0.0
     if axis.phases is not None and axis.lag > 0:
         entry["reactance"] = axis.phases.pole_pairs * axis.phases.inductance
-        entry["constant"], entry["resistance"] = axis.motor_constant, axis.resistance
+        entry["constant"] = axis.motor_constant
+        entry["resistance"] = axis.resistance
         entry["bus"] = axis.bus_voltage
 
 
-def _step(entry: np.void, axis: Axis, servo: Servo, a: int, gain: float, step: float) -> None:
-    """Fill in the entry of a stepper in open loop, whose motor constant is the nominal one times the gain."""
+def _fill_stepper(entry: np.void, axis: Axis, drive: DriveSettings, gain: float, step: float) -> None:
+    """Fill in the drive of a stepper in open loop, whose motor constant is the nominal one times the gain."""
     motor = axis.phases
     if motor is None or not motor.microsteps:
         raise InputError(
@@ -97,9 +149,13 @@ def _step(entry: np.void, axis: Axis, servo: Servo, a: int, gain: float, step: f
         )
     steps = 2 * math.ceil(0.5 * step / _CIRCUIT)  # even, as the record has the currents at the middle
     inductance = motor.inductance if axis.lag > 0 else 0.0
-    entry["mode"], entry["counts"], entry["circuit"] = STEPPER, servo.feedback[a] == "none", steps
+    entry["mode"] = STEPPER
+    entry["counts"] = drive.feedback == "none"
+    entry["circuit"] = steps
     entry["poles"] = motor.pole_pairs / axis.scale
     entry["microstep"] = axis.electrical_period / (4 * motor.microsteps)
-    entry["amplitude"] = min(servo.torque_limit[a], axis.peak_torque) / axis.motor_constant
-    entry["constant"], entry["resistance"], entry["bus"] = gain * axis.motor_constant, axis.resistance, axis.bus_voltage
+    entry["amplitude"] = min(drive.torque_limit, axis.peak_torque) / axis.motor_constant
+    entry["constant"] = gain * axis.motor_constant
+    entry["resistance"] = axis.resistance
+    entry["bus"] = axis.bus_voltage
     entry["left"] = math.exp(-axis.resistance * step / steps / inductance) if inductance else 0.0

@@ -1,4 +1,4 @@
-"""The laws of a run beyond PID, as the servo tick needs them."""
+"""The laws of a run beyond PID, as stages of the servo tick."""
 
 from __future__ import annotations
 
@@ -6,32 +6,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
+from gantrysim.native.laws import base_stage, feed_stage, law_stage
 from gantrysim.native.row import LAW
-from gantrysim.servo.laws.friction import Friction
-from gantrysim.servo.laws.observer import low_pass, torque_taps
-from gantrysim.servo.laws.parameters import CASCADE, IN_THE_TICK
+from gantrysim.native.stages import Stage
+from gantrysim.servo.laws import PID
+from gantrysim.servo.laws.law import FEEDFORWARD
 from gantrysim.servo.servo import Servo
 
 
-def law_entries(servo: Servo, torque: Floats | None) -> NDArray[np.void] | None:
-    """Return the laws of a servo at their start, (axes,) of `LAW`; None where PID does alone.
+def law_entries(servo: Servo) -> NDArray[np.void] | None:
+    """Return the laws of a servo at their start, (axes,) of `LAW`; None where none of them acts in the tick."""
+    acting = [law for law in servo.laws.added if law.stages]
+    if not acting:
+        return None
+    entries = np.zeros(servo.axes, LAW)
+    for a, entry in enumerate(entries):
+        for law in acting:
+            for name, value in law.start(servo.laws.values(a), servo.timing).items():
+                entry[name] = value
+    return entries
+
+
+def law_stages(servo: Servo, entries: NDArray[np.void] | None, torque: Floats | None) -> list[Stage]:
+    """Return the stages of the laws, but for a user's own; they hold the addresses of the arrays.
 
     Args:
         servo: the servo.
-        torque: sent with the setpoints, contiguous and kept alive by the caller, (n, axes) [N·m]; None for none.
+        entries: its laws, as of `law_entries`.
+        torque: sent with the setpoints, contiguous, (n, axes) [N·m]; None for none.
     """
-    if torque is None and servo.own_law is None and not any(name in servo.law for name in IN_THE_TICK):
-        return None
-    entries = np.zeros(servo.axes, LAW)
-    entries["cascade"] = CASCADE in servo.law
-    entries["feed"] = 0 if torque is None else torque.ctypes.data
-    for a, entry in enumerate(entries):
-        values = servo.law_values(a)
-        entry["contour"] = values["contour_gain"]
-        entry["friction"] = [values[f"friction_{name}"] for name in ("torque", *Friction._fields[1:])]
-        if values["observer_bandwidth"]:
-            entry["inertia"], entry["viscous"] = values["observer_inertia"], values["observer_viscous"]
-            lag = servo.delay + servo.feedback_delay * servo.period + values["observer_lag"]
-            entry["shift"], entry["taps"] = torque_taps(lag / servo.period)
-            entry["filter"] = low_pass(values["observer_bandwidth"], servo.period)
-    return entries
+    stages = []
+    base = servo.laws.base
+    if servo.laws.user is None and base.tick is not PID.tick:
+        stages.append(Stage("law", base_stage(base)))
+    if entries is not None:
+        for law in servo.laws.added:
+            for point, function in law.stages:
+                stages.append(Stage(point, law_stage(function), entries.ctypes.data))
+    if torque is not None:
+        stages.append(Stage(FEEDFORWARD, feed_stage(), torque.ctypes.data))
+    return stages

@@ -12,8 +12,8 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
-from gantrysim.servo.feeding import Inverse
-from gantrysim.servo.laws.parameters import LEARNING
+from gantrysim.servo.inverse import Inverse
+from gantrysim.servo.laws import LEARNING
 
 
 def following_error(run: Started) -> Floats:
@@ -50,6 +50,11 @@ class _Pupil:
     error: float = math.inf
     change: Floats | None = None
     step: float = 1.0
+
+    @property
+    def repeats(self) -> int:
+        """Number of runs to learn from."""
+        return self.next.servo.laws.learning_repeats
 
     def learn(self, run: Started) -> Floats:
         """Learn from a run of `next`; return its following error, (n, axes)."""
@@ -88,19 +93,21 @@ def run_and_learn(
     Raises:
         InputError: a run too long to be learnt from.
     """
-    pupils = {k: _Pupil(one, Inverse(one.servo)) for k, one in enumerate(simulations) if LEARNING in one.servo.law}
+    pupils = {
+        k: _Pupil(simulation, Inverse(simulation.servo))
+        for k, simulation in enumerate(simulations)
+        if LEARNING.name in simulation.servo.laws.names
+    }
     others = [k for k in range(len(simulations)) if k not in pupils]
     done = dict(zip(others, run([simulations[k] for k in others]), strict=True)) if others else {}
     repeat = 0
-    while learning := [
-        k
-        for k, one in pupils.items()
-        if repeat <= one.next.servo.learning_repeats and (one.change is not None or not repeat)
-    ]:
-        for k, own in zip(learning, run([pupils[k].next for k in learning]), strict=True):
-            error = pupils[k].learn(own)
+    learning = list(pupils)
+    while learning:
+        for k, started in zip(learning, run([pupils[k].next for k in learning]), strict=True):
+            error = pupils[k].learn(started)
             if trace is not None:
                 trace(k, repeat, error)
         repeat += 1
-    best = {k: one.best for k, one in pupils.items() if one.best is not None}
+        learning = [k for k, pupil in pupils.items() if pupil.repeats >= repeat and pupil.change is not None]
+    best = {k: pupil.best for k, pupil in pupils.items() if pupil.best is not None}
     return [(done | best)[k] for k in range(len(simulations))]

@@ -87,11 +87,11 @@ def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
         low, high = axis.travel
         for k in (int(lowest[a]), int(highest[a])):
             if not low <= position[k, a] <= high:
-                left = int(np.argmax((position[:, a] < low) | (position[:, a] > high)))
+                first_outside = int(np.argmax((position[:, a] < low) | (position[:, a] > high)))
                 raise TimedError(
                     f"{axis.name} = {position[k, a]:.4g} {axis.unit} {where(k)}: "
                     f"must lie in the travel {low:g} to {high:g} {axis.unit} of machine {machine.name}",
-                    left * setpoints.period,
+                    first_outside * setpoints.period,
                 )
         k = int(fastest[a])
         speed = float(abs(position[min(k + 1, len(position) - 1), a] - position[k, a]) / setpoints.period)
@@ -136,9 +136,12 @@ def _extremes(position: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp], NDA
             here = position[k, a]
             step = abs(here - position[k - 1, a])
             if here < low:
-                low, lowest[a] = here, k
+                low = here
+                lowest[a] = k
             if here > high:
-                high, highest[a] = here, k
+                high = here
+                highest[a] = k
             if step > most:
-                most, fastest[a] = step, k - 1
+                most = step
+                fastest[a] = k - 1
     return lowest, highest, fastest

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,15 +40,15 @@ def measured(
     """Return the part of a record that was measured, from the log from a first tick on."""
     drives = np.array(
         [
-            (gain, axis.motor_constant, axis.resistance, axis.bus_voltage, axis.peak_torque, *own)
-            for gain, axis, own in zip(machine.drive_gain, machine.plain_axes, special, strict=True)
+            (gain, axis.motor_constant, axis.resistance, axis.bus_voltage, axis.peak_torque, *extra)
+            for gain, axis, extra in zip(machine.drive_gain, machine.plain_axes, special, strict=True)
         ]
     )
     ticks = len(log.axis)
     columns = np.empty((len(OF_AXES), len(drives), ticks))
-    for begin, after, own in stretches(faults, machine.axis_names, period, range(first, first + ticks), drives):
+    for begin, after, faulted in stretches(faults, machine.axis_names, period, range(first, first + ticks), drives):
         part = slice(begin - first, after - first)
-        _fill(columns[:, :, part], log.axis[part], own)
+        _fill(columns[:, :, part], log.axis[part], faulted)
     of_axes = {name: column.T for name, column in zip(OF_AXES, columns, strict=True)}
     tips = (machine.tip(of_axes["encoder"]), machine.tip(of_axes["motor"]), log.tick["nozzle"].copy())
     return {**of_axes, **dict(zip(TIPS, tips, strict=True))}
@@ -113,28 +113,28 @@ def protected(content: dict[str, Any]) -> dict[str, Any]:
     return {name: read_only(array) for name, array in content.items()}
 
 
+class SentProgram(NamedTuple):
+    """What is sent to a machine, arguments as of `LogBook`."""
+
+    machine: Machine
+    setpoints: Setpoints
+    position: Floats
+    dispenser: Dispenser
+    faults: tuple[InjectedFault, ...] = ()
+
+
 def sent_columns(
-    machine: Machine,
-    setpoints: Setpoints,
-    position: Floats,
-    sent: NDArray[np.integer],
-    dispenser: Dispenser,
-    content: dict[str, Any],
-    faults: tuple[InjectedFault, ...] = (),
-    table: FileTable | None = None,
+    program: SentProgram, sent: NDArray[np.integer], content: dict[str, Any], table: FileTable | None = None
 ) -> None:
     """Add the columns of a record that follow from the setpoints.
 
     Args:
-        machine: as in `LogBook`.
-        setpoints: likewise.
-        position: likewise.
+        program: what is sent.
         sent: index of the setpoint at each tick, (n,).
-        dispenser: as in `LogBook`.
         content: to which the columns are added, unless there is a table.
-        faults: as in `LogBook`.
         table: to which they are written block by block.
     """
+    machine, setpoints, position, dispenser, faults = program
     n = sent.size
     period = setpoints.period
     waited = sent[-1] != n - 1  # else one at a tick

@@ -12,7 +12,16 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import FileTable, array_of, blocks
 from gantrysim.base.memory import check_ticks
 from gantrysim.dispenser.dispenser import Dispenser
-from gantrysim.engine.record_columns import IDEAL, TIPS, columns_of, constants, measured, protected, sent_columns
+from gantrysim.engine.record_columns import (
+    IDEAL,
+    TIPS,
+    SentProgram,
+    columns_of,
+    constants,
+    measured,
+    protected,
+    sent_columns,
+)
 from gantrysim.faults import InjectedFault
 from gantrysim.machine.machine import Machine
 from gantrysim.native.row import STEPPER, Log
@@ -95,17 +104,18 @@ class LogBook:
             self._write(begun)
             # what the supervision looks back on stays
             log = self.log.until(begun - self.first)
-            kept = log.since(max(len(log.tick) - self._setpoints.supervision.position_error_delay, 0))
-            self.first = begun - len(kept.tick)
-            room = len(kept.tick) + ticks
+            present = log.since(max(len(log.tick) - self._setpoints.supervision.position_error_delay, 0))
+            self.first = begun - len(present.tick)
+            room = len(present.tick) + ticks
         else:
-            kept = self.log.until(begun)
+            present = self.log.until(begun)
             room = min(max(begun + ticks, 2 * len(self.log.tick)), self._most)
             check_ticks(
                 room, f"the run waits at its {self._setpoints.gates.size} gates and", "allow for a larger error"
             )
         self.log = Log.of(room, self.log.axis.shape[1])
-        self.log.tick[: len(kept.tick)], self.log.axis[: len(kept.tick)] = kept.tick, kept.axis
+        self.log.tick[: len(present.tick)] = present.tick
+        self.log.axis[: len(present.tick)] = present.axis
         self._address(row)
 
     def _write(self, begun: int) -> None:
@@ -123,8 +133,10 @@ class LogBook:
 
     def finite(self, tick: int) -> bool:
         """Whether the positions logged at a tick are."""
-        at = tick - self.first
-        return bool(np.isfinite(self.log.tick["nozzle"][at]).all() and np.isfinite(self.log.axis["encoder"][at]).all())
+        entry = tick - self.first
+        nozzle = self.log.tick["nozzle"][entry]
+        encoder = self.log.axis["encoder"][entry]
+        return bool(np.isfinite(nozzle).all() and np.isfinite(encoder).all())
 
     def record(self, ticks: int, fault: Fault | None) -> Run:
         """Return the record of the first ticks.
@@ -136,24 +148,23 @@ class LogBook:
         machine = self._machine
         setpoints = self._setpoints
         table = self._table
-        kept = constants(machine, setpoints, self._dispenser)
+        program = SentProgram(machine, setpoints, self._position, self._dispenser, self._faults)
+        unchanging = constants(machine, setpoints, self._dispenser)
         content: dict[str, Any] = {}
         if table is None:
             log = self.log.until(ticks)
-            sent_columns(
-                machine, setpoints, self._position, log.tick["setpoint"], self._dispenser, content, self._faults
-            )
+            sent_columns(program, log.tick["setpoint"], content)
             content |= self._measured(log, 0)
             self._displace(content, None)
-            return Run(**kept, **protected(content), fault=fault, injected=self._faults)
+            return Run(**unchanging, **protected(content), fault=fault, injected=self._faults)
         self._write(ticks)
         sent = table.stored(ticks)["setpoint"].array() if setpoints.gates.size else np.arange(ticks)
-        sent_columns(machine, setpoints, self._position, sent, self._dispenser, content, self._faults, table)
+        sent_columns(program, sent, content, table)
         self._displace(cast(dict[str, Any], table.stored(ticks)), table)
         stored = table.stored(ticks)
         for name in ("setpoint", IDEAL):
             stored.pop(name, None)
-        return Run(**kept, **cast(dict[str, Any], stored), fault=fault, injected=self._faults)
+        return Run(**unchanging, **cast(dict[str, Any], stored), fault=fault, injected=self._faults)
 
     def _displace(self, content: dict[str, Any], table: FileTable | None) -> None:
         """Displace the nozzle by the errors of the machine's geometry, if any; in the table where there is one."""
@@ -181,7 +192,8 @@ class LogBook:
 def perfect_record(machine: Machine, setpoints: Setpoints, position: Floats, dispenser: Dispenser) -> Run:
     """Return the record of a machine without tracking error, and without torque; arguments as in `LogBook`."""
     content: dict[str, Any] = {}
-    sent_columns(machine, setpoints, position, np.arange(len(position)), dispenser, content)
+    program = SentProgram(machine, setpoints, position, dispenser)
+    sent_columns(program, np.arange(len(position)), content)
     tip = content["commanded_tip"]
     none = np.zeros_like(position)
     content |= dict.fromkeys(("encoder", "motor"), position) | dict.fromkeys(TIPS, tip)

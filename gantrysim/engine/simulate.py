@@ -18,8 +18,7 @@ from gantrysim.faults import InjectedFault
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
-from gantrysim.servo.law import PlainLaw
-from gantrysim.servo.laws.parameters import LEARNING
+from gantrysim.servo.laws.plain import PlainLaw
 from gantrysim.servo.servo import Servo
 
 
@@ -60,20 +59,20 @@ def simulate(
             fault on purpose that the machine cannot have.
     """
     simulation = Simulation.of(machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser, faults=faults)
-    runs = servo.learning_repeats + 1 if LEARNING in servo.law and law is None else 1
+    runs = servo.laws.runs if law is None else 1
     done = 0
     count = runs * len(simulation.position)
 
     def run(simulations: Sequence[Simulation]) -> list[Started]:
         nonlocal done
-        (one,) = simulations
-        stepper = Stepper(one)
+        (stepped,) = simulations
+        stepper = Stepper(stepped)
         stepper.advance(law=law, progress=None if progress is None else lambda sent: progress((done + sent) / count))
-        done += len(one.position)
+        done += len(stepped.position)
         return [stepper.run]
 
-    (own,) = run([simulation]) if law is not None else run_and_learn([simulation], run)
-    return own.record()
+    (started,) = run([simulation]) if law is not None else run_and_learn([simulation], run)
+    return started.record()
 
 
 def perfect_follower(machine: Machine, setpoints: Setpoints, *, dispenser: Dispenser | None = None) -> Run:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -16,21 +17,18 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.engine.arguments import check_argument, sent
 from gantrysim.engine.drives import drive_entries
-from gantrysim.engine.injection import injected_entries, no_entries, stuck_models
+from gantrysim.engine.injection import NONE, Injection, faulted_models, injection
 from gantrysim.engine.laws import law_entries
 from gantrysim.engine.positions import axis_positions, axis_torques, check_supervision
 from gantrysim.engine.recording import LogBook
-from gantrysim.faults import InjectedFault, check_faults
+from gantrysim.faults import InjectedFault
+from gantrysim.faults.checks import check_faults
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.timing import delay_steps, substeps_of
-from gantrysim.native.row import (
-    Log,
-)
+from gantrysim.native.row import Log
 from gantrysim.record.setpoints import Setpoints
-from gantrysim.servo.feeding import Inverse
-from gantrysim.servo.laws.parameters import CONTOUR, PREVIEW
+from gantrysim.servo.inverse import Inverse
 from gantrysim.servo.servo import Servo
-from gantrysim.servo.shaping import shaped
 
 _NO_GLUE = Dispenser()
 
@@ -49,10 +47,10 @@ class Simulation:
         model: the machine's, with the physics step; not to be changed.
         book: of the log that the servo writes.
         faults: faults on purpose.
-        injected: those that act in the servo tick, (entries,) of `INJECTED`.
-        later: the models with the friction of stuck axes, each with the number of physics steps before it, ascending.
+        injection: those that act in the servo tick.
+        later: the models with faults, each with the number of physics steps before it, ascending.
         drives: at their start, (axes,) of `DRIVE`; None where all are plain ones.
-        laws: at their start, (axes,) of `LAW`; None where PID does alone.
+        laws: at their start, (axes,) of `LAW`; None where none acts in the tick.
         torque: sent with the setpoints, (n, axes) [N·m]; None for none.
     """
 
@@ -65,7 +63,7 @@ class Simulation:
     model: mujoco.MjModel
     book: LogBook
     faults: tuple[InjectedFault, ...] = ()
-    injected: NDArray[np.void] = field(default_factory=no_entries)
+    injection: Injection = NONE
     later: tuple[tuple[int, mujoco.MjModel], ...] = ()
     drives: NDArray[np.void] | None = None
     laws: NDArray[np.void] | None = None
@@ -86,15 +84,19 @@ class Simulation:
         given = {"machine": machine, "servo": servo, "setpoints": setpoints, "dispenser": dispenser, "faults": faults}
         for name, value in given.items():
             check_argument(name, value)
-        setpoints = shaped(servo, sent(setpoints, servo.period))
+        setpoints = sent(setpoints, servo.period)
+        for law in servo.laws.added:
+            setpoints = law.sent(servo.laws.by_name(), setpoints)
         dispenser = checked_dispenser(dispenser, setpoints)
         position = axis_positions(machine, setpoints)
         if not machine.kinematics.axes_are_coordinates:
             check_supervision(machine, setpoints.supervision)
-            if CONTOUR in servo.law:
-                raise InputError(
-                    f"law 'contour' on machine {machine.name}: its axes are not coordinates of its nozzle; leave it out"
-                )
+            for law in servo.laws.added:
+                if law.same_nozzle_axes:
+                    raise InputError(
+                        f"law {law.name!r} on machine {machine.name}: its axes are not coordinates of its nozzle; "
+                        "leave it out"
+                    )
         if servo.axes != len(machine.plain_axes):
             raise InputError(f"servo has {servo.axes} axes: machine {machine.name} has {len(machine.plain_axes)}")
         if abs(servo.period - setpoints.period) > 1e-12:
@@ -104,12 +106,13 @@ class Simulation:
         substeps = substeps_of(machine, servo.period, physics_step, servo.inner_period)
         delay_steps(servo.delay, servo.period, substeps)
         _check_ticks(setpoints)
-        model = machine.stepping(servo.period / substeps, any(servo.current_bandwidth))
+        model = machine.stepping(servo.period / substeps, any(drive.current_bandwidth for drive in servo.drives))
         drives = drive_entries(machine, servo, servo.period / substeps)
         torque = axis_torques(machine, setpoints)
-        if PREVIEW in servo.law:
-            fed = Inverse(servo).preview(position)
-            torque = fed if torque is None else torque + fed
+        for law in servo.laws.added:
+            fed = law.torque(partial(_inverted, servo), position)
+            if fed is not None:
+                torque = fed if torque is None else torque + fed
         checked = check_faults(faults, machine.name, machine.axis_names, setpoints.most_ticks * servo.period)
         return cls(
             machine,
@@ -121,10 +124,10 @@ class Simulation:
             model,
             LogBook(machine, setpoints, position, dispenser, checked, drives),
             checked,
-            injected_entries(checked, machine, servo),
-            stuck_models(checked, machine, model, servo.period, substeps),
+            injection(checked, machine, servo),
+            faulted_models(checked, machine, model, servo.period, substeps),
             drives,
-            law_entries(servo, torque),
+            law_entries(servo),
             torque,
         )
 
@@ -133,7 +136,6 @@ class Simulation:
         return replace(
             self,
             book=LogBook(self.machine, self.setpoints, self.position, self.dispenser, self.faults, self.drives),
-            laws=law_entries(self.servo, torque),
             torque=torque,
         )
 
@@ -141,6 +143,11 @@ class Simulation:
     def log(self) -> Log:
         """The log in memory."""
         return self.book.log
+
+
+def _inverted(servo: Servo, position: Floats) -> Floats:
+    """Return the torques with which the linear machine under its servo follows setpoints, (n, axes) [N·m]."""
+    return Inverse(servo).preview(position)
 
 
 def checked_dispenser(dispenser: Dispenser | None, setpoints: Setpoints) -> Dispenser:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import mujoco
@@ -10,8 +11,11 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError
+from gantrysim.engine.drives import drive_stages
+from gantrysim.engine.laws import law_stages
 from gantrysim.engine.simulation import Simulation
 from gantrysim.machine.timing import delay_steps
+from gantrysim.native.callback import magic
 from gantrysim.native.layout import offsets
 from gantrysim.native.row import (
     FAULTS,
@@ -24,7 +28,8 @@ from gantrysim.native.row import (
     ROW_NUMBERS,
     SETTLING,
 )
-from gantrysim.native.tick import magic
+from gantrysim.native.stages import Stage, arm
+from gantrysim.native.supervision import gate_stage, position_error_stage
 from gantrysim.native.user import CalledLaw
 from gantrysim.record.fault import Fault
 from gantrysim.record.run import Run
@@ -39,14 +44,16 @@ class Started:
     Attributes:
         simulation: the simulation, kept alive as the row holds addresses of its arrays.
         row: the servo's row of the state's userdata, a live view, see `gantrysim.native.row`.
-        drives, laws, own: their states, kept alive as the row holds their addresses; own is a user's law.
+        drives, laws, user_law: their states, kept alive as the stages hold their addresses.
+        stages: of the tick, kept alive as the row holds their address.
     """
 
     simulation: Simulation
     row: np.void
     drives: NDArray[np.void] | None = None
     laws: NDArray[np.void] | None = None
-    own: CalledLaw | None = None
+    user_law: CalledLaw | None = None
+    stages: NDArray[np.void] | None = None
 
     @classmethod
     def of(cls, simulation: Simulation, qpos: Floats, userdata: Floats) -> Started:
@@ -60,16 +67,20 @@ class Started:
         if drives is not None:
             for name in ("start", "target", "next"):
                 drives[name] = simulation.position[0]
-        row["drives"] = 0 if drives is None else drives.ctypes.data
         laws = None if simulation.laws is None else simulation.laws.copy()
-        row["laws"] = 0 if laws is None else laws.ctypes.data
-        own = None
-        if laws is not None and simulation.servo.own_law is not None:
-            state = np.zeros(STATE)
-            own = CalledLaw(resolved(simulation.servo.own_law), state)
-            laws["user"], laws["state_at"] = own.address, state.ctypes.data
+        stages = [
+            *simulation.injection.stages(),
+            *drive_stages(simulation.servo, drives),
+            *_supervision_stages(simulation),
+            *law_stages(simulation.servo, laws, simulation.torque),
+        ]
+        user_law = None
+        if simulation.servo.laws.user is not None:
+            user_law = CalledLaw(resolved(simulation.servo.laws.user), np.zeros(STATE))
+            stages.append(Stage("law", user_law.address, user_law.state.ctypes.data))
+        table = arm(row, stages)
         row["magic"] = magic()  # the last, for it arms the servo
-        return cls(simulation, row, drives, laws, own)
+        return cls(simulation, row, drives, laws, user_law, table)
 
     @property
     def steps(self) -> int:
@@ -107,13 +118,13 @@ class Started:
     @property
     def plain(self) -> bool:
         """Whether nothing but MuJoCo and the compiled servo has to act until the run is done."""
-        return self.own is None and not self.simulation.later and self.simulation.book.whole
+        return self.user_law is None and not self.simulation.later and self.simulation.book.whole
 
     @property
     def done(self) -> bool:
         """Whether the last setpoint is sent, or a fault has ended the run; what a user's law raised is raised here."""
-        if self.own is not None and self.own.raised:
-            raise self.own.raised[0]
+        if self.user_law is not None and self.user_law.raised:
+            raise self.user_law.raised[0]
         return self.sent >= len(self.simulation.position) or bool(self.row["fault"])
 
     @property
@@ -165,15 +176,15 @@ class Started:
         """
         simulation = self.simulation
         fault = self.fault
-        kept = self.ticks
+        ticks = self.ticks
         if not partial and not self.done:
             raise GantryError(
-                f"the servo of machine {simulation.machine.name} ran for {kept} of {len(simulation.position)} ticks: "
+                f"the servo of machine {simulation.machine.name} ran for {ticks} of {len(simulation.position)} ticks: "
                 "MuJoCo did not call it"
             )
-        if fault is not None and not simulation.book.finite(kept - 1):
-            kept -= 1  # the tick at which it diverged has no position to record
-        return simulation.book.record(kept, fault)
+        if fault is not None and not simulation.book.finite(ticks - 1):
+            ticks -= 1  # the tick at which it diverged has no position to record
+        return simulation.book.record(ticks, fault)
 
 
 def _fill(simulation: Simulation, row: np.void) -> None:
@@ -182,27 +193,42 @@ def _fill(simulation: Simulation, row: np.void) -> None:
     servo = simulation.servo
     for name, field in OFFSETS.items():
         row[name] = offsets()[field]
-    row["axes"], row["ticks"], row["substeps"] = servo.axes, len(simulation.position), simulation.substeps
+    row["axes"] = servo.axes
+    row["ticks"] = len(simulation.position)
+    row["substeps"] = simulation.substeps
     row["delay"] = delay_steps(servo.delay, servo.period, simulation.substeps)
     row["setpoints"] = simulation.position.ctypes.data
     simulation.book.begin(row)
-    row["nozzle"], row["work"], row["period"] = machine.nozzle, machine.work, servo.period
-    row["resolution"][: servo.axes] = servo.resolution
+    row["nozzle"] = machine.nozzle
+    row["work"] = machine.work
+    row["period"] = servo.period
+    row["resolution"][: servo.axes] = [drive.resolution for drive in servo.drives]
     row["following_error_limit"][: servo.axes] = servo.following_error_limit
     row["gains"][: servo.axes] = servo.gains
     row["notch"][: servo.axes] = servo.filters
     # a demand beyond what the drive can give is clamped by the drive itself
     peak = np.array([axis.peak_torque for axis in machine.plain_axes]) / machine.drive_gain
-    row["torque_limit"][: servo.axes] = np.minimum(servo.torque_limit, peak)
-    for a, (axis, mode) in enumerate(zip(machine.plain_axes, servo.mode, strict=True)):
+    row["torque_limit"][: servo.axes] = np.minimum([drive.torque_limit for drive in servo.drives], peak)
+    for a, (axis, mode) in enumerate(zip(machine.plain_axes, servo.modes, strict=True)):
         if mode != "torque":  # the drives limit torques themselves
             row["torque_limit"][a] = axis.speed_limit if mode == "velocity" else np.inf
     row["drive_gain"][: servo.axes] = machine.drive_gain
     for a, (axis, address) in enumerate(zip(machine.plain_axes, machine.addresses, strict=True)):
         for name in ("control", "output", "current"):
             row[name][a] = getattr(address, name)
-        row["scale"][a], row["speed_limit"][a] = axis.scale, axis.speed_limit
+        row["scale"][a] = axis.scale
+        row["speed_limit"][a] = axis.speed_limit
         row["low"][a], row["high"][a] = axis.travel
+
+
+def _supervision_stages(simulation: Simulation) -> list[Stage]:
+    """Return the stages of a motion controller that watches the position error, or waits for its axes to settle."""
+    stages = []
+    if math.isfinite(simulation.setpoints.supervision.position_error):
+        stages.append(Stage("supervise", position_error_stage()))
+    if simulation.setpoints.gates.size:
+        stages.append(Stage("supervise", gate_stage()))
+    return stages
 
 
 def _supervise(simulation: Simulation, row: np.void) -> None:
@@ -211,8 +237,9 @@ def _supervise(simulation: Simulation, row: np.void) -> None:
     gates = simulation.setpoints.gates
     row["position_error"] = supervision.position_error
     row["position_error_delay"] = supervision.position_error_delay
-    row["injected"], row["injected_count"] = simulation.injected.ctypes.data, simulation.injected.size
-    row["gates"], row["gate_count"], row["settle_error"] = gates.ctypes.data, gates.size, supervision.settle_error
+    row["gates"] = gates.ctypes.data
+    row["gate_count"] = gates.size
+    row["settle_error"] = supervision.settle_error
     row["settle_ticks"] = periods(supervision.settle_time, simulation.setpoints.period)
     row["timeout_ticks"] = periods(supervision.settle_timeout, simulation.setpoints.period)
     for a, axis in enumerate(simulation.machine.plain_axes):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,8 @@ from gantrysim.paths.path import Path
 from gantrysim.paths.profile import PointToPoint, Profile
 from gantrysim.paths.spirals import Involute
 from gantrysim.record.setpoints import Setpoints, periods
-from gantrysim.servo.laws.parameters import LEARNING, words
+from gantrysim.servo.laws import LEARNING
+from gantrysim.servo.laws.selection import words
 from gantrysim.servo.servo import Servo
 
 TUNED_GAINS = ("kp", "kd", "velocity_ff", "acceleration_ff")  # set by the agent, in the order of the action
@@ -126,10 +127,11 @@ class Source:
             self.machine = self._job.built_machine
             servo = self._job.built_servo
         servo.check_torque("environment")
-        if LEARNING in servo.law:
-            raise InputError(f"environment: servo law = {words(servo.law)}: leave out learning, which needs whole runs")
-        lower: dict[str, Any] = {n: tuple(gain / detune for gain in getattr(servo, n)) for n in SCALED}
-        self.servo = replace(servo, **lower)
+        names = servo.laws.names
+        if LEARNING.name in names:
+            raise InputError(f"environment: servo law = {words(names)}: leave out learning, which needs whole runs")
+        lower = {name: tuple(gain / detune for gain in servo.per_axis(name)) for name in SCALED}
+        self.servo = servo.with_values(**lower)
         self.ticks = self._ticks()
         self._fixed = None if self._job is None else Plan(self._job.setpoints, self._job.dispenser, {})
         if self._job is None:

@@ -48,7 +48,7 @@ class Changing(Source):
         simulation = episode.simulation
         machine = episode.simulation.machine
         changed = machine.perturbed(self.change(drawn))
-        voltage = any(self.servo.current_bandwidth)
+        voltage = any(drive.current_bandwidth for drive in self.servo.drives)
         model = changed.stepping(simulation.model.opt.timestep, voltage)
         interval = simulation.substeps * (self.ticks or 1)
         begin = max(round(drawn[self.moment] / self.settings.decision_interval), 1) * interval

@@ -31,7 +31,7 @@ class GainBatch(EpisodeBatch):
 
     def __init__(self, settings: Settings, places: int, threads: int | None, ahead: bool) -> None:
         super().__init__(settings, places, threads, ahead, Source(settings, settings.detune))
-        self._centre = {name: np.array(getattr(self.source.servo, name)) for name in SCALED}
+        self._centre = {name: np.array(self.source.servo.per_axis(name)) for name in SCALED}
         self.sensitivity = SensitivityTable(self.source.machine, self.source.servo, settings.gain_range)
 
     def _entries(self) -> list[Entry]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -54,7 +53,7 @@ class SensitivityTable:
                 machine = machine.perturbed(Perturbation(payload=payload / _PAYLOADS))
             try:
                 servo.compensators()
-                self._plants[payload] = Plant.of(machine, servo.period, servo.delay, drives=servo.drives)
+                self._plants[payload] = Plant.of(machine, servo.period, servo.delay, drives=servo.loop_drives)
             except UnknownLoopError:
                 self._plants[payload] = None
         return self._plants[payload]
@@ -100,5 +99,5 @@ class SensitivityTable:
 
 def scaled(servo: Servo, factors: Mapping[str, Floats]) -> Servo:
     """Return a servo whose gains of `SCALED` are multiplied, each by one factor per axis."""
-    gains: dict[str, Any] = {name: tuple((factors[name] * getattr(servo, name)).tolist()) for name in SCALED}
-    return replace(servo, **gains)
+    gains: dict[str, Any] = {name: tuple((factors[name] * np.array(servo.per_axis(name))).tolist()) for name in SCALED}
+    return servo.with_values(**gains)

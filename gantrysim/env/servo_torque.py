@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.errors import InputError, finite, positive
-from gantrysim.engine.laws import law_entries
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Plan
@@ -74,7 +73,7 @@ class ServoTorqueSource(ChangingFriction):
     def _simulation(self, machine: Machine, plan: Plan) -> Simulation:
         simulation = super()._simulation(machine, plan)
         torque = np.zeros(simulation.position.shape) if simulation.torque is None else simulation.torque.copy()
-        return replace(simulation, laws=law_entries(self.servo, torque), torque=torque)
+        return replace(simulation, torque=torque)
 
 
 class ServoTorqueBatch(EpisodeBatch):

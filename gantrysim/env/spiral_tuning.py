@@ -94,7 +94,7 @@ class SpiralTuningBatch(EpisodeBatch):
         super().__init__(settings, places, threads, ahead, ChangingPayload(settings))
         axes = self.source.machine.axes
         servo = self.source.servo
-        self._centre = {name: np.array(getattr(servo, name)) for name in SCALED}
+        self._centre = {name: np.array(servo.per_axis(name)) for name in SCALED}
         self.sensitivity = SensitivityTable(self.source.machine, servo, settings.gain_range)
         self._start_log = np.log(settings.start) / math.log(settings.gain_range)
         self._smooth = math.exp(-servo.period / _SMOOTH)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import Any
 
 from gantrysim.base.errors import InputError, unknown
@@ -76,4 +75,4 @@ def imported(name: str, text: str, axes: Iterable[Axis], servo: Servo, label: st
         raise InputError(f"{label}: has none of {names} for axis {', '.join(missing)}, in the words of {name}")
     gains = [chosen.gains(words, axis) for words, axis in zip(words_by_axis, axis_servos, strict=True)]
     own_gains: dict[str, Any] = {gain: tuple(axis_gains.get(gain, 0.0) for axis_gains in gains) for gain in GAIN_NAMES}
-    return replace(servo, **own_gains)
+    return servo.with_values(**own_gains)

@@ -1,16 +1,16 @@
 """What of a servo a controller's words cannot express.
 
-Every field of `Servo` is in one of three groups. A field of none of them counts as one that acts: a gain that the
+Every value of `Servo.values` is in one of three groups. One of none of them counts as one that acts: a gain that the
 package gets is refused by every dialect that does not carry it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
 
 from gantrysim.exchange.dialect import AxisServo, Dialect
-from gantrysim.servo.laws.parameters import LAW_PARAMETERS, PD, PID, words
+from gantrysim.servo.laws import LAW_PARAMETERS, PD, PID
+from gantrysim.servo.laws.selection import words
 from gantrysim.servo.servo import Servo
 
 # Set in the controller, the drive or the encoder beside the gains: listed in the file and in notes, where not carried.
@@ -41,22 +41,21 @@ THROUGH = {
     **{parameter.name: "law" for parameter in LAW_PARAMETERS},
 }
 # `AxisServo.of` refuses every mode but torque. The laws pd and pid are the gains themselves.
-_PLAIN = ((PID,), (PD,))
+_PLAIN = ((PID.name,), (PD.name,))
 _REMEDIES = {"law": "servo.law='\"pid\"'"}
 
 
 def unsaid(dialect: Dialect, axes: Sequence[AxisServo], servo: Servo) -> dict[str, str]:
-    """Return what a dialect has no word for although it acts, by the field of the servo, with the values."""
+    """Return what a dialect has no word for although it acts, by the key of the servo, with the values."""
     lost: dict[str, str] = {}
-    for field in fields(servo):
-        name = field.name
+    for name, values in servo.values().items():
         if name in dialect.carries or name in BESIDE or name in THROUGH or name == "mode":
             continue
         if name == "law":
-            if servo.law not in _PLAIN:
-                lost[name] = f"law = {words(servo.law)}"
+            if servo.laws.names not in _PLAIN:
+                lost[name] = f"law = {words(servo.laws.names)}"
             continue
-        acting = [f"{axis.name} {value:g}" for axis, value in zip(axes, getattr(servo, name), strict=True) if value]
+        acting = [f"{axis.name} {value:g}" for axis, value in zip(axes, values, strict=True) if value]
         if acting:
             lost[name] = f"{name} ({', '.join(acting)})"
     return lost
@@ -66,7 +65,7 @@ def beside(dialect: Dialect, servo: Servo) -> list[str]:
     """Return the settings beside the gains that a dialect does not carry, in lines."""
     lines = []
     for name, meaning in BESIDE.items():
-        value = getattr(servo, name)
+        value = servo.values()[name]
         values = value if isinstance(value, tuple) else (value,)
         if name in dialect.carries or not any(value and value != "motor" for value in values):
             continue

@@ -3,21 +3,60 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
-from gantrysim.base.errors import InputError, at_least
+import numpy as np
+
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, at_least, finite
 
 _ROUNDING = 1e-9  # of a time in servo periods
+
+# Points of the servo tick at which a fault acts
+CURRENT = "current"  # before each physics step: changes `row.winding_current`
+SETPOINT = "setpoint"  # changes `row.setpoint`
+MOTOR = "motor"  # changes `row.motor`, the motor's position
+REPORT = "report"  # changes `row.seen`, the position that the encoder reports
+VOLTAGE = "voltage"  # before each physics step: changes `row.control_torque`, the drive's voltage as a torque
+
+
+class FaultAxis(NamedTuple):
+    """An axis, as faults on purpose depend on it.
+
+    Attributes:
+        machine: name of its machine.
+        name: of the axis.
+        resolution: axis travel per encoder count, 0 for an exact encoder [u].
+        bus_voltage: of its drive, inf for an ideal torque source [V].
+        mode: command mode of its drive.
+        delayed: whether the actuator has a delay of its own.
+    """
+
+    machine: str
+    name: str
+    resolution: float
+    bus_voltage: float
+    mode: str
+    delayed: bool
 
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """A fault on purpose.
+    """A fault on purpose. Each kind is a file with its dataclass, and all that it does in a run.
 
     Attributes:
         time: time at which it begins [s].
+        stages: what it does at points of the servo tick: functions of the row and of the fault's entry there, plain
+            Python that numba can compile.
+        in_model: whether it changes the model while it lasts, see `change_model`.
+        in_drive: whether it changes the drive, see `drive_left`.
     """
+
+    stages: ClassVar[tuple[tuple[str, Callable[[Any, Any], None]], ...]] = ()
+    in_model: ClassVar[bool] = False
+    in_drive: ClassVar[bool] = False
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "allow_inf_nan": True}
 
@@ -53,6 +92,35 @@ class InjectedFault:
         end = (self.time + self.lasting(period)) / period
         return math.ceil(self.time / period - _ROUNDING), end if math.isinf(end) else math.ceil(end - _ROUNDING)
 
+    def tick_value(self, axis: FaultAxis, axes: Sequence[FaultAxis]) -> float | None:
+        """Return the value of its entry in the tick for one axis; None where it does nothing there.
+
+        Args:
+            axis: one on which it acts.
+            axes: all axes of the machine.
+
+        Raises:
+            InputError: an axis that cannot have this fault.
+        """
+        return 0.0
+
+    def change_model(self, model: Any, axis: int) -> None:
+        """Put the fault of an axis, given by its number, into a model of MuJoCo's."""
+
+    def drive_left(self, gain: float, bus: float, nominal_bus: float) -> tuple[float, float]:
+        """Return what is left of a drive: torque per torque demanded, and bus voltage [V]."""
+        return gain, bus
+
+    def flow_left(self, flow: Floats, valve: Floats, edges: Floats) -> Floats:
+        """Return the flow out of the nozzle, the mean over each period, (n,) [mm³/s].
+
+        Args:
+            flow: without this fault, (n,) [mm³/s].
+            valve: share of each period for which the valve is open, (n,).
+            edges: begin of each period, and the end of the last, (n + 1,) [s].
+        """
+        return flow
+
     def table(self) -> dict[str, Any]:
         """Return its values by name, from which `fault_of` makes it."""
         return {name: value for name, value in asdict(self).items() if value is not None}
@@ -83,3 +151,31 @@ class Lasting(InjectedFault):
     @property
     def _span(self) -> str:
         return "until the end" if math.isinf(self.duration) else f"for {self.duration:g} s"
+
+    def _shares(self, edges: Floats) -> Floats:
+        """Return the share of every period, given by their edges, for which the fault lasts, (n,)."""
+        inside = np.clip(edges, self.time, self.time + self.duration)
+        return np.diff(inside) / np.diff(edges)
+
+
+def check_counts(counts: float) -> None:
+    """Raise InputError for a number of counts that is not whole."""
+    if finite("counts", counts) != int(counts):
+        raise InputError(f"counts = {counts:g}: must be a whole number")
+
+
+def servo_ticks(count: int) -> str:
+    """Return a number of servo ticks as text."""
+    return "1 servo tick" if count == 1 else f"{count} servo ticks"
+
+
+def acts_at_tick(row: Any, fault: Any) -> bool:
+    """Return whether a fault acts at this servo tick."""
+    acting: bool = fault.begin <= row.tick and row.tick < fault.end
+    return acting
+
+
+def acts_in_step(row: Any, fault: Any) -> bool:
+    """Return whether a fault acts in this physics step."""
+    acting: bool = fault.begin * row.substeps <= row.steps and row.steps < fault.end * row.substeps
+    return acting

@@ -105,24 +105,20 @@ def _without_sampling(setup: Setup) -> Setup:
 
 
 def _without_counts(setup: Setup) -> Setup:
-    exact = replace(
-        setup.servo,
-        resolution=(0.0,) * setup.servo.axes,
-        encoder_noise=(),
-        interpolation_error=(),
-        interpolation_error_twice=(),
+    exact = setup.servo.with_values(
+        resolution=0.0, encoder_noise=0.0, interpolation_error=0.0, interpolation_error_twice=0.0
     )
     return setup if exact == setup.servo else replace(setup, servo=exact)
 
 
 def _without_winding(setup: Setup) -> Setup:
     ideal = _on(without_winding)(setup)
-    return replace(ideal, servo=replace(ideal.servo, current_bandwidth=())) if ideal is not setup else setup
+    return replace(ideal, servo=ideal.servo.with_values(current_bandwidth=0.0)) if ideal is not setup else setup
 
 
 def _without_compliance(setup: Setup) -> Setup:
     ideal = _on(without_compliance)(setup)
-    return replace(ideal, servo=replace(ideal.servo, feedback=())) if ideal is not setup else setup
+    return replace(ideal, servo=ideal.servo.with_values(feedback="motor")) if ideal is not setup else setup
 
 
 def _on(machine: Callable[[Machine], Machine]) -> Callable[[Setup], Setup]:

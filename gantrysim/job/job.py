@@ -29,7 +29,7 @@ from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.axis_loop import LoopTask
 from gantrysim.servo.cascade import gains
-from gantrysim.servo.laws.parameters import PD
+from gantrysim.servo.laws import PD
 from gantrysim.servo.servo import Servo
 from gantrysim.servo.servo_values import LOOP_GAINS
 from gantrysim.stability.margins import Margins, margins_of
@@ -193,9 +193,9 @@ class Job(JobContent):
             return f"{', '.join(given)} as given"
         servo = self.servo
         built = self.built_servo
-        lags = built.lags._replace(drives=built.drives._replace(velocity=()))
-        integral_time = math.inf if PD in built.law else servo.integral_time
-        task = LoopTask(self.built_machine.axes, servo.period, lags, servo.damping, integral_time, built.law)
+        lags = built.lags._replace(drives=built.loop_drives._replace(velocity=()))
+        integral_time = math.inf if PD.name in built.laws.names else servo.integral_time
+        task = LoopTask(self.built_machine.axes, servo.period, lags, servo.damping, integral_time, built.laws.names)
         return gains(task, servo.frequency, servo.velocity_bandwidth)[1]
 
     @cached_property

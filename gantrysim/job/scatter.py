@@ -138,7 +138,7 @@ def scatter_of(
 
 def _counts(job: Job) -> Floats:
     """Return the counts of the encoders of the axes that the program moves, 0 for others, (axes,) [mm or deg]."""
-    counts = np.array(job.built_servo.resolution, float)
+    counts = np.array([drive.resolution for drive in job.built_servo.drives], dtype=np.float64)
     counts[np.ptp(axis_positions(job.built_machine, job.setpoints), axis=0) == 0] = 0.0
     return counts
 

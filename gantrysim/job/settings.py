@@ -7,9 +7,11 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from gantrysim.servo.gains import Parameter
-from gantrysim.servo.laws.parameters import ADDITIONS, BASES, LawParameters
-from gantrysim.servo.servo_values import DERIVED, DRIVE_PERIOD, FOLLOWING_ERROR_LIMIT
+from gantrysim.servo.drive_settings import DRIVE_PERIOD
+from gantrysim.servo.laws import ADDITIONS, BASES
+from gantrysim.servo.laws.selection import Laws
+from gantrysim.servo.parameter import Parameter
+from gantrysim.servo.servo_values import DERIVED, FOLLOWING_ERROR_LIMIT
 
 STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
 
@@ -48,9 +50,7 @@ class _Derivation(BaseModel):
     law: str | list[str] = _setting(
         "pid", f"names of its laws: one of {', '.join(BASES)}, and any of {', '.join(ADDITIONS)}"
     )
-    learning_repeats: int = _setting(
-        LawParameters.learning_repeats, "number of runs from which the law learning learns"
-    )
+    learning_repeats: int = _setting(Laws.learning_repeats, "number of runs from which the law learning learns")
 
 
 def _per_axis(parameter: Parameter) -> Any:

@@ -44,7 +44,7 @@ class LostSteps(NamedTuple):
 def lost_steps(machine: Machine, servo: Servo, run: Run) -> tuple[LostSteps, ...]:
     """Return what steppers in open loop have lost; the field follows the command by one servo period."""
     lost = []
-    for a, (axis, mode) in enumerate(zip(machine.axes, servo.mode, strict=True)):
+    for a, (axis, mode) in enumerate(zip(machine.axes, servo.modes, strict=True)):
         if mode != "stepper":
             continue
         period = axis.electrical_period

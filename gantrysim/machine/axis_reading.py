@@ -24,7 +24,7 @@ from gantrysim.machine.motors import (
     STRIBECK,
     TIME_CONSTANT,
 )
-from gantrysim.servo.laws.friction import Friction
+from gantrysim.servo.axis_dynamics import Friction
 from gantrysim.stability.motion import MODES
 
 EFFICIENCY = "efficiency"  # custom numeric

@@ -16,11 +16,11 @@ import mujoco
 import numpy as np
 
 from gantrysim.base.errors import GantryError, InputError
+from gantrysim.native.callback import callback, clock, parts
 from gantrysim.native.interrupts import Interrupts, called_by_c, careful
 from gantrysim.native.quiet import silence
 from gantrysim.native.row import ROW, ROW_NUMBERS
-from gantrysim.native.tick import compiled
-from gantrysim.servo.law import PlainLaw, Tick
+from gantrysim.servo.laws.plain import PlainLaw, Tick
 
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 
@@ -42,7 +42,7 @@ def installed() -> AbstractContextManager[None]:
     """
     if getattr(_thread, "law", False):
         raise GantryError("a law in plain Python cannot run a simulation: it is inside one")
-    return _Installation(compiled().callback, Interrupts())
+    return _Installation(callback(), Interrupts())
 
 
 def installed_law(data: mujoco.MjData, law: PlainLaw) -> AbstractContextManager[None]:
@@ -55,7 +55,7 @@ def installed_law(data: mujoco.MjData, law: PlainLaw) -> AbstractContextManager[
     """
     if getattr(_thread, "law", False) or getattr(_thread, "depth", 0):
         raise GantryError("a simulation with a law in plain Python cannot run inside another simulation")
-    tick = compiled()
+    sample, command, output = parts()
     simulated = data._address
     userdata = data.userdata.ctypes.data
     row = data.userdata[:ROW_NUMBERS].view(ROW)[0]
@@ -68,13 +68,13 @@ def installed_law(data: mujoco.MjData, law: PlainLaw) -> AbstractContextManager[
             return
         try:
             interrupts.deliver()
-            if tick.sample(simulated, userdata):
+            if sample(simulated, userdata):
                 torque = np.asarray(law(_tick(row, n)), float)
                 if torque.shape != (n,) or not np.isfinite(torque).all():
                     raise InputError(f"law returned {torque.tolist()}: must be {n} finite torques, one per axis [N·m]")
                 row["torque"][:n] = torque
-                tick.command(simulated, userdata)
-            tick.output(simulated, userdata)
+                command(simulated, userdata)
+            output(simulated, userdata)
         except BaseException as error:  # must not unwind through MuJoCo's C frames
             raised.append(error)
             data.ctrl[:] = 0
@@ -132,7 +132,7 @@ class _Installation(AbstractContextManager[None]):
                 mujoco.set_mjcb_control(self._callback)
                 _timed = mujoco.get_mjcb_time() is not None
                 if not _timed:
-                    mujoco.set_mjcb_time(compiled().clock)
+                    mujoco.set_mjcb_time(clock())
                 silence(1)  # the tick turns MuJoCo's warnings into faults
             _users = -1 if alone else _users + 1
             self._taken = True

@@ -48,10 +48,10 @@ def offsets() -> dict[str, int]:
     Raises:
         LayoutError: a field is not where it is declared.
     """
-    found = {name: int(getattr(_struct("mjData"), name).offset) for name in (*POINTERS, "warning")}
-    found["nuserdata"] = int(_struct("mjModel").nuserdata.offset)
-    _verify(found)
-    return found
+    layout = {name: int(getattr(_struct("mjData"), name).offset) for name in (*POINTERS, "warning")}
+    layout["nuserdata"] = int(_struct("mjModel").nuserdata.offset)
+    _verify(layout)
+    return layout
 
 
 @cache
@@ -85,7 +85,7 @@ def _ctype(declared: Any) -> Any:
     return ctypes.c_int  # every other name is an enum
 
 
-def _verify(found: dict[str, int]) -> None:
+def _verify(layout: dict[str, int]) -> None:
     spec = mujoco.MjSpec.from_string(
         "<mujoco><worldbody><body><joint name='j' type='slide'/><geom size='1'/><site name='s'/></body></worldbody>"
         "<actuator><dcmotor joint='j' motorconst='1 1' resistance='1' inductance='1 0'/></actuator></mujoco>"
@@ -95,13 +95,13 @@ def _verify(found: dict[str, int]) -> None:
     data = mujoco.MjData(model)
     for k, warning in enumerate(data.warning):
         warning.number = 11 + k
-    pointers = {name: ctypes.c_uint64.from_address(data._address + found[name]).value for name in POINTERS}
+    pointers = {name: ctypes.c_uint64.from_address(data._address + layout[name]).value for name in POINTERS}
     wrong = [f"mjData.{name}" for name in POINTERS if pointers[name] != getattr(data, name).ctypes.data]
-    at = data._address + found["warning"] + WARNING_NUMBER
-    numbers = [ctypes.c_int.from_address(at + k * WARNING_SIZE).value for k in range(len(data.warning))]
+    first_number = data._address + layout["warning"] + WARNING_NUMBER
+    numbers = [ctypes.c_int.from_address(first_number + k * WARNING_SIZE).value for k in range(len(data.warning))]
     if numbers != [warning.number for warning in data.warning]:
         wrong.append("mjData.warning")
-    if ctypes.c_int64.from_address(model._address + found["nuserdata"]).value != model.nuserdata:
+    if ctypes.c_int64.from_address(model._address + layout["nuserdata"]).value != model.nuserdata:
         wrong.append("mjModel.nuserdata")
     if wrong:
         raise LayoutError(

@@ -17,12 +17,13 @@ from numba.extending import intrinsic
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from gantrysim.base.jit import inner_jit
-from gantrysim.native.row import DRIVE, INJECTED, LAW, LOG_AXIS, LOG_TICK, ROW
+from gantrysim.native.row import DRIVE, FAULT, LAW, LOG_AXIS, LOG_TICK, ROW, STAGE
 from gantrysim.servo.gains import GAIN_NAMES, Gains
 
 _MANY = 2**31  # nothing is checked against it
 _GAINS = len(GAIN_NAMES)
-_TICK_SIZE, _AXIS_SIZE = LOG_TICK.itemsize, LOG_AXIS.itemsize
+_TICK_SIZE = LOG_TICK.itemsize
+_AXIS_SIZE = LOG_AXIS.itemsize
 
 
 @intrinsic
@@ -65,8 +66,13 @@ def _axis_entries(context: Any, address: Any) -> Any:
 
 
 @intrinsic
-def _injected_entries(context: Any, address: Any) -> Any:
-    return _typed_pointer(numba.from_dtype(INJECTED))
+def _stage_entries(context: Any, address: Any) -> Any:
+    return _typed_pointer(numba.from_dtype(STAGE))
+
+
+@intrinsic
+def _fault_entries(context: Any, address: Any) -> Any:
+    return _typed_pointer(numba.from_dtype(FAULT))
 
 
 @intrinsic
@@ -80,16 +86,16 @@ def _law_entries(context: Any, address: Any) -> Any:
 
 
 @intrinsic
-def call(context: Any, address: Any, first: Any, second: Any) -> Any:
-    """Call the C function at an address with two integers."""
+def call(context: Any, address: Any, data: Any, userdata: Any, argument: Any) -> Any:
+    """Call the C function at an address with three integers."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         word = ir.IntType(64)
-        function = ir.FunctionType(ir.VoidType(), [word, word])
+        function = ir.FunctionType(ir.VoidType(), [word, word, word])
         builder.call(builder.inttoptr(args[0], function.as_pointer()), args[1:])
         return context.get_dummy_value()
 
-    return types.void(types.int64, types.int64, types.int64), codegen
+    return types.void(types.int64, types.int64, types.int64, types.int64), codegen
 
 
 def _typed_pointer(target: types.Type) -> Any:
@@ -139,21 +145,27 @@ def axis_log(row, tick):
 
 
 @inner_jit
-def injected_faults(row):
-    """Return the faults on purpose, a view, (injected_count,)."""
-    return numba.carray(_injected_entries(row.injected), (row.injected_count,))
+def stages_of(row):
+    """Return the stages of the tick, a view."""
+    return numba.carray(_stage_entries(row.stages), (row.stage_until[-1],))
 
 
 @inner_jit
-def drives_of(row):
-    """Return the drives, a view, (axes,)."""
-    return numba.carray(_drive_entries(row.drives), (row.axes,))
+def fault_at(address):
+    """Return the fault on purpose at an address, a view."""
+    return numba.carray(_fault_entries(address), (1,))[0]
 
 
 @inner_jit
-def laws_of(row):
-    """Return the laws, a view, (axes,)."""
-    return numba.carray(_law_entries(row.laws), (row.axes,))
+def drives_at(address, axes):
+    """Return the drives at an address, a view, (axes,)."""
+    return numba.carray(_drive_entries(address), (axes,))
+
+
+@inner_jit
+def laws_at(address, axes):
+    """Return the laws at an address, a view, (axes,)."""
+    return numba.carray(_law_entries(address), (axes,))
 
 
 @inner_jit

@@ -29,14 +29,14 @@ def heard(text: bytes) -> None:
 _HEARD = ctypes.CFUNCTYPE(None, ctypes.c_char_p)(heard)
 
 
-def silence(more: int) -> None:
-    """Take MuJoCo's warnings for one more block, 1, or one less, -1."""
+def silence(blocks: int) -> None:
+    """Take MuJoCo's warnings for one block more, 1, or one less, -1."""
     global _blocks, _loud
     with _lock:
         if not _blocks:
             _loud = mujoco.get_mju_user_warning()
             mujoco.set_mju_user_warning(_HEARD)
-        _blocks += more
+        _blocks += blocks
         if not _blocks:
             mujoco.set_mju_user_warning(_loud)
 
@@ -44,7 +44,9 @@ def silence(more: int) -> None:
 @contextmanager
 def quiet() -> Iterator[list[str]]:
     """Take MuJoCo's warnings in a block; they are in the list when it has ended."""
-    before, texts, said = getattr(_thread, "heard", None), [], []  # type: Any, list[bytes], list[str]
+    before = getattr(_thread, "heard", None)
+    texts: list[bytes] = []
+    said: list[str] = []
     silence(1)
     _thread.heard = texts
     try:

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from gantrysim.native.layout import POINTERS
 from gantrysim.servo.gains import GAIN_NAMES
-from gantrysim.servo.laws.friction import Friction
-from gantrysim.servo.laws.observer import MOST_SHIFT, TAPS
+from gantrysim.servo.laws import LAW_PARAMETERS, LAWS
 from gantrysim.servo.notch import Coefficients
 from gantrysim.servo.servo_values import MAX_FEEDBACK_DELAY
 
@@ -44,8 +43,23 @@ POSITION_ERROR, POSITION_ERROR_AT_REST, SETTLING = range(6, 9)
 
 WARNINGS = int(mujoco.mjtWarning.mjNWARNING)  # kinds of MuJoCo's warnings; any of them makes the state invalid
 
-# faults on purpose: what they do to an axis
-DROPOUT, OFFSET, SLIP, HELD, EXTRAPOLATED, WINDING, BUS = range(1, 8)
+# Points at which stages of the tick run, in their order; a law or a fault says at which of them it acts.
+POINTS = (
+    "current",  # before each physics step: `row.winding_current`
+    "setpoint",  # before each tick: `row.setpoint`
+    "motor",  # `row.motor`, the position of the motor; also where a drive samples it
+    "encoder",  # `row.seen`, the position that the encoder reads, before it is counted
+    "feedback",  # `row.seen` on its way to the servo
+    "report",  # `row.seen` as it arrives; also where a drive samples it
+    "supervise",  # trips, or sets `row.waits` for the stream to wait
+    "error",  # `row.law_error` and `row.law_change`
+    "law",  # in place of PID: sets `row.torque` and `row.next_integral`
+    "feedforward",  # adds to `row.feedforward`
+    "disturbance",  # adds to it, after all feed-forward
+    "demand",  # after the torque demand is known: `row.torque`
+    "drive",  # before each physics step: the controls
+    "voltage",  # `row.control_torque`, the controls as torques
+)
 TORQUE, VELOCITY, POSITION, STEPPER = range(4)  # modes of a drive
 NEVER = 2**40  # tick of what does not happen in a run
 
@@ -73,12 +87,10 @@ _WHOLE = [
     "gate",  # number of gates passed
     "settle_ticks",
     "timeout_ticks",
-    "injected",  # address of the INJECTED entries, one per fault on purpose and axis
-    "injected_count",
-    "drives",  # address of the DRIVE entries, one per axis; 0 where every drive is a plain one
-    "laws",  # address of the LAW entries, one per axis; 0 where the law is PID alone
+    "stages",  # address of the STAGE entries
     "within",  # ticks in a row within the settle error at this gate
     "waited",  # ticks at this gate
+    "waits",  # 1 where the stream waits at this setpoint
     "fault",  # index into FAULTS
     "fault_axis",
     "fault_tick",
@@ -96,15 +108,26 @@ _AXIS_PARAMETERS = [
     "linear",  # 1 where the axis counts for the group's position error, 0 where not
 ]
 _AXIS_STATE = [
+    "setpoint",  # received by the servo at this tick
+    "motor",  # position of the motor
+    "seen",  # position on its way from the encoder to the servo
+    "motor_speed",
+    "winding_current",  # of a motor whose current MuJoCo simulates
+    "control_torque",  # controls
     "commanded",
     "measured",
     "error",
     "error_change",
-    "error_sum",
+    "law_error",  # to which the law answers
+    "law_change",
+    "integral",  # of the law
+    "next_integral",  # unless the demand is clamped
     "demand_velocity",
     "demand_acceleration",
     "measured_velocity",
     "torque",
+    "feedforward",  # added to the torque of the base law
+    "compensation",  # the part of it that compensates what no linear model has
     "notch_first",  # states of the notch
     "notch_second",
     "pending",
@@ -117,18 +140,21 @@ ROW = np.dtype(
     [(name, np.int64) for name in _WHOLE]
     + [(name, np.float64) for name in ("period", "position_error", "settle_error", "fault_value", "fault_limit")]
     + [(name, np.int64, (MAX_AXES,)) for name in _AXIS_WHOLE]
+    + [("stage_until", np.int64, (len(POINTS),))]  # number of the first stage after each point
     + [("gains", np.float64, (MAX_AXES, len(GAIN_NAMES)))]
     + [("notch", np.float64, (MAX_AXES, len(Coefficients._fields)))]
     + [(name, np.float64, (MAX_AXES,)) for name in _AXIS_PARAMETERS + _AXIS_STATE]
 )
 
-INJECTED = np.dtype(
+STAGE = np.dtype([("address", np.int64), ("argument", np.int64)])
+
+# a fault on purpose of one axis
+FAULT = np.dtype(
     [
-        ("kind", np.int64),
         ("axis", np.int64),
         ("begin", np.int64),  # first tick at which it acts
         ("end", np.int64),  # first tick at which it no longer does
-        ("value", np.float64),  # offset of the encoder or of the motor [u], or voltage that is left [V]
+        ("value", np.float64),  # see the fault
         ("constant", np.float64),  # motor constant [N·m/A]
         ("resistance", np.float64),  # [ohm]
     ]
@@ -188,30 +214,9 @@ DRIVE = np.dtype(
     ]
 )
 
-TOLD = MOST_SHIFT + TAPS + 1
+# the laws of one axis: parameters, then states
 LAW = np.dtype(
-    [
-        ("cascade", np.int64),  # 1 for P-PI, 0 for PID
-        ("user", np.int64),  # address of a user's own law, of the first axis; 0 for none
-        ("state_at", np.int64),  # address of its state
-        ("feed", np.int64),  # address of the torques sent with the setpoints, one per setpoint and axis; 0 for none
-        ("contour", np.float64),  # factor on the error across the path
-        ("friction", np.float64, (len(Friction._fields),)),
-        ("inertia", np.float64),  # of the observer; 0 for no observer
-        ("viscous", np.float64),
-        ("shift", np.int64),  # see `torque_taps`
-        ("taps", np.float64, (TAPS,)),
-        ("filter", np.float64, (len(Coefficients._fields),)),
-        # state
-        ("speed_sum", np.float64),  # of the cascade [N·m·s]
-        ("across", np.float64),  # error across the path at the last tick [mm]
-        ("tangent", np.float64),  # of the path, while it last moved
-        ("friction_torque", np.float64),
-        ("velocity", np.float64),  # measured at the last tick
-        ("first", np.float64),  # states of the filter
-        ("second", np.float64),
-        ("told", np.float64, (TOLD,)),  # torque demands, by tick modulo their number
-    ]
+    [(parameter.name, np.float64) for parameter in LAW_PARAMETERS] + [field for law in LAWS for field in law.state]
 )
 
 ROW_NUMBERS = ROW.itemsize // 8  # mjtNums of userdata

@@ -4,11 +4,13 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numba
 import numpy as np
 
 from gantrysim.base.jit import inner_jit
-from gantrysim.native.pointers import floats, integers, tick_log
+from gantrysim.native.pointers import floats, integers, row_at, tick_log
 from gantrysim.native.row import (
     OSCILLATION,
     OSCILLATION_SWINGS,
@@ -17,6 +19,7 @@ from gantrysim.native.row import (
     POSITION_ERROR_AT_REST,
     SETTLING,
 )
+from gantrysim.native.stages import compiled_stage
 
 
 @inner_jit
@@ -44,31 +47,57 @@ def watch_oscillation(row, axis, side):
         trip(row, OSCILLATION, axis, row.swings[axis], OSCILLATION_SWINGS)
 
 
+@cache
+def position_error_stage() -> int:
+    """Return the address of the stage that watches the group's position error; it has no argument."""
+
+    def stage(data, userdata, argument):
+        _watch_position_error(row_at(userdata))
+
+    return compiled_stage(stage)
+
+
+@cache
+def gate_stage() -> int:
+    """Return the address of the stage that holds the stream at gates until the axes have settled; no argument."""
+
+    def stage(data, userdata, argument):
+        row = row_at(userdata)
+        if _waits(row):
+            row.waits = 1
+
+    return compiled_stage(stage)
+
+
 @inner_jit
-def watch_position_error(row):
+def _watch_position_error(row):
     """Trip where the linear axes are too far from the command that was sent `position_error_delay` ticks ago."""
     n = row.axes
     sent = tick_log(row, max(row.tick - row.position_error_delay, 0)).setpoint
     command = numba.carray(floats(row.setpoints + 8 * n * sent), (n,))
     moving = False
-    worst, largest, square = 0, -1.0, 0.0
+    worst = 0
+    largest = -1.0
+    square = 0.0
     for a in range(n):
         moving = moving or row.demand_velocity[a] != 0.0
         error = row.linear[a] * abs(command[a] - row.measured[a])
         square += error * error
         if error > largest:
-            worst, largest = a, error
+            worst = a
+            largest = error
     distance = np.sqrt(square)
     if distance > row.position_error:
         trip(row, POSITION_ERROR if moving else POSITION_ERROR_AT_REST, worst, distance, row.position_error)
 
 
 @inner_jit
-def waits(row):
+def _waits(row):
     """Return whether the stream waits at the setpoint of this tick for the axes to settle."""
     if row.gate >= row.gate_count or numba.carray(integers(row.gates + 8 * row.gate), (1,))[0] != row.index:
         return False
-    worst, within = 0, True
+    worst = 0
+    within = True
     for a in range(row.axes):
         within = within and abs(row.error[a]) <= row.settle_error
         if abs(row.error[a]) > abs(row.error[worst]):

@@ -1,28 +1,18 @@
 """The servo tick, compiled as MuJoCo's control callback: measure, apply the law, clamp, log, put out.
 
-MuJoCo calls it once per physics step, on the thread that steps the simulation; see `gantrysim.native`.
+MuJoCo calls it once per physics step, on the thread that steps the simulation; see `gantrysim.native`. What only some
+runs need hangs on its points as stages, see `gantrysim.native.stages`.
 """
 
 from __future__ import annotations
 
-import inspect
-import sys
-import zlib
-from functools import cache
-from typing import Any, NamedTuple, cast
-
 import numba
 import numpy as np
-from numba import types
-from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from gantrysim.base.jit import cached, inner_jit
-from gantrysim.native import drives, injection, laws, pointers, supervision
-from gantrysim.native import row as row_layout
-from gantrysim.native.drives import delayed, follow_demands, read
-from gantrysim.native.injection import interrupt, limit_voltage, received, reported, turned
-from gantrysim.native.laws import LAWS, apply_laws
-from gantrysim.native.layout import WARNING_NUMBER, WARNING_SIZE, offsets
+from gantrysim.base.jit import inner_jit
+from gantrysim.native.compiling import part
+from gantrysim.native.laws import take
+from gantrysim.native.layout import WARNING_NUMBER, WARNING_SIZE
 from gantrysim.native.pointers import axis_log, field, floats, gains_of, row_at, tick_log, vector, whole
 from gantrysim.native.row import (
     DIVERGED,
@@ -31,45 +21,30 @@ from gantrysim.native.row import (
     OVERSPEED,
     OVERSPEEDING,
     OVERTRAVEL,
-    ROW_NUMBERS,
+    POINTS,
     TRAVEL,
     WARNINGS,
 )
-from gantrysim.native.supervision import trip, waits, watch_oscillation, watch_position_error
-from gantrysim.servo import gains, law, notch
+from gantrysim.native.stages import has_stages, run_stages
+from gantrysim.native.supervision import trip, watch_oscillation
+from gantrysim.servo.laws.pid import PID
 
+# of NumPy's type, as numba compiles a function anew for every literal of Python's that it is called with
+CURRENT, SETPOINT, MOTOR, ENCODER, FEEDBACK, REPORT, SUPERVISE = map(np.int64, range(7))
+ERROR, LAW, FEEDFORWARD, DISTURBANCE, DEMAND, DRIVE, VOLTAGE = map(np.int64, range(7, len(POINTS)))
 
-@cache
-def magic() -> int:
-    """Return a number of the layout and code, so that numba's cached code is not used after a change of either."""
-    source = "".join(
-        inspect.getsource(module)
-        for module in (
-            sys.modules[__name__],
-            pointers,
-            supervision,
-            drives,
-            injection,
-            laws,
-            row_layout,
-            gains,
-            law,
-            notch,
-            *LAWS,
-        )
-    )
-    return zlib.crc32(source.encode())
-
-
-_law = inner_jit(law.law)
-_filtered = inner_jit(notch.filtered)
-_COEFFICIENTS = len(notch.Coefficients._fields)
+_pid = part(PID.tick)
 
 
 @inner_jit
 def _warned(address):
+    """Return whether MuJoCo has warned of anything."""
     statistics = numba.carray(whole(address), (2 * WARNINGS,))
-    return statistics[WARNING_NUMBER // 4 :: WARNING_SIZE // 4].max() > 0
+    # loops, here and below, as numba takes seconds to compile NumPy's reductions and assignments to slices
+    for warning in range(WARNINGS):  # noqa: SIM110 - numba knows no generators
+        if statistics[(warning * WARNING_SIZE + WARNING_NUMBER) // 4] > 0:
+            return True
+    return False
 
 
 @inner_jit
@@ -85,51 +60,86 @@ def _furthest(row):
 
 
 @inner_jit
-def _sample(data, userdata):
+def sample(data, userdata):
     """Measure all axes if a servo tick begins with this step; return whether it does."""
     row = row_at(userdata)
     if row.phase != 0 or row.fault != 0 or row.index >= row.ticks:
         return False
-    injected, special = row.injected_count > 0, row.drives != 0
-    if injected:
-        interrupt(data, row)  # before the current is logged
+    _read_encoders(data, row, userdata)
+    tick_log(row, row.tick).setpoint = row.index
+    _take_errors(data, row)
+    _check_limits(data, row)
+    row.waits = 0
+    run_stages(data, row, userdata, SUPERVISE)
+    if row.waits == 0:
+        row.index += 1
+    _log_nozzle(data, row)
+    return True
+
+
+@inner_jit
+def _read_encoders(data, row, userdata):
+    """Take the setpoint of this tick, and read the encoders."""
     n = row.axes
     setpoint = numba.carray(floats(row.setpoints + 8 * n * row.index), (n,))
-    log, axis = tick_log(row, row.tick), axis_log(row, row.tick)
     length = vector(data, row.actuator_length_at)
-    velocity = vector(data, row.actuator_velocity_at)
-    log.setpoint = row.index
-    lost = _warned(data + row.warning_at)
     for a in range(n):
-        position = length[row.output[a]] * row.scale[a]
-        speed = velocity[row.output[a]] * row.scale[a]
+        row.setpoint[a] = setpoint[a]
+        row.motor[a] = length[row.output[a]] * row.scale[a]
+    run_stages(data, row, userdata, CURRENT)  # before the current is logged
+    run_stages(data, row, userdata, SETPOINT)
+    run_stages(data, row, userdata, MOTOR)
+    for a in range(n):
+        row.seen[a] = row.motor[a]
+    run_stages(data, row, userdata, ENCODER)
+    for a in range(n):
         count = row.resolution[a]
-        motor, commanded = position, setpoint[a]
-        if injected:
-            motor, commanded = turned(row, a, position), received(row, a, commanded)
-        seen = read(data, row, a, motor, position) if special else motor
-        measured = seen if count == 0.0 else count * np.floor(seen / count + 0.5)
-        if special:
-            measured = delayed(row, a, measured)
-        if injected:
-            measured = reported(row, a, measured)
+        if count != 0.0:
+            row.seen[a] = count * np.floor(row.seen[a] / count + 0.5)
+    run_stages(data, row, userdata, FEEDBACK)
+    run_stages(data, row, userdata, REPORT)
+
+
+@inner_jit
+def _take_errors(data, row):
+    """Set the following errors and their changes, and log what was measured."""
+    axis = axis_log(row, row.tick)
+    velocity = vector(data, row.actuator_velocity_at)
+    for a in range(row.axes):
+        commanded = row.setpoint[a]
+        measured = row.seen[a]
         error = commanded - measured
-        if row.tick == 0:
-            row.commanded[a], row.measured[a], row.error[a] = commanded, measured, error
+        if row.tick == 0:  # nothing moved before
+            row.commanded[a] = commanded
+            row.measured[a] = measured
+            row.error[a] = error
         demand_velocity = (commanded - row.commanded[a]) / row.period
         row.demand_acceleration[a] = (demand_velocity - row.demand_velocity[a]) / row.period
         row.demand_velocity[a] = demand_velocity
         row.measured_velocity[a] = (measured - row.measured[a]) / row.period
         row.error_change[a] = (error - row.error[a]) / row.period
-        row.commanded[a], row.measured[a], row.error[a] = commanded, measured, error
+        row.commanded[a] = commanded
+        row.measured[a] = measured
+        row.error[a] = error
         axis[a].encoder = measured
+        axis[a].motor = row.motor[a]
         axis[a].motor_speed = velocity[row.output[a]]
-        axis[a].motor = motor
+
+
+@inner_jit
+def _check_limits(data, row):
+    """Trip where an axis is beyond a limit, or its state is no number or one that MuJoCo has warned of."""
+    length = vector(data, row.actuator_length_at)
+    velocity = vector(data, row.actuator_velocity_at)
+    lost = _warned(data + row.warning_at)
+    for a in range(row.axes):
+        position = length[row.output[a]] * row.scale[a]
+        speed = velocity[row.output[a]] * row.scale[a]
         lost = lost or not (np.isfinite(position) and np.isfinite(speed))
         if lost:
-            continue
-        if abs(error) > row.following_error_limit[a]:
-            trip(row, FOLLOWING_ERROR, a, error, row.following_error_limit[a])
+            break
+        if abs(row.error[a]) > row.following_error_limit[a]:
+            trip(row, FOLLOWING_ERROR, a, row.error[a], row.following_error_limit[a])
         elif abs(speed) > OVERSPEED * row.speed_limit[a]:
             trip(row, OVERSPEEDING, a, speed, OVERSPEED * row.speed_limit[a])
         elif position < row.low[a] - OVERTRAVEL:
@@ -139,47 +149,56 @@ def _sample(data, userdata):
     if lost:
         worst = _furthest(row)
         trip(row, DIVERGED, worst, row.error[worst], np.inf)
-    if row.position_error < np.inf:
-        watch_position_error(row)
-    if row.gate_count == 0 or not waits(row):
-        row.index += 1
-    tip = vector(data, row.site_xpos_at)[3 * row.nozzle :]
-    origin = vector(data, row.xpos_at)[3 * row.work :]
-    frame = vector(data, row.xmat_at)[9 * row.work :]
+
+
+@inner_jit
+def _log_nozzle(data, row):
+    """Log the nozzle's position in the work frame [mm]."""
+    nozzle = tick_log(row, row.tick).nozzle
+    tip = vector(data, row.site_xpos_at)
+    origin = vector(data, row.xpos_at)
+    frame = vector(data, row.xmat_at)
+    t = 3 * row.nozzle
+    o = 3 * row.work
+    f = 9 * row.work
+    x = tip[t] - origin[o]
+    y = tip[t + 1] - origin[o + 1]
+    z = tip[t + 2] - origin[o + 2]
     for i in range(3):
-        log.nozzle[i] = 1e3 * (
-            frame[i] * (tip[0] - origin[0]) + frame[3 + i] * (tip[1] - origin[1]) + frame[6 + i] * (tip[2] - origin[2])
-        )
-    return True
+        nozzle[i] = 1e3 * (frame[f + i] * x + frame[f + 3 + i] * y + frame[f + 6 + i] * z)
 
 
 @inner_jit
-def _apply_law(row, userdata):
-    if row.laws != 0:
-        apply_laws(row, userdata)
-        return
-    for a in range(row.axes):
-        error_sum = row.error_sum[a] + row.error[a] * row.period
-        torque = _law(
-            row.error[a],
-            error_sum,
-            row.error_change[a],
-            row.demand_velocity[a],
-            row.demand_acceleration[a],
-            row.measured_velocity[a],
-            gains_of(row, a),
-        )
-        torque, row.notch_first[a], row.notch_second[a] = _filtered(
-            torque, to_fixed_tuple(row.notch[a], _COEFFICIENTS), row.notch_first[a], row.notch_second[a]
-        )
-        row.torque[a] = torque
-        # anti-windup: the sum is frozen while the output is clamped on the side to which the error drives it
-        if abs(torque) <= row.torque_limit[a] or torque * row.error[a] < 0.0:
-            row.error_sum[a] = error_sum
+def _apply_law(data, row, userdata):
+    """Set the torque demands of all axes, before they are clamped."""
+    n = row.axes
+    for a in range(n):
+        row.torque[a] = np.nan  # a law of the user's that raises sets none
+        row.next_integral[a] = row.integral[a]
+        row.feedforward[a] = 0.0
+        row.law_error[a] = row.error[a]
+        row.law_change[a] = row.error_change[a]
+    run_stages(data, row, userdata, ERROR)
+    if has_stages(row, LAW):
+        run_stages(data, row, userdata, LAW)
+    else:
+        for a in range(n):
+            torque, integral = _pid(row, a, gains_of(row, a))
+            take(row, a, torque, integral)
+    if has_stages(row, FEEDFORWARD) or has_stages(row, DISTURBANCE):
+        run_stages(data, row, userdata, FEEDFORWARD)
+        run_stages(data, row, userdata, DISTURBANCE)
+        for a in range(n):
+            row.torque[a] += row.feedforward[a]
+    for a in range(n):
+        # anti-windup: the integral is frozen while the output is clamped on the side to which the error drives it
+        if abs(row.torque[a]) <= row.torque_limit[a] or row.torque[a] * row.law_error[a] < 0.0:
+            row.integral[a] = row.next_integral[a]
+    run_stages(data, row, userdata, DEMAND)
 
 
 @inner_jit
-def _command(data, userdata):
+def command(data, userdata):
     """Clamp, schedule and log the torques of the law."""
     row = row_at(userdata)
     n = row.axes
@@ -198,28 +217,28 @@ def _command(data, userdata):
         axis[a].demand = torque
         axis[a].current = currents[row.current[a]] if row.current[a] >= 0 else np.nan
     if row.fault != 0:
-        row.pending[:n] = 0.0
-        row.held[:n] = 0.0
+        for a in range(n):
+            row.pending[a] = 0.0
+            row.held[a] = 0.0
     row.tick += 1
 
 
 @inner_jit
-def _output(data, userdata):
+def output(data, userdata):
     """Set the controls, with torque demands that are due at this step."""
     row = row_at(userdata)
     due = row.phase == row.delay
-    if due or row.phase == 0:  # a fault takes the torque away at once
+    # a fault takes the torque away at once; what limits the voltage begins from the servo's demand at every step
+    if due or row.phase == 0 or has_stages(row, VOLTAGE):
         n = row.axes
         ctrl = vector(data, row.ctrl_at)
         for a in range(n):
             if due:
                 row.held[a] = row.pending[a]
             ctrl[row.control[a]] = row.held[a] * row.drive_gain[a]
-    if row.drives != 0:
-        follow_demands(data, row)
-    if row.injected_count > 0:
-        interrupt(data, row)
-        limit_voltage(data, row)
+    run_stages(data, row, userdata, DRIVE)
+    run_stages(data, row, userdata, CURRENT)
+    run_stages(data, row, userdata, VOLTAGE)
     row.steps += 1
     row.phase += 1
     if row.phase == row.substeps:
@@ -227,63 +246,24 @@ def _output(data, userdata):
 
 
 @inner_jit
-def _step(model, data, nuserdata_at, userdata_at, row_size, key):
+def step(model, data, nuserdata_at, userdata_at, row_size, key):
+    """Do what the servo has to do before a physics step; nothing to data that bear no servo's row.
+
+    Args:
+        model: address of the mjModel.
+        data: address of the mjData.
+        nuserdata_at: offset of this field in mjModel.
+        userdata_at: offset of this pointer in mjData.
+        row_size: of a servo's row, in numbers.
+        key: with which a servo's row begins.
+    """
     if field(model, nuserdata_at) < row_size:
         return
     userdata = field(data, userdata_at)
     row = row_at(userdata)
     if row.magic != key:
         return
-    if _sample(data, userdata):
-        _apply_law(row, userdata)
-        _command(data, userdata)
-    _output(data, userdata)
-
-
-class Compiled(NamedTuple):
-    """The tick as a C function (mjModel, mjData), and its parts for a law in plain Python: (mjData, userdata).
-
-    Attributes:
-        clock: a C function for MuJoCo's timers that takes no time to tell: it is always 0.
-    """
-
-    callback: Any
-    clock: Any
-    sample: Any
-    command: Any
-    output: Any
-
-
-@cache
-def compiled() -> Compiled:
-    """Return the tick, compiled or from numba's cache.
-
-    Numba keys its cache by this file's date and the numbers in a function's closure. So every cached function has the
-    magic number in its closure, and the functions that it calls are compiled into it.
-    """
-    nuserdata_at, userdata_at = offsets()["nuserdata"], offsets()["userdata"]
-    row_size, key = ROW_NUMBERS, magic()
-
-    @cached(numba.cfunc, types.void(types.int64, types.int64), error_model="numpy")
-    def callback(model, data):
-        _step(model, data, nuserdata_at, userdata_at, row_size, key)
-
-    @cached(numba.cfunc, types.float64())
-    def clock():
-        return 0.0
-
-    @cached(numba.njit, types.boolean(types.int64, types.int64), error_model="numpy")
-    def sample(data, userdata):
-        return row_at(userdata).magic == key and _sample(data, userdata)
-
-    @cached(numba.njit, types.void(types.int64, types.int64), error_model="numpy")
-    def command(data, userdata):
-        if row_at(userdata).magic == key:
-            _command(data, userdata)
-
-    @cached(numba.njit, types.void(types.int64, types.int64), error_model="numpy")
-    def output(data, userdata):
-        if row_at(userdata).magic == key:
-            _output(data, userdata)
-
-    return Compiled(cast(Any, callback).ctypes, cast(Any, clock).ctypes, sample, command, output)
+    if sample(data, userdata):
+        _apply_law(data, row, userdata)
+        command(data, userdata)
+    output(data, userdata)

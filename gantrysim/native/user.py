@@ -20,7 +20,7 @@ from gantrysim.native.pointers import floats, row_at
 from gantrysim.native.row import ROW
 from gantrysim.servo.laws.user import STATE, UserLaw, UserTick
 
-_CALLED = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
+_CALLED = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
 _GIVEN = UserTick._fields[3:]
 
 
@@ -32,7 +32,7 @@ class CalledLaw:
         state: the law's own, (STATE,).
 
     Attributes:
-        address: of a C function (userdata, state).
+        address: of a C function (mjData, userdata, state), a stage of the tick.
         raised: what the law has raised, in plain Python.
         state: the law's own.
 
@@ -42,12 +42,13 @@ class CalledLaw:
 
     def __init__(self, law: UserLaw, state: Floats) -> None:
         self.raised: list[BaseException] = []
-        self._law, self.state = law, state
+        self._law = law
+        self.state = state
         self._kept: Any = _compiled(law).ctypes if hasattr(law, "py_func") else _CALLED(self.call)
         self.address = ctypes.cast(self._kept, ctypes.c_void_p).value or 0
 
     @called_by_c
-    def call(self, userdata: int, _state: int) -> None:
+    def call(self, _data: int, userdata: int, _state: int) -> None:
         """Call a law in plain Python.
 
         Args:
@@ -58,7 +59,8 @@ class CalledLaw:
         try:
             deliver()
             row = np.ndarray(1, ROW, memoryview((ctypes.c_char * ROW.itemsize).from_address(userdata)))[0]
-            n, period = int(row["axes"]), float(row["period"])
+            n = int(row["axes"])
+            period = float(row["period"])
             given = [row[name][:n] for name in _GIVEN]
             self._law(UserTick(n, float(row["tick"]) * period, period, *given), self.state, row["torque"][:n])
         except BaseException as error:  # must not unwind through C frames
@@ -67,7 +69,7 @@ class CalledLaw:
 
 @cache
 def _compiled(law: Any) -> Any:
-    def call(userdata, state):
+    def call(data, userdata, state):
         row = row_at(userdata)
         n = row.axes
         tick = UserTick(
@@ -85,7 +87,7 @@ def _compiled(law: Any) -> Any:
         law(tick, numba.carray(floats(state), (STATE,)), row.torque[:n])
 
     try:
-        return numba.cfunc(types.void(types.int64, types.int64), error_model="numpy")(call)
+        return numba.cfunc(types.void(types.int64, types.int64, types.int64), error_model="numpy")(call)
     except NumbaError as error:
         words = " ".join(str(error).split())
         raise InputError(f"law {law.__name__} does not compile with numba: {words:.300}") from None

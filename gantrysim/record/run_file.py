@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import read_only
 from gantrysim.base.columns import Stored, array_of, blocks
 from gantrysim.base.errors import InputError
-from gantrysim.faults import fault_of
+from gantrysim.faults.checks import fault_of
 from gantrysim.paths.kinds import kind_of, path_of
 from gantrysim.record.archive import CHECKSUM, Archive, Member, open_archive, write_archive
 from gantrysim.record.fault import Fault

@@ -11,7 +11,8 @@ from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.record.run import Run
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.servo.gains import GAINS
-from gantrysim.servo.laws.parameters import LAW_PARAMETERS, LawParameters, words
+from gantrysim.servo.laws import LAW_PARAMETERS
+from gantrysim.servo.laws.selection import Laws, words
 from gantrysim.servo.servo import Servo
 from gantrysim.servo.servo_values import NOTCH
 from gantrysim.stability.margins import NO_LOOP, Margins
@@ -21,8 +22,8 @@ def servo_section(job: Job, machine: Machine, run: Run) -> Section:
     """Return the section of the servo of a job on the machine of its run."""
     margins = job.margins
     reason = job.servo_reason
-    law = job.built_servo.law
-    named = [] if law == LawParameters.law else [f"Law: {words(law)}."]
+    law = job.built_servo.laws.names
+    named = [] if law == Laws.names else [f"Law: {words(law)}."]
     return Section(
         "Servo",
         [_text(machine, margins), *named, f"{reason[0].upper()}{reason[1:]}."],
@@ -60,10 +61,10 @@ def _margins(machine: Machine, margins: tuple[Margins, ...] | None, run: Run) ->
 
 
 def _gains(machine: Machine, servo: Servo) -> Table:
-    laws = (parameter for parameter in LAW_PARAMETERS if any(getattr(servo, parameter.name)))
-    shown = (*GAINS, *(NOTCH if any(servo.notch_frequency) else ()), *laws)
+    laws = (parameter for parameter in LAW_PARAMETERS if any(servo.per_axis(parameter.name)))
+    shown = (*GAINS, *(NOTCH if any(servo.per_axis("notch_frequency")) else ()), *laws)
     # a row for each gain: with a column for each, the table would be wider than the page
-    rows = [[gain.name, gain.unit, *getattr(servo, gain.name)] for gain in shown]
+    rows = [[gain.name, gain.unit, *servo.per_axis(gain.name)] for gain in shown]
     columns = [Column(f"{axis.name} [{axis.unit}]") for axis in machine.axes]
     return Table(["gain", "unit", *columns], rows, "Gains")
 

@@ -6,8 +6,23 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
-from gantrysim.servo.laws.friction import Friction
 from gantrysim.stability.motion import Drives, Motion
+
+
+class Friction(NamedTuple):
+    """Friction of an axis at its motor.
+
+    Attributes:
+        coulomb: torque at speed [N·m].
+        static: torque at which it breaks away [N·m].
+        speed: Stribeck speed [u/s].
+        stiffness: of the bristles, torque per travel after a reversal; 0 for a step [N·m/u].
+    """
+
+    coulomb: float
+    static: float
+    speed: float
+    stiffness: float
 
 
 class AxisDynamics(Protocol):

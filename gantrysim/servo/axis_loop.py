@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -13,19 +13,15 @@ from gantrysim.base.arrays import Floats
 from gantrysim.servo import notch
 from gantrysim.servo.axis_dynamics import AxisDynamics, Lags, coupled_groups
 from gantrysim.servo.gains import Gains
-from gantrysim.servo.laws.defaults import law_values
-from gantrysim.servo.laws.linear import linear_law
-from gantrysim.servo.laws.parameters import PID
+from gantrysim.servo.laws import PID
+from gantrysim.servo.laws.law import Law, LawDesign, Timing
+from gantrysim.servo.laws.linear import added_laws, linear_law
 from gantrysim.servo.laws.user import LawName
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.margins import NO_LOOP, Laws, LinearLaw, Margins, Plant
 
 LEAST_GAIN_MARGIN = 2.0  # of every derived loop
 LARGEST_PEAK = 2.0  # of its |S|
-
-# Narrow enough to leave phase at the crossover, wide enough for a mode that is off by a tenth.
-NOTCH_WIDTH = 0.35
-NOTCH_DEPTH = 0.1
 
 _SWINGS = 0.3  # damping ratio below which a closed loop's mode is to be left out by input shaping
 _BESIDE = 1e-5
@@ -50,7 +46,7 @@ class LoopTask(NamedTuple):
     lags: Lags
     damping: float = 1.0
     integral_time: float = math.inf
-    law: tuple[LawName, ...] = (PID,)
+    law: tuple[LawName, ...] = (PID.name,)
     notched: bool = True
 
     @property
@@ -73,14 +69,25 @@ class AxisLoop:
     def law(self, frequency: float, mode: float) -> Compensator:
         """Return the law at a natural frequency with a notch at a mode, `notch.NONE` for none."""
         task = self._task
-        gains = pd_gains(self.axis, frequency, task.damping, task.integral_time)
-        filter = notch.coefficients(mode, NOTCH_WIDTH, NOTCH_DEPTH, task.period)
-        values = self.law_values(frequency)
-        return linear_law(task.law, Gains(**gains), filter, values, task.period, self.lags.delay, self.lags.feedback)
+        gains = Gains(**pd_gains(self.axis, frequency, task.damping, task.integral_time))
+        coefficients = notch.coefficients(mode, notch.NOTCH_WIDTH, notch.NOTCH_DEPTH, task.period)
+        in_loop = [law for law in added_laws(task.law) if law.answers_to_position]
+        values = self._values(in_loop, frequency, mode)
+        timing = Timing(task.period, self.lags.delay, self.lags.feedback)
+        return linear_law(task.law, gains, coefficients, values, timing)
 
-    def law_values(self, frequency: float) -> dict[str, float]:
-        """Return the parameters of the laws at a natural frequency."""
-        return law_values(self._task.law, self.axis, frequency, self.lags.winding(self.axis), self._task.period)
+    def law_values(self, frequency: float, mode: float) -> dict[str, float]:
+        """Return the parameters of all laws at a natural frequency, with a notch at a mode."""
+        return self._values(added_laws(self._task.law), frequency, mode)
+
+    def _values(self, laws: Sequence[Law], frequency: float, mode: float) -> dict[str, float]:
+        lag = self.lags.winding(self.axis)
+        swing = partial(self.slowest_swing, frequency, mode)
+        design = LawDesign(self.axis, frequency, lag, self._task.period, swing)
+        values: dict[str, float] = {}
+        for law in laws:
+            values |= law.derived(design)
+        return values
 
     def notch_at(self, frequency: float) -> float | None:
         """Return the notch with which the axis keeps its margins, `notch.NONE` if without, None if with none."""
@@ -174,13 +181,13 @@ class CoupledLoops:
 
     def trouble(self, frequency: float) -> str:
         """Return which margin is too small at a natural frequency, in words; empty if none is."""
-        found = self._plant.margins(self._laws(frequency))
+        margins_of_axes = self._plant.margins(self._laws(frequency))
         names = [loop.axis.name for loop in self._loops]
         return next(
             (
                 margin_in_words(f"{name} with the loops of all axes closed", margins)
-                for name, margins in zip(names, found, strict=True)
-                if not kept(margins)
+                for name, margins in zip(names, margins_of_axes, strict=True)
+                if not are_kept(margins)
             ),
             "",
         )
@@ -197,7 +204,7 @@ def pd_gains(axis: AxisDynamics, frequency: float, damping: float, integral_time
     return {"kp": kp, "ki": kp / integral_time, "kd": 2 * damping * axis.inertia * w}
 
 
-def kept(margins: Margins) -> bool:
+def are_kept(margins: Margins) -> bool:
     """Return whether a loop keeps the margins of derived ones."""
     gain = min(margins.gain, margins.together)
     return gain >= LEAST_GAIN_MARGIN and margins.sensitivity <= LARGEST_PEAK
@@ -207,7 +214,7 @@ def keeps_margins(plant: Plant, servo: LinearLaw) -> bool:
     """Return whether all loops keep the margins of derived ones."""
     if plant.exceeds(servo, LARGEST_PEAK):  # most that fail do so here, in a fraction of the time
         return False
-    return all(kept(margins) for margins in plant.margins(servo))
+    return all(are_kept(margins) for margins in plant.margins(servo))
 
 
 def margin_in_words(name: str, margins: Margins) -> str:

@@ -10,11 +10,11 @@ from typing import NamedTuple
 from gantrysim.base.errors import InputError, positive
 from gantrysim.servo import notch
 from gantrysim.servo.axis_dynamics import AxisDynamics, Lags, coupled_groups
-from gantrysim.servo.axis_loop import LoopTask, keeps_margins, kept, margin_in_words, pd_gains
+from gantrysim.servo.axis_loop import LoopTask, are_kept, keeps_margins, margin_in_words, pd_gains
 from gantrysim.servo.derivation import Loop, NoLoopError, loop
 from gantrysim.servo.gains import Gains
-from gantrysim.servo.law import compensator
-from gantrysim.servo.laws.parameters import PID
+from gantrysim.servo.laws import PID
+from gantrysim.servo.laws.pid import compensator
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.margins import Laws, Plant
 from gantrysim.stability.motion import MODES, Drives, Motion
@@ -60,7 +60,7 @@ def gains(
         NoLoopError: no loop keeps its margins.
     """
     axes = task.axes
-    found: dict[int, AxisGains] = {}
+    gains_of_axes: dict[int, AxisGains] = {}
     reasons = []
     _check_modes_of_groups(axes, task.lags.drives, frequency)
     for mode in MODES:
@@ -68,10 +68,10 @@ def gains(
         if not places:
             continue
         gains_of_mode, reason = _of_mode(mode, _part(task, places), frequency, velocity_bandwidth)
-        found |= dict(zip(places, gains_of_mode, strict=True))
+        gains_of_axes |= dict(zip(places, gains_of_mode, strict=True))
         names = ", ".join(axes[a].name for a in places)
         reasons.append(reason if len(places) == len(axes) else f"{names}: {reason}")
-    return tuple(found[a] for a in range(len(axes))), "; ".join(reasons)
+    return tuple(gains_of_axes[a] for a in range(len(axes))), "; ".join(reasons)
 
 
 def _check_modes_of_groups(axes: Sequence[AxisDynamics], drives: Drives, frequency: float | None) -> None:
@@ -102,18 +102,18 @@ def _of_mode(
     drives = task.lags.drives
     plain = Drives(drives.load, drives.bandwidth)
     if mode == "position":  # the drive has law and encoder, at its own period
-        return _direct(task._replace(period=drives.period, lags=Lags(drives=plain), law=(PID,)), frequency)
+        return _direct(task._replace(period=drives.period, lags=Lags(drives=plain), law=(PID.name,)), frequency)
     return _direct(task._replace(lags=task.lags._replace(drives=plain)), frequency)
 
 
 def _direct(task: LoopTask, frequency: float | None) -> tuple[list[AxisGains], str]:
     """Return the gains of loops that demand torques at a period."""
-    found = loop(task, frequency)
+    design = loop(task, frequency)
     axis_gains = [
-        AxisGains(**pd_gains(axis, found.frequency, task.damping, task.integral_time), notch=mode)
-        for axis, mode in zip(task.axes, found.notches, strict=True)
+        AxisGains(**pd_gains(axis, design.frequency, task.damping, task.integral_time), notch=mode)
+        for axis, mode in zip(task.axes, design.notches, strict=True)
     ]
-    return axis_gains, found.reason
+    return axis_gains, design.reason
 
 
 def velocity_loop(axes: tuple[AxisDynamics, ...], drives: Drives, bandwidth: float | None) -> Loop:
@@ -142,7 +142,7 @@ def _around_velocity(task: LoopTask, frequency: float | None, bandwidth: float |
     inner = velocity_loop(task.axes, drives, bandwidth)
     w = 2 * math.pi * inner.frequency
     inner_gains = [pd_gains(axis, inner.frequency, 1.0, math.inf) for axis in task.axes]
-    velocity = tuple((own["kd"], own["kp"] / own["kd"]) for own in inner_gains)
+    velocity = tuple((gains["kd"], gains["kp"] / gains["kd"]) for gains in inner_gains)
     task = task._replace(lags=task.lags._replace(drives=drives._replace(velocity=velocity)))
     speed = f"velocity loops of {2 * inner.frequency:.3g} Hz"
     if frequency is None:
@@ -152,8 +152,8 @@ def _around_velocity(task: LoopTask, frequency: float | None, bandwidth: float |
         limit = "as given"
     reason = f"kp {kp:.3g} 1/s, {limit}; {speed} in the drives, of {inner.reason}"
     axis_gains = [
-        AxisGains(kp=kp, ki=kp / task.integral_time, velocity_gain=own["kd"], velocity_time=2 / w)
-        for own in inner_gains
+        AxisGains(kp=kp, ki=kp / task.integral_time, velocity_gain=gains["kd"], velocity_time=2 / w)
+        for gains in inner_gains
     ]
     return axis_gains, reason
 
@@ -200,8 +200,8 @@ class _Outer:
 
     def trouble(self, kp: float) -> str:
         """Return which margin is too small, in words; empty if none is."""
-        found = zip(self._names, self._plant.margins(self._laws(kp)), strict=True)
-        return next((margin_in_words(name, margins) for name, margins in found if not kept(margins)), "")
+        of_names = zip(self._names, self._plant.margins(self._laws(kp)), strict=True)
+        return next((margin_in_words(name, margins) for name, margins in of_names if not are_kept(margins)), "")
 
     def _laws(self, kp: float) -> Laws:
         task = self._task

@@ -17,7 +17,6 @@ from gantrysim.servo.axis_loop import (
     CoupledLoops,
     LoopTask,
 )
-from gantrysim.servo.laws.parameters import ZV, ZVD
 from gantrysim.stability.motion import Motion
 
 FREQUENCIES = (1e-3, 1e5)  # natural frequencies that can be given [Hz]
@@ -84,8 +83,8 @@ def loop(task: LoopTask, frequency: float | None = None) -> Loop:
     notches = tuple(axis_loop.notch_at(chosen) or notch.NONE for axis_loop in loops)
     for axis_loop, mode in zip(loops, notches, strict=True):
         if mode != notch.NONE:
-            name, without = axis_loop.axis.name, axis_loop.trouble(chosen)
-            reason += f"; notch of {name} at its mode of {mode:.0f} Hz, without it {without}"
+            name = axis_loop.axis.name
+            reason += f"; notch of {name} at its mode of {mode:.0f} Hz, without it {axis_loop.trouble(chosen)}"
     return Loop(chosen, notches, reason)
 
 
@@ -135,22 +134,14 @@ def _trouble(loops: Sequence[AxisLoop], groups: Sequence[CoupledLoops], frequenc
     return next(filter(None, (group.trouble(frequency) for group in groups)), "")
 
 
-def derived_laws(task: LoopTask, found: Loop) -> list[dict[str, float]]:
-    """Return the parameters of each axis' laws, see `LAW_PARAMETERS`.
+def derived_laws(task: LoopTask, design: Loop) -> list[dict[str, float]]:
+    """Return the parameters of each axis' laws, by name.
 
     Args:
         task: the axes, and the shape of their loops.
-        found: their loop.
+        design: of their loops.
     """
-    values_of_axes = []
-    for a, mode in enumerate(found.notches):
-        axis_loop = AxisLoop(task, a)
-        values = axis_loop.law_values(found.frequency)
-        if ZV in task.law or ZVD in task.law:
-            swing = axis_loop.slowest_swing(found.frequency, mode)
-            values["shaper_frequency"], values["shaper_damping"] = swing
-        values_of_axes.append(values)
-    return values_of_axes
+    return [AxisLoop(task, a).law_values(design.frequency, mode) for a, mode in enumerate(design.notches)]
 
 
 def nominal_motions(axes: Sequence[AxisDynamics]) -> tuple[Motion, ...]:
@@ -160,19 +151,19 @@ def nominal_motions(axes: Sequence[AxisDynamics]) -> tuple[Motion, ...]:
     return tuple(axis.motion for axis in axes if axis.motion is not None)
 
 
-def natural_frequency(lag: float, damping: float, kept: float = 2 / 3) -> float:
+def natural_frequency(lag: float, damping: float, phase_share: float = 2 / 3) -> float:
     """Return the natural frequency at which a PD loop with a lag keeps a share of its phase margin [Hz].
 
     The loop L(s) = (2 zeta w s + w^2) / s^2 crosses over at wc = w c, c^2 = 2 zeta^2 + sqrt(4 zeta^4 + 1),
     with the phase margin atan(2 zeta c): 76 degrees where zeta is 1. A lag tau takes wc tau of it, so that
-    w = (1 - kept) atan(2 zeta c) / (c tau). For a sampled servo tau is the drive's time constant plus one
+    w = (1 - share) atan(2 zeta c) / (c tau). For a sampled servo tau is the drive's time constant plus one
     period: half of it for the hold and half for the difference that stands for the derivative.
 
     Args:
         lag: tau [s].
         damping: damping ratio zeta.
-        kept: share of the phase margin that remains.
+        phase_share: share of the phase margin that remains.
     """
     zeta = positive("damping", damping)
     c = math.sqrt(2 * zeta**2 + math.sqrt(4 * zeta**4 + 1))
-    return (1 - kept) * math.atan(2 * zeta * c) / (c * positive("lag", lag, "s")) / (2 * math.pi)
+    return (1 - phase_share) * math.atan(2 * zeta * c) / (c * positive("lag", lag, "s")) / (2 * math.pi)

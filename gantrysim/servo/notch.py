@@ -3,11 +3,37 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Annotated, NamedTuple, TypedDict
 
+from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive
+from gantrysim.servo.parameter import PerAxis, parameters_of
 
 NONE = 0.0  # frequency of an axis without a notch
+
+# Narrow enough to leave phase at the crossover, wide enough for a mode that is off by a tenth.
+NOTCH_WIDTH = 0.35
+NOTCH_DEPTH = 0.1
+
+
+class Notch(NamedTuple):
+    """The notch of one axis, each value with its unit and meaning."""
+
+    frequency: Annotated[float, "Hz", "frequency of the notch on the torque demand, 0 for none"] = NONE
+    width: Annotated[float, "", "damping ratio of the notch's poles"] = NOTCH_WIDTH
+    depth: Annotated[float, "", "gain of the notch at its frequency"] = NOTCH_DEPTH
+
+
+class GivenNotches(TypedDict, total=False):
+    """The notches as keywords of `Servo.derive`, for editors and type checkers."""
+
+    notch_frequency: PerAxis
+    notch_width: PerAxis
+    notch_depth: PerAxis
+
+
+NOTCH = parameters_of(Notch, "notch_")
 
 
 class Coefficients(NamedTuple):
@@ -58,7 +84,7 @@ def lag(frequency: float, width: float, depth: float) -> float:
     return 2 * width * (1 - depth) / (2 * math.pi * frequency) if frequency != NONE else 0.0
 
 
-def filtered(value: float, filter: tuple[float, ...], first: float, second: float) -> tuple[float, float, float]:
+def filtered(value: float, filter: Sequence[float] | Floats, first: float, second: float) -> tuple[float, float, float]:
     """Return the filter's output at one tick and its two states after it (direct form II, transposed).
 
     Args:
@@ -67,6 +93,6 @@ def filtered(value: float, filter: tuple[float, ...], first: float, second: floa
         first: a state after the last tick, 0 at rest.
         second: the other.
     """
-    b0, b1, b2, a1, a2 = filter
-    out = b0 * value + first
-    return out, b1 * value - a1 * out + second, b2 * value - a2 * out
+    # by index, as compiled code takes an array or a tuple
+    out = filter[0] * value + first
+    return out, filter[1] * value - filter[3] * out + second, filter[2] * value - filter[4] * out

@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 from gantrysim.base.errors import InputError
 from gantrysim.servo.axis_loop import LARGEST_PEAK, LEAST_GAIN_MARGIN
 from gantrysim.servo.derivation import NoLoopError, natural_frequency
-from gantrysim.servo.laws.parameters import CASCADE, CONTOUR, OBSERVER, PID
-from gantrysim.servo.servo_design import ServoRequest
-from gantrysim.servo.servo_values import LARGEST_BANDWIDTH, LOOPS
+from gantrysim.servo.drive_settings import LOOPS
+from gantrysim.servo.laws import ADDITIONS, P_PI, PID
+from gantrysim.servo.parts import Parts
+from gantrysim.servo.request import ServoRequest
+from gantrysim.servo.servo_values import LARGEST_BANDWIDTH
 
 _PREFERRED = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.3, 8.0)  # steps of 10^(1/10), rounded
 _LONGER = 1e4  # longest integral time proposed, relative to that given
@@ -46,22 +48,10 @@ class Change:
         return f"{self.name} = {self.in_words[index]}"
 
 
-class Outcome(Protocol):
-    """A servo that was derived."""
-
-    @property
-    def kp(self) -> tuple[float, ...]:
-        """Of each axis."""
-
-    @property
-    def mode(self) -> tuple[str, ...]:
-        """Of each drive."""
-
-
 class _Tries:
     """Requests that were tried, each with one or more changes, and how fast a loop each gave."""
 
-    def __init__(self, request: ServoRequest, attempt: Callable[[ServoRequest], Outcome]) -> None:
+    def __init__(self, request: ServoRequest, attempt: Callable[[ServoRequest], Parts]) -> None:
         self._request = request
         self._attempt = attempt
         self._speeds: dict[tuple[tuple[str, int], ...], float] = {}
@@ -95,17 +85,17 @@ class _Tries:
         return {**others, change: high}
 
 
-def _slowest(request: ServoRequest, servo: Outcome) -> float:
+def _slowest(request: ServoRequest, servo: Parts) -> float:
     """Return the natural frequency of the slowest axis, kp / 2 pi of one around a velocity loop [Hz]."""
     rates = [
-        kp if mode == "velocity" else math.sqrt(kp / axis.inertia)
-        for kp, mode, axis in zip(servo.kp, servo.mode, request.axes, strict=True)
+        gains.kp if mode == "velocity" else math.sqrt(gains.kp / axis.inertia)
+        for gains, mode, axis in zip(servo.gains, servo.modes, request.axes, strict=True)
         if mode != "stepper"
     ]
     return min(rates, default=math.inf) / (2 * math.pi)
 
 
-def refusal(request: ServoRequest, error: NoLoopError, attempt: Callable[[ServoRequest], Outcome]) -> InputError:
+def refusal(request: ServoRequest, error: NoLoopError, attempt: Callable[[ServoRequest], Parts]) -> InputError:
     """Return the error for a servo without loops that keep their margins, with changes that were tried and have them.
 
     Args:
@@ -166,7 +156,7 @@ def _remedies(changes: Sequence[Change], tries: _Tries) -> list[dict[Change, int
 
 def _changes(request: ServoRequest) -> list[Change]:
     """Return what can keep the loops from their margins, the likeliest first."""
-    found = [
+    changes = [
         _integral_time(request),
         _feedback(request),
         _current_bandwidth(request),
@@ -178,7 +168,7 @@ def _changes(request: ServoRequest) -> list[Change]:
         _period(request),
         _number("drive_period", request.inner_period, "s", _SHORTER) if LOOPS & set(request.modes) else None,
     ]
-    return [change for change in found if change is not None]
+    return [change for change in changes if change is not None]
 
 
 def _integral_time(request: ServoRequest) -> Change | None:
@@ -232,7 +222,8 @@ def _delay(request: ServoRequest) -> Change | None:
 def _law(request: ServoRequest) -> Change | None:
     """Return the law without what lies in its loop."""
     names = request.laws
-    plain = tuple(PID if name == CASCADE else name for name in names if name not in (OBSERVER, CONTOUR))
+    in_loop = [law.name for law in ADDITIONS.values() if law.answers_to_position]
+    plain = tuple(PID.name if name == P_PI.name else name for name in names if name not in in_loop)
     if plain == names or not all(isinstance(name, str) for name in names):
         return None
     return Change("law", repr(list(names)), (plain,), (repr(list(plain)),))

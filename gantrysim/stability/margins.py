@@ -37,7 +37,7 @@ class LinearLaw(Protocol):
         """Time from sample to output [s]."""
 
     @property
-    def drives(self) -> Drives:
+    def loop_drives(self) -> Drives:
         """Drive dynamics inside the loops."""
 
     def compensators(self) -> tuple[Compensator, ...]:
@@ -51,13 +51,13 @@ class Laws(NamedTuple):
         period: servo period T [s].
         delay: time from sample to output [s].
         laws: the law of each axis.
-        drives: drive dynamics inside the loops.
+        loop_drives: drive dynamics inside the loops.
     """
 
     period: float
     delay: float
     laws: tuple[Compensator, ...]
-    drives: Drives = Drives()
+    loop_drives: Drives = Drives()
 
     def compensators(self) -> tuple[Compensator, ...]:
         """Return the law of each axis."""
@@ -220,7 +220,7 @@ class Plant:
             expected = getattr(self, name)
             if abs(given - expected) > 1e-12:
                 raise InputError(f"servo {name} = {given:g} s: must be the plant's, {expected:g} s")
-        if servo.drives != self.drives:
+        if servo.loop_drives != self.drives:
             raise InputError("servo drives: their modes, loops and feedback must be the plant's")
         return [
             Loops(response, [laws[a] for a in response.system.axes], period)
@@ -231,6 +231,6 @@ class Plant:
 def margins_of(machine: Movable, servo: LinearLaw) -> tuple[Margins, ...] | None:
     """Return the margins of each axis with its servo, or None if the machine or the law cannot be linearised."""
     try:
-        return Plant.of(machine, servo.period, servo.delay, drives=servo.drives).margins(servo)
+        return Plant.of(machine, servo.period, servo.delay, drives=servo.loop_drives).margins(servo)
     except UnknownLoopError:
         return None

@@ -60,7 +60,7 @@ def micrometres(value: float) -> str:
 
 def case_of(job: Job, servo: Servo, perturbation: Perturbation | None, **tags: Value) -> Case:
     """Return the case of a job with other gains, on a perturbed machine or its own."""
-    gains = {f"servo.{name}": list(getattr(servo, name)) for name in GAIN_NAMES}
+    gains = {f"servo.{name}": list(servo.per_axis(name)) for name in GAIN_NAMES}
     return Case.of(job, gains, perturbation=perturbation).tagged(**tags)
 
 
@@ -144,7 +144,7 @@ def _row(run: Run, case: Case, metric: str) -> Row:
     servo = _servo(case)
     gains: Row = {}
     for name in GAIN_NAMES:
-        for axis, gain in zip(run.axes, getattr(servo, name), strict=True):
+        for axis, gain in zip(run.axes, servo.per_axis(name), strict=True):
             gains[f"{name}_{axis}"] = gain
     return {**row, **time, **gains}
 

@@ -139,7 +139,7 @@ def _draw_leaders(axes: Axes, history: History) -> None:
     runs = [leader.runs for leader in history.leaders]
     drawn = []
     for name, colour in zip(SEARCHED, _GAIN_COLOURS, strict=True):
-        values = np.array([getattr(leader.servo, name)[0] for leader in history.leaders])
+        values = np.array([leader.servo.per_axis(name)[0] for leader in history.leaders])
         if not values[-1] > 0:
             continue
         share = np.where(values > 0, values / values[-1], np.nan)
@@ -156,8 +156,8 @@ def draw_gains(start: Servo, tuned: Servo, axes: Sequence[str]) -> Figure:
     """Draw the ratio of every tuned gain to that of the start, a bar for each axis."""
     names = SEARCHED
     width = 0.8 / len(axes)
-    old = np.array([getattr(start, name) for name in names])
-    new = np.array([getattr(tuned, name) for name in names])
+    old = np.array([start.per_axis(name) for name in names])
+    new = np.array([tuned.per_axis(name) for name in names])
     drawn = [0.5, 2.0]
     with sheet(9.0, 3.2) as figure:
         panel = figure.add_subplot()

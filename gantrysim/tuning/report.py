@@ -246,11 +246,11 @@ def _links_table(budgets: dict[Phase, Budget]) -> Table:
 
 def _gains_table(study: TuningStudy, history: History) -> Table:
     servos = {phase: candidate.servo for phase, candidate in history.phases.items()}
-    names = [name for name in GAIN_NAMES if any(any(getattr(servo, name)) for servo in servos.values())]
+    names = [name for name in GAIN_NAMES if any(any(servo.per_axis(name)) for servo in servos.values())]
     return Table(
         ["axis", "u", "", *(Column(f"{name} [{UNITS[name]}]", ".4g") for name in names)],
         [
-            [axis.name, axis.unit, phase, *(getattr(servo, name)[a] for name in names)]
+            [axis.name, axis.unit, phase, *(servo.per_axis(name)[a] for name in names)]
             for a, axis in enumerate(study.job.built_machine.axes)
             for phase, servo in servos.items()
         ],

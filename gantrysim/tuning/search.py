@@ -222,7 +222,7 @@ def _better(candidate: Candidate, leader: Candidate, ripple: float, share: float
 
 def _alike(servo: Servo, other: Servo) -> bool:
     """Return whether servos have equal gains, but for rounding."""
-    return all(np.allclose(getattr(servo, name), getattr(other, name), _ROUNDED) for name in GAIN_NAMES)
+    return all(np.allclose(servo.per_axis(name), other.per_axis(name), _ROUNDED) for name in GAIN_NAMES)
 
 
 def box(space: SearchSpace, stability: Stability) -> tuple[Floats, Floats, Fastest]:

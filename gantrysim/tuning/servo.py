@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 
 from gantrysim.job.job import Job
-from gantrysim.servo.laws.parameters import NOT_PD, PD, PID
+from gantrysim.servo.laws import PD, PID
 from gantrysim.servo.servo import Servo
 from gantrysim.servo.servo_values import DERIVED
 
@@ -30,7 +30,11 @@ def servo_toml(job: Job, servo: Servo, comments: Sequence[str]) -> str:
     """
     axes = job.built_machine.axes
     units = [axis.unit for axis in axes]
-    law = [PID if name == PD and any(any(getattr(servo, gain)) for gain in NOT_PD) else name for name in servo.law]
+    values = servo.values()
+    law = [
+        PID.name if name == PD.name and any(any(values[gain]) for gain in PD.unused_gains) else name
+        for name in servo.laws.names
+    ]
     lines = [
         *(f"# {comment}" for comment in comments),
         f"# One value per axis: {', '.join(f'{axis.name} [{axis.unit}]' for axis in axes)}.",
@@ -38,16 +42,16 @@ def servo_toml(job: Job, servo: Servo, comments: Sequence[str]) -> str:
         "[servo]",
         f"period = {servo.period!r}  # [s]",
         f"delay = {servo.delay!r}  # [s]",
-        f"feedback = {json.dumps(servo.feedback)}",
-        f"mode = {json.dumps(servo.mode)}",
+        f"feedback = {json.dumps(values['feedback'])}",
+        f"mode = {json.dumps(servo.modes)}",
         f"drive_period = {servo.drive_period!r}  # [s]",
         f"feedback_delay = {servo.feedback_delay}  # in servo periods",
         f"encoder_seed = {servo.encoder_seed}",
         f"law = {json.dumps(law)}",
-        f"learning_repeats = {servo.learning_repeats}",
+        f"learning_repeats = {servo.laws.learning_repeats}",
         f"following_error_limit = {job.servo.following_error_limit!r}  # [{unit_of('resolution', units)}]",
     ]
     for name in UNITS:
-        values = ", ".join(repr(float(value)) for value in getattr(servo, name))
-        lines.append(f"{name} = [{values}]  # [{unit_of(name, units)}]")
+        of_axes = ", ".join(repr(float(value)) for value in values[name])
+        lines.append(f"{name} = [{of_axes}]  # [{unit_of(name, units)}]")
     return "\n".join(lines) + "\n"

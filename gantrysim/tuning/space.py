@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -143,7 +143,7 @@ class SearchSpace:
         rounded: dict[str, Any] = {
             name: tuple(float(f"{gain:.{_DIGITS}g}") for gain in values.tolist()) for name, values in gains.items()
         }
-        return replace(self.start, **rounded)
+        return self.start.with_values(**rounded)
 
     def _bounds_of(self, shape: Floats) -> Floats:
         names = np.repeat(self.coordinates[1:], self.groups)
@@ -164,7 +164,7 @@ class SearchSpace:
     def _viscous(self) -> Floats:
         """b, (axes,)."""
         viscous = np.array([axis.viscous for axis in self.axes])
-        return np.where(viscous > 0, viscous, _VISCOUS_SHARE * np.array(self.derived.kd))
+        return np.where(viscous > 0, viscous, _VISCOUS_SHARE * np.array(self.derived.per_axis("kd")))
 
     @cached_property
     def _natural(self) -> dict[str, Floats]:
@@ -174,17 +174,17 @@ class SearchSpace:
 
     def _numbers(self, servo: Servo) -> dict[str, Floats]:
         """Return the numbers of a servo, (axes,); not finite or not above zero where it has none."""
-        kp = np.array(servo.kp)
-        output_velocity = np.array(servo.output_velocity)
+        kp = np.array(servo.per_axis("kp"))
+        output_velocity = np.array(servo.per_axis("output_velocity"))
         # damping by the measured velocity is damping by the error and a velocity feed-forward, see the module
-        kd = np.array(servo.kd) - output_velocity
-        velocity_ff = np.array(servo.velocity_ff) + output_velocity
+        kd = np.array(servo.per_axis("kd")) - output_velocity
+        velocity_ff = np.array(servo.per_axis("velocity_ff")) + output_velocity
         with np.errstate(divide="ignore", invalid="ignore"):
             w = np.sqrt(kp / self._inertia)
             return {
                 "w": w,
                 "zeta": kd / (2 * self._inertia * w),
-                "n": kp * w / np.array(servo.ki),
+                "n": kp * w / np.array(servo.per_axis("ki")),
                 "v": velocity_ff / self._viscous,
-                "a": np.array(servo.acceleration_ff) / self._inertia,
+                "a": np.array(servo.per_axis("acceleration_ff")) / self._inertia,
             }

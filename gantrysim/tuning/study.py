@@ -180,19 +180,20 @@ class TuningStudy(Study):
     def _stability_on(self, machines: list[Machine]) -> Stability:
         servo = self.job.built_servo
         servo.check_torque("tuning")
-        return Stability(machines, servo.period, servo.delay, self.margin, servo.drives)
+        return Stability(machines, servo.period, servo.delay, self.margin, servo.loop_drives)
 
     @cached_property
     def space(self) -> SearchSpace:
         """The search space."""
         axes = self.job.built_machine.axes
         start = self.job.built_servo
-        law = self.law or ("pid" if any(start.ki) else "pd")
-        drive = {parameter.name: getattr(start, parameter.name) for parameter in DRIVE}
-        for name in ("delay", "feedback", "feedback_delay", "encoder_seed"):
-            drive[name] = getattr(start, name)
+        law = self.law or ("pid" if any(start.per_axis("ki")) else "pd")
+        names = [parameter.name for parameter in DRIVE if parameter.name not in ("torque_limit", "resolution")]
+        settings: dict[str, Any] = {name: start.per_axis(name) for name in (*names, "feedback")}
+        for name in ("delay", "feedback_delay", "encoder_seed"):
+            settings[name] = getattr(start, name)
         start.check_torque("tuning")
-        derived = Servo.derive(axes, start.period, mode="torque", **drive)
+        derived = Servo.derive(axes, start.period, mode="torque", **settings)
         return SearchSpace(law, axes, derived, start, self.per_axis, self.held)
 
     def rounds(self) -> Rounds:

@@ -45,7 +45,7 @@ def test_what_is_shown_is_what_the_result_holds(shown, job):
     run, budget, servo = shown["Run"], shown["Budget"], shown["Servo"]
     assert f"{len(run.time)} of 1 ms" in repr(run)
     assert f"{1e3 * budget.values.contour.rms:.1f} µm rms" in repr(budget)
-    assert all(f"{kp:.4g}" in repr(servo) for kp in servo.kp)
+    assert all(f"{kp:.4g}" in repr(servo) for kp in servo.per_axis("kp"))
     cells = [[cell.text for cell in row] for row in ElementTree.fromstring(budget._repr_html_())[1:]]
     assert cells[-1][:2] == ["contour", f"{1e3 * budget.values.contour.rms:.1f}"]
     rows = [[cell.text for cell in row] for row in ElementTree.fromstring(job.built_machine._repr_html_())[2:]]

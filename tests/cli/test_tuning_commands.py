@@ -186,12 +186,12 @@ def test_a_servo_file_replaces_the_servo_of_the_job(tmp_path):
     own = Job.load("fanuc-spiral")
     job = Job.load("fanuc-spiral", servo=tmp_path / "s.toml")
     assert (own.servo.integral_time, job.servo.integral_time) == (0.03, float("inf"))
-    assert job.built_servo.kp == (0.4, 0.5)
-    assert job.built_servo.ki == (0.0, 0.0)
+    assert job.built_servo.per_axis("kp") == (0.4, 0.5)
+    assert job.built_servo.per_axis("ki") == (0.0, 0.0)
     assert job.program == own.program
     after = Job.load("fanuc-spiral", ["servo.kp=0.3"], servo=tmp_path / "s.toml")
-    assert after.built_servo.kp == (0.3, 0.3)
-    assert after.built_servo.kd == (0.004, 0.005)
+    assert after.built_servo.per_axis("kp") == (0.3, 0.3)
+    assert after.built_servo.per_axis("kd") == (0.004, 0.005)
 
 
 @pytest.mark.parametrize(

@@ -150,7 +150,17 @@ class Line(Controller):
         return Setpoints.along(self.requested, self.speed, period)
 '''
 
-FAULT = '''
+FAULT = '''"""A nozzle whose bore is worn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import at_least
+from gantrysim.faults.fault import Lasting
+
 
 @dataclass(frozen=True, kw_only=True)
 class WornNozzle(Lasting):
@@ -171,12 +181,83 @@ class WornNozzle(Lasting):
     @property
     def magnitude(self) -> str:
         return f"{self.factor:g} times the flow {self._span}"
+
+    def flow_left(self, flow: Floats, valve: Floats, edges: Floats) -> Floats:
+        return flow * (1 + (self.factor - 1) * self._shares(edges))
 '''
 
-EFFECT = """\
-    for worn in (fault for fault in acting if isinstance(fault, WornNozzle)):
-        flow = flow * (1 + (worn.factor - 1) * _overlap(worn, edges))
-"""
+TICK_FAULT = '''"""An encoder with dirt on its scale."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from gantrysim.faults.fault import REPORT, FaultAxis, Lasting, acts_at_tick
+
+
+def read_too_far(row: Any, fault: Any) -> None:
+    """Report a position that is too large by a distance."""
+    if acts_at_tick(row, fault):
+        row.seen[fault.axis] += fault.value
+
+
+@dataclass(frozen=True, kw_only=True)
+class DirtyScale(Lasting):
+    """Dirt on the scale.
+
+    Attributes:
+        time: time at which it begins [s].
+        duration: its length, by default until the end [s].
+        axis: name of the axis.
+        offset: by which it reads too far [mm or deg].
+    """
+
+    stages = ((REPORT, read_too_far),)
+
+    axis: str
+    offset: float
+    kind: Literal["dirty scale"] = "dirty scale"
+
+    @property
+    def magnitude(self) -> str:
+        return f"{self.offset:g} mm or deg too far {self._span}"
+
+    def tick_value(self, axis: FaultAxis, axes: Sequence[FaultAxis]) -> float:
+        return self.offset
+'''
+
+LAW = '''"""A constant torque, as against gravity."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gantrysim.servo.laws.law import FEEDFORWARD, Law, LawDesign
+from gantrysim.servo.parameter import Parameter
+
+
+def tick(row: Any, laws: Any) -> None:
+    """Add the torque to the feed-forward."""
+    for axis in range(row.axes):
+        row.feedforward[axis] += laws[axis].bias_torque
+
+
+class Bias(Law):
+    """The law as one of the ladder. It has no linear model: it does not answer to a position."""
+
+    name = "bias"
+    meaning = "constant torque"
+    parameters = (Parameter("bias_torque", "N·m", "torque that the law bias adds"),)
+    stages = ((FEEDFORWARD, tick),)
+
+    def derived(self, design: LawDesign) -> dict[str, float]:
+        return {"bias_torque": 0.01}
+
+
+BIAS = Bias()
+'''
 
 JOB = """
 name = "straight"
@@ -222,6 +303,20 @@ duration = 0.1
 factor = 1.5
 """
 
+DIRTY = """
+[[faults]]
+kind = "dirty scale"
+time = 0.05
+axis = "x"
+offset = 0.25
+"""
+
+BIASED = """
+[servo]
+law = ["pid", "bias"]
+bias_torque = 0.02
+"""
+
 RUN = """
 import json, sys
 sys.path.insert(0, sys.argv[1])
@@ -232,7 +327,9 @@ print(json.dumps({
     "end": [float(run.commanded[-1, 0]) for run in runs],
     "time": runs[0].time.tolist(),
     "flow": [run.flow.tolist() for run in runs],
-    "faults": [str(fault) for fault in runs[1].injected],
+    "encoder": [(run.encoder[:, 0] - run.motor[:, 0]).tolist() for run in runs],
+    "demand": [run.demand[0].tolist() for run in runs],
+    "faults": [str(fault) for run in runs for fault in run.injected],
 }))
 """
 
@@ -324,7 +421,7 @@ class FeedForwardBatch(EpisodeBatch):
         return np.clip(self.measured.contour_rms[:, None] / self.settings.tolerance, 0.0, 10.0).astype(np.float32)
 
     def _act(self, places: Sequence[int]) -> None:
-        nominal = np.array(self.source.servo.velocity_ff)
+        nominal = np.array(self.source.servo.per_axis("velocity_ff"))
         self._gains[places, : self._axes, GAIN_NAMES.index("velocity_ff")] = nominal * (1 + self._action[places])
 
     def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
@@ -394,8 +491,8 @@ def _copied_if_there(source, target):
         shutil.copy2(source, target)
 
 
-def test_a_controller_and_a_fault_are_added_as_the_architecture_says(fresh, tmp_path):
-    """In a copy with the compiled code of the package, whose tick neither of the two changes."""
+def test_a_controller_a_law_and_faults_are_added_as_the_architecture_says(fresh, tmp_path):
+    """In a copy with the compiled code of the package: each is its folder or file, and its line in a list."""
     copy = shutil.copytree(PACKAGE, tmp_path / "gantrysim", copy_function=_copied_if_there)
     architecture = " ".join(PAGES["docs/architecture.md"].split())
     assert "**A motion controller** is a folder in `controllers/`" in architecture
@@ -405,29 +502,45 @@ def test_a_controller_and_a_fault_are_added_as_the_architecture_says(fresh, tmp_
     entry = '    "straight.Line": straight.Line,\n'
     edited(copy / "job" / "programs.py", registry, f"from gantrysim.controllers import straight\n{registry}{entry}")
 
-    assert "**A fault on purpose** is a frozen dataclass in `faults/drive.py` or `faults/nozzle.py`" in architecture
-    imported = "from gantrysim.faults.nozzle import WornNozzle\n"
+    assert "**A fault on purpose** is a file in `faults/`" in architecture
+    (copy / "faults" / "worn_nozzle.py").write_text(FAULT, encoding="utf-8")
+    (copy / "faults" / "dirty_scale.py").write_text(TICK_FAULT, encoding="utf-8")
+    imported = (
+        "from gantrysim.faults.dirty_scale import DirtyScale\nfrom gantrysim.faults.worn_nozzle import WornNozzle\n"
+    )
     kinds = "AnyFault: TypeAlias = (\n"
-    last_of_flow = "    return flow\n\n\ndef _overlap("
-    append(copy / "faults" / "nozzle.py", FAULT)
-    append(copy / "faults" / "__init__.py", imported)
-    edited(copy / "faults" / "kinds.py", kinds, f"{imported}{kinds}    WornNozzle |\n")
-    edited(copy / "engine" / "injection.py", "_SEIZED = ", f"{imported}_SEIZED = ")
-    edited(copy / "engine" / "injection.py", last_of_flow, f"{EFFECT}{last_of_flow}")
+    edited(copy / "faults" / "__init__.py", kinds, f"{imported}{kinds}    WornNozzle | DirtyScale |\n")
 
-    whole, worn = tmp_path / "whole.toml", tmp_path / "worn.toml"
-    whole.write_text(JOB, encoding="utf-8")
-    worn.write_text(JOB + WORN, encoding="utf-8")
-    done = fresh.run(RUN, tmp_path, tmp_path, whole, worn)
+    assert "**A law** is a file in `servo/laws/`" in architecture
+    (copy / "servo" / "laws" / "bias.py").write_text(LAW, encoding="utf-8")
+    laws = "LAWS: tuple[Law, ...] = ("
+    imported = "from gantrysim.servo.laws.bias import BIAS\n"
+    edited(copy / "servo" / "laws" / "__init__.py", laws, f"{imported}{laws}BIAS, ")
+
+    jobs = {"whole": JOB, "worn": JOB + WORN, "dirty": JOB + DIRTY, "biased": JOB + BIASED}
+    for name, text in jobs.items():
+        (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
+    done = fresh.run(RUN, tmp_path, tmp_path, *(tmp_path / f"{name}.toml" for name in jobs))
     assert (done.status, done.error) == (0, "")
     shown = json.loads(done.output)
     assert Path(shown["package"]).parent == copy
-    assert shown["end"] == pytest.approx([4.0, 4.0])
-    assert shown["faults"] == ["worn nozzle at t = 0.0500 s: 1.5 times the flow for 0.1 s"]
-    plain, more = shown["flow"]
+    assert shown["end"] == pytest.approx([4.0] * 4)
+    assert shown["faults"] == [
+        "worn nozzle at t = 0.0500 s: 1.5 times the flow for 0.1 s",
+        "dirty scale on axis x at t = 0.0500 s: 0.25 mm or deg too far until the end",
+    ]
+    time = shown["time"]
+    plain, worn, _, _ = shown["flow"]
     assert max(plain) > 0
-    factors = [1.5 if 0.0495 < time < 0.1495 else 1.0 for time in shown["time"]]
-    assert more == pytest.approx([flow * factor for flow, factor in zip(plain, factors, strict=True)])
+    for moment, flow, worn_flow in zip(time, plain, worn, strict=True):
+        assert worn_flow == pytest.approx(flow * (1.5 if 0.05 <= moment < 0.15 - 1e-9 else 1.0), rel=1e-9)
+    counted, _, dirty, _ = shown["encoder"]
+    for moment, sound, wrong in zip(time, counted, dirty, strict=True):
+        offset = 0.25 if moment >= 0.05 - 1e-9 else 0.0
+        assert wrong - offset == pytest.approx(0.0, abs=0.001)  # a count
+        assert sound == pytest.approx(0.0, abs=0.001)
+    at_rest, _, _, biased = shown["demand"]
+    assert biased == pytest.approx([torque + 0.02 for torque in at_rest], abs=1e-12)
 
 
 def test_a_study_is_a_file_and_its_command(fresh, tmp_path):

@@ -213,7 +213,7 @@ def test_the_tutorial_s_job_runs(tmp_path):
     (tmp_path / "my-job.toml").write_text(blocks(TUTORIAL, "toml")[0], encoding="utf-8")
     job = Job.load(tmp_path / "my-job.toml")
     assert job.run().fault is None
-    assert job.built_servo.velocity_ff == (0.0, 0.0, 0.0)
+    assert job.built_servo.per_axis("velocity_ff") == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("name", PAGES)

@@ -50,8 +50,8 @@ def various(xy, servo):
         xy,
         xy.perturbed(Perturbation(stiffness=0.7)),
     ]
-    unstable = dataclasses.replace(servo, kp=tuple(40 * kp for kp in servo.kp))
-    servos = [servo, servo, unstable, dataclasses.replace(servo, delay=5e-4)]
+    unstable = servo.with_values(kp=tuple(40 * kp for kp in servo.per_axis("kp")))
+    servos = [servo, servo, unstable, servo.with_values(delay=5e-4)]
     setpoints = [ramp(SLOW), ramp(FAST), ramp(FASTER), ramp(FAST, 60.0)]
     alone = [simulate(*one) for one in zip(machines, servos, setpoints, strict=True)]
     assert [run.fault is None for run in alone] == [True, True, False, True]
@@ -78,7 +78,7 @@ def test_the_comparison_sees_the_last_bit(various):
 def test_a_fault_in_any_call_ends_no_other_simulation(xy, servo, share):
     length = 140.0
     none = dict.fromkeys(("kp", "ki", "kd", "velocity_ff", "acceleration_ff"), (0.0, 0.0))
-    still = dataclasses.replace(servo, **none, following_error_limit=(length * share / CALLS, 10.0))
+    still = servo.with_values(**none, following_error_limit=(length * share / CALLS, 10.0))
     faulty, whole = simulate_batch(xy, [still, servo], ramp(SLOW, length))
     assert faulty.fault.kind == "following error"
     assert whole.fault is None
@@ -110,7 +110,7 @@ def test_an_argument_is_one_for_all_or_one_for_each(xy, servo):
 
 
 def test_a_warning_of_mujoco_in_one_simulation_stops_no_other(xy, servo):
-    servo = dataclasses.replace(servo, following_error_limit=(math.inf, math.inf))
+    servo = servo.with_values(following_error_limit=(math.inf, math.inf))
     wild = copy.copy(xy)
     wild.physics = copy.copy(xy.physics)
     wild._stepping = {}

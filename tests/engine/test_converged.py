@@ -7,7 +7,6 @@ is more, the lengths of a bead to a tenth of a cell of its map, and the ripple o
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -48,10 +47,11 @@ def figures(job: Job, step: float | None, runs: int = RUNS) -> dict[str, tuple[f
     shares = np.linspace(1 - DIFFER, 1 + DIFFER, runs) if runs > 1 else [1.0]
     servo = job.built_servo
     servos = [
-        replace(
-            servo,
-            kp=tuple(share * kp for kp in servo.kp),
-            resolution=tuple(share * count for count in servo.resolution),  # an axis stops anywhere within a count
+        servo.with_values(
+            kp=tuple(share * kp for kp in servo.per_axis("kp")),
+            resolution=tuple(
+                share * count for count in servo.per_axis("resolution")
+            ),  # an axis stops anywhere within a count
         )
         for share in shares
     ]
@@ -75,9 +75,9 @@ def allowed(key: str, value: float, scatter: float, job: Job) -> float:
     unit = next((size for name, size in micrometre.items() if f"_{name}" in key and f"{name}2" not in key), 0.0)
     least = PER_TICK if "mm_s" in key else MICROMETRES * unit
     if last.startswith(("max", "p95")) and "um" in key:
-        least = max(least, 1e3 * max(job.built_servo.resolution))
+        least = max(least, 1e3 * max(job.built_servo.per_axis("resolution")))
     if "mdeg" in key and last.startswith("max"):
-        least = 1e3 * max(job.built_servo.resolution)
+        least = 1e3 * max(job.built_servo.per_axis("resolution"))
     if ".bead." in key and unit:
         least = BEAD
     relative = TORQUE if "ripple" in key else RELATIVE

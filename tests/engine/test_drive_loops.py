@@ -61,7 +61,7 @@ def test_a_velocity_loop_answers_a_step_as_its_two_poles_do(xy, bandwidth):
     expected = 1 - (1 - p * time) * np.exp(-p * time)
     for a, demand in enumerate((20.0, -10.0)):
         np.testing.assert_allclose(np.diff(run.motor[:, a]) / 1e-3 / demand, expected, atol=0.02 * bandwidth / 8)
-    assert servo.velocity_gain[0] == pytest.approx(2 * p * xy.axes[0].inertia)
+    assert servo.drives[0].velocity_gain == pytest.approx(2 * p * xy.axes[0].inertia)
 
 
 @pytest.mark.parametrize("mode", LOOPS)
@@ -78,13 +78,13 @@ def test_a_finer_physics_step_leaves_the_drive_s_period(xy, mode):
 
 def kicked(machine, servo, axis, factor):
     """Whether a kick of an axis grows when its gains are scaled."""
-    gains = {name: list(getattr(servo, name)) for name in ("kp", "ki", "kd")}
+    gains = {name: list(servo.per_axis(name)) for name in ("kp", "ki", "kd")}
     for values in gains.values():
         values[axis] *= factor
     position = np.zeros((WATCHED, len(machine.axes)))
     position[1:, axis] = KICK
     setpoints = dataclasses.replace(still(machine), position=position)
-    run = simulate(machine, dataclasses.replace(servo, **gains), setpoints, physics_step=FINE)
+    run = simulate(machine, servo.with_values(**gains), setpoints, physics_step=FINE)
     error = np.abs(run.commanded - run.motor)[:, axis]
     return run.fault is not None or error[-50:].max() > error[400:450].max()
 
@@ -104,7 +104,7 @@ def test_a_velocity_loop_too_fast_is_unstable_where_the_margins_say_so(xy):
     servo = plain(xy, feedforward=0.0, mode="velocity")
 
     def faster(factor):
-        return dataclasses.replace(servo, velocity_gain=tuple(factor * gain for gain in servo.velocity_gain))
+        return servo.with_values(velocity_gain=tuple(factor * gain for gain in servo.per_axis("velocity_gain")))
 
     factors = np.geomspace(1.5, 8, 120)
     edge = next(factor for factor in factors if not all(one.stable for one in margins_of(xy, faster(factor))))
@@ -126,7 +126,9 @@ def test_derived_gains_keep_their_margins(name, mode, case):
     if mode == "velocity":
         found = velocity_loop(machine.axes, Drives(period=servo.drive_period), None)
         t = servo.drive_period
-        for axis, gain, time in zip(machine.axes, servo.velocity_gain, servo.velocity_time, strict=True):
+        for axis, gain, time in zip(
+            machine.axes, servo.per_axis("velocity_gain"), servo.per_axis("velocity_time"), strict=True
+        ):
             assert gain == pytest.approx(4 * math.pi * found.frequency * axis.inertia)
             inner = Compensator.pid(gain / time, 0.0, gain, t)
             margins = Plant(axis.motion, t).margins(Laws(t, 0.0, (inner,)))[0]
@@ -185,12 +187,12 @@ def test_the_torque_limit_holds_in_the_drive_and_does_not_wind_up(xy):
 
 
 def limited(servo, torque):
-    return dataclasses.replace(servo, torque_limit=(torque,) * servo.axes)
+    return servo.with_values(torque_limit=(torque,) * servo.axes)
 
 
 def test_a_limit_cycle_in_the_torque_limit_is_a_fault(xy):
     servo = plain(xy, mode="velocity")
-    fast = dataclasses.replace(servo, velocity_gain=tuple(20 * gain for gain in servo.velocity_gain))
+    fast = servo.with_values(velocity_gain=tuple(20 * gain for gain in servo.per_axis("velocity_gain")))
     run = simulate(xy, limited(fast, 0.1), ramp(50.0, 20.0))
     assert run.fault is not None
     assert run.fault.kind in ("oscillation", "diverged", "overspeed")
@@ -290,7 +292,7 @@ def test_reactance_takes_torque_from_a_stepper_in_a_closed_loop(speed):
 def test_a_closed_loop_stepper_of_a_table_runs_the_spiral():
     job = Job.load("an225", machine=str(EXAMPLES / "stepper.toml"))
     y = job.built_machine.axis_names.index("y")
-    assert job.built_servo.mode == ("stepper", "position", "stepper")
+    assert job.built_servo.modes == ("stepper", "position", "stepper")
     run = job.run()
     assert run.fault is None
     late = np.abs(run.commanded[:-1] - run.motor[1:])

@@ -38,21 +38,21 @@ def simulate_alone(machine, servo, position, substeps):
         command = position[:, a]
         before = None
         for k in range(n):
-            count = servo.resolution[a]
+            count = servo.drives[a].resolution
             m = p * 1e3 if count == 0 else count * math.floor(p * 1e3 / count + 0.5)
             e = command[k] - m
             last_command, last_velocity, last_m, last_e = before or (command[k], 0.0, m, e)
             velocity = (command[k] - last_command) / t
             sum_now = total + e * t
             torque = (
-                servo.kp[a] * e
-                + servo.ki[a] * sum_now
-                + servo.kd[a] * (e - last_e) / t
-                + servo.velocity_ff[a] * velocity
-                + servo.acceleration_ff[a] * (velocity - last_velocity) / t
-                + servo.output_velocity[a] * (m - last_m) / t
+                servo.gains[a].kp * e
+                + servo.gains[a].ki * sum_now
+                + servo.gains[a].kd * (e - last_e) / t
+                + servo.gains[a].velocity_ff * velocity
+                + servo.gains[a].acceleration_ff * (velocity - last_velocity) / t
+                + servo.gains[a].output_velocity * (m - last_m) / t
             )
-            limit = servo.torque_limit[a]
+            limit = servo.drives[a].torque_limit
             if abs(torque) <= limit or torque * e < 0:
                 total = sum_now
             if delay == substeps:
@@ -107,8 +107,8 @@ def closed_loop(servo, a, lifted_a, lifted_b, speed, radius):
     z = np.exp(1j * w * servo.period)
     plant = np.array([1e3, 0, 0]) @ np.linalg.solve(z * np.eye(3) - lifted_a, lifted_b)
     back = (1 - 1 / z) / servo.period
-    law = servo.kp[a] + servo.kd[a] * back
-    forward = servo.velocity_ff[a] * back + servo.acceleration_ff[a] * back**2
+    law = servo.gains[a].kp + servo.gains[a].kd * back
+    forward = servo.gains[a].velocity_ff * back + servo.gains[a].acceleration_ff * back**2
     return (1 - plant * forward) / (1 + plant * law)
 
 
@@ -165,7 +165,7 @@ def test_steady_ramp_error_is_the_viscous_torque_over_the_gain(rigid, speed):
     run = simulate(machine, servo, ramp(speed), physics_step=STEP)
     viscous = 12.0 * machine.axes[0].scale * 1e-6  # N·s/m at the guide, as N·m·s/mm at the motor
     error = run.commanded[-5, 0] - run.encoder[-5, 0]
-    assert error == pytest.approx((viscous + 1e-4) * speed / servo.kp[0], rel=1e-6)
+    assert error == pytest.approx((viscous + 1e-4) * speed / servo.gains[0].kp, rel=1e-6)
 
 
 def test_velocity_feed_forward_and_the_integral_each_remove_the_ramp_error(rigid):
@@ -185,7 +185,7 @@ def test_steady_ramp_error_of_a_machine_with_friction(xy, speed):
     static = float(xy.model.actuator_biasprm[0, 4])
     friction = axis.coulomb + (static - axis.coulomb) * math.exp(-((speed / axis.scale / stribeck) ** 2))
     error = (run.commanded - run.encoder)[-60:-10, 0].mean()
-    assert error == pytest.approx((axis.viscous * speed + friction) / servo.kp[0], rel=1e-3)
+    assert error == pytest.approx((axis.viscous * speed + friction) / servo.gains[0].kp, rel=1e-3)
 
 
 def test_torque_limit_bites_only_where_it_is_below_the_need(rigid):

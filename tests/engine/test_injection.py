@@ -170,14 +170,14 @@ def test_a_slipped_encoder_leaves_the_load_off_by_its_counts_and_no_following_er
 @pytest.mark.parametrize("ticks", [1, 3])
 def test_a_glitch_is_a_torque_pulse_by_the_gains(rigid, ticks):
     machine, counts = rigid(), 20
-    servo = dataclasses.replace(plain(machine, resolution=COUNT), output_velocity=(-1e-3, 0.0))
+    servo = plain(machine, resolution=COUNT).with_values(output_velocity=(-1e-3, 0.0))
     runs = [
         simulate(machine, servo, ramp(SPEED), faults=faults)
         for faults in ((), (EncoderGlitch(time=AT, axis="x", counts=counts, ticks=ticks),))
     ]
     healthy, run = runs
     jump = counts * COUNT
-    kp, ki, kd, damping = (getattr(servo, name)[0] for name in ("kp", "ki", "kd", "output_velocity"))
+    kp, ki, kd, damping = (servo.per_axis(name)[0] for name in ("kp", "ki", "kd", "output_velocity"))
     pulse = -(kp + ki * PERIOD + kd / PERIOD - damping / PERIOD) * jump
     assert abs(healthy.demand[K, 0] + pulse) < 0.9  # not clamped
     assert run.demand[K, 0] - healthy.demand[K, 0] == pytest.approx(pulse, rel=1e-9)
@@ -398,7 +398,7 @@ def test_a_record_keeps_its_faults(short, fault, tmp_path_factory):
             OpenWinding(time=99, axis="x"),
             r"^fault open winding: time = 99 s: must be at most 1\.40\d s, the run's length$",
         ),
-        ("open winding", r"^faults: holds a str: must be faults such as encoder dropout, "),
+        ("open winding", r"^faults: holds a str: must be faults such as encoder glitch, "),
     ],
 )
 def test_a_fault_that_the_run_cannot_have_is_refused(rigid, fault, text):

@@ -10,7 +10,7 @@ import pytest
 from scipy.signal import butter, filtfilt
 
 from gantrysim import InputError, Job, Machine, Servo, simulate, simulate_batch
-from gantrysim.engine.laws import law_entries
+from gantrysim.engine.laws import law_entries, law_stages
 from gantrysim.engine.learning import run_and_learn
 from gantrysim.engine.simulation import Simulation
 from gantrysim.machine.perturbation import Perturbation
@@ -43,8 +43,8 @@ def by_hand(servo, names):
     """The laws in plain Python, by other recursions than those of the tick."""
     T, n, past, told = servo.period, servo.axes, [], []
     state = {"speed": np.zeros(n), "sum": np.zeros(n), "bristle": np.zeros(n), "across": None, "tangent": None}
-    kp, ki, kd = (np.array(getattr(servo, name)) for name in ("kp", "ki", "kd"))
-    Q = [butter(2, 2 * T * f) if f else None for f in servo.observer_bandwidth]
+    kp, ki, kd = (np.array(servo.per_axis(name)) for name in ("kp", "ki", "kd"))
+    Q = [butter(2, 2 * T * f) if f else None for f in servo.per_axis("observer_bandwidth")]
     raw, smoothed = [], []
 
     def law(tick):
@@ -58,7 +58,7 @@ def by_hand(servo, names):
             across = np.zeros(n) if t is None else (np.eye(n) - np.outer(t, t)) @ error
             before = across if state["across"] is None else state["across"]
             state["across"] = across if t is not None else np.zeros(n)
-            gain = np.array(servo.contour_gain)
+            gain = np.array(servo.per_axis("contour_gain"))
             error, change = error + gain * across, change + gain * (state["across"] - before) / T
         if "p-pi" in names:
             speed_error = kp / kd * error + v - tick.measured_velocity
@@ -67,12 +67,15 @@ def by_hand(servo, names):
         else:
             state["sum"] += T * error
             torque = kp * error + ki * state["sum"] + kd * change
-        torque += np.array(servo.velocity_ff) * v + np.array(servo.acceleration_ff) * tick.demand_acceleration
+        torque += (
+            np.array(servo.per_axis("velocity_ff")) * v
+            + np.array(servo.per_axis("acceleration_ff")) * tick.demand_acceleration
+        )
         rub = np.zeros(n)
         if "friction" in names:
             for a in range(n):
                 fc, fs, vs, stiffness = (
-                    getattr(servo, f"friction_{name}")[a] for name in ("torque", "static", "speed", "stiffness")
+                    servo.per_axis(f"friction_{name}")[a] for name in ("torque", "static", "speed", "stiffness")
                 )
                 level = fc + (fs - fc) * math.exp(-((v[a] / vs) ** 2))
                 z, travel = state["bristle"][a], v[a] * T
@@ -84,10 +87,10 @@ def by_hand(servo, names):
         if "observer" in names:
             # positions fitted by a parabola, the torques by where they act
             y = [*[past[0]] * 2, *past][-3:]
-            acted = np.array(servo.observer_inertia) * (y[0] - 2 * y[1] + y[2]) / T**2
-            acted += np.array(servo.observer_viscous) * (y[2] - y[1]) / T
+            acted = np.array(servo.per_axis("observer_inertia")) * (y[0] - 2 * y[1] + y[2]) / T**2
+            acted += np.array(servo.per_axis("observer_viscous")) * (y[2] - y[1]) / T
             for a in range(n):
-                late = servo.delay / T + servo.feedback_delay + servo.observer_lag[a] / T
+                late = servo.delay / T + servo.feedback_delay + servo.laws.parameters[a].observer_lag / T
                 for j, u in enumerate(reversed(told), 1):
                     acted[a] -= pulse(j - late) * u[a]
             raw.append(acted)
@@ -100,7 +103,7 @@ def by_hand(servo, names):
                 out[a] = terms
             smoothed.append(out)
             torque = torque - out
-        told.append(np.clip(torque, -np.array(servo.torque_limit), servo.torque_limit) - rub)
+        told.append(np.clip(torque, -np.array(servo.per_axis("torque_limit")), servo.per_axis("torque_limit")) - rub)
         return torque
 
     return law
@@ -137,8 +140,10 @@ def test_the_tick_computes_the_laws(xy, names):
 
 
 def test_pid_alone_needs_no_entries(xy):
-    assert law_entries(Servo.derive(xy.axes), None) is None
-    assert law_entries(Servo.derive(xy.axes, law="pd"), None) is None
+    for law in ("pid", "pd"):
+        servo = Servo.derive(xy.axes, law=law)
+        assert law_entries(servo) is None
+        assert law_stages(servo, None, None) == []
 
 
 def kicked(machine, servo, factor):
@@ -158,7 +163,7 @@ def test_margins_are_those_of_the_loop_with_its_law(xy, law):
     given = {"law": law, "resolution": 0.0, "notch_frequency": 0.0, "frequency": 10.0, "integral_time": 0.01}
     servo = Servo.derive(xy.axes, feedforward=0.0, **given)
     if law == "observer":
-        servo = dataclasses.replace(servo, observer_bandwidth=(150.0, 150.0))
+        servo = servo.with_values(observer_bandwidth=(150.0, 150.0))
     gain = min(margins.gain for margins in margins_of(xy, servo))
     plain = Servo.derive(xy.axes, feedforward=0.0, **{**given, "law": "pid"})
     assert gain < (1 - 1.5 * NEAR) * min(margins.gain for margins in margins_of(xy, plain))
@@ -179,7 +184,7 @@ def test_an_observer_takes_a_constant_disturbance_away_where_pd_does_not(rigid):
     for law in ("pd", ["pd", "observer"]):
         servo = Servo.derive(machine.axes, law=law, resolution=0.0)
         ends[str(law)] = simulate(machine, servo, still).encoder[-1, 0]
-    assert ends["pd"] == pytest.approx(force / servo.kp[0], rel=1e-3)
+    assert ends["pd"] == pytest.approx(force / servo.gains[0].kp, rel=1e-3)
     assert abs(ends["['pd', 'observer']"]) < 1e-4 * ends["pd"]
 
 
@@ -195,7 +200,7 @@ def test_preview_makes_the_encoders_read_their_filtered_setpoints(frictionless, 
     given = {**given, "law": law, "preview_bandwidth": 40.0, "resolution": 0.0, "integral_time": 0.1}
     servo = Servo.derive(frictionless.axes, **given)
     setpoints = curve(0.2, size=0.4)
-    plain = simulate(frictionless, dataclasses.replace(servo, law=servo.law[:1], preview_bandwidth=()), setpoints)
+    plain = simulate(frictionless, servo.with_values(law=servo.laws.names[:1], preview_bandwidth=0.0), setpoints)
     run = simulate(frictionless, servo, setpoints, physics_step=FINE)
     wanted = without_phase(setpoints.position, 40.0)
     before = np.abs(plain.encoder - wanted).max()
@@ -234,17 +239,15 @@ def test_learning_takes_away_of_a_linear_machine_s_error_what_q_passes(frictionl
 
 def strong(servo, factor):
     """The servo with a model of motors that are weaker by a factor than the machine's."""
-    weak = tuple(dataclasses.replace(motion, B=motion.B / factor) for motion in servo.motions)
-    return dataclasses.replace(servo, motions=weak)
+    weak = tuple(dataclasses.replace(motion, B=motion.B / factor) for motion in servo.laws.motions)
+    return servo.with_values(motions=weak)
 
 
 def test_learning_with_a_wrong_model_ends_no_worse_than_it_begins(frictionless):
     """With a model four times too weak every step is four times too large: the error would grow threefold a repeat."""
     given = {"law": "learning", "feedforward": 0.0, "learning_repeats": 6, "torque_limit": 1e3}
     servo = strong(Servo.derive(frictionless.axes, **given), 4.0)
-    plain = simulate(
-        frictionless, dataclasses.replace(servo, law=("pid",), learning_bandwidth=()), curve(0.2, size=0.4)
-    )
+    plain = simulate(frictionless, servo.with_values(law=("pid",), learning_bandwidth=0.0), curve(0.2, size=0.4))
     run = simulate(frictionless, servo, curve(0.2, size=0.4))
     before, after = (np.sqrt(np.mean((one.commanded - one.encoder) ** 2)) for one in (plain, run))
     assert run.fault is None
@@ -256,7 +259,7 @@ def test_learning_knows_the_drives(xy, given):
     setpoints = curve(0.2, size=0.4)
     servo = Servo.derive(xy.axes, law="learning", integral_time=0.03, learning_repeats=3, **given)
     run = simulate(xy, servo, setpoints)
-    plain = simulate(xy, dataclasses.replace(servo, law=("pid",), learning_bandwidth=()), setpoints)
+    plain = simulate(xy, servo.with_values(law=("pid",), learning_bandwidth=0.0), setpoints)
     before, after = (np.sqrt(np.mean((one.commanded - one.encoder) ** 2)) for one in (plain, run))
     assert run.fault is None
     assert after < 0.5 * before
@@ -339,7 +342,7 @@ def test_shaping_calms_the_load_at_its_own_mode(frictionless):
         run = simulate(frictionless, servo, setpoints, physics_step=FINE)
         swing = (run.nozzle[:, :2] - run.motor)[-195:]
         left[law] = np.ptp(swing, axis=0).max()
-    assert servo.shaper_frequency[0] > 100
+    assert servo.laws.parameters[0].shaper_frequency > 100
     assert left["zvd"] < 0.5 * left["pid"]
 
 

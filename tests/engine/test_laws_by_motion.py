@@ -6,7 +6,7 @@ import pytest
 
 from gantrysim import GantryError, InputError, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.servo.law import Tick
+from gantrysim.servo.laws.plain import Tick
 
 from support.runs import PERIOD, plain, ramp
 
@@ -19,12 +19,12 @@ def pd_in_python(servo):
         change = (error - before.get("error", error)) / servo.period
         before["error"] = error
         return (
-            np.array(servo.kp) * error
-            + np.array(servo.ki) * 0.0
-            + np.array(servo.kd) * change
-            + np.array(servo.velocity_ff) * tick.demand_velocity
-            + np.array(servo.acceleration_ff) * tick.demand_acceleration
-            + np.array(servo.output_velocity) * tick.measured_velocity
+            np.array(servo.per_axis("kp")) * error
+            + np.array(servo.per_axis("ki")) * 0.0
+            + np.array(servo.per_axis("kd")) * change
+            + np.array(servo.per_axis("velocity_ff")) * tick.demand_velocity
+            + np.array(servo.per_axis("acceleration_ff")) * tick.demand_acceleration
+            + np.array(servo.per_axis("output_velocity")) * tick.measured_velocity
         )
 
     return law

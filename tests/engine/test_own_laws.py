@@ -1,6 +1,5 @@
 """A user's own law, in plain Python or compiled: alone, in batches, jobs, margins, studies, tuner and environment."""
 
-import dataclasses
 import os
 import pickle
 import signal
@@ -33,7 +32,7 @@ def pd(xy):
     ids=["python", "numba", "module", "compiled in a module", "file"],
 )
 def test_a_user_s_pd_is_pd(xy, pd, law):
-    own = dataclasses.replace(pd, law=(law,))
+    own = pd.with_values(law=(law,))
     setpoints = ramp(50.0, 20.0)
     reference = simulate(xy, pd, setpoints)
     np.testing.assert_allclose(simulate(xy, own, setpoints).demand, reference.demand, rtol=0, atol=SAME)
@@ -45,13 +44,13 @@ def test_a_user_s_pd_is_pd(xy, pd, law):
 def test_runs_of_a_batch_have_each_their_own_state(xy, pd):
     laws = [own_laws.pd, own_laws.compiled_pd, "pd", own_laws.pd]
     servos = [
-        dataclasses.replace(pd, law=(law,), kp=tuple((1 + 0.1 * k) * g for g in pd.kp)) for k, law in enumerate(laws)
+        pd.with_values(law=(law,), kp=tuple((1 + 0.1 * k) * g for g in pd.per_axis("kp"))) for k, law in enumerate(laws)
     ]
     setpoints = ramp(50.0, 10.0)
     runs = simulate_batch(xy, servos, setpoints, threads=2)
     for servo, run in zip(servos, runs, strict=True):
         np.testing.assert_array_equal(run.encoder, simulate(xy, servo, setpoints).encoder)
-    alike = dataclasses.replace(servos[3], law=("pd",))
+    alike = servos[3].with_values(law=("pd",))
     np.testing.assert_allclose(runs[3].demand, simulate(xy, alike, setpoints).demand, rtol=0, atol=SAME)
 
 
@@ -65,31 +64,31 @@ def test_friction_is_added_to_a_user_s_law(xy, pd):
 
 def test_margins_of_a_linear_law_are_exact(xy, pd):
     """PID with a lag: its transfer function, written anew."""
-    servo = dataclasses.replace(pd, law=(own_laws.lagged_pid,))
+    servo = pd.with_values(law=(own_laws.lagged_pid,))
     z, T = np.exp(1j * np.linspace(0.01, np.pi, 30)), servo.period  # noqa: N806
     for a, law in enumerate(servo.compensators()):
-        raw = servo.kp[a] * (1 + 20.0 * T / (1 - 1 / z)) + servo.kd[a] * (1 - 1 / z) / T
+        raw = servo.gains[a].kp * (1 + 20.0 * T / (1 - 1 / z)) + servo.gains[a].kd * (1 - 1 / z) / T
         np.testing.assert_allclose(law.response(z), raw * 0.7 / (1 - 0.3 / z), rtol=1e-6)
         assert len(law.A) <= 3
 
 
 def test_margins_of_a_law_that_answers_late_are_exact(xy, pd):
     """0.3 kp / z / (1 - 0.7 / z), of order two at most: nothing of the kick comes out at its own tick."""
-    servo = dataclasses.replace(pd, law=(own_laws.late,))
+    servo = pd.with_values(law=(own_laws.late,))
     z = np.exp(1j * np.linspace(0.01, np.pi, 30))
     for a, law in enumerate(servo.compensators()):
-        np.testing.assert_allclose(law.response(z), 0.3 * servo.kp[a] / z / (1 - 0.7 / z), rtol=1e-6)
+        np.testing.assert_allclose(law.response(z), 0.3 * servo.gains[a].kp / z / (1 - 0.7 / z), rtol=1e-6)
         assert law.D == 0
         assert len(law.A) <= 2
 
 
 @pytest.mark.parametrize("law", [own_laws.cubic, own_laws.coupled, own_laws.fading])
 def test_margins_of_others_are_unknown(xy, pd, law):
-    assert margins_of(xy, dataclasses.replace(pd, law=(law,))) is None
+    assert margins_of(xy, pd.with_values(law=(law,))) is None
 
 
 def test_what_a_law_raises_reaches_the_caller_of_a_run_and_of_a_batch(xy, pd):
-    servo = dataclasses.replace(pd, law=(own_laws.broken,))
+    servo = pd.with_values(law=(own_laws.broken,))
     for work in (
         lambda: simulate(xy, servo, ramp(50.0, 10.0)),
         lambda: simulate_batch(xy, [pd, servo], ramp(50.0, 10.0)),
@@ -101,7 +100,7 @@ def test_what_a_law_raises_reaches_the_caller_of_a_run_and_of_a_batch(xy, pd):
 
 @pytest.mark.parametrize("batch", [False, True])
 def test_ctrl_c_reaches_the_caller_wherever_it_falls(xy, pd, batch):
-    servo, setpoints = dataclasses.replace(pd, law=(own_laws.pd,)), ramp(1.0, 100.0)  # a run of many seconds
+    servo, setpoints = pd.with_values(law=(own_laws.pd,)), ramp(1.0, 100.0)  # a run of many seconds
     for k in range(5):
         timer = threading.Timer(0.05 + 0.013 * k, lambda: os.kill(os.getpid(), signal.SIGINT))
         timer.start()
@@ -111,7 +110,7 @@ def test_ctrl_c_reaches_the_caller_wherever_it_falls(xy, pd, batch):
 
 
 def test_a_torque_that_is_no_number_is_a_fault(xy, pd):
-    fault = simulate(xy, dataclasses.replace(pd, law=(own_laws.nothing,)), ramp(50.0, 5.0)).fault
+    fault = simulate(xy, pd.with_values(law=(own_laws.nothing,)), ramp(50.0, 5.0)).fault
     assert fault.kind == "diverged"
 
 
@@ -127,7 +126,7 @@ def test_a_torque_that_is_no_number_is_a_fault(xy, pd):
 )
 def test_a_law_that_cannot_be_had_is_one_line(xy, pd, law, text):
     with pytest.raises(InputError) as caught:
-        simulate(xy, dataclasses.replace(pd, law=(law,)), ramp(50.0, 5.0))
+        simulate(xy, pd.with_values(law=(law,)), ramp(50.0, 5.0))
     assert text in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -20,7 +20,7 @@ from gantrysim.job.job import Job
 from gantrysim.job.steps import lost_steps
 from gantrysim.machine.ideal import without_winding
 from gantrysim.metrics.budget import Budget
-from gantrysim.native.drives import _mean_stepped
+from gantrysim.native.stepping_field import mean_stepped
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.report.summary import summary
 
@@ -131,12 +131,12 @@ def test_a_stepper_of_a_table_is_driven_in_open_loop_without_gains(made):
     machine = made()
     servo = Servo.derive(machine.axes)
     assert machine.axes[0].electrical_period == pytest.approx(PERIOD_OF_FIELD)
-    assert servo.mode == ("stepper", "torque")
-    assert servo.feedback == ("none", "motor")
-    assert servo.kp[0] == servo.kd[0] == 0 < servo.kp[1]
+    assert servo.modes == ("stepper", "torque")
+    assert servo.per_axis("feedback") == ("none", "motor")
+    assert servo.gains[0].kp == servo.gains[0].kd == 0 < servo.gains[1].kp
     as_before = Servo.derive(machine.axes, mode="torque")
-    assert as_before.kp[0] > 0
-    assert as_before.feedback == ("motor", "motor")
+    assert as_before.gains[0].kp > 0
+    assert as_before.per_axis("feedback") == ("motor", "motor")
 
 
 @pytest.mark.parametrize("detent", [0.0, 0.01])
@@ -334,7 +334,7 @@ def test_the_mean_of_a_field_in_microsteps_is_that_of_its_samples(low, high):
     drive = SimpleNamespace(microstep=0.01)
     field = np.linspace(low, high, 200001)
     expected = 0.01 * np.floor(field + 0.5).mean()
-    assert _mean_stepped.py_func(0.01 * low, 0.01 * high, drive) == pytest.approx(expected, abs=1e-6)
+    assert mean_stepped.py_func(0.01 * low, 0.01 * high, drive) == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -344,11 +344,11 @@ def spiral():
 
 def test_the_spiral_runs_in_open_loop(spiral):
     machine, servo = spiral.built_machine, spiral.built_servo
-    assert servo.mode[machine.axis_names.index("x")] == "stepper"
+    assert servo.modes[machine.axis_names.index("x")] == "stepper"
     run = spiral.run()
     assert run.fault is None
     assert lost_steps(machine, servo, run) == ()
-    for a in (a for a, mode in enumerate(servo.mode) if mode == "stepper"):
+    for a in (a for a, mode in enumerate(servo.modes) if mode == "stepper"):
         behind = np.abs(run.commanded[:-1] - run.motor[1:])[:, a]
         assert 0 < behind.max() < machine.axes[a].electrical_period / 4
     assert Budget(run).values.parts["measurement"].rms > 0

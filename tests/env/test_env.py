@@ -1,7 +1,6 @@
 """The environments against the engine and the analysis: runs, observations and rewards."""
 
 import copy
-import dataclasses
 import math
 import pickle
 import re
@@ -66,11 +65,11 @@ def test_an_episode_with_constant_gains_equals_a_run_of_the_engine():
     simulation = env._episodes.episodes[0].simulation
     factors = 4.0**action
     gains = {
-        name: tuple(f * g for g in getattr(simulation.servo, name))
+        name: tuple(f * g for g in simulation.servo.per_axis(name))
         for f, name in zip(factors, TUNED_GAINS, strict=True)
     }
-    gains["ki"] = tuple(factors[0] * ki for ki in simulation.servo.ki)
-    servo = dataclasses.replace(simulation.servo, **gains)
+    gains["ki"] = tuple(factors[0] * ki for ki in simulation.servo.per_axis("ki"))
+    servo = simulation.servo.with_values(**gains)
     run = simulate(simulation.machine, servo, simulation.setpoints, dispenser=simulation.dispenser)
     for name in ("encoder", "nozzle", "demand", "motor", "flow"):
         assert np.array_equal(getattr(env.run, name), getattr(run, name)), name

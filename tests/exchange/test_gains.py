@@ -15,7 +15,7 @@ from gantrysim.exchange.gains import DIALECTS, exported, imported
 from gantrysim.exchange.shaper import SHAPERS, first_mode, klipper, pulses
 from gantrysim.exchange.unsaid import BESIDE, THROUGH
 from gantrysim.servo.gains import GAIN_NAMES
-from gantrysim.servo.laws.parameters import LAW_PARAMETERS
+from gantrysim.servo.laws import LAW_PARAMETERS
 from gantrysim.stability.motion import Motion
 
 PERIOD = 5e-4
@@ -37,7 +37,7 @@ def history(seed=1, ticks=40):
 
 def servo_torque(servo, a, commanded, measured, period=PERIOD):
     """The law in the time domain, written once more."""
-    kp, ki, kd, vff, aff, ov = (getattr(servo, name)[a] for name in GAIN_NAMES)
+    kp, ki, kd, vff, aff, ov = (servo.per_axis(name)[a] for name in GAIN_NAMES)
     e = commanded - measured
     d, dd = np.diff(commanded), np.diff(commanded, 2)
     return (
@@ -66,7 +66,7 @@ def test_trio_s_own_law_gives_the_servo_s_torque_in_dac_units(xy, servo):
     plain = Servo.derive(xy.axes, PERIOD, **SERVO, acceleration_ff=0.0)
     for a, words in enumerate(words_of("trio", plain, xy)):
         commanded, measured = history(a)
-        edges = 1 / plain.resolution[a]
+        edges = 1 / plain.drives[a].resolution
         demand, actual = commanded * edges, measured * edges
         e = demand - actual
         dac = (
@@ -76,7 +76,7 @@ def test_trio_s_own_law_gives_the_servo_s_torque_in_dac_units(xy, servo):
             + words["VFF_GAIN"] * np.diff(demand)[1:]
             + words["OV_GAIN"] * np.diff(actual)[1:]
         )
-        torque = dac / 2048 * plain.torque_limit[a]
+        torque = dac / 2048 * plain.drives[a].torque_limit
         assert torque == pytest.approx(servo_torque(plain, a, commanded, measured), rel=1e-10, abs=1e-12)
 
 
@@ -138,10 +138,10 @@ def test_exported_and_imported_gains_give_the_same_torque(name, values):
         commanded, measured = history(a)
         torque = [servo_torque(one, a, commanded, measured) for one in (before, after)]
         assert np.abs(torque[1] - torque[0]).max() <= AGAIN * np.abs(torque[0]).max()
-    assert (after.period, after.torque_limit, after.resolution) == (
+    assert (after.period, after.per_axis("torque_limit"), after.per_axis("resolution")) == (
         before.period,
-        before.torque_limit,
-        before.resolution,
+        before.per_axis("torque_limit"),
+        before.per_axis("resolution"),
     )
 
 
@@ -151,11 +151,11 @@ def test_fanuc_s_loop_gain_is_rounded_to_a_hundredth_and_scales_kp(xy):
     assert any("torque_limit" in note for note in notes)
     after = imported("fanuc", text, xy.axes, servo)
     for a in range(2):
-        assert abs(after.kp[a] - servo.kp[a]) / servo.kd[a] <= 0.005 * (1 + 1e-9)
-        assert f"A{a + 1}P{round(100 * servo.kp[a] / servo.kd[a])}" in text
-    assert (after.kd, after.ki) == (servo.kd, servo.ki)
+        assert abs(after.gains[a].kp - servo.gains[a].kp) / servo.gains[a].kd <= 0.005 * (1 + 1e-9)
+        assert f"A{a + 1}P{round(100 * servo.gains[a].kp / servo.gains[a].kd)}" in text
+    assert (after.per_axis("kd"), after.per_axis("ki")) == (servo.per_axis("kd"), servo.per_axis("ki"))
     doubled = imported("fanuc", "N01825 A1 P4000 A2 P1000", xy.axes, servo)
-    assert doubled.kp[0] / servo.kd[0] == pytest.approx(40)
+    assert doubled.gains[0].kp / servo.gains[0].kd == pytest.approx(40)
 
 
 def test_what_a_controller_has_no_word_for_is_refused(xy, servo):
@@ -164,7 +164,8 @@ def test_what_a_controller_has_no_word_for_is_refused(xy, servo):
     text = str(refused.value)
     assert "\n" not in text
     for part in (
-        f"trio has no word for acceleration_ff (x {servo.acceleration_ff[0]:g}, y {servo.acceleration_ff[1]:g})",
+        f"trio has no word for acceleration_ff (x {servo.gains[0].acceleration_ff:g}, "
+        f"y {servo.gains[1].acceleration_ff:g})",
         "--set servo.acceleration_ff=0; or export to linuxcnc, linuxcnc-ini, softmc",
     ):
         assert part in text
@@ -263,9 +264,9 @@ def test_gains_that_cannot_be_converted_are_refused(xy, servo):
 def test_trio_s_text_as_a_person_writes_it_is_read(xy, servo):
     text = "BASE(1): P_GAIN = 2.5 ' stiff\np_gain AXIS(0)=1e0\nD_GAIN=0.5\nSPEED=100\n"
     found = imported("trio", text, xy.axes, servo)
-    r, limit = servo.resolution, servo.torque_limit
-    assert found.kp == pytest.approx([1 / 2048 * limit[0] / r[0], 2.5 / 2048 * limit[1] / r[1]])
-    assert found.kd == pytest.approx([0, 0.5 * PERIOD / 2048 * limit[1] / r[1]])
+    r, limit = servo.per_axis("resolution"), servo.per_axis("torque_limit")
+    assert found.per_axis("kp") == pytest.approx([1 / 2048 * limit[0] / r[0], 2.5 / 2048 * limit[1] / r[1]])
+    assert found.per_axis("kd") == pytest.approx([0, 0.5 * PERIOD / 2048 * limit[1] / r[1]])
 
 
 def left_swinging(amplitudes, times, frequency, damping):
@@ -364,4 +365,4 @@ def test_joints_and_sections_beyond_the_axes_of_the_machine_are_left_alone(xy, s
     text, _ = exported("linuxcnc-ini", xy.axes, servo)
     more = f"P = 99\n[EMC]\nP = 98\n{text}\n[JOINT_2]\nP = 97\nFF1 = 3\n[SPINDLE_0]\nP = 96\n[AXIS_Z]\nP = 95\n"
     plain, found = (imported("linuxcnc-ini", one, xy.axes, servo) for one in (text, more))
-    assert [getattr(found, name) for name in GAIN_NAMES] == [getattr(plain, name) for name in GAIN_NAMES]
+    assert [getattr(found, name) for name in GAIN_NAMES] == [plain.per_axis(name) for name in GAIN_NAMES]

@@ -22,8 +22,8 @@ from gantrysim.faults import (
     OpenWinding,
     SlippingAxis,
     StuckAxis,
-    fault_of,
 )
+from gantrysim.faults.checks import fault_of
 
 TEXTS = {
     EncoderDropout(time=1, axis="x"): "encoder dropout on axis x at t = 1.0000 s: position frozen until the end",

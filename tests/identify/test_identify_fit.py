@@ -76,7 +76,15 @@ def plant_of(machine, **changes):
 
 def plant_log(machine, setpoints, plant):
     servo = Servo.derive(machine.axes, PERIOD)
-    gains = tuple(1e3 * gain[1] for gain in (servo.kp, servo.ki, servo.kd, servo.acceleration_ff))
+    gains = tuple(
+        1e3 * gain[1]
+        for gain in (
+            servo.per_axis("kp"),
+            servo.per_axis("ki"),
+            servo.per_axis("kd"),
+            servo.per_axis("acceleration_ff"),
+        )
+    )
     commands = 1e-3 * setpoints.position[y_alone(machine, setpoints), 1]
     rows = follow(plant, gains, commands, PERIOD, DELAY, 1e-6, 0.9, 60)
     torque = rows[:, 1] + NOISE * np.random.default_rng(0).standard_normal(len(rows))

@@ -1,6 +1,5 @@
 """The causes of a job's error: what switching one off is worth, against closed forms."""
 
-import dataclasses
 from dataclasses import replace
 
 import numpy as np
@@ -86,11 +85,8 @@ def test_the_gains_stay_those_of_the_real_machine(found):
     setup = Setup(job.built_machine, job.built_servo, job.setpoints)
     for cause in CAUSES:
         ideal = cause.without(setup)
-        differ = {
-            field.name
-            for field in dataclasses.fields(setup.servo)
-            if getattr(setup.servo, field.name) != getattr(ideal.servo, field.name)
-        }
+        values = ideal.servo.values()
+        differ = {name for name, value in setup.servo.values().items() if value != values[name]}
         assert differ == {"counts": {"resolution"}, "sampling": {"period"}}.get(cause.name, set())
 
 
@@ -107,7 +103,7 @@ def test_a_cause_that_is_absent_is_worth_nothing_at_all(rigid):
     job = Job(name="ideal", machine=str(machine), program={**program, "loop_period": 0}, servo=exact)
     effects = by_name(causes_of(job))
     assert effects["sampling"].worth["contour"].rms != 0
-    setup = Setup(job.built_machine, replace(job.built_servo, period=FINE), job.controller.setpoints(FINE))
+    setup = Setup(job.built_machine, job.built_servo.with_values(period=FINE), job.controller.setpoints(FINE))
     assert WITHOUT["sampling"](setup) is setup
     for name in ("program", "counts", "friction", "winding", "compliance"):
         assert effects[name].without == effects[name].before
@@ -131,8 +127,8 @@ def response(axis, servo, a, w, period, lag):
         z = np.exp(1j * w * period)
         s = (1 - 1 / z) / period
     g = np.linalg.solve(z * one - plant, drive)[0, 0]
-    c = servo.kp[a] + servo.kd[a] * s
-    f = servo.velocity_ff[a] * s + servo.acceleration_ff[a] * s**2
+    c = servo.gains[a].kp + servo.gains[a].kd * s
+    f = servo.gains[a].velocity_ff * s + servo.gains[a].acceleration_ff * s**2
     return (c + f) * g / (1 + c * g)
 
 
@@ -215,7 +211,7 @@ def test_runs_that_fail_are_reported_in_their_rows(monkeypatch):
         raise InputError("x = 200 mm: must lie in the travel")
 
     def tripping(setup):
-        return replace(setup, servo=replace(setup.servo, following_error_limit=(1e-4, 1e-4)))
+        return replace(setup, servo=setup.servo.with_values(following_error_limit=(1e-4, 1e-4)))
 
     monkeypatch.setattr(module, "CAUSES", (Cause("place", "", impossible), Cause("patience", "", tripping), CAUSES[2]))
     causes = causes_of(Job.load("an225", SMALL))
@@ -277,6 +273,6 @@ def test_scatter_of_the_contour_error_is_below_what_counts_as_worth(name):
     setup = Setup(job.built_machine, job.built_servo, job.setpoints)
     rms = []
     for k in range(4):
-        servo = replace(setup.servo, kp=tuple(kp * (1 + 1e-9 * k) for kp in setup.servo.kp))
+        servo = setup.servo.with_values(kp=tuple(kp * (1 + 1e-9 * k) for kp in setup.servo.per_axis("kp")))
         rms.append(Budget(replace(setup, servo=servo).run()).values.contour.rms)
     assert 0 < np.ptp(rms) < SCATTER

@@ -200,5 +200,5 @@ def test_permission_goes_with_the_job(either):
     job = Job.load(either / "job.toml", allow_code=True)
     for same in (job.changed({"program.loop_period": 0.02}), pickle.loads(pickle.dumps(job)), Case.of(job).job()):
         same.check_code()
-        assert same.built_servo.law == job.built_servo.law
+        assert same.built_servo.laws.names == job.built_servo.laws.names
         assert type(same.controller).__name__ == type(job.controller).__name__

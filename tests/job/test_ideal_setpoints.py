@@ -128,7 +128,7 @@ def test_a_finely_sampled_circle_is_the_circle(xy):
     servo, fine = finely_sampled(xy, Servo.derive(xy.axes, delay=PERIOD), setpoints)
     assert (servo.period, servo.delay, fine.period) == (PERIOD / FINER, 0.0, PERIOD / FINER)
     assert servo.period == FINE
-    assert replace(servo, period=PERIOD, delay=PERIOD) == Servo.derive(xy.axes, delay=PERIOD)
+    assert servo.with_values(period=PERIOD, delay=PERIOD) == Servo.derive(xy.axes, delay=PERIOD)
     assert np.array_equal(fine.position[::FINER], setpoints.position)
     angle = np.arange(len(fine.position)) * fine.period * 200.0 / 40.0
     exact = 40 * np.column_stack([np.cos(angle), np.sin(angle)])

@@ -17,7 +17,7 @@ LAW = "def backwards(tick, state, torque):\n    for a in range(tick.axes):\n    
 def with_gains(factor, *more):
     """The spiral of one turn with kp and kd of y times a factor."""
     servo = Job.load("an225", SHORT).built_servo
-    gains = [f"servo.{name}={np.multiply(getattr(servo, name), (1, factor)).tolist()}" for name in ("kp", "kd")]
+    gains = [f"servo.{name}={np.multiply(servo.per_axis(name), (1, factor)).tolist()}" for name in ("kp", "kd")]
     return Job.load("an225", (*SHORT, *gains, *more))
 
 

@@ -43,7 +43,7 @@ def test_stick_slip_scatters_by_more_than_the_digits_of_one_run(scatter):
 def test_the_figures_are_those_of_the_runs(job):
     """One by one, with the zeros of the seed; the links still add up, and no zero displaces the nozzle."""
     found = scatter_of(job, 2, seed=5)
-    counts = np.array(job.built_servo.resolution)
+    counts = np.array(job.built_servo.per_axis("resolution"))
     zeros = counts * np.random.default_rng(5).uniform(-0.5, 0.5, (2, 2))
     contours = []
     for zero in zeros:

@@ -15,9 +15,9 @@ import gantrysim
 from gantrysim import Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.native import layout
+from gantrysim.native.callback import magic
 from gantrysim.native.hook import installed
 from gantrysim.native.row import ROW
-from gantrysim.native.tick import magic
 
 PENDULUM = """
 <mujoco>

@@ -15,15 +15,15 @@ Tolerance = tuple[float, float]  # rms, largest
 
 def law_of(servo: Servo, axis: int) -> Law:
     """Return the servo of one axis in plain numbers."""
-    frequency, width, depth = (getattr(servo, f"notch_{name}")[axis] for name in ("frequency", "width", "depth"))
+    frequency, width, depth = (servo.per_axis(f"notch_{name}")[axis] for name in ("frequency", "width", "depth"))
     gains = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
     return Law(
         period=servo.period,
         delay=servo.delay,
-        limit=servo.torque_limit[axis],
-        count=servo.resolution[axis],
+        limit=servo.drives[axis].torque_limit,
+        count=servo.drives[axis].resolution,
         notch=(frequency, depth * width, width),
-        **{name: getattr(servo, name)[axis] for name in gains},
+        **{name: servo.per_axis(name)[axis] for name in gains},
     )
 
 

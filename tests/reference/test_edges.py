@@ -57,10 +57,10 @@ def servo_of(name):
 
 def scaled(servo, axis, factor):
     """The servo with the gains of one axis times a factor."""
-    gains = {name: list(getattr(servo, name)) for name in ("kp", "ki", "kd", "output_velocity")}
+    gains = {name: list(servo.per_axis(name)) for name in ("kp", "ki", "kd", "output_velocity")}
     for values in gains.values():
         values[axis] *= factor
-    return dataclasses.replace(servo, **gains)
+    return servo.with_values(**gains)
 
 
 def moved(name, servo, axis, position):
@@ -76,7 +76,7 @@ def growth(name, servo, axis, factor):
     servo = scaled(servo, axis, factor)
     run = moved(name, servo, axis, np.where(np.arange(WATCHED) < 1, 0.0, KICK))
     error = (run.commanded - run.motor)[:, axis]
-    clamped = np.abs(run.demand) >= servo.torque_limit
+    clamped = np.abs(run.demand) >= servo.per_axis("torque_limit")
     error = error[: np.argmax(clamped.any(axis=1)) if clamped.any() else None]
     amplitude = np.sqrt(np.mean(error[: error.size // WINDOW * WINDOW].reshape(-1, WINDOW) ** 2, axis=1))
     amplitude = amplitude[: np.argmax(amplitude < ROUNDING) if (amplitude < ROUNDING).any() else None]
@@ -105,7 +105,7 @@ def loop_by_sweep(name, servo, axis):
     servo = scaled(servo, axis, REDUCED)
     run = moved(name, servo, axis, position - position[0])
     assert run.fault is None
-    assert (np.abs(run.demand) < servo.torque_limit).all()
+    assert (np.abs(run.demand) < servo.per_axis("torque_limit")).all()
     answer, error = (np.fft.rfft(values[SETTLED:, axis])[bins] for values in (run.motor, run.commanded - run.motor))
     return answer / error / REDUCED
 
@@ -131,7 +131,7 @@ def edge_of_two_masses(drive, servo, axis):
     rates[3, :4] = np.array([k, c, -k, -c]) / load
     rates[4, 4:] = -1 / lag, 1 / lag
     after = expm(rates * servo.period)
-    kp, kd = 1e3 * servo.kp[axis], 1e3 * servo.kd[axis] / servo.period
+    kp, kd = 1e3 * servo.gains[axis].kp, 1e3 * servo.gains[axis].kd / servo.period
 
     law = law_of(servo, axis)
     b0, b1, b2, a1, a2 = notch_coefficients(*law.notch, servo.period)
@@ -185,6 +185,6 @@ def test_a_delay_moves_the_measured_edge_with_the_reported_one(axis):
 @pytest.mark.parametrize(("name", "axis"), CASES[:5], ids=NAMES[:5])
 def test_the_measured_edge_is_that_of_two_masses(name, axis):
     servo = servo_of(name)
-    assert not any(servo.ki)
+    assert not any(servo.per_axis("ki"))
     drive = read_drives(Path(str(files("gantrysim.models") / f"{name}.xml")))[axis]
     assert edge_by_sweep(name, servo, axis) == pytest.approx(edge_of_two_masses(drive, servo, axis), rel=METHODS)

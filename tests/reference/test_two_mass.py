@@ -60,7 +60,7 @@ def drives_of(name="xy"):
 
 
 def exact(servo):
-    return dataclasses.replace(servo, resolution=(0.0,) * servo.axes)
+    return servo.with_values(resolution=(0.0,) * servo.axes)
 
 
 def contour(name, nozzle):
@@ -96,7 +96,7 @@ def engine(name, servo, shift=0.0, **options):
 def stiff(name, **changes):
     """A servo with an exact encoder whose motion depends on every number of the plant."""
     axes = job_of(name).built_machine.axes
-    return dataclasses.replace(Servo.derive(axes, frequency=20.0, integral_time=0.03, resolution=0.0), **changes)
+    return Servo.derive(axes, frequency=20.0, integral_time=0.03, resolution=0.0).with_values(**changes)
 
 
 @cache
@@ -142,13 +142,16 @@ def test_counts_amplify_a_shift_far_below_a_count_and_an_exact_encoder_does_not(
     for servo in (job_of("softmc-arc").built_servo, exact(job_of("softmc-arc").built_servo)):
         moved, _ = reference("softmc-arc", servo, shift=1e-9)
         found = sizes(reference("softmc-arc", servo)[0] - moved)
-        assert (found[0] > AMPLIFIED) if servo.resolution[0] else (found[1] < CONVERGED)
+        assert (found[0] > AMPLIFIED) if servo.drives[0].resolution else (found[1] < CONVERGED)
 
 
 @pytest.mark.parametrize("name", ["an225", "fanuc-spiral"])
 def test_with_counts_contour_error_and_torque_are_the_references(name):
     servo = job_of(name).built_servo
-    runs = [(engine(name, servo, shift), reference(name, servo, shift=shift)) for shift in ZEROS * servo.resolution[0]]
+    runs = [
+        (engine(name, servo, shift), reference(name, servo, shift=shift))
+        for shift in ZEROS * servo.drives[0].resolution
+    ]
     for one, other in runs:
         assert sizes(one[0] - other[0])[0] <= COUNTED[0]
     means = [
@@ -246,8 +249,8 @@ def test_the_notch_is_the_bilinear_transform_prewarped_at_its_centre(frequency):
 
 def test_a_servo_with_a_notch_moves_the_machine_as_the_reference_does():
     name = "softmc-arc"
-    without = dataclasses.replace(stiff(name), notch_frequency=(0.0, 0.0))
-    servo = dataclasses.replace(without, notch_frequency=(150.0, 180.0), notch_width=(0.5, 0.4), notch_depth=(0.2, 0.3))
+    without = stiff(name).with_values(notch_frequency=(0.0, 0.0))
+    servo = without.with_values(notch_frequency=(150.0, 180.0), notch_width=(0.5, 0.4), notch_depth=(0.2, 0.3))
     found = engine(name, servo, physics_step=5e-5)
     assert within(found, reference(name, servo), EXACT, EXACT_TORQUE)
     assert not within(found, reference(name, without), EXACT, EXACT_TORQUE)

@@ -344,8 +344,8 @@ def test_the_servo_section_shows_gains_margins_and_ripple(spiral):
             assert number in text, axis
     assert f"Axis y has the smallest gain margin: {numbers['y']['margins']['gain']:.2f}." in text
     servo = job.built_servo
-    assert f"{servo.kp[0]:.4g}" in text
-    assert f"{servo.acceleration_ff[1]:.4g}" in text
+    assert f"{servo.gains[0].kp:.4g}" in text
+    assert f"{servo.gains[1].acceleration_ff:.4g}" in text
     ripple = torque_ripple(bead.run)
     assert [found["torque_ripple_nm"] for found in numbers.values()] == ripple.tolist()
     peak = job.built_machine.axes[0].peak_torque
@@ -355,7 +355,7 @@ def test_the_servo_section_shows_gains_margins_and_ripple(spiral):
 @pytest.mark.parametrize(("scale", "unstable"), [((1, 6), "y"), ((9, 6), "x, y")])
 def test_the_servo_section_names_unstable_axes(spiral, scale, unstable):
     servo, bead = spiral[0].built_servo, spiral[2]
-    gains = [f"servo.{name}={np.multiply(getattr(servo, name), scale).tolist()}" for name in ("kp", "kd")]
+    gains = [f"servo.{name}={np.multiply(servo.per_axis(name), scale).tolist()}" for name in ("kp", "kd")]
     job = Job.load("an225", (*SMALL, *gains))
     section = servo_page.servo_section(job, job.built_machine, bead.run)
     assert section.text == [f"Unstable, Coulomb friction neglected: {unstable}.", "Kp, kd as given."]

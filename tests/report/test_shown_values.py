@@ -226,7 +226,7 @@ def test_the_gains(shown):
     servo, table = shown.job.built_servo, shown.page.tables()["Gains"]
     for a, axis in enumerate("xy"):
         for name, cells in table.items():
-            assert cells[f"{axis} [mm]"] == f"{getattr(servo, name)[a]:.4g}"
+            assert cells[f"{axis} [mm]"] == f"{servo.per_axis(name)[a]:.4g}"
 
 
 def test_the_bead(shown):

@@ -14,9 +14,11 @@ from gantrysim import InputError, Machine, Servo
 from gantrysim.machine.models import builtin_models
 from gantrysim.servo import notch
 from gantrysim.servo.axis_dynamics import Lags
-from gantrysim.servo.axis_loop import LARGEST_PEAK, LEAST_GAIN_MARGIN, NOTCH_DEPTH, NOTCH_WIDTH, LoopTask
+from gantrysim.servo.axis_loop import LARGEST_PEAK, LEAST_GAIN_MARGIN, LoopTask
 from gantrysim.servo.derivation import NoLoopError, loop, natural_frequency
-from gantrysim.servo.servo_design import ServoRequest, check_margins
+from gantrysim.servo.notch import NOTCH_DEPTH, NOTCH_WIDTH
+from gantrysim.servo.request import ServoRequest
+from gantrysim.servo.servo_design import check_margins, margins_at
 from gantrysim.stability.margins import Plant, margins_of
 from gantrysim.stability.motion import Motion
 
@@ -124,18 +126,18 @@ def test_gains_that_are_all_given_are_never_refused(mode):
     if mode == "velocity":
         given_gains |= {"velocity_gain": 0.01, "velocity_time": 0.02}
     servo = Servo.derive(machine("delta").axes, **ON_THE_LOAD, **given_gains)
-    assert servo.kp == (1.0,) * 4
-    assert servo.notch_frequency == (0.0,) * 4
+    assert servo.per_axis("kp") == (1.0,) * 4
+    assert servo.per_axis("notch_frequency") == (0.0,) * 4
 
 
 @pytest.mark.parametrize("name", ["xy", "stage", "delta"])
 def test_a_servo_that_is_not_as_it_was_derived_is_noticed(name):
     request = ServoRequest(machine(name).axes)
     servo = Servo.derive(machine(name).axes)
-    check_margins(request, servo)
-    stronger = {gain: tuple(4 * value for value in getattr(servo, gain)) for gain in ("kp", "kd")}
+    check_margins(request, margins_at(request.axes, servo))
+    stronger = {gain: tuple(4 * value for value in servo.per_axis(gain)) for gain in ("kp", "kd")}
     with pytest.raises(NoLoopError, match="in the servo derived"):
-        check_margins(request, dataclasses.replace(servo, **stronger))
+        check_margins(request, margins_at(request.axes, servo.with_values(**stronger)))
 
 
 def test_a_frequency_that_is_given_is_taken_whatever_its_margins():
@@ -177,10 +179,10 @@ def test_axes_coupled_by_inertia_alone_are_found():
 def test_a_notch_stands_where_the_axis_would_not_keep_its_margins_and_nowhere_else(name):
     axes = machine(name).axes
     servo = Servo.derive(axes)
-    assert any(servo.notch_frequency)  # the axis that carries the bridge, or the table
-    for a, frequency in enumerate(servo.notch_frequency):
-        others = tuple(0.0 if b == a else f for b, f in enumerate(servo.notch_frequency))
-        margins = margins_of(machine(name), dataclasses.replace(servo, notch_frequency=others))[a]
+    assert any(servo.per_axis("notch_frequency"))  # the axis that carries the bridge, or the table
+    for a, frequency in enumerate(servo.per_axis("notch_frequency")):
+        others = tuple(0.0 if b == a else f for b, f in enumerate(servo.per_axis("notch_frequency")))
+        margins = margins_of(machine(name), servo.with_values(notch_frequency=others))[a]
         kept = margins.gain >= LEAST_GAIN_MARGIN and margins.sensitivity <= LARGEST_PEAK
         assert (frequency == 0) is kept
 
@@ -192,7 +194,7 @@ def test_a_notch_is_at_the_mode_of_two_masses_on_a_spring():
     rotor = model.dof_armature[model.joint("y").dofadr[0]] + model.actuator_armature[1] * model.actuator_gear[1, 0] ** 2
     stiffness = model.jnt_stiffness[model.joint("y_flex").id]
     expected = math.sqrt(stiffness * (1 / load + 1 / (motor + rotor))) / (2 * math.pi)
-    assert Servo.derive(machine("xy").axes).notch_frequency == (0.0, pytest.approx(expected, rel=2e-3))
+    assert Servo.derive(machine("xy").axes).per_axis("notch_frequency") == (0.0, pytest.approx(expected, rel=2e-3))
 
 
 @pytest.mark.parametrize("period", [FASTEST, 1e-3, 2e-3])
@@ -229,7 +231,7 @@ def test_a_notch_lifts_the_margin_and_a_mode_off_by_a_tenth_leaves_it_stable():
     from gantrysim.machine.perturbation import Perturbation
 
     servo = Servo.derive(machine("xyzr").axes)
-    plain = dataclasses.replace(servo, notch_frequency=(0.0,) * 4)
+    plain = servo.with_values(notch_frequency=(0.0,) * 4)
     assert margins_of(machine("xyzr"), plain)[1].gain < 1
     for factor in (0.8, 1.0, 1.2):
         off = machine("xyzr").perturbed(Perturbation(stiffness=factor))
@@ -286,6 +288,6 @@ def test_bad_notches_are_refused(change, text):
 def test_a_servo_without_notch_fields_has_none():
     servo = Servo.derive(machine("xy").axes, notch_frequency=0.0)
     values = {field.name: getattr(servo, field.name) for field in dataclasses.fields(servo)}
-    bare = Servo(**{name: value for name, value in values.items() if not name.startswith("notch")})
+    bare = Servo(**{name: value for name, value in values.items() if name != "notches"})
     assert bare.filters == (notch.Coefficients(),) * 2
     assert bare == servo

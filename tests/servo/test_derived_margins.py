@@ -1,7 +1,6 @@
 """Servos derived for random machines keep their margins, or are refused with a change that was tried and helps."""
 
 import ast
-import dataclasses
 import math
 import random
 import re
@@ -39,10 +38,8 @@ def proposed(message, arguments):
 
 def bounded(machine, servo, factor):
     """Whether the compiled machine stays at rest after a kick, all gains on positions times a factor."""
-    gains = {name: tuple(factor * gain for gain in getattr(servo, name)) for name in ("kp", "ki", "kd")}
-    stronger = dataclasses.replace(
-        servo, **gains, resolution=(0.0,) * servo.axes, following_error_limit=(1e3,) * servo.axes
-    )
+    gains = {name: tuple(factor * gain for gain in servo.per_axis(name)) for name in ("kp", "ki", "kd")}
+    stronger = servo.with_values(**gains, resolution=(0.0,) * servo.axes, following_error_limit=(1e3,) * servo.axes)
     smooth = machine.perturbed(Perturbation(friction=1e-15))
     position = np.zeros((TICKS, servo.axes))
     position[1:] = KICK

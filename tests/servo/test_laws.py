@@ -12,13 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Machine, Servo
-from gantrysim.servo.feeding import zero_phase
 from gantrysim.servo.gains import Gains
-from gantrysim.servo.laws.cascade import as_pid, cascaded
+from gantrysim.servo.inverse import zero_phase
+from gantrysim.servo.laws import ADDITIONS, BASES, LAW_PARAMETERS, ZV, ZVD
 from gantrysim.servo.laws.friction import friction_torque
 from gantrysim.servo.laws.observer import low_pass, torque_taps
-from gantrysim.servo.laws.parameters import ADDITIONS, BASES, LAW_PARAMETERS, law_names
-from gantrysim.servo.shaping import impulses, shaped
+from gantrysim.servo.laws.p_pi import as_pid, cascaded
+from gantrysim.servo.laws.selection import law_names
+from gantrysim.servo.laws.zv import impulses
+from gantrysim.servo.laws.zvd import three_impulses
 from gantrysim.stability.compensator import Compensator
 from gantrysim.stability.margins import margins_of
 
@@ -26,6 +28,7 @@ from support.runs import PERIOD, ramp
 
 EXACT = 1e-9  # relative
 LUGRE = 2e-3  # of the Coulomb torque: what the damping of the bristles and the speed within a tick change
+SHAPERS = {"zv": impulses, "zvd": three_impulses}  # weights by law
 SHARED = 1 / 8  # of (w T)^2, the residue of an impulse that is shared by two ticks
 
 
@@ -52,7 +55,7 @@ def test_names_come_in_one_order_whatever_order_they_are_given_in():
 )
 def test_names_that_are_wrong_are_refused_in_one_line(axes, law, text):
     if text is None:
-        assert Servo.derive(axes, law=law).law == ("pid",)
+        assert Servo.derive(axes, law=law).laws.names == ("pid",)
         return
     with pytest.raises(InputError, match="law") as caught:
         Servo.derive(axes, law=law)
@@ -85,9 +88,9 @@ def test_parameters_out_of_bounds_are_refused(axes, given, text):
 
 def test_an_axis_without_a_mode_needs_no_shaper_beside_one_that_has(axes):
     servo = Servo.derive(axes, law="zv", shaper_frequency=[20.0, 0.0], shaper_damping=0.1)
-    sent = shaped(servo, ramp(50.0, 20.0))
+    sent = ZV.sent(servo.laws.by_name(), ramp(50.0, 20.0))
     plain = ramp(50.0, 20.0)
-    added = len(impulses("zv", 20.0, 0.1, servo.period)) - 1
+    added = len(impulses(20.0, 0.1, servo.period)) - 1
     assert len(sent.position) == len(plain.position) + added  # both axes wait for the one
 
 
@@ -113,10 +116,10 @@ def test_a_compensator_through_any_filter_has_the_product_of_both_responses(coef
 
 def test_every_parameter_has_a_default_with_its_law_and_none_without(axes):
     everything = Servo.derive(axes, law=[*ADDITIONS.keys() - {"zv"}])
-    assert all(min(getattr(everything, one.name)) > 0 for one in LAW_PARAMETERS if one.name != "shaper_damping")
+    assert all(min(everything.per_axis(one.name)) > 0 for one in LAW_PARAMETERS if one.name != "shaper_damping")
     for base in BASES:
         plain = Servo.derive(axes, law=base)
-        assert not any(any(getattr(plain, one.name)) for one in LAW_PARAMETERS)
+        assert not any(any(plain.per_axis(one.name)) for one in LAW_PARAMETERS)
 
 
 @pytest.mark.parametrize("law", [["p-pi"], ["observer"], ["p-pi", "observer", "contour"], ["pd"]])
@@ -131,22 +134,22 @@ def test_a_law_that_is_derived_keeps_the_margins_of_all(law):
 
 def response(servo, axis, z):
     """What stands between error and torque, written anew."""
-    T, kp, ki, kd = servo.period, servo.kp[axis], servo.ki[axis], servo.kd[axis]
+    T, kp, ki, kd = servo.period, servo.gains[axis].kp, servo.gains[axis].ki, servo.gains[axis].kd
     rate, total = (1 - 1 / z) / T, T / (1 - 1 / z)
-    more = 1 + servo.contour_gain[axis]
-    if "p-pi" in servo.law:
+    more = 1 + servo.laws.parameters[axis].contour_gain
+    if "p-pi" in servo.laws.names:
         law = (more * kp + kd * rate) * (1 + ki / kp * total)
     else:
         law = more * (kp + ki * total + kd * rate)
     b0, b1, b2, a1, a2 = servo.filters[axis]
     law *= (b0 + b1 / z + b2 / z**2) / (1 + a1 / z + a2 / z**2)
-    if "observer" in servo.law:
+    if "observer" in servo.laws.names:
         # prewarped bilinear Butterworth, and a hold that is late by `late` periods before a double integrator
-        w = 2 / T * math.tan(math.pi * servo.observer_bandwidth[axis] * T)
+        w = 2 / T * math.tan(math.pi * servo.laws.parameters[axis].observer_bandwidth * T)
         s = 2 / T * (z - 1) / (z + 1)
         Q = w**2 / (s**2 + math.sqrt(2) * w * s + w**2)
-        J, b = servo.observer_inertia[axis], servo.observer_viscous[axis]
-        late = servo.delay / T + servo.feedback_delay + servo.observer_lag[axis] / T
+        J, b = servo.laws.parameters[axis].observer_inertia, servo.laws.parameters[axis].observer_viscous
+        late = servo.delay / T + servo.feedback_delay + servo.laws.parameters[axis].observer_lag / T
         whole, part = divmod(late, 1)
         moved = (1 - part) ** 2 / 2 / z + (0.5 + part - part**2) / z**2 + part**2 / 2 / z**3
         law = (law + Q * (J * rate**2 + b * rate)) / (1 - Q * moved * z**-whole)
@@ -229,7 +232,7 @@ def test_the_friction_is_lugre_s_at_starts_reversals_and_rest(axes):
 @given(st.floats(5.0, 40.0), st.floats(0.0, 0.3), st.sampled_from(["zv", "zvd"]))
 def test_shaping_leaves_nothing_at_its_mode_and_passes_rest(frequency, damping, law):
     """What an impulse leaves swinging in a mode is its transform at the mode's complex frequency."""
-    weights = impulses(law, frequency, damping, PERIOD)
+    weights = SHAPERS[law](frequency, damping, PERIOD)
     assert weights.sum() == pytest.approx(1, rel=1e-12)
     assert weights.min() >= 0
     w = 2 * math.pi * frequency
@@ -241,7 +244,7 @@ def test_shaping_leaves_nothing_at_its_mode_and_passes_rest(frequency, damping, 
 
 def test_zvd_bears_a_wrong_frequency_better_than_zv():
     def left(law, ratio):
-        weights = impulses(law, 20.0, 0.0, 1e-4)
+        weights = SHAPERS[law](20.0, 0.0, 1e-4)
         return abs(np.sum(weights * np.exp(2j * np.pi * 20.0 * ratio * 1e-4 * np.arange(len(weights)))))
 
     assert left("zv", 1.1) == pytest.approx(math.sin(math.pi / 2 * 0.1), rel=0.01)
@@ -251,7 +254,7 @@ def test_zvd_bears_a_wrong_frequency_better_than_zv():
 def test_shaped_setpoints_end_where_they_should_at_each_gate_and_at_the_end(axes):
     servo = Servo.derive(axes, law="zvd", shaper_frequency=[20.0, 33.3], shaper_damping=0.05)
     plain = dataclasses.replace(ramp(50.0, 20.0), gates=np.array([100, 250]))
-    sent = shaped(servo, plain)
+    sent = ZVD.sent(servo.laws.by_name(), plain)
     assert len(sent.position) > len(plain.position)
     for gate, old in zip(sent.gates, plain.gates, strict=True):
         np.testing.assert_allclose(sent.position[gate], plain.position[old], atol=1e-12)
@@ -259,9 +262,9 @@ def test_shaped_setpoints_end_where_they_should_at_each_gate_and_at_the_end(axes
     np.testing.assert_allclose(sent.position[-1], plain.position[-1], atol=1e-12)
     np.testing.assert_allclose(sent.position[0], plain.position[0], atol=1e-12)
     # a constant speed is sent late by the mean delay of the two shapers together, and so is the dispenser
-    delay = sum(np.arange(len(w)) @ w for w in (impulses("zvd", f, 0.05, PERIOD) for f in (20.0, 33.3)))
+    delay = sum(np.arange(len(w)) @ w for w in (three_impulses(f, 0.05, PERIOD) for f in (20.0, 33.3)))
     steady = dataclasses.replace(ramp(50.0, 20.0))
-    late = shaped(servo, steady).position[200, 0]
+    late = ZVD.sent(servo.laws.by_name(), steady).position[200, 0]
     assert late == pytest.approx(steady.position[200, 0] - 50.0 * PERIOD * delay, abs=1e-9)
     off = dataclasses.replace(steady, dispense=np.arange(len(steady.dispense)) >= 10)
-    assert np.argmax(shaped(servo, off).dispense) == 10 + round(delay)
+    assert np.argmax(ZVD.sent(servo.laws.by_name(), off).dispense) == 10 + round(delay)

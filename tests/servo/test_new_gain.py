@@ -11,7 +11,7 @@ from pathlib import Path
 import gantrysim
 from gantrysim.machine.machine import Machine
 from gantrysim.servo.gains import GAIN_NAMES, GAINS, Gains
-from gantrysim.servo.laws.cascade import without_term
+from gantrysim.servo.laws.p_pi import without_term
 from gantrysim.servo.servo import Servo
 from gantrysim.servo.servo_values import DERIVED
 
@@ -40,7 +40,7 @@ for name in DIALECTS:
     else:
         raise AssertionError(name)
     text, _ = exported(name, axes, job.built_servo)
-    assert imported(name, text, axes, job.built_servo).kx == (0.0, 0.0)
+    assert imported(name, text, axes, job.built_servo).per_axis("kx") == (0.0, 0.0)
 try:
     Servo.derive(axes, law="p-pi", kx=0.5)
 except InputError as refusal:
@@ -54,7 +54,7 @@ def test_a_gain_is_added_by_its_field_and_its_term(tmp_path):
     """In a copy of the package, compiled anew: the job file, the tick, the margins and the exports know the gain."""
     package = tmp_path / "gantrysim"
     shutil.copytree(Path(gantrysim.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
-    gains, law = package / "servo" / "gains.py", package / "servo" / "law.py"
+    gains, law = package / "servo" / "gains.py", package / "servo" / "laws" / "pid.py"
     _insert(gains, "    output_velocity: Annotated", FIELD, after=True)
     _insert(law, "        + gains.ki * error_sum", "        + gains.kx * error\n", after=False)
     environment = os.environ | {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
@@ -82,7 +82,7 @@ def test_a_servo_gives_the_gains_of_each_axis():
     servo = Servo.derive(Machine("xy").axes, kp=[1.0, 2.0], kd=0.25, frequency=10.0)
     assert [gains.kp for gains in servo.gains] == [1.0, 2.0]
     assert [gains.kd for gains in servo.gains] == [0.25, 0.25]
-    assert [gains.acceleration_ff for gains in servo.gains] == list(servo.acceleration_ff)
+    assert [gains.acceleration_ff for gains in servo.gains] == list(servo.per_axis("acceleration_ff"))
 
 
 def test_p_pi_has_a_term_for_every_gain():

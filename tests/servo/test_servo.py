@@ -1,6 +1,5 @@
 """Derived gains and the law itself."""
 
-import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -12,7 +11,7 @@ from hypothesis import strategies as st
 from gantrysim import InputError, Servo
 from gantrysim.servo.derivation import natural_frequency
 from gantrysim.servo.gains import GAIN_NAMES, Gains
-from gantrysim.servo.law import law
+from gantrysim.servo.laws.pid import torque_demand as law
 
 
 @dataclass(frozen=True)
@@ -49,16 +48,16 @@ def test_the_default_leaves_fifty_degrees_to_a_loop_of_critical_damping():
 
 
 def test_delay_and_lag_and_period_all_slow_the_loop_down():
-    base = Servo.derive([Plant()], 1e-3).kp[0]
-    assert Servo.derive([Plant()], 1e-3, delay=5e-4).kp[0] == pytest.approx(base * (1.3 / 1.8) ** 2)
-    assert Servo.derive([Plant(lag=8e-4)], 1e-3).kp[0] == pytest.approx(base * (1.3 / 1.8) ** 2)
+    base = Servo.derive([Plant()], 1e-3).gains[0].kp
+    assert Servo.derive([Plant()], 1e-3, delay=5e-4).gains[0].kp == pytest.approx(base * (1.3 / 1.8) ** 2)
+    assert Servo.derive([Plant(lag=8e-4)], 1e-3).gains[0].kp == pytest.approx(base * (1.3 / 1.8) ** 2)
 
 
 @given(st.floats(1.0, 100.0), st.floats(0.1, 3.0), st.floats(1e-6, 1e-2))
 def test_gains_place_the_poles_of_the_continuous_loop(frequency, damping, inertia):
     servo = Servo.derive([Plant(inertia=inertia)], 1e-3, frequency=frequency, damping=damping)
     # J s^2 + kd s + kp, with the torque that the axis' own mass needs
-    poles = np.roots([inertia, servo.kd[0], servo.kp[0]])
+    poles = np.roots([inertia, servo.gains[0].kd, servo.gains[0].kp])
     w = 2 * math.pi * frequency
     assert np.abs(poles.prod()) ** 0.5 == pytest.approx(w)
     assert -poles.sum().real / (2 * w) == pytest.approx(damping)
@@ -66,29 +65,29 @@ def test_gains_place_the_poles_of_the_continuous_loop(frequency, damping, inerti
 
 def test_all_axes_get_one_frequency_and_their_own_inertia():
     servo = Servo.derive([Plant(lag=1e-4), Plant("y", inertia=5e-5, lag=9e-4)])
-    assert servo.kp[1] / servo.kp[0] == pytest.approx(2.5)
-    assert servo.kd[1] / servo.kd[0] == pytest.approx(2.5)
-    assert servo.kp[0] / 2e-5 == pytest.approx((2 * math.pi * natural_frequency(9e-4 + 1e-3, 1.0)) ** 2)
+    assert servo.gains[1].kp / servo.gains[0].kp == pytest.approx(2.5)
+    assert servo.gains[1].kd / servo.gains[0].kd == pytest.approx(2.5)
+    assert servo.gains[0].kp / 2e-5 == pytest.approx((2 * math.pi * natural_frequency(9e-4 + 1e-3, 1.0)) ** 2)
 
 
 def test_feed_forward_is_the_inverse_of_the_axis_and_the_rest_comes_from_it():
     servo = Servo.derive([Plant()], feedforward=0.5, integral_time=0.1)
-    assert servo.velocity_ff == (pytest.approx(1.5e-5),)
-    assert servo.acceleration_ff == (pytest.approx(1e-5),)
-    assert servo.ki[0] == pytest.approx(servo.kp[0] / 0.1)
-    assert servo.torque_limit == (0.9,)
-    assert servo.resolution == (1e-3,)
-    assert servo.output_velocity == (0.0,)
+    assert servo.per_axis("velocity_ff") == (pytest.approx(1.5e-5),)
+    assert servo.per_axis("acceleration_ff") == (pytest.approx(1e-5),)
+    assert servo.gains[0].ki == pytest.approx(servo.gains[0].kp / 0.1)
+    assert servo.per_axis("torque_limit") == (0.9,)
+    assert servo.per_axis("resolution") == (1e-3,)
+    assert servo.per_axis("output_velocity") == (0.0,)
 
 
 def test_given_gains_are_kept():
     servo = Servo.derive([Plant(), Plant("y")], kp=[1.0, 2.0], kd=0.25)
-    assert servo.kp == (1.0, 2.0)
-    assert servo.kd == (0.25, 0.25)
+    assert servo.per_axis("kp") == (1.0, 2.0)
+    assert servo.per_axis("kd") == (0.25, 0.25)
 
 
 def test_slower_servos_get_slower_loops():
-    kp = [Servo.derive([Plant()], period).kp[0] for period in (2.5e-4, 1e-3, 8e-3)]
+    kp = [Servo.derive([Plant()], period).gains[0].kp for period in (2.5e-4, 1e-3, 8e-3)]
     assert kp[0] > kp[1] > kp[2]
 
 
@@ -136,12 +135,12 @@ def test_bad_servos_are_refused(change, text):
 
 def test_values_are_converted_and_lists_are_checked_as_tuples_are():
     servo = Servo.derive([Plant()], kp=np.int64(2), resolution=np.float32(0.5))
-    assert servo.kp == (2.0,)
-    assert isinstance(servo.kp[0], float)
+    assert servo.per_axis("kp") == (2.0,)
+    assert isinstance(servo.gains[0].kp, float)
     with pytest.raises(InputError, match="kd = nan: must be finite"):
-        dataclasses.replace(servo, kd=[math.nan])
-    with pytest.raises(InputError, match="ki has 2 values: must be 1"):
-        dataclasses.replace(servo, ki=[0.0, 0.0])
+        servo.with_values(kd=[math.nan])
+    with pytest.raises(InputError, match="ki has 2 values: must be one or 1, one per axis"):
+        servo.with_values(ki=[0.0, 0.0])
     with pytest.raises(InputError, match="at least one axis"):
         Servo.derive([])
 

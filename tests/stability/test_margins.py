@@ -51,9 +51,9 @@ def scaled(servo, factor, axis=None):
     """The servo with the loop gains of one axis, or of all, scaled."""
     changed = {}
     for name in ("kp", "ki", "kd", "output_velocity"):
-        values = getattr(servo, name)
+        values = servo.per_axis(name)
         changed[name] = tuple(value * (factor if axis in (None, a) else 1.0) for a, value in enumerate(values))
-    return dataclasses.replace(servo, **changed)
+    return servo.with_values(**changed)
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ class Tick:
 
     def __call__(self, state, factor=1.0):
         q, v, total, last, *waiting = state
-        kp, ki, kd, output = (getattr(self.servo, f)[self.axis] for f in ("kp", "ki", "kd", "output_velocity"))
+        kp, ki, kd, output = (self.servo.per_axis(f)[self.axis] for f in ("kp", "ki", "kd", "output_velocity"))
         total = total - q * self.T  # E = 0 - MPOS
         change = (q - last) / self.T
         u = factor * (-kp * q + ki * total - kd * change + output * change)
@@ -99,7 +99,7 @@ class Tick:
 
     def stable(self, factor):
         poles = self.poles(factor)
-        if not self.servo.ki[self.axis]:  # the sum has no effect
+        if not self.servo.per_axis("ki")[self.axis]:  # the sum has no effect
             poles = np.delete(poles, np.abs(poles - 1).argmin())
         return np.abs(poles).max() < 1
 
@@ -124,8 +124,8 @@ def test_the_loop_of_a_double_integrator_is_that_of_its_z_transform(double_integ
     loop = Plant.of(double_integrators, period).loop(servo, frequency)
     for axis, dynamics in enumerate(double_integrators.axes):
         a, b = 0.5 * period**2 / dynamics.inertia, period**2 / dynamics.inertia
-        damping = servo.kd[axis] - servo.output_velocity[axis]
-        C = servo.kp[axis] + servo.ki[axis] * period * z / (z - 1) + damping * (z - 1) / (z * period)
+        damping = servo.gains[axis].kd - servo.gains[axis].output_velocity
+        C = servo.gains[axis].kp + servo.gains[axis].ki * period * z / (z - 1) + damping * (z - 1) / (z * period)
         assert loop[:, axis] == pytest.approx(C * (a * (z - 1) + b) / (z - 1) ** 2, rel=RESPONSE)
 
 
@@ -137,7 +137,7 @@ def test_the_gain_margin_of_a_double_integrator_is_that_of_jurys_test(double_int
     margins = Plant.of(double_integrators, period).margins(servo)
     for axis, dynamics in enumerate(double_integrators.axes):
         a, b = 0.5 * period**2 / dynamics.inertia, period**2 / dynamics.inertia
-        c1, c0 = servo.kp[axis] + servo.kd[axis] / period, servo.kd[axis] / period
+        c1, c0 = servo.gains[axis].kp + servo.gains[axis].kd / period, servo.gains[axis].kd / period
         q, r = (b - a) * c0, (b - a) * c1 - a * c0  # a0 = -k q, a1 = 1 + k r, a2 = -2 + k a c1
         assert 2 * a == b  # 1 - a2 + a1 - a0 = 4: no pole leaves the circle at -1
         swings = (2 * q - r) / (q * q + q * a * c1) if q > 0 else math.inf  # 1 - a0^2 = a1 - a0 a2
@@ -173,7 +173,7 @@ def test_gain_margins_are_where_a_tick_written_out_loses_stability(
 ):
     machine, period = rigid_machines(viscous), 1e-3
     servo = pd(machine, period, frequency=frequency, damping=damping, integral_time=integral_time, delay=delay)
-    servo = dataclasses.replace(servo, output_velocity=tuple(-own_damping * kd for kd in servo.kd))
+    servo = servo.with_values(output_velocity=tuple(-own_damping * kd for kd in servo.per_axis("kd")))
     found = Plant.of(machine, period, delay).margins(servo)[0]
     tick = tick_of(machine, servo)
     radius = np.abs(tick.poles()).max()
@@ -220,7 +220,7 @@ def test_phase_crossover_and_sensitivity_are_those_of_the_closed_form(double_int
 
     def loop(frequency):
         z = np.exp(2j * np.pi * frequency * T)
-        C = servo.kp[0] + servo.kd[0] * (z - 1) / (z * T)
+        C = servo.gains[0].kp + servo.gains[0].kd * (z - 1) / (z * T)
         return C * (0.5 * T**2 / J * (z - 1) + T**2 / J) / (z - 1) ** 2
 
     crossover = brentq(lambda f: abs(loop(f)) - 1, 1, 400)
@@ -235,7 +235,7 @@ def test_phase_crossover_and_sensitivity_are_those_of_the_closed_form(double_int
 def test_a_period_of_delay_turns_the_phase_by_what_it_lasts_at_the_crossover(name):
     servo = pd(Machine(name), frequency=15.0)
     at_once = plant_of(name).margins(servo)
-    late = plant_of(name, delay=1e-3).margins(dataclasses.replace(servo, delay=1e-3))
+    late = plant_of(name, delay=1e-3).margins(servo.with_values(delay=1e-3))
     for one, other in zip(at_once, late, strict=True):
         assert other.crossover == pytest.approx(one.crossover, rel=MARGIN)
         assert one.phase - other.phase == pytest.approx(0.36 * one.crossover, abs=PHASE)
@@ -465,7 +465,7 @@ def test_the_factor_on_all_gains_of_coupled_axes_is_that_of_their_modes(double_i
     b = 50 * J
     alike = pd(double_integrators, 1e-3, frequency=15.0)
     gains = {name: (getattr(alike, name)[0] * factor,) * 2 for name in ("kp", "ki", "kd", "output_velocity")}
-    servo = dataclasses.replace(alike, **gains)
+    servo = alike.with_values(**gains)
     mass = J * np.array([[1, share], [share, 1]])
     A, B, C = np.zeros((4, 4)), np.zeros((4, 2)), np.zeros((2, 4))
     A[:2, 2:], C[:, :2] = np.eye(2), np.eye(2)
@@ -534,7 +534,7 @@ def test_bodies_that_no_axis_moves_are_not_part_of_the_loops(rigid):
 
 @pytest.mark.parametrize("gains", [{"kp": 0.0, "kd": 0.0}, {"kp": 0.0}, {"kp": -0.1}])
 def test_a_loop_that_does_not_hold_a_position_has_no_margin(xy, gains):
-    found = plant_of("xy").margins(dataclasses.replace(pd(xy), **{name: (value,) * 2 for name, value in gains.items()}))
+    found = plant_of("xy").margins(pd(xy).with_values(**{name: (value,) * 2 for name, value in gains.items()}))
     for one in found:
         assert (one.stable, one.gain, one.gain_lower) == (False, 0, 0)
         assert str(one) == "unstable"
@@ -562,7 +562,7 @@ def test_a_short_integral_time_gives_a_lower_gain_margin(double_integrators):
     """PID on a double integrator: with all gains scaled down the integral term lacks damping."""
     servo = pd(double_integrators, integral_time=0.03)
     found = Plant.of(double_integrators, 1e-3).margins(servo)[0]
-    J, kp, ki, kd = double_integrators.axes[0].inertia, servo.kp[0], servo.ki[0], servo.kd[0]
+    J, kp, ki, kd = double_integrators.axes[0].inertia, servo.gains[0].kp, servo.gains[0].ki, servo.gains[0].kd
     continuous = J * ki / (kp * kd)  # Routh: kp kd k^2 > J ki k
     assert found.gain_lower == pytest.approx(continuous, rel=0.1)
     servo = pd(double_integrators, 5e-4, frequency=2.0, integral_time=0.1)

@@ -109,7 +109,7 @@ def test_the_page_s_table_is_the_program_s(law):
 def test_pd_leaves_out_what_the_job_gives_of_pid():
     job = Job.load("softmc-arc", ["ki=[1.0, 1.0]", "velocity_ff=[0.1, 0.1]"])
     servo = job.changed(LawsStudy(job).overrides(("pd",))).built_servo
-    assert not any((*servo.ki, *servo.velocity_ff))
+    assert not any((*servo.per_axis("ki"), *servo.per_axis("velocity_ff")))
     with pytest.raises(InputError, match="payload"):
         LawsStudy(job, payload=-1)
 
@@ -133,8 +133,8 @@ def test_a_third_of_the_integral_time_is_three_times_the_integral_gain():
     for job in (circle(integral_time=0.03, **given), circle(ki=[1.0, 2.0], **given)):
         study = LawsStudy(job)
         stiff = job.changed(study.overrides(("pid",), 1 / 3)).built_servo
-        assert stiff.ki == pytest.approx(np.multiply(job.built_servo.ki, 3.0))
-        assert (stiff.kp, stiff.kd) == (job.built_servo.kp, job.built_servo.kd)
+        assert stiff.ki == pytest.approx(np.multiply(job.built_servo.per_axis("ki"), 3.0))
+        assert (stiff.kp, stiff.kd) == (job.built_servo.per_axis("kp"), job.built_servo.per_axis("kd"))
         assert study.ladder == LADDER
     without = LawsStudy(circle(integral_time=math.inf, **given))
     assert [rung.integral for rung in without.ladder] == [1.0] * (len(LADDER) - 1)
@@ -154,8 +154,8 @@ def test_the_tuner_tunes_a_law_and_writes_it(tmp_path):
     outcome = run_study(study, tmp_path / "out", workers=1)
     assert outcome.rows
     written = Job.load("an225", servo=tmp_path / "out" / "tuned.toml", allow_code=True)
-    assert written.built_servo.law == tuple(law)
-    assert written.built_servo.friction_torque == circle(law=law).built_servo.friction_torque
+    assert written.built_servo.laws.names == tuple(law)
+    assert written.built_servo.per_axis("friction_torque") == circle(law=law).built_servo.friction_torque
 
 
 def test_a_servo_that_is_written_is_read_again(tmp_path):

@@ -238,7 +238,7 @@ def test_late_feed_forward_leaves_its_lag_times_the_jerk(xy, period):
     jerk = rate**3 * radius
     lag = 1.5 * period + axis.lag
     assert radius * abs(circle_response(servo, 0, axis, rate)) == pytest.approx(
-        lag * jerk * axis.inertia / servo.kp[0], rel=0.05
+        lag * jerk * axis.inertia / servo.gains[0].kp, rel=0.05
     )
 
 

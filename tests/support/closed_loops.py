@@ -37,12 +37,12 @@ class ClosedLoops:
 
     def __init__(self, motion, servo, axes):
         self.servo, self.axes = servo, list(axes)
-        (self.mode,) = {servo.mode[a] for a in axes}
+        (self.mode,) = {servo.modes[a] for a in axes}
         self.motors = motion.C
-        motion = motion.driven(servo.drives.of_axes(axes))
+        motion = motion.driven(servo.loop_drives.of_axes(axes))
         self.C = motion.C
         self.m, self.n = self.C.shape
-        self.laws = servo.compensators() if servo.law != ("pid",) else None
+        self.laws = servo.compensators() if servo.laws.names != ("pid",) else None
         self.period = servo.drive_period if self.mode == "position" else servo.period
         delay = 0.0 if self.mode == "position" else servo.delay
         self.late = 0 if self.mode == "position" or self.laws is not None else servo.feedback_delay
@@ -92,7 +92,7 @@ class ClosedLoops:
 
     def _pid(self, s, error):
         """kp e + ki T sum(e) + kd de/T, and the notch."""
-        kp, ki, kd = (np.array([getattr(self.servo, name)[a] for a in self.axes]) for name in ("kp", "ki", "kd"))
+        kp, ki, kd = (np.array([self.servo.per_axis(name)[a] for a in self.axes]) for name in ("kp", "ki", "kd"))
         s["sum"] = s["sum"] + self.period * error
         out = kp * error + ki * s["sum"] + kd * (error - s["error"]) / self.period
         s["error"] = error
@@ -117,8 +117,10 @@ class ClosedLoops:
 
     def _drive(self, s, demand):
         """The velocity loops' own samples: K (w - v + sum(w - v) t / Ti)."""
-        gain = np.array([self.servo.velocity_gain[a] for a in self.axes])
-        rate = np.array([1 / self.servo.velocity_time[a] if self.servo.velocity_time[a] else 0.0 for a in self.axes])
+        gain = np.array([self.servo.drives[a].velocity_gain for a in self.axes])
+        rate = np.array(
+            [1 / self.servo.drives[a].velocity_time if self.servo.drives[a].velocity_time else 0.0 for a in self.axes]
+        )
         for j in range(self.steps):
             motor = self.motors @ s["x"]
             lack = (demand if j >= self.first else s["demand"]) - (motor - s["motor"]) / self.t
@@ -140,7 +142,7 @@ class ClosedLoops:
         if self.laws is None:
             keep = np.ones(self.size, bool)
             for i, a in enumerate(self.axes):
-                keep[self.n + i] = bool(self.servo.ki[a])
+                keep[self.n + i] = bool(self.servo.gains[a].ki)
             A = A[np.ix_(keep, keep)]
         return np.abs(np.linalg.eigvals(A)).max()
 
@@ -161,11 +163,11 @@ class ClosedLoops:
 
 def loops_of(machine, servo):
     """The closed loops of a machine: all in one, or of each axis where drives have several modes; not of steppers."""
-    if len(set(servo.mode)) == 1:
-        if servo.mode[0] == "stepper":
+    if len(set(servo.modes)) == 1:
+        if servo.modes[0] == "stepper":
             return []
         return [ClosedLoops(machine.motion(), servo, range(len(machine.axes)))]
-    return [ClosedLoops(axis.motion, servo, [a]) for a, axis in enumerate(machine.axes) if servo.mode[a] != "stepper"]
+    return [ClosedLoops(axis.motion, servo, [a]) for a, axis in enumerate(machine.axes) if servo.modes[a] != "stepper"]
 
 
 def shortfall(machine, servo, factor=1.98, peak=2.0 * (1 + 2e-3)):

@@ -104,7 +104,15 @@ def random_log(seed, law=None, slip=None, noise=None, period=None):
     count = float(random.choice([1e-7, 1e-6, 1e-6, 5e-6]))
     limit = 0.12 if slip == "saturated" else 0.906
     servo = Servo.derive(MACHINE.axes, period)
-    gains = tuple(1e3 * gain[AXIS] for gain in (servo.kp, servo.ki, servo.kd, servo.acceleration_ff))
+    gains = tuple(
+        1e3 * gain[AXIS]
+        for gain in (
+            servo.per_axis("kp"),
+            servo.per_axis("ki"),
+            servo.per_axis("kd"),
+            servo.per_axis("acceleration_ff"),
+        )
+    )
     rows = drive(plant, gains, commands(period), period, delay, count, limit, round(period / STEP))
     torque = rows[:, 1] + noise * random.standard_normal(len(rows))
     period, position, torque = _with(slip, random, period, 1e3 * rows[:, 0], torque)

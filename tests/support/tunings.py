@@ -1,6 +1,5 @@
 """Jobs and studies for the tests of tuning."""
 
-import dataclasses
 import itertools
 
 import numpy as np
@@ -41,7 +40,7 @@ def detuned(factor, job=None, **factors):
     job = job or circle()
     times = {name: factors.get(name, factor) for name in GAINS}
     servo = job.built_servo
-    return job.changed({f"servo.{name}": [times[name] * gain for gain in getattr(servo, name)] for name in GAINS})
+    return job.changed({f"servo.{name}": [times[name] * gain for gain in servo.per_axis(name)] for name in GAINS})
 
 
 def best_of_grid(study, factors):
@@ -54,8 +53,8 @@ def best_of_grid(study, factors):
     derived = circle().built_servo
 
     def servo(times):
-        return dataclasses.replace(
-            derived, **{name: tuple(factor * gain for gain in getattr(derived, name)) for name, factor in times.items()}
+        return derived.with_values(
+            **{name: tuple(factor * gain for gain in getattr(derived, name)) for name, factor in times.items()}
         )
 
     loops = [name for name in factors if not name.endswith("_ff")]

@@ -57,7 +57,7 @@ def perturbations(job, count=3):
 
 
 def test_rows_equal_those_of_runs_measured_one_by_one(job):
-    servo = dataclasses.replace(job.built_servo, ki=(0.0, 0.0))
+    servo = job.built_servo.with_values(ki=(0.0, 0.0))
     cases = [case_of(job, servo, one, machine=k) for k, one in enumerate(perturbations(job))]
     for metric in METRICS:
         rows = measure_together(cases, metric)
@@ -83,13 +83,13 @@ def test_torque_ripple_is_the_largest_of_all_axes_over_the_nominal_peak_torque(j
     shares = torque_ripple(run) / [axis.peak_torque for axis in job.built_machine.axes]
     assert row["torque_ripple_percent"] == pytest.approx(100 * shares.max(), rel=EXACT)
     assert [row[f"{name}_{axis}"] for name in GAINS for axis in "xy"] == [
-        gain for name in GAINS for gain in getattr(job.built_servo, name)
+        gain for name in GAINS for gain in job.built_servo.per_axis(name)
     ]
 
 
 def test_rows_do_not_depend_on_the_cases_measured_together(job):
     cases = [
-        case_of(job, dataclasses.replace(job.built_servo, kp=(kp, kp)), one)
+        case_of(job, job.built_servo.with_values(kp=(kp, kp)), one)
         for kp in (0.2, 0.4, 0.6, 20.0)
         for one in perturbations(job)
     ]
@@ -99,7 +99,7 @@ def test_rows_do_not_depend_on_the_cases_measured_together(job):
 
 
 def test_the_row_of_a_fault_has_its_time_and_no_metric(job):
-    wild = dataclasses.replace(job.built_servo, kp=tuple(40 * kp for kp in job.built_servo.kp))
+    wild = job.built_servo.with_values(kp=tuple(40 * kp for kp in job.built_servo.per_axis("kp")))
     (row,) = measure_together([case_of(job, wild, None)])
     assert row["status"].startswith("fault: ")
     assert 0 < row["fault_time_s"] < 1.0
@@ -273,15 +273,18 @@ def test_a_machine_with_rotary_axes_is_tuned(tmp_path):
 
 def test_axes_tuned_separately_for_the_tracking_error():
     crooked = detuned(0.3)
-    crooked = crooked.changed({"servo.kp": [0.1 * crooked.servo.kp[0], crooked.servo.kp[1]]})
+    crooked = crooked.changed({"servo.kp": [0.1 * crooked.servo.gains[0].kp, crooked.servo.gains[1].kp]})
     study = tuning(crooked, metric="tracking_max", per_axis=True, budget=40, robust=0, unseen=0)
     rows = searched(study)
     history = study.history(rows)
     assert history.best.order(0.02)[0] == 1
     assert history.best.metric == next(
-        row["tracking_max_um"] for row in rows if row["kp_x"] == history.best.servo.kp[0]
+        row["tracking_max_um"] for row in rows if row["kp_x"] == history.best.servo.gains[0].kp
     )
-    kp = [new / old for new, old in zip(history.best.servo.kp, history.start.servo.kp, strict=True)]
+    kp = [
+        new / old
+        for new, old in zip(history.best.servo.per_axis("kp"), history.start.servo.per_axis("kp"), strict=True)
+    ]
     assert kp[0] > 2 * kp[1]
     assert report.headline(study, rows).startswith("Largest tracking error, job's machine: ")
     assert any("each axis by itself" in note for note in report.notes(study, rows))
@@ -510,7 +513,7 @@ def test_every_value_of_a_phase_stands_in_its_column(outcome):
                 rel=NEAR,
             )
             (shown,) = (row[3:] for row in gains.rows if row[0] == axis and row[2] == phase)
-            assert shown == [getattr(servo, head.split()[0])[a] for head in gains.heads[3:]]
+            assert shown == [servo.per_axis(head.split()[0])[a] for head in gains.heads[3:]]
         budget = Budget(simulate(study.job.built_machine, servo, study.job.setpoints)).values
         for link, *row in links.rows:
             part = {**budget.parts, "contour": budget.contour}[link]

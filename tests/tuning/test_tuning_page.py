@@ -44,7 +44,7 @@ def measured(study, servo, perturbations, **changes):
 
 
 def test_the_published_gains_give_the_published_errors_within_all_limits(study, servos):
-    assert servos[0].kp == pytest.approx(study.space.derived.kp, rel=1e-3)
+    assert servos[0].per_axis("kp") == pytest.approx(study.space.derived.per_axis("kp"), rel=1e-3)
     for k, servo in enumerate(servos):
         rows = measured(study, servo, study.perturbations)
         errors = [row["contour_rms_um"] for row in rows]
@@ -64,7 +64,7 @@ def test_the_search_finds_the_published_gains(study, servos):
     best = study.history(searched(study)).best
     assert [best.metric] == pytest.approx(published("contour error rms, worst of the five")[1], rel=SHOWN)
     for gain in ("kp", "ki", "kd"):  # the error hardly depends on the feed-forwards
-        assert getattr(best.servo, gain) == pytest.approx(getattr(servos[1], gain), rel=5 * SHOWN)
+        assert best.servo.per_axis(gain) == pytest.approx(servos[1].per_axis(gain), rel=5 * SHOWN)
 
 
 @pytest.mark.soak

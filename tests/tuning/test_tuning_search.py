@@ -36,9 +36,7 @@ def unconstrained():
 
 def detuned(factor):
     names = ("kp", "kd", "velocity_ff", "acceleration_ff")
-    return dataclasses.replace(
-        DERIVED, **{name: tuple(factor * gain for gain in getattr(DERIVED, name)) for name in names}
-    )
+    return DERIVED.with_values(**{name: tuple(factor * gain for gain in DERIVED.per_axis(name)) for name in names})
 
 
 def space(start=DERIVED, law="pd", per_axis=False):
@@ -47,9 +45,9 @@ def space(start=DERIVED, law="pd", per_axis=False):
 
 def away(servo, best):
     """Decades from the best gains of one axis, feed-forwards in shares of the derived ones."""
-    gains = [math.log10(getattr(servo, name)[0] / (best[name] * getattr(DERIVED, name)[0])) for name in ("kp", "kd")]
+    gains = [math.log10(servo.per_axis(name)[0] / (best[name] * DERIVED.per_axis(name)[0])) for name in ("kp", "kd")]
     shares = [
-        getattr(servo, name)[0] / getattr(DERIVED, name)[0] - best[name] for name in ("velocity_ff", "acceleration_ff")
+        servo.per_axis(name)[0] / DERIVED.per_axis(name)[0] - best[name] for name in ("velocity_ff", "acceleration_ff")
     ]
     return np.array([*gains, *shares])
 
@@ -83,20 +81,20 @@ def test_the_minimum_of_a_bowl_is_found_from_anywhere(unconstrained, factor, see
 
 def test_each_axis_finds_its_own_gains(unconstrained):
     def measure(servo, machine):
-        errors = [math.log10(servo.kp[a] / (best * DERIVED.kp[a])) for a, best in enumerate((0.2, 0.6))]
+        errors = [math.log10(servo.gains[a].kp / (best * DERIVED.gains[a].kp)) for a, best in enumerate((0.2, 0.6))]
         return TrialResult(1.0 + sum(error**2 for error in errors))
 
     history, _ = run(space(per_axis=True), unconstrained, measure, budget=120)
     assert history.best.metric < FOUND
-    assert history.best.servo.kp[0] / DERIVED.kp[0] == pytest.approx(0.2, rel=0.3)
-    assert history.best.servo.kp[1] / DERIVED.kp[1] == pytest.approx(0.6, rel=0.3)
+    assert history.best.servo.gains[0].kp / DERIVED.gains[0].kp == pytest.approx(0.2, rel=0.3)
+    assert history.best.servo.gains[1].kp / DERIVED.gains[1].kp == pytest.approx(0.6, rel=0.3)
     shared, _ = run(space(), unconstrained, measure, budget=120)
     assert shared.best.metric > 1.1
 
 
 def test_every_candidate_that_is_run_keeps_the_margin_and_the_edge_is_reached(stability):
     def measure(servo, machine):  # the faster the better
-        return TrialResult(DERIVED.kp[0] / servo.kp[0])
+        return TrialResult(DERIVED.gains[0].kp / servo.gains[0].kp)
 
     history, rounds = run(space(detuned(0.1)), stability, measure, budget=80)
     tried = {id(candidate): candidate for lot in rounds for candidate, _ in lot if candidate.round}
@@ -105,7 +103,7 @@ def test_every_candidate_that_is_run_keeps_the_margin_and_the_edge_is_reached(st
 
 
 def test_shapes_that_keep_the_margin_at_no_frequency_are_not_run(stability):
-    hardly_damped = dataclasses.replace(DERIVED, kd=tuple(0.15 * kd for kd in DERIVED.kd), ki=(17.0, 23.0))
+    hardly_damped = DERIVED.with_values(kd=tuple(0.15 * kd for kd in DERIVED.per_axis("kd")), ki=(17.0, 23.0))
     history, rounds = run(space(hardly_damped, "pid"), stability, bowl, budget=40)
     assert history.skipped > 0
     assert len(history.candidates) + history.skipped <= 1 + 5 * history.rounds
@@ -141,7 +139,7 @@ def test_the_least_budget_tries_the_start_and_one_candidate_on_all_machines(unco
 def harder(servo, machine):
     """Two bowls apart: the first machine's least is where the second is bad, and the other way round."""
     centre = {0: 0.15, 1: 0.6, 2: 0.3}[machine]
-    return TrialResult(1.0 + abs(math.log10(servo.kp[0] / (centre * DERIVED.kp[0]))))
+    return TrialResult(1.0 + abs(math.log10(servo.gains[0].kp / (centre * DERIVED.gains[0].kp))))
 
 
 def test_the_result_is_the_best_on_its_worst_machine_and_was_run_on_all(unconstrained):
@@ -149,7 +147,7 @@ def test_the_result_is_the_best_on_its_worst_machine_and_was_run_on_all(unconstr
     best = history.best
     assert set(best.results) == {0, 1, 2}
     assert best.metric == max(harder(best.servo, machine).metric for machine in range(3))
-    assert best.servo.kp[0] / DERIVED.kp[0] == pytest.approx(0.3, rel=0.1)  # half way on the logarithm
+    assert best.servo.gains[0].kp / DERIVED.gains[0].kp == pytest.approx(0.3, rel=0.1)  # half way on the logarithm
     assert best.metric == pytest.approx(1.301, abs=0.03)
     once = [len(candidate.results) for candidate in history.candidates]
     assert once.count(1) > 0.3 * len(once)  # even where the hardest machine changes all the time
@@ -180,14 +178,14 @@ def test_candidates_with_too_much_torque_ripple_rank_behind(unconstrained):
     """The minimum of the bowl has too much ripple: the result stays at the limit."""
 
     def measure(servo, machine):
-        kd = servo.kd[0] / DERIVED.kd[0]
+        kd = servo.gains[0].kd / DERIVED.gains[0].kd
         return dataclasses.replace(bowl(servo, machine), ripple=RIPPLE * kd / 0.15)
 
     history, _ = run(space(detuned(0.1)), unconstrained, measure, budget=100)
     assert history.best.ripple <= RIPPLE
-    assert history.best.servo.kd[0] / DERIVED.kd[0] == pytest.approx(0.15, rel=0.1)
+    assert history.best.servo.gains[0].kd / DERIVED.gains[0].kd == pytest.approx(0.15, rel=0.1)
     free, _ = run(space(detuned(0.1)), unconstrained, bowl, budget=100)
-    assert free.best.servo.kd[0] / DERIVED.kd[0] == pytest.approx(0.2, rel=0.1)
+    assert free.best.servo.gains[0].kd / DERIVED.gains[0].kd == pytest.approx(0.2, rel=0.1)
 
 
 def test_the_search_leaves_torque_ripple_and_faults_behind(unconstrained):
@@ -231,11 +229,11 @@ def test_a_start_far_from_any_good_loop_is_left_behind(stability, seed):
     """Slow loops of its shape fault, and most other shapes keep the margin at no frequency."""
 
     def measure(servo, machine):
-        if servo.kp[0] < 0.2 * DERIVED.kp[0] and servo.kp[0] != start.kp[0]:
-            return TrialResult(math.inf, math.inf, 5.0 * servo.kp[0] / DERIVED.kp[0])
-        return TrialResult(DERIVED.kp[0] / servo.kp[0])
+        if servo.gains[0].kp < 0.2 * DERIVED.gains[0].kp and servo.gains[0].kp != start.kp[0]:
+            return TrialResult(math.inf, math.inf, 5.0 * servo.gains[0].kp / DERIVED.gains[0].kp)
+        return TrialResult(DERIVED.gains[0].kp / servo.gains[0].kp)
 
-    start = dataclasses.replace(detuned(0.1), ki=(1.7, 2.3))
+    start = detuned(0.1).with_values(ki=(1.7, 2.3))
     history, _ = run(space(start, "pid"), stability, measure, budget=60, seed=seed)
     assert history.start.order(RIPPLE)[0] == 3
     assert history.best.order(RIPPLE)[0] == 1

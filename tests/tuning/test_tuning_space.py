@@ -26,8 +26,8 @@ DERIVED = Servo.derive(AXES, PERIOD)
 
 
 def scaled(servo, **factors):
-    return dataclasses.replace(
-        servo, **{name: tuple(factor * gain for gain in getattr(servo, name)) for name, factor in factors.items()}
+    return servo.with_values(
+        **{name: tuple(factor * gain for gain in servo.per_axis(name)) for name, factor in factors.items()}
     )
 
 
@@ -59,7 +59,7 @@ def test_the_point_of_zeros_and_ones_is_the_derived_servo():
     assert own.begin[1].size == 3
     found = own.servo(np.zeros(1), np.array([0.0, 1.0, 1.0]))
     for name in ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity"):
-        np.testing.assert_allclose(getattr(found, name), getattr(DERIVED, name), rtol=ROUNDED)
+        np.testing.assert_allclose(getattr(found, name), DERIVED.per_axis(name), rtol=ROUNDED)
 
 
 def test_the_gains_follow_from_the_numbers():
@@ -68,12 +68,12 @@ def test_the_gains_follow_from_the_numbers():
     u, zeta, n = 0.2, -0.3, 0.1
     found = own.servo(np.array([u]), np.array([zeta, n, 0.0, 2.0]))
     for a, axis in enumerate(AXES):
-        w = math.sqrt(DERIVED.kp[a] / axis.inertia) * 10**u
-        assert found.kp[a] == pytest.approx(axis.inertia * w**2, rel=ROUNDED)
-        assert found.kd[a] == pytest.approx(2 * 10**zeta * axis.inertia * w, rel=ROUNDED)
-        assert found.ki[a] == pytest.approx(axis.inertia * w**3 / (5 * 10**n), rel=ROUNDED)
-        assert found.velocity_ff[a] == 0
-        assert found.acceleration_ff[a] == pytest.approx(math.sinh(4) / math.sinh(2) * axis.inertia, rel=ROUNDED)
+        w = math.sqrt(DERIVED.gains[a].kp / axis.inertia) * 10**u
+        assert found.gains[a].kp == pytest.approx(axis.inertia * w**2, rel=ROUNDED)
+        assert found.gains[a].kd == pytest.approx(2 * 10**zeta * axis.inertia * w, rel=ROUNDED)
+        assert found.gains[a].ki == pytest.approx(axis.inertia * w**3 / (5 * 10**n), rel=ROUNDED)
+        assert found.gains[a].velocity_ff == 0
+        assert found.gains[a].acceleration_ff == pytest.approx(math.sinh(4) / math.sinh(2) * axis.inertia, rel=ROUNDED)
 
 
 def test_gains_have_four_digits():
@@ -83,16 +83,21 @@ def test_gains_have_four_digits():
 
 
 def test_axes_share_their_numbers_or_have_their_own():
-    crooked = dataclasses.replace(DERIVED, kp=tuple(f * kp for f, kp in zip((4.0, 1.0, 0.25), DERIVED.kp, strict=True)))
+    crooked = DERIVED.with_values(
+        kp=tuple(f * kp for f, kp in zip((4.0, 1.0, 0.25), DERIVED.per_axis("kp"), strict=True))
+    )
     shared, own = space("pd", crooked), space("pd", crooked, per_axis=True)
     assert (shared.groups, shared.begin[1].size, own.groups, own.begin[1].size) == (1, 3, 3, 9)
     assert shared.begin[0] == pytest.approx([0.0], abs=1e-12)  # the mean of the logarithms
     assert own.begin[0] == pytest.approx(np.log10([2.0, 1.0, 0.5]))
-    np.testing.assert_allclose(own.servo(*own.begin).kp, crooked.kp, rtol=ROUNDED)
-    np.testing.assert_allclose(shared.servo(*shared.begin).kp, DERIVED.kp, rtol=ROUNDED)
+    np.testing.assert_allclose(own.servo(*own.begin).per_axis("kp"), crooked.per_axis("kp"), rtol=ROUNDED)
+    np.testing.assert_allclose(shared.servo(*shared.begin).per_axis("kp"), DERIVED.per_axis("kp"), rtol=ROUNDED)
     moved = own.begin[1] + np.eye(9)[4]  # the damping of none, or the velocity's share of the second axis
     changed = own.servo(own.begin[0], moved)
-    assert [a != b for a, b in zip(changed.velocity_ff, own.servo(*own.begin).velocity_ff, strict=True)] == [
+    assert [
+        a != b
+        for a, b in zip(changed.per_axis("velocity_ff"), own.servo(*own.begin).per_axis("velocity_ff"), strict=True)
+    ] == [
         False,
         True,
         False,
@@ -101,20 +106,21 @@ def test_axes_share_their_numbers_or_have_their_own():
 
 def test_damping_by_the_measured_velocity_is_read_as_damping():
     """kd dE + velocity_ff dDPOS + output_velocity dMPOS is a law in dDPOS and dMPOS; its two factors stay."""
-    kd, velocity = DERIVED.kd, DERIVED.velocity_ff
-    start = dataclasses.replace(
-        DERIVED,
+    kd, velocity = DERIVED.per_axis("kd"), DERIVED.per_axis("velocity_ff")
+    start = DERIVED.with_values(
         kd=tuple(0.25 * d for d in kd),
         output_velocity=tuple(-0.75 * d for d in kd),
         velocity_ff=tuple(v + 0.75 * d for v, d in zip(velocity, kd, strict=True)),
     )
     own = space("pd", start)
     found = own.servo(*own.begin)
-    of_demand = np.add(found.kd, found.velocity_ff)
-    of_measured = np.subtract(found.output_velocity, found.kd)
-    np.testing.assert_allclose(of_demand, np.add(start.kd, start.velocity_ff), rtol=2 * ROUNDED)
-    np.testing.assert_allclose(of_measured, np.subtract(start.output_velocity, start.kd), rtol=2 * ROUNDED)
-    assert found.output_velocity == (0.0,) * 3
+    of_demand = np.add(found.per_axis("kd"), found.per_axis("velocity_ff"))
+    of_measured = np.subtract(found.per_axis("output_velocity"), found.per_axis("kd"))
+    np.testing.assert_allclose(of_demand, np.add(start.per_axis("kd"), start.per_axis("velocity_ff")), rtol=2 * ROUNDED)
+    np.testing.assert_allclose(
+        of_measured, np.subtract(start.per_axis("output_velocity"), start.per_axis("kd")), rtol=2 * ROUNDED
+    )
+    assert found.per_axis("output_velocity") == (0.0,) * 3
 
 
 def test_gains_of_zero_begin_at_their_natural_numbers():
@@ -124,15 +130,15 @@ def test_gains_of_zero_begin_at_their_natural_numbers():
     assert frequencies == pytest.approx([0.0])
     assert shape == pytest.approx([0.0, 0.0, 0.0, 0.0])
     found = own.servo(frequencies, shape)
-    np.testing.assert_allclose(found.kd, DERIVED.kd, rtol=ROUNDED)
-    assert found.velocity_ff == found.acceleration_ff == (0.0,) * 3
+    np.testing.assert_allclose(found.per_axis("kd"), DERIVED.per_axis("kd"), rtol=ROUNDED)
+    assert found.per_axis("velocity_ff") == found.per_axis("acceleration_ff") == (0.0,) * 3
 
 
 def test_an_axis_without_viscous_torque_has_a_unit_for_its_feedforward():
     axes = [dataclasses.replace(axis, viscous=0.0) for axis in AXES]
     own = space("pd", Servo.derive(axes, PERIOD), axes=axes)
     found = own.servo(np.zeros(1), np.array([0.0, 1.0, 1.0]))
-    np.testing.assert_allclose(found.velocity_ff, 0.01 * np.array(DERIVED.kd), rtol=ROUNDED)
+    np.testing.assert_allclose(found.per_axis("velocity_ff"), 0.01 * np.array(DERIVED.per_axis("kd")), rtol=ROUNDED)
 
 
 @pytest.mark.parametrize("off", [1 / 30, 0.1, 10.0, 30.0])
@@ -235,11 +241,11 @@ def test_a_margin_below_one_is_refused(xyz, margin):
 def test_a_tuned_servo_is_written_with_a_law_that_has_its_gains(gains, law):
     """A search from PD that has found an integral or a feed-forward is PID; one that has not stays PD."""
     job = Job.load("softmc-arc")
-    servo = dataclasses.replace(Servo.derive(job.built_machine.axes, PERIOD, law="pd"), **gains)
+    servo = Servo.derive(job.built_machine.axes, PERIOD, law="pd").with_values(**gains)
     written = tomllib.loads(servo_toml(job, servo, ["by hand"]))["servo"]
     assert written["law"] == law
-    assert written["kp"] == list(servo.kp)
-    assert written["ki"] == list(servo.ki)
+    assert written["kp"] == list(servo.per_axis("kp"))
+    assert written["ki"] == list(servo.per_axis("ki"))
 
 
 @pytest.mark.parametrize(

@@ -186,7 +186,7 @@ def test_a_push_bends_the_servo_as_its_spring_would(rigid, held, axis, body):
     live.push(wrench)
     assert np.array_equal(live.forces, wrench)
     live.go(1.5)
-    expected = force / (servo.kp[a] * gear)
+    expected = force / (servo.gains[a].kp * gear)
     assert live.run.motor[-1, a] == pytest.approx(expected, rel=DEFLECTION)
     assert live.run.nozzle[-1, "xy".index(axis)] == pytest.approx(expected, rel=DEFLECTION)
     assert live.run.motor[-1, 1 - a] == pytest.approx(0.0, abs=DEFLECTION * abs(expected))
@@ -201,7 +201,7 @@ def test_an_integral_term_brings_a_pushed_axis_back(rigid, held):
     live = Live(Simulation.of(machine, servo, held), patience=EVER)
     wrench = np.zeros((machine.physics.nbody, 6))
     wrench[machine.physics.body("carriage").id, 0] = 25.0
-    spring = 25.0 / (servo.kp[0] * 2 * np.pi / 0.01)
+    spring = 25.0 / (servo.gains[0].kp * 2 * np.pi / 0.01)
     live.push(wrench)
     live.go(EVER)
     assert live.run.motor[:, 0].max() > 0.1 * spring

@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 from gantrysim.base.arrays import Floats
+from gantrysim.servo.laws.law import ERROR, Law, LawDesign
+from gantrysim.servo.parameter import Parameter
+
+GAIN = 1.0
 
 
 def tangents(velocity: Floats, linear: Floats, tangent: Floats, axes: int) -> None:
@@ -44,3 +50,46 @@ def error_across(error: Floats, tangent: Floats, linear: Floats, axis: int, axes
         along += linear[a] * tangent[a] * error[a]
         size += tangent[a] ** 2
     return error[axis] - tangent[axis] * along if size > 0.0 else 0.0
+
+
+def tick(row: Any, laws: Any) -> None:
+    """Add the error across the path, times the gain, to the error of every linear axis, and its change likewise."""
+    tangents(row.demand_velocity, row.linear, laws.contour_tangent, row.axes)
+    for axis in range(row.axes):
+        law = laws[axis]
+        if law.contour_gain > 0.0 and row.linear[axis] > 0.0:
+            across = law.contour_gain * error_across(row.error, laws.contour_tangent, row.linear, axis, row.axes)
+            row.law_change[axis] += (across - law.contour_across) / row.period
+            row.law_error[axis] += across
+            law.contour_across = across
+
+
+class CrossCoupling(Law):
+    """The law as one of the ladder.
+
+    Its linear model is that of a path across the axis, where it multiplies the error most. Along the path it does not
+    act.
+    """
+
+    name = "contour"
+    meaning = "cross-coupling: the error across the path is multiplied"
+    parameters = (
+        Parameter("contour_gain", "", "factor by which the law contour adds the error across the path to the error"),
+    )
+    state = (
+        ("contour_across", float),  # error across the path at the last tick, times the gain [mm]
+        ("contour_tangent", float),  # of the path while it last moved
+    )
+    stages = ((ERROR, tick),)
+    answers_to_position = True
+    needs_known_base = True
+    same_nozzle_axes = True
+
+    def derived(self, design: LawDesign) -> dict[str, float]:
+        return {"contour_gain": GAIN}
+
+    def error_gain(self, values: Mapping[str, float]) -> float:
+        return 1.0 + values["contour_gain"]
+
+
+CONTOUR = CrossCoupling()

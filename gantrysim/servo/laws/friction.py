@@ -1,25 +1,12 @@
-"""Friction compensation: the torque of a friction model that the demand moves."""
+"""Friction compensation: friction torque from a model driven by the commanded motion."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any
 
-
-class Friction(NamedTuple):
-    """Friction of an axis at its motor.
-
-    Attributes:
-        coulomb: torque at speed [N·m].
-        static: torque at which it breaks away [N·m].
-        speed: Stribeck speed [u/s].
-        stiffness: of the bristles, torque per travel after a reversal; 0 for a step [N·m/u].
-    """
-
-    coulomb: float
-    static: float
-    speed: float
-    stiffness: float
+from gantrysim.servo.laws.law import FEEDFORWARD, Law, LawDesign
+from gantrysim.servo.parameter import Parameter
 
 
 def friction_torque(last: float, velocity: float, travel: float, friction: tuple[float, ...]) -> float:
@@ -36,7 +23,7 @@ def friction_torque(last: float, velocity: float, travel: float, friction: tuple
         last: F' [N·m].
         velocity: dDPOS/T [u/s].
         travel: dDPOS [u].
-        friction: in the order of `Friction`.
+        friction: Coulomb and static friction [N·m], Stribeck speed [u/s], stiffness [N·m/u].
     """
     coulomb, static, speed, stiffness = friction
     level = coulomb
@@ -48,3 +35,45 @@ def friction_torque(last: float, velocity: float, travel: float, friction: tuple
     if stiffness == 0.0:
         return end
     return end + (last - end) * math.exp(-stiffness * abs(travel) / level)
+
+
+def tick(row: Any, laws: Any) -> None:
+    """Add the friction torque of every axis to the feed-forward.
+
+    It is no part of the linear model, so `row.compensation` tells a disturbance observer of it.
+    """
+    for axis in range(row.axes):
+        law = laws[axis]
+        velocity = row.demand_velocity[axis]
+        if law.friction_torque > 0.0:
+            friction = (law.friction_torque, law.friction_static, law.friction_speed, law.friction_stiffness)
+            law.friction_now = friction_torque(law.friction_now, velocity, velocity * row.period, friction)
+        row.compensation[axis] = law.friction_now
+        row.feedforward[axis] += law.friction_now
+
+
+class FrictionCompensation(Law):
+    """The law as one of the ladder. It has no linear model: it acts on the command alone, not on the position."""
+
+    name = "friction"
+    meaning = "friction torque from a model driven by the commanded motion"
+    parameters = (
+        Parameter("friction_torque", "N·m", "Coulomb friction that the law friction compensates"),
+        Parameter("friction_static", "N·m", "its static friction"),
+        Parameter("friction_speed", "u/s", "Stribeck speed, at which it has come down from static to Coulomb"),
+        Parameter("friction_stiffness", "N·m/u", "its torque per travel after a reversal"),
+    )
+    state = (("friction_now", float),)  # torque at the last tick [N·m]
+    stages = ((FEEDFORWARD, tick),)
+
+    def derived(self, design: LawDesign) -> dict[str, float]:
+        friction = design.axis.friction
+        return {
+            "friction_torque": friction.coulomb,
+            "friction_static": friction.static,
+            "friction_speed": friction.speed,
+            "friction_stiffness": friction.stiffness,
+        }
+
+
+FRICTION = FrictionCompensation()

@@ -5,55 +5,58 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from gantrysim.servo.gains import Gains
-from gantrysim.servo.law import compensator
-from gantrysim.servo.laws.cascade import as_pid
-from gantrysim.servo.laws.observer import observing
-from gantrysim.servo.laws.parameters import CASCADE
+from gantrysim.servo.laws import ADDITIONS, BASES, PID
+from gantrysim.servo.laws.law import BaseLaw, Law, Timing
 from gantrysim.servo.laws.user import LawName
+from gantrysim.servo.notch import Coefficients
 from gantrysim.stability.compensator import Compensator
 
 
 def linear_law(
-    law: Sequence[LawName],
-    gains: Gains,
-    filter: tuple[float, float, float, float, float],
-    values: Mapping[str, float],
-    period: float,
-    delay: float,
-    feedback_delay: int,
+    names: Sequence[LawName], gains: Gains, notch: Coefficients, values: Mapping[str, float], timing: Timing
 ) -> Compensator:
     """Return the laws of one axis as they answer to a position alone, with all demands at zero.
 
-    P-PI and the disturbance observer are in it exactly. Cross-coupling is in it as it is where the path runs across
-    the axis, where it multiplies the gains on the error most. Friction compensation and torques that are sent with
-    the setpoints do not answer to a position.
+    Friction compensation and torques that are sent with the setpoints do not answer to a position.
 
     Args:
-        law: names.
+        names: of the laws, a base of the ladder first.
         gains: of the axis.
-        filter: the notch.
-        values: of the axis' other parameters, by name.
-        period: servo period [s].
-        delay: from sample to output [s].
-        feedback_delay: from the encoder to the servo [servo periods].
+        notch: of the axis.
+        values: parameters of the laws that answer to a position, by name.
+        timing: of the servo.
     """
-    contour_gain = values.get("contour_gain", 0.0)
-    if CASCADE in law:  # its velocity loop knows no error of position, which cross-coupling could multiply
-        pid = as_pid(gains)
-        more = 1 + contour_gain
-        across = pid._replace(kp=pid.kp + (more - 1) * gains.kp, ki=more * pid.ki)
-        law_alone = compensator(across, period)
-    else:
-        law_alone = compensator(gains, period, contour_gain)
-    return closed(law_alone.then(filter), values, period, delay, feedback_delay)
+    error_gain = 1.0
+    for law in added_laws(names):
+        if law.answers_to_position:
+            error_gain *= law.error_gain(values)
+    base = base_response(names, gains, notch, timing.period, error_gain)
+    return closed_around(base, names, values, timing)
 
 
-def closed(
-    law: Compensator, values: Mapping[str, float], period: float, delay: float, feedback_delay: int
+def base_response(
+    names: Sequence[LawName], gains: Gains, notch: Coefficients, period: float, error_gain: float = 1.0
 ) -> Compensator:
-    """Return a law with a disturbance observer, if there is one, and with the feedback's delay; see `linear_law`."""
-    if values.get("observer_bandwidth"):
-        inertia, viscous = values["observer_inertia"], values["observer_viscous"]
-        lag = delay + feedback_delay * period + values["observer_lag"]
-        law = observing(law, values["observer_bandwidth"], inertia, viscous, lag, period)
-    return law.delayed(feedback_delay)
+    """Return base law and notch of one axis, without the laws added to them and without the feedback's delay."""
+    return base_law(names).compensator(gains, period, error_gain).then(notch)
+
+
+def closed_around(
+    base: Compensator, names: Sequence[LawName], values: Mapping[str, float], timing: Timing
+) -> Compensator:
+    """Return a base law with the laws added to it, and with the feedback's delay; see `linear_law`."""
+    law = base
+    for added in added_laws(names):
+        if added.answers_to_position:
+            law = added.closed_around(law, values, timing)
+    return law.delayed(timing.feedback_delay)
+
+
+def base_law(names: Sequence[LawName]) -> BaseLaw:
+    """Return the base law; PID where it is a user's own, whose loop is designed as that of PID."""
+    return BASES.get(str(names[0]), PID)
+
+
+def added_laws(names: Sequence[LawName]) -> list[Law]:
+    """Return the laws that are added to the base, in the order in which they act."""
+    return [law for name, law in ADDITIONS.items() if name in names]

@@ -96,25 +96,31 @@ def linearised(law: UserLaw, gains: Floats, axis: int, period: float) -> Compens
         raise UnknownLoopError("a law of the user's that couples axes has no margins")
     response = once[_REST:, axis] / _KICK
     sums = np.add.outer(np.arange(_ORDER), np.arange(_ORDER))
-    H, shifted = response[1 + sums], response[2 + sums]  # noqa: N806
-    left, values, right = np.linalg.svd(H)
+    H = response[1 + sums]  # noqa: N806
+    shifted = response[2 + sums]
+    outputs, values, inputs = np.linalg.svd(H)
     rank = max(int(np.count_nonzero(values > _RANK * max(values[0], abs(response[0])))), 1)
     if rank > _ORDER - 2:
         raise UnknownLoopError(f"a law of the user's of an order above {_ORDER - 2} has no margins")
     root = np.sqrt(np.maximum(values[:rank], np.finfo(float).tiny))
-    observe, reach = left[:, :rank] * root, root[:, None] * right[:rank]
-    A = (left[:, :rank] / root).T @ shifted @ (right[:rank].T / root)  # noqa: N806
+    observe = outputs[:, :rank] * root
+    reach = root[:, None] * inputs[:rank]
+    A = (outputs[:, :rank] / root).T @ shifted @ (inputs[:rank].T / root)  # noqa: N806
     return Compensator(A, reach[:, 0], observe[0], float(response[0]))
 
 
 def _kicked(law: UserLaw, gains: Floats, axis: int, period: float, size: float, before: int) -> Floats:
     """Return the torques of a law at rest to an axis that is off at one tick, (ticks, axes)."""
-    ticks, n = 2 * _ORDER + 16, len(gains)
-    state, out, zero = np.zeros(STATE), np.zeros((ticks, n)), np.zeros(n)
+    ticks = 2 * _ORDER + 16
+    n = len(gains)
+    state = np.zeros(STATE)
+    out = np.zeros((ticks, n))
+    zero = np.zeros(n)
     last = zero
     for k in range(ticks):
         measured = np.zeros(n)
         measured[axis] = -size if k == before else 0.0
-        velocity, last = (measured - last) / period, measured
+        velocity = (measured - last) / period
+        last = measured
         law(UserTick(n, k * period, period, zero, measured, -measured, zero, zero, velocity, gains), state, out[k])
     return out

@@ -14,7 +14,7 @@ from gantrysim.base.errors import at_least, positive
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.record.run import Run
-from gantrysim.servo.laws.parameters import LEARNING, NOT_PD, PD
+from gantrysim.servo.laws import LEARNING, PD
 from gantrysim.study.cases import OK, Case, Row, judged, simulated, values_row
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Rounds, Study
@@ -146,8 +146,8 @@ class LawsStudy(Study):
         """
         servo = self.job.servo
         changes: dict[str, Any] = {}
-        if PD in law:
-            changes = {f"servo.{name}": None for name in NOT_PD if getattr(servo, name) is not None}
+        if PD.name in law:
+            changes = {f"servo.{name}": None for name in PD.unused_gains if getattr(servo, name) is not None}
         elif integral != 1 and servo.ki is not None:
             changes["servo.ki"] = (np.asarray(servo.ki) / integral).tolist()
         elif integral != 1:
@@ -157,7 +157,7 @@ class LawsStudy(Study):
     @property
     def ladder(self) -> tuple[Rung, ...]:
         """The rungs that the job can have; a stronger integral term needs one to begin with."""
-        integral = any(self.job.built_servo.ki)
+        integral = any(self.job.built_servo.per_axis("ki"))
         return tuple(rung for rung in LADDER if integral or rung.integral == 1)
 
     @property
@@ -184,7 +184,7 @@ class LawsStudy(Study):
                 Case.of(self.job, overrides, perturbation=rubbing, law=name, variation=RUBBING),
             ]
         for repeats in REPEATS:
-            law = ("pid", LEARNING)
+            law = ("pid", LEARNING.name)
             overrides = {**self.overrides(law), "servo.resolution": 0.0, "servo.learning_repeats": repeats}
             cases.append(Case.of(self.job, overrides, law="+".join(law), variation=REPEATED, repeats=repeats))
         yield cases

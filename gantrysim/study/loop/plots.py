@@ -162,7 +162,7 @@ def _servo_period(study: LoopStudy, on: Panels) -> str:
     on.points(on.errors, normal, NO_FRICTION, green, "no friction, normal to the path")
     on.points(on.errors, along, NO_FRICTION, COLOURS["measurement"], "no friction, along the path")
     machine = study.job.built_machine
-    torques = set(study.job.built_servo.mode) == {"torque"}  # what the theory speaks of
+    torques = set(study.job.built_servo.modes) == {"torque"}  # what the theory speaks of
     if study.theory is not None and torques and {"x", "y"} <= set(machine.axis_names):
         period = _points(study.servo_periods)
         plane = (machine.axis_names.index("x"), machine.axis_names.index("y"))

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats
 from gantrysim.servo.axis_dynamics import AxisDynamics
-from gantrysim.servo.law import terms
+from gantrysim.servo.laws.pid import terms
 from gantrysim.servo.servo import Servo
 
 

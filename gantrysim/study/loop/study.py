@@ -120,7 +120,9 @@ class LoopStudy(Study):
         for variant in (AS_IT_IS, NO_LOOP) if self.theory is not None else (AS_IT_IS,):
             for value in self.resolutions:
                 counts = self._resolutions(value)
-                changes = {} if counts == list(self.job.built_servo.resolution) else {"servo.resolution": counts}
+                changes = (
+                    {} if counts == list(self.job.built_servo.per_axis("resolution")) else {"servo.resolution": counts}
+                )
                 yield self._case("encoder_resolution", value, variant, changes)
 
     def _physics_step(self) -> Iterable[Case]:

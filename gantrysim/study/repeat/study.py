@@ -77,7 +77,7 @@ class RepeatStudy(Study):
     @property
     def counts(self) -> tuple[float, ...]:
         """Encoder counts of the axes, (axes,) [mm or deg]."""
-        return self.job.built_servo.resolution
+        return self.job.built_servo.per_axis("resolution")
 
     def rounds(self) -> Rounds:
         """Yield the repeats with all sources varied, and with each source alone, by the same random numbers."""

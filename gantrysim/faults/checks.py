@@ -1,42 +1,13 @@
-"""Faults on purpose by kind, of tables, and checked against a run."""
+"""Faults on purpose of tables, and checked against a run."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
-from typing import Any, TypeAlias
+from typing import Any
 
 from gantrysim.base.errors import InputError, unknown
-from gantrysim.faults.drive import (
-    BusSag,
-    EncoderDropout,
-    EncoderGlitch,
-    EncoderSlip,
-    LostPackets,
-    OpenWinding,
-    SlippingAxis,
-    StuckAxis,
-)
+from gantrysim.faults import KINDS
 from gantrysim.faults.fault import InjectedFault
-from gantrysim.faults.nozzle import AirBubble, CloggedNozzle, DrippingNozzle
-
-AnyFault: TypeAlias = (
-    EncoderDropout
-    | EncoderGlitch
-    | EncoderSlip
-    | StuckAxis
-    | SlippingAxis
-    | OpenWinding
-    | BusSag
-    | LostPackets
-    | CloggedNozzle
-    | DrippingNozzle
-    | AirBubble
-)
-
-KINDS: dict[str, Any] = {  # the dataclasses by kind
-    str(next(field.default for field in fields(each) if field.name == "kind")): each for each in AnyFault.__args__
-}
 
 
 def fault_of(table: Any) -> InjectedFault:

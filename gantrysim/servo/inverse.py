@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 
 from gantrysim.base.arrays import Complexes, Floats
-from gantrysim.servo.law import terms
-from gantrysim.servo.laws.linear import linear_law
+from gantrysim.servo.laws.linear import base_response
+from gantrysim.servo.laws.pid import terms
 from gantrysim.servo.servo import Servo
 from gantrysim.stability.compensator import Compensator
 
@@ -42,13 +42,15 @@ class Inverse:
     """
 
     def __init__(self, servo: Servo) -> None:
-        self._servo, n = servo, servo.axes
+        self._servo = servo
+        n = servo.axes
         self._theta = np.linspace(0, np.pi, _TAPS + 1)
         self._theta[0] = _LIMIT * self._theta[1]
-        self._z = z = np.exp(1j * self._theta)
+        z = np.exp(1j * self._theta)
+        self._z = z
         self._inverse: Complexes = np.zeros((len(z), n, n), complex)
-        for first, motion in enumerate(servo.motions):
-            drives = servo.drives.of_axes([first]) if len(servo.motions) > 1 else servo.drives
+        for first, motion in enumerate(servo.laws.motions):
+            drives = servo.loop_drives.of_axes([first]) if len(servo.laws.motions) > 1 else servo.loop_drives
             for system in motion.driven(drives).sampled(servo.period, servo.delay):
                 P = system.response(z) * z[:, None, None] ** -servo.feedback_delay
                 axes = [first + axis for axis in system.axes]
@@ -65,18 +67,19 @@ class Inverse:
         Args:
             position: r, at rest at both ends, (n, axes) [u].
         """
-        servo, step = self._servo, 1 - 1 / self._z
+        servo = self._servo
+        step = 1 - 1 / self._z
         moved = np.diff(position, axis=0, prepend=position[:1])
         H = np.zeros_like(self._inverse)
-        for a, bandwidth in enumerate(servo.preview_bandwidth):
+        for a, bandwidth in enumerate(servo.laws.per_axis("preview_bandwidth")):
             Q = zero_phase(self._theta, bandwidth, servo.period)
             b0, b1, b2, a1, a2 = servo.filters[a]
             notch = (b0 + b1 / self._z + b2 / self._z**2) / (1 + a1 / self._z + a2 / self._z**2)
             per_unit = terms(servo.gains[a])
             speed = (per_unit.demand_velocity + per_unit.measured_velocity) / servo.period
-            own = notch * (speed + per_unit.demand_acceleration * step / servo.period**2)
+            feed_forward = notch * (speed + per_unit.demand_acceleration * step / servo.period**2)
             H[:, :, a] = self._inverse[:, :, a] * (Q / step)[:, None]
-            H[:, a, a] -= own + self._law(a).response(self._z) * (1 - Q) / step
+            H[:, a, a] -= feed_forward + self._law(a).response(self._z) * (1 - Q) / step
         return _filtered(moved, H, "constant")
 
     def learnt(self, error: Floats) -> Floats:
@@ -89,9 +92,11 @@ class Inverse:
         """
         from scipy.signal import lfilter, ss2tf  # slow to import
 
-        servo, answer = self._servo, np.empty_like(error)
-        H, Qs = self._inverse.copy(), np.zeros_like(self._inverse)
-        for a, bandwidth in enumerate(servo.learning_bandwidth):
+        servo = self._servo
+        answer = np.empty_like(error)
+        H = self._inverse.copy()
+        Qs = np.zeros_like(self._inverse)
+        for a, bandwidth in enumerate(servo.laws.per_axis("learning_bandwidth")):
             Qs[:, a, a] = zero_phase(self._theta, bandwidth, servo.period)
             law = self._law(a)
             over, under = ss2tf(law.A, law.B[:, None], law.C[None], [[law.D]])
@@ -101,7 +106,7 @@ class Inverse:
     def _law(self, axis: int) -> Compensator:
         """Return the law's answer to an error, without feedback delay and observer."""
         servo = self._servo
-        return linear_law(servo.law, servo.gains[axis], servo.filters[axis], {}, servo.period, servo.delay, 0)
+        return base_response(servo.laws.names, servo.gains[axis], servo.filters[axis], servo.period)
 
 
 def _filtered(values: Floats, H: Complexes, mode: str) -> Floats:

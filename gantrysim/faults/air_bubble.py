@@ -1,4 +1,4 @@
-"""Faults on purpose of the nozzle: what comes out instead of the dispenser's flow."""
+"""A bubble of air in the glue."""
 
 from __future__ import annotations
 
@@ -6,60 +6,13 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from gantrysim.base.errors import at_least, between, positive
-from gantrysim.faults.fault import InjectedFault, Lasting
+import numpy as np
+
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import at_least, positive
+from gantrysim.faults.fault import InjectedFault
 
 ATMOSPHERE = 101.325  # [kPa]
-
-
-@dataclass(frozen=True, kw_only=True)
-class CloggedNozzle(Lasting):
-    """The nozzle lets only a share of the flow through; what it holds back is lost.
-
-    Attributes:
-        time: time at which it begins [s].
-        duration: its length, by default until the end [s].
-        share: share of the flow that is left, 0 to 1.
-    """
-
-    share: float
-    kind: Literal["clogged nozzle"] = "clogged nozzle"
-
-    def _check(self) -> None:
-        between("share", self.share, 0, 1)
-
-    @property
-    def acts(self) -> bool:
-        return self.share < 1 and self.duration > 0
-
-    @property
-    def magnitude(self) -> str:
-        return f"{100 * self.share:g} % of the flow {self._span}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class DrippingNozzle(Lasting):
-    """Glue flows while the valve is closed.
-
-    Attributes:
-        time: time at which it begins [s].
-        duration: its length, by default until the end [s].
-        flow: flow while the valve is closed, besides what the dispenser's lag still gives [mm³/s].
-    """
-
-    flow: float
-    kind: Literal["dripping nozzle"] = "dripping nozzle"
-
-    def _check(self) -> None:
-        at_least("flow", self.flow, 0, "mm³/s")
-
-    @property
-    def acts(self) -> bool:
-        return self.flow > 0 and self.duration > 0
-
-    @property
-    def magnitude(self) -> str:
-        return f"{self.flow:g} mm³/s while the valve is closed, {self._span}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,3 +61,16 @@ class AirBubble(InjectedFault):
     def magnitude(self) -> str:
         surge = f", then a surge of {self.compression:.4g} mm³" if self.compression else ""
         return f"{self.volume:g} mm³ of air{surge}"
+
+    def flow_left(self, flow: Floats, valve: Floats, edges: Floats) -> Floats:
+        volume = np.concatenate([[0.0], np.cumsum(flow * np.diff(edges))])
+        before = float(np.interp(self.time, edges, volume))
+        gone = before + self.volume + self.compression  # volume displaced by when it has left
+        k = int(np.searchsorted(volume, gone))
+        laid = np.minimum(volume, before)
+        if k < volume.size:
+            leaves = float(edges[k - 1] + (gone - volume[k - 1]) / flow[k - 1])
+            surge = -np.expm1(-np.maximum(edges - leaves, 0.0) / self.recovery)
+            laid = laid + np.maximum(volume - gone, 0.0) + self.compression * surge
+        first = int(np.searchsorted(edges, self.time, "right")) - 1  # what came before keeps its last bit
+        return np.concatenate([flow[:first], np.maximum(np.diff(laid[first:]) / np.diff(edges[first:]), 0.0)])

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from gantrysim.servo.gains import GAIN_NAMES, Gains
+from gantrysim.servo.laws import pid
+from gantrysim.servo.laws.law import BaseLaw
+from gantrysim.stability.compensator import Compensator
 
 
 def cascaded(
@@ -68,3 +73,37 @@ def _torque(gains: Gains) -> float:
     """Return the torque to inputs that are all different, so that no two terms cancel."""
     torque, _ = cascaded(1.0, 0.5, 3.0, 0.125, 0.25, gains, 1.0)
     return torque
+
+
+def tick(row: Any, axis: int, gains: Gains) -> tuple[float, float]:
+    """Return the torque demand and the velocity loop's sum after it, see `BaseLaw.tick`."""
+    return cascaded(
+        row.law_error[axis],
+        row.integral[axis],
+        row.demand_velocity[axis],
+        row.demand_acceleration[axis],
+        row.measured_velocity[axis],
+        gains,
+        row.period,
+    )
+
+
+class PPi(BaseLaw):
+    """The law as one of the ladder."""
+
+    name = "p-pi"
+    meaning = "a position loop that gives a speed, and a PI velocity loop inside it"
+    answers_to_position = True
+    tick = staticmethod(tick)
+
+    def compensator(self, gains: Gains, period: float, error_gain: float = 1.0) -> Compensator:
+        alike = as_pid(gains)
+        # the velocity loop has no error of position that a law could multiply, only the position loop has
+        kp = alike.kp + (error_gain - 1) * gains.kp
+        return pid.compensator(alike._replace(kp=kp, ki=error_gain * alike.ki), period)
+
+    def without_term(self, gains: Gains) -> tuple[str, ...]:
+        return without_term(gains)
+
+
+P_PI = PPi()

@@ -1,0 +1,67 @@
+"""A drive whose bus voltage is reduced."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from gantrysim.base.errors import InputError, between
+from gantrysim.faults.electrical import check_electrical, spared
+from gantrysim.faults.fault import VOLTAGE, FaultAxis, Lasting, acts_in_step
+
+
+def limit_voltage(row: Any, fault: Any) -> None:
+    """Keep the drive's voltage R/K u + K w within what the bus has left; u is the control, w the motor's speed."""
+    if acts_in_step(row, fault):
+        axis = fault.axis
+        back = fault.constant * row.motor_speed[axis]
+        gain = fault.constant / fault.resistance
+        lowest = gain * (-fault.value - back)
+        highest = gain * (fault.value - back)
+        row.control_torque[axis] = min(max(row.control_torque[axis], lowest), highest)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusSag(Lasting):
+    """The drive's bus voltage is reduced; the drive's voltage is limited to it.
+
+    Attributes:
+        time: time at which it begins [s].
+        duration: its length, by default until the end [s].
+        axis: name of the axis; by default all axes.
+        share: share of the bus voltage that is left, 0 to 1.
+    """
+
+    stages = ((VOLTAGE, limit_voltage),)
+    in_drive = True
+
+    share: float
+    axis: str | None = None
+    kind: Literal["bus sag"] = "bus sag"
+
+    def _check(self) -> None:
+        between("share", self.share, 0, 1)
+
+    @property
+    def acts(self) -> bool:
+        return self.share < 1 and self.duration > 0
+
+    @property
+    def magnitude(self) -> str:
+        return f"{100 * self.share:g} % of the bus voltage {self._span}"
+
+    def tick_value(self, axis: FaultAxis, axes: Sequence[FaultAxis]) -> float | None:
+        check_electrical(self.kind, axis)
+        named = self.axis is not None
+        if spared(self.kind, axis, axes, named=named):
+            return None
+        if not math.isfinite(axis.bus_voltage):
+            if not named and any(math.isfinite(other.bus_voltage) for other in axes):
+                return None
+            raise InputError(f"fault {self.kind}: axis {axis.name} is an ideal torque source, it has no bus")
+        return self.share * axis.bus_voltage
+
+    def drive_left(self, gain: float, bus: float, nominal_bus: float) -> tuple[float, float]:
+        return gain, min(bus, self.share * nominal_bus)

@@ -1,0 +1,67 @@
+"""An encoder that is off for some servo ticks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from gantrysim.base.errors import InputError, whole
+from gantrysim.faults.fault import (
+    REPORT,
+    FaultAxis,
+    InjectedFault,
+    acts_at_tick,
+    check_counts,
+    servo_ticks,
+)
+
+
+def add_offset(row: Any, fault: Any) -> None:
+    """Add an offset to the position that the encoder reports."""
+    if acts_at_tick(row, fault):
+        row.seen[fault.axis] += fault.value
+
+
+def offset_of_counts(kind: str, counts: int, axis: FaultAxis) -> float:
+    """Return counts of an axis' encoder as axis travel [u], or raise InputError for an encoder without counts."""
+    if not axis.resolution:
+        raise InputError(f"fault {kind}: axis {axis.name} has no encoder counts; its position is exact")
+    return counts * axis.resolution
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncoderGlitch(InjectedFault):
+    """The encoder is off for some servo ticks.
+
+    Attributes:
+        time: time at which it begins [s].
+        ticks: its length in servo ticks.
+        axis: name of the axis.
+        counts: counts by which the reported position is too large.
+    """
+
+    stages = ((REPORT, add_offset),)
+
+    axis: str
+    counts: int
+    ticks: int = 1
+    kind: Literal["encoder glitch"] = "encoder glitch"
+
+    def _check(self) -> None:
+        check_counts(self.counts)
+        whole("ticks", self.ticks, 0)
+
+    @property
+    def acts(self) -> bool:
+        return self.counts != 0 and self.ticks > 0
+
+    def lasting(self, period: float) -> float:
+        return self.ticks * period
+
+    @property
+    def magnitude(self) -> str:
+        return f"{self.counts:+d} counts for {servo_ticks(self.ticks)}"
+
+    def tick_value(self, axis: FaultAxis, axes: Sequence[FaultAxis]) -> float:
+        return offset_of_counts(self.kind, self.counts, axis)

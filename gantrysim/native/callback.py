@@ -1,0 +1,77 @@
+"""The servo tick as C functions: MuJoCo's control callback, and the parts for a law in plain Python."""
+
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, cast
+
+import numba
+from numba import types
+
+from gantrysim.base.jit import cached
+from gantrysim.native.compiling import c_function, fingerprint
+from gantrysim.native.layout import offsets
+from gantrysim.native.pointers import row_at
+from gantrysim.native.row import ROW_NUMBERS
+from gantrysim.native.tick import command, output, sample, step
+
+
+@cache
+def magic() -> int:
+    """Return a number of the tick's code and layout, by which the callback knows a servo's row."""
+    return int(fingerprint(step)[:15], 16)
+
+
+@cache
+def callback() -> Any:
+    """Return the tick as a C function (mjModel, mjData), compiled or from numba's cache."""
+    nuserdata_at = offsets()["nuserdata"]
+    userdata_at = offsets()["userdata"]
+    row_size = ROW_NUMBERS
+    key = magic()
+
+    def tick(model, data):
+        step(model, data, nuserdata_at, userdata_at, row_size, key)
+
+    return c_function(tick, types.void, types.int64, types.int64).ctypes
+
+
+@cache
+def clock() -> Any:
+    """Return a C function for MuJoCo's timers that takes no time to tell: it is always 0."""
+
+    @cached(numba.cfunc, types.float64())
+    def always_zero():
+        return 0.0
+
+    return cast(Any, always_zero).ctypes
+
+
+@cache
+def parts() -> tuple[Any, Any, Any]:
+    """Return the tick before, after and without its law for one in plain Python, functions of (mjData, userdata).
+
+    The first returns whether a tick begins with this physics step, the second takes the law's torques, and the third
+    sets the controls of every step.
+    """
+    key = magic()
+
+    def before_law(data, userdata):
+        return row_at(userdata).magic == key and sample(data, userdata)
+
+    def after_law(data, userdata):
+        if row_at(userdata).magic == key:
+            command(data, userdata)
+
+    def every_step(data, userdata):
+        if row_at(userdata).magic == key:
+            output(data, userdata)
+
+    integers = (types.int64, types.int64)
+    return (
+        c_function(before_law, types.boolean, *integers).ctypes,
+        c_function(after_law, types.void, *integers).ctypes,
+        c_function(every_step, types.void, *integers).ctypes,
+    )

@@ -1,0 +1,30 @@
+"""Preview: torques sent with the setpoints, by a zero-phase inverse of the linear machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from gantrysim.base.arrays import Floats
+from gantrysim.servo.laws.law import Law, LawDesign
+from gantrysim.servo.parameter import Parameter
+
+SHARE = 0.25  # of the servo's frequency, the cut-off of the preview
+
+
+class Preview(Law):
+    """The law as one of the ladder. It has no linear model: its torques follow from the setpoints alone."""
+
+    name = "preview"
+    meaning = "torque sent with the setpoints, by a zero-phase inverse of the linear machine"
+    parameters = (Parameter("preview_bandwidth", "Hz", "cut-off of the zero-phase preview"),)
+    needs_known_base = True
+    inverts_machine = True
+
+    def derived(self, design: LawDesign) -> dict[str, float]:
+        return {"preview_bandwidth": SHARE / design.period}
+
+    def torque(self, invert: Callable[[Floats], Floats], position: Floats) -> Floats:
+        return invert(position)
+
+
+PREVIEW = Preview()
