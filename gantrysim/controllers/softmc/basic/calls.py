@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from gantrysim.controllers.softmc.basic import properties
 from gantrysim.controllers.softmc.basic.execution import Expression, Routine, RoutineFrame
 from gantrysim.controllers.softmc.basic.tree import Node, name_of, trees
-from gantrysim.controllers.softmc.basic.values import Value, Variable, converted
+from gantrysim.controllers.softmc.basic.values import INITIAL, Value, Variable, converted
 from gantrysim.controllers.softmc.commands import SoftMCError
 
 
@@ -42,8 +41,8 @@ def call(routine: Routine, arguments: Arguments, scope: RoutineFrame) -> Value:
     execution.check_depth(routine.name)
     variables = _passed(routine, arguments, scope)
     if routine.kind is not None:
-        initial: Any = 0.0 if routine.kind in ("long", "double") else "" if routine.kind == "string" else None
-        variables[routine.name.lower()] = Variable(routine.name, routine.kind, initial)
+        # the function's name is the variable that holds its value
+        variables[routine.name.lower()] = Variable(routine.name, routine.kind, INITIAL.get(routine.kind))
     execution.call(routine.code, variables)
     if routine.kind is None:
         return 0.0
@@ -59,6 +58,7 @@ def _passed(routine: Routine, arguments: Arguments, scope: RoutineFrame) -> dict
     for (parameter, by_value, kind), argument, name in zip(
         routine.parameters, arguments.values, arguments.names, strict=True
     ):
+        # an expression, a constant, or a variable of another kind cannot be assigned to by the routine
         variable = scope.find(name.lower()) if name is not None and not by_value else None
         if variable is not None and not variable.fixed and (isinstance(variable.value, list) or variable.kind == kind):
             variables[parameter.lower()] = variable

@@ -11,13 +11,12 @@ from gantrysim.controllers.softmc.basic.execution import Action, Routine, Routin
 from gantrysim.controllers.softmc.basic.expressions import expression, several
 from gantrysim.controllers.softmc.basic.tree import Node, child, optional, trees, word
 from gantrysim.controllers.softmc.basic.tree_assembler import CommandHandler
-from gantrysim.controllers.softmc.basic.values import Value, Variable, converted
+from gantrysim.controllers.softmc.basic.values import INITIAL, Value, Variable, converted
 from gantrysim.controllers.softmc.commands import SoftMCError
 
 command = Statements[CommandHandler]()
 
 _KINDS = {"long": "long", "double": "double", "string": "string", "joint": "point", "location": "point"}
-_INITIAL: dict[str, Value] = {"long": 0.0, "double": 0.0, "string": ""}
 
 
 def routine(tree: Node) -> Routine:
@@ -57,7 +56,7 @@ def cmd_dim(tree: Node) -> Action:
     def act(scope: RoutineFrame) -> None:
         execution = scope.execution
         for name, dimensions in sizes:
-            value: Value | None = _INITIAL.get(kind)
+            value: Value | None = INITIAL.get(kind)
             if is_group:
                 value = execution.elements.declared_group(name, axes)
             if initial is not None:

@@ -46,12 +46,14 @@ class Elements:
         """Return the element of a reserved name; None for a joint that the group has not."""
         if key in _SYSTEM:
             return self._registered("sys", "system")
-        if joint := _JOINT.fullmatch(key):
+        joint = _JOINT.fullmatch(key)
+        if joint is not None:
             return self._joint(int(joint[1]))
         return self._registered(key, "axis")
 
     def named(self, name: str) -> Element | None:
         """Return the element of another name, None for an unknown one; the first names the group if it has no name."""
+        # a program seldom declares its group: that stands in the controller's configuration
         if self.group is None or not self.group.name:
             self.focus().name = name
             self.by_name[name.lower()] = self.focus()

@@ -160,7 +160,7 @@ class Execution:
         line = self.clock.line
         self.run(code, variables)
         self.depth -= 1
-        self.clock.line = line
+        self.clock.line = line  # of the statement that goes on, for its errors
 
     def check_depth(self, name: str) -> None:
         """Raise SoftMCError where a call would be too deep within others."""
@@ -238,7 +238,7 @@ class Execution:
         of_motion = {**element.properties, **nodal}
         if "vcruise" in nodal and "vtran" in nodal:
             raise SoftMCError("vcruise and vtran: must be one of the two")
-        if "vcruise" in nodal:
+        if "vcruise" in nodal:  # the speed of the command comes before that of the group, whichever it is
             of_motion.pop("vtran", None)
         override = self.settings.override / 100
         factor = of_motion["vord"] / 100 * (self.elements.of_system("vord", 100.0) / 100) * override

@@ -15,6 +15,7 @@ from gantrysim.controllers.softmc.basic.tree import Node
 from gantrysim.controllers.softmc.commands import SoftMCError
 
 LONGEST = 1_000_000  # characters of a program
+# strings too, first, as an apostrophe within one begins no comment
 _COMMENT = re.compile(r"\"[^\"\n]*\"|'[^\n]*|^[ \t]*rem\b[^\n]*", re.IGNORECASE | re.MULTILINE)
 # what may stand first in a line besides commands and blocks: words of programs, and parts of blocks
 _OF_PROGRAMS = {"end", "function", "next", "program", "sub"}

@@ -143,6 +143,7 @@ class Timeline:
             raise SoftMCError("the motion has no finite duration: must be slower or shorter") from None
         if not duration <= LONGEST:
             raise SoftMCError(f"motion of {duration:g} s: must be at most {LONGEST:g} s")
+        # one motion may wait for its turn: the program goes on when the one before has begun
         if self._begins:
             self.clock = max(self.clock, self._begins[-1])
         self.rest(line)

@@ -223,6 +223,9 @@ FUNCTIONS: dict[str, Function] = {
     "sqrt": Function(math.sqrt),
 }
 
+# of variables by kind; others have no value until they are assigned
+INITIAL: dict[str, Value] = {"long": 0.0, "double": 0.0, "string": ""}
+
 CONSTANTS: dict[str, float] = {
     "on": 1.0,
     "off": 0.0,

@@ -179,7 +179,9 @@ class _Builder(Transformer):  # type: ignore[type-arg]
     def _branch(self, kind: str, children: list[Any]) -> list[Raw]:
         """An IF or ELSEIF, and the statements after it in its line."""
         word, condition, then = children
-        branch = then if isinstance(then, list) else [] if then is None else [then]
+        branch: list[Raw] = [] if then is None else [then]
+        if isinstance(then, list):  # an IF in the line of this one
+            branch = then
         is_inline = kind == "if" and bool(branch)
         return [Raw(kind, self.line_of(word), (condition,), is_inline), *branch]
 
