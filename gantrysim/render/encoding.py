@@ -89,15 +89,13 @@ def film_writer(
     if suffix == _MP4 and (width % 2 or height % 2):
         raise InputError(f"size of the video = {width} x {height}: must be even numbers of pixels")
     with replaced(file) as partial:
-        rate = Fraction(fps).limit_denominator(_FINEST_RATE)
-        frames = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(rate), "-i", "-"]
         options = _MP4_OPTIONS.split()
         if suffix == _GIF:
             palette = partial.with_name("palette.png")
             colours = _palette(samples())
             colours.save(palette)
             options = ["-i", str(palette), *_GIF_OPTIONS.split()]
-        command = [_encoder(), "-y", "-v", "error", *frames, *options, str(partial)]
+        command = [_encoder(), "-y", "-v", "error", *_frames(fps, size), *options, str(partial)]
         # imageio_ffmpeg.write_frames ignores the exit status: a film that a full disk cuts off would pass as whole
         # a new session keeps Ctrl-C away from it; with Python's ignored signals it reports a limit on file sizes
         encoder = subprocess.Popen(
@@ -135,6 +133,13 @@ def film_writer(
             stderr.close()
         if not complete or encoder.returncode:
             raise InputError(f"file {file}: cannot be written: {_reason(messages, encoder.returncode)}")
+
+
+def _frames(fps: float, size: tuple[int, int]) -> list[str]:
+    """Return the encoder's arguments for frames without headers from its standard input."""
+    width, height = size
+    rate = Fraction(fps).limit_denominator(_FINEST_RATE)
+    return ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(rate), "-i", "-"]
 
 
 class NoEncoderError(GantryError, RuntimeError):

@@ -13,6 +13,7 @@ import gantrysim
 from gantrysim.machine.kinematics import KINEMATICS
 
 PACKAGE = Path(gantrysim.__file__).parent
+ARCHITECTURE = Path(__file__).parent.parent.parent / "docs" / "architecture.md"
 
 SCARA = '''"""Two arms in series that turn about parallel hinges, and carry the nozzle in a plane."""
 
@@ -171,6 +172,8 @@ def _copied_if_there(source, target):
 
 def test_a_kinematics_is_added_by_its_file_and_its_line(fresh, tmp_path):
     """In a copy of the package: machine, checks, run, budget and causes ask it through its interface."""
+    recipe = "**Kinematics** are a class in a file of `machine/kinematics/` and its line in `KINEMATICS` there"
+    assert recipe in " ".join(ARCHITECTURE.read_text(encoding="utf-8").split())
     copy = shutil.copytree(PACKAGE, tmp_path / "gantrysim", copy_function=_copied_if_there)
     (copy / "machine" / "kinematics" / "scara.py").write_text(SCARA, encoding="utf-8")
     registry = copy / "machine" / "kinematics" / "__init__.py"
