@@ -21,7 +21,7 @@ from .machine.machine import Machine as Machine
 from .metrics.budget import Budget as Budget
 from .record.fault import Fault as Fault
 from .record.run import Run as Run
-from .servo.law import Tick as Tick
+from .servo.laws.plain import Tick as Tick
 from .servo.servo import Servo as Servo
 
 __version__: str
