@@ -45,3 +45,10 @@ def test_the_sdist_holds_sources_tests_and_scripts(at_root, tmp_path):
 def test_the_links_at_the_top_lead_into_the_package():
     for name in ("models", "controllers"):
         assert (ROOT / name).readlink() == Path("gantrysim") / name
+
+
+def test_every_public_name_can_be_imported():
+    """Each is imported at its first use: a stale module in the stub would fail only there."""
+    for name in gantrysim.__all__:
+        getattr(gantrysim, name)
+    assert {"Job", "Machine", "Run", "Servo", "Tick"} <= set(gantrysim.__all__)
