@@ -15,7 +15,8 @@ def name_and_unit(head: str) -> tuple[str, str]:
     if not text.endswith(tuple(_CLOSING)):
         return text, ""
     inside = max(text.rfind(bracket, 0, -1) for bracket in _CLOSING) + 1
-    begins = [place for bracket in _OPENING if (place := text.find(bracket, inside)) >= 0]
-    if not begins:
+    openings = [text.find(bracket, inside) for bracket in _OPENING]
+    if max(openings) < 0:
         return text, ""
-    return text[: min(begins)].rstrip(), text[min(begins) + 1 : -1].strip()
+    first = min(opening for opening in openings if opening >= 0)
+    return text[:first].rstrip(), text[first + 1 : -1].strip()

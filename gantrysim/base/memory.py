@@ -79,7 +79,10 @@ def check_ticks(ticks: float, what: str, remedy: str) -> None:
         )
     needed = needed_files(ticks)
     folder = tempfile.gettempdir()
-    if needed and needed > (free := float(shutil.disk_usage(folder).free)):
+    if not needed:
+        return
+    free = float(shutil.disk_usage(folder).free)
+    if needed > free:
         raise InputError(
             f"{what}: makes {ticks:.3g} ticks, which need about {needed / _GB:.3g} GB of temporary files, where "
             f"{free / _GB:.3g} GB are free in {folder}; {remedy}, or set TMPDIR to a folder with more room"

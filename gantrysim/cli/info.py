@@ -69,13 +69,17 @@ def jobs_table() -> Table:
     return table
 
 
+def _default_text(value: str | float | None) -> str:
+    if value is None:
+        return "derived"
+    return value if isinstance(value, str) else f"{value:g}"
+
+
 def settings_table() -> Table:
     """Return the servo settings with their defaults."""
     table = _table("servo settings, as in --set servo.damping=0.7", ("setting", "default", "description"))
     for name, field in ServoSettings.model_fields.items():
-        value = field.default
-        default = "derived" if value is None else value if isinstance(value, str) else f"{value:g}"
-        table.add_row(name, default, escape(field.description or ""))
+        table.add_row(name, _default_text(field.default), escape(field.description or ""))
     table.caption = "derived: from the axes, unless given as one number or a list of one per axis"
     return table
 

@@ -72,13 +72,14 @@ class Trace:
             nozzle = np.column_stack([columns.get(axis, np.full(len(columns["x"]), np.nan)) for axis in "xyz"])
             if "z" not in of_nozzle:
                 notes.append("nozzle in z is not measured: that of the command")
-        if not axes and nozzle is None:
+        columns_measured = [*axes.values(), *([] if nozzle is None else [nozzle])]
+        if not columns_measured:
             raise InputError(
                 f"{log.label}: no position is measured: --columns must name some of {', '.join(sorted(quantities))}; "
                 f"columns are {', '.join(log.columns)}"
             )
-        size = len(next(iter(axes.values()))) if axes else len(nozzle if nozzle is not None else ())
-        return cls(_times(log, sources.get("time"), period, size), axes, nozzle, tuple(notes))
+        time = _times(log, sources.get("time"), period, len(columns_measured[0]))
+        return cls(time, axes, nozzle, tuple(notes))
 
 
 def _times(log: Log, source: Source | None, period: float | None, size: int) -> Floats:

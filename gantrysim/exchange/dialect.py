@@ -165,4 +165,5 @@ class Dialect(ABC):
 
 def by_name(pattern: str, text: str, flags: re.RegexFlag = re.IGNORECASE) -> list[tuple[str, ...]]:
     """Return the groups of every line that matches as a whole."""
-    return [matched.groups() for line in text.splitlines() if (matched := re.fullmatch(pattern, line.strip(), flags))]
+    matches = [re.fullmatch(pattern, line.strip(), flags) for line in text.splitlines()]
+    return [match.groups() for match in matches if match]

@@ -29,8 +29,14 @@ def headline(budget: Budget) -> str:
         exactly = "" if along else " exactly"
         return f"Contour error: none, the nozzle follows the requested path{exactly}.{along}"
     link, part = max(budget.values.parts.items(), key=lambda item: item[1].share)
-    share = "almost all" if part.share >= _ALMOST_ALL else "mostly" if part.share > _MOST else "the largest share"
-    return f"Contour error: {_size(contour.rms)} rms, {share} in {link} ({DESCRIPTIONS[link]}).{along}"
+    portion = _portion(part.share)
+    return f"Contour error: {_size(contour.rms)} rms, {portion} in {link} ({DESCRIPTIONS[link]}).{along}"
+
+
+def _portion(share: float) -> str:
+    if share >= _ALMOST_ALL:
+        return "almost all"
+    return "mostly" if share > _MOST else "the largest share"
 
 
 def happened(run: Run) -> str:

@@ -38,12 +38,12 @@ class Bodies:
             name = shown.body(body).name
             parent = int(shown.body_parentid[body])
             same = same and body < simulated.nbody and name == simulated.body(body).name
-            simulated_body = (
-                mujoco.mj_name2id(simulated, mujoco.mjtObj.mjOBJ_BODY, name) if name else (body if same else -1)
-            )
-            self._source[body], self._target[body] = (
-                (body, simulated_body) if simulated_body > 0 else (self._source[parent], self._target[parent])
-            )
+            simulated_body = body if same else -1
+            if name:
+                simulated_body = mujoco.mj_name2id(simulated, mujoco.mjtObj.mjOBJ_BODY, name)
+            # a body that is displayed alone passes its force on to the nearest one above it that is simulated
+            self._source[body] = body if simulated_body > 0 else self._source[parent]
+            self._target[body] = simulated_body if simulated_body > 0 else self._target[parent]
         if shown.nbody > 1 and simulated.nbody > 1 and not self._target.any():
             raise InputError("the displayed model has no body of the simulated one")
 

@@ -153,8 +153,8 @@ class Live:
     def go(self, moment: float) -> None:
         wanted = math.floor(moment / self._simulation.setpoints.period + _ROUNDING) + 1
         begun = self._timer()
-        while (done := self._stepper.run.ticks) < wanted and not self.over:
-            self._advance(min(done + self._chunk, wanted))
+        while self._stepper.run.ticks < wanted and not self.over:
+            self._advance(min(self._stepper.run.ticks + self._chunk, wanted))
             if self._timer() - begun > self._patience:
                 break
 

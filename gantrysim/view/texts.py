@@ -94,9 +94,12 @@ def moment_texts(name: str, source: Source, telemetry: Telemetry, view: ViewStat
         values.append(("", "ended" if ended else "paused"))
     fault = source.fault
     lines = textwrap.wrap(plain(str(fault)), _WIDTH) if fault is not None else []
+    keys: tuple[Row, ...] = (_HINT,)
+    if view.keys:
+        keys = LIVE_KEYS if source.live else REPLAY_KEYS
     return Texts(
         tuple(values),
-        (LIVE_KEYS if source.live else REPLAY_KEYS) if view.keys else (_HINT,),
+        keys,
         tuple(("" if number else "fault", line) for number, line in enumerate(lines)),
     )
 
