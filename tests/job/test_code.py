@@ -191,7 +191,7 @@ def test_a_record_is_read_without_its_code_and_its_job_does_not_run(either, code
         )
     key, builtin, _ = code
     replaced = read.changed({key: builtin})
-    assert replaced.built_servo.law == ("pid",)
+    assert replaced.built_servo.laws.names == ("pid",)
     assert replaced.controller.speed == read.program["speed"]
     assert not has_run(either)
 
