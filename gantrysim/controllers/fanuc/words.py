@@ -30,7 +30,7 @@ class Words(Source):
     auxiliary: tuple[float, ...]
     values: dict[str, float]
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """The G and M codes by their names."""
         return (*self.g_names, *self.m_names)
