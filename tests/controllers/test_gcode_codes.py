@@ -12,7 +12,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.controllers.fanuc.codes import AUXILIARY, g_codes
 from gantrysim.controllers.fanuc.sequence import CALLS, ENDS
 from gantrysim.controllers.gcode.codes import CODES, Kind
-from gantrysim.controllers.gcode.codes.code import SLICER, setting
+from gantrysim.controllers.gcode.codes.code_table import SLICER, setting
 from gantrysim.controllers.gcode.linuxcnc import Program as LinuxCNC
 
 ROOT = Path(__file__).parent.parent.parent
@@ -23,7 +23,7 @@ PAGE = (ROOT / "docs" / "g-code.md").read_text(encoding="utf-8")
 SQUARE = '''
 
 @action()
-def g13_1(state: State, block: Block) -> None:
+def g13_1(state: ProgramState, block: WordBlock) -> None:
     """Square of the side I at the rapid speed, counter-clockwise from its first corner."""
     x, y, z = state.frames.here
     side = state.frames.axis(0, block.values.pop("I"))
@@ -32,11 +32,11 @@ def g13_1(state: State, block: Block) -> None:
 '''
 COMMAND = '''
 
-from gantrysim.controllers.gcode.codes.code import command
+from gantrysim.controllers.gcode.codes.code_table import command
 
 
 @command()
-def square(state: State, block: Block) -> None:
+def square(state: ProgramState, block: WordBlock) -> None:
     """Square of the side SIDE at the feed."""
     x, y, z = state.frames.here
     side = float(block.arguments.removeprefix("SIDE="))
@@ -46,7 +46,7 @@ def square(state: State, block: Block) -> None:
 FANUC = '''
 
 @action
-def g13(state: State, words: Words) -> list[Block]:
+def g13(state: ModalState, words: Words) -> list[Block]:
     """Square of the side I at the rapid speed, counter-clockwise from its first corner."""
     x, y, _ = state.here
     side = words.values.pop("I") * state.unit
@@ -59,7 +59,7 @@ sys.path.insert(0, sys.argv[1])
 import gantrysim
 from gantrysim.controllers.fanuc import Program as Fanuc
 from gantrysim.controllers.gcode.linuxcnc import Program as LinuxCNC
-from gantrysim.controllers.gcode.moves import END
+from gantrysim.controllers.gcode.move_table import END
 from gantrysim.controllers.gcode.slicer import Program as Slicer
 
 def ends(program):
@@ -86,9 +86,9 @@ def shown(fresh, tmp_path_factory):
     folder = tmp_path_factory.mktemp("codes")
     copy = shutil.copytree(PACKAGE, folder / "gantrysim", copy_function=_copied_if_there)
     for file, text in (
-        ("gcode/codes/motion.py", SQUARE),
+        ("gcode/codes/motions.py", SQUARE),
         ("gcode/codes/printing.py", COMMAND),
-        ("fanuc/codes/coordinates.py", FANUC),
+        ("fanuc/codes/zero_points.py", FANUC),
     ):
         path = copy / "controllers" / file
         path.write_text(path.read_text(encoding="utf-8") + text, encoding="utf-8")

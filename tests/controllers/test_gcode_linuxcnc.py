@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.dialect import Dispense
+from gantrysim.controllers.gcode.dialects import Dispense
 from gantrysim.controllers.gcode.lines import GRAMMAR
 from gantrysim.controllers.gcode.linuxcnc import Program
-from gantrysim.controllers.gcode.moves import ANGLE, END, FEED, GLUE, KIND, SOURCE
-from gantrysim.controllers.macro.expressions import Scanner
+from gantrysim.controllers.gcode.move_table import ANGLE, END, FEED, GLUE, KIND, SOURCE
+from gantrysim.controllers.macro.scanner import Scanner
 
 LARGE = "9" * 200  # its square is infinite
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.linuxcnc import Program
-from gantrysim.controllers.gcode.moves import END
+from gantrysim.controllers.gcode.move_table import END
 from gantrysim.controllers.placement import Placement
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.kinds import path_of

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.dialect import Dispense
-from gantrysim.controllers.gcode.moves import END, FEED, FLOW, GLUE, KIND
+from gantrysim.controllers.gcode.dialects import Dispense
+from gantrysim.controllers.gcode.move_table import END, FEED, FLOW, GLUE, KIND
 from gantrysim.controllers.gcode.slicer import Program
 
 PART = """; layer 0

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.fanuc.computed import GRAMMAR as FANUC
 from gantrysim.controllers.gcode.lines import GRAMMAR as LINUXCNC
-from gantrysim.controllers.macro.expressions import Scanner
-from gantrysim.controllers.macro.flow import END, Flow, Places
-from gantrysim.controllers.macro.operators import OPERATORS, Grammar, Operator
-from gantrysim.controllers.macro.parameters import Numbering, Parameters
+from gantrysim.controllers.macro.grammar import OPERATORS, BinaryOperator, Grammar
+from gantrysim.controllers.macro.order import END, Flow, Places
+from gantrysim.controllers.macro.scanner import Scanner
+from gantrysim.controllers.macro.variables import Numbering, Parameters
 
 
 def parameters(local=3, highest=9):
@@ -28,7 +28,7 @@ def value(text, grammar, store=None):
 
 def test_operators_and_functions_are_spelled_as_the_dialect_says():
     grammar = Grammar(
-        operators={"PLUS": OPERATORS["+"], "TIMES": OPERATORS["*"], "CUT": Operator(9, lambda a, b: min(a, b))},
+        operators={"PLUS": OPERATORS["+"], "TIMES": OPERATORS["*"], "CUT": BinaryOperator(9, lambda a, b: min(a, b))},
         functions={"HALF": lambda x: x / 2},
         arc_tangent="ANGLE",
         existence="KNOWN",

@@ -60,7 +60,7 @@ class Alarm(InputError):  # noqa: N818 - the controller's own word
 
 
 @dataclass(frozen=True)
-class Source:
+class BlockSource:
     """Where a block comes from: its name and its line, as in `Alarm`."""
 
     name: str

@@ -13,7 +13,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.controllers.fanuc.blocks import FRAMES
-from gantrysim.controllers.fanuc.legs import Leg
+from gantrysim.controllers.fanuc.legs import PathLeg
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Coil, Frame, Line, Vector, vector
 
@@ -22,7 +22,7 @@ _SHARP = math.pi / 2 + 1e-9  # largest outer corner of lines that is not cut off
 _SLIGHT = math.radians(5)  # largest inner corner that a short bridge may cross
 
 
-def compensated(legs: list[Leg]) -> list[Leg]:
+def compensated(legs: list[PathLeg]) -> list[PathLeg]:
     """Return the motions, offset where their compensation is not 0.
 
     Stops and motions along the plane's normal take place on the offset path.
@@ -34,7 +34,7 @@ def compensated(legs: list[Leg]) -> list[Leg]:
     if not any(leg.compensation for leg in legs):
         return legs
     in_plane = [k for k, leg in enumerate(legs) if _runs_in_plane(leg)]
-    runs: dict[int, list[Leg]] = {}  # what becomes of each of them
+    runs: dict[int, list[PathLeg]] = {}  # what becomes of each of them
     for n, k in enumerate(in_plane):
         leg = legs[k]
         before = legs[in_plane[n - 1]] if n else None
@@ -50,14 +50,14 @@ def compensated(legs: list[Leg]) -> list[Leg]:
             _check_plane(before, leg)
             run = runs[in_plane[n - 1]]
             run[-1], runs[k] = _joined(run[-1], replace(leg, piece=_beside(leg)))
-    beside: list[Leg] = []
+    beside: list[PathLeg] = []
     for k, leg in enumerate(legs):
         last = next((other for other in reversed(beside) if other.piece is not None), None)
         beside += runs.get(k) or [leg if last is None else _moved(leg, _end(last))]
     return beside
 
 
-def _check_plane(before: Leg, leg: Leg) -> None:
+def _check_plane(before: PathLeg, leg: PathLeg) -> None:
     """Compensation lies in one plane: the ends of two motions beside their paths meet in no other."""
     if leg.plane != before.plane:
         raise leg.source.fail(
@@ -65,11 +65,11 @@ def _check_plane(before: Leg, leg: Leg) -> None:
         )
 
 
-def _runs_in_plane(leg: Leg) -> bool:
+def _runs_in_plane(leg: PathLeg) -> bool:
     return isinstance(leg.piece, Coil) or (leg.piece is not None and bool(_normal(leg.piece).any()))
 
 
-def _moved(leg: Leg, there: Vector) -> Leg:
+def _moved(leg: PathLeg, there: Vector) -> PathLeg:
     """A stop, or a motion along the plane's normal, at another place of the plane."""
     start = _level(there, leg.start, leg)
     if not isinstance(leg.piece, Line):
@@ -77,14 +77,14 @@ def _moved(leg: Leg, there: Vector) -> Leg:
     return replace(leg, start=start, piece=replace(leg.piece, start=start, end=_level(there, leg.piece.end, leg)))
 
 
-def _level(place: Vector, height: Vector, leg: Leg) -> Vector:
+def _level(place: Vector, height: Vector, leg: PathLeg) -> Vector:
     """A place in the plane of a motion, at another height."""
     u, v = np.array(getattr(leg.piece, "frame", FRAMES["xy"]))
     w = np.cross(u, v)
     return vector(np.array(place) + ((np.array(height) - place) @ w) * w)
 
 
-def _beside(leg: Leg) -> Line | Coil | None:
+def _beside(leg: PathLeg) -> Line | Coil | None:
     piece = leg.piece
     d = leg.compensation
     if piece is None or d == 0:
@@ -110,13 +110,13 @@ def _normal(line: Line) -> Floats:
     return (a * v - b * u) / size if size > _GAP else np.zeros(3)
 
 
-def _start_up(leg: Leg, follows: Leg) -> Leg:
+def _start_up(leg: PathLeg, follows: PathLeg) -> PathLeg:
     """The move that starts the compensation: it ends where the next motion begins beside its path."""
     beside = replace(follows, piece=_beside(follows))
     return _between(leg, _start(leg), _end(beside) if follows is leg else _start(beside))
 
 
-def _between(leg: Leg, start: Vector, end: Vector) -> Leg:
+def _between(leg: PathLeg, start: Vector, end: Vector) -> PathLeg:
     """A straight move between other places of its plane, at the same heights."""
     if not isinstance(leg.piece, Line):
         raise leg.source.fail(34, "cutter compensation begins or ends in an arc: must be in a straight move")
@@ -125,7 +125,7 @@ def _between(leg: Leg, start: Vector, end: Vector) -> Leg:
     return replace(leg, start=first, piece=replace(leg.piece, start=first, end=last))
 
 
-def _joined(before: Leg, leg: Leg) -> tuple[Leg, list[Leg]]:
+def _joined(before: PathLeg, leg: PathLeg) -> tuple[PathLeg, list[PathLeg]]:
     """Join a motion to the one before, extending or cutting either."""
     there = _start(leg)
     here = _level(_end(before), there, leg)
@@ -146,7 +146,7 @@ def _joined(before: Leg, leg: Leg) -> tuple[Leg, list[Leg]]:
     return before, [*_bridge(before, leg, here, there, 0.0 if inside or not same else abs(corner)), leg]
 
 
-def _bridge(before: Leg, leg: Leg, here: Vector, there: Vector, corner: float) -> list[Leg]:
+def _bridge(before: PathLeg, leg: PathLeg, here: Vector, there: Vector, corner: float) -> list[PathLeg]:
     """Straight moves from the end of one motion to the start of the next.
 
     At an outer corner both are extended to where they meet, but by no more than the offset d: a straight line
@@ -165,7 +165,7 @@ def _bridge(before: Leg, leg: Leg, here: Vector, there: Vector, corner: float) -
     return bridge
 
 
-def _cut(leg: Leg, start: Vector, end: Vector) -> Leg:
+def _cut(leg: PathLeg, start: Vector, end: Vector) -> PathLeg:
     cut = _between(leg, start, end)
     if np.subtract(end, start) @ _direction(leg, 0) <= 0:
         raise leg.source.fail(
@@ -174,7 +174,7 @@ def _cut(leg: Leg, start: Vector, end: Vector) -> Leg:
     return cut
 
 
-def _corner(before: Leg, leg: Leg) -> float:
+def _corner(before: PathLeg, leg: PathLeg) -> float:
     """Angle from the end of one motion to the start of the next, positive to the left [rad]."""
     u, v = np.array(_frame(leg))
     first = _direction(before, 1)
@@ -182,7 +182,7 @@ def _corner(before: Leg, leg: Leg) -> float:
     return float(np.angle(complex(second @ u, second @ v) / complex(first @ u, first @ v)))
 
 
-def _direction(leg: Leg, end: int) -> Floats:
+def _direction(leg: PathLeg, end: int) -> Floats:
     """Unit vector in the plane along a motion at its start, 0, or its end, 1."""
     u, v = np.array(_frame(leg))
     if isinstance(leg.piece, Line):
@@ -194,21 +194,21 @@ def _direction(leg: Leg, end: int) -> Floats:
     return flat / np.linalg.norm(flat)
 
 
-def _frame(leg: Leg) -> Frame:
+def _frame(leg: PathLeg) -> Frame:
     assert leg.piece is not None
     return leg.piece.frame
 
 
-def _chain(leg: Leg) -> Chain:
+def _chain(leg: PathLeg) -> Chain:
     assert leg.piece is not None
     return Chain([leg.piece])
 
 
-def _start(leg: Leg) -> Vector:
+def _start(leg: PathLeg) -> Vector:
     return leg.piece.start if isinstance(leg.piece, Line) else vector(_chain(leg).position(0.0)[0])
 
 
-def _end(leg: Leg) -> Vector:
+def _end(leg: PathLeg) -> Vector:
     if isinstance(leg.piece, Line):
         return leg.piece.end
     chain = _chain(leg)

@@ -7,18 +7,18 @@ import re
 from collections.abc import Iterator
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.fanuc.alarm import Source
-from gantrysim.controllers.fanuc.words import LETTERS, Words
-from gantrysim.controllers.macro.expressions import Scanner
-from gantrysim.controllers.macro.operators import FUNCTIONS, OPERATORS, Grammar, rounded_from_zero, rounded_to_zero
-from gantrysim.controllers.macro.parameters import Parameters
+from gantrysim.controllers.fanuc.alarm import BlockSource
+from gantrysim.controllers.fanuc.block_words import LETTERS, Words
+from gantrysim.controllers.macro.grammar import FUNCTIONS, OPERATORS, Grammar, rounded_from_zero, rounded_to_zero
+from gantrysim.controllers.macro.scanner import Scanner
+from gantrysim.controllers.macro.variables import Parameters
 
 GRAMMAR = Grammar(OPERATORS, {**FUNCTIONS, "FIX": rounded_to_zero, "FUP": rounded_from_zero})
 _ARGUMENT_LETTERS = "EUVW"  # which only a call has, for its arguments
 _VARIABLE = re.compile(r"#([0-9]+)")
 
 
-def computed_words(text: str, source: Source, variables: Parameters) -> Words:
+def computed_words(text: str, source: BlockSource, variables: Parameters) -> Words:
     """Return the words of a block without spaces, with the values that they have now.
 
     Raises:
@@ -42,7 +42,7 @@ def computed_words(text: str, source: Source, variables: Parameters) -> Words:
     return Words(source.name, source.line, tuple(codes), tuple(auxiliary), values)
 
 
-def _numbers(text: str, source: Source, variables: Parameters) -> Iterator[tuple[str, float]]:
+def _numbers(text: str, source: BlockSource, variables: Parameters) -> Iterator[tuple[str, float]]:
     """The letters of a block and their values, without those of variables that were never set."""
     scanner = Scanner(text, GRAMMAR)
     while scanner.remaining:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from gantrysim.controllers.fanuc.block_paths import piece_of
 from gantrysim.controllers.fanuc.blocks import Dwell, Rapid, Spiral
-from gantrysim.controllers.fanuc.geometry import piece_of
-from gantrysim.controllers.fanuc.text import SourceLine
+from gantrysim.controllers.fanuc.program_text import SourceBlock
 from gantrysim.controllers.placement import Placement
 from gantrysim.paths.pieces import Coil, Line, Vector, vector
 
@@ -15,7 +15,7 @@ _SHORTEST = 1e-6  # length of a line; less is rounding of incremental coordinate
 
 
 @dataclass(frozen=True)
-class Leg:
+class PathLeg:
     """One motion.
 
     Attributes:
@@ -32,7 +32,7 @@ class Leg:
         rapid: whether it is run at the rapid feed.
     """
 
-    source: SourceLine
+    source: SourceBlock
     start: Vector
     piece: Line | Coil | None
     rotary: tuple[float, float]
@@ -59,8 +59,8 @@ class Leg:
 
 
 def legs_of(
-    blocks: tuple[SourceLine, ...], start: Vector, rapid: float, end_tolerance: float, arc_tolerance: float
-) -> list[Leg]:
+    blocks: tuple[SourceBlock, ...], start: Vector, rapid: float, end_tolerance: float, arc_tolerance: float
+) -> list[PathLeg]:
     """Return the consecutive motions of blocks.
 
     Args:
@@ -80,7 +80,7 @@ def legs_of(
     for line in blocks:
         block = line.block
         if isinstance(block, Dwell):
-            legs.append(Leg(line, here, None, (angle, angle), 0.0, dispense=block.dispense, dwell=block.time))
+            legs.append(PathLeg(line, here, None, (angle, angle), 0.0, dispense=block.dispense, dwell=block.time))
             continue
         if not isinstance(block, Rapid) and block.feed is not None:
             feed = block.feed
@@ -93,7 +93,7 @@ def legs_of(
         turned = angle if block.rotary is None else block.rotary
         dispense = block.dispense if block.dispense is not None else not isinstance(block, Rapid)
         legs.append(
-            Leg(
+            PathLeg(
                 source=line,
                 start=here,
                 piece=None if still else piece,
@@ -112,7 +112,7 @@ def legs_of(
     return legs
 
 
-def placed(legs: list[Leg], placement: Placement) -> list[Leg]:
+def placed(legs: list[PathLeg], placement: Placement) -> list[PathLeg]:
     """Return the motions where a program lies on the work."""
     if placement == Placement():
         return legs

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gantrysim.controllers.fanuc.legs import Leg
+from gantrysim.controllers.fanuc.legs import PathLeg
 from gantrysim.paths.chain import Chain
 
 
-def notes_of(legs: Sequence[Leg], path: Chain, blend_time: float, acceleration: float) -> tuple[str, ...]:
+def notes_of(legs: Sequence[PathLeg], path: Chain, blend_time: float, acceleration: float) -> tuple[str, ...]:
     """Return the notes on the motions of a program.
 
     Args:
@@ -35,7 +35,7 @@ def notes_of(legs: Sequence[Leg], path: Chain, blend_time: float, acceleration: 
     return (*notes, *(() if blend_time else _stops(legs, path, acceleration)))
 
 
-def _stops(legs: Sequence[Leg], path: Chain, acceleration: float) -> tuple[str, ...]:
+def _stops(legs: Sequence[PathLeg], path: Chain, acceleration: float) -> tuple[str, ...]:
     """Return the note on corners at which motions stop, where they are too short to reach their feed or in G64."""
     lengths = np.diff(path.ends, prepend=0.0)
     pieces = iter(range(lengths.size))

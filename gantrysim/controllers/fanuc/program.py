@@ -17,11 +17,11 @@ from gantrysim.base.errors import InputError, at_least, finite, place, positive,
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
 from gantrysim.controllers.fanuc.compensation import compensated
-from gantrysim.controllers.fanuc.feeding import Clamp, Feeding
-from gantrysim.controllers.fanuc.legs import Leg, legs_of, placed
+from gantrysim.controllers.fanuc.feed_clamp import Clamp, Feeding
+from gantrysim.controllers.fanuc.legs import PathLeg, legs_of, placed
 from gantrysim.controllers.fanuc.notes import notes_of
+from gantrysim.controllers.fanuc.program_text import SPEEDS, SourceBlock, read
 from gantrysim.controllers.fanuc.speed import PER_MINUTE, Planner
-from gantrysim.controllers.fanuc.text import SPEEDS, SourceLine, read
 from gantrysim.controllers.placement import Placement
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Vector, vector
@@ -152,12 +152,12 @@ class Program(Controller):
             raise InputError("program: moves none of x, y, z; must have a block that does")
 
     @cached_property
-    def legs(self) -> tuple[Leg, ...]:
+    def legs(self) -> tuple[PathLeg, ...]:
         """The motions of the blocks."""
         if isinstance(self.program, str):
             blocks = read(self.program, self.start, self.offsets, self.rotary_word, self.block_skip, self.max_steps)
         else:
-            blocks = tuple(SourceLine(f"block {k}", 0, _block(item, k)) for k, item in enumerate(self.program, 1))
+            blocks = tuple(SourceBlock(f"block {k}", 0, _block(item, k)) for k, item in enumerate(self.program, 1))
         legs = legs_of(blocks, self.start, self.rapid, self.end_point_tolerance, self.radius_tolerance)
         whole("max_steps", self.max_steps, 1)
         return tuple(placed(compensated(legs), self.placement))
@@ -192,7 +192,7 @@ class Program(Controller):
             here = (x, y, z)
         return tuple(parts)
 
-    def _with_holds(self) -> Iterator[Leg]:
+    def _with_holds(self) -> Iterator[PathLeg]:
         """The motions; stops are longer by the moving average, which comes to rest in them."""
         for leg in self.legs:
             yield replace(leg, dwell=leg.dwell + self.blend_time) if leg.dwell > 0 else leg
@@ -246,7 +246,7 @@ def _block(item: object, k: int) -> Block:
     return item
 
 
-def _stretch(legs: list[Leg], feeding: Feeding, begun: float) -> _Part:
+def _stretch(legs: list[PathLeg], feeding: Feeding, begun: float) -> _Part:
     chain = Chain(leg.piece for leg in legs if leg.piece is not None)
     profile = Planner(legs, chain, feeding).profile(begun)
     rotary = np.array([leg.rotary for leg in legs])
@@ -263,7 +263,7 @@ def _stretch(legs: list[Leg], feeding: Feeding, begun: float) -> _Part:
     return _Part(profile.duration, sample)
 
 
-def _in_place(leg: Leg, here: Vector, feeding: Feeding) -> _Part:
+def _in_place(leg: PathLeg, here: Vector, feeding: Feeding) -> _Part:
     """A stop, or a motion of the rotary axis alone."""
     first, last = leg.rotary
     speed = min(leg.feed, feeding.rotary_velocity)

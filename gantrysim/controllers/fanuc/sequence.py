@@ -12,15 +12,15 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.fanuc.alarm import Alarm, Source
+from gantrysim.controllers.fanuc.alarm import Alarm, BlockSource
+from gantrysim.controllers.fanuc.block_words import COMMENT, Words, words_of
 from gantrysim.controllers.fanuc.computed import GRAMMAR, computed_words
-from gantrysim.controllers.fanuc.words import COMMENT, Words, words_of
-from gantrysim.controllers.macro.expressions import Scanner
-from gantrysim.controllers.macro.flow import END, Fault, Flow
-from gantrysim.controllers.macro.parameters import Numbering, Parameters, Scope, System
+from gantrysim.controllers.macro.order import END, Flow, FlowRefusal
+from gantrysim.controllers.macro.scanner import Scanner
+from gantrysim.controllers.macro.variables import LocalParameters, Numbering, Parameters, System
 
 _NUMBERING = Numbering(local=33, highest=9999)
-_ALARMS = {Fault.STEPS: 114, Fault.DEPTH: 77, Fault.UNMATCHED: 124}
+_ALARMS = {FlowRefusal.STEPS: 114, FlowRefusal.DEPTH: 77, FlowRefusal.UNMATCHED: 124}
 _MOST_DIGITS = 20  # of a block's or program's number
 _MACRO = re.compile(r"[#\[=]|^(?:N\s*[0-9]+\s*)?(?:IF|WHILE|GOTO|DO|END|G\s*0*65(?![0-9.]))")
 _LABEL = re.compile(r"N\s*([0-9]+)")
@@ -55,7 +55,7 @@ def call(handler: CallHandler) -> CallHandler:
 
 
 @dataclass(frozen=True)
-class _Block(Source):
+class _ProgramBlock(BlockSource):
     text: str
 
 
@@ -71,7 +71,7 @@ class Sequence(Flow[Words]):
 
     def __init__(self, text: str, skip: bool, most_steps: int, system: System) -> None:
         super().__init__(Parameters(system, _NUMBERING), most_steps, "blocks")
-        self._blocks: list[_Block] = []
+        self._blocks: list[_ProgramBlock] = []
         self._programs: dict[int, int] = {}  # first blocks, by number
         for line, written in enumerate(text.splitlines(), 1):
             for part in re.sub(COMMENT, " ", written).split(";"):
@@ -85,9 +85,9 @@ class Sequence(Flow[Words]):
                 program = _PROGRAM.match("".join(plain.split()))
                 if program:
                     self._programs.setdefault(_numbered(program[1]), len(self._blocks))
-                self._blocks.append(_Block(f"block {len(self._blocks) + 1}", line, plain))
+                self._blocks.append(_ProgramBlock(f"block {len(self._blocks) + 1}", line, plain))
         self._starts = sorted({0, *self._programs.values()})
-        self._source: Source = Source("block 1", 0)
+        self._source: BlockSource = BlockSource("block 1", 0)
         self._mark_labels()
 
     def _mark_labels(self) -> None:
@@ -114,15 +114,15 @@ class Sequence(Flow[Words]):
         # the main program ends where another begins
         return self.depth > 0 or place == 0 or place not in self._starts
 
-    def refusal(self, fault: Fault, detail: str) -> Alarm:
+    def refusal(self, fault: FlowRefusal, detail: str) -> Alarm:
         # the step that is too many has not begun: the source is still that of the step before
-        source = self._blocks[self.place] if fault is Fault.STEPS else self._source
+        source = self._blocks[self.place] if fault is FlowRefusal.STEPS else self._source
         return source.fail(_ALARMS[fault], detail)
 
     def unmatched(self, label: Hashable, words: tuple[str, ...], ahead: bool) -> Alarm:
         assert isinstance(label, tuple)
         detail = f"{words[0]}{label[1]}: must be in the program, to match this block"
-        return self.refusal(Fault.UNMATCHED, detail)
+        return self.refusal(FlowRefusal.UNMATCHED, detail)
 
     def execute(self) -> Executed:
         block = self._blocks[self.place]
@@ -139,12 +139,12 @@ class Sequence(Flow[Words]):
             following = END
         return following, words if words.names or words.values else None
 
-    def _executed(self, block: _Block) -> Executed:
+    def _executed(self, block: _ProgramBlock) -> Executed:
         if not _MACRO.search(block.text):
             return self._called(words_of(block.text, block.name, block.line))
         label = _LABEL.match(block.text)
         compact = "".join(block.text[label.end() if label else 0 :].split())
-        self._source = Source(f"N{label[1]}" if label else block.name, block.line)
+        self._source = BlockSource(f"N{label[1]}" if label else block.name, block.line)
         for word, handler in _CONTROLS.items():
             if compact.startswith(word):
                 scanner = Scanner(compact, GRAMMAR)
@@ -223,7 +223,7 @@ class Sequence(Flow[Words]):
         if start is None:
             return self.following, None
         numbers = {_ARGUMENTS[letter]: value for letter, value in words.values.items() if letter in _ARGUMENTS}
-        self.parameters.scope = Scope(numbers)
+        self.parameters.scope = LocalParameters(numbers)
         return start, None
 
     @call

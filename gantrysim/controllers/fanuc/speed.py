@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.fanuc.feeding import Feeding, Spliced
-from gantrysim.controllers.fanuc.legs import Leg
+from gantrysim.controllers.fanuc.feed_clamp import Feeding, Spliced
+from gantrysim.controllers.fanuc.legs import PathLeg
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.limits import MARGIN, Derivatives, Limited, fastest, nodes
 from gantrysim.paths.pieces import Coil, Line
@@ -38,7 +38,7 @@ class Planner:
         feeding: parameters of the speed.
     """
 
-    def __init__(self, legs: list[Leg], chain: Chain, feeding: Feeding) -> None:
+    def __init__(self, legs: list[PathLeg], chain: Chain, feeding: Feeding) -> None:
         self._legs = legs
         self._chain = chain
         self._feeding = feeding
@@ -239,7 +239,7 @@ class Planner:
         return tangent, np.where(np.abs(second) < _STRAIGHT, 0.0, second)
 
 
-def _step(leg: Leg) -> float:
+def _step(leg: PathLeg) -> float:
     """Largest distance of the nodes on a motion [mm]."""
     if not isinstance(leg.piece, Coil):
         return _STEP[1]

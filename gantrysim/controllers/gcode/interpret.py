@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.blocks import Interpreter
-from gantrysim.controllers.gcode.flow import ProgramFlow, ProgramText
-from gantrysim.controllers.gcode.moves import Moves
-from gantrysim.controllers.gcode.state import Setup, State
+from gantrysim.controllers.gcode.move_table import MoveTable
+from gantrysim.controllers.gcode.o_words import ProgramFlow, ProgramText
+from gantrysim.controllers.gcode.program_state import ProgramSetup, ProgramState
 from gantrysim.controllers.gcode.system import provided
+from gantrysim.controllers.gcode.word_blocks import Interpreter
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Interpreted:
 
     Attributes:
         start: initial position [mm].
-        moves: rows of `Moves`, (m, WIDTH).
+        moves: rows of `MoveTable`, (m, WIDTH).
         ignored: words without an effect on the path, and how often they were met.
     """
 
@@ -29,7 +29,7 @@ class Interpreted:
     ignored: Counter[str]
 
 
-def interpret(program: ProgramText, start: tuple[float, float, float], setup: Setup) -> Interpreted:
+def interpret(program: ProgramText, start: tuple[float, float, float], setup: ProgramSetup) -> Interpreted:
     """Run a program.
 
     Args:
@@ -40,8 +40,8 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Se
     Raises:
         InputError: a line that is refused, with its number.
     """
-    moves = Moves(start)
-    state = State(moves, setup)
+    moves = MoveTable(start)
+    state = ProgramState(moves, setup)
     interpreter = Interpreter(state)
 
     def system(key: float | str) -> float | None:

@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.macro.expressions import Scanner, Store, Target, Value
-from gantrysim.controllers.macro.operators import FUNCTIONS, OPERATORS, Grammar, rounded_down, rounded_up
+from gantrysim.controllers.macro.grammar import FUNCTIONS, OPERATORS, Grammar, rounded_down, rounded_up
+from gantrysim.controllers.macro.scanner import Scanner, Store, Target, Value
 
 Words = list[tuple[str, float]]
 
@@ -24,7 +24,7 @@ _COMMAND = re.compile(r"[A-Z_][A-Z_]+[A-Z0-9_]*")
 _MESSAGE = re.compile(r"(?:N[0-9]+)?M[0-9]+")
 
 
-class Command(NamedTuple):
+class FirmwareCommand(NamedTuple):
     """A command of printers' firmware that has a name, as SET_VELOCITY_LIMIT, and its arguments as written."""
 
     name: str
@@ -50,7 +50,7 @@ class Keywords:
 
 
 @dataclass(frozen=True)
-class Statement:
+class ParsedLine:
     """A line with parameters or control words.
 
     Attributes:
@@ -87,7 +87,7 @@ def compact(line: str) -> str:
     return "".join(line.split()).upper()
 
 
-def read_firmware(line: str) -> str | Command:
+def read_firmware(line: str) -> str | FirmwareCommand:
     """Return a line as printers' firmware reads it: a command with a name, or compact as `compact` does.
 
     Messages and checksums do not count. Parentheses are text, as in the message of M117, not comments.
@@ -97,7 +97,7 @@ def read_firmware(line: str) -> str | Command:
         raise InputError(f"line of {len(text)} characters: must be at most {LONGEST}")
     name = _COMMAND.match(text)
     if name:
-        return Command(name[0], text[name.end() :].strip())
+        return FirmwareCommand(name[0], text[name.end() :].strip())
     plain = "".join(text.split("*", 1)[0].split())
     message = _MESSAGE.match(plain)
     return message[0] if message and not _PLAIN.fullmatch(plain) else plain
@@ -110,7 +110,7 @@ def plain_words(text: str) -> Words | None:
     return [(letter, float(number)) for letter, number in _PLAIN_WORD.findall(text)]
 
 
-def statement(text: str, keywords: Keywords) -> Statement:
+def statement(text: str, keywords: Keywords) -> ParsedLine:
     """Return a compact line as a statement.
 
     Raises:
@@ -135,7 +135,7 @@ def statement(text: str, keywords: Keywords) -> Statement:
             raise InputError(f"{scanner.shown}: must begin with a letter or #")
         scanner.position += 1
         words.append((letter, scanner.value(letter)))
-    return Statement(tuple(words), tuple(settings))
+    return ParsedLine(tuple(words), tuple(settings))
 
 
 def label_of(text: str, keywords: Keywords) -> tuple[str, str] | None:
@@ -151,7 +151,7 @@ def _key(text: str) -> str:
     return text[1:-1].lower() if text.startswith("<") else text.lstrip("0") or "0"
 
 
-def _control(scanner: Scanner, keywords: Keywords) -> Statement:
+def _control(scanner: Scanner, keywords: Keywords) -> ParsedLine:
     written = scanner.matched(_LABEL)
     if written:
         label: str | Value = _key(written[1])
@@ -168,4 +168,4 @@ def _control(scanner: Scanner, keywords: Keywords) -> Statement:
         raise InputError(f"O word: {scanner.shown}: must be one of {known}, and then only values in brackets")
     if keyword in keywords.conditions and len(arguments) != 1:
         raise InputError(f"{keyword.lower()}: must have one condition or number in brackets")
-    return Statement(label=label, keyword=keyword, arguments=tuple(arguments))
+    return ParsedLine(label=label, keyword=keyword, arguments=tuple(arguments))

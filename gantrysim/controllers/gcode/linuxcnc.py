@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from gantrysim.base.errors import InputError, finite
-from gantrysim.controllers.gcode.dialect import LINUXCNC, Dialect
-from gantrysim.controllers.gcode.program import GCode, Library
+from gantrysim.controllers.gcode.dialects import LINUXCNC, GCodeDialect
+from gantrysim.controllers.gcode.gcode_program import GCode, Library
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,7 @@ class Program(GCode):
         InputError: a line that is refused, or a parameter out of bounds.
     """
 
-    dialect: ClassVar[Dialect] = LINUXCNC
+    dialect: ClassVar[GCodeDialect] = LINUXCNC
     suffixes: ClassVar[tuple[str, ...]] = (".ngc", ".nc", ".tap")
 
     subprograms: dict[str, str] = field(default_factory=dict)

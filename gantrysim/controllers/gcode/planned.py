@@ -11,7 +11,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.interpret import Interpreted
 from gantrysim.controllers.gcode.lookahead import ALONG, INWARD, jump_speed, planned, turning_speed
-from gantrysim.controllers.gcode.moves import (
+from gantrysim.controllers.gcode.move_table import (
     ANGLE,
     ARC,
     CENTRE,
@@ -38,7 +38,7 @@ _STOP = 0.1  # share of the feed below which a corner is a stop
 
 
 @dataclass(frozen=True)
-class Settings:
+class PlanSettings:
     """What a program is planned with.
 
     Attributes:
@@ -72,7 +72,7 @@ class Dwells:
 
 
 @dataclass(frozen=True)
-class Plan:
+class PathPlan:
     """A planned program.
 
     Attributes:
@@ -176,7 +176,7 @@ def requested_track(program: Interpreted, placement: Placement) -> tuple[Track, 
     return Track(start, end, table[moving, ANGLE], placement.point(centre), plane, turned), moving
 
 
-def plan(program: Interpreted, placement: Placement, settings: Settings) -> Plan:
+def plan(program: Interpreted, placement: Placement, settings: PlanSettings) -> PathPlan:
     """Plan a program."""
     requested, rows = requested_track(program, placement)
     table = program.moves
@@ -202,7 +202,7 @@ def plan(program: Interpreted, placement: Placement, settings: Settings) -> Plan
     begin = np.array([profile.reached(float(s)) if s > 0 else 0.0 for s in path.ends[pieces]])
     stopped = (feed[:-1] > 0) & (feed[1:] > 0) & ~halted & (joint < _STOP * needed)
     sizes = np.diff(base.track.ends, prepend=0.0)[:-1][stopped]
-    return Plan(
+    return PathPlan(
         requested=requested,
         path=path,
         profile=profile,
@@ -243,7 +243,7 @@ def _simplified(base: _Base, table: Floats) -> _Base:
     return _Base(track, rows[last], base.halts[np.flatnonzero(corner)])
 
 
-def _limits(track: Track, feed: Floats, settings: Settings) -> tuple[Floats, Floats]:
+def _limits(track: Track, feed: Floats, settings: PlanSettings) -> tuple[Floats, Floats]:
     """Largest speed and acceleration of every piece."""
     first, _ = track.end_tangents()
     # along a line the axis with the greatest share of the motion limits it; an arc may have any direction
@@ -259,7 +259,7 @@ def _limits(track: Track, feed: Floats, settings: Settings) -> tuple[Floats, Flo
 
 
 def _profile(
-    path: Rounded, joint: Floats, limits: tuple[Floats, Floats], rows: NDArray[np.intp], settings: Settings
+    path: Rounded, joint: Floats, limits: tuple[Floats, Floats], rows: NDArray[np.intp], settings: PlanSettings
 ) -> tuple[Limited, NDArray[np.intp]]:
     """Speed along the rounded path, and the row of the moves of each of its pieces.
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from gantrysim.base.errors import positive
-from gantrysim.controllers.gcode.dialect import SLICER, ByExtrusion, Dialect
-from gantrysim.controllers.gcode.program import GCode
+from gantrysim.controllers.gcode.dialects import SLICER, ByExtrusion, GCodeDialect
+from gantrysim.controllers.gcode.gcode_program import GCode
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +37,7 @@ class Program(GCode):
         InputError: a line that is refused, or a parameter out of bounds.
     """
 
-    dialect: ClassVar[Dialect] = SLICER
+    dialect: ClassVar[GCodeDialect] = SLICER
     suffixes: ClassVar[tuple[str, ...]] = (".gcode",)
 
     dispense: ByExtrusion = field(default_factory=ByExtrusion)

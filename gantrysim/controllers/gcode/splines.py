@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.state import Block, State
+from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 
 _CHORD = 1e-3  # largest distance of a chord from its curve [mm]
 _MOST = 20_000  # chords of a curve
@@ -35,7 +35,7 @@ class _Words:
     rise: float
 
 
-def add_cubic(state: State, block: Block) -> None:
+def add_cubic(state: ProgramState, block: WordBlock) -> None:
     """Add a cubic curve; without I and J it goes on smoothly from the cubic curve before."""
     words = _taken(state, block)
     first = state.spline_control if words.first is None else words.first
@@ -45,14 +45,14 @@ def add_cubic(state: State, block: Block) -> None:
     state.spline_control = -words.last
 
 
-def add_quadratic(state: State, block: Block) -> None:
+def add_quadratic(state: ProgramState, block: WordBlock) -> None:
     """Add a quadratic curve."""
     words = _taken(state, block)
     state.spline_control = None
     _add_chords(state, words, [words.start, words.start + (words.first or 0j), words.end])
 
 
-def _taken(state: State, block: Block) -> _Words:
+def _taken(state: ProgramState, block: WordBlock) -> _Words:
     if state.modes.plane:
         raise InputError(f"G5 in G{17 + state.modes.plane}: must be in G17")
     frames = state.frames
@@ -69,12 +69,12 @@ def _taken(state: State, block: Block) -> _Words:
     )
 
 
-def _length(block: Block, letter: str, unit: float) -> float | None:
+def _length(block: WordBlock, letter: str, unit: float) -> float | None:
     value = block.values.pop(letter, None)
     return None if value is None else value * unit
 
 
-def _add_chords(state: State, words: _Words, points: list[complex]) -> None:
+def _add_chords(state: ProgramState, words: _Words, points: list[complex]) -> None:
     feed = state.feed_at(abs(words.end - words.start))
     for place, share in chords(points):
         height = words.start_height + share * words.rise

@@ -8,9 +8,9 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from gantrysim.base.errors import InputError, unknown
-from gantrysim.controllers.gcode.lines import Command, Keywords, Words, compact, label_of
-from gantrysim.controllers.macro.flow import Fault, Flow
-from gantrysim.controllers.macro.parameters import Numbering, Parameters, System
+from gantrysim.controllers.gcode.lines import FirmwareCommand, Keywords, Words, compact, label_of
+from gantrysim.controllers.macro.order import Flow, FlowRefusal
+from gantrysim.controllers.macro.variables import Numbering, Parameters, System
 
 NUMBERING = Numbering(local=30, highest=5602)
 _O_LINE = re.compile(
@@ -37,7 +37,7 @@ class ProgramText:
     firmware: bool = False
 
 
-class ProgramLines(Flow[Words | Command]):
+class ProgramLines(Flow[Words | FirmwareCommand]):
     """The lines of a program and its subprograms; a subclass says what a line does.
 
     Args:
@@ -98,7 +98,7 @@ class ProgramLines(Flow[Words | Command]):
     def runs(self, place: int) -> bool:
         return place < (len(self.lines) if len(self.calls) > 1 else self.main_lines)
 
-    def refusal(self, fault: Fault, detail: str) -> InputError:
+    def refusal(self, fault: FlowRefusal, detail: str) -> InputError:
         return InputError(detail)
 
     def unmatched(self, label: Hashable, words: tuple[str, ...], ahead: bool) -> InputError:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from gantrysim.controllers.gcode.state import State
+from gantrysim.controllers.gcode.program_state import ProgramState
 
 _VERSION = 2.9  # of LinuxCNC, whose words these are
 
-_NAMED: dict[str, Callable[[State], float]] = {
+_NAMED: dict[str, Callable[[ProgramState], float]] = {
     "_line": lambda state: float(state.line),
     "_feed": lambda state: state.modes.feed,
     "_rpm": lambda state: state.modes.spindle,
@@ -25,7 +25,7 @@ _NAMED: dict[str, Callable[[State], float]] = {
 }
 
 
-def provided(state: State, key: float | str) -> float | None:
+def provided(state: ProgramState, key: float | str) -> float | None:
     """Return a parameter of the controller; None for others."""
     if isinstance(key, str):
         if key in state.setup.parameters:

@@ -2,174 +2,174 @@
 
 from __future__ import annotations
 
-from gantrysim.controllers.gcode.codes.code import LINUXCNC, auxiliary, without_effect
-from gantrysim.controllers.gcode.state import Block, State
+from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, auxiliary, without_effect
+from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 
 _LINUXCNC = (LINUXCNC,)
 _OUTPUT_WORDS = "PQERL"  # of outputs, inputs and commands of the user's own
 
 
 @auxiliary()
-def m2(state: State, block: Block) -> None:
+def m2(state: ProgramState, block: WordBlock) -> None:
     """End of the program."""
     block.ends = True
 
 
 @auxiliary()
-def m30(state: State, block: Block) -> None:
+def m30(state: ProgramState, block: WordBlock) -> None:
     """End of the program."""
     block.ends = True
 
 
 @auxiliary(_LINUXCNC)
-def m70(state: State, block: Block) -> None:
+def m70(state: ProgramState, block: WordBlock) -> None:
     """Save the modes."""
     state.save_modes(restored=False)
 
 
 @auxiliary(_LINUXCNC)
-def m71(state: State, block: Block) -> None:
+def m71(state: ProgramState, block: WordBlock) -> None:
     """Forget the saved modes."""
     state.forget_modes()
 
 
 @auxiliary(_LINUXCNC)
-def m72(state: State, block: Block) -> None:
+def m72(state: ProgramState, block: WordBlock) -> None:
     """Return to the saved modes."""
     state.restore_modes()
 
 
 @auxiliary(_LINUXCNC)
-def m73(state: State, block: Block) -> None:
+def m73(state: ProgramState, block: WordBlock) -> None:
     """Save the modes, and return to them at the end of the subroutine."""
     state.save_modes(restored=True)
 
 
 @without_effect(_LINUXCNC)
-def m0(state: State, block: Block) -> None:
+def m0(state: ProgramState, block: WordBlock) -> None:
     """Pause."""
 
 
 @without_effect(_LINUXCNC)
-def m1(state: State, block: Block) -> None:
+def m1(state: ProgramState, block: WordBlock) -> None:
     """Pause, if the operator wants it."""
 
 
 @without_effect(_LINUXCNC)
-def m3(state: State, block: Block) -> None:
+def m3(state: ProgramState, block: WordBlock) -> None:
     """Spindle clockwise."""
 
 
 @without_effect(_LINUXCNC)
-def m4(state: State, block: Block) -> None:
+def m4(state: ProgramState, block: WordBlock) -> None:
     """Spindle counter-clockwise."""
 
 
 @without_effect(_LINUXCNC)
-def m5(state: State, block: Block) -> None:
+def m5(state: ProgramState, block: WordBlock) -> None:
     """Spindle off."""
 
 
 @without_effect(_LINUXCNC)
-def m6(state: State, block: Block) -> None:
+def m6(state: ProgramState, block: WordBlock) -> None:
     """Change of the tool."""
 
 
 @without_effect(_LINUXCNC)
-def m7(state: State, block: Block) -> None:
+def m7(state: ProgramState, block: WordBlock) -> None:
     """Mist on."""
 
 
 @without_effect(_LINUXCNC)
-def m8(state: State, block: Block) -> None:
+def m8(state: ProgramState, block: WordBlock) -> None:
     """Coolant on."""
 
 
 @without_effect(_LINUXCNC)
-def m9(state: State, block: Block) -> None:
+def m9(state: ProgramState, block: WordBlock) -> None:
     """Mist and coolant off."""
 
 
 @without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
-def m19(state: State, block: Block) -> None:
+def m19(state: ProgramState, block: WordBlock) -> None:
     """Spindle to an angle."""
 
 
 @without_effect(_LINUXCNC)
-def m48(state: State, block: Block) -> None:
+def m48(state: ProgramState, block: WordBlock) -> None:
     """Overrides of speed and feed on."""
 
 
 @without_effect(_LINUXCNC)
-def m49(state: State, block: Block) -> None:
+def m49(state: ProgramState, block: WordBlock) -> None:
     """Overrides of speed and feed off."""
 
 
 @without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
-def m50(state: State, block: Block) -> None:
+def m50(state: ProgramState, block: WordBlock) -> None:
     """Override of the feed on or off."""
 
 
 @without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
-def m51(state: State, block: Block) -> None:
+def m51(state: ProgramState, block: WordBlock) -> None:
     """Override of the spindle's speed on or off."""
 
 
 @without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
-def m52(state: State, block: Block) -> None:
+def m52(state: ProgramState, block: WordBlock) -> None:
     """Adaptive feed on or off."""
 
 
 @without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
-def m53(state: State, block: Block) -> None:
+def m53(state: ProgramState, block: WordBlock) -> None:
     """Feed stop on or off."""
 
 
 @without_effect(_LINUXCNC)
-def m60(state: State, block: Block) -> None:
+def m60(state: ProgramState, block: WordBlock) -> None:
     """Pause for a change of the pallet."""
 
 
 @without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
-def m61(state: State, block: Block) -> None:
+def m61(state: ProgramState, block: WordBlock) -> None:
     """Number of the tool."""
 
 
 @without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
-def m62(state: State, block: Block) -> None:
+def m62(state: ProgramState, block: WordBlock) -> None:
     """Output on, with the next motion."""
 
 
 @without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
-def m63(state: State, block: Block) -> None:
+def m63(state: ProgramState, block: WordBlock) -> None:
     """Output off, with the next motion."""
 
 
 @without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
-def m64(state: State, block: Block) -> None:
+def m64(state: ProgramState, block: WordBlock) -> None:
     """Output on at once."""
 
 
 @without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
-def m65(state: State, block: Block) -> None:
+def m65(state: ProgramState, block: WordBlock) -> None:
     """Output off at once."""
 
 
 @without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
-def m66(state: State, block: Block) -> None:
+def m66(state: ProgramState, block: WordBlock) -> None:
     """Wait for an input."""
 
 
 @without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
-def m67(state: State, block: Block) -> None:
+def m67(state: ProgramState, block: WordBlock) -> None:
     """Analogue output, with the next motion."""
 
 
 @without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
-def m68(state: State, block: Block) -> None:
+def m68(state: ProgramState, block: WordBlock) -> None:
     """Analogue output at once."""
 
 
 @without_effect(_LINUXCNC, takes=_OUTPUT_WORDS, names=[f"M{number}" for number in range(100, 200)])
-def user_defined(state: State, block: Block) -> None:
+def user_defined(state: ProgramState, block: WordBlock) -> None:
     """M100 to M199: commands of the user's own."""

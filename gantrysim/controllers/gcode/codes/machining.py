@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from gantrysim.controllers.gcode.codes.code import LINUXCNC, SLICER, refused, without_effect
-from gantrysim.controllers.gcode.state import Block, State
+from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, SLICER, refused, without_effect
+from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 
 _CYCLE = "milling cycle"
 _LATHE = "lathe cycle"
@@ -12,155 +12,155 @@ _NURBS = "NURBS"
 
 
 @refused("spline", dialects=(SLICER,))
-def g5(state: State, block: Block) -> None:
+def g5(state: ProgramState, block: WordBlock) -> None:
     """Spline."""
 
 
 @refused(_NURBS, dialects=(LINUXCNC,))
-def g5_2(state: State, block: Block) -> None:
+def g5_2(state: ProgramState, block: WordBlock) -> None:
     """Control point of a NURBS."""
 
 
 @refused(_NURBS, dialects=(LINUXCNC,))
-def g5_3(state: State, block: Block) -> None:
+def g5_3(state: ProgramState, block: WordBlock) -> None:
     """End of a NURBS."""
 
 
 @refused(_NURBS, dialects=(LINUXCNC,))
-def g6_2(state: State, block: Block) -> None:
+def g6_2(state: ProgramState, block: WordBlock) -> None:
     """Control point of a NURBS of given knots."""
 
 
 @refused(_NURBS, dialects=(LINUXCNC,))
-def g6_3(state: State, block: Block) -> None:
+def g6_3(state: ProgramState, block: WordBlock) -> None:
     """End of a NURBS of given knots."""
 
 
 @refused("motion synchronised with the spindle", dialects=(LINUXCNC,))
-def g33(state: State, block: Block) -> None:
+def g33(state: ProgramState, block: WordBlock) -> None:
     """Move in step with the spindle's angle."""
 
 
 @refused("rigid tapping", dialects=(LINUXCNC,))
-def g33_1(state: State, block: Block) -> None:
+def g33_1(state: ProgramState, block: WordBlock) -> None:
     """Rigid tapping."""
 
 
 @refused(_PROBING)
-def g38_2(state: State, block: Block) -> None:
+def g38_2(state: ProgramState, block: WordBlock) -> None:
     """Probe towards the work, with an error without contact."""
 
 
 @refused(_PROBING)
-def g38_3(state: State, block: Block) -> None:
+def g38_3(state: ProgramState, block: WordBlock) -> None:
     """Probe towards the work."""
 
 
 @refused(_PROBING)
-def g38_4(state: State, block: Block) -> None:
+def g38_4(state: ProgramState, block: WordBlock) -> None:
     """Probe away from the work, with an error if contact stays."""
 
 
 @refused(_PROBING)
-def g38_5(state: State, block: Block) -> None:
+def g38_5(state: ProgramState, block: WordBlock) -> None:
     """Probe away from the work."""
 
 
 @refused(_LATHE, dialects=(LINUXCNC,))
-def g70(state: State, block: Block) -> None:
+def g70(state: ProgramState, block: WordBlock) -> None:
     """Finishing cycle."""
 
 
 @refused(_LATHE, dialects=(LINUXCNC,))
-def g71(state: State, block: Block) -> None:
+def g71(state: ProgramState, block: WordBlock) -> None:
     """Roughing cycle along Z."""
 
 
 @refused(_LATHE, dialects=(LINUXCNC,))
-def g71_1(state: State, block: Block) -> None:
+def g71_1(state: ProgramState, block: WordBlock) -> None:
     """Roughing cycle along Z, with pockets."""
 
 
 @refused(_LATHE, dialects=(LINUXCNC,))
-def g71_2(state: State, block: Block) -> None:
+def g71_2(state: ProgramState, block: WordBlock) -> None:
     """Roughing cycle along Z, with pockets one after the other."""
 
 
 @refused(_LATHE, dialects=(LINUXCNC,))
-def g72(state: State, block: Block) -> None:
+def g72(state: ProgramState, block: WordBlock) -> None:
     """Roughing cycle along X."""
 
 
 @refused(_LATHE, dialects=(LINUXCNC,))
-def g72_1(state: State, block: Block) -> None:
+def g72_1(state: ProgramState, block: WordBlock) -> None:
     """Roughing cycle along X, with pockets."""
 
 
 @refused(_LATHE, dialects=(LINUXCNC,))
-def g72_2(state: State, block: Block) -> None:
+def g72_2(state: ProgramState, block: WordBlock) -> None:
     """Roughing cycle along X, with pockets one after the other."""
 
 
 @refused(_CYCLE)
-def g73(state: State, block: Block) -> None:
+def g73(state: ProgramState, block: WordBlock) -> None:
     """Drilling cycle that breaks chips."""
 
 
 @refused(_CYCLE)
-def g74(state: State, block: Block) -> None:
+def g74(state: ProgramState, block: WordBlock) -> None:
     """Tapping cycle to the left."""
 
 
 @refused(_CYCLE)
-def g76(state: State, block: Block) -> None:
+def g76(state: ProgramState, block: WordBlock) -> None:
     """Threading cycle."""
 
 
 @without_effect()
-def g80(state: State, block: Block) -> None:
+def g80(state: ProgramState, block: WordBlock) -> None:
     """No cycle, as it always is."""
 
 
 @refused(_CYCLE)
-def g81(state: State, block: Block) -> None:
+def g81(state: ProgramState, block: WordBlock) -> None:
     """Drilling cycle."""
 
 
 @refused(_CYCLE)
-def g82(state: State, block: Block) -> None:
+def g82(state: ProgramState, block: WordBlock) -> None:
     """Drilling cycle with a dwell."""
 
 
 @refused(_CYCLE)
-def g83(state: State, block: Block) -> None:
+def g83(state: ProgramState, block: WordBlock) -> None:
     """Drilling cycle that clears chips."""
 
 
 @refused(_CYCLE)
-def g84(state: State, block: Block) -> None:
+def g84(state: ProgramState, block: WordBlock) -> None:
     """Tapping cycle to the right."""
 
 
 @refused(_CYCLE)
-def g85(state: State, block: Block) -> None:
+def g85(state: ProgramState, block: WordBlock) -> None:
     """Boring cycle, out at feed."""
 
 
 @refused(_CYCLE)
-def g86(state: State, block: Block) -> None:
+def g86(state: ProgramState, block: WordBlock) -> None:
     """Boring cycle, out with the spindle at rest."""
 
 
 @refused(_CYCLE)
-def g87(state: State, block: Block) -> None:
+def g87(state: ProgramState, block: WordBlock) -> None:
     """Back boring cycle."""
 
 
 @refused(_CYCLE)
-def g88(state: State, block: Block) -> None:
+def g88(state: ProgramState, block: WordBlock) -> None:
     """Boring cycle, out by hand."""
 
 
 @refused(_CYCLE)
-def g89(state: State, block: Block) -> None:
+def g89(state: ProgramState, block: WordBlock) -> None:
     """Boring cycle with a dwell, out at feed."""

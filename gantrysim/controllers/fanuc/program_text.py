@@ -9,12 +9,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gantrysim.controllers.fanuc.alarm import Source
+from gantrysim.controllers.fanuc.alarm import BlockSource
+from gantrysim.controllers.fanuc.block_words import COMMENT, Words
 from gantrysim.controllers.fanuc.blocks import Block
 from gantrysim.controllers.fanuc.codes import ACTIONS, AUXILIARY, CENTRES, MOTIONS, SETTINGS, g_codes
+from gantrysim.controllers.fanuc.modal_state import ENDS, ModalState
 from gantrysim.controllers.fanuc.sequence import Sequence
-from gantrysim.controllers.fanuc.state import ENDS, State
-from gantrysim.controllers.fanuc.words import COMMENT, Words
 from gantrysim.controllers.speeds import SpeedWords
 from gantrysim.paths.pieces import Vector
 
@@ -26,7 +26,7 @@ _SWITCHES_LOOK_AHEAD = r"G\s*0*(?:5\.1|8)(?![0-9.])"
 
 
 @dataclass(frozen=True)
-class SourceLine(Source):
+class SourceBlock(BlockSource):
     """A block and its source.
 
     Attributes:
@@ -44,7 +44,7 @@ class SourceLine(Source):
 
 def read(
     text: str, start: Vector, offsets: Mapping[str, float], rotary: str, skip: bool, steps: int
-) -> tuple[SourceLine, ...]:
+) -> tuple[SourceBlock, ...]:
     """Return the motions of a program.
 
     Args:
@@ -58,18 +58,18 @@ def read(
     Raises:
         Alarm: an invalid word, or invalid combination of words.
     """
-    state = State(list(start), offsets, rotary, start)
+    state = ModalState(list(start), offsets, rotary, start)
     sequence = Sequence(text, skip, steps, state.provided)
     state.governed = sequence.has(_SWITCHES_GLUE)
     state.contoured = sequence.has(_SWITCHES_LOOK_AHEAD)
     return tuple(
-        SourceLine(words.name, words.line, block, state.idle, state.halting, state.continuous)
+        SourceBlock(words.name, words.line, block, state.idle, state.halting, state.continuous)
         for words in sequence.run()
         for block in _run(state, words)
     )
 
 
-def _run(state: State, words: Words) -> list[Block]:
+def _run(state: ModalState, words: Words) -> list[Block]:
     """Apply a block's codes, and return its motions."""
     _set_modes(state, words)
     values = words.values
@@ -95,7 +95,7 @@ def _run(state: State, words: Words) -> list[Block]:
     return [_motion(state, words)]
 
 
-def _set_modes(state: State, words: Words) -> None:
+def _set_modes(state: ModalState, words: Words) -> None:
     state.in_machine = False
     for name, code in zip(words.g_names, words.codes, strict=True):
         if name in MOTIONS:
@@ -115,7 +115,7 @@ def _set_modes(state: State, words: Words) -> None:
             AUXILIARY[name](state, words)
 
 
-def _motion(state: State, words: Words) -> Block:
+def _motion(state: ModalState, words: Words) -> Block:
     """Return the motion in force, with the words of a block, and move to its end."""
     values = words.values
     for letter in _LENGTHS & values.keys():

@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from gantrysim.controllers.fanuc.block_words import Words
 from gantrysim.controllers.fanuc.blocks import Block
-from gantrysim.controllers.fanuc.state import State
-from gantrysim.controllers.fanuc.words import Words
+from gantrysim.controllers.fanuc.modal_state import ModalState
 
-Setting = Callable[[State, Words], None]
-Action = Callable[[State, Words], list[Block]]
-Motion = Callable[[State, Words, dict[str, Any]], Block]  # with the arguments that all motions have
+Setting = Callable[[ModalState, Words], None]
+Action = Callable[[ModalState, Words], list[Block]]
+Motion = Callable[[ModalState, Words, dict[str, Any]], Block]  # with the arguments that all motions have
 
 # by the name of the code
 SETTINGS: dict[str, Setting] = {}  # applied where they stand among the codes of their block

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from enum import Enum
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.dialect import LINUXCNC, SLICER, Dialect
-from gantrysim.controllers.gcode.state import Block, State
+from gantrysim.controllers.gcode.dialects import LINUXCNC, SLICER, GCodeDialect
+from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 
-Handler = Callable[[State, Block], None]
+Handler = Callable[[ProgramState, WordBlock], None]
 Decorator = Callable[[Handler], Handler]
-Dialects = Iterable[Dialect]
+Dialects = Iterable[GCodeDialect]
 
 ALL = (LINUXCNC, SLICER)
 _NAME = re.compile(r"([gm])([0-9]+)(?:_([0-9]))?")
@@ -146,7 +146,7 @@ def refused(subject: str, advice: str = "", dialects: Dialects = ALL) -> Decorat
     def add(handler: Handler) -> Handler:
         name, meaning = _described(handler)
 
-        def refuse(state: State, block: Block) -> None:
+        def refuse(state: ProgramState, block: WordBlock) -> None:
             raise InputError(f"{name}: {subject} is not simulated{advice}")
 
         _added(dialects, Code(name, _kind(name), meaning, refuse))
@@ -179,5 +179,5 @@ def _added(dialects: Dialects, code: Code) -> Handler:
     return code.handler or _nothing
 
 
-def _nothing(state: State, block: Block) -> None:
+def _nothing(state: ProgramState, block: WordBlock) -> None:
     """No effect."""

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.macro.operators import Grammar, Operator
+from gantrysim.controllers.macro.grammar import BinaryOperator, Grammar
 
 
 class Store(Protocol):
@@ -189,6 +189,6 @@ def _parameter(target: Target) -> Value:
     return lambda parameters: parameters.numbered(number(parameters))
 
 
-def _combined(operator: Operator, first: Value, second: Value) -> Value:
+def _combined(operator: BinaryOperator, first: Value, second: Value) -> Value:
     function = operator.function
     return lambda parameters: function(first(parameters), second(parameters))

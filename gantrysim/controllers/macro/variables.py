@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from gantrysim.base.errors import InputError, unknown
-from gantrysim.controllers.macro.expressions import Target
+from gantrysim.controllers.macro.scanner import Target
 
 _MOST = 100_000  # parameters in use
 
@@ -15,7 +15,7 @@ System = Callable[[float | str], float | None]  # a parameter that the controlle
 
 
 @dataclass
-class Scope:
+class LocalParameters:
     """The parameters of one call of a subroutine."""
 
     numbered: dict[int, float] = field(default_factory=dict)
@@ -50,8 +50,8 @@ class Parameters:
         self._system = system
         self._local = numbering.local
         self._highest = numbering.highest
-        self._common = Scope()
-        self.scope = Scope()
+        self._common = LocalParameters()
+        self.scope = LocalParameters()
 
     def numbered(self, number: float) -> float:
         """Return a parameter; 0 where it was never set."""
@@ -101,7 +101,7 @@ class Parameters:
     def _names(self, name: str) -> dict[str, float]:
         return (self._common if name.startswith("_") else self.scope).named
 
-    def _scope_of(self, number: int) -> Scope:
+    def _scope_of(self, number: int) -> LocalParameters:
         return self.scope if number <= self._local else self._common
 
     def _checked(self, number: float) -> int:

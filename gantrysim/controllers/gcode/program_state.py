@@ -7,29 +7,29 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.dialect import Dialect, Dispense
-from gantrysim.controllers.gcode.frames import Frames
-from gantrysim.controllers.gcode.moves import DWELL, EXACT_STOP, LINE, Move, Moves
+from gantrysim.controllers.gcode.coordinate_systems import CoordinateSystems
+from gantrysim.controllers.gcode.dialects import Dispense, GCodeDialect
+from gantrysim.controllers.gcode.move_table import DWELL, EXACT_STOP, LINE, MoveRow, MoveTable
 
 FARTHEST = 1e7  # of a coordinate [mm]
 _LOWEST_FEED = 1e-9  # by inverse time, of a move without length [mm/s]
 
 
 @dataclass(frozen=True)
-class Setup:
+class ProgramSetup:
     """What a program is run with.
 
     Attributes:
         dialect: of the program.
         dispense: when glue is laid.
         arc_tolerance: of an arc's radius at its end [mm].
-        path_mode: initial mode of corners, as of `Moves` [mm].
+        path_mode: initial mode of corners, as of `MoveTable` [mm].
         skip_axes: letters of axes that the machine lacks, which are counted and skipped.
         tools: lengths of tools by number [mm].
         parameters: values that the machine provides, by name.
     """
 
-    dialect: Dialect
+    dialect: GCodeDialect
     dispense: Dispense
     arc_tolerance: float
     path_mode: float
@@ -44,7 +44,7 @@ class Modes:
 
     Attributes:
         plane: index, of G17, G18, G19.
-        path: mode of `Moves` [mm].
+        path: mode of `MoveTable` [mm].
         naive: tolerance of merged lines [mm].
         centres: whether I, J, K are absolute (G90.1).
         feed_mode: "G93", "G94" or "G95".
@@ -62,7 +62,7 @@ class Modes:
 
 
 @dataclass
-class Block:
+class WordBlock:
     """A line of words that runs. Handlers take the words that they use from `values`.
 
     Attributes:
@@ -96,7 +96,7 @@ class _Saved:
     absolute: bool
 
 
-class State:
+class ProgramState:
     """The state of a program that runs.
 
     Args:
@@ -116,11 +116,11 @@ class State:
         ignored: words without an effect on the path, and how often they were met.
     """
 
-    def __init__(self, moves: Moves, setup: Setup) -> None:
+    def __init__(self, moves: MoveTable, setup: ProgramSetup) -> None:
         self.moves = moves
         self.setup = setup
         self.dialect = setup.dialect
-        self.frames = Frames(list(moves.start), tools=setup.tools)
+        self.frames = CoordinateSystems(list(moves.start), tools=setup.tools)
         self.frames.stored = {"G28": list(moves.start), "G30": list(moves.start)}
         self.modes = Modes(path=setup.path_mode)
         self.motion = "G1" if setup.dialect.extrudes else "G0"
@@ -187,14 +187,14 @@ class State:
             raise InputError(f"end at {[round(v, 3) for v in end]} mm: must be within {FARTHEST:g} mm")
         modes = self.modes
         x, y, z = end
-        self.moves.add(Move(LINE, x, y, z, 0.0, 0.0, 0, 0.0, feed, modes.path, modes.naive, glue, self.line, fed))
+        self.moves.add(MoveRow(LINE, x, y, z, 0.0, 0.0, 0, 0.0, feed, modes.path, modes.naive, glue, self.line, fed))
         self.frames.here = end
 
     def pause(self, time: float) -> None:
         """Add a dwell [s]."""
         glue = self.glue and self.setup.dispense.by == "codes"
         x, y, z = self.frames.here
-        self.moves.add(Move(DWELL, x, y, z, 0.0, 0.0, 0, 0.0, time, EXACT_STOP, 0.0, glue, self.line, 0.0))
+        self.moves.add(MoveRow(DWELL, x, y, z, 0.0, 0.0, 0, 0.0, time, EXACT_STOP, 0.0, glue, self.line, 0.0))
 
     def save_modes(self, restored: bool) -> None:
         """Save the modes, and have them come back at the subroutine's end or not."""

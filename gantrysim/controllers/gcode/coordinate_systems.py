@@ -22,7 +22,7 @@ _POSITION = 5420
 
 
 @dataclass
-class Frames:
+class CoordinateSystems:
     """The coordinate systems of a program, in millimetres and degrees.
 
     The nozzle's tip is at the program's coordinates plus G92, turned, plus the work offset; the tool length moves

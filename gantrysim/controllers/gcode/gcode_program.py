@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, place, positive, whole
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.gcode.dialect import Dialect, Dispense
-from gantrysim.controllers.gcode.flow import ProgramText
+from gantrysim.controllers.gcode.dialects import Dispense, GCodeDialect
 from gantrysim.controllers.gcode.interpret import Interpreted, interpret
-from gantrysim.controllers.gcode.moves import END, FEED, FLOW, GLUE, KIND, LINE
-from gantrysim.controllers.gcode.planned import Plan, Settings, plan
-from gantrysim.controllers.gcode.state import Setup
+from gantrysim.controllers.gcode.move_table import END, FEED, FLOW, GLUE, KIND, LINE
+from gantrysim.controllers.gcode.o_words import ProgramText
+from gantrysim.controllers.gcode.planned import PathPlan, PlanSettings, plan
+from gantrysim.controllers.gcode.program_state import ProgramSetup
 from gantrysim.controllers.placement import Placement
 from gantrysim.paths.track import Track
 from gantrysim.record.setpoints import Setpoints, ticks
@@ -48,7 +48,7 @@ class GCode(Controller):
     """A program of G-code; the subclasses' docstrings describe the arguments."""
 
     speed_scaling: ClassVar[str] = "feed_override, a factor on all feeds F; rapid moves stay"
-    dialect: ClassVar[Dialect]
+    dialect: ClassVar[GCodeDialect]
 
     text: str
     placement: Placement = field(default_factory=Placement)
@@ -77,7 +77,7 @@ class GCode(Controller):
     @property
     @abstractmethod
     def path_mode(self) -> float:
-        """Initial tolerance of rounded corners, as the mode of `Moves` [mm]."""
+        """Initial tolerance of rounded corners, as the mode of `MoveTable` [mm]."""
 
     @cached_property
     def program(self) -> Interpreted:
@@ -94,7 +94,7 @@ class GCode(Controller):
             block_skip=self.block_skip,
             firmware=self.dialect.lenient,
         )
-        setup = Setup(
+        setup = ProgramSetup(
             dialect=self.dialect,
             dispense=self.dispense,
             arc_tolerance=self.arc_tolerance,
@@ -110,13 +110,13 @@ class GCode(Controller):
         return Library()
 
     @cached_property
-    def plan(self) -> Plan:
+    def plan(self) -> PathPlan:
         """The program's path and speed.
 
         Raises:
             InputError: a line that is refused, or a program without moves.
         """
-        settings = Settings(self.rapid / PER_MINUTE, self.acceleration, self.cycle, self.feed_override)
+        settings = PlanSettings(self.rapid / PER_MINUTE, self.acceleration, self.cycle, self.feed_override)
         return plan(self.program, self.placement, settings)
 
     @property

@@ -6,8 +6,8 @@ from functools import lru_cache
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.codes import CODES, Code, Kind
-from gantrysim.controllers.gcode.lines import Command, Words
-from gantrysim.controllers.gcode.state import Block, State
+from gantrysim.controllers.gcode.lines import FirmwareCommand, Words
+from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 
 _MOST_NAMES = 1000  # of codes, in memory: a program may have any number of unknown ones
 
@@ -19,20 +19,20 @@ class Interpreter:
         state: of the program, which is changed.
     """
 
-    def __init__(self, state: State) -> None:
+    def __init__(self, state: ProgramState) -> None:
         self._state = state
         self._dialect = state.dialect
         self._codes = CODES[state.dialect.name]
 
-    def run(self, line: Words | Command) -> bool:
+    def run(self, line: Words | FirmwareCommand) -> bool:
         """Apply a line; return whether the program goes on.
 
         Raises:
             InputError: a word, or a combination of words, that the dialect refuses.
         """
-        if isinstance(line, Command):
+        if isinstance(line, FirmwareCommand):
             return self._command(line)
-        block = Block()
+        block = WordBlock()
         codes: list[str] = []
         auxiliary: list[int] = []
         for letter, value in line:
@@ -57,9 +57,9 @@ class Interpreter:
         self._apply(codes, block)
         return not block.ends
 
-    def _command(self, line: Command) -> bool:
+    def _command(self, line: FirmwareCommand) -> bool:
         code = self._codes.get(line.name)
-        block = Block(arguments=line.arguments)
+        block = WordBlock(arguments=line.arguments)
         if code is None or code.handler is None:
             self._state.ignored[line.name] += 1
         else:
@@ -72,7 +72,7 @@ class Interpreter:
             raise InputError(f"M{value:g}: must be a whole number")
         return number
 
-    def _apply_auxiliary(self, number: int, block: Block) -> None:
+    def _apply_auxiliary(self, number: int, block: WordBlock) -> None:
         state = self._state
         dispense = state.setup.dispense
         switched = dispense.switch(number, block.values.get("P")) if dispense.by == "codes" else None
@@ -90,7 +90,7 @@ class Interpreter:
         if code is not None:
             block.drop(code.takes)
 
-    def _apply(self, codes: list[str], block: Block) -> None:
+    def _apply(self, codes: list[str], block: WordBlock) -> None:
         """Apply the G codes of a block, then F, then the action or the motion in force."""
         state = self._state
         action: Code | None = None
@@ -123,7 +123,7 @@ class Interpreter:
         if block.values:
             self._ignore_words(block)
 
-    def _ignore(self, name: str, code: Code | None, block: Block) -> None:
+    def _ignore(self, name: str, code: Code | None, block: WordBlock) -> None:
         """Count a G code without an effect on the path."""
         if code is None and not self._dialect.lenient:
             raise InputError(f"{name}: is no word of {self._dialect.name}")
@@ -131,7 +131,7 @@ class Interpreter:
         if self._dialect.lenient:
             block.values.clear()
 
-    def _move(self, block: Block) -> None:
+    def _move(self, block: WordBlock) -> None:
         """Run the motion in force with the words of a block."""
         state = self._state
         code = self._codes[state.motion]
@@ -148,7 +148,7 @@ class Interpreter:
         assert code.handler is not None
         code.handler(state, block)
 
-    def _ignore_words(self, block: Block) -> None:
+    def _ignore_words(self, block: WordBlock) -> None:
         """Count words without an effect on the path; refuse others."""
         state = self._state
         for letter in [letter for letter in block.values if letter in self._dialect.letters]:

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.moves import ARC, PLANES, Move, centre_by_radius, swept_angle
-from gantrysim.controllers.gcode.state import FARTHEST, Block, State
+from gantrysim.controllers.gcode.move_table import ARC, PLANES, MoveRow, centre_by_radius, swept_angle
+from gantrysim.controllers.gcode.program_state import FARTHEST, ProgramState, WordBlock
 
 _CENTRES = "IJK"
 _LENGTHS = "IJKR"
@@ -34,7 +34,7 @@ class _Arc:
         return self.angle * radius
 
 
-def add_arc(state: State, block: Block, clockwise: bool) -> None:
+def add_arc(state: ProgramState, block: WordBlock, clockwise: bool) -> None:
     """Add an arc, with the words X Y Z I J K R P of a block, seen against the plane's normal."""
     state.spline_control = None
     frames = state.frames
@@ -63,7 +63,7 @@ def add_arc(state: State, block: Block, clockwise: bool) -> None:
         raise InputError(f"arc to {[round(c, 3) for c in end]} mm: must be within {FARTHEST:g} mm")
     x, y, z = end
     state.moves.add(
-        Move(
+        MoveRow(
             kind=ARC,
             x=x,
             y=y,
@@ -83,7 +83,7 @@ def add_arc(state: State, block: Block, clockwise: bool) -> None:
     frames.here = end
 
 
-def _arc(state: State, block: Block, ends: tuple[complex, complex], clockwise: bool, turns: int) -> _Arc:
+def _arc(state: ProgramState, block: WordBlock, ends: tuple[complex, complex], clockwise: bool, turns: int) -> _Arc:
     """The arc between two points of the plane, by the words of its centre or R."""
     plane = state.modes.plane
     first, second, across = (_CENTRES[axis] for axis in PLANES[plane])
@@ -105,7 +105,7 @@ def _arc(state: State, block: Block, ends: tuple[complex, complex], clockwise: b
     return _Arc(start, end, centre, swept_angle(start - centre, end - centre, clockwise, turns))
 
 
-def _check_radii(state: State, radius: float, reached: float) -> None:
+def _check_radii(state: ProgramState, radius: float, reached: float) -> None:
     """Check that the end lies on the arc: coordinates are rounded, in inches to coarser steps."""
     if min(radius, reached) < _SMALLEST:
         raise InputError("radius = 0 mm: must be greater than 0 mm")

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.codes.code import LINUXCNC, action, setting
-from gantrysim.controllers.gcode.state import Block, State
+from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, action, setting
+from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 
 _AXES = "XYZ"
 _TABLE_WORDS = "XYZABCUVWRIJQ"  # of a tool's table, of which only Z matters
 
 
 @action((LINUXCNC,))
-def g10(state: State, block: Block) -> None:
+def g10(state: ProgramState, block: WordBlock) -> None:
     """Set what L says: the length of a tool, L1, or a coordinate system, L2 and L20."""
     frames = state.frames
     kind = block.values.pop("L", None)
@@ -29,30 +29,30 @@ def g10(state: State, block: Block) -> None:
 
 
 @action((LINUXCNC,))
-def g28(state: State, block: Block) -> None:
+def g28(state: ProgramState, block: WordBlock) -> None:
     """Rapid move to the position that G28.1 stored, by way of the end, with the axes that are given."""
     _go_to_stored(state, block, "G28")
 
 
 @action()
-def g28_1(state: State, block: Block) -> None:
+def g28_1(state: ProgramState, block: WordBlock) -> None:
     """Store the position for G28."""
     state.frames.stored["G28"] = list(state.frames.here)
 
 
 @action()
-def g30(state: State, block: Block) -> None:
+def g30(state: ProgramState, block: WordBlock) -> None:
     """Rapid move to the position that G30.1 stored, by way of the end, with the axes that are given."""
     _go_to_stored(state, block, "G30")
 
 
 @action()
-def g30_1(state: State, block: Block) -> None:
+def g30_1(state: ProgramState, block: WordBlock) -> None:
     """Store the position for G30."""
     state.frames.stored["G30"] = list(state.frames.here)
 
 
-def _go_to_stored(state: State, block: Block, name: str) -> None:
+def _go_to_stored(state: ProgramState, block: WordBlock, name: str) -> None:
     frames = state.frames
     named = [letter in block.values for letter in _AXES]
     if any(named):
@@ -64,98 +64,98 @@ def _go_to_stored(state: State, block: Block, name: str) -> None:
 
 
 @action()
-def g52(state: State, block: Block) -> None:
+def g52(state: ProgramState, block: WordBlock) -> None:
     """Local shift of the coordinates."""
     _set_extruder(state, block)
     state.frames.set_shift(block.values, local=True)
 
 
 @action()
-def g92(state: State, block: Block) -> None:
+def g92(state: ProgramState, block: WordBlock) -> None:
     """Shift that gives the position these coordinates; with E the extruder's position."""
     _set_extruder(state, block)
     state.frames.set_shift(block.values, local=False)
 
 
-def _set_extruder(state: State, block: Block) -> None:
+def _set_extruder(state: ProgramState, block: WordBlock) -> None:
     if "E" in block.values and state.dialect.extrudes:
         state.extruder = block.values.pop("E")
 
 
 @setting("shift")
-def g92_1(state: State, block: Block) -> None:
+def g92_1(state: ProgramState, block: WordBlock) -> None:
     """No shift, also for G92.3."""
     state.frames.shift = [0.0] * 3
     state.frames.suspended_shift = [0.0] * 3
 
 
 @setting("shift")
-def g92_2(state: State, block: Block) -> None:
+def g92_2(state: ProgramState, block: WordBlock) -> None:
     """No shift until G92.3."""
     state.frames.shift = [0.0] * 3
 
 
 @setting("shift")
-def g92_3(state: State, block: Block) -> None:
+def g92_3(state: ProgramState, block: WordBlock) -> None:
     """The shift that G92.2 suspended."""
     state.frames.shift = list(state.frames.suspended_shift)
 
 
 @setting("machine coordinates")
-def g53(state: State, block: Block) -> None:
+def g53(state: ProgramState, block: WordBlock) -> None:
     """Coordinates of the machine, in this block."""
     block.in_machine = True
 
 
 @setting("coordinate system")
-def g54(state: State, block: Block) -> None:
+def g54(state: ProgramState, block: WordBlock) -> None:
     """Coordinate system 1."""
     state.frames.system = 1
 
 
 @setting("coordinate system")
-def g55(state: State, block: Block) -> None:
+def g55(state: ProgramState, block: WordBlock) -> None:
     """Coordinate system 2."""
     state.frames.system = 2
 
 
 @setting("coordinate system")
-def g56(state: State, block: Block) -> None:
+def g56(state: ProgramState, block: WordBlock) -> None:
     """Coordinate system 3."""
     state.frames.system = 3
 
 
 @setting("coordinate system")
-def g57(state: State, block: Block) -> None:
+def g57(state: ProgramState, block: WordBlock) -> None:
     """Coordinate system 4."""
     state.frames.system = 4
 
 
 @setting("coordinate system")
-def g58(state: State, block: Block) -> None:
+def g58(state: ProgramState, block: WordBlock) -> None:
     """Coordinate system 5."""
     state.frames.system = 5
 
 
 @setting("coordinate system")
-def g59(state: State, block: Block) -> None:
+def g59(state: ProgramState, block: WordBlock) -> None:
     """Coordinate system 6."""
     state.frames.system = 6
 
 
 @setting("coordinate system")
-def g59_1(state: State, block: Block) -> None:
+def g59_1(state: ProgramState, block: WordBlock) -> None:
     """Coordinate system 7."""
     state.frames.system = 7
 
 
 @setting("coordinate system")
-def g59_2(state: State, block: Block) -> None:
+def g59_2(state: ProgramState, block: WordBlock) -> None:
     """Coordinate system 8."""
     state.frames.system = 8
 
 
 @setting("coordinate system")
-def g59_3(state: State, block: Block) -> None:
+def g59_3(state: ProgramState, block: WordBlock) -> None:
     """Coordinate system 9."""
     state.frames.system = 9

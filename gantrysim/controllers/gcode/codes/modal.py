@@ -5,56 +5,56 @@ from __future__ import annotations
 import math
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.codes.code import LINUXCNC, refused, setting, without_effect
-from gantrysim.controllers.gcode.frames import INCH
-from gantrysim.controllers.gcode.moves import EXACT_PATH, EXACT_STOP
-from gantrysim.controllers.gcode.state import Block, State
+from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, refused, setting, without_effect
+from gantrysim.controllers.gcode.coordinate_systems import INCH
+from gantrysim.controllers.gcode.move_table import EXACT_PATH, EXACT_STOP
+from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 
 
 @setting("diameter")
-def g7(state: State, block: Block) -> None:
+def g7(state: ProgramState, block: WordBlock) -> None:
     """X is a diameter."""
     state.frames.diameter = True
 
 
 @setting("diameter")
-def g8(state: State, block: Block) -> None:
+def g8(state: ProgramState, block: WordBlock) -> None:
     """X is a radius."""
     state.frames.diameter = False
 
 
 @setting("plane")
-def g17(state: State, block: Block) -> None:
+def g17(state: ProgramState, block: WordBlock) -> None:
     """Arcs in the XY plane."""
     state.modes.plane = 0
 
 
 @setting("plane")
-def g18(state: State, block: Block) -> None:
+def g18(state: ProgramState, block: WordBlock) -> None:
     """Arcs in the ZX plane."""
     state.modes.plane = 1
 
 
 @setting("plane")
-def g19(state: State, block: Block) -> None:
+def g19(state: ProgramState, block: WordBlock) -> None:
     """Arcs in the YZ plane."""
     state.modes.plane = 2
 
 
 @setting("units")
-def g20(state: State, block: Block) -> None:
+def g20(state: ProgramState, block: WordBlock) -> None:
     """Lengths in inches."""
     state.frames.unit = INCH
 
 
 @setting("units")
-def g21(state: State, block: Block) -> None:
+def g21(state: ProgramState, block: WordBlock) -> None:
     """Lengths in millimetres."""
     state.frames.unit = 1.0
 
 
 @setting("cutter compensation")
-def g40(state: State, block: Block) -> None:
+def g40(state: ProgramState, block: WordBlock) -> None:
     """Cutter compensation off, as it always is."""
 
 
@@ -62,70 +62,70 @@ _PROGRAM_THE_PATH = "; program the nozzle's path"
 
 
 @refused("cutter compensation", _PROGRAM_THE_PATH)
-def g41(state: State, block: Block) -> None:
+def g41(state: ProgramState, block: WordBlock) -> None:
     """Cutter compensation on the left."""
 
 
 @refused("cutter compensation", _PROGRAM_THE_PATH)
-def g41_1(state: State, block: Block) -> None:
+def g41_1(state: ProgramState, block: WordBlock) -> None:
     """Cutter compensation on the left, of a given diameter."""
 
 
 @refused("cutter compensation", _PROGRAM_THE_PATH)
-def g42(state: State, block: Block) -> None:
+def g42(state: ProgramState, block: WordBlock) -> None:
     """Cutter compensation on the right."""
 
 
 @refused("cutter compensation", _PROGRAM_THE_PATH)
-def g42_1(state: State, block: Block) -> None:
+def g42_1(state: ProgramState, block: WordBlock) -> None:
     """Cutter compensation on the right, of a given diameter."""
 
 
 @setting("tool length")
-def g43(state: State, block: Block) -> None:
+def g43(state: ProgramState, block: WordBlock) -> None:
     """Tool length of the tool H."""
     state.frames.tool = _length_of_tool(state, block)
 
 
 @setting("tool length")
-def g43_1(state: State, block: Block) -> None:
+def g43_1(state: ProgramState, block: WordBlock) -> None:
     """Tool length Z; those along X and Y do not matter to a nozzle that points down."""
     state.frames.tool = state.frames.unit * block.values.pop("Z", 0.0)
     block.drop("XY")
 
 
 @setting("tool length")
-def g43_2(state: State, block: Block) -> None:
+def g43_2(state: ProgramState, block: WordBlock) -> None:
     """Tool length of the tool H, added to that in force."""
     state.frames.tool = _length_of_tool(state, block) + state.frames.tool
 
 
 @setting("tool length")
-def g49(state: State, block: Block) -> None:
+def g49(state: ProgramState, block: WordBlock) -> None:
     """No tool length."""
     state.frames.tool = 0.0
 
 
-def _length_of_tool(state: State, block: Block) -> float:
+def _length_of_tool(state: ProgramState, block: WordBlock) -> float:
     return state.frames.tools.get(int(block.values.pop("H", 0)), 0.0)
 
 
 @setting("corners")
-def g61(state: State, block: Block) -> None:
+def g61(state: ProgramState, block: WordBlock) -> None:
     """Exact path."""
     state.modes.path = EXACT_PATH
     state.modes.naive = 0.0
 
 
 @setting("corners")
-def g61_1(state: State, block: Block) -> None:
+def g61_1(state: ProgramState, block: WordBlock) -> None:
     """Exact stop."""
     state.modes.path = EXACT_STOP
     state.modes.naive = 0.0
 
 
 @setting("corners")
-def g64(state: State, block: Block) -> None:
+def g64(state: ProgramState, block: WordBlock) -> None:
     """Corners rounded within P, by default as far as the lines reach, and lines merged within Q, by default P."""
     unit = state.frames.unit
     tolerance = block.values.pop("P", None)
@@ -138,7 +138,7 @@ def g64(state: State, block: Block) -> None:
 
 
 @setting("distances")
-def g90(state: State, block: Block) -> None:
+def g90(state: ProgramState, block: WordBlock) -> None:
     """Absolute ends, and where E feeds material absolute extrusion."""
     state.frames.absolute = True
     if state.dialect.extrudes:
@@ -146,7 +146,7 @@ def g90(state: State, block: Block) -> None:
 
 
 @setting("distances")
-def g91(state: State, block: Block) -> None:
+def g91(state: ProgramState, block: WordBlock) -> None:
     """Incremental ends, and where E feeds material relative extrusion."""
     state.frames.absolute = False
     if state.dialect.extrudes:
@@ -154,50 +154,50 @@ def g91(state: State, block: Block) -> None:
 
 
 @setting("arc centres")
-def g90_1(state: State, block: Block) -> None:
+def g90_1(state: ProgramState, block: WordBlock) -> None:
     """I, J, K are the centre."""
     state.modes.centres = True
 
 
 @setting("arc centres")
-def g91_1(state: State, block: Block) -> None:
+def g91_1(state: ProgramState, block: WordBlock) -> None:
     """I, J, K lead from the start to the centre."""
     state.modes.centres = False
 
 
 @setting("feed")
-def g93(state: State, block: Block) -> None:
+def g93(state: ProgramState, block: WordBlock) -> None:
     """F is the inverse of a move's time."""
     state.modes.feed_mode = "G93"
 
 
 @setting("feed")
-def g94(state: State, block: Block) -> None:
+def g94(state: ProgramState, block: WordBlock) -> None:
     """F is per minute."""
     state.modes.feed_mode = "G94"
 
 
 @setting("feed")
-def g95(state: State, block: Block) -> None:
+def g95(state: ProgramState, block: WordBlock) -> None:
     """F is per revolution of the spindle."""
     state.modes.feed_mode = "G95"
 
 
 @without_effect((LINUXCNC,))
-def g96(state: State, block: Block) -> None:
+def g96(state: ProgramState, block: WordBlock) -> None:
     """Spindle at a constant surface speed."""
 
 
 @without_effect((LINUXCNC,))
-def g97(state: State, block: Block) -> None:
+def g97(state: ProgramState, block: WordBlock) -> None:
     """Spindle at S revolutions per minute."""
 
 
 @without_effect((LINUXCNC,))
-def g98(state: State, block: Block) -> None:
+def g98(state: ProgramState, block: WordBlock) -> None:
     """Canned cycles retract to the start."""
 
 
 @without_effect((LINUXCNC,))
-def g99(state: State, block: Block) -> None:
+def g99(state: ProgramState, block: WordBlock) -> None:
     """Canned cycles retract to R."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from gantrysim.controllers.fanuc.block_words import Words
 from gantrysim.controllers.fanuc.blocks import Plane
-from gantrysim.controllers.fanuc.words import Words
 from gantrysim.paths.pieces import Vector
 
 ENDS = "XYZ"
@@ -14,7 +14,7 @@ SYSTEMS = 6  # coordinate systems of G54 to G59
 
 
 @dataclass
-class State:
+class ModalState:
     """The modal state.
 
     Attributes:

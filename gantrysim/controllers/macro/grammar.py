@@ -21,7 +21,7 @@ Function = Callable[[float], float]
 _SAME = 1e-6  # difference of numbers that compare as equal
 
 
-class Operator(NamedTuple):
+class BinaryOperator(NamedTuple):
     """An operator between two values: one of a greater strength is applied first."""
 
     strength: int
@@ -51,22 +51,22 @@ def _power(a: float, b: float) -> float:
         raise InputError(f"{a:g} ** {b:g}: has no finite value") from None
 
 
-OPERATORS: dict[str, Operator] = {
-    "**": Operator(5, _power),
-    "*": Operator(4, operator.mul),
-    "/": Operator(4, _divided),
-    "MOD": Operator(4, _modulo),
-    "+": Operator(3, operator.add),
-    "-": Operator(3, operator.sub),
-    "EQ": Operator(2, lambda a, b: float(abs(a - b) < _SAME)),
-    "NE": Operator(2, lambda a, b: float(abs(a - b) >= _SAME)),
-    "GT": Operator(2, lambda a, b: float(a > b)),
-    "GE": Operator(2, lambda a, b: float(a >= b)),
-    "LT": Operator(2, lambda a, b: float(a < b)),
-    "LE": Operator(2, lambda a, b: float(a <= b)),
-    "AND": Operator(1, lambda a, b: float(a != 0 and b != 0)),
-    "OR": Operator(1, lambda a, b: float(a != 0 or b != 0)),
-    "XOR": Operator(1, lambda a, b: float((a != 0) != (b != 0))),
+OPERATORS: dict[str, BinaryOperator] = {
+    "**": BinaryOperator(5, _power),
+    "*": BinaryOperator(4, operator.mul),
+    "/": BinaryOperator(4, _divided),
+    "MOD": BinaryOperator(4, _modulo),
+    "+": BinaryOperator(3, operator.add),
+    "-": BinaryOperator(3, operator.sub),
+    "EQ": BinaryOperator(2, lambda a, b: float(abs(a - b) < _SAME)),
+    "NE": BinaryOperator(2, lambda a, b: float(abs(a - b) >= _SAME)),
+    "GT": BinaryOperator(2, lambda a, b: float(a > b)),
+    "GE": BinaryOperator(2, lambda a, b: float(a >= b)),
+    "LT": BinaryOperator(2, lambda a, b: float(a < b)),
+    "LE": BinaryOperator(2, lambda a, b: float(a <= b)),
+    "AND": BinaryOperator(1, lambda a, b: float(a != 0 and b != 0)),
+    "OR": BinaryOperator(1, lambda a, b: float(a != 0 or b != 0)),
+    "XOR": BinaryOperator(1, lambda a, b: float((a != 0) != (b != 0))),
 }
 
 
@@ -129,7 +129,7 @@ class Grammar:
         existence: name of the function that is 1 for a parameter that was set, else 0.
     """
 
-    operators: Mapping[str, Operator]
+    operators: Mapping[str, BinaryOperator]
     functions: Mapping[str, Function]
     arc_tangent: str = "ATAN"
     existence: str = "EXISTS"
@@ -156,6 +156,6 @@ class Grammar:
             raise InputError(f"{name}[{x:g}]: has no finite value") from None
 
 
-def _any_of(names: Mapping[str, Operator] | tuple[str, ...]) -> re.Pattern[str]:
+def _any_of(names: Mapping[str, BinaryOperator] | tuple[str, ...]) -> re.Pattern[str]:
     # the longest first: a pattern takes the first alternative that fits, and "*" begins "**"
     return re.compile("|".join(re.escape(name) for name in sorted(names, key=len, reverse=True)))

@@ -10,7 +10,7 @@ from gantrysim.base.errors import InputError
 
 
 @dataclass(frozen=True)
-class Dialect:
+class GCodeDialect:
     """The rules of a dialect; its codes name it in `codes/`.
 
     Attributes:
@@ -29,9 +29,9 @@ class Dialect:
     lenient: bool = False
 
 
-LINUXCNC = Dialect(name="LinuxCNC", letters="STD$", dwell=(("P", 1.0),))
+LINUXCNC = GCodeDialect(name="LinuxCNC", letters="STD$", dwell=(("P", 1.0),))
 # firmware takes P of a dwell in milliseconds, S in seconds
-SLICER = Dialect(name="slicer", letters="STDHBCUVW", dwell=(("P", 1e-3), ("S", 1.0)), extrudes=True, lenient=True)
+SLICER = GCodeDialect(name="slicer", letters="STDHBCUVW", dwell=(("P", 1e-3), ("S", 1.0)), extrudes=True, lenient=True)
 
 
 @dataclass(frozen=True)

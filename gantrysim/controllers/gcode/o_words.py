@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.lines import (
-    Command,
+    FirmwareCommand,
     Keywords,
-    Statement,
+    ParsedLine,
     Words,
     compact,
     plain_words,
@@ -17,12 +17,12 @@ from gantrysim.controllers.gcode.lines import (
     statement,
 )
 from gantrysim.controllers.gcode.subprograms import NUMBERING, ProgramLines, ProgramText
-from gantrysim.controllers.macro.flow import END
-from gantrysim.controllers.macro.parameters import Scope, System
+from gantrysim.controllers.macro.order import END
+from gantrysim.controllers.macro.variables import LocalParameters, System
 
 _ARGUMENTS = NUMBERING.local  # a call sets all local parameters
 
-Handler = Callable[["ProgramFlow", Statement, str], int]
+Handler = Callable[["ProgramFlow", ParsedLine, str], int]
 _HANDLERS: dict[str, Handler] = {}  # by the keyword
 _CONDITIONS: set[str] = set()
 
@@ -54,14 +54,14 @@ class ProgramFlow(ProgramLines):
 
     def __init__(self, program: ProgramText, system: System, subprogram_ends: Callable[[int], None]) -> None:
         super().__init__(program, system, subprogram_ends, KEYWORDS)
-        self._statements: dict[int, Statement] = {}  # by their places
+        self._statements: dict[int, ParsedLine] = {}  # by their places
         self._delimited = False  # whether a line of % has run
 
-    def execute(self) -> tuple[int, Words | Command | None]:
+    def execute(self) -> tuple[int, Words | FirmwareCommand | None]:
         line = self.lines[self.place]
         if self.program.firmware:
             read = read_firmware(line)
-            if isinstance(read, Command):
+            if isinstance(read, FirmwareCommand):
                 return self.following, read
             text = read
         else:
@@ -92,7 +92,7 @@ class ProgramFlow(ProgramLines):
                 return following, [word for word in words if word[0] not in "MPLN"]
         return self.following, words or None
 
-    def _assigned(self, read: Statement) -> Words:
+    def _assigned(self, read: ParsedLine) -> Words:
         """Return the words of a line, and then set its parameters: it reads the values from before."""
         words = read.evaluated(self.parameters)
         values = [value(self.parameters) for _, value in read.settings]
@@ -109,7 +109,7 @@ class ProgramFlow(ProgramLines):
             return self.end_repetition() if self.depth else END
         return None
 
-    def _controlled(self, read: Statement) -> int:
+    def _controlled(self, read: ParsedLine) -> int:
         """Run an O word; return the place that follows."""
         label = read.label
         assert label is not None
@@ -117,25 +117,25 @@ class ProgramFlow(ProgramLines):
         # a label without a keyword begins a subprogram of M98
         return _HANDLERS[read.keyword](self, read, key) if read.keyword else self.following
 
-    def _first_argument(self, read: Statement) -> float:
+    def _first_argument(self, read: ParsedLine) -> float:
         return read.arguments[0](self.parameters)
 
     @o_word
-    def o_sub(self, read: Statement, label: str) -> int:
+    def o_sub(self, read: ParsedLine, label: str) -> int:
         """A subroutine that is met on the way, not called, is passed over."""
         return self.ahead(label, ("ENDSUB",)) + 1
 
     @o_word
-    def o_endsub(self, read: Statement, label: str) -> int:
+    def o_endsub(self, read: ParsedLine, label: str) -> int:
         if not self.depth:
             raise InputError(f"endsub of {label}: must be in a subroutine that was called")
         return self._returned(read)
 
     @o_word
-    def o_return(self, read: Statement, label: str) -> int:
+    def o_return(self, read: ParsedLine, label: str) -> int:
         return self._returned(read) if self.depth else END
 
-    def _returned(self, read: Statement) -> int:
+    def _returned(self, read: ParsedLine) -> int:
         """Return from a subroutine with its value, which the caller reads as #<_value>."""
         value = self._first_argument(read) if read.arguments else 0.0
         following = self.leave()
@@ -144,17 +144,17 @@ class ProgramFlow(ProgramLines):
         return following
 
     @o_word
-    def o_call(self, read: Statement, label: str) -> int:
+    def o_call(self, read: ParsedLine, label: str) -> int:
         values = [value(self.parameters) for value in read.arguments]
         if len(values) > _ARGUMENTS:
             raise InputError(f"call with {len(values)} arguments: must be at most {_ARGUMENTS}")
         start = self.enter(self.start_of(label, "SUB"))
         values += [0.0] * (_ARGUMENTS - len(values))
-        self.parameters.scope = Scope(dict(enumerate(values, 1)))
+        self.parameters.scope = LocalParameters(dict(enumerate(values, 1)))
         return start
 
     @o_condition
-    def o_if(self, read: Statement, label: str) -> int:
+    def o_if(self, read: ParsedLine, label: str) -> int:
         """Go to the first branch whose condition holds."""
         place = self.place
         holds = bool(self._first_argument(read))
@@ -166,21 +166,21 @@ class ProgramFlow(ProgramLines):
         return place + 1
 
     @o_condition
-    def o_elseif(self, read: Statement, label: str) -> int:
+    def o_elseif(self, read: ParsedLine, label: str) -> int:
         """Met at the end of a branch that was taken."""
         return self.ahead(label, ("ENDIF",)) + 1
 
     @o_word
-    def o_else(self, read: Statement, label: str) -> int:
+    def o_else(self, read: ParsedLine, label: str) -> int:
         """Met at the end of a branch that was taken."""
         return self.ahead(label, ("ENDIF",)) + 1
 
     @o_word
-    def o_endif(self, read: Statement, label: str) -> int:
+    def o_endif(self, read: ParsedLine, label: str) -> int:
         return self.following
 
     @o_condition
-    def o_while(self, read: Statement, label: str) -> int:
+    def o_while(self, read: ParsedLine, label: str) -> int:
         """The head of a loop, or after a DO its end."""
         closes_do = self._closes_do(label)
         holds = bool(self._first_argument(read))
@@ -194,32 +194,32 @@ class ProgramFlow(ProgramLines):
         return do is not None and (other is None or do > other)
 
     @o_word
-    def o_endwhile(self, read: Statement, label: str) -> int:
+    def o_endwhile(self, read: ParsedLine, label: str) -> int:
         return self.behind(label, ("WHILE",))
 
     @o_word
-    def o_do(self, read: Statement, label: str) -> int:
+    def o_do(self, read: ParsedLine, label: str) -> int:
         return self.following
 
     @o_condition
-    def o_repeat(self, read: Statement, label: str) -> int:
+    def o_repeat(self, read: ParsedLine, label: str) -> int:
         times = _whole("repeat", self._first_argument(read))
         self.calls[-1].repeats[self.place] = times
         return self.enter_loop(times > 0, label, "ENDREPEAT")
 
     @o_word
-    def o_endrepeat(self, read: Statement, label: str) -> int:
+    def o_endrepeat(self, read: ParsedLine, label: str) -> int:
         head = self.behind(label, ("REPEAT",))
         repeats = self.calls[-1].repeats
         repeats[head] = repeats.get(head, 0) - 1
         return head + 1 if repeats[head] > 0 else self.following
 
     @o_word
-    def o_break(self, read: Statement, label: str) -> int:
+    def o_break(self, read: ParsedLine, label: str) -> int:
         return self._end_of_loop(label) + 1
 
     @o_word
-    def o_continue(self, read: Statement, label: str) -> int:
+    def o_continue(self, read: ParsedLine, label: str) -> int:
         return self._end_of_loop(label)
 
     def _end_of_loop(self, label: str) -> int:

@@ -22,7 +22,7 @@ Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
-class Table:
+class StageGeometry:
     """Positions of the stage, the work and the needle, as complex numbers [mm].
 
     Args:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from gantrysim.controllers.fanuc.block_words import Words
 from gantrysim.controllers.fanuc.blocks import Block, Rapid
-from gantrysim.controllers.fanuc.codes.code import action, setting
-from gantrysim.controllers.fanuc.state import ENDS, SYSTEMS, State
-from gantrysim.controllers.fanuc.words import Words
+from gantrysim.controllers.fanuc.codes.handlers import action, setting
+from gantrysim.controllers.fanuc.modal_state import ENDS, SYSTEMS, ModalState
 
 
 @action
-def g10(state: State, words: Words) -> list[Block]:
+def g10(state: ModalState, words: Words) -> list[Block]:
     """Set the coordinate system P, with L2."""
     lengths = _taken_lengths(state, words)
     number = words.values.pop("P", 0.0)
@@ -22,7 +22,7 @@ def g10(state: State, words: Words) -> list[Block]:
 
 
 @action
-def g28(state: State, words: Words) -> list[Block]:
+def g28(state: ModalState, words: Words) -> list[Block]:
     """Rapid moves of the given axes to the initial position, by way of the end."""
     lengths = _taken_lengths(state, words)
     way = tuple(state.end(lengths.get(axis), axis) for axis in range(3))
@@ -34,7 +34,7 @@ def g28(state: State, words: Words) -> list[Block]:
 
 
 @action
-def g52(state: State, words: Words) -> list[Block]:
+def g52(state: ModalState, words: Words) -> list[Block]:
     """Local shift of the coordinates."""
     for axis, length in _taken_lengths(state, words).items():
         state.shift[axis] = length
@@ -42,55 +42,55 @@ def g52(state: State, words: Words) -> list[Block]:
 
 
 @setting
-def g53(state: State, words: Words) -> None:
+def g53(state: ModalState, words: Words) -> None:
     """Coordinates of the machine, in this block."""
     state.in_machine = True
 
 
 @setting
-def g54(state: State, words: Words) -> None:
+def g54(state: ModalState, words: Words) -> None:
     """Coordinate system 1."""
     state.system = 0
 
 
 @setting
-def g55(state: State, words: Words) -> None:
+def g55(state: ModalState, words: Words) -> None:
     """Coordinate system 2."""
     state.system = 1
 
 
 @setting
-def g56(state: State, words: Words) -> None:
+def g56(state: ModalState, words: Words) -> None:
     """Coordinate system 3."""
     state.system = 2
 
 
 @setting
-def g57(state: State, words: Words) -> None:
+def g57(state: ModalState, words: Words) -> None:
     """Coordinate system 4."""
     state.system = 3
 
 
 @setting
-def g58(state: State, words: Words) -> None:
+def g58(state: ModalState, words: Words) -> None:
     """Coordinate system 5."""
     state.system = 4
 
 
 @setting
-def g59(state: State, words: Words) -> None:
+def g59(state: ModalState, words: Words) -> None:
     """Coordinate system 6."""
     state.system = 5
 
 
 @action
-def g92(state: State, words: Words) -> list[Block]:
+def g92(state: ModalState, words: Words) -> list[Block]:
     """Shift that gives the position these coordinates."""
     for axis, length in _taken_lengths(state, words).items():
         state.shift[axis] = state.here[axis] - state.systems[state.system][axis] - length
     return []
 
 
-def _taken_lengths(state: State, words: Words) -> dict[int, float]:
+def _taken_lengths(state: ModalState, words: Words) -> dict[int, float]:
     """Take the words X, Y and Z of a block; by axis [mm]."""
     return {axis: words.values.pop(letter) * state.unit for axis, letter in enumerate(ENDS) if letter in words.values}

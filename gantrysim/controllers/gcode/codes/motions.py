@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.arcs import add_arc
-from gantrysim.controllers.gcode.codes.code import LINUXCNC, action, motion
+from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, action, motion
+from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
+from gantrysim.controllers.gcode.round_moves import add_arc
 from gantrysim.controllers.gcode.splines import add_cubic, add_quadratic
-from gantrysim.controllers.gcode.state import Block, State
 
 
 @motion(straight=True)
-def g0(state: State, block: Block) -> None:
+def g0(state: ProgramState, block: WordBlock) -> None:
     """Rapid move; printers run it at the feed."""
     if state.dialect.extrudes:
         g1(state, block)
@@ -22,7 +22,7 @@ def g0(state: State, block: Block) -> None:
 
 
 @motion(straight=True)
-def g1(state: State, block: Block) -> None:
+def g1(state: ProgramState, block: WordBlock) -> None:
     """Line at feed."""
     state.spline_control = None
     start = state.frames.here
@@ -31,31 +31,31 @@ def g1(state: State, block: Block) -> None:
 
 
 @motion(moved_by="IJKR")
-def g2(state: State, block: Block) -> None:
+def g2(state: ProgramState, block: WordBlock) -> None:
     """Arc or helix, clockwise."""
     add_arc(state, block, clockwise=True)
 
 
 @motion(moved_by="IJKR")
-def g3(state: State, block: Block) -> None:
+def g3(state: ProgramState, block: WordBlock) -> None:
     """Arc or helix, counter-clockwise."""
     add_arc(state, block, clockwise=False)
 
 
 @motion(moved_by="IJPQ", dialects=(LINUXCNC,))
-def g5(state: State, block: Block) -> None:
+def g5(state: ProgramState, block: WordBlock) -> None:
     """Cubic spline; I J and P Q are the control points, from the start and from the end."""
     add_cubic(state, block)
 
 
 @motion(moved_by="IJPQ")
-def g5_1(state: State, block: Block) -> None:
+def g5_1(state: ProgramState, block: WordBlock) -> None:
     """Quadratic spline; I J is the control point, from the start."""
     add_quadratic(state, block)
 
 
 @action(shares_words=True)
-def g4(state: State, block: Block) -> None:
+def g4(state: ProgramState, block: WordBlock) -> None:
     """Dwell of P, or as printers have it S."""
     words = state.dialect.dwell
     times = [block.values.pop(letter) * unit for letter, unit in words if letter in block.values]

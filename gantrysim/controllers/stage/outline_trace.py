@@ -17,7 +17,7 @@ from gantrysim.base.errors import InputError, at_least, point, positive, whole
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.stage.bounds import AXES, FREE, Place, Three, axis_limits, travel
 from gantrysim.controllers.stage.outline import outline, polygon
-from gantrysim.controllers.stage.table import Complex, Table, Turning
+from gantrysim.controllers.stage.stage_geometry import Complex, StageGeometry, Turning
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.limits import Derivatives, Limited, fastest, nodes, velocity_bound
 from gantrysim.paths.profile import Constant
@@ -39,7 +39,7 @@ class OutlineTrace(Controller):
     The work piece is a polygon with rounded corners. Along an edge the table stands still and the stage moves at the
     path speed; in a corner of radius r the table turns at speed / r and the stage moves on an arc, so that the
     needle follows the outline at the path speed and the outward normal keeps its direction. With u and n on the
-    outline and the geometry of `Table`,
+    outline and the geometry of `StageGeometry`,
 
         TH = angle(n_K) - angle(n),    S = sigma [C + R(-TH) (K - C) - W - u].
 
@@ -123,8 +123,8 @@ class OutlineTrace(Controller):
         self._check_travel()
 
     @cached_property
-    def _table(self) -> Table:
-        return Table(complex(*self.needle), complex(*self.centre), complex(*self.work_centre), self.sigma)
+    def _table(self) -> StageGeometry:
+        return StageGeometry(complex(*self.needle), complex(*self.centre), complex(*self.work_centre), self.sigma)
 
     @cached_property
     def _outline(self) -> tuple[ArcChain, float]:

@@ -4,39 +4,39 @@ from __future__ import annotations
 
 from typing import Any
 
+from gantrysim.controllers.fanuc.block_words import Words
 from gantrysim.controllers.fanuc.blocks import PLANES, Arc, Block, Dwell, Line, Rapid, Spiral
-from gantrysim.controllers.fanuc.codes.code import action, motion
-from gantrysim.controllers.fanuc.state import State
-from gantrysim.controllers.fanuc.words import Words
+from gantrysim.controllers.fanuc.codes.handlers import action, motion
+from gantrysim.controllers.fanuc.modal_state import ModalState
 
 CENTRES = "IJK"
 
 
 @motion
-def g00(state: State, words: Words, arguments: dict[str, Any]) -> Block:
+def g00(state: ModalState, words: Words, arguments: dict[str, Any]) -> Block:
     """Line at the rapid feed."""
     return Rapid(**arguments)
 
 
 @motion
-def g01(state: State, words: Words, arguments: dict[str, Any]) -> Block:
+def g01(state: ModalState, words: Words, arguments: dict[str, Any]) -> Block:
     """Line at feed."""
     return Line(feed=state.required_feed(words), **arguments)
 
 
 @motion
-def g02(state: State, words: Words, arguments: dict[str, Any]) -> Block:
+def g02(state: ModalState, words: Words, arguments: dict[str, Any]) -> Block:
     """Arc, helix, spiral or cone, clockwise."""
     return _round(state, words, {**arguments, "clockwise": True})
 
 
 @motion
-def g03(state: State, words: Words, arguments: dict[str, Any]) -> Block:
+def g03(state: ModalState, words: Words, arguments: dict[str, Any]) -> Block:
     """Arc, helix, spiral or cone, counter-clockwise."""
     return _round(state, words, {**arguments, "clockwise": False})
 
 
-def _round(state: State, words: Words, arguments: dict[str, Any]) -> Block:
+def _round(state: ModalState, words: Words, arguments: dict[str, Any]) -> Block:
     """A spiral if Q, L, or a height per turn with an end along the normal is given, else an arc or a helix."""
     arguments["feed"] = state.required_feed(words)
     first, second, across = PLANES[state.plane]
@@ -62,7 +62,7 @@ def _round(state: State, words: Words, arguments: dict[str, Any]) -> Block:
 
 
 @action
-def g04(state: State, words: Words) -> list[Block]:
+def g04(state: ModalState, words: Words) -> list[Block]:
     """Dwell of X seconds or P milliseconds."""
     seconds = words.values.pop("X", None)
     milliseconds = words.values.pop("P", None)

@@ -21,7 +21,7 @@ EXACT_PATH = 0.0
 PLANES = ((0, 1, 2), (2, 0, 1), (1, 2, 0))  # axes of the plane and its normal, of G17, G18, G19
 
 
-class Move(NamedTuple):
+class MoveRow(NamedTuple):
     """A row of the table.
 
     Attributes:
@@ -58,23 +58,23 @@ class Move(NamedTuple):
 
 
 # columns of the table
-KIND = Move._fields.index("kind")
-END = Move._fields.index("x")
-CENTRE = Move._fields.index("u")
-PLANE = Move._fields.index("plane")
-ANGLE = Move._fields.index("angle")
-FEED = Move._fields.index("feed")
-MODE = Move._fields.index("mode")
-NAIVE = Move._fields.index("naive")
-GLUE = Move._fields.index("glue")
-SOURCE = Move._fields.index("source")
-FLOW = Move._fields.index("flow")
-WIDTH = len(Move._fields)
+KIND = MoveRow._fields.index("kind")
+END = MoveRow._fields.index("x")
+CENTRE = MoveRow._fields.index("u")
+PLANE = MoveRow._fields.index("plane")
+ANGLE = MoveRow._fields.index("angle")
+FEED = MoveRow._fields.index("feed")
+MODE = MoveRow._fields.index("mode")
+NAIVE = MoveRow._fields.index("naive")
+GLUE = MoveRow._fields.index("glue")
+SOURCE = MoveRow._fields.index("source")
+FLOW = MoveRow._fields.index("flow")
+WIDTH = len(MoveRow._fields)
 _MOST = 5_000_000
 _SAME = 1e-9  # relative to 1 rad
 
 
-class Moves:
+class MoveTable:
     """A growing table of moves.
 
     Args:
@@ -88,7 +88,7 @@ class Moves:
     def __len__(self) -> int:
         return len(self._numbers) // WIDTH
 
-    def add(self, move: Move) -> None:
+    def add(self, move: MoveRow) -> None:
         """Append a move."""
         self._numbers.extend(move)
         if len(self._numbers) > _MOST * WIDTH:

@@ -10,14 +10,14 @@ from enum import Enum, auto
 from typing import Generic, TypeVar
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.macro.parameters import Parameters, Scope
+from gantrysim.controllers.macro.variables import LocalParameters, Parameters
 
 END = -1  # the place that follows the last line that runs
 _DEEPEST = 10  # calls
 Line = TypeVar("Line")  # what a line holds for the machine, as its words
 
 
-class Fault(Enum):
+class FlowRefusal(Enum):
     """The reasons for which the order of a program is refused; a controller may number them."""
 
     STEPS = auto()
@@ -76,7 +76,7 @@ class Call:
 
     back: int
     start: int
-    scope: Scope
+    scope: LocalParameters
     times: int = 1
     repeats: dict[int, int] = field(default_factory=dict)
 
@@ -113,7 +113,7 @@ class Flow(ABC, Generic[Line]):
         """Run the line at `place`; return the next place, and what the line holds for the machine, if anything."""
 
     @abstractmethod
-    def refusal(self, fault: Fault, detail: str) -> InputError:
+    def refusal(self, fault: FlowRefusal, detail: str) -> InputError:
         """Return the error of the line that runs."""
 
     @abstractmethod
@@ -146,7 +146,7 @@ class Flow(ABC, Generic[Line]):
             steps += 1
             if steps > self._most_steps:
                 raise self.refusal(
-                    Fault.STEPS,
+                    FlowRefusal.STEPS,
                     f"{self._most_steps} {self._unit} have run: must end before; is there an endless loop?",
                 )
             following, line = self.execute()
@@ -156,7 +156,7 @@ class Flow(ABC, Generic[Line]):
     def check_depth(self) -> None:
         """Raise InputError where no further call is allowed."""
         if self.depth >= _DEEPEST:
-            raise self.refusal(Fault.DEPTH, f"calls nested deeper than {_DEEPEST} levels")
+            raise self.refusal(FlowRefusal.DEPTH, f"calls nested deeper than {_DEEPEST} levels")
 
     def enter(self, start: int, times: int = 1) -> int:
         """Call a subprogram that begins at a place; return that place. The caller's parameters stay in force."""

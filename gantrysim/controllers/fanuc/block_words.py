@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-from gantrysim.controllers.fanuc.alarm import Alarm, Source
+from gantrysim.controllers.fanuc.alarm import Alarm, BlockSource
 
 COMMENT = r"\([^)]*\)?"
 LETTERS = "ABCDFGHIJKLMNOPQRSTXYZ"
@@ -17,7 +17,7 @@ _DIGITS = 8
 
 
 @dataclass(frozen=True)
-class Words(Source):
+class Words(BlockSource):
     """The words of a block.
 
     Attributes:
@@ -64,7 +64,7 @@ def words_of(text: str, name: str, line: int) -> Words:
     auxiliary: list[float] = []
     values: dict[str, float] = {}
 
-    fail = Source(name, line).fail
+    fail = BlockSource(name, line).fail
     position = 0
     while position < len(text):
         letter = text[position]
