@@ -117,14 +117,14 @@ class Bead(BeadTrace, Shown):
     @cached_property
     def dispensing(self) -> NDArray[np.bool_]:
         """Stations that the nozzle passes while the dispenser is on, (r,)."""
-        on = np.zeros(self.place.size, bool)
+        passed = np.zeros(self.place.size, bool)
         for first, after in self.stretches:
             low = self.length[first]
             high = self.length[min(after, self.length.size - 1)]
-            on |= (self.place >= low) & (self.place <= high)
-        if not on.any():  # a stretch shorter than the distance of the stations
-            on[np.abs(self.place - self.length[self.stretches[0, 0]]).argmin()] = True
-        return on
+            passed |= (self.place >= low) & (self.place <= high)
+        if not passed.any():  # a stretch shorter than the distance of the stations
+            passed[np.abs(self.place - self.length[self.stretches[0, 0]]).argmin()] = True
+        return passed
 
     @property
     def _turn_lengths(self) -> Floats:
@@ -203,24 +203,24 @@ class Bead(BeadTrace, Shown):
         excess *= run.period
         last = excess.size - 1
         ticks = []
-        for (on, off), low, high in zip(self.stretches.tolist(), self._bounds[:-1], self._bounds[1:], strict=True):
-            ticks.append([low, *self._settled(on, min(off, last)), high])
+        for (begin, end), low, high in zip(self.stretches.tolist(), self._bounds[:-1], self._bounds[1:], strict=True):
+            ticks.append([low, *self._settled(begin, min(end, last)), high])
         return np.diff(excess[np.array(ticks)], axis=1)
 
-    def _settled(self, on: int, off: int) -> tuple[int, int]:
+    def _settled(self, begin: int, end: int) -> tuple[int, int]:
         """First tick of a stretch at which the flow has settled, and the tick after the last such."""
-        demand = self.run.flow_demand[on:off]
-        excess = self.run.flow[on:off] - demand
+        demand = self.run.flow_demand[begin:end]
+        excess = self.run.flow[begin:end] - demand
         usual = float(np.median(excess)) if excess.size else 0.0
         # a flow may also cross its settled value on a ramp
         full = demand >= 0.5 * demand.max(initial=0.0)
         near = np.flatnonzero(
             full & by_blocks(lambda block: np.abs(excess[block] - usual) <= _SETTLED * demand[block], demand.size)
         )
-        middle = (on + off) // 2
+        middle = (begin + end) // 2
         if not near.size or usual <= -demand.max(initial=0.0) * (1 - _SETTLED):  # too short to settle
             return middle, middle
-        return on + int(near[0]), on + int(near[-1]) + 1
+        return begin + int(near[0]), begin + int(near[-1]) + 1
 
     @cached_property
     def _offsets(self) -> tuple[Floats, Floats]:
@@ -230,13 +230,13 @@ class Bead(BeadTrace, Shown):
         falls = np.array([self._crossing(k) for k in edges[:, 1].tolist()])
         starts = []
         stops = []
-        for k, (on, off) in enumerate(self.stretches.tolist()):
-            low, middle, high = self.length[[self._bounds[k], (on + off) // 2, self._bounds[k + 1]]]
+        for k, (begin, end) in enumerate(self.stretches.tolist()):
+            low, middle, high = self.length[[self._bounds[k], (begin + end) // 2, self._bounds[k + 1]]]
             start = rises[(rises >= low) & (rises <= middle)]
-            starts += (start[:1] - self.length[on]).tolist()
-            if off < len(self.run.time):
+            starts += (start[:1] - self.length[begin]).tolist()
+            if end < len(self.run.time):
                 stop = falls[(falls >= middle) & (falls <= high)]
-                stops += (stop[-1:] - self.length[off]).tolist()
+                stops += (stop[-1:] - self.length[end]).tolist()
         return np.array(starts), np.array(stops)
 
     def _crossing(self, station: int) -> float:

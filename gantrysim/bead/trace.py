@@ -186,14 +186,14 @@ class BeadTrace:
         run = self.run
         if not run.dispense.any():
             return run.nozzle[:, 2] - self.gap
-        on = self.analysis.ticks
+        ticks = self.analysis.ticks
         offset = self.analysis.nozzle.offset
 
         def below(block: slice) -> Floats:
-            first, after = np.searchsorted(on, [block.start, block.stop])
+            first, after = np.searchsorted(ticks, [block.start, block.stop])
             near = slice(max(first - 1, 0), after + 1)  # with the neighbours of the block
-            requested = run.nozzle[on[near], 2] - offset[near, 2]
-            return np.interp(np.arange(block.start, block.stop), on[near], requested) - self.gap
+            requested = run.nozzle[ticks[near], 2] - offset[near, 2]
+            return np.interp(np.arange(block.start, block.stop), ticks[near], requested) - self.gap
 
         return by_blocks(below, len(run.time))
 

@@ -154,8 +154,8 @@ def _measure_axes(log, ticks, setpoints, period, peak, row):
             continue
         count += 1
         # at a switch of the dispenser torques differ for other reasons than ripple
-        both = k > 0 and dispense[setpoint] != 0 and dispense[log.tick[k - 1].setpoint] != 0
-        pairs += both
+        dispensing = k > 0 and dispense[setpoint] != 0 and dispense[log.tick[k - 1].setpoint] != 0
+        pairs += dispensing
         for a in range(n):
             column = row[_PATH_COLUMNS + _AXIS_COLUMNS * a : _PATH_COLUMNS + _AXIS_COLUMNS * (a + 1)]
             error = position[setpoint, a] - log.axis[k, a].encoder
@@ -164,7 +164,7 @@ def _measure_axes(log, ticks, setpoints, period, peak, row):
             column[1] = max(column[1], abs(error))
             column[2] += error
             column[3] = max(column[3], abs(demand))
-            if both:
+            if dispensing:
                 change = demand - log.axis[k - 1, a].demand
                 column[4] += change * change
         way += _distance(tip, log.tick[k - 1].nozzle) if k > 0 else 0.0

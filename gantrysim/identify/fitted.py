@@ -72,7 +72,7 @@ def _edit(machine: Machine, fits: Sequence[AxisFit], *, first: bool) -> Callable
     return edit
 
 
-def _set_mode(spring: mujoco.MjsJoint, fit: AxisFit, now: AxisModel, load: float) -> None:
+def _set_mode(spring: mujoco.MjsJoint, fit: AxisFit, present: AxisModel, load: float) -> None:
     body = spring.parent
     added = load * PER_SI[fit.unit] ** 2 / fit.model.scale
     if spring.type == mujoco.mjtJoint.mjJNT_SLIDE:
@@ -92,8 +92,8 @@ def _set_mode(spring: mujoco.MjsJoint, fit: AxisFit, now: AxisModel, load: float
         inertia[first] = mean + apart
         inertia[second] = mean - apart
         body.inertia = inertia
-    spring.stiffness = np.array([spring.stiffness[0] * fit.model.stiffness / now.stiffness, 0, 0])
-    spring.damping = np.array([spring.damping[0] * fit.model.damping / now.damping, 0, 0])
+    spring.stiffness = np.array([spring.stiffness[0] * fit.model.stiffness / present.stiffness, 0, 0])
+    spring.damping = np.array([spring.damping[0] * fit.model.damping / present.damping, 0, 0])
 
 
 def _set_friction(motor: mujoco.MjsActuator, joint: mujoco.MjsJoint, fit: AxisFit) -> None:

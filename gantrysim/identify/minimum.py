@@ -98,8 +98,8 @@ class Minimum:
             name: float(self.covariance[k, k]) if self.covariance[k, k] > 0 else math.inf
             for k, name in enumerate(self.names)
         }
-        both = [self.names.index(name) for name in ("coulomb", "excess")]
-        variance["static"] = max(float(self.covariance[np.ix_(both, both)].sum()), 0.0)
+        friction = [self.names.index(name) for name in ("coulomb", "excess")]
+        variance["static"] = max(float(self.covariance[np.ix_(friction, friction)].sum()), 0.0)
         estimates = {}
         for name in PARAMETERS:
             if name in variance:

@@ -143,29 +143,34 @@ class Analysis(Shown):
     def values(self) -> AnalysisValues:
         """The values of the run, up to a fault where there is one."""
         run = self.run
-        on = self.ticks
+        ticks = self.ticks
 
         def along(block: slice) -> Floats:
             # in blocks: a run of hours does not fit in memory beside its differences
-            lag = run.commanded_tip[on[block]] - run.encoder_tip[on[block]]
+            lag = run.commanded_tip[ticks[block]] - run.encoder_tip[ticks[block]]
             return dot(lag, run.requested.tangent(self.commanded.s[block]))
 
         def steps(block: slice) -> Floats:
-            return np.linalg.norm(np.diff(run.commanded_tip[on[block.start : block.stop + 1]], axis=0), axis=1)
+            return np.linalg.norm(np.diff(run.commanded_tip[ticks[block.start : block.stop + 1]], axis=0), axis=1)
 
         def moves(block: slice) -> NDArray[np.bool_]:
             return np.any(np.diff(run.commanded[block.start : block.stop + 1], axis=0) != 0, axis=1)
 
+        tracking = {}
+        for a, name in enumerate(run.axes):
+            tracking[name] = ErrorSize.of(run.commanded[ticks, a] - run.encoder[ticks, a])
+        # not the way between stretches of dispensing
+        path_length = float(by_blocks(steps, ticks.size - 1)[np.diff(ticks) == 1].sum())
         x, y, z = run.nozzle[-1].tolist()
         moving = np.flatnonzero(by_blocks(moves, len(run.time) - 1))
         return AnalysisValues(
             spacing=Range.of(self.spacing.distance) if self.spacing.distance.size else None,
-            tracking={name: ErrorSize.of(run.commanded[on, a] - run.encoder[on, a]) for a, name in enumerate(run.axes)},
-            tracking_along=ErrorSize.of(by_blocks(along, on.size)),
+            tracking=tracking,
+            tracking_along=ErrorSize.of(by_blocks(along, ticks.size)),
             generation=ErrorSize.of(self.commanded.distance),
             contour=ErrorSize.of(self.nozzle.distance),
-            speed=Range.of(path_speed(run)[on]),
-            path_length=float(by_blocks(steps, on.size - 1)[np.diff(on) == 1].sum()),  # not the way between stretches
+            speed=Range.of(path_speed(run)[ticks]),
+            path_length=path_length,
             duration=float(run.time[moving[-1] + 1]) if moving.size else 0.0,
             end_point=(x, y, z),
         )
@@ -209,8 +214,8 @@ def speed_ripple(run: Run) -> float:
     Raises:
         InputError: the dispenser is never on.
     """
-    on = _dispensing_ticks(run)
-    speed = path_speed(run)[on[steady(on.size)]]
+    ticks = _dispensing_ticks(run)
+    speed = path_speed(run)[ticks[steady(ticks.size)]]
     mean = float(speed.mean())
     return float(speed.std()) / mean if mean > 0 else 0.0
 

@@ -154,7 +154,7 @@ class Budget:
         of the two points, as inside a corner the foot jumps from one leg to the other.
         """
         run = self.analysis.run
-        on = self.analysis.ticks
+        ticks = self.analysis.ticks
         commanded = self.analysis.commanded.s
         nozzle = self.analysis.nozzle.s
         path = run.requested
@@ -164,12 +164,12 @@ class Budget:
         def lag(block: slice) -> Floats:
             along = commanded[block] - nozzle[block]
             rows = np.flatnonzero(path.legs.between(commanded[block], nozzle[block]))
-            apart = run.commanded_tip[on[block][rows]] - run.nozzle[on[block][rows]]
+            apart = run.commanded_tip[ticks[block][rows]] - run.nozzle[ticks[block][rows]]
             distance = np.linalg.norm(apart, axis=1)
             along[rows] = np.clip(along[rows], -distance, distance)
             return along
 
-        return by_blocks(lag, on.size)
+        return by_blocks(lag, ticks.size)
 
     @property
     def turn(self) -> NDArray[np.intp]:

@@ -77,10 +77,10 @@ def offset_of(foot: Projection) -> Part:
     return Part(columns["lateral"], columns["vertical"], columns["beyond"])
 
 
-def _carried(path: Path, foot: Projection, to: Projection, block: slice) -> Part:
+def _carried(path: Path, foot: Projection, target: Projection, block: slice) -> Part:
     """Return the offsets from some feet in the frame of the legs of other feet."""
     offset = Components(foot.lateral[block], foot.vertical[block], foot.beyond[block])
-    carried = path.legs.carry(offset, foot.s[block], to.s[block])
+    carried = path.legs.carry(offset, foot.s[block], target.s[block])
     return Part(carried.lateral, carried.vertical, carried.beyond)
 
 

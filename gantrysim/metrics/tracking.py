@@ -33,7 +33,7 @@ def tracking_by_axis(analysis: Analysis, tracking: Part, machine: RigidMachine) 
         machine: the machine of the run.
     """
     run = analysis.run
-    on = analysis.ticks
+    ticks = analysis.ticks
 
     @lru_cache(maxsize=1)  # a block's normals serve all axes
     def normals(first: int, last: int) -> tuple[Floats, Floats, Floats]:
@@ -41,13 +41,14 @@ def tracking_by_axis(analysis: Analysis, tracking: Part, machine: RigidMachine) 
 
     def part(a: int, block: slice) -> Part:
         lateral, vertical, beyond = normals(block.start, block.stop)
-        position = run.commanded[on[block]]
-        position[:, a] = run.encoder[on[block], a]
-        shift = machine.tip(position) - run.commanded_tip[on[block]]
+        position = run.commanded[ticks[block]]
+        position[:, a] = run.encoder[ticks[block], a]
+        shift = machine.tip(position) - run.commanded_tip[ticks[block]]
         return Part(dot(shift, lateral), dot(shift, vertical), dot(shift, beyond))
 
     return {
-        name: table_by_blocks((part(a, block) for block in blocks(on.size)), on.size) for a, name in enumerate(run.axes)
+        name: table_by_blocks((part(a, block) for block in blocks(ticks.size)), ticks.size)
+        for a, name in enumerate(run.axes)
     }
 
 
@@ -65,8 +66,8 @@ def _normals(analysis: Analysis, tracking: Part, block: slice) -> tuple[Floats, 
     corner = path.legs.between(s, analysis.encoder.s[block])
     corner |= path.legs.between(s, analysis.nozzle.s[block])
     rows = np.flatnonzero(corner)
-    on = analysis.ticks[block][rows]
-    displacement = run.encoder_tip[on] - run.commanded_tip[on]
+    corner_ticks = analysis.ticks[block][rows]
+    displacement = run.encoder_tip[corner_ticks] - run.commanded_tip[corner_ticks]
     square = np.maximum(dot(displacement, displacement), _NO_MOTION**2)
     present = tracking.at(block)
     for normal, component in ((lateral, present.lateral), (vertical, present.vertical), (beyond, present.beyond)):

@@ -13,12 +13,12 @@ _STEPS = ((1, 2, 5), (1, 1.5, 2, 3, 5, 7), (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 
 _LEAST_TICKS = 4
 
 
-def logarithmic(axes: Axes, which: Literal["x", "y"], values: Sequence[float]) -> None:
+def logarithmic(axes: Axes, direction: Literal["x", "y"], values: Sequence[float]) -> None:
     """Make an axis logarithmic, from the least to the largest value, with round numbers at its ticks.
 
     Args:
         axes: the plot.
-        which: of its axes.
+        direction: of the axis.
         values: to show, above 0.
     """
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
@@ -33,13 +33,13 @@ def logarithmic(axes: Axes, which: Literal["x", "y"], values: Sequence[float]) -
         ticks = [step * 10.0**decade for decade in decades for step in steps if low <= step * 10.0**decade <= high]
         if len(ticks) >= _LEAST_TICKS:
             break
-    if which == "x":
+    if direction == "x":
         axes.set_xscale("log")
         axes.set_xlim(low, high)
     else:
         axes.set_yscale("log")
         axes.set_ylim(low, high)
-    axis = axes.xaxis if which == "x" else axes.yaxis
+    axis = axes.xaxis if direction == "x" else axes.yaxis
     axis.set_major_locator(FixedLocator(ticks))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

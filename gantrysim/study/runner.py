@@ -54,11 +54,11 @@ def run_cases(
     if workers is not None:
         whole("workers", workers, 1)
     missing = {case.key: case for case in cases if case.key not in ledger}
-    every = len({case.key for case in cases})
+    total = len({case.key for case in cases})
 
     def advance() -> None:
         if progress is not None:
-            progress(every - len(missing), every)
+            progress(total - len(missing), total)
 
     advance()
     most = _TOGETHER if measure_together else 1  # a single case takes long compared with its transfer to the worker

@@ -41,30 +41,30 @@ def rounds(
     usual = np.concatenate([np.zeros(groups), natural])
     edge = np.concatenate([np.zeros(groups), begin[groups:]])
     first = [edge, usual] if known or np.array_equal(begin, edge) else [begin, edge, usual]
-    now = Estimates((yield first), limits)
-    centre = now.measured.points[now.best()]
+    estimates = Estimates((yield first), limits)
+    centre = estimates.measured.points[estimates.best()]
     steps = np.where(centre + _STEP <= high, _STEP, -_STEP)
-    now = Estimates((yield list(np.clip(centre + np.diag(steps), low, high))), limits)
+    estimates = Estimates((yield list(np.clip(centre + np.diag(steps), low, high))), limits)
     idle = 0
     turn = 0
     since = 0  # number of the first candidate that belongs to the present region
     while idle < _IDLE:
-        least = now.best()
+        least = estimates.best()
         if turn % 2:  # every other region begins elsewhere: the metric has more than one valley
-            since = len(now.keys)
+            since = len(estimates.keys)
             points = rng.uniform(np.maximum(usual - 1, low), np.minimum(usual + 1, high), (_RANDOM, len(begin)))
             points[:, :groups] = 0.0
-            now = Estimates((yield list(points)), limits)
+            estimates = Estimates((yield list(points)), limits)
         else:
             since = 0
         region = TrustRegion(bounds, rng)
         while not region.converged:
-            best = now.best(since)
-            now = Estimates((yield region.ask(now.measured, best, limits.batch)), limits)
-            region.adapt(improved=now.falls(best, now.best(since), _PROGRESS))
-            if region.radius < _SMALL and now.falls(now.best(since), now.best(), _HOPELESS):
+            best = estimates.best(since)
+            estimates = Estimates((yield region.ask(estimates.measured, best, limits.batch)), limits)
+            region.adapt(improved=estimates.falls(best, estimates.best(since), _PROGRESS))
+            if region.radius < _SMALL and estimates.falls(estimates.best(since), estimates.best(), _HOPELESS):
                 break
-        idle = 0 if now.falls(least, now.best(), _PROGRESS) else idle + 1
+        idle = 0 if estimates.falls(least, estimates.best(), _PROGRESS) else idle + 1
         turn += 1
 
 

@@ -179,12 +179,12 @@ def _bars(laws: list[str], shown: dict[str, tuple[list[float], str]], label: str
     with sheet(9.0, 0.42 * len(laws) + 1.6) as figure:
         axes = figure.add_subplot()
         places = np.arange(len(laws))[::-1]
-        every = []
+        drawn = []
         for name, (values, colour) in shown.items():
             axes.plot(values, places, "o", ms=6, color=colour, label=name)
-            every += [value for value in values if value > 0]
+            drawn += [value for value in values if value > 0]
         axes.set_yticks(places, laws)
-        logarithmic(axes, "x", every)
+        logarithmic(axes, "x", drawn)
         axes.set(xlabel=label)
         figure.legend(loc="outside lower center", ncols=len(shown))
     return figure

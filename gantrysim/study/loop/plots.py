@@ -84,21 +84,21 @@ def _predicted(study: LoopStudy, key: str, values: Floats, base: Mapping[str, An
 
 
 def _program_errors(
-    study: LoopStudy, theory: LoopTheory, on: Panels, values: tuple[float, ...]
+    study: LoopStudy, theory: LoopTheory, panels: Panels, values: tuple[float, ...]
 ) -> tuple[Floats, dict[str, Floats], dict[str, Floats]]:
     """Draw the errors over a setting of the program; return its values and the predictions, loop alone and limited."""
     amber = COLOURS["generation"]
     swept = _points(values)
-    alone = _predicted(study, on.sweep, swept, theory.alone)
-    limited = _predicted(study, on.sweep, swept, {})
-    on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
-    on.points(on.errors, "contour_rms_um", LOOP_ALONE, INK, "contour, loop alone")
-    on.points(on.errors, "generation_rms_um", PERFECT, amber, "generation, loop alone")
-    on.line(on.errors, swept, alone["rms"], amber, "stepped arcs against the involute")
+    alone = _predicted(study, panels.sweep, swept, theory.alone)
+    limited = _predicted(study, panels.sweep, swept, {})
+    panels.points(panels.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
+    panels.points(panels.errors, "contour_rms_um", LOOP_ALONE, INK, "contour, loop alone")
+    panels.points(panels.errors, "generation_rms_um", PERFECT, amber, "generation, loop alone")
+    panels.line(panels.errors, swept, alone["rms"], amber, "stepped arcs against the involute")
     limits = f"{theory.wait} and {theory.ramps}"
-    on.line(on.errors, swept, limited["rms"], COLOURS["requested"], f"stepped arcs with {limits}")
-    on.failures()
-    on.ripples(AS_IT_IS, LOOP_ALONE)
+    panels.line(panels.errors, swept, limited["rms"], COLOURS["requested"], f"stepped arcs with {limits}")
+    panels.failures()
+    panels.ripples(AS_IT_IS, LOOP_ALONE)
     return swept, alone, limited
 
 
@@ -108,23 +108,23 @@ def _theory(study: LoopStudy) -> LoopTheory:
     return study.theory
 
 
-def _loop_period(study: LoopStudy, on: Panels) -> str:
+def _loop_period(study: LoopStudy, panels: Panels) -> str:
     amber = COLOURS["generation"]
     theory = _theory(study)
-    period, alone, limited = _program_errors(study, theory, on, study.loop_periods)
+    period, alone, limited = _program_errors(study, theory, panels, study.loop_periods)
     first_order = [UM * theory.first_order_error(t) for t in period.tolist()]
-    on.line(on.errors, period, np.array(first_order), INK, theory.first_order, ":")
-    knee_and_floor = loop_knee(on.rows)
+    panels.line(panels.errors, period, np.array(first_order), INK, theory.first_order, ":")
+    knee_and_floor = loop_knee(panels.rows)
     if knee_and_floor is not None:
         period_of_knee, floor = knee_and_floor
-        on.errors.axhline(floor, color=COLOURS["tracking"], lw=1.2, ls="--", label="contour, no loop")
-        on.mark(period_of_knee, "loop alone")
-    on.spacing_errors(theory.pitch)
-    on.line(on.spacing, period, np.abs(limited["mean"] - UM * theory.pitch), COLOURS["requested"], "predicted")
-    on.points(on.spacing, "spacing_std_mm", PERFECT, amber, "std, loop alone, follower", UM)
-    on.line(on.spacing, period, alone["std"], amber, "predicted")
-    on.points(on.spacing, "spacing_std_mm", LOOP_ALONE, INK, "std, loop alone", UM)
-    on.spacing.set_ylim(bottom=_LEAST_SPACING)
+        panels.errors.axhline(floor, color=COLOURS["tracking"], lw=1.2, ls="--", label="contour, no loop")
+        panels.mark(period_of_knee, "loop alone")
+    panels.spacing_errors(theory.pitch)
+    panels.line(panels.spacing, period, np.abs(limited["mean"] - UM * theory.pitch), COLOURS["requested"], "predicted")
+    panels.points(panels.spacing, "spacing_std_mm", PERFECT, amber, "std, loop alone, follower", UM)
+    panels.line(panels.spacing, period, alone["std"], amber, "predicted")
+    panels.points(panels.spacing, "spacing_std_mm", LOOP_ALONE, INK, "std, loop alone", UM)
+    panels.spacing.set_ylim(bottom=_LEAST_SPACING)
     return (
         "Loop alone: without the controller's other limits, the generation error is that of tangent arcs, in closed "
         f"form; the dotted line is its first order. As it is: {theory.ramps} adds an error that no loop period "
@@ -133,16 +133,16 @@ def _loop_period(study: LoopStudy, on: Panels) -> str:
     )
 
 
-def _interpreter_time(study: LoopStudy, on: Panels) -> str:
+def _interpreter_time(study: LoopStudy, panels: Panels) -> str:
     amber = COLOURS["generation"]
     theory = _theory(study)
-    time, alone, _ = _program_errors(study, theory, on, study.interpreter_times)
-    on.spacing.set(yscale="linear", ylabel="[mm]")
+    time, alone, _ = _program_errors(study, theory, panels, study.interpreter_times)
+    panels.spacing.set(yscale="linear", ylabel="[mm]")
     for column, colour in (("max", INK), ("mean", amber), ("min", INK)):
-        on.points(on.spacing, f"spacing_{column}_mm", PERFECT, colour, f"{column}, loop alone, follower")
-        on.line(on.spacing, time, alone[column] / UM, colour, "")
+        panels.points(panels.spacing, f"spacing_{column}_mm", PERFECT, colour, f"{column}, loop alone, follower")
+        panels.line(panels.spacing, time, alone[column] / UM, colour, "")
     for place, pitch in theory.local_pitches(time).items():
-        on.line(on.spacing, time, pitch, COLOURS["structure"], f"local pitch, {place}", ":")
+        panels.line(panels.spacing, time, pitch, COLOURS["structure"], f"local pitch, {place}", ":")
     return (
         "In every pass the interpreter takes its time besides the wait while the virtual circles turn on; this narrows "
         "the turns, most near the centre where the waits are short. Lines are the stepped arcs in closed form; dotted, "
@@ -151,16 +151,16 @@ def _interpreter_time(study: LoopStudy, on: Panels) -> str:
     )
 
 
-def _servo_period(study: LoopStudy, on: Panels) -> str:
+def _servo_period(study: LoopStudy, panels: Panels) -> str:
     blue = COLOURS["tracking"]
     green = COLOURS["structure"]
-    on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
-    on.points(on.errors, "contour_rms_um", NO_LOOP, INK, "contour, no loop")
-    on.points(on.errors, "tracking_rms_um", AS_IT_IS, blue, "tracking, as it is")
+    panels.points(panels.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
+    panels.points(panels.errors, "contour_rms_um", NO_LOOP, INK, "contour, no loop")
+    panels.points(panels.errors, "tracking_rms_um", AS_IT_IS, blue, "tracking, as it is")
     normal = "steady_tracking_normal_rms_um"
     along = "steady_tracking_along_rms_um"
-    on.points(on.errors, normal, NO_FRICTION, green, "no friction, normal to the path")
-    on.points(on.errors, along, NO_FRICTION, COLOURS["measurement"], "no friction, along the path")
+    panels.points(panels.errors, normal, NO_FRICTION, green, "no friction, normal to the path")
+    panels.points(panels.errors, along, NO_FRICTION, COLOURS["measurement"], "no friction, along the path")
     machine = study.job.built_machine
     torques = set(study.job.built_servo.modes) == {"torque"}  # what the theory speaks of
     if study.theory is not None and torques and {"x", "y"} <= set(machine.axis_names):
@@ -173,15 +173,19 @@ def _servo_period(study: LoopStudy, on: Panels) -> str:
         servos = [Servo.derive(machine.axes, **setting) for setting in settings]
         speed = study.theory.speed
         errors = [sample_and_hold(servo, machine.axes, plane, speed, radius) for servo in servos]
-        on.line(on.errors, period, UM * np.array([e.normal for e in errors]), green, "sample, hold and winding lag")
-        on.line(on.errors, period, UM * np.array([e.along for e in errors]), COLOURS["measurement"], "the same, along")
-    x, y = series(on.rows, "value", "contour_rms_um", sweep="servo_period", variant=AS_IT_IS)
+        panels.line(
+            panels.errors, period, UM * np.array([e.normal for e in errors]), green, "sample, hold and winding lag"
+        )
+        panels.line(
+            panels.errors, period, UM * np.array([e.along for e in errors]), COLOURS["measurement"], "the same, along"
+        )
+    x, y = series(panels.rows, "value", "contour_rms_um", sweep="servo_period", variant=AS_IT_IS)
     if x.size > 1:
         period_at_knee = knee(x, y, float(y.min()))
         if period_at_knee is not None and period_at_knee > x[1]:  # else every shorter period reduces the error
-            on.mark(period_at_knee, "as it is")
-    on.failures()
-    _spacings_and_ripples(on, AS_IT_IS, NO_LOOP)
+            panels.mark(period_at_knee, "as it is")
+    panels.failures()
+    _spacings_and_ripples(panels, AS_IT_IS, NO_LOOP)
     return (
         "The gains follow from the servo period: a slower servo has a lower bandwidth at the same phase margin. Most "
         "of the tracking error is friction. Without friction, program loop, encoder counts and integral term, the "
@@ -190,22 +194,22 @@ def _servo_period(study: LoopStudy, on: Panels) -> str:
     )
 
 
-def _encoder_resolution(study: LoopStudy, on: Panels) -> str:
+def _encoder_resolution(study: LoopStudy, panels: Panels) -> str:
     pink = COLOURS["measurement"]
     count = _points(study.resolutions)
-    on.points(on.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
+    panels.points(panels.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
     if study.theory is not None:
-        on.points(on.errors, "contour_rms_um", NO_LOOP, INK, "contour, no loop")
-    on.points(on.errors, "tracking_rms_um", AS_IT_IS, COLOURS["tracking"], "tracking, as it is")
-    on.points(on.errors, "measurement_rms_um", AS_IT_IS, pink, "measurement, as it is")
+        panels.points(panels.errors, "contour_rms_um", NO_LOOP, INK, "contour, no loop")
+    panels.points(panels.errors, "tracking_rms_um", AS_IT_IS, COLOURS["tracking"], "tracking, as it is")
+    panels.points(panels.errors, "measurement_rms_um", AS_IT_IS, pink, "measurement, as it is")
     if all(axis.unit == "mm" for axis in study.job.built_machine.axes):
-        on.line(on.errors, count, UM * quantisation(count), pink, "q/√12")
+        panels.line(panels.errors, count, UM * quantisation(count), pink, "q/√12")
     variant = NO_LOOP if study.theory is not None else AS_IT_IS
-    x, y = series(on.rows, "value", "contour_rms_um", sweep="encoder_resolution", variant=variant)
+    x, y = series(panels.rows, "value", "contour_rms_um", sweep="encoder_resolution", variant=variant)
     if x.size > 1:
-        on.mark(knee(x, y, float(y[0])), variant)
-    on.failures()
-    _spacings_and_ripples(on, AS_IT_IS, NO_LOOP)
+        panels.mark(knee(x, y, float(y[0])), variant)
+    panels.failures()
+    _spacings_and_ripples(panels, AS_IT_IS, NO_LOOP)
     return (
         "Encoder count of all linear axes, rotary ones in proportion. The measurement part of the error is that of an "
         "even distribution within a count, q / sqrt(12). The servo's derivative turns counts into torque: the path "
@@ -213,20 +217,20 @@ def _encoder_resolution(study: LoopStudy, on: Panels) -> str:
     )
 
 
-def _physics_step(study: LoopStudy, on: Panels) -> str:
-    on.errors.set(ylabel="relative deviation from the limit", title="Convergence")
+def _physics_step(study: LoopStudy, panels: Panels) -> str:
+    panels.errors.set(ylabel="relative deviation from the limit", title="Convergence")
     for variant in (AS_IT_IS, NO_FRICTION):
-        for (column, trend), colour in zip(convergence(on.rows, variant).items(), _VALUE_COLOURS, strict=False):
+        for (column, trend), colour in zip(convergence(panels.rows, variant).items(), _VALUE_COLOURS, strict=False):
             step = np.array(trend.steps)
             away = np.abs(np.array(trend.values) / trend.limit - 1) if trend.limit else np.zeros(step.size)
             order = "scatter" if trend.order is None else f"order {trend.order:.2f}"
             shown = away > _LEAST_DEVIATION
             shape = {"mfc": colour, **SHAPES[variant]}
             label = f"{CONVERGING[column]}, {variant}: {order}"
-            on.errors.plot(on.scale * step[shown], away[shown], color=colour, ls="none", label=label, **shape)
+            panels.errors.plot(panels.scale * step[shown], away[shown], color=colour, ls="none", label=label, **shape)
             if trend.order is not None and away[0] > _LEAST_DEVIATION:
-                on.line(on.errors, step, away[0] * (step / step[0]) ** trend.order, colour, "")
-    _spacings_and_ripples(on, AS_IT_IS, NO_FRICTION)
+                panels.line(panels.errors, step, away[0] * (step / step[0]) ** trend.order, colour, "")
+    _spacings_and_ripples(panels, AS_IT_IS, NO_FRICTION)
     return (
         "The physics step is halved repeatedly, and each value with an order of convergence extrapolated to a step of "
         "zero; lines have that order's slope. A value that scatters is compared with that at the finest step. Without "
@@ -234,7 +238,7 @@ def _physics_step(study: LoopStudy, on: Panels) -> str:
     )
 
 
-def _spacings_and_ripples(on: Panels, *variants: str) -> None:
+def _spacings_and_ripples(panels: Panels, *variants: str) -> None:
     for variant in variants:
-        on.points(on.spacing, "spacing_std_mm", variant, INK, f"std, {variant}", UM)
-    on.ripples(*variants)
+        panels.points(panels.spacing, "spacing_std_mm", variant, INK, f"std, {variant}", UM)
+    panels.ripples(*variants)
