@@ -83,6 +83,7 @@ class CoordinateSystems:
 
     def end(self, values: dict[str, float], in_machine: bool) -> Three:
         """Take the axis words of a move and return its end in the machine's coordinates."""
+        # G53 places the spindle, from which the tip hangs lower by the tool's length
         place = [self.here[0], self.here[1], self.here[2] + self.tool] if in_machine else self.program(self.here)
         for i, letter in enumerate("XYZ"):
             if letter in values:

@@ -131,6 +131,7 @@ class GCode(Controller):
     @cached_property
     def axes(self) -> tuple[str, ...]:
         """Names of the axes: x, y, and z if the program moves it."""
+        # arcs in other planes leave the height also where their ends do not
         flat = np.ptp(self.requested.points[:, 2]) == 0 and not self.requested.parameters()["plane"].any()
         return ("x", "y") if flat else ("x", "y", "z")
 
@@ -196,6 +197,7 @@ class GCode(Controller):
         points = np.concatenate([[self.program.start], table[:, END : END + 3]])
         length = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
         laid &= length > 0
+        # the ends of the distribution are primes and wipes, not the bead
         low, high = np.percentile(table[laid, FLOW] / length[laid], (5, 95)) if laid.any() else (0.0, 0.0)
         total = float(table[table[:, FLOW] > 0, FLOW].sum())
         return (

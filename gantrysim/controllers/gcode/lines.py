@@ -14,7 +14,7 @@ from gantrysim.controllers.macro.scanner import Scanner, Store, Target, Value
 
 Words = list[tuple[str, float]]
 
-LONGEST = 1000  # characters of a line
+LONGEST = 1000  # characters of a line, which bounds the time and the depth of its expressions
 GRAMMAR = Grammar(OPERATORS, {**FUNCTIONS, "FIX": rounded_down, "FUP": rounded_up})
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
 _PLAIN_WORD = re.compile(r"([A-Z@^$])([-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+))")

@@ -72,7 +72,7 @@ class Program(GCode):
 
     @property
     def path_mode(self) -> float:
-        return math.inf
+        return math.inf  # a program begins in G64 without P
 
     @property
     def _remedy(self) -> str:

@@ -70,7 +70,7 @@ GLUE = MoveRow._fields.index("glue")
 SOURCE = MoveRow._fields.index("source")
 FLOW = MoveRow._fields.index("flow")
 WIDTH = len(MoveRow._fields)
-_MOST = 5_000_000
+_MOST = 5_000_000  # moves, of 112 bytes each
 _SAME = 1e-9  # relative to 1 rad
 
 

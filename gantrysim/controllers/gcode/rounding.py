@@ -18,7 +18,7 @@ from gantrysim.paths.track import Track
 _SMALLEST = 1e-6  # radius of an arc [mm]
 _SLIGHTEST = 1e-7  # corner that is none [rad]
 _SHARPEST = 3.1  # corner that is rounded [rad]
-_CHAINED = 100  # lines merged into one
+_CHAINED = 100  # lines merged into one: each of them is checked against every longer chord
 
 
 @dataclass(frozen=True)

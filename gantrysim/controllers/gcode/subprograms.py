@@ -66,7 +66,7 @@ class ProgramLines(Flow[Words | FirmwareCommand]):
 
     def _mark_o_words(self, text: str, first: int) -> None:
         """Note the O words of a file whose lines begin at a place."""
-        if not _O_LINE.search(text):
+        if not _O_LINE.search(text):  # most programs: one search of the text instead of one of each line
             return
         for place, line in enumerate(text.splitlines(), first):
             if "o" in line or "O" in line:

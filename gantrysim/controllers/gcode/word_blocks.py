@@ -137,6 +137,7 @@ class Interpreter:
         code = self._codes[state.motion]
         moves = not block.values.keys().isdisjoint(code.moved_by)
         if self._dialect.extrudes and "E" in block.values:
+            # E is a position that counts in any case, also where no axis moves
             block.fed = state.material_fed(block.values.pop("E"))
         if not moves:
             if block.fed and code.straight:  # a retraction: the nozzle stands for the time that the feed takes
@@ -153,7 +154,7 @@ class Interpreter:
         state = self._state
         for letter in [letter for letter in block.values if letter in self._dialect.letters]:
             value = block.values.pop(letter)
-            if letter == "S":
+            if letter == "S":  # no effect here, but G95 feeds per revolution
                 state.modes.spindle = value
             else:
                 state.ignored[letter] += 1

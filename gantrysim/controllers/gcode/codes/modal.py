@@ -131,6 +131,7 @@ def g64(state: ProgramState, block: WordBlock) -> None:
     tolerance = block.values.pop("P", None)
     naive = block.values.pop("Q", None)
     block.drop("R")
+    # P0 is no tolerance, as without P: the corners are rounded as far as the lines reach
     state.modes.path = tolerance * unit if tolerance else math.inf
     state.modes.naive = (naive if naive is not None else tolerance or 0.0) * unit
     if min(state.modes.path, state.modes.naive) < 0:

@@ -73,6 +73,7 @@ def g52(state: ProgramState, block: WordBlock) -> None:
 @action()
 def g92(state: ProgramState, block: WordBlock) -> None:
     """Shift that gives the position these coordinates; with E the extruder's position."""
+    # slicers reset E so that its numbers stay short: that sets a position and feeds nothing
     _set_extruder(state, block)
     state.frames.set_shift(block.values, local=False)
 
