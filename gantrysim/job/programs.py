@@ -204,8 +204,8 @@ def dotted(table: type[Any], prefix: str = "") -> tuple[str, ...]:
     return tuple(names)
 
 
-def described(kind: type[Any]) -> dict[str, str]:
-    """Return the description of every field in a dataclass' docstring."""
-    listed = re.split(r"\n(?:Args|Attributes):\n", inspect.getdoc(kind) or "")[-1].split("\n\n")[0]
+def described(described_object: object) -> dict[str, str]:
+    """Return the description of every field or argument in a docstring."""
+    listed = re.split(r"\n(?:Args|Attributes):\n", inspect.getdoc(described_object) or "")[-1].split("\n\n")[0]
     entries = re.split(r"\n {4}(?=\w+: )", "\n" + listed)[1:]
     return {name: " ".join(text.split()) for name, text in (entry.split(": ", 1) for entry in entries)}

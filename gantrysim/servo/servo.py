@@ -215,12 +215,12 @@ class Servo(Shown):
         delay: float = 0.0,
         feedback: str | Sequence[str] = FEEDBACKS[0],
         mode: str | Sequence[str] | None = None,
+        drive_period: float | None = None,
+        velocity_bandwidth: float | None = None,
         feedback_delay: int = 0,
         encoder_seed: int = 0,
         law: LawName | Sequence[LawName] = PID.name,
         learning_repeats: int = Laws.learning_repeats,
-        drive_period: float | None = None,
-        velocity_bandwidth: float | None = None,
         **given: Unpack[GivenValues],
     ) -> Servo:
         """Return a servo whose gains follow from the axes' inertia, a natural frequency and a damping ratio.
@@ -230,27 +230,27 @@ class Servo(Shown):
         friction. All axes get one frequency, so that their lags match and a circle stays round: the highest one at
         which each axis keeps a gain margin of 2 and |S| <= 2, if need be with a notch at its mode, see `derivation`.
         Axes that move each other do so with the loops of all closed, and with a factor of 2 on the gains of all.
-        Margins are not kept of what is given: a frequency, gains or a notch.
+        Margins are not kept of what is given: a frequency, gains or a notch. Loops in the drives get their gains
+        likewise, see `gantrysim.servo.cascade`. The table [servo] of a job file has these keywords, with these texts.
 
         Args:
             axes: the machine's axes.
             period: servo period [s].
-            frequency: natural frequency w / 2 pi; by default the highest that keeps the margins [Hz].
-            damping: damping ratio zeta.
-            feedforward: share of the computed feed-forward, 0 to 1.
-            integral_time: kp / ki [s].
-            following_error_limit: for every axis [mm].
-            delay: from sample to output [s].
-            feedback: "motor" or "load", for all axes or one per axis; a stepper in open loop without an encoder takes
-                "none" for "motor".
-            mode: of the drives, for all axes or one per axis; by default that of its motor. Loops in the drives get
-                their gains likewise, see `gantrysim.servo.cascade`.
-            feedback_delay: from the encoder to the servo, in servo periods.
-            encoder_seed: of the encoders' noise.
-            law: names, of `BASES` and `ADDITIONS`.
-            learning_repeats: number of runs from which the law learning learns.
+            frequency: natural frequency w / 2 pi of the loop, by default the highest that keeps the margins [Hz].
+            damping: damping ratio zeta of the loop.
+            feedforward: share of the computed velocity and acceleration feed-forward.
+            integral_time: kp / ki; inf for no integral term [s].
+            following_error_limit: error at which the drives are disabled, for every axis [mm or deg].
+            delay: from the encoder's sample to the torque demand [s].
+            feedback: where the encoders are, "motor" or "load", for all axes or one per axis; a stepper in open loop
+                without an encoder has "none" instead of "motor".
+            mode: command mode of the drives, for all axes or one per axis, by default that of their motors.
             drive_period: of the loops in the drives, by default 0.125 ms, or the servo's if that is no multiple [s].
             velocity_bandwidth: of velocity loops in the drives, by default the highest that keeps the margins [Hz].
+            feedback_delay: from the encoder's sample to the servo, in servo periods.
+            encoder_seed: of the encoders' noise.
+            law: names, of `BASES` and `ADDITIONS`, or a law itself.
+            learning_repeats: number of runs from which the law learning learns.
             given: any of `DERIVED` to override, one value or one per axis.
 
         Raises:

@@ -1,17 +1,20 @@
 """Every built-in job runs on its machine, with plausible values."""
 
 import csv
+import inspect
 import json
 
 import numpy as np
 import pytest
 
-from gantrysim import Job, Machine
+from gantrysim import Job, Machine, Servo
 from gantrysim.cli import terminal
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.programs import PROGRAMS, build
+from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.models import builtin_models
 from gantrysim.metrics.analysis import Analysis
+from gantrysim.servo.servo_values import DERIVED
 
 from support.jobs import job_run
 
@@ -179,3 +182,13 @@ def test_the_record_of_the_controller_delays_the_command(tmp_path, gantrysim_com
     assert len(rows) == 1000
     assert error[3:] == pytest.approx(sent[:-3] - measured[3:], abs=1e-12)
     assert np.abs(sent[3:] - sent[:-3]).max() > 0.1
+
+
+def test_the_servo_s_table_has_the_keywords_of_derive():
+    keywords = {name: value.default for name, value in inspect.signature(Servo.derive).parameters.items()}
+    del keywords["axes"], keywords["given"]
+    derived = {quantity.name: None for quantity in DERIVED}
+    fields = ServoSettings.model_fields
+    assert {name: field.default for name, field in fields.items()} == keywords | derived
+    assert list(fields) == [*keywords, *derived]
+    assert all(field.description for field in fields.values())
