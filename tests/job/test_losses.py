@@ -66,7 +66,7 @@ def test_overrides_reach_a_fault_by_its_number(tmp_path):
     [
         ("3", "faults = 3: must be tables, [[faults]]"),
         ("[3]", "faults = [3]: must be tables, [[faults]]"),
-        ("[{time=1}]", "faults.0.kind is missing: must be one of encoder dropout, "),
+        ("[{time=1}]", "faults.0.kind is missing: must be one of encoder glitch, "),
         ('[{kind="stuck axes", time=1}]', "unknown fault 'stuck axes': did you mean stuck axis? known: stuck axis, "),
         ('[{kind="stuck axis", time=1}]', "faults.0.stuck axis.axis is missing"),
         ('[{kind="bus sag", time=1, share=0.5, level=1}]', "unknown key faults.0.bus sag.level"),
