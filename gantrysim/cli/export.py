@@ -24,7 +24,7 @@ def export(
     """
     from gantrysim.exchange.tables import WRITERS, load_record
     from gantrysim.exchange.tables import export as write
-    from gantrysim.report.folder import RUN
+    from gantrysim.record.run_file import RUN
 
     record = load_record(run)
     file = out

@@ -68,7 +68,7 @@ def view(
 def _is_saved(shown: str, folder: Path) -> bool:
     """Return whether the argument is a run's folder rather than a job."""
     from gantrysim.job.loading import builtin_jobs
-    from gantrysim.report.folder import RUN
+    from gantrysim.record.run_file import RUN
 
     if folder.is_file():  # a job, or by mistake another file of a run
         return folder.suffix != ".toml" and (folder.parent / RUN).is_file()

@@ -14,8 +14,8 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, expanded, positive, unknown
 from gantrysim.base.heads import name_and_unit
+from gantrysim.base.patterns import NUMBER
 from gantrysim.base.toml_files import read_text, read_toml
-from gantrysim.exchange.dialect import NUMBER
 
 # factors to s, mm and deg
 UNITS = {

@@ -6,7 +6,8 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
-from gantrysim.exchange.dialect import NUMBER, AxisServo, Dialect, Word, by_name
+from gantrysim.base.patterns import NUMBER
+from gantrysim.exchange.dialect import AxisServo, Dialect, Word, by_name
 from gantrysim.servo.gains import GAIN_NAMES
 
 _SOFTMC = ("KPP", "KPI", "KVP", "KPVFR", "KPAFR")

@@ -18,7 +18,6 @@ SYMBOLS = (
     "T period, r resolution, c 2048 / torque_limit, o output_velocity, vff velocity_ff, aff acceleration_ff, "
     "kv kd - o, s travel per radian, K motor constant (1 for an ideal torque source)"
 )
-NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 
 
 class Word(NamedTuple):

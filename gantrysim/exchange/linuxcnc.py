@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from gantrysim.base.errors import InputError
-from gantrysim.exchange.dialect import NUMBER, AxisServo, Dialect, Word, by_name
+from gantrysim.base.patterns import NUMBER
+from gantrysim.exchange.dialect import AxisServo, Dialect, Word, by_name
 
 # pins of pid, keys of an INI file and gains of the servo
 _TERMS = (

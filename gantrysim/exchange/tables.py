@@ -19,7 +19,7 @@ from gantrysim.base.errors import InputError, expanded, unknown
 from gantrysim.base.files import check_whole, replaced
 from gantrysim.record.named_columns import columns, description
 from gantrysim.record.run import Run
-from gantrysim.report.folder import RUN
+from gantrysim.record.run_file import RUN
 
 Columns = Mapping[str, NDArray[Any]]
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-from gantrysim.exchange.dialect import NUMBER, AxisServo, Dialect, Word
+from gantrysim.base.patterns import NUMBER
+from gantrysim.exchange.dialect import AxisServo, Dialect, Word
 
 FULL_SCALE = 2048.0  # of the DAC at the torque limit
 

@@ -7,10 +7,13 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from gantrysim.faults.fault import CURRENT, VOLTAGE
 from gantrysim.native.compiling import part
 from gantrysim.native.pointers import fault_at, row_at, vector
 from gantrysim.native.stages import compiled_stage
+
+# points whose quantity is MuJoCo's: it is taken into the row for the fault, and put back
+CURRENT = "current"
+VOLTAGE = "voltage"
 
 
 @cache

@@ -18,6 +18,8 @@ from gantrysim.paths.kinds import kind_of, path_of
 from gantrysim.record.archive import CHECKSUM, Archive, Member, open_archive, write_archive
 from gantrysim.record.fault import Fault
 
+RUN = "run.npz"  # the record in an output folder
+
 _FORMAT = 7  # a number of its own for every change of the members; no other is read
 _NUMBERS = ("period", "gap", "face", "needle_length")
 _TEXTS = ("machine", "requested", "fault", "injected", "job_sha256", "machine_sha256")

@@ -15,11 +15,11 @@ from gantrysim.base.swap import pending
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
+from gantrysim.record.run_file import RUN
 from gantrysim.report.results import RunResults
 from gantrysim.report.summary import fault_summary, summary
 
 JOB = "job.toml"
-RUN = "run.npz"
 SUMMARY = "summary.json"
 VIDEO = "video.mp4"
 PLOTS = "plots"

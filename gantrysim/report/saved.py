@@ -14,7 +14,8 @@ from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.models import builtin_models
 from gantrysim.record.run import Run
-from gantrysim.report.folder import JOB, RUN
+from gantrysim.record.run_file import RUN
+from gantrysim.report.folder import JOB
 
 
 @dataclass(frozen=True, eq=False)
