@@ -1,7 +1,4 @@
-"""The style of the code, held by its syntax trees: names, assignments, sizes of functions and modules.
-
-Rooms that do not keep it yet stand in `NOT_YET` with the number of places, which may only fall.
-"""
+"""The style of the code, held by its syntax trees: names, assignments, sizes of functions and modules."""
 
 import ast
 from collections import Counter
@@ -35,17 +32,7 @@ PARAMETERS_ALLOWED: dict[str, str] = {
     "job/job.py:load": "keywords of a public constructor, one for each option of the command",
 }
 
-# By room, the most places that break a rule; "" is the package's own folder. Lower a number as you cure places, and
-# take out what reaches zero. The comments between the lines let git merge neighbouring rooms that change side by side.
-NOT_YET: dict[str, dict[str, int]] = {}
-
 RULES = ("names", "assignments", "functions", "parameters", "modules")
-
-
-def room_of(path):
-    """Return the room of a file; each controller is one."""
-    folders = path.relative_to(PACKAGE).parts[:-1]
-    return "/".join(folders[: 2 if folders[:1] == ("controllers",) else 1])
 
 
 def unparsed(nodes):
@@ -123,34 +110,15 @@ def sources():
     return {path: path.read_text(encoding="utf-8") for path in sorted(PACKAGE.rglob("*.py"))}
 
 
-@pytest.fixture(scope="module")
-def breached():
-    """Places that break a rule, by room and rule."""
-    places = {room_of(path): {rule: [] for rule in RULES} for path in sources()}
-    for path, source in sources().items():
-        file = path.relative_to(PACKAGE).as_posix()
-        for rule, line, text in breaches(source, file):
-            places[room_of(path)][rule].append(f"gantrysim/{file}:{line} {text}")
-    return places
-
-
-def test_no_room_breaks_a_rule_more_often_than_it_did(breached):
-    more_often = [
-        f"{len(places)} {rule} in {room or 'gantrysim'}, at most {most} allowed:\n  " + "\n  ".join(places)
-        for room, by_rule in breached.items()
-        for rule, places in by_rule.items()
-        if len(places) > (most := NOT_YET.get(room, {}).get(rule, 0))
+@pytest.mark.parametrize("rule", RULES)
+def test_the_package_keeps_every_rule(rule):
+    places = [
+        f"gantrysim/{file.as_posix()}:{line} {text}"
+        for file, source in ((path.relative_to(PACKAGE), source) for path, source in sources().items())
+        for broken, line, text in breaches(source, file.as_posix())
+        if broken == rule
     ]
-    assert not more_often, "\n".join(more_often)
-
-
-def test_rooms_that_keep_a_rule_are_held_to_it(breached):
-    assert NOT_YET.keys() <= breached.keys()
-    for room, most in NOT_YET.items():
-        assert most.keys() <= set(RULES)
-        kept = [rule for rule in most if not breached[room][rule]]
-        assert not kept, f"no {', '.join(kept)} left in {room}: take them out of NOT_YET"
-        assert most, f"nothing left in {room}: take it out of NOT_YET"
+    assert not places, "\n".join(places)
 
 
 def test_exceptions_are_needed():

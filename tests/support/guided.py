@@ -183,7 +183,8 @@ def compiled() -> list[str]:
     root = DOCS.parent / "gantrysim"
     marked = re.compile(r"\bjit\b|_jit\b|PlainLaw")
     paths = [path for path in root.rglob("*.py") if marked.search(path.read_text(encoding="utf-8"))]
-    paths += [root / "controllers" / "notch.py", *(root / "controllers" / "laws").glob("*.py")]
+    # plain functions of laws and faults, and what they call, are compiled as parts of the servo tick
+    paths += [root / "servo" / "notch.py", *(root / "servo" / "laws").glob("*.py"), *(root / "faults").glob("*.py")]
     return [".".join(path.relative_to(root.parent).with_suffix("").parts) for path in paths]
 
 
