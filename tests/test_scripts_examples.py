@@ -68,12 +68,12 @@ def test_changes_by_hand_scale_the_gains(script, job, tmp_path):
     own = Job.load(job).built_servo
     servos = [servo for _, servo, _ in names["trials"]]
     assert servos[0] == own
-    assert servos[1].per_axis("kp") == (0.5 * own.kp[0], own.kp[1])
+    assert servos[1].per_axis("kp") == (0.5 * own.gains[0].kp, own.gains[1].kp)
     assert servos[2].per_axis("kp") == servos[1].per_axis("kp")  # changes add up
-    assert servos[2].per_axis("kd") == (1.5 * own.kd[0], 1.5 * own.kd[1])
-    assert servos[2].per_axis("ki") == (own.ki[0], 0.0)
+    assert servos[2].per_axis("kd") == (1.5 * own.gains[0].kd, 1.5 * own.gains[1].kd)
+    assert servos[2].per_axis("ki") == (own.gains[0].ki, 0.0)
     assert servos[3].per_axis("velocity_ff") == servos[3].per_axis("acceleration_ff") == (0.0, 0.0)
-    assert servos[4].per_axis("kp") == own.kp  # factors apply to the job's own gains
+    assert servos[4].per_axis("kp") == own.per_axis("kp")  # factors apply to the job's own gains
     before, after = (analysis.values.tracking for _, _, analysis in names["trials"][:2])
     assert after["x"].rms > 1.2 * before["x"].rms
     assert after["y"].rms == pytest.approx(before["y"].rms, rel=ALONE)

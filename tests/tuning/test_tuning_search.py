@@ -229,7 +229,7 @@ def test_a_start_far_from_any_good_loop_is_left_behind(stability, seed):
     """Slow loops of its shape fault, and most other shapes keep the margin at no frequency."""
 
     def measure(servo, machine):
-        if servo.gains[0].kp < 0.2 * DERIVED.gains[0].kp and servo.gains[0].kp != start.kp[0]:
+        if servo.gains[0].kp < 0.2 * DERIVED.gains[0].kp and servo.gains[0].kp != start.gains[0].kp:
             return TrialResult(math.inf, math.inf, 5.0 * servo.gains[0].kp / DERIVED.gains[0].kp)
         return TrialResult(DERIVED.gains[0].kp / servo.gains[0].kp)
 
