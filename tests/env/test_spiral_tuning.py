@@ -114,7 +114,7 @@ def test_gains_stay_within_their_range():
         )
         acts = dict(zip(("kp", "ki", "kd"), env._episodes._gains[0, :2, :3].T, strict=True))
         for name, gains in acts.items():
-            assert gains == pytest.approx(np.array(getattr(nominal, name)) * 1.5 ** action[0])
+            assert gains == pytest.approx(np.array(nominal.per_axis(name)) * 1.5 ** action[0])
 
 
 @given(
