@@ -209,6 +209,10 @@ class Execution:
         short = properties.canonical(name)
         if short not in properties.NAMES:
             raise SoftMCError(f"unknown property {name!r}{properties.hint(short, properties.NAMES)}")
+        return self.read_known(element, short, name)
+
+    def read_known(self, element: Element, short: str, name: str) -> Value:
+        """Return the value of a property that there is, by its canonical name."""
         if short in LIVE:
             return LIVE[short](self.time, self.elements, element)
         if short in element.properties:

@@ -158,7 +158,8 @@ def _string(tree: Node) -> Expression:
 def _name(tree: Node) -> Expression:
     name = word(tree)
     key = word(tree).lower()
-    is_property = properties.is_property(key)
+    short = properties.canonical(key)
+    is_property = short in properties.NAMES
 
     def value(scope: RoutineFrame) -> Value:
         variable = scope.find(key)
@@ -174,7 +175,7 @@ def _name(tree: Node) -> Expression:
         if routine is not None and routine.kind is not None:
             return call(routine, NO_ARGUMENTS, scope)
         if is_property:
-            return execution.read(execution.elements.focus(), key)
+            return execution.read_known(execution.elements.focus(), short, key)
         return _element_of_name(name, key, scope)
 
     return value
@@ -293,8 +294,4 @@ def _port(tree: Node) -> Expression:
 def _chain(tree: Node) -> Expression:
     """Operands with the operators before and between them."""
     parts = [expression(part) if isinstance(part, Tree) else str(part) for part in tree.children]
-    return OPERATORS.read(parts, _operation)
-
-
-def _operation(sign: str, operator: RankedOperator, operands: list[Expression]) -> Expression:
-    return operator.join(sign, *operands)
+    return OPERATORS.read(parts, lambda sign, operator, operands: operator.join(sign, *operands))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.basic.code import ForLoop
 from gantrysim.controllers.basic.statements import Statements
@@ -63,13 +65,13 @@ def cmd_for(assembler: ProcessAssembler, raw: Raw) -> None:
     assembler.assigned.add(cell)
 
     def start(process: Process) -> ForLoop:
-        variables = process.variables
+        variables: dict[str, float] = process.variables
         variables[cell] = first.value(process)
         end = last.value(process)
         stride = 1.0 if step is None else step.value(process)
         if stride == 0:
             raise InputError("STEP 0: must not be 0")
-        return ForLoop(lambda: variables.get(cell, 0.0), lambda value: variables.__setitem__(cell, value), end, stride)
+        return ForLoop(partial(variables.__getitem__, cell), partial(variables.__setitem__, cell), end, stride)
 
     assembler.begin_for(raw.line, cell, start)
 
