@@ -464,7 +464,7 @@ def test_the_factor_on_all_gains_of_coupled_axes_is_that_of_their_modes(double_i
     J = double_integrators.axes[0].inertia
     b = 50 * J
     alike = pd(double_integrators, 1e-3, frequency=15.0)
-    gains = {name: (getattr(alike, name)[0] * factor,) * 2 for name in ("kp", "ki", "kd", "output_velocity")}
+    gains = {name: (alike.per_axis(name)[0] * factor,) * 2 for name in ("kp", "ki", "kd", "output_velocity")}
     servo = alike.with_values(**gains)
     mass = J * np.array([[1, share], [share, 1]])
     A, B, C = np.zeros((4, 4)), np.zeros((4, 2)), np.zeros((2, 4))
