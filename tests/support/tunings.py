@@ -54,7 +54,7 @@ def best_of_grid(study, factors):
 
     def servo(times):
         return derived.with_values(
-            **{name: tuple(factor * gain for gain in getattr(derived, name)) for name, factor in times.items()}
+            **{name: tuple(factor * gain for gain in derived.per_axis(name)) for name, factor in times.items()}
         )
 
     loops = [name for name in factors if not name.endswith("_ff")]

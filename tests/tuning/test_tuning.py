@@ -273,7 +273,7 @@ def test_a_machine_with_rotary_axes_is_tuned(tmp_path):
 
 def test_axes_tuned_separately_for_the_tracking_error():
     crooked = detuned(0.3)
-    crooked = crooked.changed({"servo.kp": [0.1 * crooked.servo.gains[0].kp, crooked.servo.gains[1].kp]})
+    crooked = crooked.changed({"servo.kp": [0.1 * crooked.servo.kp[0], crooked.servo.kp[1]]})
     study = tuning(crooked, metric="tracking_max", per_axis=True, budget=40, robust=0, unseen=0)
     rows = searched(study)
     history = study.history(rows)
