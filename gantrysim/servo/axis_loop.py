@@ -69,7 +69,7 @@ class AxisLoop:
     def law(self, frequency: float, mode: float) -> Compensator:
         """Return the law at a natural frequency with a notch at a mode, `notch.NONE` for none."""
         task = self._task
-        gains = Gains(**pd_gains(self.axis, frequency, task.damping, task.integral_time))
+        gains = pd_gains(self.axis, frequency, task.damping, task.integral_time)
         coefficients = notch.coefficients(mode, notch.NOTCH_WIDTH, notch.NOTCH_DEPTH, task.period)
         in_loop = [law for law in added_laws(task.law) if law.answers_to_position]
         values = self._values(in_loop, frequency, mode)
@@ -197,11 +197,11 @@ class CoupledLoops:
         return Laws(self._task.period, self._task.lags.delay, laws, self._drives)
 
 
-def pd_gains(axis: AxisDynamics, frequency: float, damping: float, integral_time: float) -> dict[str, float]:
+def pd_gains(axis: AxisDynamics, frequency: float, damping: float, integral_time: float) -> Gains:
     """Return the gains that place the poles of the continuous loop of an axis' inertia: kp = J w^2, kd = 2 zeta J w."""
     w = 2 * math.pi * frequency
     kp = axis.inertia * w**2
-    return {"kp": kp, "ki": kp / integral_time, "kd": 2 * damping * axis.inertia * w}
+    return Gains(kp=kp, ki=kp / integral_time, kd=2 * damping * axis.inertia * w)
 
 
 def are_kept(margins: Margins) -> bool:

@@ -25,18 +25,16 @@ _HIGHEST_BANDWIDTH = 1e5  # [Hz]
 
 
 class AxisGains(NamedTuple):
-    """The gains of an axis: kp, ki, kd as its mode takes them, its notch, and those of a velocity loop in the drive.
+    """The gains of an axis as its mode takes them, its notch, and those of a velocity loop in the drive.
 
     Attributes:
-        kp, ki, kd: see `gantrysim.Servo`.
+        gains: kp, ki and kd; the others are 0.
         notch: frequency, 0 for none [Hz].
         velocity_gain: K of the velocity loop [N·m·s/u].
         velocity_time: its integral time Ti [s].
     """
 
-    kp: float = 0.0
-    ki: float = 0.0
-    kd: float = 0.0
+    gains: Gains = Gains()
     notch: float = notch.NONE
     velocity_gain: float = 0.0
     velocity_time: float = 0.0
@@ -110,7 +108,7 @@ def _direct(task: LoopTask, frequency: float | None) -> tuple[list[AxisGains], s
     """Return the gains of loops that demand torques at a period."""
     design = loop(task, frequency)
     axis_gains = [
-        AxisGains(**pd_gains(axis, design.frequency, task.damping, task.integral_time), notch=mode)
+        AxisGains(pd_gains(axis, design.frequency, task.damping, task.integral_time), notch=mode)
         for axis, mode in zip(task.axes, design.notches, strict=True)
     ]
     return axis_gains, design.reason
@@ -142,7 +140,7 @@ def _around_velocity(task: LoopTask, frequency: float | None, bandwidth: float |
     inner = velocity_loop(task.axes, drives, bandwidth)
     w = 2 * math.pi * inner.frequency
     inner_gains = [pd_gains(axis, inner.frequency, 1.0, math.inf) for axis in task.axes]
-    velocity = tuple((gains["kd"], gains["kp"] / gains["kd"]) for gains in inner_gains)
+    velocity = tuple((gains.kd, gains.kp / gains.kd) for gains in inner_gains)
     task = task._replace(lags=task.lags._replace(drives=drives._replace(velocity=velocity)))
     speed = f"velocity loops of {2 * inner.frequency:.3g} Hz"
     if frequency is None:
@@ -152,7 +150,7 @@ def _around_velocity(task: LoopTask, frequency: float | None, bandwidth: float |
         limit = "as given"
     reason = f"kp {kp:.3g} 1/s, {limit}; {speed} in the drives, of {inner.reason}"
     axis_gains = [
-        AxisGains(kp=kp, ki=kp / task.integral_time, velocity_gain=gains["kd"], velocity_time=2 / w)
+        AxisGains(Gains(kp=kp, ki=kp / task.integral_time), velocity_gain=gains.kd, velocity_time=2 / w)
         for gains in inner_gains
     ]
     return axis_gains, reason

@@ -74,10 +74,7 @@ def _gains(request: ServoRequest, axis_gains: Sequence[AxisGains]) -> tuple[Gain
     gains_of_axes = []
     for axis, mode, loop_gains in zip(request.axes, request.modes, axis_gains, strict=True):
         takes_speed = mode == "velocity"
-        gains_of_axis = Gains(
-            kp=loop_gains.kp,
-            ki=loop_gains.ki,
-            kd=loop_gains.kd,
+        gains_of_axis = loop_gains.gains._replace(
             velocity_ff=share * (1.0 if takes_speed else axis.viscous),
             acceleration_ff=share * (0.0 if takes_speed else axis.inertia),
         )
