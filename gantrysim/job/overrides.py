@@ -107,12 +107,12 @@ def absolute_machine(machine: str, folder: Path) -> str:
 def _table_of(content: Content, key: str, source: str) -> tuple[Content, str]:
     """Return the table that holds a key, created if missing, and the last part of the key."""
     *sections, leaf = key.split(".")
-    table = content
+    table: Any = content
     for section in sections:
         table = table[int(section)] if isinstance(table, list | tuple) else table.setdefault(section, {})
-        if isinstance(table, list | tuple):
-            continue
-        if not isinstance(table, dict):
+        # of lists, the keys of faults alone hold a number
+        is_faults = section == "faults" and isinstance(table, list | tuple)
+        if not is_faults and not isinstance(table, dict):
             raise InputError(f"{source}: {section} is not a table in this job")
     return table, leaf
 

@@ -153,6 +153,13 @@ def test_a_key_inside_a_value_that_is_not_a_table_is_refused(tmp_path):
         Job.load(file, changes)
 
 
+@pytest.mark.parametrize("key", ["dispenser.needle.length", "dispenser.syringe.fill"])
+def test_a_key_of_a_table_that_is_a_list_is_refused(key):
+    table = key.rpartition(".")[0]
+    with pytest.raises(InputError, match=rf"^--set {key}=1: {table.rpartition('.')[2]} is not a table in this job$"):
+        Job.load("an225", [f"{table}=[1, 2, 3]", f"{key}=1"])
+
+
 @pytest.mark.parametrize("value", ["x" * 3000, f"x{' ' * 3000}"])
 def test_a_long_value_is_shortened_in_the_refusal(tmp_path, value):
     job = tmp_path / "job.toml"
