@@ -81,7 +81,7 @@ def section(title: str, lines: Iterable[tuple[str, str, str]]) -> str:
 
 def page() -> str:
     """Return the page."""
-    defaults = {"name": "required", "machine": '"xy"', "program": "required"}
+    defaults = {"name": "required", "machine": "by the program", "program": "required"}
     defaults |= dict.fromkeys(("faults", "geometry", "names"), "none")
     job = [(name, defaults.get(name, "table"), described(Job)[name]) for name in Job.model_fields]
     sections = [

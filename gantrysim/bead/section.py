@@ -68,6 +68,20 @@ class Section:
         pressed = flat * g if flat else 0.0
         return cls(np.array([segment * radius**2 + pressed]), gap, contact_angle, face)
 
+    @classmethod
+    def pressed_flat(cls, gap: float, contact_angle: float, face: float) -> Section:
+        """Return the largest section without a groove, (1,): the face presses all of its flat, A = A_g + f g.
+
+        Args:
+            gap: g [mm].
+            contact_angle: theta [deg].
+            face: f [mm].
+        """
+        gaps = np.full(1, gap)
+        unit = cls(np.ones(1), gaps, contact_angle, face)
+        radius = gap / (1 - np.cos(unit._angle))
+        return cls(np.full(1, unit._segment_of_unit_radius * radius**2 + face * gap), gaps, contact_angle, face)
+
     @cached_property
     def _angle(self) -> float:
         return float(np.radians(self.contact_angle))

@@ -18,6 +18,7 @@ from gantrysim.bead import BeadSettings
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.faults import KINDS, AnyFault, InjectedFault
 from gantrysim.job.code import named_code
+from gantrysim.job.defaults import MACHINE
 from gantrysim.job.overrides import TABLES, change, known_keys, override
 from gantrysim.job.programs import build, reject_booleans
 from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings
@@ -32,7 +33,7 @@ class JobContent(BaseModel):
     model_config = STRICT
 
     name: Annotated[str, Field(pattern=r"^[\w][\w .+-]*$")]
-    machine: str = "xy"
+    machine: str = MACHINE
     names: dict[str, str] = {}
     program: dict[str, Any]
     servo: ServoSettings = ServoSettings()
@@ -42,6 +43,7 @@ class JobContent(BaseModel):
     geometry: Geometry | None = None
     faults: tuple[Annotated[AnyFault, Field(discriminator="kind")], ...] = ()
     source: str | None = None
+    _choice: tuple[str, ...] = PrivateAttr(())  # a sentence on what was chosen where nothing was given, or none
     _refusal: str = PrivateAttr("")  # why code that the job names may not run; empty where it may
 
     @classmethod
@@ -108,6 +110,12 @@ class JobContent(BaseModel):
         for key, value in values.items():
             change(content, key, value, known_keys(content, allow_code=not self._refusal))
         return self._with(content)
+
+    def with_choice(self, note: str) -> Self:
+        """Return the job with a first note, on what was chosen for it; a changed job has none."""
+        job = self.model_copy()
+        job._choice = (note,)
+        return job
 
     def overridden(self, overrides: Iterable[str]) -> Self:
         """Return the job with values changed by "key=value", as `load` takes them.

@@ -1,12 +1,15 @@
-"""Check of a program against its machine: frame and geometry must agree."""
+"""Checks against the machine: the program's frame and geometry, and the number of values in a servo file."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.controller import Controller
 from gantrysim.engine.positions import axis_positions
+from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.machine import Machine
 from gantrysim.record.setpoints import Setpoints
 
@@ -48,3 +51,14 @@ def check_fit(machine: Machine, controller: Controller, setpoints: Setpoints, na
             f"{name}: on machine {machine.name} its positions put the nozzle up to {off:.4g} mm off the requested "
             f"path: {reason}"
         )
+
+
+def check_servo_file(file: Path, servo: ServoSettings, machine: Machine) -> None:
+    """Raise InputError where a list of a servo file has another number of values than the machine has axes."""
+    axes = machine.axis_names
+    for name, value in servo:
+        if name != "law" and isinstance(value, list) and len(value) != len(axes):
+            raise InputError(
+                f"servo {file}: {name} has {len(value)} values: must be one or {len(axes)}, of the axes "
+                f"{', '.join(axes)} of machine {machine.name}"
+            )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -17,8 +16,9 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.engine.simulation import Simulation
 from gantrysim.job.content import JobContent
-from gantrysim.job.fitting import check_fit
-from gantrysim.job.margins import check_stability, margin_notes
+from gantrysim.job.first_try import OpenValues, choice_note, machine_of, needle_area
+from gantrysim.job.fitting import check_fit, check_servo_file
+from gantrysim.job.margins import check_stability, margin_notes, servo_reason
 from gantrysim.job.plan import Plan, plan_of
 from gantrysim.job.programs import build
 from gantrysim.job.reading import Request, read_with_overrides
@@ -27,11 +27,7 @@ from gantrysim.machine.checks import notes as machine_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
-from gantrysim.servo.axis_loop import LoopTask
-from gantrysim.servo.cascade import gains
-from gantrysim.servo.laws import PD
 from gantrysim.servo.servo import Servo
-from gantrysim.servo.servo_values import LOOP_GAINS
 from gantrysim.stability.margins import Margins, margins_of
 
 
@@ -41,12 +37,13 @@ class Job(JobContent):
     Attributes:
         name: letters, digits, spaces and any of _ . + -
         machine: name of a built-in machine, or path of an MJCF file or of a machine's table in TOML, relative to the
-            folder of the job file.
+            folder of the job file; a file without it runs on the smallest built-in one with its program's axes.
         names: of a machine whose MJCF bears others, as in {nozzle = "tip", x = "motor_x"}: see `Machine`.
         program: name of the controller as `controller`, one of `PROGRAMS` or the user's own class as "module:Class" or
             "path/to/file.py:Class", and its arguments.
         servo: arguments of `Servo.derive`.
-        dispenser: arguments of `Dispenser`.
+        dispenser: arguments of `Dispenser`; for a file without flow, area and pressure, area is the section that the
+            needle's face just presses flat.
         bead: shape of the bead and grid of its height map, see `BeadSettings`.
         simulation: physics step and settling time.
         geometry: errors of the machine's geometry, by its accuracy class or one by one, see `Geometry`; none by
@@ -93,15 +90,29 @@ class Job(JobContent):
         if read.refusal and not allow_code:
             raise InputError(read.refusal)
         loaded = cls.of_content(read.content, read.label)
+        if speed is not None:
+            loaded = loaded.at_speed(speed)
+        chosen = loaded._with_choices(OpenValues.of(read.content))
         if table is not None:
-            loaded._check_axes(table)
-        return loaded if speed is None else loaded.at_speed(speed)
+            check_servo_file(table, chosen.servo, chosen.built_machine)
+        return chosen
 
     @classmethod
     def of_record(cls, file: Path) -> Job:
         """Return the job of a saved run, which need not run again: its own code is refused only where it would run."""
         read = read_with_overrides(Request(str(file)))
         return cls.of_content(read.content, read.label, read.refusal, is_record=True)
+
+    def _with_choices(self, open_values: OpenValues) -> Job:
+        """Return the job with a machine and glue for its program, where nobody gave any; its first note says so."""
+        name = self.program["controller"]
+        job = self
+        if open_values.machine:
+            job = job.changed({"machine": machine_of(name, job.controller)}).sharing(job)
+        if open_values.glue:
+            area = needle_area(job.built_machine, job.dispenser.needle, job.bead)
+            job = job.changed({"dispenser.area": area}).sharing(job)
+        return job.with_choice(choice_note(open_values, job, job.controller)) if any(open_values) else job
 
     def at_speed(self, speed: float) -> Job:
         """Return the job with its program at another speed.
@@ -132,16 +143,6 @@ class Job(JobContent):
                 raise
             raise InputError(f"{self.source or 'program'}: {text}") from None
 
-    def _check_axes(self, servo: Path) -> None:
-        """Check that the lists of a servo file have as many values as the machine has axes."""
-        axes = self.built_machine.axis_names
-        for name, value in self.servo:
-            if name != "law" and isinstance(value, list) and len(value) != len(axes):
-                raise InputError(
-                    f"servo {servo}: {name} has {len(value)} values: must be one or {len(axes)}, of the axes "
-                    f"{', '.join(axes)} of machine {self.built_machine.name}"
-                )
-
     def sharing(self, other: Job) -> Job:
         """Return the job with the machine and controller built for `other`, each where both jobs have the same."""
         built: dict[str, Any] = {}
@@ -166,9 +167,9 @@ class Job(JobContent):
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
-        """Notes on the program, on the machine at rest, on a servo of small margin, and on the dispenser's syringe."""
+        """Notes on what was chosen, the program, the machine at rest, a servo of small margin, and the syringe."""
         machine = self.built_machine
-        notes = (*self.controller.notes, *machine_notes(machine), *margin_notes(machine, self.margins))
+        notes = (*self._choice, *self.controller.notes, *machine_notes(machine), *margin_notes(machine, self.margins))
         if self.dispenser.syringe is None:
             return notes
         return notes + self.dispenser.notes(self.follow().flow, self.built_servo.period)
@@ -188,15 +189,7 @@ class Job(JobContent):
     @property
     def servo_reason(self) -> str:
         """What bounds the natural frequency of the servo, and why it has notches, in words."""
-        given = [name for name in LOOP_GAINS if getattr(self.servo, name) is not None]
-        if given:
-            return f"{', '.join(given)} as given"
-        servo = self.servo
-        built = self.built_servo
-        lags = built.lags._replace(drives=built.loop_drives._replace(velocity=()))
-        integral_time = math.inf if PD.name in built.laws.names else servo.integral_time
-        task = LoopTask(self.built_machine.axes, servo.period, lags, servo.damping, integral_time, built.laws.names)
-        return gains(task, servo.frequency, servo.velocity_bandwidth)[1]
+        return servo_reason(self.servo, self.built_machine, self.built_servo)
 
     @cached_property
     def margins(self) -> tuple[Margins, ...] | None:

@@ -1,14 +1,31 @@
-"""Stability of a job's servo: notes on small margins, and refusal of an unstable loop."""
+"""Stability of a job's servo: what bounds it, notes on small margins, and refusal of an unstable loop."""
 
 from __future__ import annotations
+
+import math
 
 from gantrysim.base.errors import InputError
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.machine import Machine
-from gantrysim.servo.servo_values import SHAPING
+from gantrysim.servo.axis_loop import LoopTask
+from gantrysim.servo.cascade import gains
+from gantrysim.servo.laws import PD
+from gantrysim.servo.servo import Servo
+from gantrysim.servo.servo_values import LOOP_GAINS, SHAPING
 from gantrysim.stability.margins import Margins
 
 LOW_MARGIN = 1.5  # gain margin below which a run has a note
+
+
+def servo_reason(settings: ServoSettings, machine: Machine, servo: Servo) -> str:
+    """Return what bounds the natural frequency of a servo with these settings, and why it has notches, in words."""
+    given = [name for name in LOOP_GAINS if getattr(settings, name) is not None]
+    if given:
+        return f"{', '.join(given)} as given"
+    lags = servo.lags._replace(drives=servo.loop_drives._replace(velocity=()))
+    integral_time = math.inf if PD.name in servo.laws.names else settings.integral_time
+    task = LoopTask(machine.axes, settings.period, lags, settings.damping, integral_time, servo.laws.names)
+    return gains(task, settings.frequency, settings.velocity_bandwidth)[1]
 
 
 def margin_notes(machine: Machine, margins: tuple[Margins, ...] | None) -> tuple[str, ...]:

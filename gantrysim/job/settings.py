@@ -7,6 +7,7 @@ from typing import Any, Literal, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
+from gantrysim.job.defaults import INTEGRAL_TIME
 from gantrysim.job.programs import described
 from gantrysim.servo.laws import ADDITIONS, BASES
 from gantrysim.servo.parameter import Parameter as Quantity
@@ -31,6 +32,7 @@ _TYPES: dict[str, Any] = {
     "mode": _Mode | list[_Mode] | None,
     "law": str | list[str],
 }
+_DEFAULTS = {"integral_time": INTEGRAL_TIME}  # of a job, where `Servo.derive` alone has another
 _NAMES_OF_LAWS = f"names of its laws: one of {', '.join(BASES)}, and any of {', '.join(ADDITIONS)}"
 
 
@@ -42,7 +44,7 @@ def _keywords() -> dict[str, Any]:
     return {
         parameter.name: (
             _TYPES.get(parameter.name, hints[parameter.name]),
-            _setting(parameter.default, meanings[parameter.name].removesuffix(".")),
+            _setting(_DEFAULTS.get(parameter.name, parameter.default), meanings[parameter.name].removesuffix(".")),
         )
         for parameter in parameters
         if parameter.default is not Parameter.empty

@@ -9,6 +9,7 @@ import pytest
 
 from gantrysim import Job, Machine, Servo
 from gantrysim.cli import terminal
+from gantrysim.job.defaults import INTEGRAL_TIME
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.programs import PROGRAMS, build
 from gantrysim.job.settings import ServoSettings
@@ -187,6 +188,7 @@ def test_the_record_of_the_controller_delays_the_command(tmp_path, gantrysim_com
 def test_the_servo_s_table_has_the_keywords_of_derive():
     keywords = {name: value.default for name, value in inspect.signature(Servo.derive).parameters.items()}
     del keywords["axes"], keywords["given"]
+    keywords["integral_time"] = INTEGRAL_TIME  # a job has an integral term unless it says otherwise
     derived = {quantity.name: None for quantity in DERIVED}
     fields = ServoSettings.model_fields
     assert {name: field.default for name, field in fields.items()} == keywords | derived

@@ -1,0 +1,164 @@
+"""A first try of one's own file: which machine, how much glue, which servo, and the sentence that says so."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gantrysim import Budget, Job
+from gantrysim.bead.section import Section
+from gantrysim.job.defaults import INTEGRAL_TIME, MACHINES, smallest_machine
+from gantrysim.job.loading import builtin_jobs
+from gantrysim.machine.machine import Machine
+from gantrysim.machine.models import builtin_models
+
+PARTS = sorted((Path(__file__).parent / "parts").iterdir())
+FLAT = "G21 G90 G17 G64 P0.05\nF1200\nG1 X30\nG1 Y20\nG1 X0\nG1 Y0\nM2\n"
+RAISED = FLAT.replace("F1200", "G0 Z5\nG1 Z0 F1200")
+FACE = 0.82  # outer diameter of the needle that the built-in machines draw [mm]
+GAP = 0.5  # height of their nozzle above the work [mm]
+
+OTHERS = {
+    "trio": ("part.bas", "BASE(0,1)\nSPEED=50:ACCEL=1000:DECEL=1000\nMOVE(30,20)\nWAIT IDLE\n", "xy"),
+    "trio with z": ("part.bas", "BASE(0,1,2)\nSPEED=50:ACCEL=1000:DECEL=1000\nMOVE(30,20,5)\nWAIT IDLE\n", "xyz"),
+    "softmc": (
+        "part.prg",
+        "common shared bench as group Axnm = a1 Axnm = a2 Axnm = a3\nprogram\nattach bench\nen = 1\nmove {0, 0, 0}\n"
+        "move {10, 0, 4}\ndetach bench\nend program\n",
+        "xyz",
+    ),
+    "drawing": (
+        "part.svg",
+        '<svg xmlns="http://www.w3.org/2000/svg" width="40mm" height="40mm" viewBox="0 0 40 40">'
+        '<path d="M 5 5 H 30 V 20"/></svg>',
+        "xy",
+    ),
+}
+
+
+def written(folder, text, name="part.ngc"):
+    file = folder / name
+    file.write_text(text)
+    return file
+
+
+def choice_of(job):
+    return [note for note in job.notes if note.startswith("chosen")]
+
+
+def test_the_table_of_machines_is_that_of_the_models_smallest_first():
+    cartesian = {}
+    for name in builtin_models():
+        machine = Machine(name)
+        if machine.kinematics.axes_are_coordinates and not machine.turns_work:
+            cartesian[name] = machine.axis_names
+    assert cartesian == MACHINES
+    sizes = [len(axes) for axes in MACHINES.values()]
+    assert sizes == sorted(sizes)
+    assert [smallest_machine(axes) for axes in (("x", "y"), ("x", "z"), ("x", "r"))] == ["xy", "xyz", "xyzr"]
+
+
+@pytest.mark.parametrize("part", PARTS, ids=lambda part: part.name)
+def test_ordinary_files_check_and_run_with_glue(part, gantrysim_command, tmp_path):
+    status, printed, _ = gantrysim_command("check", part)
+    assert status == 0
+    assert printed.count("chosen, as nothing was given") == 1
+    status, printed, _ = gantrysim_command("run", part, "--no-video", "--no-report", "--out", tmp_path / "out")
+    assert status == 0
+    assert "chosen, as nothing was given: machine xy" in printed
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["fault"] is None
+    assert summary["bead"]["volume_mm3"] > 50
+    assert summary["machine"].split("-")[0] == ("xy" if part.name == "flat-logo.tap" else "xyz")
+    again = Job.load(tmp_path / "out" / "job.toml")
+    assert choice_of(again) == []  # what was chosen is given there
+    assert again.digest == Job.load(part).digest
+
+
+@pytest.mark.parametrize("case", OTHERS)
+def test_other_languages_and_drawings(case, tmp_path):
+    name, text, machine = OTHERS[case]
+    job = Job.load(written(tmp_path, text, name))
+    assert job.machine == machine
+    assert job.dispenser.area > 0
+    job.plan()
+
+
+def test_a_rotary_axis_takes_the_machine_that_turns_its_needle(tmp_path):
+    text = "%\nO1\nN10 G17 G21 G90\nN20 G01 X20 C90 F1200\nN30 M30\n%\n"
+    assert Job.load(written(tmp_path, text, "part.nc"), controller="fanuc").machine == "xyzr"
+
+
+def test_the_needle_presses_the_chosen_bead_just_flat(tmp_path):
+    job = Job.load(written(tmp_path, FLAT))
+    areas = [np.array([share * job.dispenser.area]) for share in (0.98, 1.02)]
+    sections = [Section(area, np.array([GAP]), 60.0, FACE) for area in areas]
+    assert float(sections[0].groove[0]) == 0
+    assert float(sections[0].flat[0]) == pytest.approx(FACE, rel=0.1)
+    assert float(sections[1].groove[0]) > 0
+    # a segment of height g that meets the surface at 60 deg has the radius 2 g; the flat adds f g
+    segment = 4 * GAP**2 * (math.pi / 3 - math.sqrt(3) / 4)
+    assert job.dispenser.area == pytest.approx(segment + FACE * GAP, rel=5e-3)
+    thin = Job.load(written(tmp_path, FLAT), ["needle.bore=27G"])
+    assert thin.dispenser.area < job.dispenser.area
+
+
+def test_the_servo_is_that_of_the_built_in_jobs(tmp_path):
+    assert {Job.load(name).servo.integral_time for name in builtin_jobs()} == {INTEGRAL_TIME}
+    file = written(tmp_path, FLAT)
+    chosen = Job.load(file)
+    assert chosen.servo.integral_time == INTEGRAL_TIME
+    without = Job.load(file, ["integral_time=inf"])
+    assert 3 * _tracking(chosen) < _tracking(without)
+
+
+def _tracking(job):
+    budget = Budget(job.run())
+    return budget.values_of(budget.parts["tracking"]).rms
+
+
+def test_what_is_given_is_never_replaced(tmp_path):
+    file = written(tmp_path, RAISED)
+    assert Job.load(file).machine == "xyz"
+    assert Job.load(file, machine="xyzr").machine == "xyzr"
+    assert Job.load(file, ["machine=xyzr"]).machine == "xyzr"
+    for given in ("flow=0", "area=0", "flow=30", "area=2.5"):
+        dispenser = Job.load(file, [f"dispenser.{given}"]).dispenser
+        key, _, value = given.partition("=")
+        assert getattr(dispenser, key) == float(value)
+        assert dispenser.flow + dispenser.area == float(value)
+    everything = ["machine=xyz", "dispenser.flow=30", "integral_time=0.05"]
+    assert choice_of(Job.load(file, everything)) == []
+    (note,) = choice_of(Job.load(file, ["machine=xyz", "law=pd"]))
+    assert "glue" in note
+    assert "machine" not in note
+    assert "integral" not in note
+
+
+def test_a_job_file_has_the_same_defaults_as_a_program_file(tmp_path):
+    program = Job.load(written(tmp_path, RAISED))
+    file = written(tmp_path, 'name = "part"\n[program]\nfile = "part.ngc"\n', "mine.toml")
+    job = Job.load(file)
+    assert job.digest == program.digest
+    assert job.machine == program.machine == "xyz"
+    assert choice_of(job) == choice_of(program)
+
+
+def test_the_sentence_has_the_flow_at_the_programs_speed(tmp_path):
+    file = written(tmp_path, RAISED)
+    (note,) = choice_of(Job.load(file))
+    assert "machine xyz, the smallest for this program (--machine NAME)" in note
+    assert "glue 1.02 mm² times path speed, 20.4 mm³/s at 20 mm/s" in note
+    assert "--set dispenser.area=1.02 or --set dispenser.flow=100" in note
+    assert "--set servo.integral_time=inf for none" in note
+    (faster,) = choice_of(Job.load(file, speed=40.0))
+    assert "40.8 mm³/s at 40 mm/s" in faster
+    for option in ("dispenser.area=1.02", "dispenser.flow=100", "servo.integral_time=inf"):
+        Job.load(file, [option])  # as the sentence has them
+
+
+def test_the_built_in_jobs_choose_nothing():
+    for name in builtin_jobs():
+        assert choice_of(Job.load(name)) == []
