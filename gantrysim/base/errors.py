@@ -148,6 +148,12 @@ def unknown_text(kind: str, name: str, known: Iterable[str]) -> str:
     return f"unknown {kind} {shown(name)}: {hint}known: {', '.join(listed)}"
 
 
+def meant(names: Sequence[str]) -> str:
+    """Return the question that suggests names, as "did you mean a, b or c?"; empty without any."""
+    *others, last = names or [""]
+    return f"did you mean {', '.join(others)} or {last}?" if others else f"did you mean {last}?" if last else ""
+
+
 def nearest(name: str, names: Iterable[str]) -> list[str]:
     """Return the names nearest to a wrong one, nearest first; in any case, and dotted ones by their last part too."""
     wrong = name.casefold()

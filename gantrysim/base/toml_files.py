@@ -11,7 +11,7 @@ from typing import Any, TypeVar, get_args, get_type_hints
 
 from pydantic import BaseModel, ValidationError
 
-from gantrysim.base.errors import InputError, nearest
+from gantrysim.base.errors import InputError, meant, nearest
 from gantrysim.base.files import check_whole
 from gantrysim.base.input_files import opened
 
@@ -100,6 +100,7 @@ def validated(
     label: str,
     keys: Callable[[], Iterable[str]] | None = None,
     context: Mapping[str, Any] | None = None,
+    listed: str = "",
 ) -> Model:
     """Return a model with these values.
 
@@ -109,6 +110,7 @@ def validated(
         label: with which a message begins.
         keys: returns the dotted names of all keys, where they depend on the content; by default the model's fields.
         context: for the validators of the model.
+        listed: where all keys are listed, for the message on an unknown one.
 
     Raises:
         InputError: an unknown key, or a value that is refused.
@@ -117,7 +119,7 @@ def validated(
         return model.model_validate(content, context=context)
     except ValidationError as error:
         known = field_names(model) if keys is None else keys()
-        raise InputError(f"{label}: {one_line(error, known)}") from None
+        raise InputError(f"{label}: {one_line(error, known, listed)}") from None
 
 
 def field_names(kind: type[Any], prefix: str = "") -> Iterator[str]:
@@ -130,12 +132,13 @@ def field_names(kind: type[Any], prefix: str = "") -> Iterator[str]:
                 yield from field_names(part, f"{prefix}{name}.")
 
 
-def one_line(error: ValidationError, known: Iterable[str] = ()) -> str:
+def one_line(error: ValidationError, known: Iterable[str] = (), listed: str = "") -> str:
     """Return the first problems that pydantic found, in one line, and the number of the others.
 
     Args:
         error: of a model.
-        known: dotted names of its keys, of which the nearest to an unknown one is named.
+        known: dotted names of its keys, of which the nearest to an unknown one are named.
+        listed: where all of them are listed, if anywhere.
     """
     names = tuple(known)
     problems: dict[str, str] = {}
@@ -160,15 +163,16 @@ def one_line(error: ValidationError, known: Iterable[str] = ()) -> str:
     while named < min(len(texts), _FEW) and len("; ".join(texts[: named + 1])) <= _LONGEST:
         named += 1
     others = [f"and {len(texts) - named} more"] if len(texts) > named else []
-    return "; ".join([*texts[:named], *others])
+    where_listed = [listed] if listed and any(text.startswith("unknown key") for text in texts) else []
+    return "; ".join([*texts[:named], *others, *where_listed])
 
 
 def _meant(where: str, known: Sequence[str]) -> str:
-    """Return the end of a message on an unknown key: which one of the same table is nearest, or else all of them."""
+    """Return the end of a message on an unknown key: which of the same table are nearest, or else all of them."""
     *tables, wrong = where.split(".")
     beside = _keys_in(tables, known) or _keys_in(tables[:-1], known)  # pydantic names a fault's kind after its number
     if near := nearest(wrong, sorted(beside)):
-        return f": did you mean {near[0]}?"
+        return f": {meant(near)}"
     return f": known: {', '.join(sorted(beside))}" if beside else ""
 
 

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from typer.core import TyperGroup
 
 from gantrysim.base import signals
-from gantrysim.base.errors import GantryError, InputError, shortened
+from gantrysim.base.errors import GantryError, InputError, shortened, shown
 from gantrysim.base.toml_files import one_line
 from gantrysim.cli.check import check
 from gantrysim.cli.compare import compare
@@ -98,6 +98,10 @@ def _main(
 
 @app.command()
 def info(
+    name: Annotated[
+        str | None,
+        typer.Argument(help="One thing: a machine, a job, a controller or a key of a job; keys for all keys."),
+    ] = None,
     model: Annotated[
         str | None,
         typer.Option("--machine", "--model", help="Describe this machine alone: built-in, MJCF file or table."),
@@ -107,8 +111,16 @@ def info(
 ) -> None:
     """List the built-in machines and jobs, all settings, and the default gains with their stability margins.
 
-    With --model, size the drives of one machine.
+    With NAME, show one thing alone, as in gantrysim info an225 or gantrysim info servo.damping. With --model, size the
+    drives of one machine.
     """
+    if name is not None:
+        if model is not None or job is not None:
+            raise InputError(f"{shown(name)}: give either NAME or --model")
+        from gantrysim.cli.info_name import show_name
+
+        show_name(name)
+        return
     if model is not None:
         from gantrysim.machine.machine import Machine
 

@@ -19,7 +19,7 @@ from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.faults import KINDS, AnyFault, InjectedFault
 from gantrysim.job.code import named_code
 from gantrysim.job.defaults import MACHINE
-from gantrysim.job.overrides import TABLES, change, known_keys, override
+from gantrysim.job.overrides import LIST_OF_KEYS, TABLES, change, known_keys, override
 from gantrysim.job.programs import build, reject_booleans
 from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings
 from gantrysim.machine.geometry import Geometry
@@ -62,7 +62,8 @@ class JobContent(BaseModel):
             InputError: an invalid key or value.
         """
         allow_code = not refusal and not is_record
-        job = validated(cls, content, label, lambda: _keys(content, allow_code=allow_code), {_ALLOW_CODE: allow_code})
+        context = {_ALLOW_CODE: allow_code}
+        job = validated(cls, content, label, lambda: _keys(content, allow_code=allow_code), context, LIST_OF_KEYS)
         job._refusal = refusal
         return job
 

@@ -15,6 +15,7 @@ from gantrysim.base.toml_files import read_text, read_toml, validated
 from gantrysim.base.user_code import absolute_code, is_code
 from gantrysim.controllers.controller import Controller
 from gantrysim.job.code import CONTROLLER, absolute_value
+from gantrysim.job.overrides import LIST_OF_KEYS
 from gantrysim.job.programs import program_class, reader, suffixes
 from gantrysim.job.settings import ServoSettings
 
@@ -97,5 +98,5 @@ def servo_table(file: Path) -> dict[str, Any]:
     table = content.get("servo")
     if not isinstance(table, dict):
         raise InputError(f"{label}: has no table [servo]; it has: {', '.join(content) or 'nothing'}")
-    validated(ServoSettings, table, label)
+    validated(ServoSettings, table, label, listed=LIST_OF_KEYS)
     return table

@@ -8,7 +8,7 @@ from pathlib import Path
 from textwrap import shorten
 from typing import Any
 
-from gantrysim.base.errors import InputError, expanded, unknown
+from gantrysim.base.errors import InputError, expanded, meant, nearest, shown
 from gantrysim.base.toml_files import toml_content
 from gantrysim.bead import BeadSettings
 from gantrysim.dispenser.dispenser import Dispenser
@@ -21,6 +21,8 @@ from gantrysim.machine.models import builtin_models
 
 Content = dict[str, Any]  # of a job file
 _SHOWN = 200  # characters of an option
+
+LIST_OF_KEYS = "all keys: gantrysim info keys, docs/job-file.md"
 
 # the tables of a job file besides the program's
 TABLES: dict[str, Any] = {
@@ -39,7 +41,7 @@ def change(content: Content, key: str, value: Any, known: Sequence[str]) -> None
         InputError: the key is not among the known ones.
     """
     if key not in known:
-        raise unknown("key", key, known)
+        raise _unknown_key(key, known)
     table, leaf = _table_of(content, key, key)
     if value is None:
         table.pop(leaf, None)
@@ -66,7 +68,7 @@ def override(content: Content, text: str, known: Sequence[str]) -> None:
         if len(matches) > 1:
             raise InputError(f"{option}: {key!r} is ambiguous: {', '.join(matches)}")
         if not matches:
-            raise unknown("key", key, known)
+            raise _unknown_key(key, known)
         key = matches[0]
     try:
         value = toml_content(f"value = {right}", f"--set {key}")["value"]
@@ -77,6 +79,12 @@ def override(content: Content, text: str, known: Sequence[str]) -> None:
     value = absolute_value(key, value, Path())
     table, leaf = _table_of(content, key, option)
     table[leaf] = value
+
+
+def _unknown_key(key: str, known: Sequence[str]) -> InputError:
+    """Return the error for a key that a job does not have, with the three nearest and where all are listed."""
+    question = meant(nearest(key, sorted(known)))
+    return InputError(f"unknown key {shown(key)}: {f'{question} ' if question else ''}{LIST_OF_KEYS}")
 
 
 def place(content: Content, placement: Mapping[str, float], known: Sequence[str]) -> None:

@@ -83,7 +83,7 @@ def test_bad_tables_are_refused_in_one_line(value, text):
 
 
 def test_a_number_without_a_fault_is_an_unknown_key():
-    with pytest.raises(InputError, match=r"unknown key 'faults.1.time': did you mean faults.0.time\?"):
+    with pytest.raises(InputError, match=r"unknown key 'faults.1.time': did you mean faults.0.time"):
         faulty(SLIP).overridden(["faults.1.time=1"])
 
 

@@ -248,7 +248,7 @@ def test_setpoints_that_no_record_can_hold_are_refused_in_one_line(folder, cls, 
 @pytest.mark.parametrize(
     ("more", "text"),
     [
-        ("pich = 4.0\n", "unknown key program.pich: did you mean pitch?"),
+        ("pich = 4.0\n", "unknown key program.pich: did you mean pitch"),
         ("lines = 1.5\n", "program.lines = 1.5"),
         ("pitch = true\n", "pitch = true: true and false are no numbers"),
         ("pitch = 1e20\n", "pitch = 1e+20: must be 0 or from 1e-100 to 1e+12 in magnitude"),
