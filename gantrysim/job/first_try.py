@@ -13,10 +13,9 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.dispenser.needle import Needle
 from gantrysim.job.content import JobContent
 from gantrysim.job.defaults import GLUE, INTEGRAL_TIME, MACHINE, TURNING_MACHINE, smallest_machine
+from gantrysim.job.settings import has_loop_gains
 from gantrysim.machine.machine import Machine
 from gantrysim.servo.laws import PD
-
-_INTEGRAL_KEYS = ("integral_time", "ki", "kp")  # of [servo]: each states the integral term, or makes it the user's own
 
 
 class OpenValues(NamedTuple):
@@ -42,7 +41,7 @@ class OpenValues(NamedTuple):
         return cls(
             machine="machine" not in content,
             glue=not any(key in dispenser for key in GLUE),
-            integral_time=has_integral and not any(key in servo for key in _INTEGRAL_KEYS),
+            integral_time=has_integral and "integral_time" not in servo and not has_loop_gains(servo),
         )
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from inspect import Parameter, signature
 from typing import Any, Literal, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field, create_model
+from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
 
 from gantrysim.job.defaults import INTEGRAL_TIME
 from gantrysim.job.programs import described
@@ -32,6 +34,7 @@ _TYPES: dict[str, Any] = {
     "mode": _Mode | list[_Mode] | None,
     "law": str | list[str],
 }
+_POSITION_GAINS = ("kp", "ki", "kd", "velocity_gain")  # beside which an integral term of another loop has no place
 _DEFAULTS = {"integral_time": INTEGRAL_TIME}  # of a job, where `Servo.derive` alone has another
 _NAMES_OF_LAWS = f"names of its laws: one of {', '.join(BASES)}, and any of {', '.join(ADDITIONS)}"
 
@@ -62,7 +65,23 @@ _ServoSettings: Any = create_model("_ServoSettings", __config__=STRICT, **_FIELD
 
 
 class ServoSettings(_ServoSettings):  # type: ignore[misc]
-    """Arguments of `Servo.derive`; one that is given, as a number or a list of one per axis, is not derived."""
+    """Arguments of `Servo.derive`; one that is given, as a number or a list of one per axis, is not derived.
+
+    With loop gains of the user's own, the integral term is the user's too: there is none unless it is given.
+    """
+
+    @model_validator(mode="before")
+    @classmethod
+    def _leave_given_gains_alone(cls, values: Any) -> Any:
+        # ki would follow from a derived kp, which is not the one that is given
+        if isinstance(values, dict) and "integral_time" not in values and has_loop_gains(values):
+            return {**values, "integral_time": math.inf}
+        return values
+
+
+def has_loop_gains(values: Mapping[str, Any]) -> bool:
+    """Return whether a table [servo] gives gains of the loop itself."""
+    return any(values.get(name) is not None for name in _POSITION_GAINS)
 
 
 class SimulationSettings(BaseModel):

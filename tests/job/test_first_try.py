@@ -131,6 +131,9 @@ def test_what_is_given_is_never_replaced(tmp_path):
         assert dispenser.flow + dispenser.area == float(value)
     everything = ["machine=xyz", "dispenser.flow=30", "integral_time=0.05"]
     assert choice_of(Job.load(file, everything)) == []
+    own_gains = Job.load(file, ["machine=xyz", "dispenser.flow=30", "kp=0.7", "kd=0.008"])
+    assert choice_of(own_gains) == []  # an integral term would follow from another kp
+    assert set(own_gains.built_servo.per_axis("ki")) == {0.0}
     (note,) = choice_of(Job.load(file, ["machine=xyz", "law=pd"]))
     assert "glue" in note
     assert "machine" not in note
