@@ -13,6 +13,7 @@ from gantrysim.bead import BeadSettings
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.dispenser.needle import Needle
 from gantrysim.dispenser.syringe import Syringe
+from gantrysim.job.defaults import INTEGRAL_TIME
 from gantrysim.job.job import Job
 from gantrysim.job.loading import builtin_jobs, job_text
 from gantrysim.job.programs import described
@@ -107,14 +108,14 @@ def glue_table() -> Table:
 
 def gains_table(period: float = ServoSettings().period) -> Table:
     """Return the default gains of each machine at a servo period [s]."""
-    servos = {name: Servo.derive(Machine(name).axes, period) for name in builtin_models()}
+    servos = {name: Servo.derive(Machine(name).axes, period, integral_time=INTEGRAL_TIME) for name in builtin_models()}
     hidden = ("resolution", "torque_limit", "notch_width", "notch_depth")  # the machine's own, or the same for all
     shown = [
         g for g in DERIVED if g.name not in hidden and any(any(servo.per_axis(g.name)) for servo in servos.values())
     ]
     units = ", ".join(f"{g.name} {g.unit}" for g in shown)
     table = _table(
-        f"default gains at a servo period of {1e3 * period:g} ms",
+        f"default gains at a servo period of {1e3 * period:g} ms and an integral time of {INTEGRAL_TIME:g} s",
         ("machine", "axis"),
         (
             "Hz",
@@ -143,7 +144,8 @@ def margins_table(period: float = ServoSettings().period) -> Table:
     )
     for name in builtin_models():
         machine = Machine(name)
-        all_margins = Plant.of(machine, period).margins(Servo.derive(machine.axes, period))
+        servo = Servo.derive(machine.axes, period, integral_time=INTEGRAL_TIME)
+        all_margins = Plant.of(machine, period).margins(servo)
         for a, (axis, margins) in enumerate(zip(machine.axes, all_margins, strict=True)):
             table.add_row(
                 "" if a else name,

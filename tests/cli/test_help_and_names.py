@@ -88,6 +88,13 @@ def test_info_shows_one_thing(name, gantrysim_command, wide):
     assert not any(other in printed for other in others)
 
 
+def test_the_default_gains_are_those_of_a_job(gantrysim_command, wide):
+    status, printed, _ = gantrysim_command("info")
+    assert status == 0
+    assert "and an integral time of 0.03 s" in printed
+    assert "ki N·m/(u·s)" in printed
+
+
 def test_info_keys_lists_every_key(gantrysim_command, wide):
     status, printed, _ = gantrysim_command("info", "keys")
     assert status == 0
