@@ -127,11 +127,11 @@ def test_nearest_names(name, near):
 @pytest.mark.parametrize(
     ("table", "text"),
     [
-        ("[servo]\nintegral_tim = 0.03", "unknown key servo.integral_tim: did you mean integral_time?"),
-        ("spead = 100", "unknown key program.spead: did you mean speed?"),
-        ("[sevro]\nkp = 1", "unknown key sevro: did you mean servo?"),
-        ("[dispenser]\nflow = 3\nneedle = {boer = 1}", "unknown key dispenser.needle.boer: did you mean bore?"),
-        ("[[faults]]\nkind = 'bus sag'\ntime = 1\nshare = 0.5\ndration = 1", "bus sag.dration: did you mean duration?"),
+        ("[servo]\nintegral_tim = 0.03", "unknown key servo.integral_tim: did you mean integral_time"),
+        ("spead = 100", "unknown key program.spead: did you mean speed"),
+        ("[sevro]\nkp = 1", "unknown key sevro: did you mean servo"),
+        ("[dispenser]\nflow = 3\nneedle = {boer = 1}", "unknown key dispenser.needle.boer: did you mean bore"),
+        ("[[faults]]\nkind = 'bus sag'\ntime = 1\nshare = 0.5\ndration = 1", "bus sag.dration: did you mean duration"),
     ],
 )
 def test_a_wrong_key_of_a_job_file(tmp_path, table, text):
@@ -145,10 +145,10 @@ def test_a_wrong_key_of_a_job_file(tmp_path, table, text):
 def test_a_wrong_key_of_a_machine_of_a_servo_file_and_of_an_environment(tmp_path):
     table = Path(__file__).parent.parent / "examples" / "machines" / "belt-gantry.toml"
     (tmp_path / "belt-gantry.toml").write_text(table.read_text().replace("carriage", "cariage"))
-    with pytest.raises(gs.InputError, match=r"unknown key .*cariage\w*: did you mean carriage\w*\?"):
+    with pytest.raises(gs.InputError, match=r"unknown key .*cariage\w*: did you mean carriage\w*"):
         gs.Machine(tmp_path / "belt-gantry.toml")
     (tmp_path / "tuned.toml").write_text("[servo]\nintegral_tim = 1\n")
-    with pytest.raises(gs.InputError, match=r"unknown key integral_tim: did you mean integral_time\?"):
+    with pytest.raises(gs.InputError, match=r"unknown key integral_tim: did you mean integral_time"):
         Job.load("an225", servo=tmp_path / "tuned.toml")
-    with pytest.raises(gs.InputError, match=r"unknown key servo.dampng: did you mean damping\?"):
+    with pytest.raises(gs.InputError, match=r"unknown key servo.dampng: did you mean damping"):
         gs.env.SpiralTuningEnv(servo={"dampng": 1.0})
