@@ -21,6 +21,8 @@ from .machine.machine import Machine as Machine
 from .metrics.budget import Budget as Budget
 from .record.fault import Fault as Fault
 from .record.run import Run as Run
+from .results.tolerance import Tolerance as Tolerance
+from .results.verdict import Verdict as Verdict
 from .servo.laws.plain import Tick as Tick
 from .servo.servo import Servo as Servo
 

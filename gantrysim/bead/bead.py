@@ -68,12 +68,11 @@ class Bead(BeadTrace, Shown):
         if self._no_values:
             raise InputError(self._no_values)
         on = self.dispensing
-        parts = self._parts
         clearance = self.clearance()
         weight = self._turn_lengths
         length = float(weight.sum())
         turns = clearance.size > 0 and length > 0
-        stopped = self.stretches[:, 1] < len(run.time)
+        stop_excess = self.excess_at_stops
         coverage, apart_share = self._coverage if turns else (None, None)
         start_offset, stop_offset = self._offsets
         return BeadValues(
@@ -86,18 +85,29 @@ class Bead(BeadTrace, Shown):
             coverage=coverage,
             apart_share=apart_share,
             height_apart=float(np.abs(np.diff(self.analysis.spacing.link[..., 2], axis=1)).max()) if turns else None,
-            start_shortfall=Range.of(-parts[:, 0] / self.nominal),
-            stop_excess=Range.of(parts[stopped, 2] / self.nominal) if stopped.any() else None,
+            start_shortfall=Range.of(self.missing_at_starts),
+            stop_excess=Range.of(stop_excess) if stop_excess.size else None,
             start_offset=Range.of(start_offset) if start_offset.size else None,
             stop_offset=Range.of(stop_offset) if stop_offset.size else None,
             volume=self.total_volume,
             requested_volume=self.requested_volume,
             ramp_error=float(run.flow_demand[:-1].sum()) * run.period - self.requested_volume,
-            start_error=float(parts[:, 0].sum()),
-            steady_error=float(parts[:, 1].sum()),
-            stop_error=float(parts[:, 2].sum()),
+            start_error=float(self._parts[:, 0].sum()),
+            steady_error=float(self._parts[:, 1].sum()),
+            stop_error=float(self._parts[:, 2].sum()),
             ridge=self.map.ridge,
         )
+
+    @property
+    def missing_at_starts(self) -> Floats:
+        """Volume missing at the start of every stretch, as length of the nominal section, (k,) [mm]."""
+        return -self._parts[:, 0] / self.nominal
+
+    @property
+    def excess_at_stops(self) -> Floats:
+        """Volume in excess at the stops within the record, as length of the nominal section, (at most k,) [mm]."""
+        stopped = self.stretches[:, 1] < len(self.run.time)
+        return self._parts[stopped, 2] / self.nominal
 
     @property
     def total_volume(self) -> float:

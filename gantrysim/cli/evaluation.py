@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from gantrysim.base.errors import text_of
 from gantrysim.bead import Bead
-from gantrysim.cli.tables import causes_table, links_table, losses_table, outcome_table, scatter_table
+from gantrysim.cli.tables import causes_table, links_table, losses_table, outcome_table, scatter_table, verdict_table
 from gantrysim.cli.terminal import say, share_bar, show, warn
 from gantrysim.job.causes import causes_of
 from gantrysim.job.job import Job
@@ -26,6 +26,8 @@ from gantrysim.report.headline import headline
 from gantrysim.report.page import write_run_page
 from gantrysim.report.results import RunResults
 from gantrysim.report.scatter import SCATTER_NOTE, add_to_summary
+from gantrysim.results.checks import FAIL
+from gantrysim.results.verdict import Verdict
 
 
 class Wanted(NamedTuple):
@@ -36,12 +38,18 @@ class Wanted(NamedTuple):
         repeat: number of runs from which the figures' scatter is taken; None for none.
         video: video.mp4.
         report: report.html and the plots.
+        fail_on: verdict from which on the command fails, "fail" or "warn"; None for none.
     """
 
     causes: bool
     repeat: int | None
     video: bool
     report: bool
+    fail_on: str | None = None
+
+    def refuses(self, state: str) -> bool:
+        """Return whether the command fails with a verdict."""
+        return self.fail_on is not None and (state == FAIL or state == self.fail_on)
 
 
 class Evaluation:
@@ -54,17 +62,20 @@ class Evaluation:
     Attributes:
         shown: functions that print the results, to be called once the files are in place.
         failed: why files are missing, each in a line.
+        state: the verdict in a word; empty until the results are known.
     """
 
     def __init__(self, folder: Path, go_on: Callable[[], None]) -> None:
         self.shown: list[Callable[[], None]] = []
         self.failed: list[str] = []
+        self.state = ""
         self._folder = folder
         self._go_on = go_on
 
     def make(self, job: Job, record: Run, wanted: Wanted) -> None:
         """Compute the results, write their files, and keep what is to be shown; a plot, video or report may fail."""
         results = self._results(job, record, wanted)
+        self.state = results.verdict.state
         write_run(self._folder, results)
         if results.scatter is not None:
             add_to_summary(self._folder / SUMMARY, results.scatter)
@@ -117,11 +128,20 @@ class Evaluation:
             self.failed.append(f"no {kind}: {text_of(error).replace(f'{self._folder}/', '')}")
 
 
+def _show_verdict(verdict: Verdict) -> None:
+    """Print the verdict; of a run that ended in a fault, what happened."""
+    if verdict.fault:
+        say(str(verdict), wrap=True)
+    else:
+        show(verdict_table(verdict))
+
+
 def tables(results: RunResults) -> Iterator[Callable[[], None]]:
     """Yield functions that print the results of a run."""
     job = results.job
     budget = results.budget
     record = budget.analysis.run
+    yield lambda: _show_verdict(results.verdict)
     links = links_table(job.name, results.machine, budget)
     yield lambda: show(links)
     if results.losses is not None:

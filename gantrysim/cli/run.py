@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -20,7 +20,7 @@ from gantrysim.cli.options import (
     placement,
     to_write,
 )
-from gantrysim.cli.terminal import FAULT, INCOMPLETE, interruptible, say, share_bar, warn
+from gantrysim.cli.terminal import FAULT, INCOMPLETE, OUT_OF_TOLERANCE, interruptible, say, share_bar, warn
 
 if TYPE_CHECKING:
     from gantrysim.cli.evaluation import Wanted
@@ -33,6 +33,11 @@ WithCauses = Annotated[
 Repeat = Annotated[
     int | None,
     typer.Option(help="Run the job so many times with other zeros of its encoders; print the figures' scatter."),
+]
+
+FailOn = Annotated[
+    Literal["fail", "warn"] | None,
+    typer.Option(help="Exit with status 4 if the verdict is fail; with warn, also if it is only a warning."),
 ]
 
 
@@ -54,8 +59,12 @@ def run(
     video: Annotated[bool, typer.Option(help="Write video.mp4.")] = True,
     allow_code: AllowCode = False,
     with_report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and the plots.")] = True,
+    fail_on: FailOn = None,
 ) -> None:
-    """Simulate a job, print its error budget, and write record, summary, plots, report and video.
+    """Simulate a job, print verdict and error budget, and write record, summary, plots, report and video.
+
+    The verdict compares path, glue, stability and machine with their tolerances: those of the job's table [tolerance],
+    and defaults from machine, needle and bead.
 
     The error budget locates the error on the chain. With --causes, a second table finds its causes: the job is run
     again with one cause at a time switched off (program, sampling, counts, friction, winding, compliance), and the
@@ -66,7 +75,8 @@ def run(
     standard deviation of the figures beside those of the job.
 
     Exit status: 0 for a complete run, 1 if a plot, the report or the video failed while all else is written, 2 for bad
-    input, 3 for a run that ended in a fault, 130 after Ctrl-C, which leaves the output folder unchanged.
+    input, 3 for a run that ended in a fault, 4 for a verdict that --fail-on names, 130 after Ctrl-C, which leaves the
+    output folder unchanged.
     """
     from gantrysim.cli.evaluation import Wanted
     from gantrysim.job.job import Job
@@ -82,7 +92,7 @@ def run(
         allow_code=allow_code,
     )
     folder = out if out is not None else Path("out") / loaded.name
-    simulate_and_show(loaded, folder, Wanted(causes, repeat, video, with_report))
+    simulate_and_show(loaded, folder, Wanted(causes, repeat, video, with_report, fail_on))
 
 
 def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
@@ -99,6 +109,7 @@ def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
     from gantrysim.job.losses import events
     from gantrysim.job.scatter import check_repeats
     from gantrysim.report.folder import output_folder, write_fault
+    from gantrysim.results.verdict import Verdict
 
     machine = job.built_machine
     job.check_fit()
@@ -115,6 +126,7 @@ def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
             record = job.run(advance)
         if record.fault is not None and not record.dispense.any():
             write_fault(scratch, job, machine, record)
+            say(str(Verdict.of_fault(record)), wrap=True)
             say("the run ended before the dispenser was on: there are no errors to evaluate")
             for event in events(record) if record.injected else ():
                 say(event, wrap=True)
@@ -130,6 +142,8 @@ def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
             say("causes skipped: the run ended in a fault")
         warn(str(record.fault), "fault")
         raise typer.Exit(FAULT)
+    if wanted.refuses(evaluation.state):
+        raise typer.Exit(OUT_OF_TOLERANCE)
     if evaluation.failed:
         raise typer.Exit(INCOMPLETE)
 

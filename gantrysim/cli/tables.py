@@ -21,6 +21,7 @@ from gantrysim.metrics.parts import CORNER, PartValues
 from gantrysim.record.run import Run
 from gantrysim.report.scatter import HEADS, remark_of, rows_of
 from gantrysim.report.scatter import TITLE as SCATTER
+from gantrysim.results.verdict import Verdict
 from gantrysim.stability.margins import NO_LOOP, Margins
 
 _UM = 1e3
@@ -62,6 +63,21 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
     table.caption += "share of the mean square contour error; a negative share offsets others\n"
     table.caption += f"largest contour error at t = {contour.time:z.2f} s, x = {x:z.1f}, y = {y:z.1f} mm"
     table.caption_justify = "left"
+    return table
+
+
+def verdict_table(verdict: Verdict) -> Table:
+    """Return the verdict on a complete run, a row per value that it shows."""
+    table = Table.grid(padding=(0, 2, 0, 0))
+    table.title = escape(f"verdict {verdict.headline}")
+    table.title_justify = "left"
+    table.add_column(no_wrap=True)
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    for row in verdict.rows:
+        for k, text in enumerate(row.texts):
+            heads = (f"{row.symbol} {row.state}", row.name) if k == 0 else ("", "")
+            table.add_row(*heads, escape(text))
     return table
 
 

@@ -31,12 +31,15 @@ from gantrysim.base import signals
 # exit statuses; an interrupted command has signals.status()
 INPUT_ERROR = 2
 FAULT = 3  # a fault ended the run, or all runs of a study
+OUT_OF_TOLERANCE = 4  # the verdict is as bad as --fail-on names, or worse
 INCOMPLETE = 1  # all is written but a plot, a report or a video that failed
 
 _AGAIN = 0.1  # until a lost interrupt is raised again [s]
 
 # what is printed where the terminal's encoding lacks a character
-_PLAIN = str.maketrans({"µ": "u", "·": "*", "×": "x", "²": "2", "³": "3", "°": "deg", "→": "->", "–": "-", "…": "..."})
+_PLAIN = str.maketrans(
+    {"µ": "u", "·": "*", "×": "x", "²": "2", "³": "3", "°": "deg", "→": "->", "–": "-", "…": "...", "✓": "+", "✗": "x"}
+)
 
 # characters of a file that would command the terminal; rich drops the other ones
 _CONTROLS = {code: f"\\x{code:02x}" for code in (*range(7), *range(14, 32), *range(127, 160))}

@@ -21,7 +21,7 @@ from gantrysim.job.code import named_code
 from gantrysim.job.defaults import MACHINE
 from gantrysim.job.overrides import LIST_OF_KEYS, TABLES, change, known_keys, override
 from gantrysim.job.programs import build, reject_booleans
-from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings
+from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings, ToleranceSettings
 from gantrysim.machine.geometry import Geometry
 
 _ALLOW_CODE = "allow_code"  # key of a validation's context; without one, code may run: the caller names it
@@ -41,6 +41,7 @@ class JobContent(BaseModel):
     bead: BeadSettings = BeadSettings()
     simulation: SimulationSettings = SimulationSettings()
     geometry: Geometry | None = None
+    tolerance: ToleranceSettings | None = None
     faults: tuple[Annotated[AnyFault, Field(discriminator="kind")], ...] = ()
     source: str | None = None
     _choice: tuple[str, ...] = PrivateAttr(())  # a sentence on what was chosen where nothing was given, or none

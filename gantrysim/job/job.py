@@ -46,8 +46,8 @@ class Job(JobContent):
             needle's face just presses flat.
         bead: shape of the bead and grid of its height map, see `BeadSettings`.
         simulation: physics step and settling time.
-        geometry: errors of the machine's geometry, by its accuracy class or one by one, see `Geometry`; none by
-            default.
+        geometry: errors of the machine's geometry, by its accuracy class or one by one, see `Geometry`; or none.
+        tolerance: what a run must keep to be good enough; defaults for what is not given.
         faults: faults on purpose, tables [[faults]] with a `kind` and its values, see `gantrysim.faults`.
         source: file of the program's text, which messages name; None for a program of the job's own.
     """

@@ -11,7 +11,7 @@ from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.faults import KINDS
 from gantrysim.job.job import Job
 from gantrysim.job.programs import PROGRAMS, described
-from gantrysim.job.settings import ServoSettings, SimulationSettings
+from gantrysim.job.settings import ServoSettings, SimulationSettings, ToleranceSettings
 from gantrysim.machine.geometry import Geometry
 
 
@@ -26,7 +26,7 @@ class Key(NamedTuple):
 def sections() -> dict[str, list[Key]]:
     """Return the keys by the headings of their tables: the job, those of every job, and those of each controller."""
     defaults = {"name": "required", "machine": "by the program", "program": "required"}
-    defaults |= dict.fromkeys(("faults", "geometry", "names"), "none")
+    defaults |= dict.fromkeys(("faults", "geometry", "names", "tolerance"), "none")
     meanings = described(Job)
     by_heading = {
         "The job": [Key(name, defaults.get(name, "table"), meanings[name]) for name in Job.model_fields],
@@ -35,6 +35,7 @@ def sections() -> dict[str, list[Key]]:
         "`[bead]`": list(_rows(BeadSettings, "bead.")),
         "`[simulation]`": list(_settings(SimulationSettings, "simulation.")),
         "`[geometry]`": list(_rows(Geometry, "geometry.")),
+        "`[tolerance]`": list(_settings(ToleranceSettings, "tolerance.")),
         "`[[faults]]`": list(_faults()),
     }
     return by_heading | {controller_heading(name): controller_keys(name) for name in PROGRAMS}

@@ -99,6 +99,12 @@ def events(run: Run) -> list[str]:
     return [*lines, f"supervision: {run.fault}"]
 
 
+def happened(run: Run) -> str:
+    """Return the faults on purpose and the trip of a run in the order of time, a sentence each."""
+    lines = events(run) if reached(run) else [f"fault: {run.fault}"]
+    return " ".join(f"{line[0].upper()}{line[1:]}." for line in lines)
+
+
 class _Laid(NamedTuple):
     """A run at places on the requested path: section [mm²], width, the nozzle's offset [mm], and whether it passed."""
 

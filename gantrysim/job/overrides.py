@@ -15,7 +15,7 @@ from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.faults import KINDS
 from gantrysim.job.code import CONTROLLER, absolute_value
 from gantrysim.job.programs import dotted, keys
-from gantrysim.job.settings import ServoSettings, SimulationSettings
+from gantrysim.job.settings import ServoSettings, SimulationSettings, ToleranceSettings
 from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.models import builtin_models
 
@@ -31,6 +31,7 @@ TABLES: dict[str, Any] = {
     "dispenser": Dispenser,
     "bead": BeadSettings,
     "geometry": Geometry,
+    "tolerance": ToleranceSettings,
 }
 
 

@@ -1,4 +1,4 @@
-"""The tables [servo] and [simulation] of a job file."""
+"""The tables [servo], [simulation] and [tolerance] of a job file."""
 
 from __future__ import annotations
 
@@ -92,3 +92,53 @@ class SimulationSettings(BaseModel):
     physics_step: float | None = _setting(None, "longest physics step, by default the machine's own [s]")
     settle: float = _setting(0.25, "time for which the last position is held [s]")
     allow_unstable: bool = _setting(False, "whether to run with a servo that is unstable on the machine")
+
+
+class ToleranceSettings(BaseModel):
+    """What a run must keep to be good enough; what is not given follows from machine, needle and bead."""
+
+    model_config = STRICT
+
+    path_max: float | None = Field(
+        default=None, gt=0, description="largest contour error, by default a tenth of the needle's outer diameter [mm]"
+    )
+    path_p95: float | None = Field(
+        default=None, gt=0, description="95th percentile of the contour error, by default half of `path_max` [mm]"
+    )
+    bead_width: float | None = Field(
+        default=None, gt=0, description="deviation of the bead's width from the nominal one, by default 10 [%]"
+    )
+    turn_clearance: float | None = Field(
+        default=None,
+        gt=0,
+        description="deviation of the gap or overlap of neighbouring turns from the requested one, by default what "
+        "`bead_width` and `path_max` admit together [mm]",
+    )
+    start_length: float | None = Field(
+        default=None,
+        gt=0,
+        description="length of a start, where any width is admitted, by default the bead's width [mm]",
+    )
+    stop_length: float | None = Field(
+        default=None, gt=0, description="the same of a stop, by default the bead's width [mm]"
+    )
+    least_gain_margin: float | None = Field(
+        default=None, gt=1, description="smallest gain margin of an axis, by default 1.5"
+    )
+    largest_sensitivity: float | None = Field(
+        default=None,
+        gt=1,
+        description="largest peak of |S| of an axis, by default that which guarantees the gain margin, 3",
+    )
+    torque_reserve: float | None = Field(
+        default=None,
+        ge=0,
+        lt=100,
+        description="share of an axis' torque limit that must remain unused, by default 10 [%]",
+    )
+    speed_reserve: float | None = Field(
+        default=None,
+        ge=0,
+        lt=100,
+        description="share of an axis' speed limit that must remain unused, by default 10 [%]",
+    )

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from gantrysim.job.losses import events, reached
+from gantrysim.job.losses import happened, reached
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
-from gantrysim.record.run import Run
 
 NO_ERROR = 1e-6  # rms below which an error counts as none [mm]
 
@@ -37,12 +36,6 @@ def _portion(share: float) -> str:
     if share >= _ALMOST_ALL:
         return "almost all"
     return "mostly" if share > _MOST else "the largest share"
-
-
-def happened(run: Run) -> str:
-    """Return the faults on purpose and the trip of a run in the order of time, a sentence each."""
-    lines = events(run) if reached(run) else [f"fault: {run.fault}"]
-    return " ".join(f"{line[0].upper()}{line[1:]}." for line in lines)
 
 
 def _error_with_faults(budget: Budget) -> str:

@@ -23,6 +23,7 @@ from gantrysim.report.sections import (
 )
 from gantrysim.report.servo import servo_section
 from gantrysim.report.summary import versions
+from gantrysim.report.verdict import verdict_section
 
 _UM = 1e3
 
@@ -61,6 +62,7 @@ def run_sections(results: RunResults, video: Path | None = None) -> Iterator[Sec
     bead = results.bead
     analysis = budget.analysis
     run = analysis.run
+    yield verdict_section(results.verdict)
     yield Section("Summary", headline(budget), facts=list(_facts(analysis.values, run.requested.turn_spacing)))
     if run.injected:
         yield faults_section(run, results.losses)

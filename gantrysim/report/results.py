@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from gantrysim.bead import Bead, BeadValues
 from gantrysim.job.causes import Causes
@@ -11,6 +12,7 @@ from gantrysim.job.losses import Losses
 from gantrysim.job.scatter import Scatter
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.budget import Budget
+from gantrysim.results.verdict import Verdict
 
 
 @dataclass(frozen=True)
@@ -39,3 +41,10 @@ class RunResults:
     def bead_values(self) -> BeadValues | None:
         """Values of the bead, None without glue."""
         return self.bead.values if self.bead is not None and self.bead.nominal > 0 else None
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Whether the run is good enough."""
+        analysis = self.budget.analysis
+        bead = Bead(analysis.run, self.job.bead, analysis) if self.bead is None else self.bead
+        return Verdict.of_results(self.job, self.budget, bead)

@@ -11,7 +11,7 @@ from typing import Any
 from gantrysim.bead import BeadValues
 from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
-from gantrysim.job.losses import Losses
+from gantrysim.job.losses import Losses, happened
 from gantrysim.job.steps import run_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import ErrorSize, Range, torque_ripple
@@ -19,7 +19,7 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.parts import PartValues
 from gantrysim.record.run import Run
 from gantrysim.report.causes import causes_summary
-from gantrysim.report.headline import happened, headline
+from gantrysim.report.headline import headline
 from gantrysim.stability.margins import Margins
 
 _THOUSANDTHS = 1e3
@@ -35,7 +35,7 @@ def summary(
 ) -> dict[str, Any]:
     """Return the content of summary.json; a key's unit stands in its name.
 
-    Keys that need an explanation:
+    The file begins with the verdict, see `Verdict.content`. Keys that need an explanation:
 
         error_budget: by link, and as contour for the whole, the error normal to the path (`PartValues`); by axis its
             share of the tracking part; by turn of a spiral the links' errors

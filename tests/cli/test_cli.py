@@ -68,9 +68,9 @@ def test_the_summary_has_the_documented_keys_and_the_values_of_the_record(gantry
     gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert " ".join(summary) == (
-        "job machine error_budget causes requested_spacing_mm bead_spacing_mm tracking_error_um generation_error_um "
-        "contour_error_um path_speed_mm_s path_length_mm duration_s end_point_mm servo bead notes fault injected "
-        "headline versions"
+        "verdict job machine error_budget causes requested_spacing_mm bead_spacing_mm tracking_error_um "
+        "generation_error_um contour_error_um path_speed_mm_s path_length_mm duration_s end_point_mm "
+        "servo bead notes fault injected headline versions"
     )
     assert list(summary["bead_spacing_mm"]) == ["mean", "std", "min", "max"]
     assert list(summary["tracking_error_um"]) == ["x", "y", "path"]

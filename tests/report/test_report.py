@@ -28,7 +28,7 @@ from support.pages import Page
 
 CAUSE_NAMES = tuple(cause.name for cause in CAUSES)
 SMALL = ("diameter=40", "turns=2", "thickness=5")
-ALWAYS = ["summary", "error-budget", "plan-view", "errors-over-time", "servo", "job", "versions"]
+ALWAYS = ["verdict", "summary", "error-budget", "plan-view", "errors-over-time", "servo", "job", "versions"]
 
 
 def reported(folder, job, run=None, video=None):
@@ -50,10 +50,10 @@ def spiral(tmp_path_factory):
 def test_the_report_of_a_spiral_has_all_sections(spiral):
     _, page, _ = spiral
     assert page.sections == [
-        *ALWAYS[:3],
+        *ALWAYS[:4],
         "spacing-of-neighbouring-turns",
         "bead",
-        *ALWAYS[3:],
+        *ALWAYS[4:],
     ]
     assert len(page.all("figure")) == 8
     assert page.texts("h1") == ["an225 on xy"]
@@ -137,7 +137,7 @@ def test_the_headline_names_the_link_with_the_largest_share(spiral):
     budget = Budget(bead.analysis)
     parts = budget.values.parts
     text = headline(budget)
-    assert page.texts("p")[1] == text
+    assert page.texts("p")[2] == text
     assert parts["generation"].share > 0.9
     rms = 1e3 * budget.values.contour.rms
     assert text == f"Contour error: {rms:.0f} µm rms, almost all in generation (requested path to commanded)."
@@ -174,7 +174,7 @@ def test_the_causes_have_a_section_with_their_table_and_plot(tmp_path):
     write_run_page(file, RunResults(job, job.built_machine, Budget(bead.analysis), bead, causes))
     page = Page(file)
     page.check()
-    assert page.sections[:3] == ["summary", "error-budget", "causes"]
+    assert page.sections[:4] == ["verdict", "summary", "error-budget", "causes"]
     text = page.section("causes")
     assert "locate the error on the chain; this section finds its causes" in text
     rows = {row[0]: row[1:] for row in page.rows() if len(row) == 9 and row[0] in ("nothing", *CAUSE_NAMES)}
@@ -200,7 +200,7 @@ def test_a_follower_without_error_gets_a_report(tmp_path):
     job = Job.load("softmc-arc")
     page, bead = reported(tmp_path, job, job.follow())
     assert Budget(bead.analysis).values.contour.rms < 1e-6
-    assert page.texts("p")[1] == "Contour error: none, the nozzle follows the requested path exactly."
+    assert page.texts("p")[2] == "Contour error: none, the nozzle follows the requested path exactly."
     assert next(row for row in page.rows() if row and row[0] == "tracking")[2:] == ["0.0"] * 4 + ["–"] * 3
 
 
@@ -303,8 +303,8 @@ def test_the_command_writes_the_report_with_its_video(gantrysim_command, tmp_pat
     assert base64.b64decode(video["src"].partition(",")[2]) == (tmp_path / "video.mp4").read_bytes() == film
     contour = json.loads((tmp_path / "summary.json").read_text())["contour_error_um"]
     assert f"{contour['rms']:.1f} µm" in page.section("summary")
-    assert page.texts("p")[1] == headline(Budget(Run.load(tmp_path / "run.npz")))
-    assert page.texts("p")[1] in " ".join(printed.split())
+    assert page.texts("p")[2] == headline(Budget(Run.load(tmp_path / "run.npz")))
+    assert page.texts("p")[2] in " ".join(printed.split())
 
 
 def test_a_report_that_fails_costs_nothing_else(gantrysim_command, tmp_path, monkeypatch):

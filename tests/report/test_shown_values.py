@@ -147,7 +147,7 @@ def test_the_error_budget_in_page_table_and_summary(shown):
 def test_the_headline(shown):
     values = shown.budget
     link = max(values.parts, key=lambda name: values.parts[name].share)
-    text = shown.page.texts("p")[1]
+    text = shown.page.texts("p")[2]
     assert text.startswith(f"Contour error: {1e3 * values.contour.rms:.0f} µm rms, almost all in {link} (")
     if values.lag.max > values.contour.max:
         assert f"up to {values.lag.max:.3g} mm from its command, {1e3 * values.lag.rms:.3g} µm rms." in text

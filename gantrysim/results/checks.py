@@ -1,0 +1,136 @@
+"""A measured value against its limit: whether it passes, and where it is worst."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+PASS = "pass"
+WARN = "warn"
+FAIL = "fail"
+UNJUDGED = "not judged"
+
+SYMBOLS = {PASS: "✓", WARN: "!", FAIL: "✗", UNJUDGED: "–"}
+_ORDER = (PASS, UNJUDGED, WARN, FAIL)
+
+_NEAR = 0.8  # share of the limit from which a value that keeps it is a warning
+_ROUNDING = 1e-9  # relative
+
+
+def worst(states: list[str]) -> str:
+    """Return the worst of some states; what is not judged is worse than a pass."""
+    return max(states, key=_ORDER.index, default=UNJUDGED)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a value is worst; what is not known is None.
+
+    Attributes:
+        axis: name of the axis.
+        time: time in the run [s].
+        point: of the path or the nozzle in the work frame, (x, y, z) [mm].
+        line: line of the program's text.
+    """
+
+    axis: str | None = None
+    time: float | None = None
+    point: tuple[float, float, float] | None = None
+    line: int | None = None
+
+    def __str__(self) -> str:
+        parts = []
+        if self.axis is not None:
+            parts.append(f"axis {self.axis}")
+        if self.time is not None:
+            parts.append(f"t = {self.time:.3f} s")
+        if self.point is not None:
+            parts.append("x = {:z.1f}, y = {:z.1f}, z = {:z.1f} mm".format(*self.point))
+        if self.line is not None:
+            parts.append(f"line {self.line}")
+        return ", ".join(parts)
+
+    def content(self) -> dict[str, Any]:
+        """Return the place for JSON."""
+        point = None if self.point is None else list(self.point)
+        return {"axis": self.axis, "time_s": self.time, "point_mm": point, "program_line": self.line}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """A value against its limit.
+
+    Attributes:
+        name: of the limit, an attribute of `Tolerance`.
+        quantity: what is measured.
+        value: its worst value.
+        limit: its bound.
+        unit: of both; empty for a ratio.
+        source: "given" for a limit of the job, "default" for any other.
+        at_least: whether the value must be at least the limit, else at most.
+        form: format of both.
+        place: of the worst value.
+    """
+
+    name: str
+    quantity: str
+    value: float
+    limit: float
+    unit: str
+    source: str
+    at_least: bool = False
+    form: str = ".1f"
+    place: Place = field(default_factory=Place)
+
+    @property
+    def usage(self) -> float:
+        """Share of the limit that the value uses; above 1 it is exceeded; nan if it is unknown."""
+        over, under = (self.limit, self.value) if self.at_least else (self.value, self.limit)
+        if math.isnan(over) or math.isnan(under):
+            return math.nan
+        if math.isinf(under) or (over <= 0 and under >= 0):
+            return 0.0
+        return over / under if under > 0 else math.inf
+
+    @property
+    def state(self) -> str:
+        """The check's verdict; a value above 80 % of its limit is a warning."""
+        if math.isnan(self.value) or math.isnan(self.limit):
+            return UNJUDGED
+        if self.usage > 1 + _ROUNDING:
+            return FAIL
+        return WARN if self.usage > _NEAR else PASS
+
+    def __str__(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        bound = "at least" if self.at_least else "at most"
+        value = _number(self.value, self.form)
+        text = f"{self.quantity} {value}{unit}, {bound} {_number(self.limit, self.form)}{unit} ({self.source})"
+        place = str(self.place)
+        return f"{text}: {place}" if place else text
+
+    def content(self) -> dict[str, Any]:
+        """Return the check for JSON; an infinite number is null."""
+        return {
+            "name": self.name,
+            "quantity": self.quantity,
+            "value": finite(self.value),
+            "limit": finite(self.limit),
+            "unit": self.unit,
+            "bound": "at least" if self.at_least else "at most",
+            "limit_source": self.source,
+            "state": self.state,
+            "at_worst": self.place.content(),
+        }
+
+
+def finite(value: float) -> float | None:
+    """Return a number, or None for one that JSON lacks."""
+    return value if math.isfinite(value) else None
+
+
+def _number(value: float, form: str) -> str:
+    if math.isinf(value):
+        return "without limit" if value > 0 else "−∞"
+    return format(value, f"z{form}")

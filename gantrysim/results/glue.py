@@ -1,0 +1,187 @@
+"""The verdict on the bead: width, blobs and gaps, starts and stops, and the clearance of neighbouring turns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base.arrays import Floats, spans
+from gantrysim.bead import Bead
+from gantrysim.results.checks import FAIL, UNJUDGED, WARN, Check, Place
+from gantrysim.results.row import Row
+from gantrysim.results.tolerance import Tolerance
+
+PlaceAt = Callable[[int], Place]  # place of a tick of the run
+
+GLUE = "glue"
+
+# of the requested distance of the turns: beyond it, links that climb are longer than the distance asked in plan view
+_LEVEL = 0.01
+_ROUNDING = 1e-9  # relative
+
+
+def glue_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Row:
+    """Return the verdict on the bead of a complete run."""
+    run = bead.run
+    if not run.flow_demand.any():
+        return Row(GLUE, remark="nothing was laid: the job requests no glue", state=WARN)
+    if bead.total_volume <= 0:
+        return Row(GLUE, remark="nothing was laid, though glue is requested", state=FAIL)
+    if bead.nominal <= 0:
+        return Row(GLUE, remark="glue is requested only while the nozzle rests: no nominal width", state=UNJUDGED)
+    width = BeadWidth(bead, tolerance)
+    checks = list(_end_checks(bead, tolerance, place_at))
+    if width.judged.any():
+        checks.append(width.check(place_at))
+    checks += _clearance_checks(bead, tolerance, place_at)
+    return Row.of(GLUE, checks, width.remark, width.content())
+
+
+class BeadWidth:
+    """Deviation of the bead's width from the nominal one, away from starts and stops.
+
+    A blob is a contiguous stretch of the bead wider than the tolerance admits, a gap one narrower. Stations within
+    `Tolerance.start_length` of where the dispenser opens, and within `stop_length` of where it closes, are not judged.
+
+    Args:
+        bead: the bead, with a nominal section.
+        tolerance: of the run.
+
+    Attributes:
+        error: deviation at the stations, (r,) [%].
+        judged: stations that are judged, (r,).
+    """
+
+    def __init__(self, bead: Bead, tolerance: Tolerance) -> None:
+        nominal = float(bead.nominal_section.width[0])
+        self.error: Floats = 100 * (bead.width / nominal - 1)
+        self.judged = _away_from_ends(bead, tolerance)
+        self._bead = bead
+        self._tolerance = tolerance
+
+    @property
+    def blobs(self) -> int:
+        """Number of contiguous stretches that are too wide."""
+        return len(spans(self.judged & (self.error > self._limit)))
+
+    @property
+    def gaps(self) -> int:
+        """Number of contiguous stretches that are too narrow."""
+        return len(spans(self.judged & (self.error < -self._limit)))
+
+    @property
+    def share(self) -> float:
+        """Share of the judged length whose width is out of tolerance, nan where nothing is judged."""
+        stations = np.count_nonzero(self.judged)
+        out = np.count_nonzero(self.judged & (np.abs(self.error) > self._limit))
+        return float(out / stations) if stations else float("nan")
+
+    @property
+    def remark(self) -> str:
+        """Share, blobs and gaps in words."""
+        if not self.judged.any():
+            return "width not judged: every stretch of bead is shorter than a start and a stop"
+        return (
+            f"width out of tolerance on {100 * self.share:.1f} % of the length between starts and stops: "
+            f"{_counted(self.blobs, 'blob')}, {_counted(self.gaps, 'gap')}"
+        )
+
+    def content(self) -> dict[str, float | int | None]:
+        """Return share, blobs and gaps for JSON; null where nothing is judged."""
+        if not self.judged.any():
+            return {"width_out_of_tolerance_share": None, "blobs": None, "gaps": None}
+        return {"width_out_of_tolerance_share": self.share, "blobs": self.blobs, "gaps": self.gaps}
+
+    def check(self, place_at: PlaceAt) -> Check:
+        """Return the check of the largest deviation."""
+        bead = self._bead
+        station = int(np.where(self.judged, np.abs(self.error), -1.0).argmax())
+        tick = int(np.searchsorted(bead.length, bead.place[station]).clip(0, bead.length.size - 1))
+        return Check(
+            name="bead_width",
+            quantity="bead too wide by" if self.error[station] > 0 else "bead too narrow by",
+            value=abs(float(self.error[station])),
+            limit=self._tolerance.bead_width,
+            unit="%",
+            source=self._tolerance.source("bead_width"),
+            place=place_at(tick),
+        )
+
+    @property
+    def _limit(self) -> float:
+        return self._tolerance.bead_width * (1 + _ROUNDING)
+
+
+def _away_from_ends(bead: Bead, tolerance: Tolerance) -> NDArray[np.bool_]:
+    """Stations of the stretches of dispensing without their starts and stops, (r,)."""
+    judged = np.zeros(bead.place.size, bool)
+    last = bead.length.size - 1
+    for first, after in bead.stretches.tolist():
+        low = float(bead.length[first]) + tolerance.start_length
+        high = float(bead.length[min(after, last)]) - tolerance.stop_length
+        begin, end = np.searchsorted(bead.place, [low, high])
+        judged[begin : max(begin, end)] = True
+    return judged
+
+
+def _end_checks(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Iterator[Check]:
+    """Yield the checks of the worst start and the worst stop."""
+    missing = bead.missing_at_starts
+    start = int(np.abs(missing).argmax())
+    yield Check(
+        name="start_length",
+        quantity="glue missing at start" if missing[start] >= 0 else "excess glue at start",
+        value=abs(float(missing[start])),
+        limit=tolerance.start_length,
+        unit="mm",
+        source=tolerance.source("start_length"),
+        form=".2f",
+        place=place_at(int(bead.stretches[start, 0])),
+    )
+    excess = bead.excess_at_stops
+    if excess.size:
+        stop = int(np.abs(excess).argmax())
+        yield Check(
+            name="stop_length",
+            quantity="excess glue at stop" if excess[stop] >= 0 else "glue missing at stop",
+            value=abs(float(excess[stop])),
+            limit=tolerance.stop_length,
+            unit="mm",
+            source=tolerance.source("stop_length"),
+            form=".2f",
+            place=place_at(int(bead.stretches[stop, 1])),
+        )
+
+
+def _clearance_checks(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Iterator[Check]:
+    """Yield the check of the distance between the edges of neighbouring turns in a plane, where there are any."""
+    analysis = bead.analysis
+    spacing = analysis.spacing
+    asked = bead.run.requested.turn_spacing
+    if asked is None or not spacing.distance.size:
+        return
+    if float(np.ptp(spacing.link[..., 2], axis=1).max()) > _LEVEL * asked:
+        return
+    s = analysis.nozzle.s
+    ends = [s[0] + tolerance.start_length, s[-1] - tolerance.stop_length]
+    inside = (np.minimum(spacing.s, spacing.next_s) > ends[0]) & (np.maximum(spacing.s, spacing.next_s) < ends[1])
+    if not inside.any() or len(bead.stretches) > 1:
+        return
+    error = np.where(inside, bead.clearance() - (asked - float(bead.nominal_section.width[0])), 0.0)
+    link = int(np.abs(error).argmax())
+    yield Check(
+        name="turn_clearance",
+        quantity="clearance of turns off by",
+        value=abs(float(error[link])),
+        limit=tolerance.turn_clearance,
+        unit="mm",
+        source=tolerance.source("turn_clearance"),
+        form=".3f",
+        place=place_at(int(analysis.ticks[np.abs(s - spacing.s[link]).argmin()])),
+    )
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"

@@ -1,0 +1,55 @@
+"""A row of a verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from gantrysim.results.checks import PASS, SYMBOLS, UNJUDGED, Check, worst
+
+
+@dataclass(frozen=True)
+class Row:
+    """The verdict on one aspect of a run.
+
+    Attributes:
+        name: "path", "glue", "stability" or "machine".
+        checks: values against their limits, the worst first.
+        remark: what else there is to say.
+        values: further numbers for summary.json.
+        state: "pass", "warn", "fail", or "not judged".
+    """
+
+    name: str
+    checks: tuple[Check, ...] = ()
+    remark: str = ""
+    values: dict[str, Any] = field(default_factory=dict)
+    state: str = UNJUDGED
+
+    @classmethod
+    def of(cls, name: str, checks: Sequence[Check], remark: str = "", values: dict[str, Any] | None = None) -> Row:
+        """Return the row of some checks, whose state is that of the worst."""
+        ordered = tuple(sorted(checks, key=lambda check: -math.inf if math.isnan(check.usage) else -check.usage))
+        return cls(name, ordered, remark, values or {}, worst([check.state for check in checks]))
+
+    @property
+    def symbol(self) -> str:
+        """The state as a shape."""
+        return SYMBOLS[self.state]
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """The worst check, the others that do not pass, and the remark."""
+        shown = [check for k, check in enumerate(self.checks) if k == 0 or check.state != PASS]
+        return (*map(str, shown), *([self.remark] if self.remark else []))
+
+    def content(self) -> dict[str, Any]:
+        """Return the row for JSON."""
+        return {
+            "state": self.state,
+            "remark": self.remark,
+            **self.values,
+            "checks": [check.content() for check in self.checks],
+        }

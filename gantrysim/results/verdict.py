@@ -1,0 +1,253 @@
+"""The verdict on a run: path, glue, stability and machine against their tolerances."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gantrysim.base.display import Shown
+from gantrysim.bead import Bead
+from gantrysim.job.job import Job
+from gantrysim.job.lines import program_lines
+from gantrysim.job.losses import happened
+from gantrysim.job.steps import lost_steps
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.metrics.budget import Budget
+from gantrysim.record.run import Run
+from gantrysim.results.checks import FAIL, PASS, SYMBOLS, UNJUDGED, WARN, Check, Place, worst
+from gantrysim.results.glue import GLUE, glue_row
+from gantrysim.results.row import Row
+from gantrysim.results.tolerance import Tolerance
+
+PATH = "path"
+STABILITY = "stability"
+MACHINE = "machine"
+
+_UM = 1e3
+_FAULT_REMARK = "the run ended in a fault"
+
+PlaceAt = Callable[[int], Place]
+
+
+@dataclass(frozen=True, repr=False)
+class Verdict(Shown):
+    """Whether a run is good enough.
+
+    Attributes:
+        rows: path, glue, stability and machine.
+        fault: what ended the run early, in words; empty for a complete run. No row is judged then.
+        tolerance: the limits; None for a run that a fault ended.
+    """
+
+    rows: tuple[Row, ...]
+    fault: str = ""
+    tolerance: Tolerance | None = None
+
+    @classmethod
+    def of(cls, job: Job, run: Run) -> Verdict:
+        """Return the verdict on a run of a job, from its record alone.
+
+        Raises:
+            InputError: the dispenser is never on in a run without a fault.
+        """
+        if run.fault is not None:
+            return cls.of_fault(run)
+        analysis = Analysis(run)
+        return cls.of_results(job, Budget(analysis), Bead(run, job.bead, analysis))
+
+    @classmethod
+    def of_fault(cls, run: Run) -> Verdict:
+        """Return the verdict on a run that a fault ended: it fails, and nothing else is judged."""
+        rows = (Row(name, remark=_FAULT_REMARK) for name in (PATH, GLUE, STABILITY, MACHINE))
+        return cls(tuple(rows), happened(run))
+
+    @classmethod
+    def of_results(cls, job: Job, budget: Budget, bead: Bead) -> Verdict:
+        """Return the verdict on a run whose budget and bead are known.
+
+        Args:
+            job: the job.
+            budget: of its run.
+            bead: of the same run.
+        """
+        run = budget.analysis.run
+        if run.fault is not None:
+            return cls.of_fault(run)
+        width = float(bead.nominal_section.width[0]) if bead.nominal > 0 else float("nan")
+        tolerance = Tolerance.of(job, run.face, width)
+
+        line_at = program_lines(job, len(run.time))
+
+        def place_at(tick: int) -> Place:
+            x, y, z = run.nozzle[tick].tolist()
+            time = float(run.time[tick])
+            return Place(time=time, point=(x, y, z), line=line_at(time))
+
+        rows = (
+            _path_row(budget, tolerance, line_at),
+            glue_row(bead, tolerance, place_at),
+            _stability_row(job, tolerance),
+            Row.of(MACHINE, list(_machine_checks(job, run, tolerance, place_at))),
+        )
+        return cls(rows, "", tolerance)
+
+    @property
+    def state(self) -> str:
+        """The worst of the rows: "pass", "warn" or "fail"; "warn" where a row is not judged and none is worse."""
+        if self.fault:
+            return FAIL
+        state = worst([row.state for row in self.rows])
+        return WARN if state == UNJUDGED else state
+
+    @property
+    def headline(self) -> str:
+        """The verdict in a line."""
+        if self.fault:
+            return f"{SYMBOLS[FAIL]} {FAIL}: {self.fault}"
+        blamed = [row.name for row in self.rows if row.state != PASS and row.state in (self.state, UNJUDGED)]
+        names = f": {', '.join(blamed)}" if blamed else ""
+        return f"{SYMBOLS[self.state]} {self.state}{names}"
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """The verdict as text: its headline, and for a complete run a line for each value that a row shows."""
+        if self.fault:
+            return (f"verdict {self.headline}",)
+        lines = [f"verdict {self.headline}"]
+        for row in self.rows:
+            head = f"{row.symbol} {row.state}"
+            lines += [f"{head if k == 0 else '':12} {row.name if k == 0 else '':9} {text}" for k, text in _texts(row)]
+        return tuple(lines)
+
+    def __getitem__(self, name: str) -> Row:
+        return next(row for row in self.rows if row.name == name)
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines)
+
+    def facts(self) -> dict[str, str]:
+        rows = {row.name: f"{row.state}: {'; '.join(row.texts)}" for row in self.rows}
+        return {"verdict": self.headline, **rows}
+
+    def content(self) -> dict[str, Any]:
+        """Return the verdict for JSON."""
+        rows = {row.name: row.content() for row in self.rows}
+        return {"state": self.state, "headline": self.headline, "fault": self.fault or None, **rows}
+
+
+def _texts(row: Row) -> Iterator[tuple[int, str]]:
+    return enumerate(row.texts or ("",))
+
+
+def _path_row(budget: Budget, tolerance: Tolerance, line_at: Callable[[float], int | None]) -> Row:
+    contour = budget.values.contour
+    place = Place(time=contour.time, point=contour.point, line=line_at(contour.time))
+    return Row.of(
+        PATH,
+        [
+            Check(
+                name="path_max",
+                quantity="contour error, max",
+                value=_UM * contour.max,
+                limit=_UM * tolerance.path_max,
+                unit="µm",
+                source=tolerance.source("path_max"),
+                place=place,
+            ),
+            Check(
+                name="path_p95",
+                quantity="contour error, 95 %",
+                value=_UM * contour.p95,
+                limit=_UM * tolerance.path_p95,
+                unit="µm",
+                source=tolerance.source("path_p95"),
+            ),
+        ],
+    )
+
+
+def _stability_row(job: Job, tolerance: Tolerance) -> Row:
+    margins = job.margins
+    if margins is None:
+        return Row(STABILITY, remark="the loop cannot be linearised: its margins are unknown")
+    names = job.built_machine.axis_names
+    gains = [min(axis.gain, axis.together) for axis in margins]
+    peaks = [axis.sensitivity for axis in margins]
+    weakest = int(np.argmin(gains))
+    sharpest = int(np.argmax(peaks))
+    unstable = [name for name, axis in zip(names, margins, strict=True) if not axis.stable]
+    return Row.of(
+        STABILITY,
+        [
+            Check(
+                name="gain_margin",
+                quantity="gain margin",
+                value=gains[weakest],
+                limit=tolerance.gain_margin,
+                unit="",
+                source=tolerance.source("gain_margin"),
+                at_least=True,
+                form=".2f",
+                place=Place(axis=names[weakest]),
+            ),
+            Check(
+                name="sensitivity",
+                quantity="peak of |S|",
+                value=peaks[sharpest],
+                limit=tolerance.sensitivity,
+                unit="",
+                source=tolerance.source("sensitivity"),
+                form=".2f",
+                place=Place(axis=names[sharpest]),
+            ),
+        ],
+        f"unstable: {', '.join(unstable)}" if unstable else "",
+    )
+
+
+def _machine_checks(job: Job, run: Run, tolerance: Tolerance, place_at: PlaceAt) -> Iterator[Check]:
+    """Yield the checks of the smallest reserves of torque and speed, and of the steps that steppers have lost."""
+    servo = job.built_servo
+    torque: dict[str, tuple[float, int]] = {}
+    speed: dict[str, tuple[float, int]] = {}
+    for a, axis in enumerate(job.built_machine.axes):
+        if servo.modes[a] != "stepper":  # in open loop its current is the same under every load
+            limit = min(axis.peak_torque, servo.drives[a].torque_limit)
+            torque[axis.name] = _reserve(run.demand[:, a], limit)
+        if np.isfinite(axis.speed_limit) and len(run.time) > 1:
+            speed[axis.name] = _reserve(np.gradient(run.motor[:, a], run.period), axis.speed_limit)
+    for name, reserves in (("torque", torque), ("speed", speed)):
+        if reserves:
+            weakest = min(reserves, key=lambda axis: reserves[axis][0])
+            reserve, tick = reserves[weakest]
+            place = place_at(tick)
+            yield Check(
+                name=f"{name}_reserve",
+                quantity=f"{name} reserve",
+                value=reserve,
+                limit=getattr(tolerance, f"{name}_reserve"),
+                unit="%",
+                source=tolerance.source(f"{name}_reserve"),
+                at_least=True,
+                place=Place(weakest, place.time, place.point, place.line),
+            )
+    for lost in lost_steps(job.built_machine, servo, run):
+        yield Check(
+            name="full_steps_lost",
+            quantity="full steps lost",
+            value=lost.most,
+            limit=0.0,
+            unit="",
+            source="default",
+            form=".0f",
+            place=Place(axis=lost.axis, time=lost.time),
+        )
+
+
+def _reserve(values: np.ndarray, limit: float) -> tuple[float, int]:
+    """Return the unused share of a limit [%], and the tick of the largest value."""
+    tick = int(np.abs(values).argmax())
+    return 100 * (1 - abs(float(values[tick])) / limit), tick

@@ -1,0 +1,302 @@
+"""The verdict on runs whose errors are made: what fails, by how much, and where."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gantrysim import Fault, InputError, Job, Tolerance, Verdict
+from gantrysim.bead import Bead
+from gantrysim.job.settings import ToleranceSettings
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.metrics.budget import Budget
+from gantrysim.results.checks import Check, Place
+from gantrysim.stability.margins import Margins
+
+from support.jobs import job_run
+
+NEEDLE = 0.82  # outer diameter [mm]
+AREA = 2.0  # [mm²]
+SPEED = 100.0  # [mm/s]
+
+# one straight line from x = -80 to 80 mm; the second half is the move of line 5
+LINE = """G21 G17 G90 G94 G64
+G0 X-80 Y0
+M62 P0
+G1 X0 F6000
+G1 X80
+M63 P0
+M2
+"""
+SECOND_HALF = 5
+SESSILE = {"squashed": False}  # a circular segment: its width goes with the root of its area
+
+
+def line_job(**tables):
+    content = {
+        "name": "line",
+        "machine": "xyz",
+        "program": {"controller": "linuxcnc.Program", "text": LINE},
+        "dispenser": {"area": AREA},
+        "bead": SESSILE,
+        **tables,
+    }
+    return Job.of_content(content, "job line")
+
+
+@pytest.fixture(scope="module")
+def job():
+    return line_job()
+
+
+@pytest.fixture(scope="module")
+def follower(job):
+    return job.follow()
+
+
+def tick_at(run, x):
+    """The dispensing tick whose command is nearest to a place."""
+    distance = np.where(run.dispense, np.abs(run.commanded_tip[:, 0] - x), np.inf)
+    return int(distance.argmin())
+
+
+def between(run, low, high):
+    x = run.commanded_tip[:, 0]
+    return run.dispense & (x >= low) & (x < high)
+
+
+def only(checks, name):
+    (check,) = [check for check in checks if check.name == name]
+    return check
+
+
+def test_a_perfect_follower_passes(job, follower):
+    verdict = Verdict.of(job, follower)
+    assert verdict.state == "pass"
+    assert [row.name for row in verdict.rows] == ["path", "glue", "stability", "machine"]
+    assert [row.state for row in verdict.rows] == 4 * ["pass"]
+    assert only(verdict["path"].checks, "path_max").value == pytest.approx(0, abs=1e-6)
+    assert only(verdict["glue"].checks, "bead_width").value == pytest.approx(0, abs=0.1)
+    assert verdict["glue"].content()["blobs"] == verdict["glue"].content()["gaps"] == 0
+    # it takes no torque; its speed is 100 of the axis' limit
+    assert only(verdict["machine"].checks, "torque_reserve").value == 100
+    (axis,) = (axis for axis in job.built_machine.axes if axis.name == "x")
+    fastest = np.abs(np.diff(follower.motor[:, 0])).max() / follower.period
+    expected = 100 * (1 - fastest / axis.speed_limit)
+    assert only(verdict["machine"].checks, "speed_reserve").value == pytest.approx(expected, abs=0.5)
+
+
+@pytest.mark.parametrize(("offset", "state"), [(0.05, "pass"), (0.07, "warn"), (0.1, "fail")])
+def test_an_offset_of_the_nozzle_is_found_at_its_place_and_line(job, follower, offset, state):
+    tick = tick_at(follower, 40.0)
+    nozzle = follower.nozzle.copy()
+    nozzle[tick, 1] += offset
+    row = Verdict.of(job, follower.replaced(nozzle=nozzle))["path"]
+    check = only(row.checks, "path_max")
+    assert row.state == check.state == state
+    assert check.value == pytest.approx(1e3 * offset)
+    assert check.limit == pytest.approx(82.0)
+    assert check.source == "default"
+    assert check.place.time == pytest.approx(follower.time[tick])
+    assert check.place.point[0] == pytest.approx(40.0, abs=0.1)
+    assert check.place.line == SECOND_HALF
+    # a single tick is less than 5 % of them
+    assert only(row.checks, "path_p95").value == pytest.approx(0, abs=1e-6)
+
+
+def test_an_offset_everywhere_fails_by_its_95th_percentile_first(job, follower):
+    nozzle = follower.nozzle + np.array([0.0, 0.05, 0.0])
+    row = Verdict.of(job, follower.replaced(nozzle=nozzle))["path"]
+    assert [(check.name, check.state) for check in row.checks] == [("path_p95", "fail"), ("path_max", "pass")]
+    assert row.checks[0].value == pytest.approx(50.0)
+
+
+@pytest.mark.parametrize(("factor", "blobs", "gaps", "quantity"), [(1.44, 1, 0, "wide"), (0.64, 0, 1, "narrow")])
+def test_a_constant_error_of_the_flow_is_one_of_width(job, follower, factor, blobs, gaps, quantity):
+    """The width of a sessile bead goes with the root of its area: 20 % of it with 44 and 36 % of the flow."""
+    row = Verdict.of(job, follower.replaced(flow=factor * follower.flow))["glue"]
+    check = only(row.checks, "bead_width")
+    assert (row.state, check.state) == ("fail", "fail")
+    assert check.value == pytest.approx(20.0, abs=0.5)
+    assert quantity in check.quantity
+    content = row.content()
+    assert (content["blobs"], content["gaps"]) == (blobs, gaps)
+    assert content["width_out_of_tolerance_share"] == pytest.approx(1.0)
+
+
+def test_two_gaps_are_counted_with_their_share_of_the_length(job, follower):
+    flow = follower.flow.copy()
+    thin = between(follower, -40, -20) | between(follower, 20, 40)
+    flow[thin] *= 0.49
+    row = Verdict.of(job, follower.replaced(flow=flow))["glue"]
+    content = row.content()
+    assert (content["blobs"], content["gaps"]) == (0, 2)
+    width = only(row.checks, "start_length").limit
+    assert content["width_out_of_tolerance_share"] == pytest.approx(40 / (160 - 2 * width), abs=0.01)
+    check = only(row.checks, "bead_width")
+    assert check.value == pytest.approx(30.0, abs=0.5)
+    assert 20 <= abs(check.place.point[0]) <= 40
+
+
+def test_glue_missing_at_one_place_and_in_excess_at_another_is_not_set_off(job, follower):
+    """The net volume is right, the bead is not."""
+    flow = follower.flow.copy()
+    flow[between(follower, -40, -20)] *= 0.5
+    flow[between(follower, 20, 40)] *= 1.5
+    run = follower.replaced(flow=flow)
+    assert abs(Bead(run, job.bead).volume_error_percent) < 0.1
+    row = Verdict.of(job, run)["glue"]
+    content = row.content()
+    assert (row.state, content["blobs"], content["gaps"]) == ("fail", 1, 1)
+
+
+@pytest.mark.parametrize(("missing", "state"), [(2.0, "pass"), (6.0, "fail")])
+def test_glue_missing_at_the_start_is_bounded_by_the_start_length(follower, missing, state):
+    job = line_job(tolerance={"start_length": 4.0})
+    flow = follower.flow.copy()
+    flow[between(follower, -80, -80 + missing)] = 0.0
+    check = only(Verdict.of(job, follower.replaced(flow=flow))["glue"].checks, "start_length")
+    assert (check.state, check.source) == (state, "given")
+    assert check.value == pytest.approx(missing, abs=0.2)
+    assert check.place.point[0] == pytest.approx(-80, abs=0.2)
+
+
+def test_no_glue_is_no_pass():
+    job = line_job(dispenser={})
+    verdict = Verdict.of(job, job.follow())
+    assert (verdict.state, verdict["glue"].state) == ("warn", "warn")
+    assert "nothing was laid" in str(verdict)
+
+
+def test_glue_that_never_comes_fails(job, follower):
+    row = Verdict.of(job, follower.replaced(flow=np.zeros_like(follower.flow)))["glue"]
+    assert row.state == "fail"
+    assert "nothing was laid, though glue is requested" in row.texts
+
+
+def test_a_saturated_axis_has_no_torque_reserve(job, follower):
+    tick = tick_at(follower, -20.0)
+    demand = follower.demand.copy()
+    demand[tick, 1] = -job.built_machine.axes[1].peak_torque
+    row = Verdict.of(job, follower.replaced(demand=demand))["machine"]
+    check = row.checks[0]
+    assert (check.name, check.state) == ("torque_reserve", "fail")
+    assert check.value == pytest.approx(0.0, abs=1e-9)
+    assert (check.place.axis, check.place.time) == (job.built_machine.axes[1].name, follower.time[tick])
+
+
+def test_small_margins_fail_with_their_axis(follower):
+    job = line_job()
+    good = Margins(3.0, 0.0, 60.0, 0.01, 1.5, 20.0, stable=True, together=3.0)
+    vars(job)["margins"] = (good, replace(good, together=1.2), replace(good, sensitivity=2.8))
+    row = Verdict.of(job, follower)["stability"]
+    assert [(check.name, check.value, check.state, check.place.axis) for check in row.checks] == [
+        ("gain_margin", 1.2, "fail", "y"),
+        ("sensitivity", 2.8, "warn", "z"),
+    ]
+
+
+def test_unknown_margins_are_not_judged_and_no_pass(follower):
+    job = line_job()
+    vars(job)["margins"] = None
+    verdict = Verdict.of(job, follower)
+    assert verdict["stability"].state == "not judged"
+    assert verdict.state == "warn"
+
+
+def test_a_fault_fails_and_nothing_else_is_judged(job, follower):
+    fault = Fault("following error", "x", 0.5, 12.0, 10.0, "mm")
+    verdict = Verdict.of(job, follower.replaced(fault=fault))
+    assert verdict.state == "fail"
+    assert "following error on axis x at t = 0.5000 s" in verdict.headline
+    assert {row.state for row in verdict.rows} == {"not judged"}
+    assert not any(row.checks for row in verdict.rows)
+
+
+def test_a_line_that_is_not_known_is_not_named(follower):
+    job = Job.load("softmc-helical")  # it waits for its axes to settle
+    assert job.setpoints.gates.size
+    verdict = Verdict.of(job, job_run("softmc-helical"))
+    assert all(check.place.line is None for row in verdict.rows for check in row.checks)
+    assert "line" not in str(verdict)
+
+
+@pytest.mark.parametrize(
+    ("value", "limit", "at_least", "state"),
+    [
+        (8.0, 10.0, False, "pass"),
+        (8.1, 10.0, False, "warn"),
+        (10.0, 10.0, False, "warn"),
+        (10.1, 10.0, False, "fail"),
+        (2.0, 1.5, True, "pass"),
+        (1.6, 1.5, True, "warn"),
+        (1.4, 1.5, True, "fail"),
+        (-5.0, 10.0, True, "fail"),
+        (0.0, 0.0, False, "pass"),
+        (4.0, 0.0, False, "fail"),
+        (math.inf, 1.5, True, "pass"),
+        (math.inf, 3.0, False, "fail"),
+        (math.nan, 3.0, False, "not judged"),
+    ],
+)
+def test_a_value_against_its_limit(value, limit, at_least, state):
+    check = Check(
+        name="q", quantity="q", value=value, limit=limit, unit="", source="given", at_least=at_least, place=Place()
+    )
+    assert check.state == state
+
+
+def test_defaults_follow_from_needle_bead_and_encoder():
+    tolerance = Tolerance.from_settings(ToleranceSettings(), NEEDLE, [0.001], width=4.0)
+    assert tolerance.path_max == pytest.approx(0.082)
+    assert tolerance.path_p95 == pytest.approx(0.041)
+    assert (tolerance.start_length, tolerance.stop_length) == (4.0, 4.0)
+    assert tolerance.turn_clearance == pytest.approx(0.4 + 2 * 0.082)
+    assert tolerance.sensitivity == pytest.approx(3.0)
+    assert tolerance.given == frozenset()
+    coarse = Tolerance.from_settings(ToleranceSettings(), NEEDLE, [0.001, 0.1], width=4.0)
+    assert coarse.path_max == pytest.approx(0.2)
+
+
+def test_given_limits_are_kept_in_the_job_and_said_to_be_given():
+    job = line_job().overridden(["path_max=0.02", "tolerance.least_gain_margin=2"])
+    tolerance = Tolerance.of(Job.of_content(job.model_dump(exclude_none=True), "job"), NEEDLE, 4.0)
+    assert (tolerance.path_max, tolerance.path_p95, tolerance.gain_margin) == (0.02, 0.01, 2.0)
+    assert tolerance.sensitivity == pytest.approx(2.0)
+    assert tolerance.given == {"path_max", "gain_margin"}
+    assert tolerance.source("path_max") == tolerance.source("gain_margin") == "given"
+    assert tolerance.source("path_p95") == "default"
+
+
+@pytest.mark.parametrize(
+    "table", [{"path_max": 0}, {"bead_width": -1}, {"torque_reserve": 100}, {"path_max": True}, {"width": 1}]
+)
+def test_limits_without_a_meaning_are_refused(table):
+    with pytest.raises(InputError, match="tolerance"):
+        line_job(tolerance=table)
+
+
+def test_a_job_without_tolerances_has_no_table_of_them(job):
+    assert "[tolerance]" not in job.toml()
+
+
+@pytest.mark.parametrize(
+    "name", ["an225", "delta-arc", "fanuc-conical", "linuxcnc-flanges", "slicer-square", "stage-outline", "trio-basic"]
+)
+def test_built_in_jobs_have_a_verdict_with_the_numbers_of_budget_and_bead(name):
+    job = Job.load(name)
+    run = job_run(name)
+    analysis = Analysis(run)
+    verdict = Verdict.of(job, run)
+    assert all(row.state in ("pass", "warn", "fail") and row.checks for row in verdict.rows)
+    contour = Budget(analysis).values.contour
+    assert only(verdict["path"].checks, "path_max").value == 1e3 * contour.max
+    assert only(verdict["path"].checks, "path_p95").value == 1e3 * contour.p95
+    values = Bead(run, job.bead, analysis).values
+    shortfall = values.start_shortfall
+    assert only(verdict["glue"].checks, "start_length").value == max(abs(shortfall.min), abs(shortfall.max))
+    margins = job.margins
+    least = min(min(axis.gain, axis.together) for axis in margins)
+    assert only(verdict["stability"].checks, "gain_margin").value == least
+    assert only(verdict["stability"].checks, "sensitivity").value == max(axis.sensitivity for axis in margins)
