@@ -12,11 +12,13 @@ import ezdxf
 import numpy as np
 import pytest
 
+import gantrysim
 from gantrysim import InputError, Run
 
 from support.films import small_job
 
 SECRET = "/etc/passwd"
+MODELS = Path(gantrysim.__file__).parent / "models"
 SVG = f"""<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" width="10mm" height="10mm">
 <style>@import url("file://{SECRET}");</style><image xlink:href="{SECRET}" width="5" height="5"/>
 <use xlink:href="{SECRET}#a"/><path d="M0 0L5 5"/></svg>"""
@@ -76,7 +78,8 @@ def test_programs_and_drawings_open_no_other_file(tmp_path):
     assert done.returncode == 0, done.stderr
     for file, seen in json.loads(done.stdout.splitlines()[-1]).items():
         assert [event for event, path in seen if path == file] == ["open"]
-        own = (sys.prefix, "/proc/", "/sys/")  # of Python, and what says how much memory there is
+        # files of Python and of the built-in machines, and what says how much memory there is
+        own = (sys.prefix, str(MODELS), "/proc/", "/sys/")
         others = [path for _, path in seen if path != file and not path.startswith(own)]
         assert not [path for path in others if not path.isdigit()], file  # a number is that of a file opened before
     assert sorted(map(str, tmp_path.iterdir())) == files
