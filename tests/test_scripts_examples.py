@@ -161,7 +161,7 @@ def test_the_agent_beats_the_detuned_start_and_is_compared_with_the_tuner(script
         assert f" {1e3 * rms:.2f} " in output
     low, given = names["low"].built_servo, Job.load(job).built_servo
     for name in ("kp", "ki", "kd", "velocity_ff", "acceleration_ff"):
-        assert getattr(low, name) == pytest.approx([gain / 10 for gain in getattr(given, name)], rel=EXACT)
+        assert low.per_axis(name) == pytest.approx([gain / 10 for gain in given.per_axis(name)], rel=EXACT)
     run, servos, _ = list(names["runs"].values())[-1]
     assert run.fault is None
     assert len(servos) == -(-len(run.time) // 100)

@@ -163,8 +163,10 @@ def one_line(error: ValidationError, known: Iterable[str] = (), listed: str = ""
     while named < min(len(texts), _FEW) and len("; ".join(texts[: named + 1])) <= _LONGEST:
         named += 1
     others = [f"and {len(texts) - named} more"] if len(texts) > named else []
-    where_listed = [listed] if listed and any(text.startswith("unknown key") for text in texts) else []
-    return "; ".join([*texts[:named], *others, *where_listed])
+    line = "; ".join([*texts[:named], *others])
+    if not listed or not any(text.startswith("unknown key") for text in texts):
+        return line
+    return f"{line} {listed}" if line.endswith("?") else f"{line}; {listed}"
 
 
 def _meant(where: str, known: Sequence[str]) -> str:

@@ -16,6 +16,7 @@ from scipy.optimize import brentq
 from gantrysim import Machine, Servo, simulate
 from gantrysim.base.errors import InputError
 from gantrysim.cli import info
+from gantrysim.job.defaults import INTEGRAL_TIME
 from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.paths.arcs import ArcChain
@@ -655,7 +656,11 @@ def test_info_lists_the_margins_of_the_derived_gains():
         )
         for machine in machines
         for a, (axis, found) in enumerate(
-            zip(machine.axes, plant_of(machine.name).margins(Servo.derive(machine.axes)), strict=True)
+            zip(
+                machine.axes,
+                plant_of(machine.name).margins(Servo.derive(machine.axes, integral_time=INTEGRAL_TIME)),
+                strict=True,
+            )
         )
     ]
     assert cells == expected

@@ -179,7 +179,7 @@ def test_refused_and_faulted_cases_are_rows(job):
         "must be at least 0 mm; use turns at most 2 or thickness below 1.66667 mm"
     }
     assert measure(Case.of(job, {"servo.perod": 1}))["status"].startswith(
-        "refused: unknown key 'servo.perod': did you mean servo.period?"
+        "refused: unknown key 'servo.perod': did you mean servo.period, "
     )
     assert measure(Case.of(job, {"program.start": [1e3, 0.0]}))["status"].startswith("refused: x = ")
     fault = measure(Case.of(job, {"servo.following_error_limit": 1e-3}))
