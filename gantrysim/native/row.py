@@ -87,7 +87,7 @@ _WHOLE = [
     "gate",  # number of gates passed
     "settle_ticks",
     "timeout_ticks",
-    "stages",  # address of the STAGE entries
+    "stages",  # address of the STAGE entries, 0 where there are none
     "within",  # ticks in a row within the settle error at this gate
     "waited",  # ticks at this gate
     "waits",  # 1 where the stream waits at this setpoint

@@ -49,7 +49,7 @@ def arm(row: Any, stages: list[Stage]) -> NDArray[np.void]:
     ordered = sorted(stages, key=lambda stage: POINTS.index(stage.point))
     table = np.array([(stage.address, stage.argument) for stage in ordered], STAGE)
     numbers = [POINTS.index(stage.point) for stage in ordered]
-    row["stages"] = table.ctypes.data
+    row["stages"] = table.ctypes.data if stages else 0
     row["stage_until"] = np.searchsorted(numbers, np.arange(len(POINTS)), side="right")
     return table
 

@@ -236,9 +236,10 @@ def output(data, userdata):
             if due:
                 row.held[a] = row.pending[a]
             ctrl[row.control[a]] = row.held[a] * row.drive_gain[a]
-    run_stages(data, row, userdata, DRIVE)
-    run_stages(data, row, userdata, CURRENT)
-    run_stages(data, row, userdata, VOLTAGE)
+    if row.stages != 0:
+        run_stages(data, row, userdata, DRIVE)
+        run_stages(data, row, userdata, CURRENT)
+        run_stages(data, row, userdata, VOLTAGE)
     row.steps += 1
     row.phase += 1
     if row.phase == row.substeps:

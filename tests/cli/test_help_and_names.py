@@ -57,7 +57,7 @@ def test_an_unknown_key_has_the_three_nearest_and_where_all_are(tmp_path):
     assert len(text.split("did you mean ")[1].split("?")[0].replace(" or ", ", ").split(", ")) == 3
     file = tmp_path / "mine.toml"
     file.write_text('name = "a"\n[program]\ncontroller = "softmc.Program"\n[servo]\ndampng = 1\n')
-    with pytest.raises(InputError, match=r"unknown key servo.dampng: did you mean damping.*\? all keys: gantrysim info"):
+    with pytest.raises(InputError, match=r"unknown key servo.dampng: did you mean damping.*\? all keys: "):
         Job.load(file)
     with pytest.raises(InputError, match=r"^unknown key 'qqqqqq': all keys: gantrysim info keys"):
         Job.load("an225", ["qqqqqq=1"])
