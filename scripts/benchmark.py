@@ -46,7 +46,8 @@ DECISIONS = 20  # in every environment, at a time
 FILM = (640, 585)  # a picture of 640 x 480 and the panel
 FRAMES = 4  # at a time
 SWING = 400  # steps with one direction of the torque
-ENV, INTERVAL = "gantrysim/GainBandit-v0", 0.1  # environment, and its time between decisions [s]
+ENV = "gantrysim/GainBandit-v0"
+INTERVAL = 0.1  # between its decisions [s]
 NEAR = 0.2  # of the action space: near enough to the derived gains for no episode to end in a fault
 
 

@@ -108,7 +108,8 @@ def test_a_for_runs_from_the_first_to_the_last_value(first, last, step):
 @pytest.mark.parametrize("value", range(4))
 def test_one_branch_is_run_whichever_way_it_is_chosen(value):
     """IF, ELSEIF, ELSE and SELECT with the same branches."""
-    by_conditions, by_choice = [], []
+    by_conditions = []
+    by_choice = []
     assembler = Assembler()
     assembler.begin_if(1, lambda frame: value == 0)
     numbered(assembler, by_conditions, 0)

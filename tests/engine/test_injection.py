@@ -194,6 +194,23 @@ def test_a_dropped_out_encoder_freezes_and_comes_back(rigid):
     assert trips.fault.time > AT
 
 
+def test_faults_on_one_value_act_in_one_order_however_they_are_given(rigid):
+    """An encoder that stands still reports no glitch, and an open winding has no torque from a sagging bus."""
+    pairs = (
+        (EncoderDropout(time=AT, axis="x", duration=0.01), EncoderGlitch(time=AT, axis="x", counts=40, ticks=5)),
+        (OpenWinding(time=AT, axis="x", duration=0.01), BusSag(time=AT, axis="x", share=0.5, duration=0.01)),
+    )
+    machine = rigid(damping=0.0)
+    for first, second in pairs:
+        run = moved(machine, first, second)
+        other = moved(machine, second, first)
+        for name, values in arrays(run).items():
+            np.testing.assert_array_equal(values, arrays(other)[name], err_msg=name)
+    frozen = moved(machine, *reversed(pairs[0])).encoder[K : K + 5, 0]
+    assert np.ptp(frozen) == 0
+    assert not moved(machine, *pairs[1]).torque[K : K + 10, 0].any()
+
+
 def test_a_slipping_axis_lags_its_motor_while_the_encoder_sees_nothing_at_rest(rigid):
     run = moved(rigid(), SlippingAxis(time=AT, axis="x", offset=0.4), settle=0.5)
     np.testing.assert_allclose(run.motor[K:, 0] - run.nozzle[K:, 0], 0.4, atol=1e-9)

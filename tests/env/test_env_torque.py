@@ -35,7 +35,8 @@ def test_the_demand_is_the_servos_law_and_the_level_times_the_friction():
         levels += [level] * 10
     assert np.min(levels) == 0.0
     assert np.max(levels) == 1.5
-    run, own = env.run, SimpleNamespace(**env._episodes.source.servo.values())
+    run = env.run
+    own = SimpleNamespace(**env._episodes.source.servo.values())
     setpoints = env._episodes._episode(0).simulation.position
     friction = model_torques(env._episodes.source.machine.axes, setpoints, PERIOD)[0]
     added = levels * friction[: len(levels)]

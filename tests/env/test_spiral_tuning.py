@@ -91,7 +91,8 @@ def test_the_demand_is_that_of_the_gains_that_the_actions_have_set():
         env.step(action)
         logs = np.clip(logs + [0.2, 0.2, 0.2, 0.05] * action.astype(float), -math.log(RANGE), math.log(RANGE))
         rows += [np.exp(logs)] * 20
-    run, own = env.run, SimpleNamespace(**env._episodes.source.servo.values())
+    run = env.run
+    own = SimpleNamespace(**env._episodes.source.servo.values())
     kp, kd, velocity_ff, acceleration_ff = np.array(rows)[: len(run.time)].T[..., None]
     error = run.commanded - run.encoder
     changes = [np.diff(x, axis=0, prepend=x[:1]) / PERIOD for x in (error, run.commanded)]
