@@ -134,7 +134,7 @@ def import_time(rounds: int) -> float:
 
 
 def setpoints(rounds: int) -> float:
-    """generation of the setpoints, from the program's text on, against their simulation; the worst of the jobs."""
+    """program of the setpoints, from the program's text on, against their simulation; the worst of the jobs."""
 
     def share(name: str) -> float:
         job = Job.load(name)

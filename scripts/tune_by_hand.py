@@ -71,7 +71,7 @@ def run_trial(name: str, servo: Servo) -> None:
         raise InputError(f"{name}: fault: {run.fault}")
     trials.append((name, servo, Analysis(run)))
     values, margins = trials[-1][2].values, plant.margins(servo)
-    errors = [values.contour.rms, values.contour.max, *(error.rms for error in values.tracking.values())]
+    errors = [values.contour.rms, values.contour.max, *(error.rms for error in values.following.values())]
     ripple = max(torque_ripple(run) / [axis.peak_torque for axis in machine.axes])
     least, most = min(margin.gain for margin in margins), max(margin.sensitivity for margin in margins)
     held = [f"{least:.2f}", f"{most:.2f}"] if all(margin.stable for margin in margins) else ["unstable", "unstable"]

@@ -74,7 +74,7 @@ def test_changes_by_hand_scale_the_gains(script, job, tmp_path):
     assert servos[2].per_axis("ki") == (own.gains[0].ki, 0.0)
     assert servos[3].per_axis("velocity_ff") == servos[3].per_axis("acceleration_ff") == (0.0, 0.0)
     assert servos[4].per_axis("kp") == own.per_axis("kp")  # factors apply to the job's own gains
-    before, after = (analysis.values.tracking for _, _, analysis in names["trials"][:2])
+    before, after = (analysis.values.following for _, _, analysis in names["trials"][:2])
     assert after["x"].rms > 1.2 * before["x"].rms
     assert after["y"].rms == pytest.approx(before["y"].rms, rel=ALONE)
     for name, _, analysis in names["trials"]:

@@ -46,9 +46,9 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
 
     for link, part in values.parts.items():
         add(link, part, DESCRIPTIONS[link])
-        if link == "tracking":
-            for axis, tracking in budget.tracking_by_axis(machine).items():
-                add(f"  by {axis}", budget.values_of(tracking))
+        if link == "servo":
+            for axis, axis_part in budget.servo_by_axis(machine).items():
+                add(f"  by {axis}", budget.values_of(axis_part))
     if values.corner is not None:
         add(CORNER, values.corner, DESCRIPTIONS[CORNER])
     table.add_section()
@@ -114,7 +114,7 @@ def outcome_table(
     """Return the results of a run: following errors, stability, spacing, speed, and the bead where there is glue."""
     until = "" if run.fault is None else ", until the fault"
     table = Table.grid(padding=(0, 2))
-    for unit, (axis, error) in zip(run.units, values.tracking.items(), strict=True):
+    for unit, (axis, error) in zip(run.units, values.following.items(), strict=True):
         rms, largest = (f"{_UM * value:z.1f} {THOUSANDTH[unit]}" for value in (error.rms, error.max))
         table.add_row(f"following error {axis}", rms, f"max {largest}")
     if margins is not None and any(axis_margins != NO_LOOP for axis_margins in margins):

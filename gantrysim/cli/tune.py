@@ -32,7 +32,7 @@ Metric = Annotated[
     str,
     typer.Option(
         "--figure",
-        help="Metric to minimise: contour or tracking error, followed by _rms, _p95 or _max.",
+        help="Metric to minimise: contour or servo error, followed by _rms, _p95 or _max.",
     ),
 ]
 Margin = Annotated[

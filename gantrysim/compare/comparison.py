@@ -127,10 +127,10 @@ class Comparison:
         """The links that are compared, with what they span: those that the trace measures and separates."""
         spans = {}
         if not self.unmeasured_command:
-            spans["generation"] = DESCRIPTIONS["generation"]
+            spans["program"] = DESCRIPTIONS["program"]
         last = "commanded"
         if "encoder" in self.links:
-            spans["tracking"] = DESCRIPTIONS["tracking"]
+            spans["servo"] = DESCRIPTIONS["servo"]
             last = "encoder"
         if "nozzle" in self.links:
             spans["structure"] = f"{last} to nozzle"
@@ -142,10 +142,10 @@ class Comparison:
         missing = {}
         if self.unmeasured_command:
             of = f" of {', '.join(self.unmeasured_command)}" if "commanded" in self.links else ""
-            missing["generation"] = f"the command{of} is not measured"
+            missing["program"] = f"the command{of} is not measured"
         if "nozzle" not in self.links:
             if "encoder" not in self.links:
-                missing["tracking"] = "the encoder is not measured"
+                missing["servo"] = "the encoder is not measured"
             missing["structure"] = "the nozzle is not measured"
         return missing
 

@@ -44,11 +44,11 @@ class LoopErrors:
     """Predicted errors of a path that a program loop commands.
 
     Attributes:
-        generation: distance from the requested path [mm].
+        program: distance from the requested path [mm].
         spacing: of neighbouring turns, None without any [mm].
     """
 
-    generation: Deviation
+    program: Deviation
     spacing: Spread | None
 
 

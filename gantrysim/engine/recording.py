@@ -190,7 +190,7 @@ class LogBook:
 
 
 def perfect_record(machine: Machine, setpoints: Setpoints, position: Floats, dispenser: Dispenser) -> Run:
-    """Return the record of a machine without tracking error, and without torque; arguments as in `LogBook`."""
+    """Return the record of a machine without following error, and without torque; arguments as in `LogBook`."""
     content: dict[str, Any] = {}
     program = SentProgram(machine, setpoints, position, dispenser)
     sent_columns(program, np.arange(len(position)), content)

@@ -236,7 +236,7 @@ class EpisodeBatch(ABC):
         return machine, run, len(run.time) - 1
 
     def follower(self, place: int) -> Run:
-        """Return the record of the whole episode without tracking error."""
+        """Return the record of the whole episode without following error."""
         simulation = self._episode(place).simulation
         return perfect_follower(simulation.machine, simulation.setpoints, dispenser=simulation.dispenser)
 

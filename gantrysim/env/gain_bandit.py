@@ -95,12 +95,12 @@ class GainBanditEnv(PathEnv):
     =====  ====================  =========  ===================  ====================================================
     index  name                  range      unit                 meaning
     =====  ====================  =========  ===================  ====================================================
-    0      tracking_rms_x        -3 to 3    log10 of tolerances  RMS following error of x
-    1      tracking_max_x        -3 to 3    log10 of tolerances  largest following error of x
-    2      tracking_mean_x       -10 to 10  tolerances           mean following error of x, signed
-    3      tracking_rms_y        -3 to 3    log10 of tolerances  RMS following error of y
-    4      tracking_max_y        -3 to 3    log10 of tolerances  largest following error of y
-    5      tracking_mean_y       -10 to 10  tolerances           mean following error of y, signed
+    0      following_rms_x        -3 to 3    log10 of tolerances  RMS following error of x
+    1      following_max_x        -3 to 3    log10 of tolerances  largest following error of x
+    2      following_mean_x       -10 to 10  tolerances           mean following error of x, signed
+    3      following_rms_y        -3 to 3    log10 of tolerances  RMS following error of y
+    4      following_max_y        -3 to 3    log10 of tolerances  largest following error of y
+    5      following_mean_y       -10 to 10  tolerances           mean following error of y, signed
     6      contour_rms           -3 to 3    log10 of tolerances  RMS contour error while dispensing
     7      contour_max           -3 to 3    log10 of tolerances  largest contour error while dispensing
     8      contour_mean          -10 to 10  tolerances           mean contour error, positive to the left of the path

@@ -18,7 +18,7 @@ from gantrysim.paths.nearest import along
 
 # a row of measurements, see `IntervalValues`: those of the path, then those of one axis after the other
 SHARED = ("contour_rms", "contour_max", "lateral", "speed", "heading", "curvature")
-PER_AXIS = ("tracking_rms", "tracking_max", "tracking_mean", "torque", "ripple")
+PER_AXIS = ("following_rms", "following_max", "following_mean", "torque", "ripple")
 TOTAL = 3  # of an episode: ticks with the dispenser on, sum of their squared contour errors, largest
 
 # what is measured at a place, with the addresses of its arrays

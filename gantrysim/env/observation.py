@@ -43,9 +43,9 @@ def entries(axes: Sequence[str], per_axis: bool) -> list[Entry]:
     for axis in axes:
         error = f"following error of {axis}"
         listed += [
-            Entry(f"tracking_rms_{axis}", *decades, tolerances, f"RMS {error}"),
-            Entry(f"tracking_max_{axis}", *decades, tolerances, f"largest {error}"),
-            Entry(f"tracking_mean_{axis}", -_MEAN, _MEAN, "tolerances", f"mean {error}, signed"),
+            Entry(f"following_rms_{axis}", *decades, tolerances, f"RMS {error}"),
+            Entry(f"following_max_{axis}", *decades, tolerances, f"largest {error}"),
+            Entry(f"following_mean_{axis}", -_MEAN, _MEAN, "tolerances", f"mean {error}, signed"),
         ]
     listed += [
         Entry("contour_rms", *decades, tolerances, "RMS contour error while dispensing"),
@@ -83,7 +83,7 @@ class IntervalValues(NamedTuple):
         speed: path speed of the nozzle [mm/s], (n,).
         heading: direction of the path at the last foot [rad], (n,).
         curvature: curvature of the path there [1/mm], (n,).
-        tracking_rms, tracking_max, tracking_mean: following error [mm or deg], (n, axes).
+        following_rms, following_max, following_mean: following error [mm or deg], (n, axes).
         torque: largest torque demand, share of the peak torque, (n, axes).
         ripple: torque ripple, RMS change of the demand over pairs of ticks with the dispenser on divided by sqrt(2),
             share of the peak torque, (n, axes).
@@ -95,9 +95,9 @@ class IntervalValues(NamedTuple):
     speed: Floats
     heading: Floats
     curvature: Floats
-    tracking_rms: Floats
-    tracking_max: Floats
-    tracking_mean: Floats
+    following_rms: Floats
+    following_max: Floats
+    following_mean: Floats
     torque: Floats
     ripple: Floats
 
@@ -121,9 +121,9 @@ def observe(
         tolerance: tolerance of the contour error [mm].
         ripple_limit: limit of the torque ripple, share of the peak torque.
     """
-    mean = np.clip(measured.tracking_mean / tolerance, -_MEAN, _MEAN)
-    tracking = np.stack(
-        [_decades(measured.tracking_rms, tolerance), _decades(measured.tracking_max, tolerance), mean], 2
+    mean = np.clip(measured.following_mean / tolerance, -_MEAN, _MEAN)
+    following = np.stack(
+        [_decades(measured.following_rms, tolerance), _decades(measured.following_max, tolerance), mean], 2
     )
     path = [
         _decades(measured.contour_rms, tolerance),
@@ -136,7 +136,7 @@ def observe(
     ]
     torque = np.stack([np.clip(measured.torque, 0.0, 1.0), _decades(measured.ripple, ripple_limit)], 2)
     n = len(progress)
-    parts = [tracking.reshape(n, -1), np.stack(path, 1), torque.reshape(n, -1), gains, progress[:, None]]
+    parts = [following.reshape(n, -1), np.stack(path, 1), torque.reshape(n, -1), gains, progress[:, None]]
     return np.concatenate(parts, 1, dtype=np.float32)
 
 

@@ -103,8 +103,8 @@ class ServoTorqueBatch(EpisodeBatch):
         entries = []
         for axis in self.source.machine.axis_names:
             entries += [
-                Entry(f"tracking_{axis}", -_WORST, _WORST, "tolerances", f"mean following error of {axis}, signed"),
-                Entry(f"tracking_change_{axis}", -_WORST, _WORST, "tolerances", "its change since the interval before"),
+                Entry(f"following_{axis}", -_WORST, _WORST, "tolerances", f"mean following error of {axis}, signed"),
+                Entry(f"following_change_{axis}", -_WORST, _WORST, "tolerances", "change since the interval before"),
                 Entry(
                     f"velocity_{axis}",
                     -_SPEED_RANGE,
@@ -167,19 +167,19 @@ class ServoTorqueBatch(EpisodeBatch):
         self._next[place] = np.clip(velocity, -_SPEED_RANGE, _SPEED_RANGE), np.clip(friction, -_LEVELS, _LEVELS)
 
     def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
-        self._error[mask] = self.measured.tracking_mean[mask]
+        self._error[mask] = self.measured.following_mean[mask]
         return super().advance(actions, mask)
 
     def observations(self) -> NDArray[np.float32]:
         measured = self.measured
         tolerance = self.settings.tolerance
         n = len(self.episodes)
-        change = measured.tracking_mean - self._error
+        change = measured.following_mean - self._error
         total, squares = np.moveaxis(self._sums, 2, 0)
         fitted = np.divide(total, squares, out=np.ones_like(total), where=squares > 0)  # all may be forgotten at rest
         missing = np.clip((fitted - self._level) / self.settings.step, -_STEPS, _STEPS)
         by_axis = [
-            np.clip(measured.tracking_mean / tolerance, -_WORST, _WORST),
+            np.clip(measured.following_mean / tolerance, -_WORST, _WORST),
             np.clip(change / tolerance, -_WORST, _WORST),
             self._next[:, 0],
             self._next[:, 1],

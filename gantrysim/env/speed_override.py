@@ -62,7 +62,7 @@ class SpeedOverrideBatch(EpisodeBatch):
         return [
             Entry("contour_max", 0.0, _ERRORS, "tolerances", "largest contour error of the last interval"),
             *(
-                Entry(f"tracking_rms_{axis}", 0.0, _ERRORS, "tolerances", f"RMS following error of {axis}")
+                Entry(f"following_rms_{axis}", 0.0, _ERRORS, "tolerances", f"RMS following error of {axis}")
                 for axis in axes
             ),
             Entry("override", -1.0, 1.0, "log of range", "override of the speed, from slowest to fastest"),
@@ -133,7 +133,7 @@ class SpeedOverrideBatch(EpisodeBatch):
         self._episode(place).simulation.position[: len(written)] = written
 
     def follower(self, place: int) -> Run:
-        """Return the record of the whole episode at the program's speed without tracking error."""
+        """Return the record of the whole episode at the program's speed without following error."""
         simulation = self._episode(place).simulation
         asked = simulation.setpoints
         speed = float(self._speed[place])
@@ -150,7 +150,7 @@ class SpeedOverrideBatch(EpisodeBatch):
                 self._near[place] = np.minimum(np.array(look.to_reversal(s)) / _NEAR, 1.0)
         low = math.log(settings.slowest)
         high = math.log(settings.fastest)
-        errors = np.column_stack([measured.contour_max, measured.tracking_rms]) / settings.tolerance
+        errors = np.column_stack([measured.contour_max, measured.following_rms]) / settings.tolerance
         parts = [
             np.clip(errors, 0.0, _ERRORS),
             2 * (self._override[:, None] - low) / (high - low) - 1,

@@ -119,8 +119,8 @@ class SpiralTuningBatch(EpisodeBatch):
         entries = []
         for axis in self.source.machine.axis_names:
             entries += [
-                Entry(f"tracking_{axis}", -_WORST, _WORST, "tolerances", f"mean following error of {axis}, signed"),
-                Entry(f"tracking_change_{axis}", -_WORST, _WORST, "tolerances", "its change since the interval before"),
+                Entry(f"following_{axis}", -_WORST, _WORST, "tolerances", f"mean following error of {axis}, signed"),
+                Entry(f"following_change_{axis}", -_WORST, _WORST, "tolerances", "change since the interval before"),
                 Entry(
                     f"velocity_{axis}",
                     -_SPEED_RANGE,
@@ -189,7 +189,7 @@ class SpiralTuningBatch(EpisodeBatch):
         )
 
     def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
-        self._error[mask] = self.measured.tracking_mean[mask]
+        self._error[mask] = self.measured.following_mean[mask]
         return super().advance(actions, mask)
 
     def observations(self) -> NDArray[np.float32]:
@@ -198,8 +198,8 @@ class SpiralTuningBatch(EpisodeBatch):
         n = len(self.episodes)
         ratio, common = ratios(self._sums)
         axes = [
-            np.clip(measured.tracking_mean / tolerance, -_WORST, _WORST),
-            np.clip((measured.tracking_mean - self._error) / tolerance, -_WORST, _WORST),
+            np.clip(measured.following_mean / tolerance, -_WORST, _WORST),
+            np.clip((measured.following_mean - self._error) / tolerance, -_WORST, _WORST),
             self._next[:, 0],
             self._next[:, 1],
             np.clip(ratio, -_RATIOS, _RATIOS),

@@ -11,11 +11,11 @@ from gantrysim.metrics.analysis import (
     AnalysisValues,
     ErrorSize,
     Range,
+    following_error,
     path_speed,
     speed_ripple,
     steady,
     torque_ripple,
-    tracking_error,
     values,
 )
 from gantrysim.metrics.budget import DESCRIPTIONS, GEOMETRY, LINKS, Budget

@@ -1,6 +1,6 @@
 """Errors, spacing and speed of a run, from its record alone.
 
-    requested path -> commanded (generation error) -> encoder (tracking error) -> nozzle
+    requested path -> commanded (program error) -> encoder (following error) -> nozzle
     nozzle to the requested path: contour error
 
 Only ticks where the dispenser is on count.
@@ -59,9 +59,9 @@ class AnalysisValues:
 
     Attributes:
         spacing: spacing of neighbouring turns, None for a trace without any [mm].
-        tracking: commanded minus encoder position of each axis, in the axis' unit, `Run.units` [mm or deg].
-        tracking_along: the same at the nozzle, along the requested path's tangent; lag is positive [mm].
-        generation: distance of the commanded position from the requested path [mm].
+        following: commanded minus encoder position of each axis, in the axis' unit, `Run.units` [mm or deg].
+        following_along: the same at the nozzle, along the requested path's tangent; lag is positive [mm].
+        program: distance of the commanded position from the requested path [mm].
         contour: distance of the nozzle from the requested path [mm].
         speed: path speed of the nozzle [mm/s].
         path_length: length of the commanded path while the dispenser is on [mm].
@@ -70,9 +70,9 @@ class AnalysisValues:
     """
 
     spacing: Range | None
-    tracking: dict[str, ErrorSize]
-    tracking_along: ErrorSize
-    generation: ErrorSize
+    following: dict[str, ErrorSize]
+    following_along: ErrorSize
+    program: ErrorSize
     contour: ErrorSize
     speed: Range
     path_length: float
@@ -100,7 +100,7 @@ class Analysis(Shown):
 
     @cached_property
     def commanded(self) -> Projection:
-        """Projection of the commanded positions; its distance is the generation error."""
+        """Projection of the commanded positions; its distance is the program error."""
         return self.run.requested.follow(self.run.commanded_tip, 0.0, self.ticks)
 
     @cached_property
@@ -156,18 +156,18 @@ class Analysis(Shown):
         def moves(block: slice) -> NDArray[np.bool_]:
             return np.any(np.diff(run.commanded[block.start : block.stop + 1], axis=0) != 0, axis=1)
 
-        tracking = {}
+        following = {}
         for a, name in enumerate(run.axes):
-            tracking[name] = ErrorSize.of(run.commanded[ticks, a] - run.encoder[ticks, a])
+            following[name] = ErrorSize.of(run.commanded[ticks, a] - run.encoder[ticks, a])
         # not the way between stretches of dispensing
         path_length = float(by_blocks(steps, ticks.size - 1)[np.diff(ticks) == 1].sum())
         x, y, z = run.nozzle[-1].tolist()
         moving = np.flatnonzero(by_blocks(moves, len(run.time) - 1))
         return AnalysisValues(
             spacing=Range.of(self.spacing.distance) if self.spacing.distance.size else None,
-            tracking=tracking,
-            tracking_along=ErrorSize.of(by_blocks(along, ticks.size)),
-            generation=ErrorSize.of(self.commanded.distance),
+            following=following,
+            following_along=ErrorSize.of(by_blocks(along, ticks.size)),
+            program=ErrorSize.of(self.commanded.distance),
             contour=ErrorSize.of(self.nozzle.distance),
             speed=Range.of(path_speed(run)[ticks]),
             path_length=path_length,
@@ -185,7 +185,7 @@ def values(run: Run) -> AnalysisValues:
     return Analysis(run).values
 
 
-def tracking_error(run: Run) -> Floats:
+def following_error(run: Run) -> Floats:
     """Commanded minus encoder position, the following error, (n, axes), each axis in its own unit [mm or deg]."""
     return run.commanded - run.encoder
 

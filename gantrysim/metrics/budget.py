@@ -2,9 +2,9 @@
 
 With e(q) the offset of a point q from its foot on the requested path, in the path's frame there,
 
-    e(nozzle) = e(commanded)                         generation
-              + e(encoder) - e(commanded)            tracking
-              + e(motor) - e(encoder)                measurement
+    e(nozzle) = e(commanded)                         program
+              + e(encoder) - e(commanded)            servo
+              + e(motor) - e(encoder)                encoder
               + e(geometric) - e(motor)              geometry
               + e(nozzle) - e(geometric)             structure
 
@@ -15,7 +15,7 @@ Each is the difference of two traces and says where the error lies, not what cau
 nozzle relative to the motor, and may be shaken by encoder counts that pass through the servo's kd. Causes are found by
 switching them off, see `gantrysim.job.causes`.
 Every point has its own foot, so that a lag along the path is no error normal to it: to first order a part is the
-displacement of its link along the normal n, as for tracking
+displacement of its link along the normal n, as for servo
 
     e(encoder) - e(commanded) = (encoder - commanded).n + r
 
@@ -39,19 +39,19 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import by_blocks
 from gantrysim.base.display import table_html
 from gantrysim.metrics.analysis import Analysis, ErrorSize
+from gantrysim.metrics.following import RigidMachine, servo_by_axis
 from gantrysim.metrics.links import Trace, links, offset_of
 from gantrysim.metrics.parts import CORNER, BudgetValues, Part, PartValues, TurnValues
 from gantrysim.metrics.spacing import one_way
-from gantrysim.metrics.tracking import RigidMachine, tracking_by_axis
 from gantrysim.record.run import Run
 
 # the links of the chain in their order; DESCRIPTIONS also has their sum, the contour error
-LINKS = ("generation", "tracking", "measurement", "structure")
-GEOMETRY = "geometry"  # between measurement and structure, on a machine with errors of its geometry
+LINKS = ("program", "servo", "encoder", "structure")
+GEOMETRY = "geometry"  # between encoder and structure, on a machine with errors of its geometry
 DESCRIPTIONS = {
-    "generation": "requested path to commanded",
-    "tracking": "commanded to encoder",
-    "measurement": "encoder to motor",
+    "program": "requested path to commanded",
+    "servo": "commanded to encoder",
+    "encoder": "encoder to motor",
     GEOMETRY: "motor to true axes",
     "structure": "motor to nozzle",
     CORNER: "change of leg at a sharp corner",
@@ -204,18 +204,18 @@ class Budget:
             turns=self._turns(),
         )
 
-    def tracking_by_axis(self, machine: RigidMachine) -> dict[str, Part]:
-        """Return each axis' contribution to the tracking part, to first order.
+    def servo_by_axis(self, machine: RigidMachine) -> dict[str, Part]:
+        """Return each axis' contribution to the servo part, to first order.
 
         It is the displacement of a rigid machine's nozzle along the path's normals as this axis alone moves from its
-        commanded to its encoder position. The contributions add up to the tracking part, but for second order. Where a
+        commanded to its encoder position. The contributions add up to the servo part, but for second order. Where a
         corner lies between the feet of command, encoder and nozzle, the normals are corrected by the least amount that
         makes the contributions add up there too (Broyden's formula for a secant).
 
         Args:
             machine: the machine of the run.
         """
-        return tracking_by_axis(self.analysis, self.parts["tracking"], machine)
+        return servo_by_axis(self.analysis, self.parts["servo"], machine)
 
     def values_of(self, part: Part) -> PartValues:
         """Return the values of a part of the error."""

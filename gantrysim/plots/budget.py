@@ -153,4 +153,4 @@ def stack_bars(axes: Axes, places: Floats, values: dict[str, Floats], upright: b
 
 def _on(name: str) -> str:
     """A colour for text on a link's own."""
-    return "#ffffff" if name in ("tracking", "structure") else "#1b1f25"
+    return "#ffffff" if name in ("servo", "structure") else "#1b1f25"

@@ -32,7 +32,7 @@ def draw_error(figure: Figure | SubFigure, analysis: Analysis) -> tuple[Axes, ..
         panel.set(ylabel=f"following error [{THOUSANDTH[unit]}]")
         panel.set_title(f"{'Axes' if unit == 'mm' else 'Rotary axes'}: commanded minus encoder", loc="right")
         panel.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=len(members))
-    for name, foot, style in (("contour", analysis.nozzle, "-"), ("generation", analysis.commanded, "--")):
+    for name, foot, style in (("contour", analysis.nozzle, "-"), ("program", analysis.commanded, "--")):
         lateral = np.full(len(run.time), np.nan)
         lateral[on] = foot.lateral
         time, error = thinned(run.time, lateral)

@@ -26,9 +26,9 @@ INK = "#1b1f24"  # of text, axes and the contour error
 # colour vision.
 COLOURS = {
     "requested": "#8a8f98",
-    "generation": "#e69f00",
-    "tracking": "#0072b2",
-    "measurement": "#cc79a7",
+    "program": "#e69f00",
+    "servo": "#0072b2",
+    "encoder": "#cc79a7",
     "geometry": "#56b4e9",
     "structure": "#009e73",
     "corner": "#a6761d",

@@ -27,7 +27,7 @@ _ENOUGH = 0.75  # size of the letters at which a simpler layout is taken, relati
 _BESIDE_FAULTS = 4.2  # width of the strip that fault messages leave free, in sizes of the letters
 _MOST_FAULTS = 0.42  # height of fault messages, relative to the strip's
 _WIDEST_READOUT = "contour error8888.8 mm/s"
-_RUN_COLOURS = (COLOURS["tracking"], AXIS_COLOURS[1], COLOURS["structure"], AXIS_COLOURS[3])
+_RUN_COLOURS = (COLOURS["servo"], AXIS_COLOURS[1], COLOURS["structure"], AXIS_COLOURS[3])
 _RULE = "#d5d9df"
 
 

@@ -87,7 +87,7 @@ def run_sections(results: RunResults, video: Path | None = None) -> Iterator[Sec
 
 
 def _facts(values: AnalysisValues, requested_spacing: float | None) -> Iterator[tuple[str, str, str]]:
-    for name, error in (("Contour", values.contour), ("Generation", values.generation)):
+    for name, error in (("Contour", values.contour), ("Program", values.program)):
         yield f"{name} error, rms", f"{_UM * error.rms:.1f} µm", f"max {_UM * error.max:.1f} µm"
     if values.spacing is not None:
         requested = "" if requested_spacing is None else f"requested {requested_spacing:g}, "

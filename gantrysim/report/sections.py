@@ -62,7 +62,7 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
     )
     axes = Table(
         ["axis", *numbers],
-        [row(budget.values_of(part), axis) for axis, part in budget.tracking_by_axis(machine).items()],
+        [row(budget.values_of(part), axis) for axis, part in budget.servo_by_axis(machine).items()],
         "Tracking part by axis, to first order",
     )
     return Section(
@@ -103,9 +103,9 @@ def errors_section(analysis: Analysis) -> Section:
     run = analysis.run
     rows = [
         [name, THOUSANDTH[unit], 1e3 * error.rms, 1e3 * error.max]
-        for unit, (name, error) in zip(run.units, values.tracking.items(), strict=True)
+        for unit, (name, error) in zip(run.units, values.following.items(), strict=True)
     ]
-    along = values.tracking_along
+    along = values.following_along
     rows.append(["along the path", "µm", _UM * along.rms, _UM * along.max])
     return Section(
         "Errors over time",

@@ -38,12 +38,12 @@ def summary(
     The file begins with the verdict, see `Verdict.content`. Keys that need an explanation:
 
         error_budget: by link, and as contour for the whole, the error normal to the path (`PartValues`); by axis its
-            share of the tracking part; by turn of a spiral the links' errors
+            share of the servo part; by turn of a spiral the links' errors
         causes: by cause the errors without it, and its worth (`Effect`); null without --causes
         contour_error_um: distance of the nozzle to the path, the size of error_budget's contour
         requested_spacing_mm, bead_spacing_mm: null where the path, or the trace, has no neighbouring turns
-        tracking_error_um: by linear axis; path is the tracking error along the path
-        tracking_error_mdeg: by rotary axis; only where the machine has some
+        following_error_um: by linear axis; path is the following error along the path
+        following_error_mdeg: by rotary axis; only where the machine has some
         path_length_mm: of the commanded path while the dispenser is on
         duration_s: end of the commanded motion
         end_point_mm: the nozzle in the work frame at the end of the run
@@ -55,10 +55,10 @@ def summary(
     """
     run = budget.analysis.run
     values = budget.analysis.values
-    tracking: dict[str, dict[str, Any]] = {"mm": {}, "deg": {}}
-    for unit, (name, error) in zip(run.units, values.tracking.items(), strict=True):
-        tracking[unit][name] = _thousandths(error)
-    rotary = {"tracking_error_mdeg": tracking["deg"]} if tracking["deg"] else {}
+    following: dict[str, dict[str, Any]] = {"mm": {}, "deg": {}}
+    for unit, (name, error) in zip(run.units, values.following.items(), strict=True):
+        following[unit][name] = _thousandths(error)
+    rotary = {"following_error_mdeg": following["deg"]} if following["deg"] else {}
     return {
         "job": job.name,
         "machine": machine.name,
@@ -66,9 +66,9 @@ def summary(
         "causes": None if causes is None else causes_summary(causes),
         "requested_spacing_mm": run.requested.turn_spacing,
         "bead_spacing_mm": _range(values.spacing),
-        "tracking_error_um": {**tracking["mm"], "path": _thousandths(values.tracking_along)},
+        "following_error_um": {**following["mm"], "path": _thousandths(values.following_along)},
         **rotary,
-        "generation_error_um": _thousandths(values.generation),
+        "program_error_um": _thousandths(values.program),
         "contour_error_um": _thousandths(values.contour),
         "path_speed_mm_s": {"mean": values.speed.mean, "min": values.speed.min, "max": values.speed.max},
         "path_length_mm": values.path_length,
@@ -119,10 +119,10 @@ def _budget(budget: Budget, machine: Machine) -> dict[str, Any]:
         return {**sizes, "share": of.share, "at_max": where}
 
     values = budget.values
-    by_axis = budget.tracking_by_axis(machine)
+    by_axis = budget.servo_by_axis(machine)
     return {
         **{name: part(of) for name, of in values.rows.items()},
-        "tracking_by_axis": {axis: part(budget.values_of(of)) for axis, of in by_axis.items()},
+        "servo_by_axis": {axis: part(budget.values_of(of)) for axis, of in by_axis.items()},
         "lag_um": _thousandths(values.lag),
         "turns": [
             {

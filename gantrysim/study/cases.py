@@ -164,10 +164,10 @@ def simulated(case: Case) -> Run:
 def values_row(run: Run, bead: BeadSettings | None = None) -> Row:
     """Return the values of a run as one flat row; keys end in the unit, rms, max and p95 are of magnitudes.
 
-    generation and contour are distances to the path as in `gantrysim.metrics`; tracking, measurement, structure, and
+    program and contour are distances to the path as in `gantrysim.metrics`; servo, encoder, structure, and
     geometry where there is any, are the parts of the error normal to the path, of `gantrysim.Budget`; lag is along it,
-    and tracking_along the encoder's share of that. steady_tracking_normal and _along are the following error,
-    `tracking_error` at the nozzle, in the middle 90 % of the dispensing time, without the transients of start and end.
+    and following_along the encoder's share of that. steady_following_normal and _along are the following error,
+    `following_error` at the nozzle, in the middle 90 % of the dispensing time, without the transients of start and end.
     A value that the run does not have, as the spacing of a single turn, is None; so are the bead's values where no
     glue is demanded during motion.
 
@@ -182,16 +182,16 @@ def values_row(run: Run, bead: BeadSettings | None = None) -> Row:
     values = analysis.values
     budget = Budget(analysis)
     row: Row = {}
-    errors = {"generation": analysis.commanded.distance, "contour": analysis.nozzle.distance}
-    errors |= {link: part.size for link, part in budget.parts.items() if link != "generation"}
+    errors = {"program": analysis.commanded.distance, "contour": analysis.nozzle.distance}
+    errors |= {link: part.size for link, part in budget.parts.items() if link != "program"}
     for name, error in errors.items():
         row |= _sizes(name, error)
     row |= _sizes("lag", np.abs(budget.lag))
-    row["tracking_along_rms_um"] = _THOUSANDTHS * values.tracking_along.rms
-    row["tracking_along_max_um"] = _THOUSANDTHS * values.tracking_along.max
-    for unit, (name, size) in zip(run.units, values.tracking.items(), strict=True):
-        row[f"tracking_{name}_rms_{_ascii(unit)}"] = _THOUSANDTHS * size.rms
-        row[f"tracking_{name}_max_{_ascii(unit)}"] = _THOUSANDTHS * size.max
+    row["following_along_rms_um"] = _THOUSANDTHS * values.following_along.rms
+    row["following_along_max_um"] = _THOUSANDTHS * values.following_along.max
+    for unit, (name, size) in zip(run.units, values.following.items(), strict=True):
+        row[f"following_{name}_rms_{_ascii(unit)}"] = _THOUSANDTHS * size.rms
+        row[f"following_{name}_max_{_ascii(unit)}"] = _THOUSANDTHS * size.max
     row |= _steady(analysis)
     for statistic in ("mean", "std", "min", "max"):
         spacing = values.spacing
@@ -225,7 +225,7 @@ def _steady(analysis: Analysis) -> Row:
     along = dot(error, tangent)
     normal = np.linalg.norm(error - along[:, None] * tangent, axis=1)
     return {
-        f"steady_tracking_{name}_rms_um": _THOUSANDTHS * float(np.sqrt(np.mean(part**2)))
+        f"steady_following_{name}_rms_um": _THOUSANDTHS * float(np.sqrt(np.mean(part**2)))
         for name, part in (("along", along), ("normal", normal))
     }
 

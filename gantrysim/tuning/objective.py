@@ -1,6 +1,6 @@
 """The objective: rows of cases that differ in gains and machine alone, simulated together.
 
-A row has the contour error and the torque ripple, the tracking part of the error budget where the metric needs it, and
+A row has the contour error and the torque ripple, the servo part of the error budget where the metric needs it, and
 the gains; that of a run ended by a fault has the fault's time and the gains.
 """
 
@@ -32,9 +32,9 @@ METRICS = {
     "contour_rms": "rms contour error",
     "contour_p95": "95 % contour error",
     "contour_max": "largest contour error",
-    "tracking_rms": "rms tracking error",
-    "tracking_p95": "95 % tracking error",
-    "tracking_max": "largest tracking error",
+    "servo_rms": "rms servo error",
+    "servo_p95": "95 % servo error",
+    "servo_max": "largest servo error",
 }
 RIPPLE = "torque_ripple_percent"
 
@@ -152,8 +152,8 @@ def _row(run: Run, case: Case, metric: str) -> Row:
 def _values(run: Run, job: Job, metric: str) -> Row:
     analysis = Analysis(run)
     sizes = {"contour": analysis.nozzle.distance}
-    if metric.startswith("tracking"):
-        sizes["tracking"] = Budget(analysis).parts["tracking"].size
+    if metric.startswith("servo"):
+        sizes["servo"] = Budget(analysis).parts["servo"].size
     row: Row = {}
     for link, size in sizes.items():
         for name, statistic in _STATISTICS.items():

@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 NO_ERROR = 1e-3  # rms up to which an error counts as none [µm]
 
 _START = "#9aa0a8"
-_PHASE_COLOURS = {"start": _START, "tuned": COLOURS["tracking"]}
-_GAIN_COLOURS = tuple(COLOURS[link] for link in ("tracking", "generation", "structure", "measurement", "contour"))
+_PHASE_COLOURS = {"start": _START, "tuned": COLOURS["servo"]}
+_GAIN_COLOURS = tuple(COLOURS[link] for link in ("servo", "program", "structure", "encoder", "contour"))
 _RANK_STYLES: dict[int, dict[str, Any]] = {
-    1: {"marker": "o", "mfc": COLOURS["tracking"], "mec": "none", "alpha": 0.7},
-    2: {"marker": "o", "mfc": "none", "mec": COLOURS["generation"]},
-    3: {"marker": "D", "mfc": "none", "mec": COLOURS["measurement"]},
+    1: {"marker": "o", "mfc": COLOURS["servo"], "mec": "none", "alpha": 0.7},
+    2: {"marker": "o", "mfc": "none", "mec": COLOURS["program"]},
+    3: {"marker": "D", "mfc": "none", "mec": COLOURS["encoder"]},
 }
 _CHANGED = 0.02  # of the logarithm, from which a change is drawn
 _FREQUENCIES = 1500
@@ -78,14 +78,14 @@ def _label(axes: Axes, value: float, row: int, right: bool, **style: Any) -> Non
 
 
 def draw_path(budgets: Mapping[Phase, Budget]) -> Figure:
-    """Draw the contour error and its tracking part along the path, at the start and tuned."""
+    """Draw the contour error and its servo part along the path, at the start and tuned."""
     with sheet(10.7, 2.4 * len(budgets) + 0.8) as figure:
         panels = figure.subplots(len(budgets), sharex=True, sharey=True, squeeze=False)[:, 0]
         for panel, (phase, budget) in zip(panels, budgets.items(), strict=True):
             s = budget.analysis.nozzle.s
             ticks = budget.analysis.ticks
             gaps = np.flatnonzero(np.diff(ticks) > 1) + 1
-            lines = (("contour", budget.contour, 1.6), ("tracking", budget.parts["tracking"], 0.9))
+            lines = (("contour", budget.contour, 1.6), ("servo", budget.parts["servo"], 0.9))
             for name, part, width in lines:
                 line = thinned(np.insert(s, gaps, np.nan), np.insert(UM * part.lateral, gaps, np.nan))
                 panel.plot(*line, color=COLOURS[name], lw=width, label=name)

@@ -66,8 +66,8 @@ def notes(study: TuningStudy, rows: list[Row]) -> list[str]:
         parts = budget.values.parts
         link = max(parts, key=lambda link: parts[link].share)
         text = f"Largest part of the tuned contour error: {link}, {100 * parts[link].share:.0f} % of its mean square."
-        if link == "generation":
-            text += " Tuning cannot fix program errors; the metric tracking_rms is the servo's error alone."
+        if link == "program":
+            text += " Tuning cannot fix program errors; the metric servo_rms is the servo's error alone."
         remarks.append(text)
     axes = "each axis by itself" if study.per_axis else "one factor for all axes"
     return [
@@ -96,14 +96,14 @@ def _budget_plots(budgets: dict[Phase, Budget]) -> list[Plot]:
             "budget",
             "Error budget",
             "Parts of the error normal to the requested path by link of the chain, on the job's own machine. "
-            "Tuning changes the tracking part; it cannot mend the program, the encoder or a soft structure.",
+            "Tuning changes the servo part; it cannot mend the program, the encoder or a soft structure.",
             drawing.draw_links({phase: budget.values for phase, budget in budgets.items()}),
             tables=[_links_table(budgets)],
         ),
         Plot(
             "path",
             "Error along the path",
-            "The nozzle's error normal to the requested path, positive to its left, and the tracking part of it; "
+            "The nozzle's error normal to the requested path, positive to its left, and the servo part of it; "
             "the panels have one scale.",
             drawing.draw_path(budgets),
         ),

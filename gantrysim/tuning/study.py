@@ -55,7 +55,7 @@ class TuningStudy(Study):
     Attributes:
         job: its servo is the start, and keeps all but its gains.
         law: the gains searched, one of `SPACES`; by default pid where the job has an integral term, else pd.
-        metric: one of `METRICS`: rms, p95 or max of the contour error, or of the tracking part of the error budget.
+        metric: one of `METRICS`: rms, p95 or max of the contour error, or of the servo part of the error budget.
         budget: maximum number of runs of the search.
         robust: number of perturbed machines besides the job's own.
         guards: number of perturbed machines on which the margin is kept too, without runs; none where robust is 0.

@@ -68,28 +68,28 @@ def test_the_summary_has_the_documented_keys_and_the_values_of_the_record(gantry
     gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert " ".join(summary) == (
-        "verdict job machine error_budget causes requested_spacing_mm bead_spacing_mm tracking_error_um "
-        "generation_error_um contour_error_um path_speed_mm_s path_length_mm duration_s end_point_mm "
+        "verdict job machine error_budget causes requested_spacing_mm bead_spacing_mm following_error_um "
+        "program_error_um contour_error_um path_speed_mm_s path_length_mm duration_s end_point_mm "
         "servo bead notes fault injected headline versions"
     )
     assert list(summary["bead_spacing_mm"]) == ["mean", "std", "min", "max"]
-    assert list(summary["tracking_error_um"]) == ["x", "y", "path"]
+    assert list(summary["following_error_um"]) == ["x", "y", "path"]
     assert list(summary["path_speed_mm_s"]) == ["mean", "min", "max"]
-    for group in (summary["generation_error_um"], summary["contour_error_um"], *summary["tracking_error_um"].values()):
+    for group in (summary["program_error_um"], summary["contour_error_um"], *summary["following_error_um"].values()):
         assert list(group) == ["rms", "max"]
     run = Run.load(tmp_path / "run.npz")
     values = metrics.values(run)
     written = summary["error_budget"]
-    assert list(written) == [*LINKS, "contour", "tracking_by_axis", "lag_um", "turns"]
+    assert list(written) == [*LINKS, "contour", "servo_by_axis", "lag_um", "turns"]
     assert sum(written[link]["share"] for link in LINKS) == pytest.approx(1)
-    part = Budget(metrics.Analysis(run)).values.parts["tracking"]
-    assert [written["tracking"][f"{name}_um"] for name in ("rms", "p95", "max")] == pytest.approx(
+    part = Budget(metrics.Analysis(run)).values.parts["servo"]
+    assert [written["servo"][f"{name}_um"] for name in ("rms", "p95", "max")] == pytest.approx(
         [1e3 * part.rms, 1e3 * part.p95, 1e3 * part.max]
     )
-    assert written["tracking"]["at_max"] == {"s_mm": part.s, "time_s": part.time, "point_mm": list(part.point)}
-    assert list(written["tracking_by_axis"]) == ["x", "y"]
+    assert written["servo"]["at_max"] == {"s_mm": part.s, "time_s": part.time, "point_mm": list(part.point)}
+    assert list(written["servo_by_axis"]) == ["x", "y"]
     assert [turn["turn"] for turn in written["turns"]] == [1, 2]
-    assert written["turns"][0]["generation"]["rms_um"] > written["turns"][0]["structure"]["rms_um"]
+    assert written["turns"][0]["program"]["rms_um"] > written["turns"][0]["structure"]["rms_um"]
     assert summary["job"] == "an225"
     assert summary["machine"] == "xy"
     assert summary["requested_spacing_mm"] == 5.0
@@ -107,7 +107,7 @@ def test_causes_are_found_on_request(gantrysim_command, tmp_path):
     assert status == 0
     causes = json.loads((tmp_path / "summary.json").read_text())["causes"]
     assert list(causes) == ["program", "sampling", "counts", "friction", "winding", "compliance"]
-    assert causes["program"]["without"]["generation"]["max_um"] < 1e-6
+    assert causes["program"]["without"]["program"]["max_um"] < 1e-6
     rows = {line.split()[0]: line.split()[1:] for line in printed.splitlines() if line.strip()}
     for name, effect in causes.items():
         without, worth = effect["without"], effect["worth"]["contour"]["rms_um"]
@@ -556,12 +556,12 @@ def test_errors_of_rotary_axes_are_in_thousandths_of_a_degree(tmp_path, capsys):
     budget = Budget(metrics.Analysis(run))
     values = budget.analysis.values
     error = 1e3 * (run.commanded - run.encoder)
-    assert values.tracking["th"].max == pytest.approx(1e-3 * np.abs(error[:, 0]).max())
+    assert values.following["th"].max == pytest.approx(1e-3 * np.abs(error[:, 0]).max())
     job = Job.load("an225")
     written = summary_of(job, machine, budget)
-    assert list(written["tracking_error_um"]) == ["x", "path"]
-    assert written["tracking_error_mdeg"]["th"]["max"] == pytest.approx(np.abs(error[:, 0]).max())
-    assert list(written)[6:8] == ["tracking_error_um", "tracking_error_mdeg"]
+    assert list(written["following_error_um"]) == ["x", "path"]
+    assert written["following_error_mdeg"]["th"]["max"] == pytest.approx(np.abs(error[:, 0]).max())
+    assert list(written)[6:8] == ["following_error_um", "following_error_mdeg"]
     Console().print(outcome_table(run, values, None, None))
     printed = capsys.readouterr().out
     rms, largest = np.sqrt(np.mean(error[:, 0] ** 2)), np.abs(error[:, 0]).max()

@@ -85,11 +85,11 @@ def test_every_link_of_an_exact_trace_has_the_simulation_s_budget(run):
     assert found.alignment.by == "commanded"
     expected = Budget(run).values
     for budget in (found.measured.values, found.simulated.values):
-        for name in ("generation", "tracking"):
+        for name in ("program", "servo"):
             assert budget.parts[name].rms == pytest.approx(expected.parts[name].rms, rel=1e-3, abs=1e-6)
         assert budget.contour.rms == pytest.approx(expected.contour.rms, rel=1e-3)
     assert max(size.max for size in found.unexplained.values()) < FOUND_PLACE
-    assert list(found.parts) == ["generation", "tracking", "structure"]
+    assert list(found.parts) == ["program", "servo", "structure"]
     assert not found.peaks
 
 
@@ -115,11 +115,11 @@ def test_few_or_uneven_samples_have_a_budget_but_no_spectrum(run, rate, lost):
 
 def test_links_that_are_not_measured_have_no_share_in_either_budget(run):
     encoder = Comparison.of(Trace(run.time, {"encoder": run.encoder}, None), run, MACHINE)
-    assert list(encoder.parts) == ["tracking"]
+    assert list(encoder.parts) == ["servo"]
     assert encoder.notes == ("the command is not measured: it is the simulation's in both budgets",)
     nozzle = Comparison.of(Trace(run.time, {}, run.nozzle), run, MACHINE)
     assert nozzle.parts["structure"] == "commanded to nozzle"
-    for found, absent in ((encoder, ("measurement", "structure")), (nozzle, ("tracking", "measurement"))):
+    for found, absent in ((encoder, ("encoder", "structure")), (nozzle, ("servo", "encoder"))):
         for budget in (found.measured, found.simulated):
             assert all(budget.values.parts[name].max == 0 for name in absent)
 
@@ -138,40 +138,40 @@ def test_what_is_not_measured_explains_nothing(noisy):
     run, encoder = noisy
     found = Comparison.of(Trace(run.time, {"encoder": encoder}, None), run, MACHINE)
     explained = found.explained
-    tracking = Budget(run).values.parts["tracking"].rms
-    assert Budget(run).values.parts["generation"].rms > 20 * SIGMA
-    assert explained.links == ("tracking",)
+    tracking = Budget(run).values.parts["servo"].rms
+    assert Budget(run).values.parts["program"].rms > 20 * SIGMA
+    assert explained.links == ("servo",)
     assert explained.difference == pytest.approx(SIGMA, rel=0.02)
     assert explained.simulated == pytest.approx(tracking, rel=1e-3)
     assert explained.measured**2 == pytest.approx(tracking**2 + SIGMA**2, rel=0.05)
     assert explained.share == pytest.approx(tracking**2 / (tracking**2 + SIGMA**2), abs=0.03)
     assert 0.1 < explained.share < 0.3  # with the command on both sides it was 99.8 %
     assert found.not_compared == {
-        "generation": "the command is not measured",
+        "program": "the command is not measured",
         "structure": "the nozzle is not measured",
     }
     text = headline(found)
-    assert f"Of tracking, {1e3 * explained.measured:.1f} µm rms measured, the simulation explains " in text
-    assert "Not compared: generation, as the command is not measured; structure, as the nozzle" in text
+    assert f"Of servo, {1e3 * explained.measured:.1f} µm rms measured, the simulation explains " in text
+    assert "Not compared: program, as the command is not measured; structure, as the nozzle" in text
     written = found.summary()
     assert written["explained"]["share"] == explained.share
-    assert list(written["not_compared"]) == ["generation", "structure"]
+    assert list(written["not_compared"]) == ["program", "structure"]
 
 
 def test_a_measured_command_counts(noisy):
     run, encoder = noisy
     found = Comparison.of(Trace(run.time, {"commanded": run.commanded, "encoder": encoder}, None), run, MACHINE)
-    assert found.explained.links == ("generation", "tracking")
+    assert found.explained.links == ("program", "servo")
     assert found.explained.share == pytest.approx(1 - (SIGMA / found.measured.values.contour.rms) ** 2, abs=2e-4)
     assert list(found.not_compared) == ["structure"]
 
 
 def test_a_share_may_be_negative_and_is_none_without_an_error(noisy):
     run, _ = noisy
-    # a real machine without tracking error: of nothing, nothing can be explained
+    # a real machine without following error: of nothing, nothing can be explained
     exact = Comparison.of(Trace(run.time, {"encoder": run.commanded}, None), run, MACHINE, ())
     assert exact.explained.share is None
-    assert "Of tracking there is no measured error; the simulated one is 9.9 µm rms." in headline(exact)
+    assert "Of servo there is no measured error; the simulated one is 9.9 µm rms." in headline(exact)
     # one that errs to the other side, by half as much
     other = run.commanded + 0.5 * (run.commanded - run.encoder)
     opposite = Comparison.of(Trace(run.time, {"encoder": other}, None), run, MACHINE, ())
@@ -196,8 +196,8 @@ def test_an_axis_that_is_not_measured_is_compared_in_neither_budget(noisy):
         np.testing.assert_allclose(record.encoder[:, 1], run.encoder[:, 1], atol=1e-9)
     command = {"commanded": run.commanded + missing, "encoder": run.encoder}
     partial = Comparison.of(Trace(run.time, command, None), run, MACHINE)
-    assert partial.parts == {"tracking": "commanded to encoder"}
-    assert partial.not_compared["generation"] == "the command of x is not measured"
+    assert partial.parts == {"servo": "commanded to encoder"}
+    assert partial.not_compared["program"] == "the command of x is not measured"
     with pytest.raises(InputError, match="the command of some axes alone, not of x: must have that of every axis"):
         Comparison.of(Trace(run.time, {"commanded": run.commanded + missing}, None), run, MACHINE)
 
@@ -208,8 +208,8 @@ def test_the_command_of_an_axis_at_rest_need_not_be_measured():
     resting = dataclasses.replace(run, commanded=np.where(z, run.commanded[0], run.commanded))
     machine = Job.load("fanuc-conical").built_machine
     trace = Trace(run.time, {"commanded": np.where(z, np.nan, run.commanded), "encoder": run.encoder}, None)
-    assert "generation" in Comparison.of(trace, resting, machine, ()).parts
-    assert "generation" not in Comparison.of(trace, run, machine, ()).parts
+    assert "program" in Comparison.of(trace, resting, machine, ()).parts
+    assert "program" not in Comparison.of(trace, run, machine, ()).parts
 
 
 def test_a_turning_work_piece_is_compared_in_degrees_and_millimetres():
@@ -245,7 +245,7 @@ def test_a_machine_that_lags_by_a_time_constant_runs_a_circle_too_small(tmp_path
     assert aligned(alone, follower).shift == pytest.approx(0.7 + math.atan(omega * tau) / omega, abs=5e-4)
     found = Comparison.of(whole, follower, MACHINE)
     assert found.alignment.shift == pytest.approx(0.7, abs=FOUND_SHIFT * 7 * step)
-    tracking = found.measured.parts["tracking"].lateral
+    tracking = found.measured.parts["servo"].lateral
     steady = slice(len(tracking) // 3, -len(tracking) // 20)
     inward = radius * (1 - 1 / math.sqrt(1 + (omega * tau) ** 2))
     assert tracking[steady] == pytest.approx(inward, rel=0.01)

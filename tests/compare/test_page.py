@@ -55,7 +55,7 @@ def page(found, tmp_path_factory):
 
 def test_the_numbers_of_both_budgets(found, page):
     table = page.tables()["Error normal to the requested path, measured, simulated, and their difference"]
-    assert list(table) == ["generation", "tracking", "structure", "contour"]
+    assert list(table) == ["program", "servo", "structure", "contour"]
     for name, row in table.items():
         for which, budget in (("measured", found.measured), ("simulated", found.simulated)):
             part = budget.values.contour if name == "contour" else budget.values.parts[name]
@@ -87,7 +87,7 @@ def test_the_words_say_how_much_is_left_and_where(found, page):
     assert side == "left"
     assert float(mean) == pytest.approx(OFF, rel=0.02)
     assert float(varying) == pytest.approx(SWING / np.sqrt(2), rel=0.02)
-    assert re.search(r"largest first: structure [\d.]+ µm rms, tracking [\d.]+ µm rms, generation 0.00", told)
+    assert re.search(r"largest first: structure [\d.]+ µm rms, servo [\d.]+ µm rms, program 0.00", told)
     share = float(re.search(r"explains ([\d.]+) % in mean square", page.section("summary"))[1])
     rows = page.tables()["Error normal to the requested path, measured, simulated, and their difference"]
     left, whole = (float(rows["contour"][f"{name}, rms [µm]"]) for name in ("difference", "measured"))
@@ -145,5 +145,5 @@ def test_errors_of_the_geometry_belong_to_structure_on_both_sides():
     expected = Budget(run)
     for budget in (found.measured, found.simulated):
         assert "geometry" not in budget.values.parts
-        rest = sum(expected.parts[name].lateral for name in ("measurement", "geometry", "structure"))
+        rest = sum(expected.parts[name].lateral for name in ("encoder", "geometry", "structure"))
         assert budget.values.parts["structure"].rms == pytest.approx(np.sqrt(np.mean(rest**2)), rel=0.05)

@@ -298,7 +298,7 @@ def test_started_at_minus_a_the_spiral_is_centred_on_the_virtual_circle():
 
 
 @pytest.mark.parametrize("loop_period", [0.1, 0.05, 0.025])
-def test_generation_error_falls_with_the_loop_period_at_first_order(loop_period):
+def test_program_error_falls_with_the_loop_period_at_first_order(loop_period):
     def error(spiral):
         s = np.linspace(0, spiral.generated.length, 5001)
         return spiral.requested.project(spiral.generated.position(s)).distance.max()

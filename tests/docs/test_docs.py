@@ -168,11 +168,11 @@ def test_the_bead_is_what_the_job_gives(an225):
     ids=" ".join,
 )
 def test_each_limit_of_the_controller_costs_what_the_tutorial_says(settings):
-    generation = metrics.values(Job.load("an225", settings).run()).generation
+    program = metrics.values(Job.load("an225", settings).run()).program
     command = " ".join(f"--set {setting}" for setting in settings)
     cell = re.escape(f"`{command}` |" if command else "|")
     rms = re.search(rf"^\| [^|]+ \| ([\d.]+) µm \| {cell}$", TUTORIAL, flags=re.MULTILINE)
-    assert [float(rms[1])] == in_um(generation.rms)
+    assert [float(rms[1])] == in_um(program.rms)
 
 
 @pytest.mark.parametrize("name", builtin_jobs())

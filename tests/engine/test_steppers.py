@@ -351,13 +351,13 @@ def test_the_spiral_runs_in_open_loop(spiral):
     for a in (a for a, mode in enumerate(servo.modes) if mode == "stepper"):
         behind = np.abs(run.commanded[:-1] - run.motor[1:])[:, a]
         assert 0 < behind.max() < machine.axes[a].electrical_period / 4
-    assert Budget(run).values.parts["measurement"].rms > 0
+    assert Budget(run).values.parts["encoder"].rms > 0
 
 
 def test_the_budget_has_lost_steps_where_the_servo_sees_them(spiral):
     """Unseen steps lie between step counter and motor; an encoder on the motor shows them as tracking error."""
     weak = {"servo.torque_limit": [0.045, 2.0, 0.5], "servo.following_error_limit": 1e3}
-    for seen, link in ((0.0, "measurement"), (0.0025, "tracking")):
+    for seen, link in ((0.0, "encoder"), (0.0025, "servo")):
         job = spiral.changed({**weak, "servo.resolution": [seen, 0.0025, 0.00125]})
         run = job.run()
         (lost,) = lost_steps(job.built_machine, job.built_servo, run)
@@ -365,7 +365,7 @@ def test_the_budget_has_lost_steps_where_the_servo_sees_them(spiral):
         told = [note for note in summary(job, job.built_machine, Budget(run))["notes"] if "lost" in note]
         assert told == [str(lost)]
         parts = Budget(run).values.parts
-        other = {"measurement": "tracking", "tracking": "measurement"}[link]
+        other = {"encoder": "servo", "servo": "encoder"}[link]
         assert parts[link].max > 0.1 > parts[other].max
 
 

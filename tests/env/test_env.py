@@ -119,9 +119,11 @@ def test_observation_and_info_agree_with_the_analysis(env):
     shares = []
     for a, axis in enumerate("xy"):
         error = (run.commanded - run.encoder)[last, a]
-        assert 10 ** observed[f"tracking_rms_{axis}"] * tolerance == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-5)
-        assert 10 ** observed[f"tracking_max_{axis}"] * tolerance == pytest.approx(np.abs(error).max(), rel=1e-5)
-        assert observed[f"tracking_mean_{axis}"] * tolerance == pytest.approx(error.mean(), abs=1e-6)
+        assert 10 ** observed[f"following_rms_{axis}"] * tolerance == pytest.approx(
+            np.sqrt(np.mean(error**2)), rel=1e-5
+        )
+        assert 10 ** observed[f"following_max_{axis}"] * tolerance == pytest.approx(np.abs(error).max(), rel=1e-5)
+        assert observed[f"following_mean_{axis}"] * tolerance == pytest.approx(error.mean(), abs=1e-6)
         assert observed[f"torque_{axis}"] == pytest.approx(np.abs(run.demand[last, a]).max() / peak[a], rel=1e-6)
         change = np.diff(run.demand[399:500, a])
         shares.append(np.sqrt(0.5 * np.mean(change**2)) / peak[a])

@@ -87,9 +87,9 @@ def test_with_the_dispenser_off_following_errors_count_and_contour_errors_do_not
     assert seen.contour_rms == pytest.approx([0.0, 0.3, 0.3])
     assert seen.contour_max == pytest.approx([0.0, 0.3, 0.3])
     assert seen.lateral == pytest.approx([0.0, 0.3, 0.3])
-    assert seen.tracking_mean == pytest.approx(np.array([[0.1, -0.2]] * 3))
-    assert seen.tracking_rms == pytest.approx(np.array([[0.1, 0.2]] * 3))
-    assert seen.tracking_max == pytest.approx(np.array([[0.1, 0.2]] * 3))
+    assert seen.following_mean == pytest.approx(np.array([[0.1, -0.2]] * 3))
+    assert seen.following_rms == pytest.approx(np.array([[0.1, 0.2]] * 3))
+    assert seen.following_max == pytest.approx(np.array([[0.1, 0.2]] * 3))
 
 
 def test_the_mean_contour_error_is_taken_with_the_dispenser_on():
@@ -136,7 +136,7 @@ def test_before_the_first_interval_nothing_is_measured():
     arc = ArcChain((0.0, 0.0), 0.0, [0.1], [15.0])
     seen, totals, foot = measured(arc, arc.position(np.linspace(0, 15, 151)), cuts=(0,))
     assert foot > 0
-    assert all(np.all(v[0] == 0) for v in (seen.contour_rms, seen.tracking_rms, seen.ripple, seen.speed, totals))
+    assert all(np.all(v[0] == 0) for v in (seen.contour_rms, seen.following_rms, seen.ripple, seen.speed, totals))
     assert seen.curvature[0] == pytest.approx(0.1, rel=1e-3)  # but where the path begins is known
 
 

@@ -75,8 +75,8 @@ def test_the_gain_schedule_observes_the_last_interval_and_the_next_demand():
     sent = int(env._episodes._sent[0])
     demand = simulation.position[sent - 1 : sent + ticks]
     for a, axis in enumerate("xy"):
-        assert values[f"tracking_{axis}"] == pytest.approx(errors[1, a] / 0.01, rel=1e-5)
-        assert values[f"tracking_change_{axis}"] == pytest.approx((errors[1, a] - errors[0, a]) / 0.01, rel=1e-4)
+        assert values[f"following_{axis}"] == pytest.approx(errors[1, a] / 0.01, rel=1e-5)
+        assert values[f"following_change_{axis}"] == pytest.approx((errors[1, a] - errors[0, a]) / 0.01, rel=1e-4)
         velocity = (demand[-1, a] - demand[0, a]) / (ticks * period)
         assert values[f"velocity_{axis}"] == pytest.approx(velocity / 100, rel=1e-5)
     step = np.diff(simulation.position, axis=0) / period
@@ -101,8 +101,8 @@ def test_the_servo_torque_observes_the_last_interval_and_the_next_demand():
     sent = int(env._episodes._sent[0])
     demand = simulation.position[sent - 1 : sent + ticks]
     for a, axis in enumerate("xy"):
-        assert values[f"tracking_{axis}"] == pytest.approx(errors[1, a] / tolerance, rel=1e-5)
-        assert values[f"tracking_change_{axis}"] == pytest.approx((errors[1, a] - errors[0, a]) / tolerance, rel=1e-4)
+        assert values[f"following_{axis}"] == pytest.approx(errors[1, a] / tolerance, rel=1e-5)
+        assert values[f"following_change_{axis}"] == pytest.approx((errors[1, a] - errors[0, a]) / tolerance, rel=1e-4)
         velocity = (demand[-1, a] - demand[0, a]) / (ticks * period)
         assert values[f"velocity_{axis}"] == pytest.approx(velocity / 100, rel=1e-5)
     start = env._episodes.episodes[0].points[0]
@@ -121,7 +121,7 @@ def test_a_new_episode_has_measured_nothing_whatever_was_before(kind):
     again = env.reset(seed=2)[0]
     assert again.tobytes() == first.tobytes()
     values = seen(env, again)
-    measured = [name for name in values if name.startswith(("tracking", "contour", "action", "width"))]
+    measured = [name for name in values if name.startswith(("following", "contour", "action", "width"))]
     assert measured
     assert [values[name] for name in measured] == [0.0] * len(measured)
     assert values["progress"] == pytest.approx(0.0, abs=1e-3)

@@ -45,11 +45,11 @@ def test_every_cause_is_gone_from_the_link_in_which_it_acts(name):
     job = Job.load(name)
     setup = Setup(job.built_machine, job.built_servo, job.setpoints, job.simulation.physics_step)
     run = WITHOUT["program"](setup).run()
-    assert Budget(run).parts["generation"].size.max() < EXACT
+    assert Budget(run).parts["program"].size.max() < EXACT
     if name not in OF_MACHINE:
         return
     without_counts = Budget(WITHOUT["counts"](setup).run())
-    assert not without_counts.parts["measurement"].size.any()
+    assert not without_counts.parts["encoder"].size.any()
     link = RODS if job.built_machine.kinematics.followers else EXACT
     assert Budget(WITHOUT["compliance"](setup).run()).parts["structure"].size.max() < link
 

@@ -111,12 +111,12 @@ def test_the_servo_is_that_of_the_built_in_jobs(tmp_path):
     chosen = Job.load(file)
     assert chosen.servo.integral_time == INTEGRAL_TIME
     without = Job.load(file, ["integral_time=inf"])
-    assert 3 * _tracking(chosen) < _tracking(without)
+    assert 3 * _following_rms(chosen) < _following_rms(without)
 
 
-def _tracking(job):
+def _following_rms(job):
     budget = Budget(job.run())
-    return budget.values_of(budget.parts["tracking"]).rms
+    return budget.values_of(budget.parts["servo"]).rms
 
 
 def test_what_is_given_is_never_replaced(tmp_path):

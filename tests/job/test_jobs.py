@@ -72,14 +72,14 @@ def test_the_builtin_jobs_cover_all_controllers_and_machines():
 
 
 @pytest.mark.parametrize("name", JOBS)
-def test_a_job_runs_with_plausible_tracking_contour_and_spacing(analyses, name):
+def test_a_job_runs_with_plausible_following_contour_and_spacing(analyses, name):
     analysis = analyses(name)
     run, values = analysis.run, analysis.values
     assert run.fault is None
-    assert set(values.tracking) == set(Job.load(name).built_machine.axis_names)
+    assert set(values.following) == set(Job.load(name).built_machine.axis_names)
     soft = SOFT.get(name, 1.0)
     for axis, unit in zip(run.axes, run.units, strict=True):
-        spread = values.tracking[axis]
+        spread = values.following[axis]
         assert spread.rms > 0 or axis == "z"
         assert spread.rms < soft * SERVO_RMS * (2 if unit == "deg" else 1)
     # servo and mechanics, without the controller
@@ -87,7 +87,7 @@ def test_a_job_runs_with_plausible_tracking_contour_and_spacing(analyses, name):
     assert np.sqrt(np.mean(beyond**2)) < soft * SERVO_RMS
     assert beyond.max() < soft * SERVO_MAX
     if not name.startswith("an225"):
-        assert values.generation.max < (ROUNDED if name in ROUNDING else COMMANDED)
+        assert values.program.max < (ROUNDED if name in ROUNDING else COMMANDED)
     if name in SPACING:
         assert values.spacing.mean == pytest.approx(SPACING[name], rel=0.01)
     else:
@@ -139,7 +139,7 @@ def test_the_command_runs_a_job(name, tmp_path, gantrysim_command):
     written = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert written["job"] == name
     assert written["fault"] is None
-    assert ("tracking_error_mdeg" in written) == (Job.load(name).machine in ("delta", "stage", "xyzr"))
+    assert ("following_error_mdeg" in written) == (Job.load(name).machine in ("delta", "stage", "xyzr"))
     glue = written["bead"]
     assert glue["volume_mm3"] - glue["volume_asked_mm3"] == pytest.approx(glue["volume_error_mm3"], rel=1e-9)
     assert (glue["clearance_of_turns_mm"] is None) == (written["bead_spacing_mm"] is None)

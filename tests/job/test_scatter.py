@@ -34,7 +34,7 @@ def test_stick_slip_scatters_by_more_than_the_digits_of_one_run(scatter):
     assert 0.1 < contour.std < 0.5
     assert contour.low < contour.mean < contour.high
     assert contour.mean_error == contour.std / math.sqrt(10)
-    assert scatter.figures["generation max"].std == pytest.approx(0.0, abs=1e-9)  # of the program: no zero changes it
+    assert scatter.figures["program max"].std == pytest.approx(0.0, abs=1e-9)  # of the program: no zero changes it
     assert scatter.figures["bead width"].std < 1e-3
     assert scatter.faults == 0
     assert scatter.counts == {"x": pytest.approx(1e-3), "y": pytest.approx(1e-3)}
@@ -63,7 +63,7 @@ def test_the_same_seed_gives_the_same_scatter_and_another_one_another(job, scatt
 
 def test_quantisation_stays_within_a_count(scatter):
     """Encoder against motor: at most half a count of both axes and what the motor moves between samples."""
-    assert scatter.figures["measurement max"].high < 1.6
+    assert scatter.figures["encoder max"].high < 1.6
     assert scatter.figures["structure rms"].mean < 0.3
 
 

@@ -313,7 +313,7 @@ def test_encoders_do_not_see_the_geometry_and_the_links_add_up(runs):
         assert whole == pytest.approx(getattr(budget.contour, name), abs=SUM)
     ideal = Budget(plain_run).parts["structure"]
     assert budget.parts["structure"].lateral == pytest.approx(ideal.lateral, abs=SECOND_ORDER)
-    assert list(budget.parts) == ["generation", "tracking", "measurement", GEOMETRY, "structure"]
+    assert list(budget.parts) == ["program", "servo", "encoder", GEOMETRY, "structure"]
     assert budget.values.parts[GEOMETRY].rms > 5e-3
 
 

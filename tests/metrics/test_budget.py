@@ -70,9 +70,9 @@ def test_errors_along_the_binormal_are_vertical(path):
     up = np.cross(path.tangent(s), path.normal(s))
     found = budget(record(path, s, encoder=wave(s, 0.02, 3) * up, nozzle=-0.005 * up))
     exact = EXACT if path is INVOLUTE else 2e-5  # the binormal of a path that climbs turns with it
-    assert found.parts["tracking"].vertical == pytest.approx(wave(s, 0.02, 3)[:, 0], abs=exact)
+    assert found.parts["servo"].vertical == pytest.approx(wave(s, 0.02, 3)[:, 0], abs=exact)
     assert found.parts["structure"].vertical == pytest.approx(np.full(len(s), -0.005), abs=exact)
-    assert found.parts["tracking"].lateral == pytest.approx(np.zeros(len(s)), abs=exact)
+    assert found.parts["servo"].lateral == pytest.approx(np.zeros(len(s)), abs=exact)
     assert found.values.contour.max == pytest.approx(0.025, abs=exact)
 
 
@@ -93,7 +93,7 @@ def test_the_remainder_of_the_linear_identity_is_of_second_order(lag):
     tangent = CIRCLE.tangent(s)
     found = budget(record(CIRCLE, s, encoder=-lag * tangent))
     linear = np.zeros(len(s))  # the displacement has no share along the normal
-    remainder = found.parts["tracking"].lateral - linear
+    remainder = found.parts["servo"].lateral - linear
     assert remainder == pytest.approx(np.full(len(s), 40 - math.hypot(40, lag)), abs=EXACT)
     assert remainder == pytest.approx(np.full(len(s), -(lag**2) / 80), rel=SECOND_ORDER)
 
@@ -108,7 +108,7 @@ def test_a_part_is_the_displacement_along_the_normal_but_for_second_order(direct
     remainders = []
     for scale in (size, 0.5 * size):
         shift = scale * (math.cos(direction) * tangent + math.sin(direction) * (normal + up) / math.sqrt(2))
-        part = budget(record(path, s, encoder=shift)).parts["tracking"]
+        part = budget(record(path, s, encoder=shift)).parts["servo"]
         linear = np.stack([np.sum(shift * normal, axis=1), np.sum(shift * up, axis=1)])
         remainders.append(np.hypot(*(np.stack([part.lateral, part.vertical]) - linear)))
         curvature = np.linalg.norm(np.gradient(tangent, s, axis=0), axis=1)
@@ -136,26 +136,26 @@ def test_the_parts_of_every_job_add_up(name):
     # reports show both: the budget's and the distances of the nozzle and of the command
     for error, part in (
         (analysis.values.contour, values.contour),
-        (analysis.values.generation, values.parts[LINKS[0]]),
+        (analysis.values.program, values.parts[LINKS[0]]),
     ):
         assert (part.rms, part.max) == pytest.approx((error.rms, error.max), abs=EXACT)
     if name != "delta-arc":  # its counts are of arms
-        assert values.parts["measurement"].rms == pytest.approx(1e-3 / math.sqrt(12), rel=0.6)
+        assert values.parts["encoder"].rms == pytest.approx(1e-3 / math.sqrt(12), rel=0.6)
 
 
 def test_ideal_links_have_zero_parts_and_real_ones_do_not(rigid, xy):
     continuous, stepped = MoveSpiral(120, 4, 10, 100, loop_period=0), MoveSpiral(120, 4, 10, 100)
     machine = rigid()
     exact = budget(simulate(machine, plain(machine), continuous.setpoints(PERIOD))).parts
-    assert exact["generation"].size.max() < EXACT
-    assert not exact["measurement"].size.any()
+    assert exact["program"].size.max() < EXACT
+    assert not exact["encoder"].size.any()
     assert exact["structure"].size.max() < EXACT
-    assert exact["tracking"].size.max() > 1e-3
+    assert exact["servo"].size.max() > 1e-3
 
     counted = budget(simulate(machine, Servo.derive(machine.axes, PERIOD), stepped.setpoints(PERIOD))).parts
-    assert counted["generation"].size.max() > 0.1
+    assert counted["program"].size.max() > 0.1
     assert counted["structure"].size.max() < EXACT
-    measured = np.sqrt(np.mean(counted["measurement"].lateral ** 2))
+    measured = np.sqrt(np.mean(counted["encoder"].lateral ** 2))
     assert measured == pytest.approx(machine.axes[0].resolution / math.sqrt(12), rel=UNIFORM)
     assert (
         budget(simulate(xy, Servo.derive(xy.axes, PERIOD), stepped.setpoints(PERIOD))).parts["structure"].size.max()
@@ -163,7 +163,7 @@ def test_ideal_links_have_zero_parts_and_real_ones_do_not(rigid, xy):
     )
 
     followed = budget(perfect_follower(machine, stepped.setpoints(PERIOD))).parts
-    assert followed["generation"].size.max() > 0.1
+    assert followed["program"].size.max() > 0.1
     for link in LINKS[1:]:
         assert not followed[link].size.any()
 
@@ -183,30 +183,30 @@ def test_structure_is_the_centrifugal_deflection_behind_the_motors(xy):
     assert -found == pytest.approx(mass * speed**2 / radius / stiffness, rel=DEFLECTION)  # kg mm/s2 / (N/m) is mm
 
 
-def test_tracking_by_axis_is_the_following_error_along_the_normal_on_a_gantry(xy):
+def test_servo_by_axis_is_the_following_error_along_the_normal_on_a_gantry(xy):
     run = simulate(xy, Servo.derive(xy.axes, PERIOD), MoveSpiral(120, 4, 10, 100).setpoints(PERIOD))
     found = budget(run)
     normal = run.requested.normal(found.analysis.commanded.s)
     error = (run.encoder - run.commanded)[found.analysis.ticks]
-    for a, part in enumerate(found.tracking_by_axis(xy).values()):
+    for a, part in enumerate(found.servo_by_axis(xy).values()):
         assert part.lateral == pytest.approx(error[:, a] * normal[:, a], abs=EXACT)
         assert np.abs(part.vertical).max() < EXACT
 
 
 @pytest.mark.parametrize("name", ["fanuc-conical", "softmc-helical", "stage-outline"])
-def test_tracking_by_axis_adds_up_but_for_second_order(name):
+def test_servo_by_axis_adds_up_but_for_second_order(name):
     job = Job.load(name)
     found = budget(job.run())
-    parts = found.tracking_by_axis(job.built_machine)
+    parts = found.servo_by_axis(job.built_machine)
     assert list(parts) == list(job.built_machine.axis_names)
     lag = found.analysis.commanded.s - found.analysis.encoder.s
     curvature = np.abs(found.analysis.run.requested.curvature(found.analysis.commanded.s))
-    size = found.parts["tracking"].size + np.abs(lag)
+    size = found.parts["servo"].size + np.abs(lag)
     smooth = (np.abs(found.lag) < 0.02) & (size < 0.03)  # off the corners
     assert smooth.mean() > 0.93
     for direction in ("lateral", "vertical"):
         whole = sum(getattr(part, direction) for part in parts.values())
-        rest = np.abs(getattr(found.parts["tracking"], direction) - whole)[smooth]
+        rest = np.abs(getattr(found.parts["servo"], direction) - whole)[smooth]
         # but at the joints of a helix' pieces, where the climb jumps
         assert np.mean(rest <= ((curvature + 0.02) * size**2)[smooth] + EXACT) > 0.99
     assert all(part.size.max() > 1e-5 for axis, part in parts.items() if axis != "r")
@@ -218,12 +218,12 @@ def test_a_link_that_offsets_another_has_a_negative_share():
     normal = INVOLUTE.normal(s)
     values = budget(record(INVOLUTE, s, commanded=0.3 * normal, encoder=-0.1 * normal)).values
     assert values.contour.rms == pytest.approx(0.2, abs=EXACT)
-    assert values.parts["generation"].share == pytest.approx(1.5)
-    assert values.parts["tracking"].share == pytest.approx(-0.5)
+    assert values.parts["program"].share == pytest.approx(1.5)
+    assert values.parts["servo"].share == pytest.approx(-0.5)
     assert values.parts["structure"].share == 0
     # of parts that have nothing to do with each other each has its own mean square
     mixed = budget(record(INVOLUTE, s, commanded=wave(s, 0.3, 40) * normal, nozzle=wave(s, 0.4, 90) * normal)).values
-    assert mixed.parts["generation"].share == pytest.approx(0.36, abs=1e-3)
+    assert mixed.parts["program"].share == pytest.approx(0.36, abs=1e-3)
     assert mixed.parts["structure"].share == pytest.approx(0.64, abs=1e-3)
     nothing = budget(record(INVOLUTE, s)).values
     assert [part.share for part in nothing.parts.values()] == [0, 0, 0, 0]
@@ -237,9 +237,9 @@ def test_a_budget_prints_as_the_table_of_its_links():
     assert title == "error normal to the requested path [µm]"
     assert header.split() == ["link", "rms", "95", "%", "max", "share"]
     assert [row.split(maxsplit=6) for row in rows] == [
-        ["generation", "300.0", "300.0", "300.0", "150.0", "%", "requested path to commanded"],
-        ["tracking", "100.0", "100.0", "100.0", "-50.0", "%", "commanded to encoder"],
-        ["measurement", "0.0", "0.0", "0.0", "0.0", "%", "encoder to motor"],
+        ["program", "300.0", "300.0", "300.0", "150.0", "%", "requested path to commanded"],
+        ["servo", "100.0", "100.0", "100.0", "-50.0", "%", "commanded to encoder"],
+        ["encoder", "0.0", "0.0", "0.0", "0.0", "%", "encoder to motor"],
         ["structure", "0.0", "0.0", "0.0", "0.0", "%", "motor to nozzle"],
         ["contour", "200.0", "200.0", "200.0", "100.0", "%", "requested path to nozzle"],
     ]
@@ -254,7 +254,7 @@ def test_values_of_a_part_locate_its_maximum():
     normal = INVOLUTE.normal(s)
     size = np.linspace(0.01, 0.02, len(s))[:, None]
     size[3000] = 0.05
-    part = budget(record(INVOLUTE, s, commanded=0.1 * normal, encoder=size * normal)).values.parts["tracking"]
+    part = budget(record(INVOLUTE, s, commanded=0.1 * normal, encoder=size * normal)).values.parts["servo"]
     assert part.max == pytest.approx(0.05, abs=EXACT)
     assert part.p95 == pytest.approx(0.0195, abs=1e-5)
     assert part.s == pytest.approx(s[3000], abs=1e-6)
@@ -287,9 +287,9 @@ def test_turns_of_a_spiral(clockwise):
     values = found.values
     assert [turn.turn for turn in values.turns] == [1, 2, 3, 4]
     for k, turn in enumerate(values.turns):
-        assert turn.parts["generation"].rms == pytest.approx(0.01 * (k + 1), rel=1e-2)
+        assert turn.parts["program"].rms == pytest.approx(0.01 * (k + 1), rel=1e-2)
         assert turn.parts["contour"].max == pytest.approx(0.01 * (k + 1), rel=1e-2)
-        assert turn.parts["tracking"].max < EXACT
+        assert turn.parts["servo"].max < EXACT
         assert turn.s == pytest.approx((ends[k], ends[k + 1]), abs=0.2)
 
 

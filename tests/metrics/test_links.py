@@ -43,9 +43,9 @@ def test_the_links_of_a_stop_at_a_sharp_corner_are_no_larger_than_what_they_span
     budget = Budget(simulate(xy, servo, program.setpoints(servo.period)))
     spans = distances(budget)
     assert budget.contour.size.max() > 0.02  # it overshoots
-    for link in ("tracking", "measurement", "structure"):
+    for link in ("servo", "encoder", "structure"):
         assert budget.parts[link].size.max() <= spans[link].max() + 1e-9
-    assert budget.parts["measurement"].size.max() < 0.75e-3  # half a count of 1 µm on each axis
+    assert budget.parts["encoder"].size.max() < 0.75e-3  # half a count of 1 µm on each axis
     assert max(sums(budget)) < SUM
 
 
@@ -57,7 +57,7 @@ def steps_apart(seed):
         assert max(sums(budget)) < SUM
         assert np.abs(budget.lag).max() <= 1.02 * distances(budget)["lag"].max()
     differ = False
-    for link in ("measurement", "structure"):
+    for link in ("encoder", "structure"):
         parts = [budget.values.parts[link] for budget in (coarse, fine)]
         tolerance = max(LEAST_STEP, STEP * parts[1].max)
         assert abs(parts[0].rms - parts[1].rms) < tolerance
@@ -103,20 +103,20 @@ def test_links_of_any_traces_about_a_bent_path_are_displacements(seed, rounding,
     run = record(path, s, commanded=rounded - on, encoder=lagged - rounded, motor=wave, nozzle=-0.5 * wave)
     budget = Budget(run)
     spans = distances(budget)
-    for name in ("tracking", "measurement", "structure"):
+    for name in ("servo", "encoder", "structure"):
         assert np.all(budget.parts[name].size <= spans[name] + 2e-9)
     assert max(sums(budget)) < SUM
-    generation = budget.parts["generation"].size
-    assert generation == pytest.approx(budget.analysis.commanded.distance, abs=1e-9)
+    program = budget.parts["program"].size
+    assert program == pytest.approx(budget.analysis.commanded.distance, abs=1e-9)
 
 
-def test_tracking_by_axis_adds_up_across_corners_too(xy):
+def test_servo_by_axis_adds_up_across_corners_too(xy):
     program = Fanuc("G1 X30 Y5 F4000\nX5 Y9\nX30 Y20\nX0 Y20\nM02", acceleration=2000.0)
     servo = Servo.derive(xy.axes, 0.001)
     budget = Budget(simulate(xy, servo, program.setpoints(servo.period)))
-    by_axis = budget.tracking_by_axis(xy).values()
+    by_axis = budget.servo_by_axis(xy).values()
     for component in ("lateral", "vertical", "beyond"):
-        whole = getattr(budget.parts["tracking"], component)
+        whole = getattr(budget.parts["servo"], component)
         assert sum(getattr(part, component) for part in by_axis) == pytest.approx(whole, abs=1e-5)
 
 
@@ -138,7 +138,7 @@ def test_glue_that_begins_after_moves_without_glue_is_measured_where_it_is(name,
     run = perfect_follower(xyz, program.setpoints(0.001))
     budget = Budget(run)
     assert budget.contour.size.max() < 0.06  # the corners' tolerance, where they were millimetres
-    assert budget.contour.size == pytest.approx(budget.parts["generation"].size, abs=1e-12)
+    assert budget.contour.size == pytest.approx(budget.parts["program"].size, abs=1e-12)
     # the oracle: every commanded position lies at the length that the command has travelled
     travelled = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(run.commanded_tip, axis=0), axis=1))])
     cut = 8 * 0.06 * len(run.requested.corners)  # by which rounded corners shorten the way

@@ -16,10 +16,10 @@ from gantrysim.metrics import (
     Analysis,
     ErrorSize,
     Range,
+    following_error,
     path_speed,
     spacing,
     torque_ripple,
-    tracking_error,
     values,
 )
 from gantrysim.paths.arcs import ArcChain
@@ -291,7 +291,7 @@ def test_values_of_a_perfect_follower():
     assert found.spacing.mean == pytest.approx(10, abs=SPACING)
     assert found.spacing.std == pytest.approx(0, abs=SPACING)
     assert (found.spacing.min, found.spacing.max) == pytest.approx((10, 10), abs=SPACING)
-    for spread in (*found.tracking.values(), found.tracking_along, found.generation, found.contour):
+    for spread in (*found.following.values(), found.following_along, found.program, found.contour):
         assert (spread.rms, spread.max) == pytest.approx((0, 0), abs=EXACT)
     assert found.speed.mean == pytest.approx(SPEED, rel=LAST_PERIOD)
     assert found.path_length == pytest.approx(INVOLUTE.length, rel=CHORD)
@@ -305,7 +305,7 @@ def test_a_constant_lateral_offset_of_the_nozzle_is_contour_error_alone(error):
     _, _, normal = along(INVOLUTE)
     found = values(run_along(INVOLUTE, nozzle=error * normal))
     assert (found.contour.rms, found.contour.max) == pytest.approx((abs(error), abs(error)), abs=EXACT)
-    assert (found.generation.max, found.tracking_along.max) == pytest.approx((0, 0), abs=EXACT)
+    assert (found.program.max, found.following_along.max) == pytest.approx((0, 0), abs=EXACT)
     assert found.spacing.mean == pytest.approx(10, abs=SPACING)
 
 
@@ -314,12 +314,12 @@ def test_a_nozzle_lifted_off_the_plane_is_contour_error():
     assert (found.contour.rms, found.contour.max) == pytest.approx((0.4, 0.4), abs=EXACT)
 
 
-def test_a_commanded_path_beside_the_requested_one_is_generation_error():
+def test_a_commanded_path_beside_the_requested_one_is_program_error():
     parallel = ArcChain([0, 0.2], 0, 1 / 29.8, 20)
     run = run_along(ArcChain([0, 0], 0, 1 / 30, 15))
     inside = parallel.position(np.linspace(0, 14, len(run.time)))
     shifted = Run(**{**vars(run), "commanded_tip": inside})
-    found = values(shifted).generation
+    found = values(shifted).program
     assert (found.rms, found.max) == pytest.approx((0.2, 0.2), abs=EXACT)
 
 
@@ -328,31 +328,31 @@ def test_a_constant_lag_is_tracking_error_along_the_path(lag):
     _, tangent, _ = along(INVOLUTE)
     run = run_along(INVOLUTE, encoder=-lag * tangent)
     found = values(run)
-    assert found.tracking_along.rms == pytest.approx(abs(lag), abs=EXACT)
-    assert found.tracking_along.max == pytest.approx(abs(lag), abs=EXACT)
+    assert found.following_along.rms == pytest.approx(abs(lag), abs=EXACT)
+    assert found.following_along.max == pytest.approx(abs(lag), abs=EXACT)
     # per axis: the lag times the cosine and the sine of the heading
     heading = 0.5 * np.pi - (60 - np.sqrt(60**2 - 10 / np.pi * along(INVOLUTE)[0])) / (10 / (2 * np.pi))
     for name, part in (("x", np.cos(heading)), ("y", np.sin(heading))):
-        assert found.tracking[name].rms == pytest.approx(abs(lag) * np.sqrt(np.mean(part**2)), abs=1e-8)
-        assert found.tracking[name].max == pytest.approx(abs(lag) * np.abs(part).max(), abs=1e-8)
-    assert tracking_error(run) == pytest.approx(lag * tangent[:, :2], abs=EXACT)
+        assert found.following[name].rms == pytest.approx(abs(lag) * np.sqrt(np.mean(part**2)), abs=1e-8)
+        assert found.following[name].max == pytest.approx(abs(lag) * np.abs(part).max(), abs=1e-8)
+    assert following_error(run) == pytest.approx(lag * tangent[:, :2], abs=EXACT)
     assert found.contour.max == pytest.approx(0, abs=EXACT)
 
 
 def test_an_error_across_the_path_has_no_component_along_it():
     _, _, normal = along(INVOLUTE)
-    assert values(run_along(INVOLUTE, encoder=0.2 * normal)).tracking_along.max == pytest.approx(0, abs=EXACT)
+    assert values(run_along(INVOLUTE, encoder=0.2 * normal)).following_along.max == pytest.approx(0, abs=EXACT)
 
 
 def test_a_steady_offset_of_one_axis_is_that_axis_alone():
     offset = 0.13
     found = values(run_along(INVOLUTE, encoder=np.array([0, -offset, 0]), nozzle=np.array([0, -offset, 0])))
-    assert (found.tracking["x"].rms, found.tracking["x"].max) == pytest.approx((0, 0), abs=EXACT)
-    assert (found.tracking["y"].rms, found.tracking["y"].max) == pytest.approx((offset, offset), abs=EXACT)
+    assert (found.following["x"].rms, found.following["x"].max) == pytest.approx((0, 0), abs=EXACT)
+    assert (found.following["y"].rms, found.following["y"].max) == pytest.approx((offset, offset), abs=EXACT)
     # along a line it is the offset times the cosine of the angle between them, across it the sine
     line = ArcChain([0, 0], math.atan2(4, 3), 0, 50)
     found = values(run_along(line, encoder=np.array([0, -offset, 0])))
-    assert (found.tracking_along.rms, found.tracking_along.max) == pytest.approx((0.8 * offset,) * 2, abs=EXACT)
+    assert (found.following_along.rms, found.following_along.max) == pytest.approx((0.8 * offset,) * 2, abs=EXACT)
     # a millimetre off the ends, so that every foot is square to the line
     run = run_along(line, nozzle=np.array([0, -offset, 0]), dispense=lambda s: (s > 1) & (s < 49))
     found = values(run)
@@ -366,8 +366,8 @@ def test_errors_count_only_while_the_dispenser_is_on():
     run = run_along(INVOLUTE, encoder=-error * tangent, nozzle=error * normal, dispense=lambda s: (s > 100) & (s < 900))
     found = values(run)
     assert (found.contour.rms, found.contour.max) == pytest.approx((0.1, 0.1), abs=EXACT)
-    assert (found.tracking_along.rms, found.tracking_along.max) == pytest.approx((0.1, 0.1), abs=EXACT)
-    assert max(found.tracking["x"].max, found.tracking["y"].max) <= 0.1 + EXACT
+    assert (found.following_along.rms, found.following_along.max) == pytest.approx((0.1, 0.1), abs=EXACT)
+    assert max(found.following["x"].max, found.following["y"].max) <= 0.1 + EXACT
     assert found.speed.max < 1.01 * SPEED
     assert found.path_length == pytest.approx(np.ptp(s[on]), rel=CHORD)
     assert found.spacing.min == pytest.approx(10, abs=SPACING)

@@ -124,7 +124,7 @@ def test_programs_that_retrace_have_the_errors_of_their_motion(name, xy):
     assert command.contour.max < 1e-6  # the command lies on the path
     run = simulate(xy, servo, setpoints)
     values = metrics.values(run)
-    assert values.generation.max < 1e-6
+    assert values.program.max < 1e-6
     assert values.contour.max < largest
     assert Budget(run).values.contour.max == pytest.approx(values.contour.max, abs=EXACT)
     assert Budget(run).values.contour.rms == pytest.approx(values.contour.rms, abs=EXACT)

@@ -60,7 +60,7 @@ def test_the_errors_over_time_have_their_signs_and_sizes(analysis):
     for a, name in enumerate(run.axes):
         np.testing.assert_allclose(lines(figure, 0)[name][:, 1], 1e3 * (run.commanded - run.encoder)[:, a], atol=1e-9)
     lower = lines(figure, 1)
-    np.testing.assert_allclose(lower["generation"][analysis.ticks, 1], 1e3 * analysis.commanded.lateral)
+    np.testing.assert_allclose(lower["program"][analysis.ticks, 1], 1e3 * analysis.commanded.lateral)
     np.testing.assert_allclose(lower["contour"][analysis.ticks, 1], 1e3 * analysis.nozzle.lateral)
     assert np.isnan(lower["contour"][~run.dispense, 1]).all()
     # the loop's spiral lies inside the requested one: to the right of a clockwise path
@@ -131,7 +131,7 @@ def test_the_bar_has_the_links_shares_and_those_of_every_turn(budget):
     rms = [1e3 * turn.parts["contour"].rms for turn in budget.values.turns]
     np.testing.assert_allclose(heights.sum(axis=0), rms)  # the shares of a turn add up
     here = budget.turn == 1
-    part, error = budget.parts["tracking"], budget.contour
+    part, error = budget.parts["servo"], budget.contour
     product = part.lateral * error.lateral + part.vertical * error.vertical + part.beyond * error.beyond
     share = product[here].mean() / np.mean(error.size[here] ** 2)
     assert heights[1, 1] == pytest.approx(rms[1] * share)
@@ -140,13 +140,13 @@ def test_the_bar_has_the_links_shares_and_those_of_every_turn(budget):
 def test_negative_shares_extend_to_the_other_side_of_zero():
     figure = Figure()
     axes = figure.add_subplot()
-    values = {"generation": [30.0], "tracking": [-10.0], "measurement": [-5.0], "structure": [85.0]}
+    values = {"program": [30.0], "servo": [-10.0], "encoder": [-5.0], "structure": [85.0]}
     stack_bars(axes, np.zeros(1), {name: np.array(value) for name, value in values.items()}, upright=False)
     ends = {bars.get_label(): (bars[0].get_x(), bars[0].get_width()) for bars in axes.containers}
     assert ends == {
-        "generation": (0, 30),
-        "tracking": (0, -10),
-        "measurement": (-10, -5),
+        "program": (0, 30),
+        "servo": (0, -10),
+        "encoder": (-10, -5),
         "structure": (30, 85),
     }
 

@@ -120,7 +120,7 @@ def test_numbers_are_right_aligned_and_formatted(tmp_path):
 
 
 def test_rows_are_marked_with_the_colours_of_their_first_cells(tmp_path):
-    table = Table(["link", "share"], [["generation", 0.9], ["sum", "generation"]], colours={"generation": "#e69f00"})
+    table = Table(["link", "share"], [["program", 0.9], ["sum", "program"]], colours={"program": "#e69f00"})
     write_page(tmp_path / "page.html", "Title", "", [Section("Table", table=table)])
     assert [mark["style"] for mark in Page(tmp_path / "page.html").all("span")] == ["background: #e69f00"]
 

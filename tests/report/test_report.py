@@ -64,7 +64,7 @@ def test_its_numbers_are_those_of_the_summary(spiral):
     job, page, bead = spiral
     numbers = summary(job, job.built_machine, Budget(bead.analysis), bead.values)
     text = page.section("summary")
-    for error in ("contour", "generation"):
+    for error in ("contour", "program"):
         spread = numbers[f"{error}_error_um"]
         assert f"{error.capitalize()} error, rms {spread['rms']:.1f} µm max {spread['max']:.1f} µm" in text
     spacing = numbers["bead_spacing_mm"]
@@ -72,7 +72,7 @@ def test_its_numbers_are_those_of_the_summary(spiral):
     assert f"Path speed {numbers['path_speed_mm_s']['mean']:.2f} mm/s" in text
     assert f"Path length {numbers['path_length_mm']:.1f} mm in {numbers['duration_s']:.2f} s" in text
     rows = {row[0]: row for row in page.rows() if row and len(row) < 8}
-    for name, spread in numbers["tracking_error_um"].items():
+    for name, spread in numbers["following_error_um"].items():
         row = rows["along the path" if name == "path" else name]
         assert row[1:] == ["µm", f"{spread['rms']:.1f}", f"{spread['max']:.1f}"]
     for name, version in numbers["versions"].items():
@@ -98,7 +98,7 @@ def test_its_error_budget_is_that_of_the_run(spiral):
         np.testing.assert_allclose(point, part.point, atol=0.051)
     shares = [float(links[name][2].translate(minus)) for name in LINKS]
     assert sum(shares) == pytest.approx(100, abs=0.21)
-    for name, part in Budget(bead.analysis).tracking_by_axis(job.built_machine).items():
+    for name, part in Budget(bead.analysis).servo_by_axis(job.built_machine).items():
         row = next(row for row in rows if row[:1] == [name] and len(row) == 8)
         own = Budget(bead.analysis).values_of(part)
         shown = [float(cell.translate(minus)) for cell in row[1:7]]
@@ -138,9 +138,9 @@ def test_the_headline_names_the_link_with_the_largest_share(spiral):
     parts = budget.values.parts
     text = headline(budget)
     assert page.texts("p")[2] == text
-    assert parts["generation"].share > 0.9
+    assert parts["program"].share > 0.9
     rms = 1e3 * budget.values.contour.rms
-    assert text == f"Contour error: {rms:.0f} µm rms, almost all in generation (requested path to commanded)."
+    assert text == f"Contour error: {rms:.0f} µm rms, almost all in program (requested path to commanded)."
 
 
 @pytest.mark.parametrize(
@@ -149,7 +149,7 @@ def test_the_headline_names_the_link_with_the_largest_share(spiral):
 def test_the_headline_gives_the_portion_of_the_error(spiral, share, portion):
     budget = Budget(spiral[2].analysis)
     values = budget.values
-    rest = dict.fromkeys(LINKS, replace(values.parts["tracking"], share=(1 - share) / 3))
+    rest = dict.fromkeys(LINKS, replace(values.parts["servo"], share=(1 - share) / 3))
     vars(budget)["values"] = replace(values, parts={**rest, "structure": replace(rest["structure"], share=share)})
     assert headline(budget).endswith(f" µm rms, {portion} in structure (motor to nozzle).")
 
@@ -177,7 +177,9 @@ def test_the_causes_have_a_section_with_their_table_and_plot(tmp_path):
     assert page.sections[:4] == ["verdict", "summary", "error-budget", "causes"]
     text = page.section("causes")
     assert "locate the error on the chain; this section finds its causes" in text
-    rows = {row[0]: row[1:] for row in page.rows() if len(row) == 9 and row[0] in ("nothing", *CAUSE_NAMES)}
+    shown = page.rows()
+    shown = shown[[row and row[0] for row in shown].index("nothing") :]  # the links' table has a row "program" too
+    rows = {row[0]: row[1:] for row in shown if len(row) == 9 and row[0] in ("nothing", *CAUSE_NAMES)}
     assert list(rows) == ["nothing", *CAUSE_NAMES]
     for name, cells in causes.rows:
         shown = [None if cell == "–" else float(cell.replace("−", "-")) for cell in rows[name][:-1]]
@@ -201,7 +203,7 @@ def test_a_follower_without_error_gets_a_report(tmp_path):
     page, bead = reported(tmp_path, job, job.follow())
     assert Budget(bead.analysis).values.contour.rms < 1e-6
     assert page.texts("p")[2] == "Contour error: none, the nozzle follows the requested path exactly."
-    assert next(row for row in page.rows() if row and row[0] == "tracking")[2:] == ["0.0"] * 4 + ["–"] * 3
+    assert next(row for row in page.rows() if row and row[0] == "servo")[2:] == ["0.0"] * 4 + ["–"] * 3
 
 
 def test_the_headline_of_a_trip_is_what_happened_and_names_no_link():
@@ -210,7 +212,7 @@ def test_the_headline_of_a_trip_is_what_happened_and_names_no_link():
     fault = run.fault
     assert (fault.kind, fault.limit) == ("following error", 0.03)
     budget = Budget(run)
-    assert budget.values.parts["generation"].share > 0.9  # as it is without the trip
+    assert budget.values.parts["program"].share > 0.9  # as it is without the trip
     contour = budget.values.contour
     text = headline(budget)
     assert text == (

@@ -39,12 +39,12 @@ class Shown:
         budget = Budget(self.bead.analysis)
         parts = distinct(budget.values.parts)
         self.budget = dataclasses.replace(distinct(budget.values), parts=parts)
-        self.by_axis = {axis: distinct(parts["tracking"]) for axis in "xy"}
+        self.by_axis = {axis: distinct(parts["servo"]) for axis in "xy"}
         self.analysis = vars(self.bead.analysis)["values"] = distinct(budget.analysis.values)
         self.glue = vars(self.bead)["values"] = distinct(self.bead.values)
         self.margins = vars(self.job)["margins"] = distinct(self.job.margins, 3.0, 9.0)
         patch.setattr(Budget, "values", self.budget)
-        patch.setattr(Budget, "tracking_by_axis", lambda budget, machine: self.by_axis)
+        patch.setattr(Budget, "servo_by_axis", lambda budget, machine: self.by_axis)
         patch.setattr(Budget, "values_of", lambda budget, part: part)
         for module in ("summary", "servo"):
             patch.setattr(f"gantrysim.report.{module}.torque_ripple", lambda run: RIPPLE)
@@ -130,7 +130,7 @@ def test_the_error_budget_in_page_table_and_summary(shown):
     assert shown.caption.endswith(f"largest contour error at {place}")
     assert shown.summary["error_budget"] == {
         **{link: part_entry(part) for link, part in links.items()},
-        "tracking_by_axis": {axis: part_entry(part) for axis, part in shown.by_axis.items()},
+        "servo_by_axis": {axis: part_entry(part) for axis, part in shown.by_axis.items()},
         "lag_um": {"rms": 1e3 * values.lag.rms, "max": 1e3 * values.lag.max},
         "turns": [
             {
@@ -156,27 +156,27 @@ def test_the_headline(shown):
 def test_speed_spacing_and_errors(shown):
     values, facts, entries = shown.analysis, shown.page.facts(), shown.summary
     speed, spacing = values.speed, values.spacing
-    for name in ("contour", "generation"):
+    for name in ("contour", "program"):
         error = getattr(values, name)
         assert facts[f"{name.capitalize()} error, rms"] == (f"{um(error.rms)} µm", f"max {um(error.max)} µm")
         assert entries[f"{name}_error_um"] == {"rms": 1e3 * error.rms, "max": 1e3 * error.max}
     assert facts["Turn spacing"] == (f"{spacing.mean:.4f} mm", f"requested 5, std {spacing.std:.4f} mm")
     assert facts["Path speed"] == (f"{speed.mean:.2f} mm/s", f"{speed.min:.2f} to {speed.max:.2f} mm/s")
     assert facts["Path length"] == (f"{values.path_length:.1f} mm", f"in {values.duration:.2f} s")
-    errors = {**values.tracking, "along the path": values.tracking_along}
+    errors = {**values.following, "along the path": values.following_along}
     assert shown.page.tables()["Tracking error, commanded to encoder; rms and max in the row&#39;s unit"] == {
         name: {"unit": "µm", "rms": um(error.rms), "max": um(error.max)} for name, error in errors.items()
     }
     errors["path"] = errors.pop("along the path")
     expected = {name: {"rms": 1e3 * error.rms, "max": 1e3 * error.max} for name, error in errors.items()}
-    assert entries["tracking_error_um"] == expected
+    assert entries["following_error_um"] == expected
     assert entries["bead_spacing_mm"] == {name: getattr(spacing, name) for name in RANGE}
     assert entries["path_speed_mm_s"] == {"mean": speed.mean, "min": speed.min, "max": speed.max}
     assert (entries["path_length_mm"], entries["duration_s"]) == (values.path_length, values.duration)
     assert entries["end_point_mm"] == list(values.end_point)
     assert entries["requested_spacing_mm"] == 5
     told = {name: rest for name, *rest in shown.outcome}
-    for axis, error in values.tracking.items():
+    for axis, error in values.following.items():
         assert told[f"following error {axis}"] == [f"{um(error.rms)} µm", f"max {um(error.max)} µm"]
     sizes = f"std {spacing.std:.4f}, {spacing.min:.4f} to {spacing.max:.4f}"
     assert told["turn spacing"] == [f"{spacing.mean:.4f} mm", f"requested 5, {sizes}"]

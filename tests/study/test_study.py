@@ -166,17 +166,17 @@ def test_the_file_of_a_machine_is_read_at_the_start_of_a_study(tmp_path):
     for damping in (12.0, 30.0):
         file.write_text(RIGID.format(**{**RIGID_DEFAULTS, "damping": damping}))
         own = Job.load("an225", SHORT, str(file))
-        found.append(run_study(Toy(own, measure_tracking, values=(0.3,)), tmp_path / "out", workers=1).rows)
-        assert found[-1][0]["tracking"] == measure(cases_of(own, (0.3,))[0])["tracking_rms_um"]
+        found.append(run_study(Toy(own, measure_following, values=(0.3,)), tmp_path / "out", workers=1).rows)
+        assert found[-1][0]["servo"] == measure(cases_of(own, (0.3,))[0])["servo_rms_um"]
     assert found[0] != found[1]
 
 
-def measure_tracking(case):
+def measure_following(case):
     row = measure(case)
     return {
         "status": row["status"],
         "third": case.settings["program.loop_period"] / 3,
-        "tracking": row["tracking_rms_um"],
+        "servo": row["servo_rms_um"],
     }
 
 

@@ -87,13 +87,13 @@ def test_the_row_of_a_case_is_of_its_run(job):
     budget, figures = Budget(analysis), analysis.values
     assert row == {"status": "ok", **values_row(run)}
     assert row["contour_rms_um"] == pytest.approx(1e3 * figures.contour.rms)
-    assert row["generation_max_um"] == pytest.approx(1e3 * figures.generation.max)
-    assert row["tracking_rms_um"] == pytest.approx(1e3 * budget.values.parts["tracking"].rms)
-    assert row["measurement_p95_um"] == pytest.approx(1e3 * budget.values.parts["measurement"].p95)
+    assert row["program_max_um"] == pytest.approx(1e3 * figures.program.max)
+    assert row["servo_rms_um"] == pytest.approx(1e3 * budget.values.parts["servo"].rms)
+    assert row["encoder_p95_um"] == pytest.approx(1e3 * budget.values.parts["encoder"].p95)
     assert row["structure_max_um"] == pytest.approx(1e3 * budget.values.parts["structure"].max)
     assert row["lag_max_um"] == pytest.approx(1e3 * budget.values.lag.max)
-    assert row["tracking_x_rms_um"] == pytest.approx(1e3 * figures.tracking["x"].rms)
-    assert row["tracking_along_rms_um"] == pytest.approx(1e3 * figures.tracking_along.rms)
+    assert row["following_x_rms_um"] == pytest.approx(1e3 * figures.following["x"].rms)
+    assert row["following_along_rms_um"] == pytest.approx(1e3 * figures.following_along.rms)
     assert row["spacing_mean_mm"] is None  # of one turn
     assert row["speed_ripple"] == speed_ripple(run)
     bead = Bead(run, job.bead).values
@@ -117,8 +117,8 @@ def test_spacing_and_rotary_axes_in_a_row(job):
     row = measure(Case.of(job, {"program.turns": 2}, "perfect follower"))
     assert row["spacing_mean_mm"] == pytest.approx(5.0, abs=0.2)
     stage = measure(Case.of(Job.load("stage-outline"), mode="perfect follower"))
-    assert "tracking_th_rms_mdeg" in stage
-    assert "tracking_x_rms_um" in stage
+    assert "following_th_rms_mdeg" in stage
+    assert "following_x_rms_um" in stage
 
 
 def test_the_bead_in_a_row_is_the_job_s(job):
@@ -157,20 +157,20 @@ def test_the_steady_error_is_that_of_the_middle(job):
     middle = on[steady(on.size)]
     assert (middle[0] - on[0], on[-1] - middle[-1]) == (round(0.05 * on.size), round(0.05 * on.size))
     error = (run.commanded - run.encoder)[middle]
-    both = row["steady_tracking_along_rms_um"] ** 2 + row["steady_tracking_normal_rms_um"] ** 2
+    both = row["steady_following_along_rms_um"] ** 2 + row["steady_following_normal_rms_um"] ** 2
     assert both == pytest.approx(1e6 * np.mean(np.sum(error**2, axis=1)), rel=1e-9)
     assert speed_ripple(run) == pytest.approx(path_speed(run)[middle].std() / path_speed(run)[middle].mean())
 
 
 def test_a_perfect_follower_has_the_program_s_error_alone(job):
     row = measure(Case.of(job, mode="perfect follower"))
-    assert row["contour_rms_um"] == row["generation_rms_um"] > 1
-    assert row["tracking_rms_um"] == row["measurement_rms_um"] == row["structure_rms_um"] == 0
+    assert row["contour_rms_um"] == row["program_rms_um"] > 1
+    assert row["servo_rms_um"] == row["encoder_rms_um"] == row["structure_rms_um"] == 0
 
 
 def test_a_perturbed_case(job):
     plain, smooth = measure(Case.of(job)), measure(Case.of(job, perturbation=Perturbation(friction=1e-3)))
-    assert smooth["steady_tracking_normal_rms_um"] < 0.2 * plain["steady_tracking_normal_rms_um"]
+    assert smooth["steady_following_normal_rms_um"] < 0.2 * plain["steady_following_normal_rms_um"]
 
 
 def test_refused_and_faulted_cases_are_rows(job):

@@ -136,7 +136,7 @@ def test_the_cause_is_worth_what_it_adds():
     causes = causes_of(job)
     effect = causes.effects[-1]
     assert effect.cause.name == "geometry"
-    assert causes.heads[4:] == ("generation", "tracking", "measurement", "geometry", "structure")
+    assert causes.heads[4:] == ("program", "servo", "encoder", "geometry", "structure")
     assert effect.without["geometry"].max == 0
     console = Console(width=76)
     with console.capture() as shown:

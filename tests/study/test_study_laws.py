@@ -75,7 +75,7 @@ def test_the_report_says_which_law_is_best_and_which_does_not_pay(studied):
         row = next(row for row in outcome.rows if (row["law"], row["variation"]) == (law, "nominal"))
         assert (tracking, ratio) == (nominal[law], pytest.approx(nominal["pd"] / nominal[law]))
         assert (lag, contour, sensitivity) == tuple(
-            row[name] for name in ("tracking_along_rms_um", "contour_max_um", "sensitivity")
+            row[name] for name in ("following_along_rms_um", "contour_max_um", "sensitivity")
         )
         assert ripple == pytest.approx(1e3 * row["torque_ripple_Nm"])
     pairs = {"pid": "pd", "pid (Ti/3)": "pid", "p-pi": "pid"} | {
@@ -83,7 +83,7 @@ def test_the_report_says_which_law_is_best_and_which_does_not_pay(studied):
     }
     assert len(pairs) == len(LADDER) - 1
     idle = [law for law, before in pairs.items() if not nominal[law] < 0.95 * nominal[before]]
-    start = "The last addition gains less than 5 % in tracking: "
+    start = "The last addition gains less than 5 % in following error: "
     said = next((note.removeprefix(start) for note in report.notes if note.startswith(start)), ".")
     assert set(said.rstrip(".").split(", ")) - {""} == set(idle)
     assert {plot.name for plot in report.plots} == set(study.plots)
@@ -100,7 +100,7 @@ def test_the_page_s_table_is_the_program_s(law):
     row = laws_row(Case.of(Job.load("softmc-arc"), {"servo.law": list(law)}))
     names = ("reversal_max_um", "contour_rms_um", "contour_max_um")
     assert [shown[0], *shown[2:5]] == pytest.approx([row["following_rms_um"], *(row[name] for name in names)], rel=0.02)
-    assert lag == pytest.approx(row["tracking_along_rms_um"], rel=0.02)
+    assert lag == pytest.approx(row["following_along_rms_um"], rel=0.02)
     assert shown[6:] == pytest.approx(
         [row[name] for name in ("gain_margin", "phase_margin_deg", "sensitivity")], rel=0.01
     )
@@ -125,7 +125,7 @@ def test_feed_forward_with_a_third_of_the_integral_time_tracks_ten_times_better_
 def test_feed_forward_alone_takes_the_lag_of_a_spiral_away():
     study = LawsStudy(Job.load("an225"))
     pd, fed = (laws_row(Case.of(study.job, study.overrides(*rung))) for rung in LADDER[:2])
-    assert pd["tracking_along_rms_um"] > 20 * fed["tracking_along_rms_um"]
+    assert pd["following_along_rms_um"] > 20 * fed["following_along_rms_um"]
 
 
 def test_a_third_of_the_integral_time_is_three_times_the_integral_gain():

@@ -183,7 +183,7 @@ class OtherLoop(SpiralTheory):
 
     def errors(self):
         known = super().errors()
-        return known and LoopErrors(Deviation(2 * known.generation.rms, 2 * known.generation.max), known.spacing)
+        return known and LoopErrors(Deviation(2 * known.program.rms, 2 * known.program.max), known.spacing)
 
 
 def test_any_controller_with_a_theory_of_its_loop_is_studied(study, monkeypatch):
@@ -193,7 +193,7 @@ def test_any_controller_with_a_theory_of_its_loop_is_studied(study, monkeypatch)
     other = LoopStudy(Job.load("an225"))
     found = results(other, known_rows())
     assert found["loop period", AS_IT_IS, "loop period with the same error as RAMP"] == "100 ms"
-    rounding = "generation error without {}'s rounding to 1 ms, at "
+    rounding = "program error without {}'s rounding to 1 ms, at "
     mine, theirs = (
         next(number(value) for key, value in table.items() if key[2].startswith(rounding.format(word)))
         for table, word in ((known, "WA"), (found, "PAUSE"))
@@ -242,7 +242,7 @@ def known_rows(floor=10.0, slope=2000.0, least=0.1):
     rows = [row("loop_period", NO_LOOP, 0.0, contour_rms_um=floor)]
     for t in periods.tolist():
         rows.append(row("loop_period", LOOP_ALONE, t, contour_rms_um=math.hypot(floor, slope * t)))
-        rows.append(row("loop_period", PERFECT, t, generation_rms_um=slope * t))
+        rows.append(row("loop_period", PERFECT, t, program_rms_um=slope * t))
         if t > 4e-3:
             rows.append(row("loop_period", AS_IT_IS, t, contour_rms_um=300 * (t / least + least / t)))
         else:
@@ -258,7 +258,7 @@ def test_the_knee_of_known_rows(study):
     found = results(study, known_rows())
     assert number(found["loop period", LOOP_ALONE, "knee"]) == pytest.approx(1e3 * exact, rel=INTERPOLATED)
     assert found["loop period", NO_LOOP, "contour error"] == "10 µm"
-    assert found["loop period", PERFECT, "growth of the generation error"] == "T^1.00, 2 µm per ms"
+    assert found["loop period", PERFECT, "growth of the program error"] == "T^1.00, 2 µm per ms"
 
 
 def test_a_faster_loop_that_is_worse_is_reported_with_its_cause(study):
@@ -301,21 +301,21 @@ def test_a_faster_loop_is_worse_only_if_it_is(study):
     assert not any(value.endswith("times the least") for value in found.values())
 
 
-def servo_rows(generation=100.0):
+def servo_rows(program=100.0):
     """A servo whose error goes with the square of its period, hidden by the program's part as the job is."""
     rows = []
     for p in (2.5e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3):
         tracking = 10 * (p / 1e-3) ** 2
         values = {
-            "contour_rms_um": math.hypot(generation, tracking),
-            "tracking_rms_um": tracking,
-            "generation_rms_um": generation,
-            "steady_tracking_normal_rms_um": 3 * tracking,
+            "contour_rms_um": math.hypot(program, tracking),
+            "servo_rms_um": tracking,
+            "program_rms_um": program,
+            "steady_following_normal_rms_um": 3 * tracking,
         }
         rows.append(row("servo_period", AS_IT_IS, p, **values))
-        bare = {"contour_rms_um": tracking, "steady_tracking_normal_rms_um": 0.9 * tracking}
+        bare = {"contour_rms_um": tracking, "steady_following_normal_rms_um": 0.9 * tracking}
         rows.append(row("servo_period", NO_LOOP, p, **bare))
-        rows.append(row("servo_period", NO_FRICTION, p, steady_tracking_normal_rms_um=0.05, tracking_rms_um=0.3))
+        rows.append(row("servo_period", NO_FRICTION, p, steady_following_normal_rms_um=0.05, servo_rms_um=0.3))
     return rows
 
 
@@ -324,8 +324,8 @@ def test_the_servo_is_reported_as_it_is_and_without_the_loop(study):
     at = number(found["servo period", AS_IT_IS, "knee"])
     assert at == pytest.approx(math.sqrt(10 * math.sqrt(0.21)), rel=0.15)  # points an octave apart
     assert found["servo period", NO_LOOP, "knee"] == "< 0.25 ms"
-    assert found["servo period", AS_IT_IS, "least generation error, which hides the servo's"] == "100 µm"
-    assert found["servo period", AS_IT_IS, "tracking exceeds generation error above"].startswith("3.16")
+    assert found["servo period", AS_IT_IS, "least program error, which hides the servo's"] == "100 µm"
+    assert found["servo period", AS_IT_IS, "servo error exceeds program error above"].startswith("3.16")
     errors = [found["servo period", NO_LOOP, f"contour error at {period} ms"] for period in (0.25, 0.5, 1, 2, 4)]
     assert errors == ["0.625 µm", "2.5 µm", "10 µm", "40 µm", "160 µm"]
     assert found["servo period", NO_LOOP, "growth of the contour error"] == "period^2.0"
@@ -333,23 +333,23 @@ def test_the_servo_is_reported_as_it_is_and_without_the_loop(study):
 
 def test_the_steady_error_is_given_with_and_without_friction(study):
     found = results(study, servo_rows())
-    assert found["servo period", NO_LOOP, "steady normal tracking error at 2 ms"] == "36 µm"
-    assert found["servo period", NO_FRICTION, "steady normal tracking error at 2 ms"] == "50 nm"
+    assert found["servo period", NO_LOOP, "steady normal following error at 2 ms"] == "36 µm"
+    assert found["servo period", NO_FRICTION, "steady normal following error at 2 ms"] == "50 nm"
 
 
-def test_a_small_generation_error_hides_nothing(study):
-    found = results(study, servo_rows(generation=1e-3))
+def test_a_small_program_error_hides_nothing(study):
+    found = results(study, servo_rows(program=1e-3))
     assert found["servo period", AS_IT_IS, "knee"] == "< 0.25 ms"
     assert not any("hides" in result for _, _, result in found)
 
 
 def test_the_servo_of_a_program_without_a_loop():
     fanuc = LoopStudy(Job.load("fanuc-spiral"))
-    rows = [one for one in servo_rows(generation=0.0) if one["variant"] != NO_LOOP]
+    rows = [one for one in servo_rows(program=0.0) if one["variant"] != NO_LOOP]
     assert report(fanuc, rows).headline == "Knees of the contour error: servo period (as it is) < 0.25 ms."
     found = results(fanuc, rows)
     assert found["servo period", AS_IT_IS, "contour error at 0.25 ms"] == "0.625 µm"
-    assert found["servo period", AS_IT_IS, "steady normal tracking error at 2 ms"] == "120 µm"
+    assert found["servo period", AS_IT_IS, "steady normal following error at 2 ms"] == "120 µm"
 
 
 def test_the_encoder_of_known_rows(study):
@@ -367,7 +367,7 @@ def test_the_encoder_of_known_rows(study):
 def stepped_rows(share, variant=AS_IT_IS):
     """AnalysisValues that come closer to 2 by half at each step, and a contour error that scatters by a share of 10."""
     rows = []
-    columns = ("tracking_rms_um", "tracking_along_rms_um", "structure_rms_um", "spacing_std_mm")
+    columns = ("servo_rms_um", "following_along_rms_um", "structure_rms_um", "spacing_std_mm")
     for k, h in enumerate((2.5e-4, 1.25e-4, 6.25e-5)):
         values = dict.fromkeys(columns, 2 + 0.06 * 0.5**k)
         rows.append(row("physics_step", variant, h, contour_rms_um=10.0 * (1 + share * (1, 0, 0.5)[k]), **values))
@@ -376,13 +376,13 @@ def stepped_rows(share, variant=AS_IT_IS):
 
 def test_the_convergence_over_the_physics_step_is_reported(study):
     rows = stepped_rows(0.01)
-    assert convergence(rows, AS_IT_IS)["tracking_rms_um"].order == pytest.approx(1.0)
+    assert convergence(rows, AS_IT_IS)["servo_rms_um"].order == pytest.approx(1.0)
     known = report(study, rows + stepped_rows(0.0, NO_FRICTION))
     cells = {tuple(cells[:2]): cells[2:] for cells in known.tables[-1].cells}
     assert cells["contour error", AS_IT_IS] == ["1", "scatter"]
-    assert cells["tracking error", AS_IT_IS] == ["3", "1.00"]
+    assert cells["servo error", AS_IT_IS] == ["3", "1.00"]
     assert cells["contour error", NO_FRICTION] == ["0", "scatter"]
-    assert cells["tracking error", NO_FRICTION] == ["3", "1.00"]
+    assert cells["servo error", NO_FRICTION] == ["3", "1.00"]
     assert "at a physics step of 0.25 ms" in known.tables[-1].caption
     assert known.notes == []
 
@@ -421,7 +421,7 @@ def test_the_points_of_the_plot_lie_on_the_predictions(done):
     _, _, outcome = done
     (plot,) = [plot for plot in outcome.report.plots if plot.name == "loop_period"]
     drawn = {line.get_label(): line.get_xydata() for line in plot.figure.axes[0].lines}
-    points, line = drawn["generation, loop alone"], drawn["stepped arcs against the involute"]
+    points, line = drawn["program, loop alone"], drawn["stepped arcs against the involute"]
     on_line = np.exp(np.interp(np.log(points[:, 0]), np.log(line[:, 0]), np.log(line[:, 1])))
     np.testing.assert_allclose(points[:, 1], on_line, rtol=0.01)
     assert points[:, 0].tolist() == pytest.approx([10, 30, 100])  # in ms

@@ -39,8 +39,8 @@ def check(machine, changed):
     """Generation error and spacing of a perfect follower, against the arcs in closed form."""
     analysis, arcs = followed(machine, **changed), SteppedArcs(**{**NOTE, **changed})
     measured = analysis.values
-    near(measured.generation.rms, arcs.generation.rms)
-    near(measured.generation.max, arcs.generation.max)
+    near(measured.program.rms, arcs.program.rms)
+    near(measured.program.max, arcs.program.max)
     assert measured.spacing.mean == pytest.approx(arcs.spacings.mean, abs=max(LEAST, AGREE * arcs.spacings.std))
     for name in ("std", "min", "max"):
         asked = 0.0 if name == "std" else NOTE["thickness"]
@@ -64,7 +64,7 @@ def test_waits_in_whole_milliseconds(xy, period):
 
 def test_ratio_of_few_bits(xy):
     check(xy, {"loop_period": 0.1, "ratio_bits": 8})
-    exact, cut = (SteppedArcs(**NOTE, loop_period=0.1, ratio_bits=bits).generation.rms for bits in (None, 8))
+    exact, cut = (SteppedArcs(**NOTE, loop_period=0.1, ratio_bits=bits).program.rms for bits in (None, 8))
     assert cut > (1 + 4 * AGREE) * exact
 
 
@@ -90,11 +90,11 @@ def test_any_spiral(xy, diameter, turns, share, speed, period, time):
         arcs = SteppedArcs(**changed)
     except InputError:
         return
-    measured = followed(xy, **changed).values.generation
+    measured = followed(xy, **changed).values.program
     # the last way is as long as a servo period lets it be, and the feet of the path's end are its end
     slack = 2 * LEAST + 1e-3 * measured.max
-    assert measured.rms == pytest.approx(arcs.generation.rms, rel=2 * AGREE, abs=slack)
-    assert measured.max == pytest.approx(arcs.generation.max, rel=2 * AGREE, abs=slack)
+    assert measured.rms == pytest.approx(arcs.program.rms, rel=2 * AGREE, abs=slack)
+    assert measured.max == pytest.approx(arcs.program.max, rel=2 * AGREE, abs=slack)
 
 
 @pytest.mark.parametrize(("period", "end"), [(0.01, (40.0, 0.0)), (0.1, (40.0001, -0.0036)), (1.0, (39.9599, -0.1649))])
@@ -132,24 +132,24 @@ def test_arcs_are_tangent_and_as_long_as_their_time_at_the_path_speed():
 @pytest.mark.parametrize("period", [1e-4, 1e-3, 0.01, 0.1])
 def test_law_of_first_order(period):
     arcs, law = SteppedArcs(**NOTE, loop_period=period), loop_error(10, 60, 100, period, math.inf)
-    assert law.rms == pytest.approx(arcs.generation.rms, rel=1e-3)
-    assert law.max == pytest.approx(arcs.generation.max, rel=2e-3)
+    assert law.rms == pytest.approx(arcs.program.rms, rel=1e-3)
+    assert law.max == pytest.approx(arcs.program.max, rel=2e-3)
 
 
 @pytest.mark.parametrize("acceleration", [500.0, 2000.0])
 def test_a_loop_period_of_v_over_accel_has_the_error_of_accel(acceleration):
-    fast = SteppedArcs(**NOTE, loop_period=1e-3, acceleration=acceleration).generation.rms
+    fast = SteppedArcs(**NOTE, loop_period=1e-3, acceleration=acceleration).program.rms
     assert fast == pytest.approx(loop_error(10, 60, 100, 1e-3, acceleration).rms, rel=0.02)
-    same = SteppedArcs(**NOTE, loop_period=100 / acceleration).generation.rms
+    same = SteppedArcs(**NOTE, loop_period=100 / acceleration).program.rms
     assert fast == pytest.approx(same, rel=0.03)
 
 
 def test_acceleration_of_a_perfect_follower(xy):
     limits = {"loop_period": 0.1, "acceleration": 1000.0, "wait_resolution": 1e-3, "ratio_bits": 16}
-    measured = followed(xy, **limits).values.generation
+    measured = followed(xy, **limits).values.program
     arcs = SteppedArcs(**NOTE, **limits)
-    assert measured.max == pytest.approx(arcs.generation.max, rel=1e-3)
-    assert measured.rms == pytest.approx(arcs.generation.rms, rel=0.01)  # but for the braking at the end
+    assert measured.max == pytest.approx(arcs.program.max, rel=1e-3)
+    assert measured.rms == pytest.approx(arcs.program.rms, rel=0.01)  # but for the braking at the end
 
 
 @pytest.mark.parametrize(("time", "resolution"), [(2e-4, 0.0), (1e-3, 0.0), (0.0, 1e-3), (5e-4, 1e-3)])
@@ -260,5 +260,5 @@ def test_axes_that_differ_turn_a_part_of_their_error_against_the_path(xy):
 def test_quantisation(xy, resolution):
     servo = Servo.derive(xy.axes, PERIOD, resolution=resolution)
     run = simulate(xy, servo, MoveSpiral(80, 2, 10, 100).setpoints(PERIOD))
-    measured = Budget(Analysis(run)).parts["measurement"].size
+    measured = Budget(Analysis(run)).parts["encoder"].size
     assert np.sqrt(np.mean(measured**2)) == pytest.approx(float(quantisation(resolution)), rel=COUNTS)

@@ -157,7 +157,7 @@ def many(job, count):
 @pytest.mark.parametrize(
     ("count", "workers", "sizes"),
     [
-        (16, 2, [8, 8]),  # a generation of a search: one lot each
+        (16, 2, [8, 8]),  # a program of a search: one lot each
         (16, 3, [5, 5, 6]),
         (3, 4, [1, 1, 1]),
         (64, 2, [32, 32]),

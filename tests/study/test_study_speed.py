@@ -94,7 +94,7 @@ def synthetic(case, knee=130.0, fault=350.0):
     if speed > fault:
         return {"status": "fault: overspeed on axis x"}
     size = 50 * (speed / knee) ** 2
-    links = {"generation": 0.1 * size, "tracking": 0.9 * size, "measurement": 0.0, "structure": 0.2}
+    links = {"program": 0.1 * size, "servo": 0.9 * size, "encoder": 0.0, "structure": 0.2}
     row = {f"{link}_rms_um": value for link, value in links.items()}
     row |= {
         "contour_rms_um": size,
@@ -125,8 +125,8 @@ def test_the_study_reports_a_known_limit(tmp_path):
     assert unaccounted(outcome.report.headline, [table], 50, factor) == []
     for _, speed, *shown in table.rows:
         size = 50 * (speed / 130) ** 2
-        assert shown == pytest.approx([size, "tracking", 0.9 * size, speed, max(10 / speed, 0.05)])
-    assert table.rows[0][3] == "tracking"
+        assert shown == pytest.approx([size, "servo", 0.9 * size, speed, max(10 / speed, 0.05)])
+    assert table.rows[0][3] == "servo"
     assert "From 200 mm/s on, ramps, clamps and axis limits keep the duration at 0.05 s." in outcome.report.notes
     with (tmp_path / "out" / "study.csv").open() as stream:
         rows = list(csv.DictReader(stream))

@@ -42,8 +42,8 @@ def distances(budget):
     """Distance of the two points that each link lies between, and of command and nozzle as "lag", (m,) each [mm]."""
     run = budget.analysis.run
     spans = {
-        "tracking": (run.commanded_tip, run.encoder_tip),
-        "measurement": (run.encoder_tip, run.motor_tip),
+        "servo": (run.commanded_tip, run.encoder_tip),
+        "encoder": (run.encoder_tip, run.motor_tip),
         "structure": (run.motor_tip, run.nozzle),
         "lag": (run.commanded_tip, run.nozzle),
     }
@@ -56,7 +56,7 @@ def excess(budget):
     spans = distances(budget)
     curvature = np.abs(budget.analysis.run.requested.curvature(budget.analysis.nozzle.s))
     found = {}
-    for link in ("tracking", "measurement", "structure"):
+    for link in ("servo", "encoder", "structure"):
         bound = spans[link] * (1 + 1.5 * curvature * (spans[link] + budget.contour.size))
         found[link] = float((budget.parts[link].size - bound).max())
     return found

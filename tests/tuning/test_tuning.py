@@ -274,19 +274,19 @@ def test_a_machine_with_rotary_axes_is_tuned(tmp_path):
 def test_axes_tuned_separately_for_the_tracking_error():
     crooked = detuned(0.3)
     crooked = crooked.changed({"servo.kp": [0.1 * crooked.servo.kp[0], crooked.servo.kp[1]]})
-    study = tuning(crooked, metric="tracking_max", per_axis=True, budget=40, robust=0, unseen=0)
+    study = tuning(crooked, metric="servo_max", per_axis=True, budget=40, robust=0, unseen=0)
     rows = searched(study)
     history = study.history(rows)
     assert history.best.order(0.02)[0] == 1
     assert history.best.metric == next(
-        row["tracking_max_um"] for row in rows if row["kp_x"] == history.best.servo.gains[0].kp
+        row["servo_max_um"] for row in rows if row["kp_x"] == history.best.servo.gains[0].kp
     )
     kp = [
         new / old
         for new, old in zip(history.best.servo.per_axis("kp"), history.start.servo.per_axis("kp"), strict=True)
     ]
     assert kp[0] > 2 * kp[1]
-    assert report.headline(study, rows).startswith("Largest tracking error, job's machine: ")
+    assert report.headline(study, rows).startswith("Largest servo error, job's machine: ")
     assert any("each axis by itself" in note for note in report.notes(study, rows))
 
 
@@ -565,8 +565,8 @@ def test_a_note_says_that_tuning_cannot_fix_errors_of_the_program():
     job = Job.load("an225", ["turns=1", "diameter=40", "simulation.settle=0.05"])
     study = tuning(job, budget=8, robust=0, unseen=0)
     notes = " ".join(report.notes(study, searched(study)))
-    assert "Largest part of the tuned contour error: generation, " in notes
-    assert "Tuning cannot fix program errors; the metric tracking_rms is the servo's error alone." in notes
+    assert "Largest part of the tuned contour error: program, " in notes
+    assert "Tuning cannot fix program errors; the metric servo_rms is the servo's error alone." in notes
 
 
 def test_progress_covers_all_rounds_and_shows_the_best_metric_so_far(poor, tmp_path):

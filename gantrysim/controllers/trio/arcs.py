@@ -169,7 +169,7 @@ class SteppedArcs:
         return np.interp((np.arange(_SAMPLES) + 0.5) / _SAMPLES * s[-1], s, angle)
 
     @cached_property
-    def generation(self) -> Deviation:
+    def program(self) -> Deviation:
         """Root mean square and largest distance from the involute [mm]."""
         return Deviation.of(self.error(self._evenly))
 
@@ -182,7 +182,7 @@ class SteppedArcs:
 
 
 def loop_error(thickness: float, radius: float, speed: float, loop_period: float, acceleration: float) -> Deviation:
-    """Return the generation error of the Move Spiral to first order in the loop period and in 1 / ACCEL [mm].
+    """Return the program error of the Move Spiral to first order in the loop period and in 1 / ACCEL [mm].
 
     The ratio is half a step ahead on average, and falls while the axes still start, V / (2 ACCEL) too early. Every arc
     is too small by delta = (a V / 2 R) (T + V / ACCEL), and tangent to the involute at the start:

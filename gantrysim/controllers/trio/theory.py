@@ -71,7 +71,7 @@ class SpiralTheory(LoopTheory):
             )
         except InputError:
             return None
-        return LoopErrors(arcs.generation, arcs.spacings)
+        return LoopErrors(arcs.program, arcs.spacings)
 
     def first_order_error(self, loop_period: float) -> float:
         radius = 0.5 * self.arguments["diameter"]

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 _PAYS = 0.95  # of the value without a law's last addition, below which the addition pays
 _PD = "pd"
 _PID = "pid"
-_SHOWN = {"following_rms_um": "tracking", "reversal_max_um": "reversals", "contour_rms_um": "contour"}
+_SHOWN = {"following_rms_um": "following error", "reversal_max_um": "reversals", "contour_rms_um": "contour"}
 _VALUES = {
-    "tracking, rms": ("following_rms_um", COLOURS["tracking"]),
-    "largest after a reversal": ("reversal_max_um", COLOURS["generation"]),
+    "following error, rms": ("following_rms_um", COLOURS["servo"]),
+    "largest after a reversal": ("reversal_max_um", COLOURS["program"]),
     "contour, rms": ("contour_rms_um", INK),
 }
 _CAPTION = (
@@ -105,7 +105,7 @@ def _without(law: str) -> str:
 def _table(nominal: dict[str, Row]) -> Table:
     columns: list[str | Column] = [
         "law",
-        Column("tracking rms [µm]", ".3g"),
+        Column("following rms [µm]", ".3g"),
         Column("PD / law", ".3g"),
         Column("lag rms [µm]", ".3g"),
         Column("reversals max [µm]", ".3g"),
@@ -117,7 +117,7 @@ def _table(nominal: dict[str, Row]) -> Table:
         Column("peak of |S|", ".3g"),
     ]
     shown = {  # value and factor from its unit to the column's
-        "tracking_along_rms_um": 1.0,
+        "following_along_rms_um": 1.0,
         "reversal_max_um": 1.0,
         "contour_rms_um": 1.0,
         "contour_max_um": 1.0,
@@ -195,7 +195,7 @@ def _draw_repeats(rows: list[Row], exact: dict[str, Row]) -> Figure:
         axes = figure.add_subplot()
         counts = [0, *(int(str(row["repeats"])) for row in rows)]
         values = [_value(exact.get(_PID, {}), "following_rms_um"), *(_value(row, "following_rms_um") for row in rows)]
-        axes.plot(counts, values, "o-", color=COLOURS["tracking"])
+        axes.plot(counts, values, "o-", color=COLOURS["servo"])
         logarithmic(axes, "y", [value for value in values if value > 0])
         axes.set(xlabel="repeats learnt from", ylabel="following error, rms [µm]")
     return figure

@@ -56,7 +56,7 @@ class Panels:
         """Draw a column of a variant without zeros and missing values."""
         x, y = series(self.rows, "value", column, sweep=self.sweep, variant=variant)
         shape = {"mfc": colour, **SHAPES[variant]}
-        if column.startswith("tracking"):
+        if column.startswith(("servo_", "following_")):
             shape["ms"] = _INSIDE * shape["ms"]  # it often coincides with the contour error
         self._scatter(panel, x, factor * y, color=colour, label=label, **shape)
 

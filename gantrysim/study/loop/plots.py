@@ -33,7 +33,7 @@ _LINE = 60  # points of a predicted line
 _MS = 1e3
 _LEAST_SPACING = 0.05  # of the logarithmic axis [µm]
 _LEAST_DEVIATION = 1e-7
-_VALUE_COLOURS = (INK, COLOURS["tracking"], AXIS_COLOURS[0], COLOURS["structure"], COLOURS["generation"])
+_VALUE_COLOURS = (INK, COLOURS["servo"], AXIS_COLOURS[0], COLOURS["structure"], COLOURS["program"])
 
 
 def plots(study: LoopStudy, rows: list[Row]) -> list[Plot]:
@@ -74,7 +74,7 @@ def _predicted(study: LoopStudy, key: str, values: Floats, base: Mapping[str, An
     for value in values.tolist():
         theory = study.changed_theory({**base, key: value})
         errors = None if theory is None else theory.errors()
-        rms = math.nan if errors is None else UM * errors.generation.rms
+        rms = math.nan if errors is None else UM * errors.program.rms
         spacing = None if errors is None else errors.spacing
         if spacing is None:
             predictions.append([rms, *[math.nan] * 4])
@@ -87,13 +87,13 @@ def _program_errors(
     study: LoopStudy, theory: LoopTheory, panels: Panels, values: tuple[float, ...]
 ) -> tuple[Floats, dict[str, Floats], dict[str, Floats]]:
     """Draw the errors over a setting of the program; return its values and the predictions, loop alone and limited."""
-    amber = COLOURS["generation"]
+    amber = COLOURS["program"]
     swept = _points(values)
     alone = _predicted(study, panels.sweep, swept, theory.alone)
     limited = _predicted(study, panels.sweep, swept, {})
     panels.points(panels.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
     panels.points(panels.errors, "contour_rms_um", LOOP_ALONE, INK, "contour, loop alone")
-    panels.points(panels.errors, "generation_rms_um", PERFECT, amber, "generation, loop alone")
+    panels.points(panels.errors, "program_rms_um", PERFECT, amber, "program, loop alone")
     panels.line(panels.errors, swept, alone["rms"], amber, "stepped arcs against the involute")
     limits = f"{theory.wait} and {theory.ramps}"
     panels.line(panels.errors, swept, limited["rms"], COLOURS["requested"], f"stepped arcs with {limits}")
@@ -109,7 +109,7 @@ def _theory(study: LoopStudy) -> LoopTheory:
 
 
 def _loop_period(study: LoopStudy, panels: Panels) -> str:
-    amber = COLOURS["generation"]
+    amber = COLOURS["program"]
     theory = _theory(study)
     period, alone, limited = _program_errors(study, theory, panels, study.loop_periods)
     first_order = [UM * theory.first_order_error(t) for t in period.tolist()]
@@ -117,7 +117,7 @@ def _loop_period(study: LoopStudy, panels: Panels) -> str:
     knee_and_floor = loop_knee(panels.rows)
     if knee_and_floor is not None:
         period_of_knee, floor = knee_and_floor
-        panels.errors.axhline(floor, color=COLOURS["tracking"], lw=1.2, ls="--", label="contour, no loop")
+        panels.errors.axhline(floor, color=COLOURS["servo"], lw=1.2, ls="--", label="contour, no loop")
         panels.mark(period_of_knee, "loop alone")
     panels.spacing_errors(theory.pitch)
     panels.line(panels.spacing, period, np.abs(limited["mean"] - UM * theory.pitch), COLOURS["requested"], "predicted")
@@ -126,7 +126,7 @@ def _loop_period(study: LoopStudy, panels: Panels) -> str:
     panels.points(panels.spacing, "spacing_std_mm", LOOP_ALONE, INK, "std, loop alone", UM)
     panels.spacing.set_ylim(bottom=_LEAST_SPACING)
     return (
-        "Loop alone: without the controller's other limits, the generation error is that of tangent arcs, in closed "
+        "Loop alone: without the controller's other limits, the program error is that of tangent arcs, in closed "
         f"form; the dotted line is its first order. As it is: {theory.ramps} adds an error that no loop period "
         f"removes, and {theory.wait}, which rounds waits down to its resolution, makes short loops worse. The dashed "
         "line is the contour error of a spiral without any loop."
@@ -134,7 +134,7 @@ def _loop_period(study: LoopStudy, panels: Panels) -> str:
 
 
 def _interpreter_time(study: LoopStudy, panels: Panels) -> str:
-    amber = COLOURS["generation"]
+    amber = COLOURS["program"]
     theory = _theory(study)
     time, alone, _ = _program_errors(study, theory, panels, study.interpreter_times)
     panels.spacing.set(yscale="linear", ylabel="[mm]")
@@ -152,15 +152,15 @@ def _interpreter_time(study: LoopStudy, panels: Panels) -> str:
 
 
 def _servo_period(study: LoopStudy, panels: Panels) -> str:
-    blue = COLOURS["tracking"]
+    blue = COLOURS["servo"]
     green = COLOURS["structure"]
     panels.points(panels.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
     panels.points(panels.errors, "contour_rms_um", NO_LOOP, INK, "contour, no loop")
-    panels.points(panels.errors, "tracking_rms_um", AS_IT_IS, blue, "tracking, as it is")
-    normal = "steady_tracking_normal_rms_um"
-    along = "steady_tracking_along_rms_um"
+    panels.points(panels.errors, "servo_rms_um", AS_IT_IS, blue, "servo, as it is")
+    normal = "steady_following_normal_rms_um"
+    along = "steady_following_along_rms_um"
     panels.points(panels.errors, normal, NO_FRICTION, green, "no friction, normal to the path")
-    panels.points(panels.errors, along, NO_FRICTION, COLOURS["measurement"], "no friction, along the path")
+    panels.points(panels.errors, along, NO_FRICTION, COLOURS["encoder"], "no friction, along the path")
     machine = study.job.built_machine
     torques = set(study.job.built_servo.modes) == {"torque"}  # what the theory speaks of
     if study.theory is not None and torques and {"x", "y"} <= set(machine.axis_names):
@@ -177,7 +177,7 @@ def _servo_period(study: LoopStudy, panels: Panels) -> str:
             panels.errors, period, UM * np.array([e.normal for e in errors]), green, "sample, hold and winding lag"
         )
         panels.line(
-            panels.errors, period, UM * np.array([e.along for e in errors]), COLOURS["measurement"], "the same, along"
+            panels.errors, period, UM * np.array([e.along for e in errors]), COLOURS["encoder"], "the same, along"
         )
     x, y = series(panels.rows, "value", "contour_rms_um", sweep="servo_period", variant=AS_IT_IS)
     if x.size > 1:
@@ -188,20 +188,20 @@ def _servo_period(study: LoopStudy, panels: Panels) -> str:
     _spacings_and_ripples(panels, AS_IT_IS, NO_LOOP)
     return (
         "The gains follow from the servo period: a slower servo has a lower bandwidth at the same phase margin. Most "
-        "of the tracking error is friction. Without friction, program loop, encoder counts and integral term, the "
+        "of the servo error is friction. Without friction, program loop, encoder counts and integral term, the "
         "theory of the sampled servo remains (lines): the feed-forward is late by one and a half servo periods and the "
         "winding's lag. These errors are taken in the middle 90 % of the time, at a quarter of the physics step."
     )
 
 
 def _encoder_resolution(study: LoopStudy, panels: Panels) -> str:
-    pink = COLOURS["measurement"]
+    pink = COLOURS["encoder"]
     count = _points(study.resolutions)
     panels.points(panels.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
     if study.theory is not None:
         panels.points(panels.errors, "contour_rms_um", NO_LOOP, INK, "contour, no loop")
-    panels.points(panels.errors, "tracking_rms_um", AS_IT_IS, COLOURS["tracking"], "tracking, as it is")
-    panels.points(panels.errors, "measurement_rms_um", AS_IT_IS, pink, "measurement, as it is")
+    panels.points(panels.errors, "servo_rms_um", AS_IT_IS, COLOURS["servo"], "servo, as it is")
+    panels.points(panels.errors, "encoder_rms_um", AS_IT_IS, pink, "encoder, as it is")
     if all(axis.unit == "mm" for axis in study.job.built_machine.axes):
         panels.line(panels.errors, count, UM * quantisation(count), pink, "q/√12")
     variant = NO_LOOP if study.theory is not None else AS_IT_IS
@@ -211,7 +211,7 @@ def _encoder_resolution(study: LoopStudy, panels: Panels) -> str:
     panels.failures()
     _spacings_and_ripples(panels, AS_IT_IS, NO_LOOP)
     return (
-        "Encoder count of all linear axes, rotary ones in proportion. The measurement part of the error is that of an "
+        "Encoder count of all linear axes, rotary ones in proportion. The encoder part of the error is that of an "
         "even distribution within a count, q / sqrt(12). The servo's derivative turns counts into torque: the path "
         "speed ripples at counts that do not yet affect the contour error."
     )

@@ -20,7 +20,7 @@ from gantrysim.study.study import Report
 
 _PER_CENT = 100.0
 _TURNED = 1.05  # over the least error: a significant rise
-_HIDING = 0.5  # of the contour error: a generation error that hides the servo's
+_HIDING = 0.5  # of the contour error: a program error that hides the servo's
 _SENSITIVE = 0.05  # of a value: a significant effect of the physics step
 
 Lines = list[tuple[str, str, str, str]]  # sweep, variant, result and value
@@ -83,7 +83,7 @@ def _loop(study: LoopStudy, rows: list[Row]) -> Lines:
             add(AS_IT_IS, f"contour error at {_ms(period[0])}", f"{_um(contour[0])}, {times}")
             if unrounded := _with_exact_waits(study, float(period[0])):
                 rounding = f"{theory.wait}'s rounding to {_ms(theory.wait_resolution)}" if theory is not None else ""
-                add(AS_IT_IS, f"generation error without {rounding}, at {_ms(period[0])}", _um(unrounded))
+                add(AS_IT_IS, f"program error without {rounding}, at {_ms(period[0])}", _um(unrounded))
         refused = [
             float(row["value"])  # type: ignore[arg-type]
             for row in rows
@@ -95,22 +95,22 @@ def _loop(study: LoopStudy, rows: list[Row]) -> Lines:
     if knee_and_floor is not None:
         add(LOOP_ALONE, "knee", _knee(knee_and_floor[0], alone[0], _ms))
         add(NO_LOOP, "contour error", _um(knee_and_floor[1]))
-        exact, generation = series(rows, "value", "generation_rms_um", sweep="loop_period", variant=PERFECT)
+        exact, program = series(rows, "value", "program_rms_um", sweep="loop_period", variant=PERFECT)
         if exact.size > 1:
-            per_ms = _um(generation[0] / exact[0] * 1e-3)
-            add(PERFECT, "growth of the generation error", f"T^{power(exact, generation):.2f}, {per_ms} per ms")
+            per_ms = _um(program[0] / exact[0] * 1e-3)
+            add(PERFECT, "growth of the program error", f"T^{power(exact, program):.2f}, {per_ms} per ms")
     return lines
 
 
 def _with_exact_waits(study: LoopStudy, period: float) -> float | None:
-    """Return the generation error at a loop period with exact waits [µm]; None where that makes no difference."""
+    """Return the program error at a loop period with exact waits [µm]; None where that makes no difference."""
     if study.theory is None:
         return None
     rounded = _errors(study, {"loop_period": period})
     exact = _errors(study, {"loop_period": period, **study.theory.exact_waits})
-    if exact is None or (rounded is not None and exact.generation.rms >= rounded.generation.rms / _TURNED):
+    if exact is None or (rounded is not None and exact.program.rms >= rounded.program.rms / _TURNED):
         return None
-    return 1e3 * exact.generation.rms
+    return 1e3 * exact.program.rms
 
 
 def _errors(study: LoopStudy, changes: Mapping[str, Any]) -> LoopErrors | None:
@@ -153,20 +153,20 @@ def _servo(rows: list[Row]) -> Lines:
     if AS_IT_IS not in variants:
         return []
     if NO_LOOP in variants:
-        columns = ("contour_rms_um", "tracking_rms_um", "generation_rms_um")
-        period, contour, tracking, generation = series(rows, "value", *columns, sweep="servo_period", variant=AS_IT_IS)
-        if period.size and generation.min() > _HIDING * contour.min():
-            add(AS_IT_IS, "least generation error, which hides the servo's", _um(generation.min()))
-        if np.all(generation > 0) and np.all(tracking > 0):  # the crossing lies between points on logarithmic scales
-            period_at_crossing = crossing(period, tracking, generation)
+        columns = ("contour_rms_um", "servo_rms_um", "program_rms_um")
+        period, contour, servo, program = series(rows, "value", *columns, sweep="servo_period", variant=AS_IT_IS)
+        if period.size and program.min() > _HIDING * contour.min():
+            add(AS_IT_IS, "least program error, which hides the servo's", _um(program.min()))
+        if np.all(program > 0) and np.all(servo > 0):  # the crossing lies between points on logarithmic scales
+            period_at_crossing = crossing(period, servo, program)
             if period_at_crossing:
-                add(AS_IT_IS, "tracking exceeds generation error above", _ms(period_at_crossing))
+                add(AS_IT_IS, "servo error exceeds program error above", _ms(period_at_crossing))
     shown = variants[-1]
     period, contour = series(rows, "value", "contour_rms_um", sweep="servo_period", variant=shown)
     for value, error in zip(period, contour, strict=True):
         add(shown, f"contour error at {_ms(value)}", _um(error))
     add(shown, "growth of the contour error", f"period^{power(period, contour):.1f}")
-    steady = "steady_tracking_normal_rms_um"
+    steady = "steady_following_normal_rms_um"
     errors = {
         variant: dict(np.transpose(series(rows, "value", steady, sweep="servo_period", variant=variant)).tolist())
         for variant in (shown, NO_FRICTION)
@@ -174,7 +174,7 @@ def _servo(rows: list[Row]) -> Lines:
     if shared := [value for value in errors[shown] if value in errors[NO_FRICTION]]:
         middle = shared[len(shared) // 2]
         for variant, values in errors.items():
-            add(variant, f"steady normal tracking error at {_ms(middle)}", _um(values[middle]))
+            add(variant, f"steady normal following error at {_ms(middle)}", _um(values[middle]))
     return lines
 
 

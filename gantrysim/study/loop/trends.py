@@ -18,8 +18,8 @@ EXCESS = 0.1  # over a floor, up to which the swept setting has no effect
 # values whose convergence over the physics step is examined
 CONVERGING = {
     "contour_rms_um": "contour error",
-    "tracking_rms_um": "tracking error",
-    "tracking_along_rms_um": "tracking error along the path",
+    "servo_rms_um": "servo error",
+    "following_along_rms_um": "following error along the path",
     "structure_rms_um": "structure part",
     "spacing_std_mm": "standard deviation of the spacing",
 }

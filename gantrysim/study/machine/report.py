@@ -176,7 +176,7 @@ def _draw_yield(values: Floats, nominal: float, tolerance: float, label: str) ->
         for axes in (above, below):
             axes.axvline(tolerance, color=_BAD, lw=1.2, ls="--", label=f"tolerance {tolerance:g}")
             if np.isfinite(nominal):
-                axes.axvline(nominal, color=COLOURS["tracking"], lw=1.2, ls=":", label=f"nominal machine {nominal:.4g}")
+                axes.axvline(nominal, color=COLOURS["servo"], lw=1.2, ls=":", label=f"nominal machine {nominal:.4g}")
         above.set(ylabel="share of machines [%]", ylim=(-_MARGIN, 100 + _MARGIN), yticks=range(0, 101, 20))
         below.set(ylabel="machines", xlabel=label)
         below.yaxis.get_major_locator().set_params(integer=True)
@@ -190,7 +190,7 @@ def _draw_influence(factors: list[Influence]) -> Figure:
         axes = drawing.add_subplot()
         for k, influence in enumerate(factors):
             coefficient = influence.coefficient
-            colour = _BAD if coefficient > 0 else COLOURS["tracking"]
+            colour = _BAD if coefficient > 0 else COLOURS["servo"]
             axes.barh(k, coefficient, color=colour, alpha=0.9 if influence.clear else 0.25, height=0.7)
             end = coefficient + (0.015 if coefficient >= 0 else -0.015)
             side = "left" if coefficient >= 0 else "right"

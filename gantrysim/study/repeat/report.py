@@ -118,7 +118,7 @@ def _draw_along(paths: dict[str, RepeatedPath]) -> Figure:
         above, below = figure.subplots(2, sharex=True)
         low = np.maximum(accuracy - reach, 0)
         high = accuracy + reach
-        above.fill_between(path.s, low, high, color=COLOURS["tracking"], alpha=0.25, lw=0, label="± repeatability RT")
+        above.fill_between(path.s, low, high, color=COLOURS["servo"], alpha=0.25, lw=0, label="± repeatability RT")
         above.plot(path.s, accuracy, color=INK, lw=1.2, label="accuracy AT: mean of the repeats to the path")
         k = int(accuracy.argmax())
         above.plot(path.s[k], accuracy[k], "v", ms=7, color=COLOURS["fault"], label=f"ATp = {accuracy[k]:.2f} µm")

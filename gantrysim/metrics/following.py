@@ -1,4 +1,4 @@
-"""The tracking part of the error by axis: whose following error moves the nozzle off the path."""
+"""The servo part of the error by axis: whose following error moves the nozzle off the path."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class RigidMachine(Protocol):
         ...
 
 
-def tracking_by_axis(analysis: Analysis, tracking: Part, machine: RigidMachine) -> dict[str, Part]:
-    """Return each axis' contribution to the tracking part, see `Budget.tracking_by_axis`.
+def servo_by_axis(analysis: Analysis, servo: Part, machine: RigidMachine) -> dict[str, Part]:
+    """Return each axis' contribution to the servo part, see `Budget.servo_by_axis`.
 
     Args:
         analysis: of the run.
-        tracking: part of the error between command and encoder.
+        servo: part of the error between command and encoder.
         machine: the machine of the run.
     """
     run = analysis.run
@@ -37,7 +37,7 @@ def tracking_by_axis(analysis: Analysis, tracking: Part, machine: RigidMachine) 
 
     @lru_cache(maxsize=1)  # a block's normals serve all axes
     def normals(first: int, last: int) -> tuple[Floats, Floats, Floats]:
-        return _normals(analysis, tracking, slice(first, last))
+        return _normals(analysis, servo, slice(first, last))
 
     def part(a: int, block: slice) -> Part:
         lateral, vertical, beyond = normals(block.start, block.stop)
@@ -52,7 +52,7 @@ def tracking_by_axis(analysis: Analysis, tracking: Part, machine: RigidMachine) 
     }
 
 
-def _normals(analysis: Analysis, tracking: Part, block: slice) -> tuple[Floats, Floats, Floats]:
+def _normals(analysis: Analysis, servo: Part, block: slice) -> tuple[Floats, Floats, Floats]:
     """Return the directions along which a displacement counts as lateral, vertical and beyond, (n, 3) each."""
     run = analysis.run
     path = run.requested
@@ -69,7 +69,7 @@ def _normals(analysis: Analysis, tracking: Part, block: slice) -> tuple[Floats, 
     corner_ticks = analysis.ticks[block][rows]
     displacement = run.encoder_tip[corner_ticks] - run.commanded_tip[corner_ticks]
     square = np.maximum(dot(displacement, displacement), _NO_MOTION**2)
-    present = tracking.at(block)
+    present = servo.at(block)
     for normal, component in ((lateral, present.lateral), (vertical, present.vertical), (beyond, present.beyond)):
         missing = component[rows] - dot(normal[rows], displacement)
         normal[rows] += (missing / square)[:, None] * displacement
