@@ -72,9 +72,9 @@ class Bead(BeadTrace, Shown):
         weight = self._turn_lengths
         length = float(weight.sum())
         turns = clearance.size > 0 and length > 0
-        stop_excess = self.excess_at_stops
+        excess_at_stop = self.excess_at_stops
         coverage, apart_share = self._coverage if turns else (None, None)
-        start_offset, stop_offset = self._offsets
+        delay_at_start, overrun_at_stop = self._offsets
         return BeadValues(
             nominal=self.nominal,
             width=Range.of(self.width[on]),
@@ -85,15 +85,15 @@ class Bead(BeadTrace, Shown):
             coverage=coverage,
             apart_share=apart_share,
             height_apart=float(np.abs(np.diff(self.analysis.spacing.link[..., 2], axis=1)).max()) if turns else None,
-            start_shortfall=Range.of(self.missing_at_starts),
-            stop_excess=Range.of(stop_excess) if stop_excess.size else None,
-            start_offset=Range.of(start_offset) if start_offset.size else None,
-            stop_offset=Range.of(stop_offset) if stop_offset.size else None,
+            missing_at_start=Range.of(self.missing_at_starts),
+            excess_at_stop=Range.of(excess_at_stop) if excess_at_stop.size else None,
+            delay_at_start=Range.of(delay_at_start) if delay_at_start.size else None,
+            overrun_at_stop=Range.of(overrun_at_stop) if overrun_at_stop.size else None,
             volume=self.total_volume,
             requested_volume=self.requested_volume,
             ramp_error=float(run.flow_demand[:-1].sum()) * run.period - self.requested_volume,
             start_error=float(self._parts[:, 0].sum()),
-            steady_error=float(self._parts[:, 1].sum()),
+            running_error=float(self._parts[:, 1].sum()),
             stop_error=float(self._parts[:, 2].sum()),
             ridge=self.map.ridge,
         )

@@ -13,7 +13,7 @@ class BeadValues:
 
     The volume error has four parts,
 
-        volume_error = ramp_error + start_error + steady_error + stop_error,
+        volume_error = ramp_error + start_error + running_error + stop_error,
 
     the first from the program, the others from the dispenser: a fixed flow demands more than the nominal section while
     the path speed ramps, a fixed area does not. A start lasts until the flow's deviation from its demand settles to its
@@ -32,16 +32,16 @@ class BeadValues:
         apart_share: share of that area where the height map has no meaning, as the surfaces of the two turns lie apart
             in height, see `layers`; None likewise.
         height_apart: largest difference of height of neighbouring turns [mm]; None likewise.
-        start_shortfall: volume missing at a start, as length of the nominal section [mm].
-        stop_excess: volume in excess at a stop, likewise; None where no stretch ends within the record [mm].
-        start_offset: place where half the nominal section is first reached, behind that of the nozzle at the command;
+        missing_at_start: volume missing at a start, as length of the nominal section [mm].
+        excess_at_stop: volume in excess at a stop, likewise; None where no stretch ends within the record [mm].
+        delay_at_start: place where half the nominal section is first reached, behind that of the nozzle at the command;
             None where no stretch reaches it [mm].
-        stop_offset: the same for where the section was last as large [mm].
+        overrun_at_stop: the same for where the section was last as large [mm].
         volume: volume laid [mm³].
         requested_volume: volume of the nominal section along the commanded path, while the dispenser is on [mm³].
         ramp_error: volume that the program demands beyond that [mm³].
         start_error: volume laid beyond the demand until the flow has settled [mm³].
-        steady_error: the same from there to the stop [mm³].
+        running_error: the same from there to the stop [mm³].
         stop_error: the same from there to the next start or the end of the record [mm³].
         ridge: share by which glue on the height map stands above the nozzle; 0 where the map has settled.
     """
@@ -55,15 +55,15 @@ class BeadValues:
     coverage: float | None
     apart_share: float | None
     height_apart: float | None
-    start_shortfall: Range
-    stop_excess: Range | None
-    start_offset: Range | None
-    stop_offset: Range | None
+    missing_at_start: Range
+    excess_at_stop: Range | None
+    delay_at_start: Range | None
+    overrun_at_stop: Range | None
     volume: float
     requested_volume: float
     ramp_error: float
     start_error: float
-    steady_error: float
+    running_error: float
     stop_error: float
     ridge: float
 
@@ -73,7 +73,7 @@ class BeadValues:
         return {
             "ramps": self.ramp_error,
             "starts": self.start_error,
-            "running": self.steady_error,
+            "running": self.running_error,
             "stops": self.stop_error,
         }
 
@@ -104,4 +104,4 @@ class BeadValues:
     @property
     def dispenser_error(self) -> float:
         """The dispenser's part of the volume error [mm³]."""
-        return self.start_error + self.steady_error + self.stop_error
+        return self.start_error + self.running_error + self.stop_error

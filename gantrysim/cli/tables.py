@@ -196,11 +196,11 @@ def _add_bead(table: Table, bead: BeadValues) -> None:
         table.add_row(f"{between} between turns", f"{abs(bead.clearance.mean):z.3f} mm", clearances + covered)
         if bead.apart_share:
             table.add_row("height map", "in layers", bead.apart_note)
-    missing = "excess" if bead.start_shortfall.mean < 0 else "missing"
-    table.add_row("start", f"{abs(bead.start_shortfall.mean):z.2f} mm {missing}", "length of nominal bead")
-    if bead.stop_excess is not None:
-        excess = "missing" if bead.stop_excess.mean < 0 else "excess"
-        table.add_row("stop", f"{abs(bead.stop_excess.mean):z.2f} mm {excess}", "length of nominal bead")
+    missing = "excess" if bead.missing_at_start.mean < 0 else "missing"
+    table.add_row("start", f"{abs(bead.missing_at_start.mean):z.2f} mm {missing}", "length of nominal bead")
+    if bead.excess_at_stop is not None:
+        excess = "missing" if bead.excess_at_stop.mean < 0 else "excess"
+        table.add_row("stop", f"{abs(bead.excess_at_stop.mean):z.2f} mm {excess}", "length of nominal bead")
     table.add_row("volume", f"{bead.volume:.4g} mm³", f"{bead.volume_error_percent:+z.2f} % of {volume:.4g} requested")
     shares = ", ".join(f"{name} {_volume(value, volume)}" for name, value in bead.volume_error_parts.items())
     table.add_row("volume error", f"{_volume(bead.volume_error, volume)} mm³", shares)

@@ -40,6 +40,19 @@ class ErrorSize:
 
 
 @dataclass(frozen=True)
+class SteadyFollowing:
+    """Following error at the nozzle, without the transients of start and end.
+
+    Attributes:
+        along: along the requested path's tangent [mm].
+        normal: normal to it [mm].
+    """
+
+    along: ErrorSize
+    normal: ErrorSize
+
+
+@dataclass(frozen=True)
 class Range:
     """Mean, standard deviation, smallest and largest value."""
 
@@ -174,6 +187,28 @@ class Analysis(Shown):
             duration=float(run.time[moving[-1] + 1]) if moving.size else 0.0,
             end_point=(x, y, z),
         )
+
+    @property
+    def speed_ripple(self) -> float:
+        """Ripple of the path speed, see `speed_ripple`."""
+        return speed_ripple(self.run)
+
+    @cached_property
+    def steady_following(self) -> SteadyFollowing:
+        """Following error at the nozzle in the middle 90 % of the dispensing time."""
+        run = self.run
+        middle = steady(self.ticks.size)
+        ticks = self.ticks[middle]
+        foot = self.commanded.s[middle]
+
+        def components(block: slice) -> Floats:
+            error = run.commanded_tip[ticks[block]] - run.encoder_tip[ticks[block]]
+            tangent = run.requested.tangent(foot[block])
+            along = dot(error, tangent)
+            return np.stack([along, np.linalg.norm(error - along[:, None] * tangent, axis=1)], axis=1)
+
+        along, normal = by_blocks(components, ticks.size).T
+        return SteadyFollowing(ErrorSize.of(along), ErrorSize.of(normal))
 
 
 def values(run: Run) -> AnalysisValues:

@@ -28,9 +28,10 @@ belongs to no link (`gantrysim.metrics.links`).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,12 +39,16 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import by_blocks
 from gantrysim.base.display import table_html
+from gantrysim.base.frames import pandas_frame
 from gantrysim.metrics.analysis import Analysis, ErrorSize
 from gantrysim.metrics.following import RigidMachine, servo_by_axis
 from gantrysim.metrics.links import Trace, links, offset_of
-from gantrysim.metrics.parts import CORNER, BudgetValues, Part, PartValues, TurnValues
+from gantrysim.metrics.parts import CORNER, ERROR, PART_COLUMNS, BudgetValues, Part, PartValues, TurnValues
 from gantrysim.metrics.spacing import one_way
 from gantrysim.record.run import Run
+
+if TYPE_CHECKING:
+    import pandas
 
 # the links of the chain in their order; DESCRIPTIONS also has their sum, the contour error
 LINKS = ("program", "servo", "encoder", "structure")
@@ -61,7 +66,7 @@ DESCRIPTIONS = {
 _PERCENTILE = 95.0
 _REST = 0.01  # of a turn
 _NO_ERROR = 1e-9  # largest rms of mere rounding [mm]
-_UM = 1e3
+_RMS, *_, _SHARE = PART_COLUMNS
 
 
 def links_of(run: Run) -> tuple[str, ...]:
@@ -97,24 +102,41 @@ class Budget:
         self.analysis = of if isinstance(of, Analysis) else Analysis(of)
 
     def __repr__(self) -> str:
-        shares = ", ".join(f"{name} {100 * part.share:z.1f} %" for name, part in self.values.parts.items())
-        return f"Budget(contour: {_UM * self.values.contour.rms:.1f} µm rms, {shares})"
+        shares = ", ".join(f"{name} {_SHARE.text(part.share)}" for name, part in self.values.parts.items())
+        return f"Budget(contour: {_RMS.text(self.values.contour.rms)} rms, {shares})"
 
     def _repr_html_(self) -> str:
-        heads = ("link", "rms", "95 %", "max", "share", "span")
-        rows = []
-        for name, part in self.values.rows.items():
-            sizes = [f"{_UM * size:.1f}" for size in (part.rms, part.p95, part.max)]
-            rows.append([name, *sizes, f"{100 * part.share:z.1f} %", DESCRIPTIONS[name]])
-        return table_html("error normal to the requested path [µm]", heads, rows)
+        heads = ("link", *(column.head for column in PART_COLUMNS), "span")
+        rows = [[name, *cells, DESCRIPTIONS[name]] for name, cells in self._cells()]
+        return table_html("error normal to the requested path", heads, rows)
 
     def __str__(self) -> str:
         fault = "" if self.analysis.run.fault is None else ", until the fault"
-        rows = [f"{'link':11} {'rms':>8} {'95 %':>8} {'max':>8} {'share':>9}"]
+        *sizes, share = (column.label for column in PART_COLUMNS)
+        lines = [
+            f"error normal to the requested path [{ERROR.unit}]{fault}",
+            f"{'link':11} {' '.join(f'{size:>8}' for size in sizes)} {share:>9}",
+        ]
+        for name, (*sizes, share) in self._cells():
+            numbers = " ".join(f"{size:>8}" for size in sizes)
+            lines.append(f"{name:11} {numbers} {share:>7} {_SHARE.unit}  {DESCRIPTIONS[name]}")
+        return "\n".join(lines)
+
+    def _cells(self) -> Iterator[tuple[str, list[str]]]:
         for name, part in self.values.rows.items():
-            sizes = " ".join(f"{_UM * size:8.1f}" for size in (part.rms, part.p95, part.max))
-            rows.append(f"{name:11} {sizes} {100 * part.share:z7.1f} %  {DESCRIPTIONS[name]}")
-        return "\n".join([f"error normal to the requested path [µm]{fault}", *rows])
+            yield name, [column.number(column.get(part)) for column in PART_COLUMNS]
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return a pandas DataFrame: a row per link, for the corners where there are any, and for the contour error.
+
+        Its columns are `PART_COLUMNS`: rms_um, p95_um, max_um and share_percent.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        rows = self.values.rows
+        columns = {column.key: [column.content(column.get(part)) for part in rows.values()] for column in PART_COLUMNS}
+        return pandas_frame("Budget.to_frame", columns, index=list(rows))
 
     @cached_property
     def contour(self) -> Part:

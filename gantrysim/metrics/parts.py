@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import Column, blocks, by_blocks, table_by_blocks
+from gantrysim.base.quantity import PARTS, Quantity
 from gantrysim.metrics.analysis import ErrorSize
 
 CORNER = "corner"  # name of what belongs to no link
+
+# columns of the error budget's table, of `PartValues`
+ERROR = Quantity[Any]("", "", "µm", ".1f", "Error normal to the requested path", (), 1e3, PARTS)
+PART_COLUMNS: tuple[Quantity[PartValues], ...] = ERROR.numbers
+# where a part is largest
+PART_PLACE = (
+    Quantity["PartValues"](
+        "s", "at s", "mm", ".1f", "Arc length on the requested path at the largest magnitude", ("s",)
+    ),
+    Quantity["PartValues"]("time", "t", "s", ".3f", "Time of the largest magnitude", ("time",)),
+)
 
 
 @dataclass(frozen=True)

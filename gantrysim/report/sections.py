@@ -178,10 +178,10 @@ def _bead_sizes(values: BeadValues) -> Table:
         ("cross-section", "mm²", values.section),
         ("width", "mm", values.width),
         ("clearance between neighbouring turns", "mm", values.clearance),
-        ("start: missing glue", "mm", values.start_shortfall),
-        ("stop: excess glue", "mm", values.stop_excess),
-        ("start: visible delay", "mm", values.start_offset),
-        ("stop: visible overrun", "mm", values.stop_offset),
+        ("start: missing glue", "mm", values.missing_at_start),
+        ("stop: excess glue", "mm", values.excess_at_stop),
+        ("start: visible delay", "mm", values.delay_at_start),
+        ("stop: visible overrun", "mm", values.overrun_at_stop),
     )
     return Table(
         ["", "unit", *(Column(name, ".3f") for name in ("mean", "std", "min", "max"))],

@@ -252,11 +252,11 @@ def test_start_and_stop_are_off_by_the_distance_of_their_lags(lead):
     """By volume v (dead time + time constant - lead)."""
     dispenser = Dispenser(flow=AREA * SPEED, **LAGS, start_lead=lead, stop_lead=lead)
     values = laid(XY, line(200.0, start=(-100.0, 0.0)), dispenser, on=(0.4, 1.3)).values
-    assert values.start_shortfall.mean == pytest.approx(SPEED * (0.05 - lead), rel=1e-4)
-    assert values.stop_excess.mean == pytest.approx(SPEED * (0.06 - lead), rel=1e-4)
+    assert values.missing_at_start.mean == pytest.approx(SPEED * (0.05 - lead), rel=1e-4)
+    assert values.excess_at_stop.mean == pytest.approx(SPEED * (0.06 - lead), rel=1e-4)
     # half the section is reached after the dead time and ln 2 time constants
-    assert values.start_offset.mean == pytest.approx(SPEED * (0.02 + 0.03 * math.log(2) - lead), abs=PLACE)
-    assert values.stop_offset.mean == pytest.approx(SPEED * (0.02 + 0.04 * math.log(2) - lead), abs=PLACE)
+    assert values.delay_at_start.mean == pytest.approx(SPEED * (0.02 + 0.03 * math.log(2) - lead), abs=PLACE)
+    assert values.overrun_at_stop.mean == pytest.approx(SPEED * (0.02 + 0.04 * math.log(2) - lead), abs=PLACE)
     assert values.requested_volume == pytest.approx(AREA * 90.0)
     assert values.volume_error == pytest.approx(AREA * 1.0, rel=1e-3)
     assert values.volume_error_percent == pytest.approx(100 / 90, rel=1e-3)
@@ -281,36 +281,36 @@ def ramped(dispenser):
 def test_the_volume_error_is_the_sum_of_its_parts(fixed, lags):
     """A fixed flow on ramps of 0.2 s each demands 0.2 s too much; an area nothing; without lags no other error."""
     values = ramped(Dispenser(**({"flow": AREA * SPEED} if fixed else {"area": AREA}), **lags)).values
-    parts = values.ramp_error + values.start_error + values.steady_error + values.stop_error
+    parts = values.ramp_error + values.start_error + values.running_error + values.stop_error
     assert parts == pytest.approx(values.volume_error, abs=1e-9)
     assert values.dispenser_error == pytest.approx(values.volume_error - values.ramp_error, abs=1e-9)
     assert values.ramp_error == pytest.approx(AREA * SPEED * 0.2 if fixed else 0.0, rel=1e-2, abs=1e-9)
     if not lags:
-        assert [values.start_error, values.steady_error, values.stop_error] == pytest.approx([0, 0, 0], abs=1e-9)
+        assert [values.start_error, values.running_error, values.stop_error] == pytest.approx([0, 0, 0], abs=1e-9)
     elif fixed:
         assert values.start_error == pytest.approx(-AREA * SPEED * 0.05, rel=1e-3)
         assert values.stop_error == pytest.approx(AREA * SPEED * (0.06 - lags.get("stop_lead", 0.0)), rel=1e-3)
-        assert values.steady_error == pytest.approx(0, abs=1e-3)
+        assert values.running_error == pytest.approx(0, abs=1e-3)
     else:  # on a ramp a lag costs the volume of the same distance; after the last setpoint the flow ends with 0.06 s
         assert values.start_error == pytest.approx(-AREA * SPEED * 0.05, rel=1e-2)
-        assert values.steady_error == pytest.approx(0, abs=1e-2)
+        assert values.running_error == pytest.approx(0, abs=1e-2)
 
 
 def test_what_a_flow_limit_withholds_is_steady_error_and_not_a_late_start():
     """The limit is three quarters of the demand at speed, and does not act on the lower parts of the ramps."""
     dispenser = Dispenser(area=AREA, limit=0.75 * AREA * SPEED, dead_time=0.01, opening=0.01, closing=0.01)
     values = ramped(dispenser).values
-    assert values.steady_error == pytest.approx(-0.25 * AREA * SPEED * 1.0, rel=0.1)
+    assert values.running_error == pytest.approx(-0.25 * AREA * SPEED * 1.0, rel=0.1)
     assert values.ramp_error == pytest.approx(0.0, abs=1e-9)
-    assert values.start_shortfall.mean < 8.0  # [mm], while 27 mm are missing in total
+    assert values.missing_at_start.mean < 8.0  # [mm], while 27 mm are missing in total
     assert values.dispenser_error == pytest.approx(values.volume_error, abs=1e-9)
     whole = ramped(replace(dispenser, limit=math.inf)).values
-    assert whole.steady_error == pytest.approx(0.0, abs=1e-2)
+    assert whole.running_error == pytest.approx(0.0, abs=1e-2)
 
 
 def test_a_start_compensated_by_an_advance_has_no_shortfall():
     bead = ramped(Dispenser(flow=AREA * SPEED, opening=0.02, closing=0.02, advance=0.02))
-    assert bead.values.start_shortfall.mean == pytest.approx(0.0, abs=1e-3)
+    assert bead.values.missing_at_start.mean == pytest.approx(0.0, abs=1e-3)
 
 
 def test_every_stretch_has_a_start_and_a_stop():
@@ -322,7 +322,7 @@ def test_every_stretch_has_a_start_and_a_stop():
     bead = Bead(perfect_follower(XY, setpoints, dispenser=Dispenser(flow=AREA * SPEED, dead_time=0.01)))
     assert len(bead.stretches) == 2
     values = bead.values
-    for length in (values.start_shortfall, values.stop_excess, values.start_offset, values.stop_offset):
+    for length in (values.missing_at_start, values.excess_at_stop, values.delay_at_start, values.overrun_at_stop):
         assert length.mean == pytest.approx(1.0, abs=PLACE)
         assert length.std < PLACE
     assert values.volume == pytest.approx(AREA * SPEED * dispense.sum() * PERIOD)
@@ -330,8 +330,8 @@ def test_every_stretch_has_a_start_and_a_stop():
     heavy = np.where(time < 0.8, 2.0, 1.0) * np.where((np.abs(time - 0.3) < 0.02) | (np.abs(time - 1.6) < 0.02), 0, 1)
     other = Bead(replace(bead.run, flow=bead.run.flow * heavy))
     assert other.values.section.max == pytest.approx(2 * AREA, rel=CONSTANT)
-    assert other.values.start_offset.mean == pytest.approx(1.0, abs=0.2)
-    assert other.values.stop_offset.mean == pytest.approx(1.0, abs=0.2)
+    assert other.values.delay_at_start.mean == pytest.approx(1.0, abs=0.2)
+    assert other.values.overrun_at_stop.mean == pytest.approx(1.0, abs=0.2)
     # between the two the nozzle is dry
     assert bead.area[np.abs(bead.place - 85.0) < 10].max() == 0
     assert bead.values.width.min == 0
@@ -340,9 +340,9 @@ def test_every_stretch_has_a_start_and_a_stop():
 def test_a_record_that_ends_while_the_dispenser_is_on_has_no_stop():
     bead = laid(XY, line(), Dispenser(flow=AREA * SPEED, dead_time=0.01, stop_lead=0.05))
     faulted = Bead(replace(bead.run, fault=Fault("travel", "x", 1.0, 2.0, 1.0, "mm")))
-    assert faulted.values.stop_excess is None
-    assert faulted.values.stop_offset is None
-    assert faulted.values.start_shortfall.mean == pytest.approx(1.0)
+    assert faulted.values.excess_at_stop is None
+    assert faulted.values.overrun_at_stop is None
+    assert faulted.values.missing_at_start.mean == pytest.approx(1.0)
     assert bead.run.flow[-1] == pytest.approx(AREA * SPEED)
 
 

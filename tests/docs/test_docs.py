@@ -142,7 +142,7 @@ def test_the_bead_is_what_the_job_gives(an225):
     )
     numbers = [float(number) for number in found.groups()]
     assert numbers[:3] == pytest.approx(
-        [values.start_shortfall.mean, values.stop_excess.mean, values.volume_error_percent], abs=0.01
+        [values.missing_at_start.mean, values.excess_at_stop.mean, values.volume_error_percent], abs=0.01
     )
     assert numbers[3:6] == pytest.approx([values.volume_error, values.dispenser_error, values.ramp_error], abs=0.1)
     slow = slice(len(an225.time) // 2, -1)

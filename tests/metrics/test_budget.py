@@ -239,12 +239,16 @@ def test_a_budget_prints_as_the_table_of_its_links():
     assert [row.split(maxsplit=6) for row in rows] == [
         ["program", "300.0", "300.0", "300.0", "150.0", "%", "requested path to commanded"],
         ["servo", "100.0", "100.0", "100.0", "-50.0", "%", "commanded to encoder"],
-        ["encoder", "0.0", "0.0", "0.0", "0.0", "%", "encoder to motor"],
-        ["structure", "0.0", "0.0", "0.0", "0.0", "%", "motor to nozzle"],
+        ["encoder", "0", "0", "0", "0", "%", "encoder to motor"],
+        ["structure", "0", "0", "0", "0", "%", "motor to nozzle"],
         ["contour", "200.0", "200.0", "200.0", "100.0", "%", "requested path to nozzle"],
     ]
     assert max(map(len, rows)) < 80
     assert list(DESCRIPTIONS) == [*LINKS[:-1], GEOMETRY, LINKS[-1], CORNER, "contour"]
+    frame = Budget(run).to_frame()
+    assert list(frame.index) == [row.split()[0] for row in rows]
+    assert list(frame.columns) == ["rms_um", "p95_um", "max_um", "share_percent"]
+    assert frame.loc["servo"].tolist() == pytest.approx([100.0, 100.0, 100.0, -50.0], rel=1e-3)
     faulted = replace(run, fault=Fault("travel", "x", 1.0, 2.0, 1.0, "mm"))
     assert str(Budget(faulted)).startswith("error normal to the requested path [µm], until the fault\n")
 

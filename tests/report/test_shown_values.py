@@ -235,10 +235,10 @@ def test_the_bead(shown):
         "cross-section": (values.section, "mm²", "section_mm2"),
         "width": (values.width, "mm", "width_mm"),
         "clearance between neighbouring turns": (values.clearance, "mm", "clearance_of_turns_mm"),
-        "start: missing glue": (values.start_shortfall, "mm", "missing_at_start_mm"),
-        "stop: excess glue": (values.stop_excess, "mm", "too_much_at_stop_mm"),
-        "start: visible delay": (values.start_offset, "mm", "seen_to_begin_late_mm"),
-        "stop: visible overrun": (values.stop_offset, "mm", "seen_to_end_late_mm"),
+        "start: missing glue": (values.missing_at_start, "mm", "missing_at_start_mm"),
+        "stop: excess glue": (values.excess_at_stop, "mm", "too_much_at_stop_mm"),
+        "start: visible delay": (values.delay_at_start, "mm", "seen_to_begin_late_mm"),
+        "stop: visible overrun": (values.overrun_at_stop, "mm", "seen_to_end_late_mm"),
     }
     caption = "The bead while the dispenser is on; missing and excess glue as a length of nominal bead"
     assert shown.page.tables()[caption] == {
@@ -248,7 +248,7 @@ def test_the_bead(shown):
     volumes = {
         "ramps": values.ramp_error,
         "starts": values.start_error,
-        "running": values.steady_error,
+        "running": values.running_error,
         "stops": values.stop_error,
     }
     whole, error = values.requested_volume, values.volume - values.requested_volume
@@ -297,8 +297,8 @@ def test_the_bead(shown):
     assert told["bead width"] == [f"{width.mean:.3f} mm", f"{width.min:.3f} to {width.max:.3f}; {nominal}"]
     sizes = f"clearance {clearance.min:.3f} to {clearance.max:.3f}; coverage {100 * values.coverage:.1f} %"
     assert told["gap between turns"] == [f"{clearance.mean:.3f} mm", sizes]
-    assert told["start"] == [f"{values.start_shortfall.mean:.2f} mm missing", "length of nominal bead"]
-    assert told["stop"] == [f"{values.stop_excess.mean:.2f} mm excess", "length of nominal bead"]
+    assert told["start"] == [f"{values.missing_at_start.mean:.2f} mm missing", "length of nominal bead"]
+    assert told["stop"] == [f"{values.excess_at_stop.mean:.2f} mm excess", "length of nominal bead"]
     assert told["volume"] == [f"{values.volume:.4g} mm³", f"{percent} % of {whole:.4g} requested"]
     digits = 5 - math.ceil(math.log10(whole))
     assert told["volume error"] == [
@@ -312,7 +312,7 @@ def test_the_bead(shown):
 def test_the_words_for_either_sign(shown, sign, words):
     turned = {
         name: dataclasses.replace(one, mean=sign * one.mean)
-        for name in ("clearance", "start_shortfall", "stop_excess")
+        for name in ("clearance", "missing_at_start", "excess_at_stop")
         for one in (getattr(shown.glue, name),)
     }
     glue = dataclasses.replace(shown.glue, **turned)

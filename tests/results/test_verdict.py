@@ -294,7 +294,7 @@ def test_built_in_jobs_have_a_verdict_with_the_numbers_of_budget_and_bead(name):
     assert only(verdict["path"].checks, "path_max").value == 1e3 * contour.max
     assert only(verdict["path"].checks, "path_p95").value == 1e3 * contour.p95
     values = Bead(run, job.bead, analysis).values
-    shortfall = values.start_shortfall
+    shortfall = values.missing_at_start
     assert only(verdict["glue"].checks, "start_length").value == max(abs(shortfall.min), abs(shortfall.max))
     margins = job.margins
     least = min(min(axis.gain, axis.together) for axis in margins)

@@ -1,0 +1,204 @@
+"""A value that people see, described once: name, label, unit, format and meaning, and where it is read.
+
+Terminal tables, summary.json, pages, columns of studies, data frames and docs/values.md derive from these descriptions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Generic, NamedTuple, TypeVar
+
+NOTHING = "–"  # a value that is missing
+
+AXIS = "{axis}"  # stands for the name of an axis in a template
+
+_ASCII = str.maketrans({"µ": "u", "²": "2", "³": "3", "·": "", "/": "_"})
+_WORDS = {"%": "percent"}  # units that have no letters
+
+Subject = TypeVar("Subject")
+
+
+class Item(NamedTuple):
+    """An item of a mapping or a sequence on the way to a value.
+
+    Attributes:
+        key: of the mapping, or place in the sequence.
+    """
+
+    key: str | int
+
+
+Path = tuple[str | Item, ...]  # attributes and items, in their order
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """A statistic of a value that has several.
+
+    Attributes:
+        name: attribute that holds it, and ending of the value's name.
+        label: in words.
+        unit: of its own; None for that of the value.
+        factor: likewise, from the API's unit.
+        form: likewise, its format.
+    """
+
+    name: str
+    label: str
+    unit: str | None = None
+    factor: float = 1.0
+    form: str = ""
+
+
+RMS = Statistic("rms", "rms")
+P95 = Statistic("p95", "95 %")
+MAX = Statistic("max", "max")
+SHARE = Statistic("share", "share", "%", 100.0, ".1f")
+MEAN = Statistic("mean", "mean")
+STD = Statistic("std", "std")
+MIN = Statistic("min", "min")
+
+SIZES = (RMS, MAX)  # of an error
+PARTS = (RMS, P95, MAX, SHARE)  # of a part of the error budget
+RANGE = (MEAN, STD, MIN, MAX)
+
+
+@dataclass(frozen=True)
+class Quantity(Generic[Subject]):
+    """A value that people see.
+
+    Attributes:
+        name: stem of its key, as "contour"; may contain `AXIS`.
+        label: in words, as in tables.
+        unit: as people see it; empty for a ratio.
+        form: format of its number in this unit.
+        meaning: what it is and between which two things, a sentence without its full stop.
+        path: attributes and items that lead from the subject to the value, in the API's unit.
+        factor: from the API's unit to `unit`.
+        statistics: that the value has; empty for a number.
+    """
+
+    name: str
+    label: str
+    unit: str
+    form: str
+    meaning: str
+    path: Path
+    factor: float = 1.0
+    statistics: tuple[Statistic, ...] = ()
+
+    @property
+    def key(self) -> str:
+        """Name with the unit in ASCII, as "contour_rms_um"."""
+        return "_".join(part for part in (self.name, ascii_unit(self.unit)) if part)
+
+    @property
+    def head(self) -> str:
+        """Label with the unit in brackets, as the head of a column."""
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+    def get(self, subject: Subject | None) -> Any:
+        """Return the value in the API's unit; None where the subject, or anything on the way, is None."""
+        value: Any = subject
+        for part in self.path:
+            if value is None:
+                return None
+            if not isinstance(part, Item):
+                value = getattr(value, part)
+            elif isinstance(value, Mapping):
+                value = value.get(part.key)
+            else:
+                value = value[part.key]
+        return value
+
+    def number(self, value: float | None) -> str:
+        """Return a value without its unit, see `number_text`."""
+        return number_text(None if value is None else self.factor * value, self.form)
+
+    def text(self, value: float | None) -> str:
+        """Return a value with its unit; a missing one has none."""
+        number = self.number(value)
+        return f"{number} {self.unit}" if self.unit and number != NOTHING else number
+
+    def content(self, value: float | None) -> float | None:
+        """Return a value in `unit` for JSON and tables; None for one that is missing or not finite."""
+        return None if value is None or not math.isfinite(value) else self.factor * value
+
+    def statistic(self, statistic: Statistic) -> Quantity[Subject]:
+        """Return one of the statistics as a quantity of its own."""
+        label = ", ".join(part for part in (self.label, statistic.label) if part)
+        single = replace(
+            self,
+            name="_".join(part for part in (self.name, statistic.name) if part),
+            label=label,
+            path=(*self.path, statistic.name),
+            statistics=(),
+        )
+        if statistic.unit is None:
+            return single
+        return replace(single, unit=statistic.unit, factor=statistic.factor, form=statistic.form)
+
+    @property
+    def numbers(self) -> tuple[Quantity[Subject], ...]:
+        """The quantities that are numbers: one for each statistic, or the quantity itself."""
+        return tuple(map(self.statistic, self.statistics)) or (self,)
+
+    def by_axis(self, path: Path) -> Quantity[Any]:
+        """Return the template of the quantities of all axes.
+
+        Args:
+            path: from another subject to that of this quantity, with `Item(AXIS)`.
+        """
+        return replace(self, name=f"{self.name}_{AXIS}", label=f"{self.label} {AXIS}", path=(*path, *self.path))
+
+    def of_axis(self, axis: str, unit: str | None = None) -> Quantity[Subject]:
+        """Return the quantity of one axis from the template of all.
+
+        Args:
+            axis: name of the axis.
+            unit: of the axis' value as people see it; None for that of the template.
+        """
+        path = tuple(Item(axis) if part == Item(AXIS) else part for part in self.path)
+        return replace(
+            self,
+            name=self.name.replace(AXIS, axis),
+            label=self.label.replace(AXIS, axis),
+            unit=self.unit if unit is None else unit,
+            path=path,
+        )
+
+    def code(self, subject: str) -> str:
+        """Return Python code that reads the value from a subject."""
+        parts = (f"[{part.key!r}]" if isinstance(part, Item) else f".{part}" for part in self.path)
+        return subject + "".join(parts).replace("'", '"')
+
+
+def contents(quantities: tuple[Quantity[Subject], ...], subject: Subject | None) -> dict[str, float | None]:
+    """Return the numbers of some quantities by their keys, in the units of the keys; None for what is missing."""
+    return {number.key: number.content(number.get(subject)) for number in numbers_of(quantities)}
+
+
+def numbers_of(quantities: tuple[Quantity[Subject], ...]) -> Iterator[Quantity[Subject]]:
+    """Yield the quantities that are numbers, see `Quantity.numbers`."""
+    for quantity in quantities:
+        yield from quantity.numbers
+
+
+def number_text(value: float | None, form: str) -> str:
+    """Return a number in a format; what rounds to zero is 0, what is missing or not a number a dash.
+
+    An infinite number is shown by its symbol.
+    """
+    if value is None or math.isnan(value):
+        return NOTHING
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    text = format(value, form)
+    return text if float(text) else "0"
+
+
+def ascii_unit(unit: str) -> str:
+    """Return a unit as it ends a key: "um" for "µm", "mm_s" for "mm/s", "percent" for "%"."""
+    return _WORDS.get(unit, unit.translate(_ASCII))
