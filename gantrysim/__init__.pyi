@@ -1,7 +1,12 @@
 # The public names of gantrysim, and where each lives.
+from . import controllers as controllers
 from . import env as env
 from . import faults as faults
 from . import metrics as metrics
+from . import plots as plots
+from . import render as render
+from . import study as study
+from . import tuning as tuning
 from .base.errors import GantryError as GantryError
 from .base.errors import InputError as InputError
 from .bead import Bead as Bead
@@ -21,6 +26,8 @@ from .machine.machine import Machine as Machine
 from .metrics.budget import Budget as Budget
 from .record.fault import Fault as Fault
 from .record.run import Run as Run
+from .record.setpoints import Setpoints as Setpoints
+from .report.saved import SavedRun as SavedRun
 from .results.tolerance import Tolerance as Tolerance
 from .results.verdict import Verdict as Verdict
 from .servo.laws.plain import Tick as Tick

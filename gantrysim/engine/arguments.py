@@ -41,14 +41,32 @@ def check_argument(name: str, value: Any, place: str = "", alternative: str = ""
     kinds, words = _KINDS[name]
     if isinstance(value, kinds) and not isinstance(value, bool):
         return
+    if name == "setpoints" and _is_program(value):
+        return
     advice = _advice(name, value)
     remedy = f"; {advice}" if advice else ""
     raise InputError(f"{name}{place} is of type {type(value).__name__}: must be {words}{alternative}{remedy}")
 
 
 def sent(setpoints: Setpoints | Controller, period: float) -> Setpoints:
-    """Return setpoints, those of a controller at a servo period [s]."""
-    return setpoints.setpoints(period) if isinstance(setpoints, Controller) else setpoints
+    """Return setpoints, those of a controller at a servo period [s].
+
+    Raises:
+        InputError: the method `setpoints` of a class of the user's own returns something else.
+    """
+    if isinstance(setpoints, Setpoints):
+        return setpoints
+    positions: Any = setpoints.setpoints(period)
+    if not isinstance(positions, Setpoints):
+        raise InputError(
+            f"{type(setpoints).__name__}.setpoints returned {type(positions).__name__}: must return gantrysim.Setpoints"
+        )
+    return positions
+
+
+def _is_program(value: Any) -> bool:
+    """Return whether a value stands for its setpoints, as a controller does; a class of controllers does not."""
+    return callable(getattr(type(value), "setpoints", None))
 
 
 def _advice(name: str, value: Any) -> str:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError, InputError, whole
+from gantrysim.base.progress import Progress, shown_progress
 from gantrysim.controllers.controller import Controller
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.engine.advance import MOST_STEPS, advance
@@ -38,7 +39,7 @@ def simulate_batch(
     dispenser: Dispenser | Sequence[Dispenser | None] | None = None,
     faults: Sequence[InjectedFault] | Sequence[Sequence[InjectedFault]] = (),
     threads: int | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = None,
 ) -> list[Run]:
     """Run many simulations on threads and return their records, equal to those of `simulate` to the last bit.
 
@@ -53,7 +54,7 @@ def simulate_batch(
         dispenser: dispenser of the glue, see `simulate`.
         faults: faults on purpose of all simulations, or a sequence of them for each.
         threads: number of threads; by default all cores.
-        progress: called now and then with the completed share, 0 to 1.
+        progress: as in `simulate`.
 
     Returns:
         The records, in order. A fault ends its own simulation only: see `Run.fault`.
@@ -77,8 +78,8 @@ def simulate_batch(
         nonlocal before
 
         def report(sent: int) -> None:
-            if progress is not None:
-                progress((before + sent) / total)
+            if share_done is not None:
+                share_done((before + sent) / total)
 
         done: dict[int, Started] = {}
         groups: dict[Path, list[int]] = {}  # numbers of the simulations by MJCF file
@@ -92,7 +93,9 @@ def simulate_batch(
             done |= {number: batch.runs[place] for place, number in enumerate(numbers)}
         return [done[number] for number in range(len(several))]
 
-    return [started.record() for started in run_and_learn(simulations, run)]
+    with shown_progress("simulate", progress) as share_done:
+        every = run_and_learn(simulations, run)
+    return [started.record() for started in every]
 
 
 def _per_simulation(faults: Sequence[Any]) -> Any:

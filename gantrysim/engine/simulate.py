@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from gantrysim.base.errors import InputError
+from gantrysim.base.progress import Progress, shown_progress
 from gantrysim.controllers.controller import Controller
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.engine.advance import Stepper
@@ -31,7 +32,7 @@ def simulate(
     dispenser: Dispenser | None = None,
     law: PlainLaw | None = None,
     faults: Sequence[InjectedFault] = (),
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = None,
 ) -> Run:
     """Run setpoints on a machine and return the record.
 
@@ -48,7 +49,7 @@ def simulate(
         dispenser: dispenser of the glue, by default none.
         law: a law in plain Python instead of the servo's own; slower, and alone in the process.
         faults: faults on purpose, see `gantrysim.faults`; by default none.
-        progress: called now and then with the completed share, 0 to 1.
+        progress: called now and then with the completed share, 0 to 1; True for a bar in a terminal or a notebook.
 
     Returns:
         The record, longer than the setpoints by the ticks of waiting at their gates; a fault ends it early.
@@ -67,11 +68,15 @@ def simulate(
         nonlocal done
         (stepped,) = simulations
         stepper = Stepper(stepped)
-        stepper.advance(law=law, progress=None if progress is None else lambda sent: progress((done + sent) / count))
+        share_done = advance
+        stepper.advance(
+            law=law, progress=None if share_done is None else lambda sent: share_done((done + sent) / count)
+        )
         done += len(stepped.position)
         return [stepper.run]
 
-    (started,) = run([simulation]) if law is not None else run_and_learn([simulation], run)
+    with shown_progress("simulate", progress) as advance:
+        (started,) = run([simulation]) if law is not None else run_and_learn([simulation], run)
     return started.record()
 
 

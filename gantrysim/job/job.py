@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any
 
 from gantrysim.base import memory
 from gantrysim.base.errors import InputError, TimedError, at_least
+from gantrysim.base.progress import Progress
 from gantrysim.base.user_code import is_code
 from gantrysim.controllers.controller import Controller
 from gantrysim.engine.simulate import perfect_follower, simulate
@@ -216,8 +217,8 @@ class Job(JobContent):
         held = self.dispenser.held_back(self._sent)
         return (len(held.position) - len(self._sent.position)) * self._sent.period
 
-    def run(self, progress: Callable[[float], None] | None = None, machine: Machine | None = None) -> Run:
-        """Run the job and return the record.
+    def run(self, progress: Progress = None, machine: Machine | None = None) -> Run:
+        """Run the job and return the record, which refers to the job.
 
         Args:
             progress: as in `simulate`.
@@ -242,7 +243,7 @@ class Job(JobContent):
             )
         if len(record.time) > memory.LONG:
             self.__dict__.pop("setpoints", None)  # they fill the memory, and are computed again on demand
-        return record
+        return record.replaced(job=self)
 
     def without_faults(self) -> Job:
         """Return the job without its faults on purpose."""
@@ -286,7 +287,8 @@ class Job(JobContent):
     def follow(self) -> Run:
         """Return the record of a machine that follows the program exactly, see `perfect_follower`."""
         with self._located():
-            return perfect_follower(self.built_machine, self.setpoints, dispenser=self.dispenser)
+            record = perfect_follower(self.built_machine, self.setpoints, dispenser=self.dispenser)
+        return record.replaced(job=self)
 
 
 def _restored(content: dict[str, Any], refusal: str) -> Job:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from importlib import metadata
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError
+from gantrysim.base.errors import InputError, meant, nearest, shown
 
 if TYPE_CHECKING:
     import pandas
@@ -53,6 +51,66 @@ class Record(Protocol):
     def machine_sha256(self) -> Any: ...
 
 
+class _Named(NamedTuple):
+    """A column: its name, the unit that ends its name in a table, the attribute that holds it, and its place there."""
+
+    name: str
+    unit: str
+    attribute: str
+    place: int | None = None
+
+    @property
+    def label(self) -> str:
+        return f"{self.name}_{self.unit}" if self.unit else self.name
+
+    def of(self, run: Record) -> NDArray[Any]:
+        array = getattr(run, self.attribute)
+        return array if self.place is None else array[:, self.place]
+
+
+def _all_columns(run: Record) -> list[_Named]:
+    """Return all columns in the order of a table.
+
+    Raises:
+        InputError: two columns would have one name, because of the names of the axes.
+    """
+    named = [_Named("time", "s", "time")]
+    for name, unit in _PER_AXIS.items():
+        axes = zip(run.axes, run.units, strict=True)
+        named += [_Named(f"{name}_{axis}", unit or axis_unit, name, k) for k, (axis, axis_unit) in enumerate(axes)]
+    for name in _TIPS:
+        named += [_Named(f"{name}_{axis}", "mm", name, k) for k, axis in enumerate("xyz")]
+    named += [_Named(name, "mm3_per_s", name) for name in _FLOWS]
+    named.append(_Named("dispense", "", "dispense"))
+    if len({entry.label for entry in named}) < len(named):
+        raise InputError(f"axes {', '.join(run.axes)}: two columns of a table would have one name")
+    return named
+
+
+def column_names(run: Record) -> tuple[str, ...]:
+    """Return the names of the columns, see `columns`.
+
+    Raises:
+        InputError: as `columns`.
+    """
+    return tuple(named.label for named in _all_columns(run))
+
+
+def column(run: Record, name: str) -> NDArray[Any]:
+    """Return a column by its name, with or without its unit, (n,), read-only.
+
+    Raises:
+        InputError: no column has this name; or as `columns`.
+    """
+    named = _all_columns(run)
+    # a name with its unit goes before the same one without, which an axis called "x_mm" might have
+    by_name = {entry.name: entry for entry in named} | {entry.label: entry for entry in named}
+    if name not in by_name:
+        question = meant(nearest(str(name), [entry.name for entry in named]))
+        raise InputError(f"unknown column {shown(name)}: {f'{question} ' if question else ''}run.columns lists all")
+    return by_name[name].of(run)
+
+
 def columns(run: Record) -> dict[str, NDArray[Any]]:
     """Return the columns of a run by name, each (n,).
 
@@ -63,19 +121,7 @@ def columns(run: Record) -> dict[str, NDArray[Any]]:
     Raises:
         InputError: two columns would have one name, because of the names of the axes.
     """
-    labelled: list[tuple[str, NDArray[Any]]] = [("time_s", run.time)]
-    for name, unit in _PER_AXIS.items():
-        labels = [f"{name}_{axis}_{unit or axis_unit}" for axis, axis_unit in zip(run.axes, run.units, strict=True)]
-        labelled += zip(labels, _split(getattr(run, name)), strict=True)
-    for name in _TIPS:
-        labels = [f"{name}_{axis}_mm" for axis in "xyz"]
-        labelled += zip(labels, _split(getattr(run, name)), strict=True)
-    labelled += [(f"{name}_mm3_per_s", getattr(run, name)) for name in _FLOWS]
-    labelled.append(("dispense", run.dispense))
-    table = dict(labelled)
-    if len(table) < len(labelled):
-        raise InputError(f"axes {', '.join(run.axes)}: two columns of a table would have one name")
-    return table
+    return {named.label: np.ascontiguousarray(named.of(run)) for named in _all_columns(run)}
 
 
 def description(run: Record) -> dict[str, str]:
@@ -107,7 +153,3 @@ def frame(run: Record) -> pandas.DataFrame:
     table = pandas.DataFrame(columns(run))
     table.attrs = description(run)
     return table
-
-
-def _split(array: Floats) -> Sequence[Floats]:
-    return [np.ascontiguousarray(column) for column in array.T]

@@ -18,8 +18,9 @@ from gantrysim.base.files import replaced
 from gantrysim.base.input_files import opened
 from gantrysim.faults import InjectedFault
 from gantrysim.paths.path import Path
+from gantrysim.record.conveniences import Conveniences
 from gantrysim.record.fault import Fault
-from gantrysim.record.named_columns import frame
+from gantrysim.record.named_columns import column, column_names, frame
 from gantrysim.record.run_file import read_record, write_record
 
 if TYPE_CHECKING:
@@ -29,8 +30,11 @@ _LONGEST_REASON = 300  # characters of a damaged text
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Run(Shown):
+class Run(Conveniences, Shown):
     """The record of a run, one row per servo tick, at the instant of its sample. All arrays are read-only.
+
+    `run["encoder_x"]` is a column by its name in `columns`, with or without its unit; `len(run)` the number of ticks.
+    `verdict`, `budget`, `plot`, `report` and `film` evaluate the run.
 
     Attributes:
         machine: name of the machine.
@@ -62,6 +66,7 @@ class Run(Shown):
         injected: faults on purpose.
         job_sha256, machine_sha256: digests of the job, `Job.digest`, and of the machine, `Machine.digest`, that the
             record was saved with; empty for one that no output folder holds.
+        job: the `Job` that the run is of, from `Job.run` or `SavedRun.load`; else None. The file does not hold it.
     """
 
     machine: str
@@ -92,6 +97,7 @@ class Run(Shown):
     injected: tuple[InjectedFault, ...] = ()
     job_sha256: str = ""
     machine_sha256: str = ""
+    job: Any = None
 
     def __post_init__(self) -> None:
         for name, value in list(vars(self).items()):
@@ -107,11 +113,46 @@ class Run(Shown):
             InputError: the file cannot be written.
         """
         with replaced(file) as partial, partial.open("wb") as stream:  # by path it would add a suffix
-            write_record(stream, {field.name: vars(self)[field.name] for field in fields(self)})
+            write_record(stream, {name: value for name, value in self._values().items() if name != "job"})
 
     def replaced(self, **changes: Any) -> Run:
         """Return the record with other values of some fields; columns in temporary files are not read into memory."""
-        return Run(**{field.name: vars(self)[field.name] for field in fields(self)} | changes)
+        return Run(**self._values() | changes)
+
+    def _values(self) -> dict[str, Any]:
+        """Return the fields by name; columns in temporary files as they are stored."""
+        return {field.name: vars(self)[field.name] for field in fields(self)}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self._values()  # without budget and verdict, which are computed again
+
+    def __len__(self) -> int:
+        return int(vars(self)["time"].shape[0])
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Return a column by its name in `columns`, with or without its unit, (n,), read-only.
+
+        Raises:
+            InputError: no column has this name.
+        """
+        return column(self, name)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns, as in `to_frame`."""
+        return column_names(self)
+
+    def __str__(self) -> str:
+        facts = [f"{name:8} {text}" for name, text in self.facts().items()]
+        return "\n".join([self._verdict_text(), *facts])
+
+    def _verdict_text(self) -> str:
+        if self.job is None:
+            return "no verdict: a run without its job has no tolerances"
+        try:
+            return str(self.verdict)
+        except InputError as error:  # of a run without glue
+            return f"no verdict: {error}"
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a pandas DataFrame with a row per servo tick; `attrs` describe the run.

@@ -85,7 +85,7 @@ class SavedRun:
                 f"to one of {', '.join(builtin_models())}"
             )
         changed = record.machine_sha256 not in ("", job.built_machine.digest)
-        saved = cls(place, job, record, job.built_machine, changed, written)
+        saved = cls(place, job, record.replaced(job=job), job.built_machine, changed, written)
         return saved if saved.is_current else cls.load(folder)
 
     @property

@@ -14,7 +14,7 @@ from gantrysim.controllers.softmc.basic.tree_assembler import CommandHandler
 from gantrysim.controllers.softmc.basic.values import INITIAL, Value, Variable, converted
 from gantrysim.controllers.softmc.commands import SoftMCError
 
-command = Statements[CommandHandler]()
+command: Statements[CommandHandler] = Statements()
 
 _KINDS = {"long": "long", "double": "double", "string": "string", "joint": "point", "location": "point"}
 

@@ -18,7 +18,7 @@ from gantrysim.controllers.softmc.basic.tree_assembler import BlockHandler, Tree
 from gantrysim.controllers.softmc.basic.values import Value, compare, number, truth
 from gantrysim.controllers.softmc.commands import SoftMCError
 
-block = Statements[BlockHandler]()
+block: Statements[BlockHandler] = Statements()
 
 
 def condition(tree: Node) -> Callable[[RoutineFrame], bool]:

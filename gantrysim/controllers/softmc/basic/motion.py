@@ -17,7 +17,7 @@ from gantrysim.controllers.softmc.basic.tree_assembler import CommandHandler
 from gantrysim.controllers.softmc.basic.values import Element, Point, Value, number, text_of
 from gantrysim.controllers.softmc.commands import Circle, Move, SoftMCError
 
-command = Statements[CommandHandler]()
+command: Statements[CommandHandler] = Statements()
 
 _CIRCLE = {
     "angle": "angle",

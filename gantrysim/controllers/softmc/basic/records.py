@@ -16,7 +16,7 @@ from gantrysim.controllers.softmc.basic.values import number
 from gantrysim.controllers.softmc.commands import SoftMCError
 from gantrysim.controllers.softmc.geometry import AXES
 
-command = Statements[CommandHandler]()
+command: Statements[CommandHandler] = Statements()
 
 _OPTIONS = ("gap", "recdata")
 _LONGEST_GAP = 1_000_000  # [ticks]

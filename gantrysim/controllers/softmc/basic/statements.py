@@ -15,7 +15,7 @@ from gantrysim.controllers.softmc.basic.tree_assembler import CommandHandler
 from gantrysim.controllers.softmc.basic.values import Element, number
 from gantrysim.controllers.softmc.commands import SoftMCError
 
-command = Statements[CommandHandler]()
+command: Statements[CommandHandler] = Statements()
 
 
 @command('target "=" expr')

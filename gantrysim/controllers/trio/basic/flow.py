@@ -12,7 +12,7 @@ from gantrysim.controllers.trio.basic.process import Process
 from gantrysim.controllers.trio.basic.process_assembler import Handler, ProcessAssembler
 from gantrysim.controllers.trio.basic.raw import Raw
 
-statement = Statements[Handler]()
+statement: Statements[Handler] = Statements()
 
 
 @statement('IF expr "THEN"i [statement]')

@@ -21,7 +21,7 @@ from gantrysim.controllers.trio.basic.raw import Evaluate, Expression, Raw, Refe
 PRINT = "print"  # kind of statement, by which its time is counted
 
 Store = Callable[[Process, float], None]
-statement = Statements[Handler]()
+statement: Statements[Handler] = Statements()
 
 
 @statement("ref")

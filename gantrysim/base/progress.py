@@ -1,0 +1,86 @@
+"""Progress of a long call: a function of the caller's, or a bar of text in a terminal or a notebook."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import TextIO, TypeVar
+
+from gantrysim.base.errors import InputError, shown
+
+Progress = Callable[[float], None] | bool | None  # what callers give
+
+COMPILING = "compiling for this machine, once: some 15 s"
+
+_WIDTH = 30  # of the bar [characters]
+_Share = TypeVar("_Share", bound=Callable[[float], None])
+
+
+@contextmanager
+def shown_progress(task: str, progress: _Share | bool | None) -> Iterator[_Share | Callable[[float], None] | None]:
+    """Yield the function to call with the completed share, 0 to 1; None where no progress is wanted.
+
+    Args:
+        task: in a word, shown before the bar.
+        progress: a function, which is yielded as it is; True for a bar of text, in a terminal on the standard error and
+            in a notebook in its output, and nowhere else; False or None for none.
+
+    Raises:
+        InputError: none of these.
+    """
+    if progress is None or progress is False:
+        yield None
+    elif progress is True:
+        stream = _stream()
+        if stream is None:
+            yield None
+        else:
+            _announce_compiling()
+            yield from _bar(task, stream)
+    elif callable(progress):
+        yield progress
+    else:
+        raise InputError(f"progress = {shown(progress)}: must be True, False or a function of the completed share")
+
+
+def _stream() -> TextIO | None:
+    """Return where a bar is shown: a notebook's output, a terminal, or nowhere."""
+    if "ipykernel" in sys.modules:  # a notebook, which shows the standard error as a failure
+        return sys.stdout
+    return sys.stderr if sys.stderr is not None and sys.stderr.isatty() else None
+
+
+def _bar(task: str, stream: TextIO) -> Iterator[Callable[[float], None]]:
+    """Yield the function that draws a bar; it goes again at the end. A carriage return works in notebooks too."""
+    drawn = -1
+
+    def advance(share: float) -> None:
+        nonlocal drawn
+        percent = int(100 * share)
+        if percent != drawn:
+            drawn = percent
+            full = round(_WIDTH * share)
+            stream.write(f"\r{task} {'#' * full}{'.' * (_WIDTH - full)} {percent:3} %")
+            stream.flush()
+
+    try:
+        yield advance
+    finally:
+        stream.write("\r" + " " * (len(task) + _WIDTH + 7) + "\r")
+        stream.flush()
+
+
+@cache
+def _announce_compiling() -> None:
+    """Print a line when numba first compiles in this process, which takes seconds."""
+    from gantrysim.base.jit import tell_compiling  # slow to import
+
+    def announce() -> None:
+        stream = _stream()
+        if stream is not None:
+            stream.write(f"\r{COMPILING}\n")
+            stream.flush()
+
+    tell_compiling(announce)

@@ -1,0 +1,77 @@
+"""Results and files of a run, as the command writes them, from Python."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from gantrysim.base.progress import Progress, shown_progress
+from gantrysim.bead import Bead
+from gantrysim.job.causes import causes_of
+from gantrysim.job.job import Job
+from gantrysim.job.losses import Losses
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.metrics.budget import Budget
+from gantrysim.plots import save_plots
+from gantrysim.record.run import Run
+from gantrysim.report.folder import PLOTS, REPORT, output_folder, write_fault, write_run
+from gantrysim.report.page import write_run_page
+from gantrysim.report.results import RunResults
+
+
+def write_report(
+    job: Job, run: Run, folder: str | os.PathLike[str], causes: bool = True, progress: Progress = None
+) -> Path | None:
+    """Write job, record, summary, plots and page of a run into a folder.
+
+    Args:
+        job: of the run.
+        run: the record.
+        folder: to write to; files of an earlier run are replaced.
+        causes: whether to run the job again with one cause of error at a time switched off.
+        progress: as in `simulate`.
+
+    Returns:
+        The path of report.html; None for a run that a fault ended before its dispenser was on, which has no page.
+
+    Raises:
+        InputError: the folder cannot be written, or the dispenser is never on in a run without a fault.
+    """
+    target = Path(folder)
+    with output_folder(target) as scratch, shown_progress("report", progress) as advance:
+        if run.fault is not None and not run.dispense.any():
+            write_fault(scratch, job, job.built_machine, run)
+            return None
+        results = results_of(job, run, causes)
+        write_run(scratch, results)
+        save_plots(results.budget, scratch / PLOTS, bead=results.bead)
+        write_run_page(scratch / REPORT, results, progress=advance)
+    return target / REPORT
+
+
+def results_of(job: Job, run: Run, causes: bool = True) -> RunResults:
+    """Return the results of a run, of the job run again without its causes of error, and without its faults on purpose.
+
+    Args:
+        job: of the run.
+        run: the record.
+        causes: whether to find the causes; those of a run with faults are not looked for.
+
+    Raises:
+        InputError: the dispenser is never on.
+    """
+    analysis = Analysis(run)
+    bead = Bead(run, job.bead, analysis)
+    losses = None
+    if run.injected:
+        healthy = job.without_faults().run()
+        losses = Losses.of(bead, Bead(healthy, job.bead)) if healthy.dispense.any() else None
+    wanted = causes and run.fault is None and not job.faults
+    return RunResults(
+        job,
+        job.built_machine,
+        Budget(analysis),
+        bead,
+        causes=causes_of(job, run) if wanted else None,
+        losses=losses,
+    )

@@ -1,0 +1,221 @@
+"""What a run offers in one call: columns by name, verdict, budget, figure, report; and what it says without a job."""
+
+import io
+import json
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gantrysim as gs
+from gantrysim.base import progress as bars
+from gantrysim.record import conveniences
+
+from support.jobs import job_run
+
+JOB = "softmc-arc"
+
+
+@pytest.fixture(scope="module")
+def run():
+    return job_run(JOB)
+
+
+@pytest.fixture(scope="module")
+def jobless(run):
+    return run.replaced(job=None)
+
+
+def test_verdict_and_budget_are_those_of_the_rooms_that_make_them(run):
+    assert run.job.name == JOB
+    assert run.verdict.content() == gs.Verdict.of(run.job, run).content()
+    assert run.budget.values.contour == gs.Budget(run).values.contour
+    assert run.verdict is run.verdict
+    assert run.replaced(gap=run.gap).job is run.job
+    assert run.replaced(nozzle=run.commanded_tip).budget is not run.budget
+    assert pickle.loads(pickle.dumps(run)).verdict.content() == run.verdict.content()
+
+
+def test_a_run_printed_has_its_verdict_and_facts_and_its_repr_computes_nothing(run, monkeypatch):
+    text = str(run)
+    assert text.startswith(str(run.verdict))
+    assert all(fact in text for fact in run.facts().values())
+    monkeypatch.setattr(conveniences, "import_module", None)
+    assert "\n" not in repr(run.replaced())
+
+
+def test_a_run_without_a_job_says_what_to_write(jobless, tmp_path):
+    for name, call, advice in (
+        ("verdict", lambda: jobless.verdict, "gantrysim.Verdict.of(job, run)"),
+        ("report", lambda: jobless.report(tmp_path), "run.replaced(job=job).report(folder)"),
+        ("film", lambda: jobless.film(tmp_path / "a.mp4"), "gantrysim.render.save_video(machine, run, file)"),
+    ):
+        with pytest.raises(gs.InputError) as error:
+            call()
+        assert str(error.value) == f"run.{name}: the run has no job: write {advice}"
+    assert str(jobless).startswith("no verdict: a run without its job has no tolerances\nmachine ")
+    assert gs.Verdict.of(job_run(JOB).job, jobless).state == job_run(JOB).verdict.state
+    assert jobless.budget.values.contour == job_run(JOB).budget.values.contour
+
+
+def test_a_run_without_glue_is_printed_without_a_verdict(run):
+    dry = run.replaced(dispense=np.zeros_like(run.dispense))
+    assert str(dry).startswith("no verdict: ")
+    assert "dispense" in str(dry)
+
+
+def test_every_column_of_the_table_has_its_name(run):
+    frame = run.to_frame()
+    assert list(run.columns) == list(frame.columns)
+    assert len(run) == len(frame) == len(run.time)
+    for name in run.columns:
+        np.testing.assert_array_equal(run[name], frame[name])
+        assert not run[name].flags.writeable
+    for name, array in (("encoder_x", run.encoder[:, 0]), ("nozzle_z", run.nozzle[:, 2]), ("flow", run.flow)):
+        np.testing.assert_array_equal(run[name], array)
+    assert np.shares_memory(run["time"], run.time)
+
+
+def test_a_name_with_its_unit_goes_before_an_axis_of_that_name(run):
+    odd = run.replaced(axes=("x", "x_mm"))
+    np.testing.assert_array_equal(odd["encoder_x_mm"], odd.encoder[:, 0])
+    np.testing.assert_array_equal(odd["encoder_x_mm_mm"], odd.encoder[:, 1])
+
+
+def test_an_unknown_column_gets_the_three_nearest(run):
+    with pytest.raises(gs.InputError) as error:
+        run["encodr_x"]
+    assert str(error.value) == (
+        "unknown column 'encodr_x': did you mean encoder_x, encoder_y or encoder_tip_x? run.columns lists all"
+    )
+    with pytest.raises(gs.InputError, match=r"unknown column 0: run\.columns lists all"):
+        list(run)
+
+
+def test_the_job_is_not_saved_and_comes_back_from_the_folder(run, tmp_path):
+    run.save(tmp_path / "run.npz")
+    assert gs.Run.load(tmp_path / "run.npz").job is None
+    (tmp_path / "job.toml").write_text(run.job.toml(), encoding="utf-8")
+    saved = gs.SavedRun.load(tmp_path)
+    assert saved.run.verdict.content() == run.verdict.content()
+
+
+def test_loading_a_record_needs_no_room_above(run, tmp_path):
+    run.save(tmp_path / "run.npz")
+    code = (
+        "import sys; from gantrysim.record.run import Run\n"
+        "run = Run.load(sys.argv[1]); len(run), repr(run), run['time']\n"
+        "print(sorted({n.split('.')[1] for n in sys.modules if n.startswith('gantrysim.')}), 'mujoco' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, tmp_path / "run.npz"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "['base', 'faults', 'paths', 'record'] False\n"
+
+
+def test_the_figure_shows_plan_and_budget(run):
+    figure = run.plot()
+    titles = [axes.get_title() for axes in figure.axes]
+    assert titles[0] == "Plan view, machine xy"
+    (coloured,) = figure.axes[0].collections
+    assert coloured.get_array().max() == pytest.approx(1e3 * run.budget.values.contour.max, rel=1e-3)
+    assert figure._repr_png_().startswith(b"\x89PNG")
+
+
+def test_the_report_has_the_files_of_the_command(run, tmp_path):
+    page = run.report(tmp_path / "out", causes=False)
+    assert page == tmp_path / "out" / "report.html"
+    names = {file.name for file in (tmp_path / "out").iterdir()}
+    assert names >= {"job.toml", "plots", "report.html", "run.npz", "summary.json"}
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["verdict"] == json.loads(json.dumps(run.verdict.content()))
+    assert gs.SavedRun.load(tmp_path / "out").job.toml() == run.job.toml()
+
+
+def test_the_film_is_of_the_job(run, monkeypatch):
+    calls = []
+    monkeypatch.setattr("gantrysim.render.save_video", lambda *given, **named: calls.append((given, named)) or 7)
+    assert run.film("a.mp4", speed=2.0) == 7
+    (((machine, filmed, file), named),) = calls
+    assert (machine, filmed, file) == (run.job.built_machine, run, "a.mp4")
+    assert named == {"bead": run.job.bead, "label": JOB, "speed": 2.0}
+
+
+def test_rooms_are_reached_from_the_package():
+    code = (
+        "import gantrysim as gs\n"
+        "print(gs.controllers.trio.MoveSpiral.__name__, gs.study.SpeedStudy.__name__, gs.tuning.TuningStudy.__name__,\n"
+        "    gs.plots.save_plots.__name__, gs.render.Film.__name__, gs.Setpoints.__name__, gs.SavedRun.__name__)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "MoveSpiral SpeedStudy TuningStudy save_plots Film Setpoints SavedRun\n"
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def simulated(xy, **named):
+    path = gs.controllers.trio.MoveSpiral(60, 1, 10, 100)
+    return gs.simulate(xy, gs.Servo.derive(xy.axes), path, **named)
+
+
+def test_a_bar_is_shown_in_a_terminal_alone(xy, monkeypatch):
+    terminal, file = Terminal(), io.StringIO()
+    monkeypatch.setattr(bars.sys, "stderr", terminal)
+    simulated(xy, progress=True)
+    drawn = terminal.getvalue().split("\r")
+    assert drawn[1].startswith("simulate ")
+    assert drawn[-3].endswith("100 %")
+    assert not drawn[-2].strip()  # wiped out
+    monkeypatch.setattr(bars.sys, "stderr", file)
+    simulated(xy, progress=True)
+    assert file.getvalue() == ""
+
+
+def test_a_bar_is_shown_in_the_output_of_a_notebook(xy, monkeypatch):
+    output = io.StringIO()
+    monkeypatch.setitem(sys.modules, "ipykernel", bars)
+    monkeypatch.setattr(bars.sys, "stdout", output)
+    simulated(xy, progress=True)
+    assert " 100 %" in output.getvalue()
+
+
+def test_progress_is_a_function_or_a_truth_value(xy):
+    shares = []
+    simulated(xy, progress=shares.append)
+    assert shares
+    assert shares == sorted(shares)
+    assert shares[-1] == 1
+    with pytest.raises(gs.InputError, match="progress = 3: must be True, False or a function"):
+        simulated(xy, progress=3)
+
+
+class OnCircle:
+    """Sends setpoints, but derives from no class of the package."""
+
+    def __init__(self, returned=None):
+        self.returned = returned
+
+    def setpoints(self, period):
+        return self.returned or gs.controllers.trio.MoveSpiral(60, 1, 10, 100).setpoints(period)
+
+
+def test_anything_with_setpoints_stands_for_them(xy):
+    servo = gs.Servo.derive(xy.axes)
+    np.testing.assert_array_equal(gs.simulate(xy, servo, OnCircle()).encoder, simulated(xy).encoder)
+    with pytest.raises(gs.InputError, match=r"^OnCircle\.setpoints returned int: must return gantrysim\.Setpoints$"):
+        gs.simulate(xy, servo, OnCircle(3))
+    with pytest.raises(gs.InputError, match=r"^setpoints is of type type: must be Setpoints or a controller"):
+        gs.simulate(xy, servo, OnCircle)
+
+
+def test_the_stub_names_what_the_mixin_has():
+    stub = Path(conveniences.__file__).with_suffix(".pyi").read_text(encoding="utf-8")
+    names = [name for name in vars(conveniences.Conveniences) if not name.startswith("_")]
+    assert names
+    assert all(f" {name}(" in stub for name in names)
