@@ -1,12 +1,15 @@
-"""What `gantrysim run` computes, writes and shows of a record; imported only then, as plots and pictures take long."""
+"""What `gantrysim run` computes, shows and writes of a record; plots, page and film are imported only where made."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from gantrysim.base import memory
 from gantrysim.base.errors import text_of
 from gantrysim.bead import Bead
 from gantrysim.cli.tables import causes_table, links_table, losses_table, outcome_table, scatter_table, verdict_table
@@ -15,15 +18,12 @@ from gantrysim.job.causes import causes_of
 from gantrysim.job.job import Job
 from gantrysim.job.losses import Losses
 from gantrysim.job.scatter import scatter_of, scatters
+from gantrysim.job.steps import run_notes
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
-from gantrysim.plots import save_plots
 from gantrysim.record.run import Run
-from gantrysim.render import NoOpenGLError, save_video
-from gantrysim.render.encoding import NoEncoderError
 from gantrysim.report.folder import PLOTS, REPORT, SUMMARY, VIDEO, write_run
 from gantrysim.report.headline import headline
-from gantrysim.report.page import write_run_page
 from gantrysim.report.results import RunResults
 from gantrysim.report.scatter import SCATTER_NOTE, add_to_summary
 from gantrysim.results.checks import FAIL
@@ -34,14 +34,14 @@ class Wanted(NamedTuple):
     """What the caller asks for besides record, summary and error budget.
 
     Attributes:
-        causes: worth of each cause of error.
+        causes: worth of each cause of error; None for where it takes seconds: not for a long run or one with faults.
         repeat: number of runs from which the figures' scatter is taken; None for none.
         video: video.mp4.
         report: report.html and the plots.
         fail_on: verdict from which on the command fails, "fail" or "warn"; None for none.
     """
 
-    causes: bool
+    causes: bool | None
     repeat: int | None
     video: bool
     report: bool
@@ -51,81 +51,142 @@ class Wanted(NamedTuple):
         """Return whether the command fails with a verdict."""
         return self.fail_on is not None and (state == FAIL or state == self.fail_on)
 
+    def causes_skipped(self, job: Job, record: Run) -> str:
+        """Return why no causes are looked for; empty where they are, and where nobody wants them."""
+        if self.causes is False:
+            return ""
+        if record.fault is not None:
+            return "the run ended in a fault"
+        if job.faults:
+            return "the job has faults on purpose"
+        if self.causes is None and len(record.time) > memory.LONG:
+            return "the run is long; --causes finds them"
+        return ""
+
 
 class Evaluation:
-    """Results of a record, and the files made of them.
+    """Results of a record: shown as they become known, then written.
 
     Args:
-        folder: that the files are written to.
+        job: of the record.
+        record: of a run whose dispenser was on.
+        wanted: what the caller asks for.
         go_on: raises an interrupt that has come; called after an error, which may be one in disguise.
 
     Attributes:
-        shown: functions that print the results, to be called once the files are in place.
+        results: what is known so far.
         failed: why files are missing, each in a line.
-        state: the verdict in a word; empty until the results are known.
     """
 
-    def __init__(self, folder: Path, go_on: Callable[[], None]) -> None:
-        self.shown: list[Callable[[], None]] = []
+    def __init__(self, job: Job, record: Run, wanted: Wanted, go_on: Callable[[], None]) -> None:
+        analysis = Analysis(record)
+        bead = Bead(record, job.bead, analysis)
+        self.results = RunResults(job, job.built_machine, Budget(analysis), bead)
         self.failed: list[str] = []
-        self.state = ""
-        self._folder = folder
+        self._record = record
+        self._wanted = wanted
         self._go_on = go_on
 
-    def make(self, job: Job, record: Run, wanted: Wanted) -> None:
-        """Compute the results, write their files, and keep what is to be shown; a plot, video or report may fail."""
-        results = self._results(job, record, wanted)
-        self.state = results.verdict.state
-        write_run(self._folder, results)
+    def show(self) -> None:
+        """Print verdict and tables, first those of the record alone, then those that need further runs of the job."""
+        results = self.results
+        job = results.job
+        record = self._record
+        budget = results.budget
+        _show_verdict(results.verdict)
+        show(links_table(job.name, results.machine, budget))
+        show(outcome_table(record, budget.analysis.values, results.bead_values, job.margins))
+        sys.stdout.flush()  # further runs take seconds
+        if record.injected:
+            self._find_losses()
+        self._find_causes()
+        if self._wanted.repeat is not None and record.fault is None:
+            self._find_scatter(self._wanted.repeat)
+        elif record.fault is None and scatters(job):
+            say(SCATTER_NOTE, wrap=True)
+        say(headline(budget, self.results.causes), wrap=True)
+        say(f"servo: {job.servo_reason}", wrap=True)
+        for note in run_notes(job, record):
+            say(f"note: {note}")
+        sys.stdout.flush()
+
+    def write(self, folder: Path) -> None:
+        """Write the files; a plot, the page or the film may fail, the film comes last."""
+        results = self.results
+        write_run(folder, results)
         if results.scatter is not None:
-            add_to_summary(self._folder / SUMMARY, results.scatter)
-        if wanted.report:
-            with self._optional("plot"), share_bar("plot", self._go_on) as advance:
-                save_plots(results.budget, self._folder / PLOTS, bead=results.bead, progress=advance)
-        self.shown += tables(results)
-        if wanted.video:
-            with self._optional("video"), share_bar("video", self._go_on) as advance:
+            add_to_summary(folder / SUMMARY, results.scatter)
+        page = None
+        if self._wanted.report:
+            from gantrysim.plots import save_plots
+            from gantrysim.report.page import run_page
+
+            with self._optional("plot", folder), share_bar("plots", self._go_on) as advance:
+                save_plots(results.budget, folder / PLOTS, bead=results.bead, progress=advance)
+            with self._optional("report", folder), share_bar("page", self._go_on) as advance:
+                page = run_page(results, folder / VIDEO if self._wanted.video else None, advance)
+        if self._wanted.video:
+            self._film(folder)
+        if page is not None:
+            with self._optional("report", folder):
+                page.write(folder / REPORT)
+
+    def _film(self, folder: Path) -> None:
+        from gantrysim.render import NoOpenGLError, save_video
+        from gantrysim.render.encoding import NoEncoderError
+
+        results = self.results
+        job = results.job
+        with self._optional("video", folder), share_bar("film", self._go_on) as advance:
+            try:
                 save_video(
                     results.machine,
-                    record,
-                    self._folder / VIDEO,
+                    self._record,
+                    folder / VIDEO,
                     bead=results.bead,
                     label=job.name,
                     progress=advance,
                 )
-        if wanted.report:
-            with self._optional("report"), share_bar("report", self._go_on) as advance:
-                write_run_page(self._folder / REPORT, results, self._folder / VIDEO, advance)
+            except (NoOpenGLError, NoEncoderError) as error:
+                warn(f"no video: {error}")
 
-    def _results(self, job: Job, record: Run, wanted: Wanted) -> RunResults:
-        """Return the results of a record, of the job run again without its causes or faults, and of its repeats."""
-        analysis = Analysis(record)
-        budget = Budget(analysis)
-        bead = Bead(record, job.bead, analysis)
-        causes = losses = scatter = None
-        if wanted.causes and record.fault is None:
+    def _find_losses(self) -> None:
+        """Run the job without its faults on purpose, and print what they cost."""
+        job = self.results.job
+        with share_bar("simulate without faults", self._go_on) as advance:
+            healthy = job.without_faults().run(advance)
+        bead = self.results.bead
+        if bead is not None and healthy.dispense.any():
+            losses = Losses.of(bead, Bead(healthy, job.bead))
+            self.results = replace(self.results, losses=losses)
+            show(losses_table(self._record, losses))
+
+    def _find_causes(self) -> None:
+        """Run the job without one cause of error at a time, and print what each is worth."""
+        skipped = self._wanted.causes_skipped(self.results.job, self._record)
+        if skipped:
+            say(f"causes skipped: {skipped}")
+        elif self._wanted.causes is not False:
             with share_bar("causes", self._go_on) as advance:
-                causes = causes_of(job, record, advance)
-        if record.injected:
-            with share_bar("simulate without faults", self._go_on) as advance:
-                healthy = job.without_faults().run(advance)
-            losses = Losses.of(bead, Bead(healthy, job.bead)) if healthy.dispense.any() else None
-        if wanted.repeat is not None and record.fault is None:
-            with share_bar("repeat", self._go_on) as advance:
-                scatter = scatter_of(job, wanted.repeat, record=record, progress=advance)
-        return RunResults(job, job.built_machine, budget, bead, causes, losses, scatter)
+                causes = causes_of(self.results.job, self._record, advance)
+            self.results = replace(self.results, causes=causes)
+            show(causes_table(causes))
+
+    def _find_scatter(self, repeat: int) -> None:
+        """Run the job again with other zeros of its encoders, and print how far its figures scatter."""
+        with share_bar("repeat", self._go_on) as advance:
+            scatter = scatter_of(self.results.job, repeat, record=self._record, progress=advance)
+        self.results = replace(self.results, scatter=scatter)
+        show(scatter_table(scatter))
 
     @contextmanager
-    def _optional(self, kind: str) -> Iterator[None]:
+    def _optional(self, kind: str, folder: Path) -> Iterator[None]:
         """Report an error of the block; the other files are still written."""
         try:
             yield
-        except (NoOpenGLError, NoEncoderError) as error:
-            missing = f"no {kind}: {error}"
-            self.shown.append(lambda: warn(missing))
         except Exception as error:
             self._go_on()
-            self.failed.append(f"no {kind}: {text_of(error).replace(f'{self._folder}/', '')}")
+            self.failed.append(f"no {kind}: {text_of(error).replace(f'{folder}/', '')}")
 
 
 def _show_verdict(verdict: Verdict) -> None:
@@ -134,26 +195,3 @@ def _show_verdict(verdict: Verdict) -> None:
         say(str(verdict), wrap=True)
     else:
         show(verdict_table(verdict))
-
-
-def tables(results: RunResults) -> Iterator[Callable[[], None]]:
-    """Yield functions that print the results of a run."""
-    job = results.job
-    budget = results.budget
-    record = budget.analysis.run
-    yield lambda: _show_verdict(results.verdict)
-    links = links_table(job.name, results.machine, budget)
-    yield lambda: show(links)
-    if results.losses is not None:
-        losses = losses_table(record, results.losses)
-        yield lambda: show(losses)
-    if results.causes is not None:
-        causes = causes_table(results.causes)
-        yield lambda: show(causes)
-    if results.scatter is not None:
-        scatter = scatter_table(results.scatter)
-        yield lambda: show(scatter)
-    elif record.fault is None and scatters(job):
-        yield lambda: say(SCATTER_NOTE, wrap=True)
-    yield lambda: show(outcome_table(record, budget.analysis.values, results.bead_values, job.margins))
-    yield lambda: say(headline(budget), wrap=True)

@@ -28,7 +28,11 @@ if TYPE_CHECKING:
     from gantrysim.record.run import Run
 
 WithCauses = Annotated[
-    bool, typer.Option("--causes", help="Run the job again with one cause of error at a time switched off.")
+    bool | None,
+    typer.Option(
+        "--causes/--no-causes",
+        help="Run the job again with one cause of error at a time switched off; by default unless the run is long.",
+    ),
 ]
 Repeat = Annotated[
     int | None,
@@ -49,7 +53,7 @@ def run(
     model: Model = None,
     settings: Settings = None,
     servo: ServoFile = None,
-    causes: WithCauses = False,
+    causes: WithCauses = None,
     repeat: Repeat = None,
     controller: Reader = None,
     speed: Speed = None,
@@ -61,14 +65,14 @@ def run(
     with_report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and the plots.")] = True,
     fail_on: FailOn = None,
 ) -> None:
-    """Simulate a job, print verdict and error budget, and write record, summary, plots, report and video.
+    """Simulate a job, print verdict, error budget and causes, and write record, summary, plots, report and video.
 
     The verdict compares path, glue, stability and machine with their tolerances: those of the job's table [tolerance],
     and defaults from machine, needle and bead.
 
-    The error budget locates the error on the chain. With --causes, a second table finds its causes: the job is run
-    again with one cause at a time switched off (program, sampling, counts, friction, winding, compliance), and the
-    change of the error is what that cause is worth.
+    The error budget locates the error on the chain. A second table finds its causes: the job is run again with one
+    cause at a time switched off (program, sampling, counts, friction, winding, compliance), and the change of the error
+    is what that cause is worth. A run with faults on purpose, or ended by a fault, is not searched for causes.
 
     Axes that stick and slip do so by where their encoders' counts fall: figures scatter from one start of the machine
     to the next. With --repeat, the job is run again with the zeros anywhere within a count, and a table gives mean and
@@ -96,7 +100,7 @@ def run(
 
 
 def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
-    """Run a job, write its output folder, and print its results.
+    """Run a job, print its results as they become known, and write its output folder.
 
     Raises:
         InputError: a job that does not fit its machine, or whose causes or scatter cannot be had.
@@ -106,12 +110,9 @@ def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
     from gantrysim.cli.evaluation import Evaluation
     from gantrysim.job.causes import check_causes
     from gantrysim.job.cost import computing_time
-    from gantrysim.job.losses import events
     from gantrysim.job.scatter import check_repeats
-    from gantrysim.report.folder import output_folder, write_fault
-    from gantrysim.results.verdict import Verdict
+    from gantrysim.report.folder import REPORT, output_folder, write_fault
 
-    machine = job.built_machine
     job.check_fit()
     if wanted.causes:
         check_causes(job)
@@ -120,43 +121,42 @@ def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
     ticks = job.setpoints.run_ticks
     if ticks > LONG:
         warn(f"note: {ticks:,} servo ticks, about {_lasting(computing_time(job))} of computing")
+    evaluation = None
     with interruptible() as go_on, output_folder(folder) as scratch:
-        evaluation = Evaluation(scratch, go_on)
         with share_bar("simulate", go_on) as advance:
             record = job.run(advance)
         if record.fault is not None and not record.dispense.any():
-            write_fault(scratch, job, machine, record)
-            say(str(Verdict.of_fault(record)), wrap=True)
-            say("the run ended before the dispenser was on: there are no errors to evaluate")
-            for event in events(record) if record.injected else ():
-                say(event, wrap=True)
+            _show_early_fault(record)
+            write_fault(scratch, job, job.built_machine, record)
         else:
-            evaluation.make(job, record, wanted)
+            evaluation = Evaluation(job, record, wanted, go_on)
+            evaluation.show()
+            evaluation.write(scratch)
         written = sorted(item.name for item in scratch.iterdir() if item.is_file() or any(item.iterdir()))
-    for show_result in evaluation.shown:
-        show_result()
-    _show_end(job, record, evaluation.failed)
+    failed = [] if evaluation is None else evaluation.failed
+    for text in failed:
+        warn(text, "error")
     say(f"written to {folder}/: {', '.join(written)}")
+    if REPORT in written:
+        say(str(folder / REPORT))
     if record.fault is not None:
-        if wanted.causes:
-            say("causes skipped: the run ended in a fault")
         warn(str(record.fault), "fault")
         raise typer.Exit(FAULT)
-    if wanted.refuses(evaluation.state):
+    if evaluation is not None and wanted.refuses(evaluation.results.verdict.state):
         raise typer.Exit(OUT_OF_TOLERANCE)
-    if evaluation.failed:
+    if failed:
         raise typer.Exit(INCOMPLETE)
 
 
-def _show_end(job: Job, record: Run, failed: list[str]) -> None:
-    """Print what bounds the servo, the notes of the run, and which files are missing."""
-    from gantrysim.job.steps import run_notes
+def _show_early_fault(record: Run) -> None:
+    """Print what happened in a run that a fault ended before its dispenser was on."""
+    from gantrysim.job.losses import events
+    from gantrysim.results.verdict import Verdict
 
-    say(f"servo: {job.servo_reason}", wrap=True)
-    for note in run_notes(job, record):
-        say(f"note: {note}")
-    for text in failed:
-        warn(text, "error")
+    say(str(Verdict.of_fault(record)), wrap=True)
+    say("the run ended before the dispenser was on: there are no errors to evaluate")
+    for event in events(record) if record.injected else ():
+        say(event, wrap=True)
 
 
 def _lasting(seconds: float) -> str:

@@ -55,11 +55,7 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
     contour = values.contour
     x, y, _ = contour.point
     add("contour", contour, DESCRIPTIONS["contour"])
-    table.caption = "links show where on the chain the error lies"
-    # causes are those of a complete run without faults on purpose
-    if run.fault is None and not run.injected:
-        table.caption += "; to see what causes it, add --causes"
-    table.caption += "\n"
+    table.caption = "links show where on the chain the error lies, not what causes it\n"
     table.caption += "share of the mean square contour error; a negative share offsets others\n"
     table.caption += f"largest contour error at t = {contour.time:z.2f} s, x = {x:z.1f}, y = {y:z.1f} mm"
     table.caption_justify = "left"

@@ -78,8 +78,6 @@ def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tupl
     would exceed the machine's speed limit, and keeps within its travel. The dispenser is on between two setpoints at
     which it is on.
     """
-    from scipy.interpolate import CubicSpline  # slow to import
-
     n = periods(servo.period, max(FINE, servo.inner_period))
     check_ticks(
         n * len(setpoints.position), f"the run with a servo period of {servo.period / n:g} s", "use a shorter program"
@@ -92,7 +90,7 @@ def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tupl
     low, high = np.array([axis.travel for axis in axes]).T
     limit = np.array([axis.speed_limit for axis in axes])
     tick = np.arange((len(knots) - 1) * n + 1) / n
-    position = CubicSpline(np.arange(len(knots)), knots, bc_type="clamped")(tick)
+    position = spline_through(knots, n)
     line = np.stack([np.interp(tick, np.arange(len(knots)), knot) for knot in knots.T], axis=1)
     speed = np.abs(np.diff(position, axis=0)).reshape(-1, n, len(axes)).max(axis=1) / period
     position[:-1] = np.where(np.repeat(speed > limit, n, axis=0), line[:-1], position[:-1])
@@ -112,3 +110,34 @@ def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tupl
     )
     inner = min(period, servo.drive_period) if servo.inner_period else servo.drive_period
     return replace(servo, period=period, delay=0.0, feedback_delay=0, drive_period=inner), fine
+
+
+def spline_through(knots: Floats, n: int) -> Floats:
+    """Return a cubic spline through knots at equal distances, at rest at both ends, at n points per interval.
+
+    Its slopes m follow from the continuity of the second derivative: m[k-1] + 4 m[k] + m[k+1] = 3 (y[k+1] - y[k-1]).
+    SciPy's CubicSpline gives the same, but its import takes longer than most of the runs that need one.
+
+    Args:
+        knots: values y, (k, axes).
+        n: number of points per interval, the knot at its start included.
+
+    Returns:
+        Values, ((k - 1) n + 1, axes).
+    """
+    from scipy.linalg import solve_banded  # slow to import
+
+    slope = np.zeros_like(knots)
+    inner = len(knots) - 2
+    if inner > 0:
+        bands = np.tile([[1.0], [4.0], [1.0]], (1, inner))
+        slope[1:-1] = solve_banded((1, 1), bands, 3 * (knots[2:] - knots[:-2]))
+    u = (np.arange(n) / n)[:, None]
+    # Hermite's basis on an interval of length 1
+    values = (
+        (1 + 2 * u) * (1 - u) ** 2 * knots[:-1, None]
+        + u * (1 - u) ** 2 * slope[:-1, None]
+        + u**2 * (3 - 2 * u) * knots[1:, None]
+        + u**2 * (u - 1) * slope[1:, None]
+    )
+    return np.concatenate([values.reshape(-1, knots.shape[1]), knots[-1:]])

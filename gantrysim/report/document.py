@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from numbers import Integral
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gantrysim.base.errors import InputError
@@ -86,7 +87,7 @@ class Section:
             function draws its own only when it is its turn, as figures take memory.
         table: a table, or several.
         facts: values shown large: name, value with its unit, and a remark.
-        video: content of an MP4 file.
+        video: MP4 file, read when the page is written; without it the section is left out.
         code: preformatted text.
     """
 
@@ -95,7 +96,7 @@ class Section:
     figure: Drawing | Sequence[Drawing] | None = None
     table: Table | Sequence[Table] | None = None
     facts: Sequence[tuple[str, str, str]] = ()
-    video: bytes | None = None
+    video: Path | None = None
     code: str | None = None
 
 
@@ -107,37 +108,76 @@ def write_page(
     warning: str | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> None:
-    """Write a page as one HTML file that includes style, figures and video; an earlier file stays until it is complete.
+    """Draw and write a page, see `draw_page` and `DrawnPage.write`."""
+    draw_page(title, subtitle, sections, warning, progress).write(file)
 
-    The same content gives the same bytes. All text is escaped.
+
+@dataclass(frozen=True)
+class DrawnPage:
+    """A page whose figures are drawn, which takes seconds; what takes longer, as a film, may come before it is written.
+
+    Attributes:
+        title: title of the page.
+        subtitle: line below the title.
+        sections: the unique name of each section, the section, and its figures as SVG with their widths.
+        warning: shown above all else.
+    """
+
+    title: str
+    subtitle: str
+    sections: Sequence[tuple[str, Section, list[dict[str, Any]]]]
+    warning: str | None = None
+
+    def write(self, file: str | os.PathLike[str]) -> None:
+        """Write the page as one HTML file that includes style, figures and video; an earlier one stays until then.
+
+        The same content gives the same bytes. All text is escaped.
+
+        Args:
+            file: to write or replace.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        from jinja2 import Environment, StrictUndefined  # slow to import
+        from markupsafe import Markup
+
+        folder = files("gantrysim.report")
+        environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+        environment.filters.update(several=_several, base64=_base64)
+        template = environment.from_string((folder / "page.html").read_text(encoding="utf-8"))
+        content = template.render(
+            title=self.title,
+            subtitle=self.subtitle,
+            warning=self.warning,
+            style=Markup((folder / "page.css").read_text(encoding="utf-8")),
+            sections=[entry for entry in self.sections if entry[1].video is None or entry[1].video.exists()],
+        )
+        with replaced(file) as partial:
+            partial.write_text(content, encoding="utf-8")
+
+
+def draw_page(
+    title: str,
+    subtitle: str,
+    sections: Sequence[Section],
+    warning: str | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> DrawnPage:
+    """Return a page with its figures drawn.
 
     Args:
-        file: to write or replace.
         title: title of the page.
         subtitle: line below the title.
         sections: from top to bottom.
         warning: shown above all else, such as a fault that ended the run.
         progress: called with the completed share.
-
-    Raises:
-        InputError: the file cannot be written.
     """
-    from jinja2 import Environment, StrictUndefined  # slow to import
-    from markupsafe import Markup
+    return DrawnPage(title, subtitle, list(_with_figures(sections, progress or (lambda share: None))), warning)
 
-    folder = files("gantrysim.report")
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters.update(several=_several, base64=lambda content: base64.b64encode(content).decode("ascii"))
-    template = environment.from_string((folder / "page.html").read_text(encoding="utf-8"))
-    content = template.render(
-        title=title,
-        subtitle=subtitle,
-        warning=warning,
-        style=Markup((folder / "page.css").read_text(encoding="utf-8")),
-        sections=list(_with_figures(sections, progress or (lambda share: None))),
-    )
-    with replaced(file) as partial:
-        partial.write_text(content, encoding="utf-8")
+
+def _base64(file: Path) -> str:
+    return base64.b64encode(file.read_bytes()).decode("ascii")
 
 
 def _with_figures(

@@ -1,7 +1,10 @@
-"""The headline of a run: its contour error, and the link in which most of it lies; or the faults that spoilt it."""
+"""The headline of a run: its contour error, where it lies, and its main cause; or the faults that spoilt it."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
+from gantrysim.job.causes import Causes, Effect
 from gantrysim.job.losses import happened, reached
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 
@@ -11,11 +14,16 @@ _UM = 1e3
 # of the mean square
 _ALMOST_ALL = 0.9
 _MOST = 0.5
+# worth of a cause, of the rms error
+_CAUSE = 0.9
+_MAIN_CAUSE = 0.5
+_LEAST_WORTH = 1e-4  # below it effects are numerical noise [mm]
 
 
-def headline(budget: Budget) -> str:
+def headline(budget: Budget, causes: Causes | None = None) -> str:
     """Return the contour error with the link that has the largest share, and the error along the path if larger.
 
+    Where the causes are known, it names the one that is worth at least half of the error, or says that there is none.
     For a run that ended in a fault, or came to a fault on purpose, it states what happened. Such a run's error has its
     cause in the fault, in whatever link it lies, so no link is named.
     """
@@ -29,7 +37,39 @@ def headline(budget: Budget) -> str:
         return f"Contour error: none, the nozzle follows the requested path{exactly}.{along}"
     link, part = max(budget.values.parts.items(), key=lambda item: item[1].share)
     portion = _portion(part.share)
-    return f"Contour error: {_size(contour.rms)} rms, {portion} in {link} ({DESCRIPTIONS[link]}).{along}"
+    where = f"Contour error: {_size(contour.rms)} rms, {portion} in {link} ({DESCRIPTIONS[link]})."
+    sentences = [where] if causes is None else [where, *cause_sentences(causes)]
+    return " ".join(sentences) + along
+
+
+def cause_sentences(causes: Causes) -> Iterator[str]:
+    """Yield what causes the error: one cause, where it is worth at least half of it, else that no single one is.
+
+    Effects do not add up, so that several causes may be worth half each; the largest is named.
+    """
+    known = [effect for effect in causes.effects if effect.worth]
+    failed = [effect.cause.name for effect in causes.effects if not effect.worth]
+    by_worth = sorted(known, key=_share, reverse=True)
+    if by_worth and _share(by_worth[0]) >= _MAIN_CAUSE:
+        main = by_worth[0]
+        kind = "Cause" if _share(main) >= _CAUSE else "Main cause"
+        worth = _size(main.worth["contour"].rms)
+        whole = _size(main.before["contour"].rms)
+        remaining = _size(main.without["contour"].rms)
+        yield f"{kind}: {main.cause.name}, worth {worth} of {whole}; without it {remaining} are left."
+    else:
+        largest = [effect for effect in by_worth[:2] if effect.worth["contour"].rms > _LEAST_WORTH]
+        names = " and ".join(f"{effect.cause.name} ({_size(effect.worth['contour'].rms)})" for effect in largest)
+        remark = f"; worth most: {names}" if names else ""
+        yield f"No single cause is worth half of it{remark}."
+    if failed:
+        yield f"Not known, as the run without it failed: {', '.join(failed)}."
+
+
+def _share(effect: Effect) -> float:
+    """Return what a cause is worth of the rms error."""
+    whole = effect.before["contour"].rms
+    return effect.worth["contour"].rms / whole if whole > 0 else 0.0
 
 
 def _portion(share: float) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from gantrysim.job.steps import run_notes
 from gantrysim.metrics.analysis import AnalysisValues
 from gantrysim.report.causes import causes_section
-from gantrysim.report.document import Section, Table, write_page
+from gantrysim.report.document import DrawnPage, Section, Table, draw_page
 from gantrysim.report.headline import headline
 from gantrysim.report.results import RunResults
 from gantrysim.report.scatter import scatter_section
@@ -42,10 +42,24 @@ def write_run_page(
         video: MP4 file that is included where it exists.
         progress: called with the completed share.
     """
+    run_page(results, video, progress).write(file)
+
+
+def run_page(
+    results: RunResults,
+    video: str | os.PathLike[str] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> DrawnPage:
+    """Return the report of a run with its figures drawn, ready to be written.
+
+    Args:
+        results: of the run, with its bead.
+        video: MP4 file that is included where it exists when the page is written.
+        progress: called with the completed share.
+    """
     run = results.budget.analysis.run
     job = results.job
-    write_page(
-        file,
+    return draw_page(
         f"{job.name} on {results.machine.name}",
         f"{job.program['controller']}, servo period {1e3 * run.period:g} ms",
         list(run_sections(results, None if video is None else Path(video))),
@@ -63,7 +77,9 @@ def run_sections(results: RunResults, video: Path | None = None) -> Iterator[Sec
     analysis = budget.analysis
     run = analysis.run
     yield verdict_section(results.verdict)
-    yield Section("Summary", headline(budget), facts=list(_facts(analysis.values, run.requested.turn_spacing)))
+    yield Section(
+        "Summary", headline(budget, results.causes), facts=list(_facts(analysis.values, run.requested.turn_spacing))
+    )
     if run.injected:
         yield faults_section(run, results.losses)
     yield budget_section(budget, machine)
@@ -78,8 +94,8 @@ def run_sections(results: RunResults, video: Path | None = None) -> Iterator[Sec
         yield bead_section(bead)
     yield errors_section(analysis)
     yield servo_section(job, machine, run)
-    if video is not None and video.exists():
-        yield Section("Video", video=video.read_bytes())
+    if video is not None:
+        yield Section("Video", video=video)
     if notes := run_notes(job, run):
         yield Section("Notes", notes)
     yield Section("Job", "Save as a file for gantrysim run to repeat this run bit for bit.", code=job.toml())

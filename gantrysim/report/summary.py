@@ -79,7 +79,7 @@ def summary(
         "notes": list(run_notes(job, run)),
         "fault": _fault(run),
         "injected": _injected(run, losses),
-        "headline": headline(budget),
+        "headline": headline(budget, causes),
         "versions": versions(machine),
     }
 

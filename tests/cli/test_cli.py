@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -34,7 +35,7 @@ from gantrysim.report.summary import summary as summary_of
 from support.runs import turn, turntable
 from support.studies import PATIENCE
 
-SHORT = ["--set", "diameter=40", "--set", "turns=2", "--set", "thickness=5", "--no-video"]
+SHORT = ["--set", "diameter=40", "--set", "turns=2", "--set", "thickness=5", "--no-video", "--no-causes"]
 QUICK = [*SHORT, "--no-report"]
 
 
@@ -60,6 +61,7 @@ def test_a_run_writes_job_record_plots_and_summary(gantrysim_command, tmp_path):
     links = (*LINKS, "by x", "contour")
     outcome = ("following error x", "requested 5", "path speed", "end point", "Contour error: ")
     bead = ("bead width", "gap between turns", "coverage", "mm missing", "mm excess", "volume error")
+    assert printed.splitlines()[-1] == str(out / "report.html")
     for word in (*links, "largest contour error at t = ", *outcome, *bead):
         assert word in printed
 
@@ -102,10 +104,16 @@ def test_the_summary_has_the_documented_keys_and_the_values_of_the_record(gantry
     assert summary["versions"]["gantrysim"] == gantrysim.__version__
 
 
-def test_causes_are_found_on_request(gantrysim_command, tmp_path):
-    status, printed, _ = gantrysim_command("run", "an225", "--out", tmp_path, *QUICK, "--causes")
+def test_causes_are_found_by_default(gantrysim_command, tmp_path):
+    quick = [word for word in QUICK if word != "--no-causes"]
+    status, printed, _ = gantrysim_command("run", "an225", "--out", tmp_path, *quick)
     assert status == 0
-    causes = json.loads((tmp_path / "summary.json").read_text())["causes"]
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    causes = summary["causes"]
+    assert re.search(
+        r"\. Cause: program, worth [\d.]+ µm of [\d.]+ µm; without it [\d.]+ µm are left\.$", summary["headline"]
+    )
+    assert summary["headline"] in " ".join(printed.split())
     assert list(causes) == ["program", "sampling", "counts", "friction", "winding", "compliance"]
     assert causes["program"]["without"]["program"]["max_um"] < 1e-6
     rows = {line.split()[0]: line.split()[1:] for line in printed.splitlines() if line.strip()}
@@ -126,7 +134,7 @@ def test_a_run_that_ends_in_a_fault_has_no_causes(gantrysim_command, tmp_path):
 
 
 def test_the_written_job_repeats_the_run_to_the_last_bit(gantrysim_command, tmp_path):
-    bare = ["--no-video", "--no-report"]
+    bare = ["--no-video", "--no-report", "--no-causes"]
     gantrysim_command("run", "an225", "--out", tmp_path / "a", *QUICK, "--set", "loop_period=0.07")
     status, _, _ = gantrysim_command("run", tmp_path / "a" / "job.toml", "--out", tmp_path / "b", *bare)
     assert status == 0
@@ -275,10 +283,13 @@ def test_an_interrupted_run_writes_nothing(gantrysim_command, tmp_path, monkeypa
     def interrupted(*arguments, **keywords):
         signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr("gantrysim.cli.evaluation.save_plots", interrupted)
+    monkeypatch.setattr("gantrysim.plots.save_plots", interrupted)
     before = signal.getsignal(signal.SIGINT)
-    stopped = gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
-    assert stopped == (130, "", "interrupted: nothing is written\n")
+    status, printed, errors = gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
+    assert (status, errors) == (130, "interrupted: nothing is written\n")
+    assert printed.startswith("verdict ")  # known before the first plot
+    assert "Contour error: " in printed
+    assert "written to" not in printed
     assert not list(tmp_path.iterdir())
     assert signal.getsignal(signal.SIGINT) is before
 
@@ -293,9 +304,9 @@ def test_an_interrupt_that_became_another_error_ends_the_run(gantrysim_command, 
             signal.raise_signal(number)
 
     function = ctypes.PYFUNCTYPE(None, Argument)(lambda _: None)
-    monkeypatch.setattr("gantrysim.cli.evaluation.save_plots", lambda *_, **__: function(1))
-    stopped = gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
-    assert stopped == (128 + number, "", "interrupted: nothing is written\n")
+    monkeypatch.setattr("gantrysim.plots.save_plots", lambda *_, **__: function(1))
+    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
+    assert (status, errors) == (128 + number, "interrupted: nothing is written\n")
     assert not list(tmp_path.iterdir())
 
 
@@ -306,7 +317,7 @@ def test_a_lost_interrupt_ends_the_next_step(gantrysim_command, tmp_path, monkey
         progress(0.5)
         pytest.fail("went on")
 
-    monkeypatch.setattr("gantrysim.cli.evaluation.save_plots", lost)
+    monkeypatch.setattr("gantrysim.plots.save_plots", lost)
     assert gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)[0] == 130
 
 
@@ -443,7 +454,7 @@ def test_the_help_shows_brackets(gantrysim_command, monkeypatch):
 def test_files_of_the_user_are_neither_overwritten_nor_removed(gantrysim_command, tmp_path, monkeypatch):
     (tmp_path / "job.toml").write_text("# mine\n" + Job.load("an225", ["diameter=40", "turns=2", "thickness=5"]).toml())
     monkeypatch.chdir(tmp_path)
-    status, _, errors = gantrysim_command("run", "job.toml", "--out", ".", "--no-video", "--no-report")
+    status, _, errors = gantrysim_command("run", "job.toml", "--out", ".", "--no-video", "--no-report", "--no-causes")
     assert status == 2
     assert "--out .: holds job.toml, which no run has written" in errors
     assert (tmp_path / "job.toml").read_text().startswith("# mine")
@@ -451,7 +462,7 @@ def test_files_of_the_user_are_neither_overwritten_nor_removed(gantrysim_command
     (out / "plots").mkdir(parents=True)
     (out / "plots" / "my-own.png").write_bytes(b"mine")
     for _ in range(2):
-        assert gantrysim_command("run", "job.toml", "--out", out, "--no-video", "--no-report")[0] == 0
+        assert gantrysim_command("run", "job.toml", "--out", out, "--no-video", "--no-report", "--no-causes")[0] == 0
     assert (out / "plots" / "my-own.png").read_bytes() == b"mine"
     assert sorted(item.name for item in out.iterdir()) == ["job.toml", "plots", "run.npz", "summary.json"]
 

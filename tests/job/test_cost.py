@@ -28,7 +28,17 @@ def test_the_time_of_a_job_is_that_of_its_first_ticks_times_their_number(monkeyp
 @pytest.mark.parametrize(("seconds", "said"), [(12.4, "about 12 s"), (150.2, "about 3 min")])
 def test_a_long_run_says_how_long_it_takes(tmp_path, monkeypatch, seconds, said):
     monkeypatch.setattr(cost, "computing_time", lambda job: seconds)
-    arguments = ["run", "an225", "--set", "turns=1", "--no-video", "--no-report", "--out", str(tmp_path / "a")]
+    arguments = [
+        "run",
+        "an225",
+        "--set",
+        "turns=1",
+        "--no-video",
+        "--no-report",
+        "--no-causes",
+        "--out",
+        str(tmp_path / "a"),
+    ]
     short = CliRunner().invoke(app, arguments)
     assert short.exit_code == 0
     assert "of computing" not in short.stderr

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
 
 from gantrysim import Job, Machine, Servo, perfect_follower
-from gantrysim.job.ideal import FINE, finely_sampled, on_the_path, unhurried
+from gantrysim.job.ideal import FINE, finely_sampled, on_the_path, spline_through, unhurried
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.paths.arcs import ArcChain
@@ -180,3 +181,11 @@ def test_the_dispenser_is_on_between_ticks_at_which_it_is(xy):
     assert fine.gates.tolist() == [2 * FINER, 5 * FINER]
     assert fine.supervision == replace(setpoints.supervision, position_error_delay=3 * FINER)
     assert fine.duration == pytest.approx(setpoints.duration)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 200])
+def test_the_spline_is_scipys_clamped_one(count):
+    knots = np.cumsum(np.random.default_rng(count).normal(size=(count, 3)), axis=0)
+    points = np.arange((count - 1) * 16 + 1) / 16
+    expected = CubicSpline(np.arange(count), knots, bc_type="clamped")(points)
+    np.testing.assert_allclose(spline_through(knots, 16), expected, rtol=0, atol=1e-12)

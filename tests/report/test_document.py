@@ -87,13 +87,17 @@ def test_the_same_content_gives_the_same_bytes(tmp_path):
 
 def test_a_video_is_embedded_unchanged(tmp_path):
     video = bytes(range(256)) * 5
-    write_page(tmp_path / "page.html", "Title", "", [Section("Video", video=video)])
+    file = tmp_path / "film.mp4"
+    file.write_bytes(video)
+    missing = Section("None", video=tmp_path / "none")
+    write_page(tmp_path / "page.html", "Title", "", [Section("Video", video=file), missing])
     page = Page(tmp_path / "page.html")
     page.check()
     (element,) = page.all("video")
     kind, _, content = element["src"].partition(",")
     assert kind == "data:video/mp4;base64"
     assert base64.b64decode(content, validate=True) == video
+    assert page.sections == ["video"]
     assert "controls" in element
 
 

@@ -1,0 +1,59 @@
+"""The cause that the headline names, for effects whose worth is given."""
+
+import pytest
+
+from gantrysim.job.causes import CAUSES, Causes, Effect
+from gantrysim.metrics.analysis import ErrorSize
+from gantrysim.report.headline import cause_sentences
+
+WHOLE = 10e-3  # rms error [mm]
+NAMES = [cause.name for cause in CAUSES]
+
+
+def causes_worth(**worth):
+    """Causes of an error of 10 µm, worth so many µm; None for one whose run failed, and 0 for all others."""
+    before = {"contour": ErrorSize(WHOLE, 2 * WHOLE)}
+    effects = []
+    for cause in CAUSES:
+        value = worth.get(cause.name, 0.0)
+        without = {} if value is None else {"contour": ErrorSize(WHOLE - 1e-3 * value, WHOLE)}
+        effects.append(Effect(cause, before, without, "failed" if value is None else ""))
+    return Causes(before, tuple(effects))
+
+
+def sentences(**worth):
+    return list(cause_sentences(causes_worth(**worth)))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_cause_worth_almost_all_is_the_cause(name):
+    assert sentences(**{name: 9.0}) == [f"Cause: {name}, worth 9.0 µm of 10.0 µm; without it 1.0 µm are left."]
+
+
+def test_a_cause_worth_half_is_the_main_one():
+    text = "Main cause: friction, worth 5.0 µm of 10.0 µm; without it 5.0 µm are left."
+    assert sentences(friction=5.001, counts=4.0) == [text]
+    assert sentences(friction=8.99)[0].startswith("Main cause: friction")
+    # effects do not add up: the larger of two is named
+    assert sentences(friction=7.0, sampling=8.0)[0].startswith("Main cause: sampling")
+
+
+def test_where_no_cause_is_worth_half_nothing_is_blamed():
+    assert sentences(friction=4.99, counts=3.0, winding=2.0) == [
+        "No single cause is worth half of it; worth most: friction (5.0 µm) and counts (3.0 µm)."
+    ]
+    assert sentences(friction=1.0) == ["No single cause is worth half of it; worth most: friction (1.0 µm)."]
+    # below 0.1 µm, and where every cause offsets others, there is nothing to name
+    assert sentences(friction=0.09) == ["No single cause is worth half of it."]
+    assert sentences(**dict.fromkeys(NAMES, -1.0)) == ["No single cause is worth half of it."]
+
+
+def test_a_cause_whose_run_failed_is_not_taken_for_worthless():
+    assert sentences(friction=6.0, sampling=None) == [
+        "Main cause: friction, worth 6.0 µm of 10.0 µm; without it 4.0 µm are left.",
+        "Not known, as the run without it failed: sampling.",
+    ]
+    assert sentences(**dict.fromkeys(NAMES)) == [
+        "No single cause is worth half of it.",
+        f"Not known, as the run without it failed: {', '.join(NAMES)}.",
+    ]
