@@ -27,6 +27,7 @@ from .metrics.budget import Budget as Budget
 from .record.fault import Fault as Fault
 from .record.run import Run as Run
 from .record.setpoints import Setpoints as Setpoints
+from .remedy.improve import improve as improve
 from .report.saved import SavedRun as SavedRun
 from .results.tolerance import Tolerance as Tolerance
 from .results.verdict import Verdict as Verdict

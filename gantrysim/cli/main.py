@@ -20,6 +20,7 @@ from gantrysim.cli.compare import compare
 from gantrysim.cli.export import export
 from gantrysim.cli.gains import gains
 from gantrysim.cli.identify import identify
+from gantrysim.cli.improve import improve
 from gantrysim.cli.machine import ForJob, describe, machine_app
 from gantrysim.cli.options import AllowCode
 from gantrysim.cli.render import render as render_command
@@ -76,6 +77,7 @@ app.add_typer(study_app, name="study")
 app.add_typer(machine_app, name="machine")
 app.command()(run)
 app.command()(check)
+app.command()(improve)
 app.command()(tune)
 app.command()(gains)
 app.command()(export)

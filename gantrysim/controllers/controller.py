@@ -25,12 +25,17 @@ class Controller(ABC):
         commands_axes: whether it gives positions of the axes of a machine that turns its work, not in the work frame.
         suffixes: of the program files that the controller reads unless another is named.
         text_argument: which takes the content of a program file.
+        ramp_arguments: dotted names of the arguments that limit acceleration and jerk; one factor may change them all.
+        corner_argument: dotted name of the argument by which corners are rounded, the more the greater it is; None for
+            a controller without one.
     """
 
     speed_scaling: ClassVar[str] = "the program's speed"
     commands_axes: ClassVar[bool] = False
     suffixes: ClassVar[tuple[str, ...]] = ()
     text_argument: ClassVar[str] = "text"
+    ramp_arguments: ClassVar[tuple[str, ...]] = ()
+    corner_argument: ClassVar[str | None] = None
 
     @property
     @abstractmethod

@@ -77,6 +77,8 @@ class Drawing(Controller):
 
     speed_scaling: ClassVar[str] = "speed and the speeds of a CSV, changed in one proportion; travel_speed stays"
     suffixes: ClassVar[tuple[str, ...]] = (".dxf", ".svg", ".csv")
+    ramp_arguments: ClassVar[tuple[str, ...]] = ("acceleration",)
+    corner_argument: ClassVar[str | None] = "corner_tolerance"
 
     text: str
     placement: Placement = field(default_factory=Placement)

@@ -14,7 +14,7 @@ UNJUDGED = "not judged"
 SYMBOLS = {PASS: "✓", WARN: "!", FAIL: "✗", UNJUDGED: "–"}
 _ORDER = (PASS, UNJUDGED, WARN, FAIL)
 
-_NEAR = 0.8  # share of the limit from which a value that keeps it is a warning
+NEAR = 0.8  # share of the limit from which a value that keeps it is a warning
 _ROUNDING = 1e-9  # relative
 
 
@@ -100,7 +100,7 @@ class Check:
             return UNJUDGED
         if self.usage > 1 + _ROUNDING:
             return FAIL
-        return WARN if self.usage > _NEAR else PASS
+        return WARN if self.usage > NEAR else PASS
 
     def __str__(self) -> str:
         unit = f" {self.unit}" if self.unit else ""

@@ -95,6 +95,8 @@ class Program(Controller):
     speed_scaling: ClassVar[str] = "the feeds F of the program, changed in one proportion; rapid moves and clamps stay"
 
     text_argument: ClassVar[str] = "program"
+    ramp_arguments: ClassVar[tuple[str, ...]] = ("acceleration", "rotary_acceleration")
+    corner_argument: ClassVar[str | None] = "blend_time"
 
     program: str | tuple[Block, ...]
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)

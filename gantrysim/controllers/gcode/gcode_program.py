@@ -49,6 +49,7 @@ class GCode(Controller):
 
     speed_scaling: ClassVar[str] = "feed_override, a factor on all feeds F; rapid moves stay"
     dialect: ClassVar[GCodeDialect]
+    ramp_arguments: ClassVar[tuple[str, ...]] = ("acceleration",)
 
     text: str
     placement: Placement = field(default_factory=Placement)

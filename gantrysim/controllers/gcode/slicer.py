@@ -39,6 +39,7 @@ class Program(GCode):
 
     dialect: ClassVar[GCodeDialect] = SLICER
     suffixes: ClassVar[tuple[str, ...]] = (".gcode",)
+    corner_argument: ClassVar[str | None] = "corner_tolerance"
 
     dispense: ByExtrusion = field(default_factory=ByExtrusion)
     arc_tolerance: float = 0.05

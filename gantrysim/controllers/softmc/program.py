@@ -52,6 +52,7 @@ class Program(Controller):
     """
 
     speed_scaling: ClassVar[str] = "the group's velocity and every command's own Vtran, changed in one proportion"
+    ramp_arguments: ClassVar[tuple[str, ...]] = ("group.acceleration", "group.deceleration", "group.jerk")
 
     program: str | tuple[Circle | Move, ...]
     group: Group = field(default_factory=Group)

@@ -72,6 +72,8 @@ class OutlineTrace(Controller):
     """
 
     commands_axes: ClassVar[bool] = True
+    ramp_arguments: ClassVar[tuple[str, ...]] = ("acceleration",)
+    corner_argument: ClassVar[str | None] = "blend"
 
     width: float = 100.0
     height: float = 60.0

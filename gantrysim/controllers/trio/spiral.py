@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -73,6 +73,7 @@ class MoveSpiral(Controller):
             below before the axes brake for the end.
     """
 
+    ramp_arguments: ClassVar[tuple[str, ...]] = ("acceleration", "deceleration")
     diameter: float
     turns: int
     thickness: float

@@ -1,0 +1,168 @@
+"""The command `gantrysim improve`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gantrysim.base.errors import InputError, expanded
+from gantrysim.cli.options import AllowCode, At, Model, Reader, Rotate, Scale, ServoFile, Settings, Speed, placement
+from gantrysim.cli.terminal import FAULT, count_bar, interruptible, say, show
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from gantrysim.remedy.improvement import Improvement
+
+Apply = Annotated[
+    Path | None,
+    typer.Option("--apply", metavar="FILE", help="TOML file to write the improved job to, for gantrysim run FILE."),
+]
+WithFastest = Annotated[
+    bool | None,
+    typer.Option(
+        "--fastest/--no-fastest",
+        help="Look for the fastest program as good as the best combination; by default where the job gives a "
+        "tolerance.",
+    ),
+]
+Threads = Annotated[
+    int | None, typer.Option(metavar="N", help="Maximum number of threads; by default one for each core.")
+]
+OnlyLevers = Annotated[
+    list[str] | None, typer.Option("--lever", metavar="NAME", help="Try this lever alone, or several; by default all.")
+]
+
+_JOB_SUFFIX = ".toml"
+_LONGEST_WORD = 12  # of the levers, "compensation"
+
+
+def improve(
+    job: Annotated[str, typer.Argument(help="Built-in job, TOML file, or program file.")] = "an225",
+    model: Model = None,
+    settings: Settings = None,
+    servo: ServoFile = None,
+    controller: Reader = None,
+    speed: Speed = None,
+    origin: At = None,
+    rotate: Rotate = None,
+    scale: Scale = None,
+    apply: Apply = None,
+    fastest: WithFastest = None,
+    lever: OnlyLevers = None,
+    workers: Threads = None,
+    allow_code: AllowCode = False,
+) -> None:
+    """Find out what to change in a job, so that its verdict is a pass.
+
+    Every lever that verdict and causes make plausible is simulated alone, and then in the best combination: flow by
+    speed, lag compensation and leads of the dispenser, laws and gains of the servo, acceleration, program loop, corner
+    rounding, needle height, speed, and other hardware where settings do not suffice. A table gives what each lever
+    gains in every row of the verdict, the time of the run, and what the lever costs; the lines to paste follow. Where
+    nothing meets the tolerance, a sentence names what forbids it.
+
+    Exit status: 0, 2 for bad input, 3 for a run that ends in a fault, 130 after Ctrl-C.
+    """
+    from gantrysim.base.files import replaced
+    from gantrysim.job.job import Job
+    from gantrysim.remedy.improve import improve as improved
+
+    file = None if apply is None else _file_of_job(apply)
+    loaded = Job.load(
+        job,
+        settings or (),
+        model,
+        servo,
+        controller=controller,
+        placement=placement(origin, rotate, scale),
+        speed=speed,
+        allow_code=allow_code,
+    )
+    loaded.check_fit()
+    with interruptible() as go_on, count_bar("improve") as advance:
+
+        def progress(done: int, known: int, name: str) -> None:
+            go_on()
+            advance(done, known, name)
+
+        improvement = improved(loaded, levers=lever, workers=workers, fastest=fastest, progress=progress)
+    _show(improvement)
+    if improvement.verdict.fault:
+        raise typer.Exit(FAULT)
+    if file is not None:
+        with replaced(file) as partial:
+            partial.write_text(improvement.job.toml(), encoding="utf-8")
+        say(f"written to {apply}: gantrysim run {apply}")
+
+
+def _file_of_job(file: Path) -> Path:
+    """Return the file to write a job to, or raise InputError for one that is no job file."""
+    import tomllib
+
+    from gantrysim.base.toml_files import read_text
+
+    path = expanded(file)
+    if path.suffix != _JOB_SUFFIX:
+        raise InputError(f"--apply {file}: must end in {_JOB_SUFFIX}, as a job file does")
+    if not path.exists():
+        return path
+    try:
+        content = tomllib.loads(read_text(path))
+    except (OSError, tomllib.TOMLDecodeError, InputError):
+        content = {}
+    if "program" not in content:
+        raise InputError(f"--apply {file}: exists and is no job file; give another name")
+    return path
+
+
+def _show(improvement: Improvement) -> None:
+    from gantrysim.cli.tables import verdict_table
+
+    if improvement.verdict.fault:
+        say(str(improvement.verdict), wrap=True)
+        say(improvement.sentence, wrap=True)
+        return
+    show(verdict_table(improvement.verdict))
+    if improvement.trials:
+        show(levers_table(improvement))
+    for reason, names in improvement.untried.items():
+        say(f"not tried, as {reason}: {names}", wrap=True)
+    say(improvement.sentence, wrap=True)
+    if improvement.fastest is not None:
+        say(str(improvement.fastest), wrap=True)
+    if improvement.changes_anything:
+        for gain in improvement.gains:
+            say(gain, wrap=True)
+        show(verdict_table(improvement.improved))
+    for place, text in improvement.lines.items():
+        say(f"for the {place}:", wrap=True)
+        say(text.rstrip())
+
+
+def levers_table(improvement: Improvement) -> Table:
+    """Return what each lever gains, a row per setting, and the best combination at the end."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    from gantrysim.remedy.improvement import USAGE_NOTE
+
+    table = Table(
+        title="levers, each simulated alone", title_justify="left", caption=USAGE_NOTE, caption_justify="left", box=None
+    )
+    texts = ("lever", "setting", "cost")
+    for head in improvement.heads:
+        if head in texts:
+            table.add_column(escape(head), min_width=_LONGEST_WORD, overflow="fold")
+        else:
+            table.add_column(escape(head), justify="right", no_wrap=True)
+    best = len(improvement.rows) - len(improvement.combination)
+    previous = ""
+    for k, (name, *cells, cost) in enumerate(improvement.rows):
+        if k in (1, best):
+            table.add_section()
+        is_new = name != previous
+        table.add_row(escape(name) if is_new else "", *map(escape, cells), escape(cost) if is_new else "")
+        previous = name
+    return table

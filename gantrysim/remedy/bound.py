@@ -1,0 +1,56 @@
+"""What keeps a row of the verdict from passing: a link of the chain, or the dispenser."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from gantrysim.base.errors import GantryError
+from gantrysim.dispenser.dispenser import Dispenser
+from gantrysim.job.job import Job
+from gantrysim.remedy.outcome import Outcome
+from gantrysim.remedy.score import row_burden
+from gantrysim.results.verdict import GLUE, PATH, STABILITY, Verdict
+
+_TIMES = ("dead_time", "opening", "closing", "start_lead", "stop_lead", "advance")
+_AT_ONCE: dict[str, Any] = dict.fromkeys(_TIMES, 0.0)
+
+
+def bound_of(job: Job, outcome: Outcome, row: str) -> str:
+    """Return what keeps a row of the verdict on a job from passing, as the subject of a sentence.
+
+    The path is bound by the link with the largest rms. The bead is judged again with a dispenser that follows its
+    command at once, and with a machine that follows its program exactly: what makes it pass is what bound it.
+    """
+    if row == PATH:
+        link = max(outcome.links, key=outcome.links.__getitem__)
+        return f"the {link} link, {1e3 * outcome.links[link]:.1f} µm rms of the error"
+    if row == GLUE:
+        return _glue_bound(job)
+    if row == STABILITY:
+        return "the servo: its loops have too little margin"
+    return "the drives: their torque or speed has too little reserve"
+
+
+def _glue_bound(job: Job) -> str:
+    dispenser = job.dispenser
+    instant = job.model_copy(update={"dispenser": replace(dispenser, **_AT_ONCE)})
+    if _glue_passes(instant, job):
+        return f"the dispenser, which lags by {_lag_text(dispenser)}"
+    if _glue_passes(job, job, follow=True):
+        return "the servo link: the machine does not follow the commanded speed"
+    return "the program link: its speed changes more than the bead admits"
+
+
+def _glue_passes(job: Job, base: Job, *, follow: bool = False) -> bool:
+    try:
+        shared = job.sharing(base)
+        run = shared.follow() if follow else shared.run()
+        return run.fault is None and row_burden(Verdict.of(shared, run)[GLUE]) == 0
+    except GantryError:
+        return False
+
+
+def _lag_text(dispenser: Dispenser) -> str:
+    times = {"dead time": dispenser.dead_time, "opening": dispenser.opening, "closing": dispenser.closing}
+    return ", ".join(f"{1e3 * time:.4g} ms {name}" for name, time in times.items() if time)

@@ -1,0 +1,78 @@
+"""A lever: something that a user can change in a job, with its settings, its cost, and where it does not apply."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from functools import cached_property
+from typing import Any
+
+from gantrysim.job.job import Job
+from gantrysim.remedy.outcome import Outcome
+from gantrysim.results.verdict import GLUE, MACHINE, PATH, STABILITY
+
+ROWS = (PATH, GLUE, STABILITY, MACHINE)
+
+
+class Effort(IntEnum):
+    """What a lever takes; cheaper levers are combined first."""
+
+    SETTING = 0  # another value in the controller or the drive
+    PROCESS = 1  # cycle time, or another shape of the bead
+    HARDWARE = 2  # another part of the machine
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A value of a lever.
+
+    Attributes:
+        label: in a few words, unique within the lever.
+        changes: values of the job by their full dotted keys, as `Job.changed` takes them.
+    """
+
+    label: str
+    changes: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class State:
+    """A job for which a lever is set.
+
+    Attributes:
+        job: the job.
+        measure: simulates it; called where a lever asks for what the job does, at most once.
+    """
+
+    job: Job
+    measure: Callable[[Job], Outcome] = field(repr=False)
+
+    @cached_property
+    def outcome(self) -> Outcome:
+        """Verdict on the job, and what else its run shows."""
+        return self.measure(self.job)
+
+
+@dataclass(frozen=True)
+class Lever:
+    """Something that can be changed.
+
+    Attributes:
+        name: in a word or two.
+        meaning: what it changes.
+        cost: what it costs, in words.
+        rows: of the verdict on which it acts.
+        settings: returns the settings to try for a job, or the reason why the lever does not apply to it.
+        causes: names of the causes of error against which it helps; it is tried where one of them matters, and
+            always without any.
+        effort: what it takes.
+    """
+
+    name: str
+    meaning: str
+    cost: str
+    rows: tuple[str, ...]
+    settings: Callable[[State], Sequence[Setting] | str] = field(repr=False)
+    causes: tuple[str, ...] = ()
+    effort: Effort = Effort.SETTING

@@ -1,0 +1,64 @@
+"""The servo's loops: integral time and natural frequency.
+
+The search of `gantrysim tune` takes hundreds of runs on perturbed machines; here the loop is only designed stiffer or
+softer, and its margins are those of the verdict.
+"""
+
+from __future__ import annotations
+
+import math
+
+from gantrysim.job.defaults import INTEGRAL_TIME
+from gantrysim.job.settings import has_loop_gains
+from gantrysim.remedy.lever import Lever, Setting, State
+from gantrysim.remedy.levers.numbers import factor_text, milliseconds, rounded
+from gantrysim.results.verdict import PATH, STABILITY
+from gantrysim.servo.laws import PD
+from gantrysim.stability.motion import MODES
+
+_SHORTER = (0.5, 0.3)  # integral times, of the present one
+_FREQUENCIES = (0.8, 1.2, 1.4)  # of the present one
+_GIVEN = "the gains of the loop are given in the job"
+
+
+def _integral(state: State) -> list[Setting] | str:
+    servo = state.job.servo
+    if has_loop_gains(dict(servo)):
+        return _GIVEN
+    if PD.name in state.job.built_servo.laws.names:
+        return "the law pd has no integral term"
+    time = float(servo.integral_time)
+    times = [INTEGRAL_TIME] if math.isinf(time) else [rounded(share * time) for share in _SHORTER]
+    return [Setting(milliseconds(value), {"servo.integral_time": value}) for value in times]
+
+
+def _frequency(state: State) -> list[Setting] | str:
+    servo = state.job.servo
+    if has_loop_gains(dict(servo)):
+        return _GIVEN
+    built = state.job.built_servo
+    if set(built.modes) != {MODES[0]}:
+        return "the drives close the loops themselves"
+    if built.laws.user is not None:
+        return "the gains of a law of your own are its own"
+    # kp = J w^2, with one frequency for all axes
+    axis = state.job.built_machine.axes[0]
+    present = math.sqrt(built.gains[0].kp / axis.inertia) / math.tau
+    return [Setting(factor_text(factor), {"servo.frequency": rounded(factor * present)}) for factor in _FREQUENCIES]
+
+
+INTEGRAL = Lever(
+    name="integral time",
+    meaning="kp / ki of the servo",
+    cost="margin",
+    rows=(PATH,),
+    settings=_integral,
+    causes=("friction", "winding"),
+)
+LOOP_GAINS = Lever(
+    name="loop gains",
+    meaning="natural frequency of the loops, from which all gains follow",
+    cost="margin, or following error",
+    rows=(PATH, STABILITY),
+    settings=_frequency,
+)

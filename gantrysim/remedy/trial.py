@@ -1,0 +1,101 @@
+"""A lever that was tried: its setting, the run's outcome, and what it gains in each row of the verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from gantrysim.remedy.lever import Lever
+from gantrysim.remedy.outcome import Outcome
+from gantrysim.remedy.score import usage_of
+from gantrysim.results.checks import UNJUDGED, Check
+from gantrysim.results.row import Row
+from gantrysim.results.verdict import Verdict
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What a change of the job does to a row of the verdict.
+
+    Attributes:
+        row: its name.
+        quantity: of the worst check before.
+        unit: of its values.
+        form: format of its values.
+        before, after: values of that check; nan where it is unknown.
+        usage_before, usage_after: share of the limit that the row's worst check uses.
+        state: of the row, after.
+    """
+
+    row: str
+    quantity: str = ""
+    unit: str = ""
+    form: str = ".1f"
+    before: float = math.nan
+    after: float = math.nan
+    usage_before: float = math.nan
+    usage_after: float = math.nan
+    state: str = UNJUDGED
+
+
+def gains_of(before: Verdict, after: Verdict | None) -> tuple[Gain, ...]:
+    """Return what a change does to each row of a verdict; after is None for a job that is refused."""
+    return tuple(_gain(row, after) for row in before.rows)
+
+
+def _gain(row: Row, after: Verdict | None) -> Gain:
+    gain = Gain(row.name, usage_before=usage_of(row))
+    if row.checks:
+        worst = row.checks[0]
+        gain = replace(gain, quantity=worst.quantity, unit=worst.unit, form=worst.form, before=worst.value)
+    if after is None or after.fault:
+        return gain
+    changed = after[row.name]
+    check = _check(changed, row.checks[0].name) if row.checks else None
+    value = math.nan if check is None else check.value
+    return replace(gain, after=value, usage_after=usage_of(changed), state=changed.state)
+
+
+def _check(row: Row, name: str) -> Check | None:
+    return next((check for check in row.checks if check.name == name), None)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A lever with a setting, simulated.
+
+    Attributes:
+        lever: the lever.
+        setting: its label.
+        changes: values of the job by their dotted keys.
+        outcome: of the run with them.
+        gains: in the rows of the verdict, compared with the job as it is.
+        time: by which the run is longer [s].
+    """
+
+    lever: Lever
+    setting: str
+    changes: Mapping[str, Any]
+    outcome: Outcome
+    gains: tuple[Gain, ...]
+    time: float
+
+    @property
+    def failure(self) -> str:
+        """Why there is no complete run; empty where there is one."""
+        return self.outcome.failure
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """A lever that was not tried.
+
+    Attributes:
+        lever: the lever.
+        reason: why not.
+    """
+
+    lever: Lever
+    reason: str

@@ -1,0 +1,55 @@
+"""The burden of verdicts that are made up: its closed form, its order, its cap."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gantrysim import Verdict
+from gantrysim.remedy.score import CAP, burden_of
+from gantrysim.results.checks import FAIL, WARN, Check
+from gantrysim.results.row import Row
+
+NAMES = ("path", "glue", "stability", "machine")
+USAGES = st.lists(st.floats(0, 1e6), min_size=4, max_size=4)
+
+
+def check_of(name, usage):
+    return Check(name=name, quantity=name, value=usage, limit=1.0, unit="", source="given")
+
+
+def verdict_with(usages):
+    """A verdict whose rows each use a share of a limit of 1."""
+    return Verdict(tuple(Row.of(name, [check_of(name, usage)]) for name, usage in zip(NAMES, usages, strict=True)))
+
+
+@given(USAGES)
+def test_the_burden_is_zero_where_and_only_where_the_verdict_passes(usages):
+    verdict = verdict_with(usages)
+    assert (burden_of(verdict) == 0) == (verdict.state == "pass")
+
+
+@given(USAGES, st.integers(0, 3), st.floats(1, 100))
+def test_the_burden_grows_with_every_usage(usages, row, factor):
+    worse = [usage * factor if k == row else usage for k, usage in enumerate(usages)]
+    assert burden_of(verdict_with(worse)) >= burden_of(verdict_with(usages))
+    if usages[row] > 0.8 and worse[row] <= CAP and factor > 1.001:
+        assert burden_of(verdict_with(worse)) > burden_of(verdict_with(usages))
+
+
+def test_the_worst_check_of_a_row_counts_alone():
+    alone = verdict_with([3.0, 0.1, 0.1, 0.1])
+    both = Verdict((Row.of("path", [*alone.rows[0].checks, check_of("second", 2.9)]), *alone.rows[1:]))
+    assert burden_of(both) == burden_of(alone)
+
+
+def test_an_unbounded_usage_is_capped_and_a_fault_is_worse():
+    capped = burden_of(verdict_with([math.inf] * 4))
+    assert capped == pytest.approx(4 * math.log(CAP / 0.8))
+    assert burden_of(Verdict((), "x jammed")) > capped
+
+
+def test_a_row_without_a_check_weighs_only_as_a_failure():
+    assert burden_of(Verdict((Row("glue", state=FAIL),))) == pytest.approx(math.log(CAP / 0.8))
+    assert burden_of(Verdict((Row("glue", state=WARN),))) == 0
