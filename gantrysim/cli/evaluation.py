@@ -24,9 +24,9 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
 from gantrysim.report.folder import PLOTS, REPORT, SUMMARY, VIDEO, write_run
 from gantrysim.report.headline import headline
-from gantrysim.report.results import RunResults
 from gantrysim.report.scatter import SCATTER_NOTE, add_to_summary
 from gantrysim.results.checks import FAIL
+from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import Verdict
 
 
@@ -95,7 +95,7 @@ class Evaluation:
         budget = results.budget
         _show_verdict(results.verdict)
         show(links_table(job.name, results.machine, budget))
-        show(outcome_table(record, budget.analysis.values, results.bead_values, job.margins))
+        show(outcome_table(budget.analysis, results.bead_values, job.margins))
         sys.stdout.flush()  # further runs take seconds
         if record.injected:
             self._find_losses()

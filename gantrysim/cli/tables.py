@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from rich.markup import escape
 from rich.table import Table
 
-from gantrysim.base.display import decimals_of
+from gantrysim.base.quantity import Quantity, number_text
 from gantrysim.bead import BeadValues
 from gantrysim.job.causes import TITLE, Causes, cell_text
 from gantrysim.job.losses import Losses, events
@@ -15,16 +15,18 @@ from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.job.plan import Plan
 from gantrysim.job.scatter import Scatter
 from gantrysim.machine.machine import Machine
-from gantrysim.metrics.analysis import THOUSANDTH, AnalysisValues
+from gantrysim.metrics.analysis import THOUSANDTH, Analysis
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
-from gantrysim.metrics.parts import CORNER, PartValues
+from gantrysim.metrics.error_quantities import END_POINT, FOLLOWING
+from gantrysim.metrics.parts import CORNER, ERROR, PART_COLUMNS, PartValues
 from gantrysim.record.run import Run
+from gantrysim.report.rows import bead_notes, bead_rows, motion_rows
 from gantrysim.report.scatter import HEADS, remark_of, rows_of
 from gantrysim.report.scatter import TITLE as SCATTER
 from gantrysim.results.verdict import Verdict
+from gantrysim.stability.margin_quantities import GAIN_MARGIN, PHASE_MARGIN
 from gantrysim.stability.margins import NO_LOOP, Margins
 
-_UM = 1e3
 _MB = 1e6
 
 
@@ -33,16 +35,16 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
     run = budget.analysis.run
     values = budget.values
     until = "" if run.fault is None else ", until the fault"
-    title = escape(f"{name} on {run.machine}: error normal to the path [µm]{until}")
+    title = escape(f"{name} on {run.machine}: error normal to the path [{ERROR.unit}]{until}")
     table = Table(title=title, title_justify="left")
     table.add_column("link", no_wrap=True)
-    for column in ("rms", "95 %", "max", "share"):
-        table.add_column(column, justify="right", no_wrap=True)
+    for column in PART_COLUMNS:
+        table.add_column(column.label, justify="right", no_wrap=True)
     table.add_column("span")
 
     def add(label: str, part: PartValues, span: str = "") -> None:
-        numbers = [f"{_UM * value:z.1f}" for value in (part.rms, part.p95, part.max)]
-        table.add_row(label, *numbers, f"{100 * part.share:z.1f} %", span)
+        cells = [_cell(column, column.get(part)) for column in PART_COLUMNS]
+        table.add_row(label, *cells, span)
 
     for link, part in values.parts.items():
         add(link, part, DESCRIPTIONS[link])
@@ -53,11 +55,11 @@ def links_table(name: str, machine: Machine, budget: Budget) -> Table:
         add(CORNER, values.corner, DESCRIPTIONS[CORNER])
     table.add_section()
     contour = values.contour
-    x, y, _ = contour.point
+    x, y, _ = (number_text(coordinate, ".1f") for coordinate in contour.point)
     add("contour", contour, DESCRIPTIONS["contour"])
     table.caption = "links show where on the chain the error lies, not what causes it\n"
     table.caption += "share of the mean square contour error; a negative share offsets others\n"
-    table.caption += f"largest contour error at t = {contour.time:z.2f} s, x = {x:z.1f}, y = {y:z.1f} mm"
+    table.caption += f"largest contour error at t = {number_text(contour.time, '.2f')} s, x = {x}, y = {y} mm"
     table.caption_justify = "left"
     return table
 
@@ -104,34 +106,27 @@ def causes_table(causes: Causes) -> Table:
     return table
 
 
-def outcome_table(
-    run: Run, values: AnalysisValues, bead: BeadValues | None, margins: tuple[Margins, ...] | None
-) -> Table:
+def outcome_table(analysis: Analysis, bead: BeadValues | None, margins: tuple[Margins, ...] | None) -> Table:
     """Return the results of a run: following errors, stability, spacing, speed, and the bead where there is glue."""
-    until = "" if run.fault is None else ", until the fault"
+    run = analysis.run
+    values = analysis.values
     table = Table.grid(padding=(0, 2))
-    for unit, (axis, error) in zip(run.units, values.following.items(), strict=True):
-        rms, largest = (f"{_UM * value:z.1f} {THOUSANDTH[unit]}" for value in (error.rms, error.max))
-        table.add_row(f"following error {axis}", rms, f"max {largest}")
+    for axis, unit in zip(run.axes, run.units, strict=True):
+        following = FOLLOWING.of_axis(axis, THOUSANDTH[unit])
+        error = values.following[axis]
+        table.add_row(following.label, following.text(error.rms), f"max {following.text(error.max)}")
     if margins is not None and any(axis_margins != NO_LOOP for axis_margins in margins):
-        axis, axis_margins = min(
-            zip(run.axes, margins, strict=True), key=lambda pair: min(pair[1].gain, pair[1].together)
-        )
-        table.add_row(
-            "gain margin",
-            f"{min(axis_margins.gain, axis_margins.together):z.2f}",
-            f"of {axis}, {_judged(axis_margins)}",
-        )
-    if values.spacing is not None:
-        s = values.spacing
-        requested = "" if run.requested.turn_spacing is None else f"requested {run.requested.turn_spacing:g}, "
-        table.add_row("turn spacing", f"{s.mean:z.4f} mm", f"{requested}std {s.std:z.4f}, {s.min:z.4f} to {s.max:z.4f}")
-    v = values.speed
-    table.add_row("path speed", f"{v.mean:z.2f} mm/s", f"{v.min:z.2f} to {v.max:z.2f}")
-    table.add_row("path length", f"{values.path_length:z.3f} mm", f"in {values.duration:z.3f} s{until}")
-    table.add_row("end point", "", "x {:z.4f}, y {:z.4f}, z {:z.4f} mm".format(*values.end_point))
+        axis, axis_margins = min(zip(run.axes, margins, strict=True), key=lambda pair: pair[1].least_gain)
+        number = GAIN_MARGIN.text(axis_margins.least_gain)
+        table.add_row(GAIN_MARGIN.label, number, f"of {axis}, {_judged(axis_margins)}")
+    for row in motion_rows(analysis):
+        table.add_row(*row)
+    ends = zip(END_POINT, "xyz", values.end_point, strict=True)
+    places = ", ".join(f"{coordinate} {end.number(place)}" for end, coordinate, place in ends)
+    table.add_row("end point", "", f"{places} mm")
     if bead is not None:
-        _add_bead(table, bead)
+        for row in (*bead_rows(bead), *bead_notes(bead)):
+            table.add_row(*row)
     return table
 
 
@@ -176,34 +171,10 @@ def plan_table(name: str, plan: Plan) -> Table:
 def _judged(margins: Margins) -> str:
     if not margins.stable:
         return "unstable"
-    low = f"low, below {LOW_MARGIN:g}" if min(margins.gain, margins.together) < LOW_MARGIN else "the smallest"
-    return f"{low}; phase margin {margins.phase:z.0f} deg"
+    low = f"low, below {LOW_MARGIN:g}" if margins.least_gain < LOW_MARGIN else "the smallest"
+    return f"{low}; {PHASE_MARGIN.label} {number_text(margins.phase, '.0f')} {PHASE_MARGIN.unit}"
 
 
-def _add_bead(table: Table, bead: BeadValues) -> None:
-    width = bead.width
-    volume = bead.requested_volume
-    widths = f"{width.min:z.3f} to {width.max:z.3f}; nominal section {bead.nominal:z.3f} mm²"
-    table.add_row("bead width", f"{width.mean:z.3f} mm", widths)
-    if bead.clearance is not None:
-        between = "gap" if bead.clearance.mean > 0 else "overlap"
-        clearances = f"clearance {bead.clearance.min:z.3f} to {bead.clearance.max:z.3f}"
-        covered = "" if bead.coverage is None else f"; coverage {100 * bead.coverage:z.1f} %"
-        table.add_row(f"{between} between turns", f"{abs(bead.clearance.mean):z.3f} mm", clearances + covered)
-        if bead.apart_share:
-            table.add_row("height map", "in layers", bead.apart_note)
-    missing = "excess" if bead.missing_at_start.mean < 0 else "missing"
-    table.add_row("start", f"{abs(bead.missing_at_start.mean):z.2f} mm {missing}", "length of nominal bead")
-    if bead.excess_at_stop is not None:
-        excess = "missing" if bead.excess_at_stop.mean < 0 else "excess"
-        table.add_row("stop", f"{abs(bead.excess_at_stop.mean):z.2f} mm {excess}", "length of nominal bead")
-    table.add_row("volume", f"{bead.volume:.4g} mm³", f"{bead.volume_error_percent:+z.2f} % of {volume:.4g} requested")
-    shares = ", ".join(f"{name} {_volume(value, volume)}" for name, value in bead.volume_error_parts.items())
-    table.add_row("volume error", f"{_volume(bead.volume_error, volume)} mm³", shares)
-    if bead.ridge:
-        table.add_row("height map", "not settled", bead.ridge_note)
-
-
-def _volume(value: float, whole: float) -> str:
-    """Return a part of a volume, to a hundred-thousandth of the whole."""
-    return f"{value:+z.{decimals_of(whole)}f}"
+def _cell(column: Quantity[Any], value: float) -> str:
+    """Return a cell of a table whose title has the unit of all columns but ratios."""
+    return column.number(value) if column.unit == ERROR.unit else column.text(value)

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from gantrysim.base.errors import InputError
+from gantrysim.base.quantity import number_text
 from gantrysim.engine.simulate import simulate
 from gantrysim.job.ideal import FINE, finely_sampled, on_the_path
 from gantrysim.job.job import Job
@@ -28,6 +29,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.machine.timing import substeps_of
 from gantrysim.metrics.analysis import ErrorSize
 from gantrysim.metrics.budget import Budget
+from gantrysim.metrics.parts import ERROR
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.servo import Servo
@@ -36,8 +38,8 @@ Errors = dict[str, ErrorSize]  # by link, and of the whole as "contour" [mm]
 
 TITLE = "contour error without one cause at a time, and rms by link [µm]"
 HEADS = ("switched off", "rms", "max", "worth")  # and the links
+CELL_FORM = ".2f"  # effects are often smaller than the decimals of `ERROR`
 
-_UM = 1e3
 _SAME_STEP = 1e-9  # relative
 
 
@@ -211,8 +213,8 @@ class Causes:
             if effect.failure:
                 notes.append(f"{effect.cause.name}: {effect.failure}")
             elif effect.before != self.errors:
-                rms = _UM * effect.before["contour"].rms
-                notes.append(f"{effect.cause.name}: compared with the job at the same physics step, {rms:.2f} µm rms")
+                rms = cell_text(ERROR.content(effect.before["contour"].rms))
+                notes.append(f"{effect.cause.name}: compared with the job at the same physics step, {rms} µm rms")
         return notes
 
     def __str__(self) -> str:
@@ -286,10 +288,15 @@ def _cells(errors: Errors, worth: Errors | None, links: list[str]) -> list[float
     if not errors:
         return [None] * (len(HEADS) - 1 + len(links))
     contour = errors["contour"]
-    change = None if worth is None else _UM * worth["contour"].rms
-    return [_UM * contour.rms, _UM * contour.max, change, *(_UM * errors[link].rms for link in links)]
+    change = None if worth is None else ERROR.content(worth["contour"].rms)
+    return [
+        ERROR.content(contour.rms),
+        ERROR.content(contour.max),
+        change,
+        *(ERROR.content(errors[link].rms) for link in links),
+    ]
 
 
 def cell_text(value: float | None) -> str:
     """Return a number of the table as text."""
-    return "–" if value is None else f"{value:z.2f}"
+    return number_text(value, CELL_FORM)

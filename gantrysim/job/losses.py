@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.quantity import Quantity
 from gantrysim.bead import Bead
 from gantrysim.faults import InjectedFault
 from gantrysim.record.run import Run
 
 _LEFT = 0.5  # share of the section below which the bead is missing
 _REACH = 1.5  # distance from a tick that stands for the path around it, in the largest distance between ticks
-
-_UM = 1e3
 
 
 @dataclass(frozen=True)
@@ -67,17 +66,68 @@ class Losses:
     @property
     def rows(self) -> list[tuple[str, str, str]]:
         """The values as text: name, value, remark."""
-        amount = "missing" if self.volume >= 0 else "in excess"
+        amount = MISSING_VOLUME.label if self.volume >= 0 else "excess volume"
         return [
-            (f"volume {amount}", f"{abs(self.volume):.4g} mm³", "compared with the job without the faults"),
-            ("bead missing", f"{self.length:.4g} mm", "of the path, with less than half the section"),
-            ("width error", f"{self.width:+z.3f} mm", f"at most where the nozzle passes, at s = {self.width_s:.1f} mm"),
+            (amount, MISSING_VOLUME.text(abs(self.volume)), "compared with the job without the faults"),
+            (MISSING_LENGTH.label, MISSING_LENGTH.text(self.length), "of the path, with less than half the section"),
             (
-                "nozzle displaced",
-                f"{_UM * self.shift:.1f} µm",
-                f"at most, square to the path, at s = {self.shift_s:.1f} mm",
+                WIDTH_ERROR.label,
+                WIDTH_ERROR.text(self.width),
+                f"at most where the nozzle passes, at s = {WIDTH_ERROR_PLACE.text(self.width_s)}",
+            ),
+            (
+                NOZZLE_SHIFT.label,
+                NOZZLE_SHIFT.text(self.shift),
+                f"at most, square to the path, at s = {NOZZLE_SHIFT_PLACE.text(self.shift_s)}",
             ),
         ]
+
+
+MISSING_VOLUME = Quantity[Losses](
+    "missing_volume",
+    "missing volume",
+    "mm³",
+    ".4g",
+    "Volume missing at the end compared with the job without the faults; negative for an excess",
+    ("volume",),
+)
+MISSING_LENGTH = Quantity[Losses](
+    "missing_length",
+    "missing bead",
+    "mm",
+    ".4g",
+    "Length of the path with less than half the section that is laid without the faults",
+    ("length",),
+)
+WIDTH_ERROR = Quantity[Losses](
+    "width_error",
+    "width error",
+    "mm",
+    "+.3f",
+    "Width of the bead with the faults less that without, where it differs most",
+    ("width",),
+)
+WIDTH_ERROR_PLACE = Quantity[Losses](
+    "width_error_s", "place of the width error", "mm", ".1f", "Arc length on the requested path there", ("width_s",)
+)
+NOZZLE_SHIFT = Quantity[Losses](
+    "nozzle_displaced",
+    "nozzle displaced",
+    "µm",
+    ".1f",
+    "Largest distance between the nozzle with the faults and without, square to the path",
+    ("shift",),
+    1e3,
+)
+NOZZLE_SHIFT_PLACE = Quantity[Losses](
+    "nozzle_displaced_s",
+    "place of the displacement",
+    "mm",
+    ".1f",
+    "Arc length on the requested path there",
+    ("shift_s",),
+)
+LOSSES = (MISSING_VOLUME, MISSING_LENGTH, WIDTH_ERROR, WIDTH_ERROR_PLACE, NOZZLE_SHIFT, NOZZLE_SHIFT_PLACE)
 
 
 def reached(run: Run) -> list[InjectedFault]:

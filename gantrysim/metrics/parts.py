@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import Column, blocks, by_blocks, table_by_blocks
-from gantrysim.base.quantity import PARTS, Quantity
+from gantrysim.base.quantity import PARTS, SIZES, Quantity
 from gantrysim.metrics.analysis import ErrorSize
 
 CORNER = "corner"  # name of what belongs to no link
@@ -17,6 +17,7 @@ CORNER = "corner"  # name of what belongs to no link
 # columns of the error budget's table, of `PartValues`
 ERROR = Quantity[Any]("", "", "µm", ".1f", "Error normal to the requested path", (), 1e3, PARTS)
 PART_COLUMNS: tuple[Quantity[PartValues], ...] = ERROR.numbers
+ERROR_SIZES: tuple[Quantity[ErrorSize], ...] = replace(ERROR, statistics=SIZES).numbers  # of an `ErrorSize`
 # where a part is largest
 PART_PLACE = (
     Quantity["PartValues"](

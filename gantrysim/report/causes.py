@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from gantrysim.job.causes import Causes, Errors
+from gantrysim.base.quantity import contents
+from gantrysim.job.causes import CELL_FORM, Causes, Errors
+from gantrysim.metrics.parts import ERROR, ERROR_SIZES
 from gantrysim.plots.causes import draw_causes
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.sections import drawn
 
-_UM = 1e3
 # of the plot [inch]
 _WIDE = 10.7
 _HEIGHT = 2.4
@@ -25,7 +26,7 @@ def causes_section(causes: Causes) -> Section:
     }
     columns: list[str | Column] = [
         causes.heads[0],
-        *(Column(f"{head} [µm]", ".2f") for head in causes.heads[1:]),
+        *(Column(f"{head} [{ERROR.unit}]", CELL_FORM) for head in causes.heads[1:]),
         "without it",
     ]
     without = ["the job unchanged", *(effect.cause.off for effect in causes.effects)]
@@ -56,5 +57,5 @@ def causes_summary(causes: Causes) -> dict[str, Any]:
     }
 
 
-def _errors(errors: Errors) -> dict[str, dict[str, float]] | None:
-    return {name: {"rms_um": _UM * size.rms, "max_um": _UM * size.max} for name, size in errors.items()} or None
+def _errors(errors: Errors) -> dict[str, dict[str, float | None]] | None:
+    return {name: contents(ERROR_SIZES, size) for name, size in errors.items()} or None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -15,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 from gantrysim.base.errors import InputError
 from gantrysim.base.files import replaced
+from gantrysim.base.quantity import Quantity, number_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     Drawing = Figure | Callable[[], Figure]
 
-_NOTHING = "–"
 _PIXELS_PER_INCH = 104  # of a figure: its type of 10 points is slightly smaller than the text
 
 
@@ -36,6 +35,11 @@ class Column:
 
     head: str
     format: str = ".4g"
+
+    @classmethod
+    def of(cls, quantity: Quantity[Any]) -> Column:
+        """Return the column of a quantity, whose cells are numbers in its unit."""
+        return cls(quantity.head, quantity.form)
 
 
 @dataclass(frozen=True)
@@ -98,6 +102,11 @@ class Section:
     facts: Sequence[tuple[str, str, str]] = ()
     video: Path | None = None
     code: str | None = None
+
+
+def with_minus(text: str) -> str:
+    """Return a number as text with a minus sign in the place of a hyphen."""
+    return f"−{text[1:]}" if text.startswith("-") else text
 
 
 def write_page(
@@ -219,10 +228,4 @@ def _cell(cell: Any, form: str) -> str:
         return cell
     if isinstance(cell, bool):
         return "yes" if cell else "no"
-    if cell is None or math.isnan(cell):
-        return _NOTHING
-    if math.isinf(cell):
-        return "∞" if cell > 0 else "−∞"
-    signed = f"+z{form[1:]}" if form.startswith("+") else f"z{form}"  # no minus before a zero
-    text = str(cell) if isinstance(cell, Integral) else format(float(cell), signed)
-    return f"−{text[1:]}" if text.startswith("-") else text
+    return with_minus(str(cell) if isinstance(cell, Integral) else number_text(cell, form))

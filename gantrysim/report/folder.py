@@ -16,9 +16,8 @@ from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.record.run_file import RUN
-from gantrysim.report.results import RunResults
 from gantrysim.report.summary import fault_summary, summary
-from gantrysim.results.verdict import Verdict
+from gantrysim.results.run_results import RunResults
 
 JOB = "job.toml"
 SUMMARY = "summary.json"
@@ -97,13 +96,12 @@ def output_folder(folder: Path, output: Output = _RUN_OUTPUT) -> Iterator[Path]:
 
 def write_run(folder: Path, results: RunResults) -> None:
     """Write job, record, summary, and the controller's own record into a folder."""
-    content = summary(results.job, results.machine, results.budget, results.bead_values, results.causes, results.losses)
-    _write(folder, results.job, results.budget.analysis.run, {"verdict": results.verdict.content(), **content})
+    _write(folder, results.job, results.budget.analysis.run, summary(results))
 
 
 def write_fault(folder: Path, job: Job, machine: Machine, run: Run) -> None:
     """Write the files of a run that a fault ended before the dispenser was on."""
-    _write(folder, job, run, {"verdict": Verdict.of_fault(run).content(), **fault_summary(job, machine, run)})
+    _write(folder, job, run, fault_summary(job, machine, run))
 
 
 def _write(folder: Path, job: Job, run: Run, content: dict[str, Any]) -> None:

@@ -7,11 +7,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from gantrysim.job.steps import run_notes
-from gantrysim.metrics.analysis import AnalysisValues
 from gantrysim.report.causes import causes_section
 from gantrysim.report.document import DrawnPage, Section, Table, draw_page
 from gantrysim.report.headline import headline
-from gantrysim.report.results import RunResults
 from gantrysim.report.scatter import scatter_section
 from gantrysim.report.sections import (
     bead_section,
@@ -20,12 +18,12 @@ from gantrysim.report.sections import (
     faults_section,
     plan_section,
     spacing_section,
+    summary_facts,
 )
 from gantrysim.report.servo import servo_section
 from gantrysim.report.summary import versions
 from gantrysim.report.verdict import verdict_section
-
-_UM = 1e3
+from gantrysim.results.run_results import RunResults
 
 
 def write_run_page(
@@ -77,9 +75,7 @@ def run_sections(results: RunResults, video: Path | None = None) -> Iterator[Sec
     analysis = budget.analysis
     run = analysis.run
     yield verdict_section(results.verdict)
-    yield Section(
-        "Summary", headline(budget, results.causes), facts=list(_facts(analysis.values, run.requested.turn_spacing))
-    )
+    yield Section("Summary", headline(budget, results.causes), facts=summary_facts(budget))
     if run.injected:
         yield faults_section(run, results.losses)
     yield budget_section(budget, machine)
@@ -93,21 +89,10 @@ def run_sections(results: RunResults, video: Path | None = None) -> Iterator[Sec
     if bead is not None and bead.nominal > 0:
         yield bead_section(bead)
     yield errors_section(analysis)
-    yield servo_section(job, machine, run)
+    yield servo_section(results)
     if video is not None:
         yield Section("Video", video=video)
     if notes := run_notes(job, run):
         yield Section("Notes", notes)
     yield Section("Job", "Save as a file for gantrysim run to repeat this run bit for bit.", code=job.toml())
     yield Section("Versions", table=Table(["", "version"], [list(item) for item in versions(machine).items()]))
-
-
-def _facts(values: AnalysisValues, requested_spacing: float | None) -> Iterator[tuple[str, str, str]]:
-    for name, error in (("Contour", values.contour), ("Program", values.program)):
-        yield f"{name} error, rms", f"{_UM * error.rms:.1f} µm", f"max {_UM * error.max:.1f} µm"
-    if values.spacing is not None:
-        requested = "" if requested_spacing is None else f"requested {requested_spacing:g}, "
-        yield "Turn spacing", f"{values.spacing.mean:.4f} mm", f"{requested}std {values.spacing.std:.4f} mm"
-    speed = values.speed
-    yield "Path speed", f"{speed.mean:.2f} mm/s", f"{speed.min:.2f} to {speed.max:.2f} mm/s"
-    yield "Path length", f"{values.path_length:.1f} mm", f"in {values.duration:.2f} s"

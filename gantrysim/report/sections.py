@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from gantrysim.base.display import decimals_of
+from gantrysim.base.quantity import RANGE, RMS, number_text
 from gantrysim.bead import Bead, BeadValues
+from gantrysim.bead.bead_quantities import BEAD, VOLUME_ERROR_PERCENT
 from gantrysim.job.losses import Losses, events
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
-from gantrysim.metrics.parts import PartValues
+from gantrysim.metrics.error_quantities import CONTOUR, FOLLOWING_ALONG, LAG, PROGRAM
+from gantrysim.metrics.parts import PART_COLUMNS, PART_PLACE, PartValues
 from gantrysim.plots.bead import draw_bead_along, draw_height_map
 from gantrysim.plots.budget import draw_budget, draw_budget_along
 from gantrysim.plots.error import draw_error
@@ -21,38 +23,43 @@ from gantrysim.plots.plan import draw_plan, plan_extent
 from gantrysim.plots.spacing import draw_polar_spacing, draw_spacing
 from gantrysim.plots.style import COLOURS, sheet, view_height
 from gantrysim.record.run import Run
-from gantrysim.report.document import Column, Section, Table
+from gantrysim.report.document import Column, Section, Table, with_minus
 from gantrysim.report.headline import NO_ERROR
+from gantrysim.report.rows import RowTexts, bead_rows, motion_rows, volume_error, volume_parts
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Subject = TypeVar("Subject")
 
-_UM = 1e3
+_RMS, _, _MAX, _SHARE = PART_COLUMNS
+_SIZES = PART_COLUMNS[:-1]
 # width of a plot across the page, and of one of two side by side [inch]
 _WIDE = 10.7
 _HALF = 5.3
 _PLAN = 7.6  # width of a plan view [inch]
 
 
+def summary_facts(budget: Budget) -> list[RowTexts]:
+    """Return the most important values of a run as facts of a page."""
+    values = budget.values
+    errors = (
+        (quantity.statistic(RMS).label, quantity.text(error.rms), f"max {quantity.text(error.max)}")
+        for quantity, error in ((CONTOUR, values.contour), (PROGRAM, values.parts["program"]))
+    )
+    return facts_of([*errors, *motion_rows(budget.analysis)])
+
+
 def budget_section(budget: Budget, machine: Machine) -> Section:
     """Return the section of the error budget."""
     values = budget.values
-    numbers: list[str | Column] = [
-        Column("share [%]", ".1f"),
-        Column("rms [µm]", ".1f"),
-        Column("95 % [µm]", ".1f"),
-        Column("max [µm]", ".1f"),
-        Column("at s [mm]", ".1f"),
-        Column("t [s]", ".3f"),
-        "x, y, z [mm]",
-    ]
+    shown = (_SHARE, *_SIZES, *PART_PLACE)
+    numbers: list[str | Column] = [*(Column.of(quantity) for quantity in shown), "x, y, z [mm]"]
 
     def row(part: PartValues, *labels: str) -> list[str | float | None]:
-        point = ",\N{NO-BREAK SPACE}".join(f"{value:z.1f}".replace("-", "−") for value in part.point)
+        point = ",\N{NO-BREAK SPACE}".join(with_minus(number_text(place, ".1f")) for place in part.point)
         where = [None] * 3 if part.rms < NO_ERROR else [part.s, part.time, point]
-        return [*labels, 100 * part.share, _UM * part.rms, _UM * part.p95, _UM * part.max, *where]
+        return [*labels, *(quantity.content(quantity.get(part)) for quantity in (_SHARE, *_SIZES)), *where]
 
     links = Table(
         ["link", "span", *numbers],
@@ -63,15 +70,15 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
     axes = Table(
         ["axis", *numbers],
         [row(budget.values_of(part), axis) for axis, part in budget.servo_by_axis(machine).items()],
-        "Tracking part by axis, to first order",
+        "Servo part by axis, to first order",
     )
     return Section(
         "Error budget",
         [
             "Errors are normal to the path. Contributions sum at every sample; a negative share offsets others. A link "
             "locates the error on the chain, as the difference of two traces; it does not say what caused it.",
-            f"Lag of the nozzle along the path, not part of the contour error: {_UM * values.lag.rms:z.1f} µm rms, "
-            f"max {_UM * values.lag.max:z.1f} µm.",
+            f"Lag of the nozzle along the path, not part of the contour error: {LAG.text(values.lag.rms)} rms, "
+            f"max {LAG.text(values.lag.max)}.",
         ],
         table=[links, axes, _turns(budget)] if values.turns else [links, axes],
         figure=[
@@ -87,11 +94,16 @@ def _turns(budget: Budget) -> Table:
         "stretch",
         Column("from s [mm]", ".1f"),
         Column("to s [mm]", ".1f"),
-        *(Column(f"{name}, rms [µm]", ".1f") for name in names),
-        Column("contour, max [µm]", ".1f"),
+        *(Column(f"{name}, {_RMS.head}", _RMS.form) for name in names),
+        Column(f"contour, {_MAX.head}", _MAX.form),
     ]
     rows = [
-        [turn.name, *turn.s, *(_UM * turn.parts[name].rms for name in names), _UM * turn.parts["contour"].max]
+        [
+            turn.name,
+            *turn.s,
+            *(_RMS.content(turn.parts[name].rms) for name in names),
+            _MAX.content(turn.parts["contour"].max),
+        ]
         for turn in budget.values.turns
     ]
     return Table(columns, rows, "By turn of the path's tangent, and before and after the turns")
@@ -101,19 +113,23 @@ def errors_section(analysis: Analysis) -> Section:
     """Return the section of the errors over time."""
     values = analysis.values
     run = analysis.run
+    errors = [(axis, THOUSANDTH[unit], values.following[axis]) for axis, unit in zip(run.axes, run.units, strict=True)]
+    errors.append(("along the path", FOLLOWING_ALONG.unit, values.following_along))
     rows = [
-        [name, THOUSANDTH[unit], 1e3 * error.rms, 1e3 * error.max]
-        for unit, (name, error) in zip(run.units, values.following.items(), strict=True)
+        [name, unit, FOLLOWING_ALONG.content(error.rms), FOLLOWING_ALONG.content(error.max)]
+        for name, unit, error in errors
     ]
-    along = values.following_along
-    rows.append(["along the path", "µm", _UM * along.rms, _UM * along.max])
     return Section(
         "Errors over time",
         figure=drawn(draw_error, analysis, _WIDE, 6.5 if len(set(run.units)) == 1 else 8.5),
         table=Table(
-            ["axis", "unit", Column("rms", ".1f"), Column("max", ".1f")],
+            [
+                "axis",
+                "unit",
+                *(Column(statistic.label, FOLLOWING_ALONG.form) for statistic in FOLLOWING_ALONG.statistics),
+            ],
             rows,
-            "Tracking error, commanded to encoder; rms and max in the row's unit",
+            "Following error, commanded to encoder; rms and max in the row's unit",
         ),
     )
 
@@ -146,7 +162,7 @@ def bead_section(bead: Bead) -> Section:
     return Section(
         "Bead",
         remarks or None,
-        facts=_bead_facts(values),
+        facts=facts_of(bead_rows(values)),
         figure=[
             drawn(draw_height_map, bead, _PLAN, 0.9 * height),
             drawn(draw_bead_along, bead, _WIDE, 5.4 if bead.analysis.spacing.distance.size else 3.0),
@@ -155,63 +171,39 @@ def bead_section(bead: Bead) -> Section:
     )
 
 
-def _bead_facts(values: BeadValues) -> list[tuple[str, str, str]]:
-    error = f"{values.volume_error_percent:+z.2f}".replace("-", "−")
-    facts = [
-        ("Volume laid", f"{values.volume:.4g} mm³", f"{error} % of {values.requested_volume:.4g} mm³ requested"),
-        ("Cross-section", f"{values.section.mean:z.3f} mm²", f"nominal {values.nominal:z.3f} mm²"),
-        ("Width", f"{values.width.mean:z.3f} mm", f"{values.width.min:z.3f} to {values.width.max:z.3f} mm"),
-    ]
-    if values.clearance is not None and values.overlap_share is not None:
-        between = "gap" if values.clearance.mean > 0 else "overlap"
-        overlapping = f"turns overlap on {100 * values.overlap_share:z.1f} % of their length"
-        covered = "none" if values.coverage is None else f"{100 * values.coverage:z.1f} %"
-        facts += [
-            (f"Mean {between} between turns", f"{abs(values.clearance.mean):z.3f} mm", ""),
-            ("Coverage", covered, overlapping),
-        ]
-    return facts
-
-
 def _bead_sizes(values: BeadValues) -> Table:
-    rows = (
-        ("cross-section", "mm²", values.section),
-        ("width", "mm", values.width),
-        ("clearance between neighbouring turns", "mm", values.clearance),
-        ("start: missing glue", "mm", values.missing_at_start),
-        ("stop: excess glue", "mm", values.excess_at_stop),
-        ("start: visible delay", "mm", values.delay_at_start),
-        ("stop: visible overrun", "mm", values.overrun_at_stop),
-    )
+    ranges = [(quantity, quantity.get(values)) for quantity in BEAD if quantity.statistics]
     return Table(
-        ["", "unit", *(Column(name, ".3f") for name in ("mean", "std", "min", "max"))],
-        [[name, unit, sizes.mean, sizes.std, sizes.min, sizes.max] for name, unit, sizes in rows if sizes is not None],
+        ["", "unit", *(Column(statistic.label, ".3f") for statistic in RANGE)],
+        [
+            [quantity.label, quantity.unit, *(quantity.content(getattr(sizes, statistic.name)) for statistic in RANGE)]
+            for quantity, sizes in ranges
+            if sizes is not None
+        ],
         "The bead while the dispenser is on; missing and excess glue as a length of nominal bead",
     )
 
 
 def _volumes(values: BeadValues) -> Table:
-    descriptions = {
-        "ramps": "requested by the program beyond the nominal section while the speed ramps",
-        "starts": "valve opening: until the flow has settled",
-        "running": "flow limit: while the flow is settled",
-        "stops": "valve closing: from when the dispenser closes",
-        "error": "total",
-    }
-    volumes = values.volume_error_parts | {"error": values.volume_error}
+    whole = volume_error(values)
     return Table(
         [
             "part",
-            Column("volume [mm³]", f".{decimals_of(values.volume)}f"),
-            Column("of the requested volume [%]", ".3f"),
+            Column(f"volume [{whole.unit}]", whole.form),
+            Column(f"of the requested volume [{VOLUME_ERROR_PERCENT.unit}]", ".3f"),
             "description",
         ],
         [
-            [name, volume, 100 * volume / values.requested_volume, descriptions[name]]
-            for name, volume in volumes.items()
+            [name, part.get(values), 100 * part.get(values) / values.requested_volume, part.meaning]
+            for name, part in (*volume_parts(values).items(), ("error", whole))
         ],
         "Volume beyond the nominal section along the path; the parts sum to the error",
     )
+
+
+def facts_of(rows: Iterable[RowTexts]) -> list[RowTexts]:
+    """Return rows of name, value and remark as facts of a page."""
+    return [(f"{name[0].upper()}{name[1:]}", with_minus(value), with_minus(remark)) for name, value, remark in rows]
 
 
 def drawn(

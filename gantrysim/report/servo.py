@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-import math
-
-from gantrysim.job.job import Job
 from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.machine.machine import Machine
-from gantrysim.metrics.analysis import torque_ripple
-from gantrysim.record.run import Run
 from gantrysim.report.document import Column, Section, Table
+from gantrysim.results.quantities import TORQUE_RIPPLE, TORQUE_RIPPLE_PERCENT
+from gantrysim.results.run_results import AxisLoop, RunResults
 from gantrysim.servo.gains import GAINS
 from gantrysim.servo.laws import LAW_PARAMETERS
 from gantrysim.servo.laws.selection import Laws, words
 from gantrysim.servo.servo import Servo
 from gantrysim.servo.servo_values import NOTCH
+from gantrysim.stability.margin_quantities import GAIN_MARGIN, MARGINS
 from gantrysim.stability.margins import NO_LOOP, Margins
 
 
-def servo_section(job: Job, machine: Machine, run: Run) -> Section:
+def servo_section(results: RunResults) -> Section:
     """Return the section of the servo of a job on the machine of its run."""
+    job = results.job
+    machine = results.machine
     margins = job.margins
     reason = job.servo_reason
     law = job.built_servo.laws.names
@@ -27,31 +27,22 @@ def servo_section(job: Job, machine: Machine, run: Run) -> Section:
     return Section(
         "Servo",
         [_text(machine, margins), *named, f"{reason[0].upper()}{reason[1:]}."],
-        table=[_gains(machine, job.built_servo), _margins(machine, margins, run)],
+        table=[_gains(machine, job.built_servo), _margins(results.loops)],
     )
 
 
-def _margins(machine: Machine, margins: tuple[Margins, ...] | None, run: Run) -> Table:
-    columns: list[str | Column] = [
-        "axis",
-        Column("gain margin", ".2f"),
-        Column("with all it moves", ".2f"),
-        Column("lower gain margin", ".2f"),
-        Column("phase margin [deg]", ".1f"),
-        Column("delay margin [ms]", ".2f"),
-        Column("peak of |S|", ".2f"),
-        Column("crossover [Hz]", ".1f"),
-        Column("torque ripple [N·m]", ".2g"),
-        Column("of the peak torque [%]", ".2f"),
+def _margins(loops: dict[str, AxisLoop]) -> Table:
+    shown = [quantity for quantity in MARGINS if quantity is not GAIN_MARGIN]  # the smaller of two that are shown
+    ripples = (TORQUE_RIPPLE, TORQUE_RIPPLE_PERCENT)
+    columns: list[str | Column] = ["axis", *map(Column.of, shown), *map(Column.of, ripples)]
+    rows = [
+        [
+            axis,
+            *(quantity.content(quantity.get(loop.margins)) for quantity in shown),
+            *(quantity.content(quantity.get(loop)) for quantity in ripples),
+        ]
+        for axis, loop in loops.items()
     ]
-    rows: list[list[str | float | None]] = []
-    for a, (axis, ripple) in enumerate(zip(machine.axes, torque_ripple(run).tolist(), strict=True)):
-        numbers: list[float | None] = [None] * 7
-        if margins is not None:
-            m = margins[a]
-            finite = (m.gain, m.together, m.gain_lower, m.phase, 1e3 * m.delay, m.sensitivity, m.crossover)
-            numbers = [value if math.isfinite(value) else None for value in finite]
-        rows.append([axis.name, *numbers, ripple, 100 * ripple / axis.peak_torque])
     return Table(
         columns,
         rows,
@@ -80,11 +71,11 @@ def _text(machine: Machine, margins: tuple[Margins, ...] | None) -> str:
     if unstable:
         return f"Unstable, Coulomb friction neglected: {', '.join(unstable)}."
     loops = {name: axis_margins for name, axis_margins in by_axis.items() if axis_margins != NO_LOOP}
-    gains = {name: min(axis_margins.gain, axis_margins.together) for name, axis_margins in loops.items()}
+    gains = {name: axis_margins.least_gain for name, axis_margins in loops.items()}
     if not gains:
         return "All axes are steppers in open loop: no loop, no margins."
     least = min(gains, key=gains.__getitem__)
-    text = f"Axis {least} has the smallest gain margin: {gains[least]:.2f}"
+    text = f"Axis {least} has the smallest {GAIN_MARGIN.label}: {GAIN_MARGIN.text(gains[least])}"
     if gains[least] < LOW_MARGIN:
         text += f", below {LOW_MARGIN:g}: with another load, or on another machine of this kind, it may be unstable"
     return f"{text}."

@@ -16,7 +16,7 @@ from gantrysim.plots import save_plots
 from gantrysim.record.run import Run
 from gantrysim.report.folder import PLOTS, REPORT, output_folder, write_fault, write_run
 from gantrysim.report.page import write_run_page
-from gantrysim.report.results import RunResults
+from gantrysim.results.run_results import RunResults
 
 
 def write_report(

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple, Self
+
+from gantrysim.base.quantity import Quantity, number_text
 
 PASS = "pass"
 WARN = "warn"
@@ -46,7 +48,8 @@ class Place:
         if self.time is not None:
             parts.append(f"t = {self.time:.3f} s")
         if self.point is not None:
-            parts.append("x = {:z.1f}, y = {:z.1f}, z = {:z.1f} mm".format(*self.point))
+            x, y, z = (number_text(coordinate, ".1f") for coordinate in self.point)
+            parts.append(f"x = {x}, y = {y}, z = {z} mm")
         if self.line is not None:
             parts.append(f"line {self.line}")
         return ", ".join(parts)
@@ -55,6 +58,22 @@ class Place:
         """Return the place for JSON."""
         point = None if self.point is None else list(self.point)
         return {"axis": self.axis, "time_s": self.time, "point_mm": point, "program_line": self.line}
+
+
+class Bound(NamedTuple):
+    """Bound of a value.
+
+    Attributes:
+        name: of the limit, an attribute of `Tolerance`.
+        limit: in the API's unit.
+        source: "given" for a limit of the job, "default" for any other.
+        at_least: whether the value must be at least the limit, else at most.
+    """
+
+    name: str
+    limit: float
+    source: str
+    at_least: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,6 +102,31 @@ class Check:
     form: str = ".1f"
     place: Place = field(default_factory=Place)
 
+    @classmethod
+    def of(
+        cls, quantity: Quantity[Any], bound: Bound, value: float, words: str = "", place: Place | None = None
+    ) -> Self:
+        """Return the check of a quantity, in its unit and format.
+
+        Args:
+            quantity: that is measured.
+            bound: of its value, in the API's unit.
+            value: its worst value, likewise.
+            words: name of the value; the quantity's label by default.
+            place: of the worst value.
+        """
+        return cls(
+            name=bound.name,
+            quantity=words or quantity.label,
+            value=quantity.factor * value,
+            limit=quantity.factor * bound.limit,
+            unit=quantity.unit,
+            source=bound.source,
+            at_least=bound.at_least,
+            form=quantity.form,
+            place=place or Place(),
+        )
+
     @property
     def usage(self) -> float:
         """Share of the limit that the value uses; above 1 it is exceeded; nan if it is unknown."""
@@ -105,8 +149,8 @@ class Check:
     def __str__(self) -> str:
         unit = f" {self.unit}" if self.unit else ""
         bound = "at least" if self.at_least else "at most"
-        value = _number(self.value, self.form)
-        text = f"{self.quantity} {value}{unit}, {bound} {_number(self.limit, self.form)}{unit} ({self.source})"
+        value = number_text(self.value, self.form)
+        text = f"{self.quantity} {value}{unit}, {bound} {number_text(self.limit, self.form)}{unit} ({self.source})"
         place = str(self.place)
         return f"{text}: {place}" if place else text
 
@@ -128,9 +172,3 @@ class Check:
 def finite(value: float) -> float | None:
     """Return a number, or None for one that JSON lacks."""
     return value if math.isfinite(value) else None
-
-
-def _number(value: float, form: str) -> str:
-    if math.isinf(value):
-        return "without limit" if value > 0 else "−∞"
-    return format(value, f"z{form}")

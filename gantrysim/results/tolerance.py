@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from gantrysim.job.job import Job
 from gantrysim.job.settings import ToleranceSettings
+from gantrysim.results.checks import Bound
 
 GIVEN = "given"
 DEFAULT = "default"
@@ -108,6 +109,10 @@ class Tolerance:
     def source(self, name: str) -> str:
         """Return "given" for a value that the job gives, "default" for any other."""
         return GIVEN if name in self.given else DEFAULT
+
+    def bound(self, name: str, at_least: bool = False) -> Bound:
+        """Return the bound of a value, by the name of its limit."""
+        return Bound(name, getattr(self, name), self.source(name), at_least)
 
 
 # attributes whose key in a job file differs from them, as the last part of a key must be unique there

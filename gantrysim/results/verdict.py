@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gantrysim.base.display import Shown
+from gantrysim.base.quantity import MAX, P95, Quantity
 from gantrysim.bead import Bead
 from gantrysim.job.job import Job
 from gantrysim.job.lines import program_lines
@@ -16,20 +17,31 @@ from gantrysim.job.losses import happened
 from gantrysim.job.steps import lost_steps
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
+from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.record.run import Run
-from gantrysim.results.checks import FAIL, PASS, SYMBOLS, UNJUDGED, WARN, Check, Place, worst
+from gantrysim.results.checks import FAIL, PASS, SYMBOLS, UNJUDGED, WARN, Bound, Check, Place, worst
 from gantrysim.results.glue import GLUE, glue_row
 from gantrysim.results.row import Row
-from gantrysim.results.tolerance import Tolerance
+from gantrysim.results.tolerance import DEFAULT, Tolerance
+from gantrysim.stability.margin_quantities import GAIN_MARGIN, SENSITIVITY
 
 PATH = "path"
 STABILITY = "stability"
 MACHINE = "machine"
 
-_UM = 1e3
 _FAULT_REMARK = "the run ended in a fault"
 
 PlaceAt = Callable[[int], Place]
+
+TORQUE_RESERVE = Quantity[Any](
+    "torque_reserve", "torque reserve", "%", ".1f", "Share of an axis' torque limit that remains unused", ()
+)
+SPEED_RESERVE = Quantity[Any](
+    "speed_reserve", "speed reserve", "%", ".1f", "Share of an axis' speed limit that remains unused", ()
+)
+STEPS_LOST = Quantity[Any](
+    "full_steps_lost", "full steps lost", "", ".0f", "Largest distance of a stepper from its command, in full steps", ()
+)
 
 
 @dataclass(frozen=True, repr=False)
@@ -148,23 +160,8 @@ def _path_row(budget: Budget, tolerance: Tolerance, line_at: Callable[[float], i
     return Row.of(
         PATH,
         [
-            Check(
-                name="path_max",
-                quantity="contour error, max",
-                value=_UM * contour.max,
-                limit=_UM * tolerance.path_max,
-                unit="µm",
-                source=tolerance.source("path_max"),
-                place=place,
-            ),
-            Check(
-                name="path_p95",
-                quantity="contour error, 95 %",
-                value=_UM * contour.p95,
-                limit=_UM * tolerance.path_p95,
-                unit="µm",
-                source=tolerance.source("path_p95"),
-            ),
+            Check.of(CONTOUR.statistic(MAX), tolerance.bound("path_max"), contour.max, place=place),
+            Check.of(CONTOUR.statistic(P95), tolerance.bound("path_p95"), contour.p95),
         ],
     )
 
@@ -174,35 +171,17 @@ def _stability_row(job: Job, tolerance: Tolerance) -> Row:
     if margins is None:
         return Row(STABILITY, remark="the loop cannot be linearised: its margins are unknown")
     names = job.built_machine.axis_names
-    gains = [min(axis.gain, axis.together) for axis in margins]
+    gains = [axis.least_gain for axis in margins]
     peaks = [axis.sensitivity for axis in margins]
     weakest = int(np.argmin(gains))
     sharpest = int(np.argmax(peaks))
     unstable = [name for name, axis in zip(names, margins, strict=True) if not axis.stable]
+    gain_bound = tolerance.bound("gain_margin", at_least=True)
     return Row.of(
         STABILITY,
         [
-            Check(
-                name="gain_margin",
-                quantity="gain margin",
-                value=gains[weakest],
-                limit=tolerance.gain_margin,
-                unit="",
-                source=tolerance.source("gain_margin"),
-                at_least=True,
-                form=".2f",
-                place=Place(axis=names[weakest]),
-            ),
-            Check(
-                name="sensitivity",
-                quantity="peak of |S|",
-                value=peaks[sharpest],
-                limit=tolerance.sensitivity,
-                unit="",
-                source=tolerance.source("sensitivity"),
-                form=".2f",
-                place=Place(axis=names[sharpest]),
-            ),
+            Check.of(GAIN_MARGIN, gain_bound, gains[weakest], place=Place(axis=names[weakest])),
+            Check.of(SENSITIVITY, tolerance.bound("sensitivity"), peaks[sharpest], place=Place(axis=names[sharpest])),
         ],
         f"unstable: {', '.join(unstable)}" if unstable else "",
     )
@@ -219,32 +198,19 @@ def _machine_checks(job: Job, run: Run, tolerance: Tolerance, place_at: PlaceAt)
             torque[axis.name] = _reserve(run.demand[:, a], limit)
         if np.isfinite(axis.speed_limit) and len(run.time) > 1:
             speed[axis.name] = _reserve(np.gradient(run.motor[:, a], run.period), axis.speed_limit)
-    for name, reserves in (("torque", torque), ("speed", speed)):
+    for quantity, reserves in ((TORQUE_RESERVE, torque), (SPEED_RESERVE, speed)):
         if reserves:
             weakest = min(reserves, key=lambda axis: reserves[axis][0])
             reserve, tick = reserves[weakest]
             place = place_at(tick)
-            yield Check(
-                name=f"{name}_reserve",
-                quantity=f"{name} reserve",
-                value=reserve,
-                limit=getattr(tolerance, f"{name}_reserve"),
-                unit="%",
-                source=tolerance.source(f"{name}_reserve"),
-                at_least=True,
+            yield Check.of(
+                quantity,
+                tolerance.bound(quantity.name, at_least=True),
+                reserve,
                 place=Place(weakest, place.time, place.point, place.line),
             )
     for lost in lost_steps(job.built_machine, servo, run):
-        yield Check(
-            name="full_steps_lost",
-            quantity="full steps lost",
-            value=lost.most,
-            limit=0.0,
-            unit="",
-            source="default",
-            form=".0f",
-            place=Place(axis=lost.axis, time=lost.time),
-        )
+        yield Check.of(STEPS_LOST, Bound(STEPS_LOST.name, 0.0, DEFAULT), lost.most, place=Place(lost.axis, lost.time))
 
 
 def _reserve(values: np.ndarray, limit: float) -> tuple[float, int]:

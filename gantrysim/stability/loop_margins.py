@@ -50,6 +50,11 @@ class Margins:
     stable: bool
     together: float
 
+    @property
+    def least_gain(self) -> float:
+        """The smaller of `gain` and `together`."""
+        return min(self.gain, self.together)
+
     def __str__(self) -> str:
         if self == NO_LOOP:
             return "without a loop"

@@ -27,8 +27,8 @@ from gantrysim.paths.kinds import path_of
 from gantrysim.paths.pieces import Line
 from gantrysim.record.setpoints import Setpoints, Supervision
 from gantrysim.report.folder import write_run
-from gantrysim.report.results import RunResults
 from gantrysim.report.summary import summary
+from gantrysim.results.run_results import RunResults
 from gantrysim.servo.servo import Servo
 
 from support.memories import open_files, resident

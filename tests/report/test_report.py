@@ -20,8 +20,8 @@ from gantrysim.report import servo as servo_page
 from gantrysim.report.folder import REPORT
 from gantrysim.report.headline import headline
 from gantrysim.report.page import write_run_page
-from gantrysim.report.results import RunResults
 from gantrysim.report.summary import summary
+from gantrysim.results.run_results import RunResults
 from gantrysim.stability.margins import Margins
 
 from support.pages import Page

@@ -18,8 +18,8 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import DESCRIPTIONS, LINKS, Budget
 from gantrysim.plots.budget import draw_budget
 from gantrysim.report.page import write_run_page
-from gantrysim.report.results import RunResults
 from gantrysim.report.summary import summary
+from gantrysim.results.run_results import RunResults
 
 from support.distinct import distinct
 from support.pages import Page

@@ -11,7 +11,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.render.fonts import PAPER, font, rgb
 from gantrysim.report.folder import write_run
-from gantrysim.report.results import RunResults
+from gantrysim.results.run_results import RunResults
 
 # of films, from the smallest, 9:16 to 32:9
 SHAPES = (

@@ -11,8 +11,25 @@ from gantrysim.job.job import Job
 from gantrysim.job.losses import Losses
 from gantrysim.job.scatter import Scatter
 from gantrysim.machine.machine import Machine
+from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.metrics.budget import Budget
 from gantrysim.results.verdict import Verdict
+from gantrysim.stability.loop_margins import Margins
+
+
+@dataclass(frozen=True)
+class AxisLoop:
+    """The servo loop of one axis in a run.
+
+    Attributes:
+        margins: at the home position; None where they are unknown.
+        torque_ripple: while the dispenser is on, see `gantrysim.metrics.torque_ripple` [N·m].
+        torque_ripple_share: of the peak torque.
+    """
+
+    margins: Margins | None
+    torque_ripple: float
+    torque_ripple_share: float
 
 
 @dataclass(frozen=True)
@@ -41,6 +58,17 @@ class RunResults:
     def bead_values(self) -> BeadValues | None:
         """Values of the bead, None without glue."""
         return self.bead.values if self.bead is not None and self.bead.nominal > 0 else None
+
+    @cached_property
+    def loops(self) -> dict[str, AxisLoop]:
+        """The servo loop of each axis by its name."""
+        axes = self.machine.axes
+        ripples = torque_ripple(self.budget.analysis.run).tolist()
+        margins = self.job.margins or (None,) * len(axes)
+        return {
+            axis.name: AxisLoop(axis_margins, ripple, ripple / axis.peak_torque)
+            for axis, axis_margins, ripple in zip(axes, margins, ripples, strict=True)
+        }
 
     @cached_property
     def verdict(self) -> Verdict:
