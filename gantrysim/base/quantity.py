@@ -6,7 +6,7 @@ Terminal tables, summary.json, pages, columns of studies, data frames and docs/v
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -113,9 +113,13 @@ class Quantity(Generic[Subject]):
                 value = value[part.key]
         return value
 
+    def scaled(self, value: float | None) -> float | None:
+        """Return a value in `unit`."""
+        return None if value is None else self.factor * value
+
     def number(self, value: float | None) -> str:
         """Return a value without its unit, see `number_text`."""
-        return number_text(None if value is None else self.factor * value, self.form)
+        return number_text(self.scaled(value), self.form)
 
     def text(self, value: float | None) -> str:
         """Return a value with its unit; a missing one has none."""
@@ -175,12 +179,12 @@ class Quantity(Generic[Subject]):
         return subject + "".join(parts).replace("'", '"')
 
 
-def contents(quantities: tuple[Quantity[Subject], ...], subject: Subject | None) -> dict[str, float | None]:
+def contents(quantities: Iterable[Quantity[Any]], subject: Any) -> dict[str, float | None]:
     """Return the numbers of some quantities by their keys, in the units of the keys; None for what is missing."""
     return {number.key: number.content(number.get(subject)) for number in numbers_of(quantities)}
 
 
-def numbers_of(quantities: tuple[Quantity[Subject], ...]) -> Iterator[Quantity[Subject]]:
+def numbers_of(quantities: Iterable[Quantity[Any]]) -> Iterator[Quantity[Any]]:
     """Yield the quantities that are numbers, see `Quantity.numbers`."""
     for quantity in quantities:
         yield from quantity.numbers

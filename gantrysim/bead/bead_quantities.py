@@ -134,7 +134,7 @@ VOLUME_ERROR = Quantity[BeadValues](
 )
 VOLUME_ERROR_PERCENT = Quantity[BeadValues](
     "volume_error",
-    "volume error",
+    "relative volume error",
     "%",
     "+.2f",
     "Volume laid beyond the requested one, over the latter",
@@ -145,9 +145,9 @@ VOLUME_ERROR_PARTS = {
     part: Quantity[BeadValues](f"volume_error_{part}", f"volume error, {part}", "mm³", "+.3f", meaning, (attribute,))
     for part, attribute, meaning in (
         ("ramps", "ramp_error", "Part of the volume error requested by the program while the path speed ramps"),
-        ("starts", "start_error", "Part of the volume error until the flow has settled: the valve's opening"),
-        ("running", "running_error", "Part of the volume error while the flow is settled: its limit"),
-        ("stops", "stop_error", "Part of the volume error from when the dispenser closes: the valve's closing"),
+        ("starts", "start_error", "Part of the volume error until the flow has settled: valve opening"),
+        ("running", "running_error", "Part of the volume error while the flow is settled: flow limit"),
+        ("stops", "stop_error", "Part of the volume error from when the dispenser closes: valve closing"),
     )
 }
 RIDGE = Quantity[BeadValues](

@@ -213,7 +213,7 @@ class Causes:
             if effect.failure:
                 notes.append(f"{effect.cause.name}: {effect.failure}")
             elif effect.before != self.errors:
-                rms = cell_text(ERROR.content(effect.before["contour"].rms))
+                rms = cell_text(ERROR.scaled(effect.before["contour"].rms))
                 notes.append(f"{effect.cause.name}: compared with the job at the same physics step, {rms} µm rms")
         return notes
 
@@ -288,13 +288,9 @@ def _cells(errors: Errors, worth: Errors | None, links: list[str]) -> list[float
     if not errors:
         return [None] * (len(HEADS) - 1 + len(links))
     contour = errors["contour"]
-    change = None if worth is None else ERROR.content(worth["contour"].rms)
-    return [
-        ERROR.content(contour.rms),
-        ERROR.content(contour.max),
-        change,
-        *(ERROR.content(errors[link].rms) for link in links),
-    ]
+    change = None if worth is None else worth["contour"].rms
+    sizes = (contour.rms, contour.max, change, *(errors[link].rms for link in links))
+    return list(map(ERROR.scaled, sizes))
 
 
 def cell_text(value: float | None) -> str:

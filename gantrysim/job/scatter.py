@@ -10,33 +10,37 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, whole
+from gantrysim.base.quantity import MAX, MEAN, P95, RMS, Quantity
 from gantrysim.bead import Bead
+from gantrysim.bead.bead_quantities import CLEARANCE, VOLUME_ERROR_PERCENT, WIDTH
 from gantrysim.engine.batch import simulate_batch
 from gantrysim.engine.positions import axis_positions
 from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
+from gantrysim.metrics.error_quantities import ERRORS
+from gantrysim.metrics.parts import PartValues
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 
 _TOGETHER = 8  # runs in memory at a time
 _MOST = 1000  # repeats
-_UM = 1e3
-_SIZES = ("rms", "p95", "max")
+_SIZES = (RMS, P95, MAX)
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of a job and its scatter, in its own unit.
+    """A figure of a job and its scatter, in the unit of its quantity.
 
     Attributes:
-        unit: of all values.
+        quantity: what it is.
         nominal: of the job itself.
         mean: over the repeats.
         std: standard deviation of the repeats, of a sample.
@@ -44,7 +48,7 @@ class Figure:
         count: number of repeats.
     """
 
-    unit: str
+    quantity: Quantity[Any]
     nominal: float
     mean: float
     std: float
@@ -53,10 +57,10 @@ class Figure:
     count: int
 
     @classmethod
-    def of(cls, unit: str, nominal: float, values: Floats) -> Figure:
-        """Return the figure of a nominal value and of the repeats' values, (n,)."""
+    def of(cls, quantity: Quantity[Any], nominal: float, values: Floats) -> Figure:
+        """Return the figure of a nominal value and of the repeats' values, (n,), in the quantity's unit."""
         return cls(
-            unit,
+            quantity,
             nominal,
             float(values.mean()),
             float(values.std(ddof=1)),
@@ -76,7 +80,7 @@ class Scatter:
     """Scatter of the figures of a job.
 
     Attributes:
-        figures: by name, such as "contour rms" or "bead width".
+        figures: by the keys of their quantities, such as "contour_rms_um".
         repeats: number of runs.
         seed: of the zeros.
         counts: by axis, the count of its encoder within which its zero varies [mm or deg].
@@ -128,9 +132,9 @@ def scatter_of(
     if len(values) < 2:
         raise InputError(f"repeat: {repeats - len(values)} of {repeats} runs ended in a fault, at least 2 must not")
     figures = {
-        name: Figure.of(unit, value, np.array([repeat[name][1] for repeat in values]))
-        for name, (unit, value) in nominal.items()
-        if all(name in repeat for repeat in values)
+        key: Figure.of(quantity, value, np.array([repeat[key][1] for repeat in values]))
+        for key, (quantity, value) in nominal.items()
+        if all(key in repeat for repeat in values)
     }
     names = job.built_machine.axis_names
     return Scatter(figures, repeats, seed, dict(zip(names, counts.tolist(), strict=True)), repeats - len(values))
@@ -185,21 +189,23 @@ def scatters(job: Job) -> bool:
     return any(count > 0 and axis.coulomb > 0 for count, axis in zip(_counts(job), axes, strict=True))
 
 
-def figures_of(job: Job, run: Run) -> dict[str, tuple[str, float]]:
-    """Return the figures of a run whose scatter counts: by name the unit and the value."""
-    return dict(_figures(job, run))
+def figures_of(job: Job, run: Run) -> dict[str, tuple[Quantity[Any], float]]:
+    """Return the figures of a run whose scatter counts: by key the quantity and the value, in its unit."""
+    return {quantity.key: (quantity, quantity.factor * value) for quantity, value in _figures(job, run)}
 
 
-def _figures(job: Job, run: Run) -> Iterator[tuple[str, tuple[str, float]]]:
+def _figures(job: Job, run: Run) -> Iterator[tuple[Quantity[Any], float]]:
     analysis = Analysis(run)
-    values = Budget(analysis).values
-    for name, part in (("contour", values.contour), *values.parts.items()):
-        for size in _SIZES:
-            yield f"{name} {size.replace('p95', '95 %')}", ("µm", _UM * getattr(part, size))
+    budget = Budget(analysis)
+    for error in ERRORS:
+        part = error.get(budget)
+        if isinstance(part, PartValues):
+            for statistic in _SIZES:
+                yield error.statistic(statistic), getattr(part, statistic.name)
     bead = Bead(run, job.bead, analysis)
     if not bead.nominal > 0:
         return
-    yield "bead width", ("mm", float(bead.width[bead.dispensing].mean()))
-    yield "volume error", ("%", bead.volume_error_percent)
+    yield WIDTH.statistic(MEAN), float(bead.width[bead.dispensing].mean())
+    yield VOLUME_ERROR_PERCENT, bead.volume_error_percent
     if analysis.spacing.distance.size:
-        yield "clearance of turns", ("mm", float(bead.clearance().mean()))
+        yield CLEARANCE.statistic(MEAN), float(bead.clearance().mean())

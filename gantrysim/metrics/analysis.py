@@ -40,6 +40,18 @@ class ErrorSize:
 
 
 @dataclass(frozen=True)
+class ErrorSpread(ErrorSize):
+    """Root mean square, largest magnitude and 95th percentile of the magnitude of an error."""
+
+    p95: float
+
+    @classmethod
+    def of(cls, error: Floats) -> ErrorSpread:
+        size = ErrorSize.of(error)
+        return cls(size.rms, size.max, float(np.percentile(np.abs(error), 95)))
+
+
+@dataclass(frozen=True)
 class SteadyFollowing:
     """Following error at the nozzle, without the transients of start and end.
 

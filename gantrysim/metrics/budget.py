@@ -40,7 +40,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import by_blocks
 from gantrysim.base.display import table_html
 from gantrysim.base.frames import pandas_frame
-from gantrysim.metrics.analysis import Analysis, ErrorSize
+from gantrysim.metrics.analysis import Analysis, ErrorSize, ErrorSpread
 from gantrysim.metrics.following import RigidMachine, servo_by_axis
 from gantrysim.metrics.links import Trace, links, offset_of
 from gantrysim.metrics.parts import CORNER, ERROR, PART_COLUMNS, BudgetValues, Part, PartValues, TurnValues
@@ -51,9 +51,9 @@ if TYPE_CHECKING:
     import pandas
 
 # the links of the chain in their order; DESCRIPTIONS also has their sum, the contour error
-LINKS = ("program", "servo", "encoder", "structure")
+LINKS: tuple[str, ...] = ("program", "servo", "encoder", "structure")
 GEOMETRY = "geometry"  # between encoder and structure, on a machine with errors of its geometry
-DESCRIPTIONS = {
+DESCRIPTIONS: dict[str, str] = {
     "program": "requested path to commanded",
     "servo": "commanded to encoder",
     "encoder": "encoder to motor",
@@ -222,7 +222,7 @@ class Budget:
             parts={name: self.values_of(part) for name, part in self.parts.items()},
             corner=None if self.corner is None else self.values_of(self.corner),
             contour=self.values_of(self.contour),
-            lag=ErrorSize.of(self.lag),
+            lag=ErrorSpread.of(self.lag),
             turns=self._turns(),
         )
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
-from gantrysim.base.quantity import AXIS, RANGE, RMS, SIZES, Item, Quantity
+from gantrysim.base.quantity import AXIS, MAX, P95, RANGE, RMS, SIZES, Item, Quantity
 from gantrysim.metrics.analysis import THOUSANDTH
 from gantrysim.metrics.budget import DESCRIPTIONS, GEOMETRY, LINKS, Budget
 from gantrysim.metrics.parts import CORNER, ERROR
@@ -44,7 +44,7 @@ LAG: Quantity[Budget] = replace(
     label="lag along the path",
     meaning="Distance of the nozzle behind the commanded position along the requested path",
     path=("values", "lag"),
-    statistics=SIZES,
+    statistics=(RMS, P95, MAX),
 )
 _FOLLOWING: Quantity[Any] = replace(
     CONTOUR,

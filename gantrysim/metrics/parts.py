@@ -10,7 +10,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import Column, blocks, by_blocks, table_by_blocks
 from gantrysim.base.quantity import PARTS, SIZES, Quantity
-from gantrysim.metrics.analysis import ErrorSize
+from gantrysim.metrics.analysis import ErrorSize, ErrorSpread
 
 CORNER = "corner"  # name of what belongs to no link
 
@@ -121,7 +121,7 @@ class BudgetValues:
     parts: dict[str, PartValues]
     corner: PartValues | None
     contour: PartValues
-    lag: ErrorSize
+    lag: ErrorSpread
     turns: tuple[TurnValues, ...]
 
     @property

@@ -47,7 +47,7 @@ class Telemetry:
     def error(self) -> Floats:
         """Contour error: distance of the nozzle to the requested path; nan while the dispenser is off, (n,) [µm].
 
-        Its final rms and maximum are summary.json's "contour_error_um".
+        Its final rms and maximum are summary.json's "contour_rms_um" and "contour_max_um".
         """
         error = np.full(len(self.run.time), np.nan)
         if self.run.dispense.any():

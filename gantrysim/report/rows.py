@@ -13,8 +13,10 @@ from gantrysim.bead.bead_quantities import (
     CLEARANCE,
     COVERAGE,
     EXCESS_AT_STOP,
+    GAP_SHARE,
     MISSING_AT_START,
     NOMINAL_SECTION,
+    OVERLAP_SHARE,
     REQUESTED_VOLUME,
     VOLUME,
     VOLUME_ERROR,
@@ -56,6 +58,8 @@ def bead_rows(bead: BeadValues) -> Iterator[RowTexts]:
         coverage = "" if bead.coverage is None else f"; {COVERAGE.label} {COVERAGE.text(bead.coverage)}"
         remark = f"clearance {between(CLEARANCE, bead.clearance)}{coverage}"
         yield gap_or_overlap(bead.clearance), CLEARANCE.text(abs(bead.clearance.mean)), remark
+        gap = f"of their length, a gap on {GAP_SHARE.text(bead.gap_share)}"
+        yield OVERLAP_SHARE.label, OVERLAP_SHARE.text(bead.overlap_share), gap
     missing = bead.missing_at_start.mean
     yield missing_at_start(missing), MISSING_AT_START.text(abs(missing)), _NOMINAL_LENGTH
     if bead.excess_at_stop is not None:

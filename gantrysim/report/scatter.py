@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from gantrysim.base.quantity import number_text
 from gantrysim.job.scatter import Figure, Scatter
 from gantrysim.report.document import Column, Section, Table
 
@@ -24,16 +25,19 @@ def rows_of(scatter: Scatter) -> list[tuple[str, ...]]:
 
     Links without any error are left out.
     """
-    figures = scatter.figures.items()
+    figures = scatter.figures.values()
     return [
-        (name, figure.unit, *_cells(figure)) for name, figure in figures if figure.high > _NOTHING or figure.low < 0
+        (figure.quantity.label, figure.quantity.unit, *_cells(figure))
+        for figure in figures
+        if figure.high > _NOTHING or figure.low < 0
     ]
 
 
 def _cells(figure: Figure) -> tuple[str, ...]:
     decimals = decimals_of(figure)
     nominal, mean, std, low, high = (
-        f"{number:z.{decimals}f}" for number in (figure.nominal, figure.mean, figure.std, figure.low, figure.high)
+        number_text(number, f".{decimals}f")
+        for number in (figure.nominal, figure.mean, figure.std, figure.low, figure.high)
     )
     return nominal, f"{mean} ± {figure.mean_error:.{decimals}f}", std, low, high
 
@@ -68,8 +72,8 @@ def scatter_section(scatter: Scatter) -> Section:
 def scatter_summary(scatter: Scatter) -> dict[str, Any]:
     """Return the scatter for summary.json."""
     figures = {
-        name: {
-            "unit": figure.unit,
+        key: {
+            "unit": figure.quantity.unit,
             "nominal": figure.nominal,
             "mean": figure.mean,
             "mean_error": figure.mean_error,
@@ -77,7 +81,7 @@ def scatter_summary(scatter: Scatter) -> dict[str, Any]:
             "min": figure.low,
             "max": figure.high,
         }
-        for name, figure in scatter.figures.items()
+        for key, figure in scatter.figures.items()
     }
     return {"repeats": scatter.repeats, "seed": scatter.seed, "faults": scatter.faults, "figures": figures}
 

@@ -59,7 +59,7 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
     def row(part: PartValues, *labels: str) -> list[str | float | None]:
         point = ",\N{NO-BREAK SPACE}".join(with_minus(number_text(place, ".1f")) for place in part.point)
         where = [None] * 3 if part.rms < NO_ERROR else [part.s, part.time, point]
-        return [*labels, *(quantity.content(quantity.get(part)) for quantity in (_SHARE, *_SIZES)), *where]
+        return [*labels, *(quantity.scaled(quantity.get(part)) for quantity in (_SHARE, *_SIZES)), *where]
 
     links = Table(
         ["link", "span", *numbers],
@@ -101,8 +101,8 @@ def _turns(budget: Budget) -> Table:
         [
             turn.name,
             *turn.s,
-            *(_RMS.content(turn.parts[name].rms) for name in names),
-            _MAX.content(turn.parts["contour"].max),
+            *(_RMS.scaled(turn.parts[name].rms) for name in names),
+            _MAX.scaled(turn.parts["contour"].max),
         ]
         for turn in budget.values.turns
     ]
@@ -116,7 +116,7 @@ def errors_section(analysis: Analysis) -> Section:
     errors = [(axis, THOUSANDTH[unit], values.following[axis]) for axis, unit in zip(run.axes, run.units, strict=True)]
     errors.append(("along the path", FOLLOWING_ALONG.unit, values.following_along))
     rows = [
-        [name, unit, FOLLOWING_ALONG.content(error.rms), FOLLOWING_ALONG.content(error.max)]
+        [name, unit, FOLLOWING_ALONG.scaled(error.rms), FOLLOWING_ALONG.scaled(error.max)]
         for name, unit, error in errors
     ]
     return Section(
@@ -176,7 +176,7 @@ def _bead_sizes(values: BeadValues) -> Table:
     return Table(
         ["", "unit", *(Column(statistic.label, ".3f") for statistic in RANGE)],
         [
-            [quantity.label, quantity.unit, *(quantity.content(getattr(sizes, statistic.name)) for statistic in RANGE)]
+            [quantity.label, quantity.unit, *(quantity.scaled(getattr(sizes, statistic.name)) for statistic in RANGE)]
             for quantity, sizes in ranges
             if sizes is not None
         ],

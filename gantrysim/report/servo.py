@@ -38,8 +38,8 @@ def _margins(loops: dict[str, AxisLoop]) -> Table:
     rows = [
         [
             axis,
-            *(quantity.content(quantity.get(loop.margins)) for quantity in shown),
-            *(quantity.content(quantity.get(loop)) for quantity in ripples),
+            *(quantity.scaled(quantity.get(loop.margins)) for quantity in shown),
+            *(quantity.scaled(quantity.get(loop)) for quantity in ripples),
         ]
         for axis, loop in loops.items()
     ]

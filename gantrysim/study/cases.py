@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -12,16 +11,15 @@ from functools import lru_cache
 from importlib.metadata import version
 from typing import Any, Literal, Self
 
-import numpy as np
-
-from gantrysim.base.arrays import Floats, dot
 from gantrysim.base.errors import InputError
+from gantrysim.base.quantity import MEAN, contents
 from gantrysim.bead import Bead, BeadSettings
+from gantrysim.bead.bead_quantities import VOLUME_ERROR_PERCENT, WIDTH
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation
-from gantrysim.metrics.analysis import THOUSANDTH, Analysis, speed_ripple, steady
 from gantrysim.metrics.budget import Budget
+from gantrysim.metrics.error_quantities import ERRORS, MOTION, of_axes
 from gantrysim.record.run import Run
 
 Value = str | float | int | bool | list[float] | None  # a list is a curve and goes into curves.csv
@@ -31,7 +29,6 @@ Mode = Literal["simulated", "perfect follower"]
 OK = "ok"
 _FAULT = "fault: "
 _REFUSED = "refused: "
-_THOUSANDTHS = 1e3
 
 
 @dataclass(frozen=True)
@@ -162,14 +159,11 @@ def simulated(case: Case) -> Run:
 
 
 def values_row(run: Run, bead: BeadSettings | None = None) -> Row:
-    """Return the values of a run as one flat row; keys end in the unit, rms, max and p95 are of magnitudes.
+    """Return the values of a run as one flat row, by the keys that summary.json has for them, see docs/values.md.
 
-    program and contour are distances to the path as in `gantrysim.metrics`; servo, encoder, structure, and
-    geometry where there is any, are the parts of the error normal to the path, of `gantrysim.Budget`; lag is along it,
-    and following_along the encoder's share of that. steady_following_normal and _along are the following error,
-    `following_error` at the nozzle, in the middle 90 % of the dispensing time, without the transients of start and end.
-    A value that the run does not have, as the spacing of a single turn, is None; so are the bead's values where no
-    glue is demanded during motion.
+    They are all errors and the motion, and of the bead its mean width and the error of its volume, which need no height
+    map. A value that the run does not have, as the spacing of a single turn, or that is not finite is None; so are the
+    bead's values where no glue is demanded during motion.
 
     Args:
         run: the run.
@@ -178,74 +172,19 @@ def values_row(run: Run, bead: BeadSettings | None = None) -> Row:
     Raises:
         InputError: the dispenser is never on.
     """
-    analysis = Analysis(run)
-    values = analysis.values
-    budget = Budget(analysis)
-    row: Row = {}
-    errors = {"program": analysis.commanded.distance, "contour": analysis.nozzle.distance}
-    errors |= {link: part.size for link, part in budget.parts.items() if link != "program"}
-    for name, error in errors.items():
-        row |= _sizes(name, error)
-    row |= _sizes("lag", np.abs(budget.lag))
-    row["following_along_rms_um"] = _THOUSANDTHS * values.following_along.rms
-    row["following_along_max_um"] = _THOUSANDTHS * values.following_along.max
-    for unit, (name, size) in zip(run.units, values.following.items(), strict=True):
-        row[f"following_{name}_rms_{_ascii(unit)}"] = _THOUSANDTHS * size.rms
-        row[f"following_{name}_max_{_ascii(unit)}"] = _THOUSANDTHS * size.max
-    row |= _steady(analysis)
-    for statistic in ("mean", "std", "min", "max"):
-        spacing = values.spacing
-        row[f"spacing_{statistic}_mm"] = None if spacing is None else getattr(spacing, statistic)
-    row |= _bead(Bead(run, bead, analysis))
-    row["speed_mean_mm_s"] = values.speed.mean
-    row["speed_ripple"] = speed_ripple(run)
-    row["path_length_mm"] = values.path_length
-    row["duration_s"] = values.duration
-    for name, place in zip("xyz", values.end_point, strict=True):
-        row[f"end_{name}_mm"] = place
-    return {key: _plain(value) for key, value in row.items()}
-
-
-def _sizes(name: str, error: Floats) -> Row:
-    return {
-        f"{name}_rms_um": _THOUSANDTHS * float(np.sqrt(np.mean(error**2))),
-        f"{name}_max_um": _THOUSANDTHS * float(error.max()),
-        f"{name}_p95_um": _THOUSANDTHS * float(np.percentile(error, 95)),
-    }
-
-
-def _steady(analysis: Analysis) -> Row:
-    """The following error along the path and normal to it, in the middle of the dispensing time."""
-    run = analysis.run
-    on = analysis.ticks
-    foot = analysis.commanded.s
-    middle = steady(on.size)
-    error = (run.commanded_tip - run.encoder_tip)[on[middle]]
-    tangent = run.requested.tangent(foot[middle])
-    along = dot(error, tangent)
-    normal = np.linalg.norm(error - along[:, None] * tangent, axis=1)
-    return {
-        f"steady_following_{name}_rms_um": _THOUSANDTHS * float(np.sqrt(np.mean(part**2)))
-        for name, part in (("along", along), ("normal", normal))
-    }
+    budget = Budget(run)
+    quantities = of_axes((*ERRORS, *MOTION), run.axes, run.units)
+    return {**contents(quantities, budget), **_bead(Bead(run, bead, budget.analysis))}
 
 
 def _bead(bead: Bead) -> Row:
     """Mean width while the dispenser is on, and the error of the volume; neither needs a height map."""
-    glue = bead.nominal > 0
-    return {
-        "bead_width_mean_mm": float(bead.width[bead.dispensing].mean()) if glue else None,
-        "bead_volume_error_percent": bead.volume_error_percent if glue else None,
-    }
-
-
-def _ascii(unit: str) -> str:
-    return THOUSANDTH[unit].replace("µ", "u")
-
-
-def _plain(value: Value) -> Value:
-    """Return None for a number that is not finite, so that a row survives being written and read."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    width = None
+    volume_error = None
+    if bead.nominal > 0:
+        width = WIDTH.content(float(bead.width[bead.dispensing].mean()))
+        volume_error = VOLUME_ERROR_PERCENT.content(bead.volume_error_percent)
+    return {WIDTH.statistic(MEAN).key: width, VOLUME_ERROR_PERCENT.key: volume_error}
 
 
 def _has(content: dict[str, Any], key: str, value: Any) -> bool:

@@ -7,12 +7,20 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from gantrysim.base.errors import positive, unknown
+from gantrysim.base.quantity import SHARE, STD, numbers_of
+from gantrysim.bead.bead_quantities import VOLUME_ERROR_PERCENT, WIDTH
 from gantrysim.metrics.budget import DESCRIPTIONS
+from gantrysim.metrics.error_quantities import ERRORS, MOTION, SPACING, SPEED, SPEED_RIPPLE
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.study import Study
 
 _UNITS = {"um": "µm", "mdeg": "mdeg", "mm": "mm", "mm_s": "mm/s", "s": "s"}  # by the end of a value's name
-_NO_METRICS = ("end_", "path_length", "duration", "bead_", "spacing_mean", "spacing_min", "spacing_max", "speed_mean")
+# values of a row of which smaller is not better
+_NO_METRICS = {
+    number.key
+    for number in numbers_of((*MOTION, WIDTH, VOLUME_ERROR_PERCENT))
+    if number not in (SPACING.statistic(STD), SPEED.statistic(STD), SPEED_RIPPLE)
+} | {error.statistic(SHARE).key for error in ERRORS if SHARE in error.statistics}
 _ERRORS = tuple(DESCRIPTIONS)  # links, and their sum
 
 
@@ -42,9 +50,7 @@ class Criterion:
         """
         names = list(row)
         values = names[names.index("status") + 1 :]  # tags come before it
-        known = {
-            key: _without_unit(key) for key in values if isinstance(row[key], float) and not key.startswith(_NO_METRICS)
-        }
+        known = {key: _without_unit(key) for key in values if isinstance(row[key], float) and key not in _NO_METRICS}
         for key, name in known.items():
             if self.metric in (key, name):
                 return key

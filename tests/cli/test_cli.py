@@ -30,7 +30,9 @@ from gantrysim.cli.tables import outcome_table
 from gantrysim.cli.terminal import interruptible
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.budget import LINKS, Budget
-from gantrysim.report.summary import summary as summary_of
+from gantrysim.report.summary import summary
+from gantrysim.results.quantities import ERROR_GROUP
+from gantrysim.results.run_results import RunResults
 
 from support.runs import turn, turntable
 from support.studies import PATIENCE
@@ -60,7 +62,7 @@ def test_a_run_writes_job_record_plots_and_summary(gantrysim_command, tmp_path):
     assert sorted(p.name for p in out.parent.iterdir()) == ["out"]  # no scratch folder is left
     links = (*LINKS, "by x", "contour")
     outcome = ("following error x", "requested 5", "path speed", "end point", "Contour error: ")
-    bead = ("bead width", "gap between turns", "coverage", "mm missing", "mm excess", "volume error")
+    bead = ("bead width", "gap between turns", "coverage", "missing at start", "excess at stop", "volume error")
     assert printed.splitlines()[-1] == str(out / "report.html")
     for word in (*links, "largest contour error at t = ", *outcome, *bead):
         assert word in printed
@@ -70,20 +72,15 @@ def test_the_summary_has_the_documented_keys_and_the_values_of_the_record(gantry
     gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert " ".join(summary) == (
-        "verdict job machine error_budget causes requested_spacing_mm bead_spacing_mm following_error_um "
-        "program_error_um contour_error_um path_speed_mm_s path_length_mm duration_s end_point_mm "
-        "servo bead notes fault injected headline versions"
+        "verdict job machine error_budget causes errors motion servo bead unstable_axes notes fault injected headline "
+        "versions"
     )
-    assert list(summary["bead_spacing_mm"]) == ["mean", "std", "min", "max"]
-    assert list(summary["following_error_um"]) == ["x", "y", "path"]
-    assert list(summary["path_speed_mm_s"]) == ["mean", "min", "max"]
-    for group in (summary["program_error_um"], summary["contour_error_um"], *summary["following_error_um"].values()):
-        assert list(group) == ["rms", "max"]
+    errors, motion = summary["errors"], summary["motion"]
     run = Run.load(tmp_path / "run.npz")
     values = metrics.values(run)
     written = summary["error_budget"]
-    assert list(written) == [*LINKS, "contour", "servo_by_axis", "lag_um", "turns"]
-    assert sum(written[link]["share"] for link in LINKS) == pytest.approx(1)
+    assert list(written) == [*LINKS, "contour", "servo_by_axis", "turns"]
+    assert sum(written[link]["share_percent"] for link in LINKS) == pytest.approx(100)
     part = Budget(metrics.Analysis(run)).values.parts["servo"]
     assert [written["servo"][f"{name}_um"] for name in ("rms", "p95", "max")] == pytest.approx(
         [1e3 * part.rms, 1e3 * part.p95, 1e3 * part.max]
@@ -94,11 +91,11 @@ def test_the_summary_has_the_documented_keys_and_the_values_of_the_record(gantry
     assert written["turns"][0]["program"]["rms_um"] > written["turns"][0]["structure"]["rms_um"]
     assert summary["job"] == "an225"
     assert summary["machine"] == "xy"
-    assert summary["requested_spacing_mm"] == 5.0
-    assert summary["contour_error_um"]["max"] == pytest.approx(1e3 * values.contour.max)
-    assert summary["bead_spacing_mm"]["std"] == pytest.approx(values.spacing.std)
-    assert summary["end_point_mm"] == pytest.approx(run.nozzle[-1].tolist())
-    assert summary["duration_s"] == pytest.approx(run.time[run.dispense][-1])
+    assert motion["requested_spacing_mm"] == 5.0
+    assert errors["contour_max_um"] == pytest.approx(1e3 * values.contour.max)
+    assert motion["spacing_std_mm"] == pytest.approx(values.spacing.std)
+    assert [motion[f"end_{name}_mm"] for name in "xyz"] == pytest.approx(run.nozzle[-1].tolist())
+    assert motion["duration_s"] == pytest.approx(run.time[run.dispense][-1])
     assert summary["causes"] is None
     assert summary["fault"] is None
     assert summary["versions"]["gantrysim"] == gantrysim.__version__
@@ -152,7 +149,7 @@ def test_a_run_replaces_the_files_of_an_earlier_one(gantrysim_command, reported,
     gantrysim_command("run", "an225", "--out", tmp_path, *SHORT, "--set", "turns=1")  # has no neighbouring turns
     assert not (tmp_path / "video.mp4").exists()
     assert sorted(p.name for p in (tmp_path / "plots").iterdir()) == ["bead.png", "budget.png", "error.png", "plan.png"]
-    assert json.loads((tmp_path / "summary.json").read_text())["bead_spacing_mm"] is None
+    assert json.loads((tmp_path / "summary.json").read_text())["motion"]["spacing_mean_mm"] is None
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
@@ -537,7 +534,7 @@ def test_a_fault_without_finite_numbers_is_written_as_null(tmp_path):
     run = Job.load("an225", ["diameter=40", "turns=1"]).run()
     faulted = dataclasses.replace(run, fault=Fault("diverged", "x", 0.1, math.nan, math.inf, "mm"))
     job = Job.load("an225")
-    written = summary_of(job, job.built_machine, Budget(metrics.Analysis(faulted)))
+    written = summary(RunResults(job, job.built_machine, Budget(metrics.Analysis(faulted))))
     assert written["fault"] == {
         "kind": "diverged",
         "axis": "x",
@@ -569,11 +566,10 @@ def test_errors_of_rotary_axes_are_in_thousandths_of_a_degree(tmp_path, capsys):
     error = 1e3 * (run.commanded - run.encoder)
     assert values.following["th"].max == pytest.approx(1e-3 * np.abs(error[:, 0]).max())
     job = Job.load("an225")
-    written = summary_of(job, machine, budget)
-    assert list(written["following_error_um"]) == ["x", "path"]
-    assert written["following_error_mdeg"]["th"]["max"] == pytest.approx(np.abs(error[:, 0]).max())
-    assert list(written)[6:8] == ["following_error_um", "following_error_mdeg"]
-    Console().print(outcome_table(run, values, None, None))
+    written = ERROR_GROUP.contents(RunResults(job, machine, budget))
+    assert written["following_th_max_mdeg"] == pytest.approx(np.abs(error[:, 0]).max())
+    assert "following_x_max_um" in written
+    Console().print(outcome_table(budget.analysis, None, None))
     printed = capsys.readouterr().out
     rms, largest = np.sqrt(np.mean(error[:, 0] ** 2)), np.abs(error[:, 0]).max()
     assert f"{rms:.1f} mdeg" in printed

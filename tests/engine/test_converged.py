@@ -15,6 +15,7 @@ from gantrysim import Budget, Job, simulate_batch
 from gantrysim.bead import Bead
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.report.summary import summary
+from gantrysim.results.run_results import RunResults
 
 FINE = 12.5e-6  # [s]
 RELATIVE = 0.01
@@ -27,7 +28,7 @@ RUNS = 16
 DIFFER = 1e-4  # of kp and the counts, to both sides
 
 # Not sizes of errors: places, shares of a whole, and what belongs to the machine and its servo alone.
-_LEFT_OUT = ("at_max", "share", "margins", "end_point", "versions")
+_LEFT_OUT = ("at_max", "share", "verdict", "motion.end", "versions")
 
 
 def numbers(content: object, key: str = "") -> Iterator[tuple[str, float]]:
@@ -59,8 +60,8 @@ def figures(job: Job, step: float | None, runs: int = RUNS) -> dict[str, tuple[f
     for run in simulate_batch(job.built_machine, servos, job.setpoints, physics_step=step, dispenser=job.dispenser):
         assert run.fault is None
         budget = Budget(run)
-        bead = Bead(run, job.bead, budget.analysis).values if run.flow.any() else None
-        for key, value in numbers(summary(job, job.built_machine, budget, bead)):
+        bead = Bead(run, job.bead, budget.analysis) if run.flow.any() else None
+        for key, value in numbers(summary(RunResults(job, job.built_machine, budget, bead))):
             all_of.setdefault(key, []).append(value)
     return {
         key: (float(np.mean(values)), float(np.std(values)) / np.sqrt(max(len(values) - 1, 1)))

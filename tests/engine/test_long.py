@@ -49,7 +49,7 @@ def figures(job, run):
     fresh = dataclasses.replace(run, requested=path_of(kind, parameters))
     analysis = Analysis(fresh)
     bead = Bead(fresh, job.bead, analysis)
-    return summary(job, job.built_machine, Budget(analysis), bead.values if bead.nominal > 0 else None)
+    return summary(RunResults(job, job.built_machine, Budget(analysis), bead))
 
 
 def assert_same(ours, theirs, name=""):
@@ -210,15 +210,16 @@ from gantrysim.bead import Bead
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.summary import summary
+from gantrysim.results.run_results import RunResults
 job = Job.load("an225", [f"program.{item}" for item in (
     "turns=1000", "thickness=0.09", "diameter=200.0", "start=[-100.0, 0.0]", "speed=70")] + [
     "dispenser.flow=50", "bead.squashed=false"])
 run = job.run()
 analysis = Analysis(run)
 bead = Bead(run, job.bead, analysis)
-found = summary(job, job.built_machine, Budget(analysis), bead.values)
+found = summary(RunResults(job, job.built_machine, Budget(analysis), bead))
 assert len(found["error_budget"]["turns"]) == 1000
-assert abs(found["bead_spacing_mm"]["mean"] - 0.09) < 1e-3
+assert abs(found["motion"]["spacing_mean_mm"] - 0.09) < 1e-3
 run.save(sys.argv[1])
 print(len(run.time), 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """

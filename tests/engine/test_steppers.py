@@ -23,6 +23,7 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.native.stepping_field import mean_stepped
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.report.summary import summary
+from gantrysim.results.run_results import RunResults
 
 from support.runs import ramp
 from support.tables import EXAMPLES
@@ -362,7 +363,7 @@ def test_the_budget_has_lost_steps_where_the_servo_sees_them(spiral):
         run = job.run()
         (lost,) = lost_steps(job.built_machine, job.built_servo, run)
         assert lost.axis == "x"
-        told = [note for note in summary(job, job.built_machine, Budget(run))["notes"] if "lost" in note]
+        told = [note for note in summary(RunResults(job, job.built_machine, Budget(run)))["notes"] if "lost" in note]
         assert told == [str(lost)]
         parts = Budget(run).values.parts
         other = {"encoder": "servo", "servo": "encoder"}[link]

@@ -139,12 +139,14 @@ def test_the_command_runs_a_job(name, tmp_path, gantrysim_command):
     written = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert written["job"] == name
     assert written["fault"] is None
-    assert ("following_error_mdeg" in written) == (Job.load(name).machine in ("delta", "stage", "xyzr"))
+    rotary = any(key.endswith("_mdeg") for key in written["errors"])
+    assert rotary == (Job.load(name).machine in ("delta", "stage", "xyzr"))
     glue = written["bead"]
-    assert glue["volume_mm3"] - glue["volume_asked_mm3"] == pytest.approx(glue["volume_error_mm3"], rel=1e-9)
-    assert (glue["clearance_of_turns_mm"] is None) == (written["bead_spacing_mm"] is None)
-    if glue["clearance_of_turns_mm"] is not None:
-        assert glue["gapping_share"] > 0.97 > 0.03 > glue["overlapping_share"]
+    assert glue["volume_mm3"] - glue["requested_volume_mm3"] == pytest.approx(glue["volume_error_mm3"], rel=1e-9)
+    clearance = glue["turn_clearance_mean_mm"]
+    assert (clearance is None) == (written["motion"]["spacing_mean_mm"] is None)
+    if clearance is not None:
+        assert glue["gap_share_percent"] > 97 > 3 > glue["overlap_share_percent"]
     for note in written["notes"]:
         assert note.split()[0] in printed
     if name == "softmc-arc":

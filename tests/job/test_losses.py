@@ -213,7 +213,7 @@ def test_the_command_shows_and_writes_what_happened_and_what_it_cost(gantrysim_c
     assert losses["missing_length_mm"] > 30
     assert losses["nozzle_displaced_um"] > 100
     page = (folder / "report.html").read_text()
-    for words in ("Faults on purpose", "clogged nozzle at t = 0.5000 s: 25 % of the flow for 0.2 s", "bead missing"):
+    for words in ("Faults on purpose", "clogged nozzle at t = 0.5000 s: 25 % of the flow for 0.2 s", "missing bead"):
         assert words in page
     assert summary["fault"]["kind"] == "following error"
     status, _, err = gantrysim_command("run", file, "--out", tmp_path / "other", "--no-video", "--causes")

@@ -9,9 +9,11 @@ import pytest
 
 import gantrysim as gs
 from gantrysim.base.errors import InputError
+from gantrysim.bead.bead_quantities import WIDTH
 from gantrysim.job.job import Job
 from gantrysim.job.scatter import Figure, check_repeats, figures_of, scatter_of, scatters
 from gantrysim.machine.perturbation import Perturbation
+from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.report.scatter import decimals_of, rows_of
 
 UM = 1e3
@@ -28,14 +30,14 @@ def scatter(job):
 
 
 def test_stick_slip_scatters_by_more_than_the_digits_of_one_run(scatter):
-    contour = scatter.figures["contour rms"]
+    contour = scatter.figures["contour_rms_um"]
     assert contour.nominal == pytest.approx(6.29, abs=0.01)
     assert contour.mean == pytest.approx(6.56, abs=0.3)
     assert 0.1 < contour.std < 0.5
     assert contour.low < contour.mean < contour.high
     assert contour.mean_error == contour.std / math.sqrt(10)
-    assert scatter.figures["program max"].std == pytest.approx(0.0, abs=1e-9)  # of the program: no zero changes it
-    assert scatter.figures["bead width"].std < 1e-3
+    assert scatter.figures["program_max_um"].std == pytest.approx(0.0, abs=1e-9)  # of the program: no zero changes it
+    assert scatter.figures["bead_width_mean_mm"].std < 1e-3
     assert scatter.faults == 0
     assert scatter.counts == {"x": pytest.approx(1e-3), "y": pytest.approx(1e-3)}
 
@@ -52,26 +54,26 @@ def test_the_figures_are_those_of_the_runs(job):
         run = gs.simulate(machine, job.built_servo, moved, dispenser=job.dispenser)
         np.testing.assert_allclose(run.nozzle[0, :2], run.requested.position(0.0)[0, :2], atol=1e-3)
         contours.append(UM * gs.Budget(run).values.contour.rms)
-    assert found.figures["contour rms"].mean == pytest.approx(np.mean(contours), rel=1e-9)
-    assert found.figures["contour rms"].std == pytest.approx(np.std(contours, ddof=1), rel=1e-6)
+    assert found.figures["contour_rms_um"].mean == pytest.approx(np.mean(contours), rel=1e-9)
+    assert found.figures["contour_rms_um"].std == pytest.approx(np.std(contours, ddof=1), rel=1e-6)
 
 
 def test_the_same_seed_gives_the_same_scatter_and_another_one_another(job, scatter):
     assert scatter_of(job, 10, seed=1) == scatter
-    assert scatter_of(job, 10, seed=2).figures["contour rms"] != scatter.figures["contour rms"]
+    assert scatter_of(job, 10, seed=2).figures["contour_rms_um"] != scatter.figures["contour_rms_um"]
 
 
 def test_quantisation_stays_within_a_count(scatter):
     """Encoder against motor: at most half a count of both axes and what the motor moves between samples."""
-    assert scatter.figures["encoder max"].high < 1.6
-    assert scatter.figures["structure rms"].mean < 0.3
+    assert scatter.figures["encoder_max_um"].high < 1.6
+    assert scatter.figures["structure_rms_um"].mean < 0.3
 
 
 def test_axes_that_are_no_coordinates_of_the_nozzle_scatter_too():
     job = Job.load("delta-arc")
     scatter = scatter_of(job, 3)
-    assert scatter.figures["contour rms"].std > 0
-    assert scatter.figures["contour rms"].mean == pytest.approx(scatter.figures["contour rms"].nominal, rel=0.1)
+    assert scatter.figures["contour_rms_um"].std > 0
+    assert scatter.figures["contour_rms_um"].mean == pytest.approx(scatter.figures["contour_rms_um"].nominal, rel=0.1)
 
 
 def test_what_cannot_scatter_is_refused_in_one_line(job):
@@ -85,11 +87,11 @@ def test_what_cannot_scatter_is_refused_in_one_line(job):
 
 def test_the_table_has_no_more_digits_than_the_figures():
     values = 10.0 + np.array([-0.3, 0.3, 0.0, 0.1, -0.1])
-    figure = Figure.of("µm", 10.12345, values)
+    figure = Figure.of(CONTOUR, 10.12345, values)
     assert figure.mean == pytest.approx(10.0)
     assert decimals_of(figure) == 1
-    assert decimals_of(Figure.of("mm", 4.0, 4.0 + 1e-6 * values)) == 3
-    assert decimals_of(Figure.of("µm", 800.0, 100.0 * values)) == 0
+    assert decimals_of(Figure.of(WIDTH, 4.0, 4.0 + 1e-6 * values)) == 3
+    assert decimals_of(Figure.of(CONTOUR, 800.0, 100.0 * values)) == 0
 
 
 def test_the_command_writes_the_scatter_into_table_summary_and_report(gantrysim_command, tmp_path):
@@ -99,7 +101,7 @@ def test_the_command_writes_the_scatter_into_table_summary_and_report(gantrysim_
     assert status == 0
     assert "Scatter with the zeros of the encoders" in printed
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    figure = summary["scatter"]["figures"]["contour rms"]
+    figure = summary["scatter"]["figures"]["contour_rms_um"]
     assert summary["scatter"]["repeats"] == 3
     assert set(figure) == {"unit", "nominal", "mean", "mean_error", "std", "min", "max"}
     assert figure["nominal"] == pytest.approx(summary["error_budget"]["contour"]["rms_um"])
@@ -113,6 +115,6 @@ def test_the_command_writes_the_scatter_into_table_summary_and_report(gantrysim_
 
 def test_figures_of_a_run_are_named_with_their_units(job):
     figures = figures_of(job, job.run())
-    assert figures["contour max"][0] == "µm"
-    assert figures["volume error"][0] == "%"
+    assert figures["contour_max_um"][0].unit == "µm"
+    assert figures["volume_error_percent"][0].unit == "%"
     assert len(rows_of(scatter_of(job, 2))) <= len(figures)

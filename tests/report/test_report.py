@@ -62,19 +62,20 @@ def test_the_report_of_a_spiral_has_all_sections(spiral):
 
 def test_its_numbers_are_those_of_the_summary(spiral):
     job, page, bead = spiral
-    numbers = summary(job, job.built_machine, Budget(bead.analysis), bead.values)
+    numbers = summary(RunResults(job, job.built_machine, Budget(bead.analysis), bead))
+    errors, motion = numbers["errors"], numbers["motion"]
     text = page.section("summary")
     for error in ("contour", "program"):
-        spread = numbers[f"{error}_error_um"]
-        assert f"{error.capitalize()} error, rms {spread['rms']:.1f} µm max {spread['max']:.1f} µm" in text
-    spacing = numbers["bead_spacing_mm"]
-    assert f"Turn spacing {spacing['mean']:.4f} mm requested 5, std {spacing['std']:.4f} mm" in text
-    assert f"Path speed {numbers['path_speed_mm_s']['mean']:.2f} mm/s" in text
-    assert f"Path length {numbers['path_length_mm']:.1f} mm in {numbers['duration_s']:.2f} s" in text
+        rms, largest = (errors[f"{error}_{name}_um"] for name in ("rms", "max"))
+        assert f"{error.capitalize()} error, rms {rms:.1f} µm max {largest:.1f} µm" in text
+    spacing = [motion[f"spacing_{name}_mm"] for name in ("mean", "std")]
+    assert "Turn spacing {:.4f} mm requested 5, std {:.4f}".format(*spacing) in text
+    assert f"Path speed {motion['speed_mean_mm_s']:.2f} mm/s" in text
+    assert f"Path length {motion['path_length_mm']:.3f} mm in {motion['duration_s']:.3f} s" in text
     rows = {row[0]: row for row in page.rows() if row and len(row) < 8}
-    for name, spread in numbers["following_error_um"].items():
-        row = rows["along the path" if name == "path" else name]
-        assert row[1:] == ["µm", f"{spread['rms']:.1f}", f"{spread['max']:.1f}"]
+    for name, row in (("along", "along the path"), ("x", "x"), ("y", "y")):
+        sizes = [f"{errors[f'following_{name}_{size}_um']:.1f}" for size in ("rms", "max")]
+        assert rows[row][1:] == ["µm", *sizes]
     for name, version in numbers["versions"].items():
         assert rows[name] == [name, version]
     assert page.all("code")[0]["text"].strip() == job.toml().strip()
@@ -116,13 +117,13 @@ def test_its_bead_is_that_of_the_run(spiral):
     _, page, bead = spiral
     values = bead.values
     text = page.section("bead")
-    error = f"{values.volume_error_percent:+.2f} % of {values.requested_volume:.1f} mm³ requested"
-    assert f"Volume laid {values.volume:.1f} mm³ {error}" in text
-    assert f"Coverage {100 * values.coverage:.1f} %" in text
-    assert f"turns overlap on {100 * values.overlap_share:.1f} % of their length" in text
+    error = f"{values.volume_error_percent:+.2f} % of {values.requested_volume:.1f} requested"
+    assert f"Volume {values.volume:.1f} mm³ {error}" in text
+    assert f"coverage {100 * values.coverage:.1f} %" in text
+    assert f"Turns that overlap {100 * values.overlap_share:.1f} % of their length" in text
     between = "gap" if values.clearance.mean > 0 else "overlap"
-    assert f"Mean {between} between turns {abs(values.clearance.mean):.3f} mm" in text
-    row = next(row for row in page.rows() if row and row[0] == "width")
+    assert f"{between.capitalize()} between turns {abs(values.clearance.mean):.3f} mm" in text
+    row = next(row for row in page.rows() if row and row[0] == "bead width")
     expected = (values.width.mean, values.width.std, values.width.min, values.width.max)
     assert row[1:] == ["mm", *(f"{value:.3f}" for value in expected)]
 
@@ -188,7 +189,7 @@ def test_the_causes_have_a_section_with_their_table_and_plot(tmp_path):
     assert rows["sampling"][:-1] == ["–"] * 7  # coarse counts at a short period
     assert [html.unescape(rows[cause.name][-1]) for cause in CAUSES] == [cause.off for cause in CAUSES]
     assert f"Sampling: {causes.effects[1].failure}." in text
-    numbers = summary(job, job.built_machine, Budget(bead.analysis), causes=causes)["causes"]
+    numbers = summary(RunResults(job, job.built_machine, Budget(bead.analysis), bead, causes))["causes"]
     assert list(numbers) == list(CAUSE_NAMES)
     assert numbers["sampling"] == {"without": None, "worth": None, "failure": causes.effects[1].failure}
     for effect in causes.effects:
@@ -203,7 +204,7 @@ def test_a_follower_without_error_gets_a_report(tmp_path):
     page, bead = reported(tmp_path, job, job.follow())
     assert Budget(bead.analysis).values.contour.rms < 1e-6
     assert page.texts("p")[2] == "Contour error: none, the nozzle follows the requested path exactly."
-    assert next(row for row in page.rows() if row and row[0] == "servo")[2:] == ["0.0"] * 4 + ["–"] * 3
+    assert next(row for row in page.rows() if row and row[0] == "servo")[2:] == ["0"] * 4 + ["–"] * 3
 
 
 def test_the_headline_of_a_trip_is_what_happened_and_names_no_link():
@@ -219,7 +220,7 @@ def test_the_headline_of_a_trip_is_what_happened_and_names_no_link():
         f"Fault: following error on axis {fault.axis} at t = {fault.time:.4f} s: {fault.value:.4g} mm, limit 0.03 mm. "
         f"Contour error until then: {1e3 * contour.rms:.0f} µm rms, max {1e3 * contour.max:.0f} µm."
     )
-    assert summary(job, job.built_machine, budget)["headline"] == text
+    assert summary(RunResults(job, job.built_machine, budget))["headline"] == text
 
 
 def test_the_headline_of_a_stuck_axis_blames_nothing_else():
@@ -301,8 +302,8 @@ def test_the_command_writes_the_report_with_its_video(gantrysim_command, tmp_pat
     page.check()
     (video,) = page.all("video")
     assert base64.b64decode(video["src"].partition(",")[2]) == (tmp_path / "video.mp4").read_bytes() == film
-    contour = json.loads((tmp_path / "summary.json").read_text())["contour_error_um"]
-    assert f"{contour['rms']:.1f} µm" in page.section("summary")
+    contour = json.loads((tmp_path / "summary.json").read_text())["errors"]
+    assert f"{contour['contour_rms_um']:.1f} µm" in page.section("summary")
     assert page.texts("p")[2] == headline(Budget(Run.load(tmp_path / "run.npz")))
     assert page.texts("p")[2] in " ".join(printed.split())
 
@@ -329,27 +330,27 @@ def test_a_folder_with_a_foreign_report_is_not_written_to(gantrysim_command, tmp
 
 def test_the_servo_section_shows_gains_margins_and_ripple(spiral):
     job, page, bead = spiral
-    numbers = summary(job, job.built_machine, Budget(bead.analysis), bead.values)["servo"]
+    results = RunResults(job, job.built_machine, Budget(bead.analysis), bead)
+    numbers = summary(results)["servo"]
     text = page.section("servo")
-    for axis, found in numbers.items():
-        margins = found["margins"]
-        assert margins["stable"]
+    assert summary(results)["unstable_axes"] == []
+    for axis in "xy":
         for number in (
-            f"{margins['gain']:.2f}",
-            f"{margins['phase_deg']:.1f}",
-            f"{1e3 * margins['delay_s']:.2f}",
-            f"{margins['crossover_hz']:.1f}",
-            f"{100 * found['torque_ripple_share']:.2f}",
+            f"{numbers[f'gain_margin_alone_{axis}']:.2f}",
+            f"{numbers[f'phase_margin_{axis}_deg']:.1f}",
+            f"{numbers[f'delay_margin_{axis}_ms']:.2f}",
+            f"{numbers[f'crossover_{axis}_Hz']:.1f}",
+            f"{numbers[f'torque_ripple_{axis}_percent']:.2f}",
         ):
             assert number in text, axis
-    assert f"Axis y has the smallest gain margin: {numbers['y']['margins']['gain']:.2f}." in text
+    assert f"Axis y has the smallest gain margin: {numbers['gain_margin_y']:.2f}." in text
     servo = job.built_servo
     assert f"{servo.gains[0].kp:.4g}" in text
     assert f"{servo.gains[1].acceleration_ff:.4g}" in text
     ripple = torque_ripple(bead.run)
-    assert [found["torque_ripple_nm"] for found in numbers.values()] == ripple.tolist()
+    assert [numbers[f"torque_ripple_{axis}_Nm"] for axis in "xy"] == ripple.tolist()
     peak = job.built_machine.axes[0].peak_torque
-    assert numbers["x"]["torque_ripple_share"] == pytest.approx(ripple[0] / peak)
+    assert numbers["torque_ripple_x_percent"] == pytest.approx(100 * ripple[0] / peak)
 
 
 @pytest.mark.parametrize(("scale", "unstable"), [((1, 6), "y"), ((9, 6), "x, y")])
@@ -357,7 +358,7 @@ def test_the_servo_section_names_unstable_axes(spiral, scale, unstable):
     servo, bead = spiral[0].built_servo, spiral[2]
     gains = [f"servo.{name}={np.multiply(servo.per_axis(name), scale).tolist()}" for name in ("kp", "kd")]
     job = Job.load("an225", (*SMALL, *gains))
-    section = servo_page.servo_section(job, job.built_machine, bead.run)
+    section = servo_page.servo_section(RunResults(job, job.built_machine, Budget(bead.analysis), bead))
     assert section.text == [f"Unstable, Coulomb friction neglected: {unstable}.", "Kp, kd as given."]
 
 
@@ -366,9 +367,12 @@ def test_unknown_and_unbounded_margins_are_left_out(spiral):
     budget = Budget(bead.analysis)
     job = job.model_copy()
     vars(job)["margins"] = None
-    assert summary(job, job.built_machine, budget)["servo"]["x"]["margins"] is None
-    assert "margins are unknown" in servo_page.servo_section(job, job.built_machine, bead.run).text[0]
+    unknown = RunResults(job, job.built_machine, budget, bead)
+    assert summary(unknown)["servo"]["gain_margin_x"] is summary(unknown)["unstable_axes"] is None
+    assert "margins are unknown" in servo_page.servo_section(unknown).text[0]
     boundless = Margins(np.inf, 0.0, 180.0, np.inf, 1.0, 0.0, stable=True, together=np.inf)
     vars(job)["margins"] = (boundless,) * 2
-    margins = summary(job, job.built_machine, budget)["servo"]["x"]["margins"]
-    assert (margins["gain"], margins["delay_s"], margins["phase_deg"]) == (None, None, 180.0)
+    without_bound = RunResults(job, job.built_machine, budget, bead)
+    servo = summary(without_bound)["servo"]
+    assert [servo[key] for key in ("gain_margin_x", "delay_margin_x_ms", "phase_margin_x_deg")] == [None, None, 180.0]
+    assert servo_page.servo_section(without_bound).table[1].cells[0][1:5] == ["∞", "∞", "0", "180.0"]

@@ -46,17 +46,16 @@ class Shown:
         patch.setattr(Budget, "values", self.budget)
         patch.setattr(Budget, "servo_by_axis", lambda budget, machine: self.by_axis)
         patch.setattr(Budget, "values_of", lambda budget, part: part)
-        for module in ("summary", "servo"):
-            patch.setattr(f"gantrysim.report.{module}.torque_ripple", lambda run: RIPPLE)
+        patch.setattr("gantrysim.results.run_results.torque_ripple", lambda run: RIPPLE)
         patch.setattr("gantrysim.report.sections.drawn", lambda *_: Figure())
         self.drawn = Budget(self.bead.analysis)
         results = RunResults(self.job, self.machine, self.drawn, self.bead)
         write_run_page(folder / "report.html", results)
         self.page = Page(folder / "report.html")
-        self.summary = summary(self.job, self.machine, self.drawn, self.glue)
+        self.summary = summary(results)
         self.links = cells(links_table("an225", self.machine, self.drawn))
         self.caption = links_table("an225", self.machine, self.drawn).caption
-        self.outcome = cells(outcome_table(self.run, self.analysis, self.glue, self.margins))
+        self.outcome = cells(outcome_table(self.bead.analysis, self.glue, self.margins))
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +94,7 @@ def part_entry(part):
         "rms_um": 1e3 * part.rms,
         "p95_um": 1e3 * part.p95,
         "max_um": 1e3 * part.max,
-        "share": part.share,
+        "share_percent": 100 * part.share,
         "at_max": {"s_mm": part.s, "time_s": part.time, "point_mm": list(part.point)},
     }
 
@@ -105,7 +104,7 @@ def test_the_error_budget_in_page_table_and_summary(shown):
     links = values.rows
     table = tables["Error normal to the requested path, its share of the mean square, and where it is largest"]
     assert table == {link: {"span": DESCRIPTIONS[link], **part_cells(part)} for link, part in links.items()}
-    table = tables["Tracking part by axis, to first order"]
+    table = tables["Servo part by axis, to first order"]
     assert table == {axis: part_cells(part) for axis, part in shown.by_axis.items()}
     lag = f"not part of the contour error: {um(values.lag.rms)} µm rms, max {um(values.lag.max)} µm."
     assert lag in shown.page.section("error-budget")
@@ -131,7 +130,6 @@ def test_the_error_budget_in_page_table_and_summary(shown):
     assert shown.summary["error_budget"] == {
         **{link: part_entry(part) for link, part in links.items()},
         "servo_by_axis": {axis: part_entry(part) for axis, part in shown.by_axis.items()},
-        "lag_um": {"rms": 1e3 * values.lag.rms, "max": 1e3 * values.lag.max},
         "turns": [
             {
                 "turn": turn.turn,
@@ -154,31 +152,22 @@ def test_the_headline(shown):
 
 
 def test_speed_spacing_and_errors(shown):
-    values, facts, entries = shown.analysis, shown.page.facts(), shown.summary
+    values, facts = shown.analysis, shown.page.facts()
     speed, spacing = values.speed, values.spacing
     for name in ("contour", "program"):
-        error = getattr(values, name)
+        error = shown.budget.rows[name]
         assert facts[f"{name.capitalize()} error, rms"] == (f"{um(error.rms)} µm", f"max {um(error.max)} µm")
-        assert entries[f"{name}_error_um"] == {"rms": 1e3 * error.rms, "max": 1e3 * error.max}
-    assert facts["Turn spacing"] == (f"{spacing.mean:.4f} mm", f"requested 5, std {spacing.std:.4f} mm")
-    assert facts["Path speed"] == (f"{speed.mean:.2f} mm/s", f"{speed.min:.2f} to {speed.max:.2f} mm/s")
-    assert facts["Path length"] == (f"{values.path_length:.1f} mm", f"in {values.duration:.2f} s")
+    sizes = f"std {spacing.std:.4f}, {spacing.min:.4f} to {spacing.max:.4f}"
+    assert facts["Turn spacing"] == (f"{spacing.mean:.4f} mm", f"requested 5, {sizes}")
+    assert facts["Path speed"] == (f"{speed.mean:.2f} mm/s", f"{speed.min:.2f} to {speed.max:.2f}")
+    assert facts["Path length"] == (f"{values.path_length:.3f} mm", f"in {values.duration:.3f} s")
     errors = {**values.following, "along the path": values.following_along}
-    assert shown.page.tables()["Tracking error, commanded to encoder; rms and max in the row&#39;s unit"] == {
+    assert shown.page.tables()["Following error, commanded to encoder; rms and max in the row&#39;s unit"] == {
         name: {"unit": "µm", "rms": um(error.rms), "max": um(error.max)} for name, error in errors.items()
     }
-    errors["path"] = errors.pop("along the path")
-    expected = {name: {"rms": 1e3 * error.rms, "max": 1e3 * error.max} for name, error in errors.items()}
-    assert entries["following_error_um"] == expected
-    assert entries["bead_spacing_mm"] == {name: getattr(spacing, name) for name in RANGE}
-    assert entries["path_speed_mm_s"] == {"mean": speed.mean, "min": speed.min, "max": speed.max}
-    assert (entries["path_length_mm"], entries["duration_s"]) == (values.path_length, values.duration)
-    assert entries["end_point_mm"] == list(values.end_point)
-    assert entries["requested_spacing_mm"] == 5
     told = {name: rest for name, *rest in shown.outcome}
     for axis, error in values.following.items():
         assert told[f"following error {axis}"] == [f"{um(error.rms)} µm", f"max {um(error.max)} µm"]
-    sizes = f"std {spacing.std:.4f}, {spacing.min:.4f} to {spacing.max:.4f}"
     assert told["turn spacing"] == [f"{spacing.mean:.4f} mm", f"requested 5, {sizes}"]
     assert told["path speed"] == [f"{speed.mean:.2f} mm/s", f"{speed.min:.2f} to {speed.max:.2f}"]
     assert told["path length"] == [f"{values.path_length:.3f} mm", f"in {values.duration:.3f} s"]
@@ -191,28 +180,15 @@ def test_stability_and_torque_ripple(shown):
     rows = shown.page.tables()[caption]
     for axis, margins, ripple, peak in zip("xy", shown.margins, RIPPLE, peaks, strict=True):
         assert rows[axis] == {
-            "gain margin": f"{margins.gain:.2f}",
-            "with all it moves": f"{margins.together:.2f}",
+            "gain margin, alone": f"{margins.gain:.2f}",
+            "gain margin, with all it moves": f"{margins.together:.2f}",
             "lower gain margin": f"{margins.gain_lower:.2f}",
             "phase margin [deg]": f"{margins.phase:.1f}",
             "delay margin [ms]": f"{1e3 * margins.delay:.2f}",
             "peak of |S|": f"{margins.sensitivity:.2f}",
             "crossover [Hz]": f"{margins.crossover:.1f}",
             "torque ripple [N·m]": f"{ripple:.2g}",
-            "of the peak torque [%]": f"{100 * ripple / peak:.2f}",
-        }
-        assert shown.summary["servo"][axis] == {
-            "torque_ripple_nm": ripple,
-            "torque_ripple_share": ripple / peak,
-            "margins": {
-                "gain": margins.gain,
-                "gain_lower": margins.gain_lower,
-                "phase_deg": margins.phase,
-                "delay_s": margins.delay,
-                "sensitivity": margins.sensitivity,
-                "crossover_hz": margins.crossover,
-                "stable": True,
-            },
+            "torque ripple of the peak torque [%]": f"{100 * ripple / peak:.2f}",
         }
     least = {axis: min(one.gain, one.together) for axis, one in zip("xy", shown.margins, strict=True)}
     axis = min(least, key=least.get)
@@ -232,18 +208,18 @@ def test_the_gains(shown):
 def test_the_bead(shown):
     values, facts = shown.glue, shown.page.facts()
     ranges = {
-        "cross-section": (values.section, "mm²", "section_mm2"),
-        "width": (values.width, "mm", "width_mm"),
-        "clearance between neighbouring turns": (values.clearance, "mm", "clearance_of_turns_mm"),
-        "start: missing glue": (values.missing_at_start, "mm", "missing_at_start_mm"),
-        "stop: excess glue": (values.excess_at_stop, "mm", "too_much_at_stop_mm"),
-        "start: visible delay": (values.delay_at_start, "mm", "seen_to_begin_late_mm"),
-        "stop: visible overrun": (values.overrun_at_stop, "mm", "seen_to_end_late_mm"),
+        "cross-section": (values.section, "mm²"),
+        "bead width": (values.width, "mm"),
+        "clearance of turns": (values.clearance, "mm"),
+        "missing at start": (values.missing_at_start, "mm"),
+        "excess at stop": (values.excess_at_stop, "mm"),
+        "visible delay at start": (values.delay_at_start, "mm"),
+        "visible overrun at stop": (values.overrun_at_stop, "mm"),
     }
     caption = "The bead while the dispenser is on; missing and excess glue as a length of nominal bead"
     assert shown.page.tables()[caption] == {
         name: {"unit": unit, **{one: f"{getattr(sizes, one):.3f}" for one in RANGE}}
-        for name, (sizes, unit, _) in ranges.items()
+        for name, (sizes, unit) in ranges.items()
     }
     volumes = {
         "ramps": values.ramp_error,
@@ -257,48 +233,27 @@ def test_the_bead(shown):
     for name, volume in (*volumes.items(), ("error", error)):
         cells = [cell.replace("−", "-") for cell in table[name].values()]
         # to a hundred-thousandth of some 900 mm³: a part that is but rounding is zero
-        assert cells[0] == f"{volume:z.{5 - math.ceil(math.log10(values.volume))}f}"
-        assert cells[1] == f"{100 * volume / whole:z.3f}"
+        assert cells[0] == f"{volume:+.{5 - math.ceil(math.log10(whole))}f}"
+        assert cells[1] == f"{100 * volume / whole:.3f}"
     heads = ["volume [mm³]", "of the requested volume [%]", "description"]
     assert [*table] == [*volumes, "error"]
     assert [*table["ramps"]] == heads
-    words = {"ramps": "while the speed ramps", "starts": "until the flow has settled", "running": "flow limit"}
-    words |= {"stops": "from when the dispenser closes", "error": "total"}
+    words = {"ramps": "while the path speed ramps", "starts": "until the flow has settled", "running": "flow limit"}
+    words |= {"stops": "from when the dispenser closes", "error": "beyond the requested one"}
     for name, word in words.items():
         assert word in table[name]["description"]
     percent = f"{100 * error / whole:+.2f}"
-    assert facts["Volume laid"] == (
-        f"{values.volume:.4g} mm³",
-        f"{percent.replace('-', '−')} % of {whole:.4g} mm³ requested",
-    )
-    assert facts["Cross-section"] == (f"{values.section.mean:.3f} mm²", f"nominal {values.nominal:.3f} mm²")
     width, clearance = values.width, values.clearance
-    assert facts["Width"] == (f"{width.mean:.3f} mm", f"{width.min:.3f} to {width.max:.3f} mm")
-    assert facts["Mean gap between turns"] == (f"{clearance.mean:.3f} mm", "")
-    overlap = f"turns overlap on {100 * values.overlap_share:.1f} % of their length"
-    assert facts["Coverage"] == (f"{100 * values.coverage:.1f} %", overlap)
-    assert shown.summary["bead"] == {
-        **{key: {one: getattr(sizes, one) for one in RANGE} for sizes, _, key in ranges.values()},
-        "nominal_section_mm2": values.nominal,
-        "overlapping_share": values.overlap_share,
-        "gapping_share": values.gap_share,
-        "coverage": values.coverage,
-        "turns_apart_share": values.apart_share,
-        "turns_apart_mm": values.height_apart,
-        "volume_mm3": values.volume,
-        "volume_asked_mm3": whole,
-        "volume_error_mm3": error,
-        "volume_error_percent": pytest.approx(100 * error / whole),
-        "volume_error_parts_mm3": volumes,
-        "height_map_ridge": values.ridge,
-    }
+    missing, excess = values.missing_at_start, values.excess_at_stop
     told = {name: rest for name, *rest in shown.outcome}
     nominal = f"nominal section {values.nominal:.3f} mm²"
     assert told["bead width"] == [f"{width.mean:.3f} mm", f"{width.min:.3f} to {width.max:.3f}; {nominal}"]
     sizes = f"clearance {clearance.min:.3f} to {clearance.max:.3f}; coverage {100 * values.coverage:.1f} %"
     assert told["gap between turns"] == [f"{clearance.mean:.3f} mm", sizes]
-    assert told["start"] == [f"{values.missing_at_start.mean:.2f} mm missing", "length of nominal bead"]
-    assert told["stop"] == [f"{values.excess_at_stop.mean:.2f} mm excess", "length of nominal bead"]
+    gap = f"of their length, a gap on {100 * values.gap_share:.1f} %"
+    assert told["turns that overlap"] == [f"{100 * values.overlap_share:.1f} %", gap]
+    assert told["missing at start"] == [f"{missing.mean:.2f} mm", "length of nominal bead"]
+    assert told["excess at stop"] == [f"{excess.mean:.2f} mm", "length of nominal bead"]
     assert told["volume"] == [f"{values.volume:.4g} mm³", f"{percent} % of {whole:.4g} requested"]
     digits = 5 - math.ceil(math.log10(whole))
     assert told["volume error"] == [
@@ -306,6 +261,10 @@ def test_the_bead(shown):
         ", ".join(f"{name} {volume:+.{digits}f}" for name, volume in volumes.items()),
     ]
     assert told["height map"][1].startswith(f"glue stands {100 * values.ridge:.3g} % above the nozzle")
+    same = {f"{name[0].upper()}{name[1:]}": rest for name, *rest in shown.outcome}
+    for name, texts in facts.items():
+        if not name.endswith("error, rms"):
+            assert [text.replace("−", "-") for text in texts] == same[name]
 
 
 @pytest.mark.parametrize(("sign", "words"), [(1, ("gap", "missing", "excess")), (-1, ("overlap", "excess", "missing"))])
@@ -316,11 +275,11 @@ def test_the_words_for_either_sign(shown, sign, words):
         for one in (getattr(shown.glue, name),)
     }
     glue = dataclasses.replace(shown.glue, **turned)
-    told = {name: rest[0] for name, *rest in cells(outcome_table(shown.run, shown.analysis, glue, shown.margins))}
+    told = {name: rest[0] for name, *rest in cells(outcome_table(shown.bead.analysis, glue, shown.margins))}
     between, start, stop = words
     assert told[f"{between} between turns"] == f"{shown.glue.clearance.mean:.3f} mm"
-    assert told["start"].endswith(f" mm {start}")
-    assert told["stop"].endswith(f" mm {stop}")
+    assert told[f"{start} at start"] == f"{shown.glue.missing_at_start.mean:.2f} mm"
+    assert told[f"{stop} at stop"] == f"{shown.glue.excess_at_stop.mean:.2f} mm"
 
 
 def test_the_bars_of_the_budget(shown):

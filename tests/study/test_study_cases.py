@@ -98,7 +98,7 @@ def test_the_row_of_a_case_is_of_its_run(job):
     assert row["speed_ripple"] == speed_ripple(run)
     bead = Bead(run, job.bead).values
     assert row["bead_width_mean_mm"] == pytest.approx(bead.width.mean)
-    assert row["bead_volume_error_percent"] == pytest.approx(bead.volume_error_percent)
+    assert row["volume_error_percent"] == pytest.approx(bead.volume_error_percent)
     assert (row["end_x_mm"], row["end_y_mm"], row["end_z_mm"]) == figures.end_point
 
 
@@ -125,7 +125,7 @@ def test_the_bead_in_a_row_is_the_job_s(job):
     glue = {"dispenser.flow": 0.0, "dispenser.area": 2.0, "bead.contact_angle": 90.0, "bead.squashed": False}
     row = measure(Case.of(job.changed(NO_LAGS), glue, "perfect follower"))
     assert row["bead_width_mean_mm"] == pytest.approx(math.sqrt(8 * 2.0 / math.pi), rel=BEAD)  # a half-disc
-    assert row["bead_volume_error_percent"] == pytest.approx(0, abs=100 * BEAD)
+    assert row["volume_error_percent"] == pytest.approx(0, abs=100 * BEAD)
 
 
 def test_a_slow_valve_withholds_the_flow_of_its_time_constant(job):
@@ -134,7 +134,7 @@ def test_a_slow_valve_withholds_the_flow_of_its_time_constant(job):
     prompt, late = (Case.of(own, {"dispenser.opening": T}, "perfect follower") for T in (0.0, opening))
     run = simulated(prompt)
     asked = flow * run.period * np.count_nonzero(run.dispense[:-1])  # at one speed all the way
-    errors = [measure(case)["bead_volume_error_percent"] for case in (prompt, late)]
+    errors = [measure(case)["volume_error_percent"] for case in (prompt, late)]
     assert errors == pytest.approx([0, -100 * flow * opening / asked], abs=0.5)
     assert errors[1] - errors[0] == pytest.approx(-100 * flow * opening / asked, rel=0.01)
 
@@ -148,7 +148,7 @@ def test_a_row_without_glue_has_no_bead(job):
     dry = dict.fromkeys(("flow", "area", "pressure"), 0.0)
     row = measure(Case.of(job, {f"dispenser.{key}": value for key, value in dry.items()}))
     assert row["status"] == "ok"
-    assert row["bead_width_mean_mm"] is row["bead_volume_error_percent"] is None
+    assert row["bead_width_mean_mm"] is row["volume_error_percent"] is None
 
 
 def test_the_steady_error_is_that_of_the_middle(job):

@@ -184,7 +184,7 @@ ROW = {
     "spacing_std_mm": 0.1,
     "spacing_mean_mm": 9.0,
     "bead_width_mean_mm": 4.0,
-    "bead_volume_error_percent": -2.0,
+    "volume_error_percent": -2.0,
 }
 
 
