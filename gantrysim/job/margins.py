@@ -33,7 +33,7 @@ def margin_notes(machine: Machine, margins: tuple[Margins, ...] | None) -> tuple
     return tuple(
         f"servo: {name} is {margin}: a gain margin below {LOW_MARGIN:g} leaves little to other loads and machines"
         for name, margin in zip(machine.axis_names, margins or (), strict=False)
-        if min(margin.gain, margin.together) < LOW_MARGIN
+        if margin.least_gain < LOW_MARGIN
     )
 
 

@@ -148,7 +148,7 @@ class Sizing:
         axes = []
         for a, axis in enumerate(machine.axes):
             frequency = _frequency(axis, servo.modes[a], servo.gains[a].kp)
-            margin = min(margins[a].gain, margins[a].together) if margins else math.nan
+            margin = margins[a].least_gain if margins else math.nan
             torque = None if run is None else run.torque[:, a]
             axes.append(_axis_sizing(machine, a, frequency, margin, torque))
         with quiet():

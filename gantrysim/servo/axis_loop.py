@@ -206,7 +206,7 @@ def pd_gains(axis: AxisDynamics, frequency: float, damping: float, integral_time
 
 def are_kept(margins: Margins) -> bool:
     """Return whether a loop keeps the margins of derived ones."""
-    gain = min(margins.gain, margins.together)
+    gain = margins.least_gain
     return gain >= LEAST_GAIN_MARGIN and margins.sensitivity <= LARGEST_PEAK
 
 
@@ -219,7 +219,7 @@ def keeps_margins(plant: Plant, servo: LinearLaw) -> bool:
 
 def margin_in_words(name: str, margins: Margins) -> str:
     """Return which margin of an axis is too small."""
-    gain = min(margins.gain, margins.together)
+    gain = margins.least_gain
     if not gain:
         return f"{name} is unstable"
     if gain < LEAST_GAIN_MARGIN:

@@ -136,7 +136,7 @@ def check_margins(request: ServoRequest, margins_of_axes: Sequence[Margins]) -> 
         margins_of_axes: of the servo that follows from it.
     """
     for axis, margins in zip(request.axes, margins_of_axes, strict=True):
-        enough = min(margins.gain, margins.together) >= LEAST_GAIN_MARGIN * (1 - _ROUNDING)
+        enough = margins.least_gain >= LEAST_GAIN_MARGIN * (1 - _ROUNDING)
         if not enough or margins.sensitivity > LARGEST_PEAK * (1 + _ROUNDING):
             raise NoLoopError(f"{margin_in_words(axis.name, margins)} in the servo derived")
 

@@ -81,7 +81,7 @@ def laws_row(case: Case) -> Row:
             "sensitivity": None,
         }
         if job.margins is not None:
-            row["gain_margin"] = _number(min(min(margins.gain, margins.together) for margins in job.margins))
+            row["gain_margin"] = _number(min(margins.least_gain for margins in job.margins))
             row["phase_margin_deg"] = min(margins.phase for margins in job.margins)
             row["sensitivity"] = _number(max(margins.sensitivity for margins in job.margins))
         return row | values_row(run, job.bead)
