@@ -1,10 +1,11 @@
-"""The tables of `gantrysim info`: built-in machines and jobs, settings, default gains and stability margins."""
+"""The tables of `gantrysim info`: an overview, machines and jobs, settings, gains and margins, keys of a job."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import fields
+from typing import NamedTuple
 
 from rich.markup import escape
 from rich.table import Table
@@ -15,8 +16,9 @@ from gantrysim.dispenser.needle import Needle
 from gantrysim.dispenser.syringe import Syringe
 from gantrysim.job.defaults import INTEGRAL_TIME
 from gantrysim.job.job import Job
+from gantrysim.job.key_list import Key, sections
 from gantrysim.job.loading import builtin_jobs, job_text
-from gantrysim.job.programs import described
+from gantrysim.job.programs import PROGRAMS, described
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.models import builtin_models
@@ -157,4 +159,57 @@ def margins_table(period: float = ServoSettings().period) -> Table:
                 f"{margins.crossover:.1f}",
             )
         table.add_section()
+    return table
+
+
+def keys_table(title: str, keys: Iterable[Key]) -> Table:
+    """Return keys of a job with defaults and meanings."""
+    table = Table(title=escape(title), title_justify="left")
+    table.add_column("key", no_wrap=True)
+    table.add_column("default")
+    table.add_column("meaning")
+    for key in keys:
+        table.add_row(escape(key.name), escape(key.default), escape(key.meaning))
+    return table
+
+
+class Kind(NamedTuple):
+    """Tables that `gantrysim info` prints by one name.
+
+    Attributes:
+        tables: makes them.
+        content: what they hold, in a line.
+    """
+
+    tables: Callable[[], Iterable[Table]]
+    content: str
+
+
+KINDS = {
+    "machines": Kind(lambda: [machines_table()], "axes with travel, speed, acceleration, encoder"),
+    "jobs": Kind(lambda: [jobs_table()], "what each job does"),
+    "servo": Kind(lambda: [settings_table()], "servo settings with their defaults"),
+    "glue": Kind(lambda: [glue_table()], "settings of dispenser, needle, syringe, bead"),
+    "gains": Kind(lambda: [gains_table(), margins_table()], "default gains, with their stability margins"),
+    "keys": Kind(
+        lambda: [keys_table(title.replace("`", ""), keys) for title, keys in sections().items()],
+        "all keys of a job",
+    ),
+}
+
+
+def overview_table() -> Table:
+    """Return the names that `gantrysim info` takes, on one screen of 24 lines of 80 characters."""
+    table = Table.grid(padding=(0, 2, 0, 0))
+    table.add_column(no_wrap=True)
+    table.add_column()
+    for k, name in enumerate(builtin_models()):
+        table.add_row("" if k else "machines", f"{name}: axes {', '.join(axis.name for axis in Machine(name).axes)}")
+    table.add_row("jobs", ", ".join(builtin_jobs()))
+    table.add_row("controllers", ", ".join(PROGRAMS))
+    table.add_row("", "")
+    table.add_row("gantrysim info", "")
+    for name, kind in KINDS.items():
+        table.add_row(f"  {name}", kind.content)
+    table.add_row("  NAME", "one machine, job, controller, or key, as in servo.damping")
     return table

@@ -1,14 +1,11 @@
-"""What `gantrysim info NAME` prints: one machine, job, controller or key, or all keys."""
+"""What `gantrysim info NAME` prints: one machine, job, controller or key, or all of a kind."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable
-
-from rich.markup import escape
-from rich.table import Table
 
 from gantrysim.base.errors import InputError, meant, nearest, shown
+from gantrysim.cli.info import KINDS, keys_table
 from gantrysim.cli.machine import describe
 from gantrysim.cli.terminal import say, show
 from gantrysim.job.key_list import Key, controller_keys, sections
@@ -17,11 +14,9 @@ from gantrysim.job.programs import PROGRAMS
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.models import builtin_models
 
-ALL_KEYS = "keys"
-
 
 def show_name(name: str) -> None:
-    """Print what a name stands for: a built-in machine or job, a controller, a key in full or its last part, or `keys`.
+    """Print what a name stands for: a machine, job or controller, a key in full or its last part, or one of `KINDS`.
 
     Raises:
         InputError: none of these.
@@ -33,13 +28,13 @@ def show_name(name: str) -> None:
         say(job_text(name).rstrip())
     elif name in PROGRAMS:
         say((inspect.getdoc(PROGRAMS[name]) or "").split("\n\n")[0], wrap=True)
-        show(_keys_table(f'keys of [program] with controller = "{name}"', controller_keys(name)))
-    elif name == ALL_KEYS:
-        for title, keys in tables.items():
-            show(_keys_table(title.replace("`", ""), keys))
+        show(keys_table(f'keys of [program] with controller = "{name}"', controller_keys(name)))
+    elif name in KINDS:
+        for table in KINDS[name].tables():
+            show(table)
     elif named := _named(name, tables):
         for title, keys in named.items():
-            show(_keys_table(title.replace("`", ""), keys))
+            show(keys_table(title.replace("`", ""), keys))
     else:
         raise _unknown_name(name, tables)
 
@@ -54,18 +49,8 @@ def _named(name: str, tables: dict[str, list[Key]]) -> dict[str, list[Key]]:
 
 def _unknown_name(name: str, tables: dict[str, list[Key]]) -> InputError:
     keys = [key.name for table in tables.values() for key in table]
-    question = meant(nearest(name, {*builtin_models(), *builtin_jobs(), *PROGRAMS, *keys}))
+    question = meant(nearest(name, {*builtin_models(), *builtin_jobs(), *PROGRAMS, *KINDS, *keys}))
     return InputError(
         f"unknown name {shown(name)}: {f'{question} ' if question else ''}"
         "gantrysim info lists machines and jobs, gantrysim info keys all keys"
     )
-
-
-def _keys_table(title: str, keys: Iterable[Key]) -> Table:
-    table = Table(title=escape(title), title_justify="left")
-    table.add_column("key", no_wrap=True)
-    table.add_column("default")
-    table.add_column("meaning")
-    for key in keys:
-        table.add_row(escape(key.name), escape(key.default), escape(key.meaning))
-    return table

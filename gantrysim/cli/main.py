@@ -102,7 +102,9 @@ def _main(
 def info(
     name: Annotated[
         str | None,
-        typer.Argument(help="One thing: a machine, a job, a controller or a key of a job; keys for all keys."),
+        typer.Argument(
+            help="A machine, job, controller, or key of a job; or machines, jobs, servo, glue, gains, keys."
+        ),
     ] = None,
     model: Annotated[
         str | None,
@@ -111,10 +113,10 @@ def info(
     job: ForJob = None,
     allow_code: AllowCode = False,
 ) -> None:
-    """List the built-in machines and jobs, all settings, and the default gains with their stability margins.
+    """List the built-in machines, jobs and controllers, and what else can be shown.
 
-    With NAME, show one thing alone, as in gantrysim info an225 or gantrysim info servo.damping. With --model, size the
-    drives of one machine.
+    With NAME, show one thing, as in gantrysim info an225 or gantrysim info servo.damping, or all of a kind, as in
+    gantrysim info machines or gantrysim info gains. With --model, size the drives of one machine.
     """
     if name is not None:
         if model is not None or job is not None:
@@ -130,17 +132,9 @@ def info(
         return
     if job is not None:
         raise InputError("--job: needs --model")
-    from gantrysim.cli import info
+    from gantrysim.cli.info import overview_table
 
-    for table in (
-        info.machines_table(),
-        info.jobs_table(),
-        info.settings_table(),
-        info.glue_table(),
-        info.gains_table(),
-        info.margins_table(),
-    ):
-        show(table)
+    show(overview_table())
 
 
 def main() -> None:

@@ -13,6 +13,7 @@ from types import FrameType
 from typing import Any
 
 import wrapt
+from rich.cells import cell_len
 from rich.console import Console, RenderableType
 from rich.markup import escape
 from rich.measure import Measurement
@@ -25,8 +26,11 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.table import Column as RichColumn
+from rich.table import Table
 
 from gantrysim.base import signals
+from gantrysim.base.progress import COMPILING
 
 # exit statuses; an interrupted command has signals.status()
 INPUT_ERROR = 2
@@ -66,10 +70,54 @@ def spell_out() -> None:
 
 
 def show(content: RenderableType) -> None:
-    """Print a table or another rich renderable; where the terminal is too narrow, lines run on and nothing is cut."""
-    least = Measurement.get(_output, _output.options.update(width=_WIDEST), content).minimum
+    """Print a table or another rich renderable whole.
+
+    A table too wide for the terminal is printed without its rules; where it still is, its lines run on.
+    """
+    if isinstance(content, Table):
+        _keep_words(content)
+        if _least_width(content) > _output.width and content.box is not None:
+            content.box = None
+            content.padding = (0, 1, 0, 0)
+        _share_room(content, _output.width - _least_width(content))
+    least = _least_width(content)
     wide = _output if least <= _output.width else Console(width=least, emoji=False)
     wide.print(content, crop=False)
+
+
+def _least_width(content: RenderableType) -> int:
+    return Measurement.get(_output, _output.options.update(width=_WIDEST), content).minimum
+
+
+def _keep_words(table: Table) -> None:
+    """Give columns the width of their longest word, or line where they do not wrap; rich would cut words and lines."""
+    for column in table.columns:
+        if column.min_width is None and column.overflow != "fold":
+            column.min_width = _longest(column, wrapped=not column.no_wrap)
+
+
+def _share_room(table: Table, room: int) -> None:
+    """Widen the columns that wrap beyond their longest words: those that need least first, as names beside prose.
+
+    rich shrinks them in proportion to their width alone, so that those with long words would not fit.
+    """
+    wrapping = [column for column in table.columns if not column.no_wrap and column.min_width is not None]
+    needs = sorted(
+        (_longest(column, wrapped=False) - (column.min_width or 0), number) for number, column in enumerate(wrapping)
+    )
+    if sum(need for need, _ in needs) <= room:
+        return
+    for k, (need, number) in enumerate(needs):
+        share = min(need, max(room, 0) // (len(needs) - k))
+        room -= share
+        wrapping[number].width = (wrapping[number].min_width or 0) + share
+
+
+def _longest(column: RichColumn, wrapped: bool) -> int:
+    """Return the length of the longest line of a column, or of its longest word."""
+    cells = [_output.render_str(cell).plain for cell in (column.header, *column.cells) if isinstance(cell, str)]
+    pieces = [piece for cell in cells for piece in (cell.split() if wrapped else cell.splitlines())]
+    return max(map(cell_len, pieces), default=0)
 
 
 def say(text: str, *, wrap: bool = False, end: str = "\n") -> None:
@@ -89,7 +137,7 @@ def tell_compiling() -> None:
 
     def tell() -> None:
         if _messages.is_terminal:
-            warn("compiling for this machine, once: some 15 s")
+            warn(COMPILING)
 
     wrapt.when_imported("gantrysim.base.jit")(lambda jit: jit.tell_compiling(tell))
 

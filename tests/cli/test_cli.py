@@ -380,7 +380,7 @@ def test_every_command_reports_an_interrupt(gantrysim_command, monkeypatch):
     def interrupted():
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gantrysim.cli.info.machines_table", interrupted)
+    monkeypatch.setattr("gantrysim.cli.info.overview_table", interrupted)
     assert gantrysim_command("info") == (130, "", "interrupted\n")
 
 

@@ -89,7 +89,7 @@ def test_info_shows_one_thing(name, gantrysim_command, wide):
 
 
 def test_the_default_gains_are_those_of_a_job(gantrysim_command, wide):
-    status, printed, _ = gantrysim_command("info")
+    status, printed, _ = gantrysim_command("info", "gains")
     assert status == 0
     assert "and an integral time of 0.03 s" in printed
     assert "ki N·m/(u·s)" in printed

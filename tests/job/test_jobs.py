@@ -158,18 +158,27 @@ def test_the_command_runs_a_job(name, tmp_path, gantrysim_command):
 
 def test_info_lists_machines_jobs_and_settings(gantrysim_command, monkeypatch):
     monkeypatch.setattr(terminal._output, "width", 160)
-    status, printed, _ = gantrysim_command("info")
-    assert status == 0
-    for word in (*JOBS, *builtin_models(), "damping", "integral_time", "kp N·m/u", "deg/s", "mm/s²"):
-        assert word in printed
-    for word in (
-        "dispenser.start_lead",
-        "time-pressure",
-        "needle.consistency",
-        "bead.contact_angle",
-        "[mm³/s]",
-        "[kPa]",
-    ):
+    words = {
+        "machines": (*builtin_models(), "deg/s", "mm/s²"),
+        "jobs": (*JOBS, "trio.MoveSpiral"),
+        "servo": ("damping", "integral_time"),
+        "glue": (
+            "dispenser.start_lead",
+            "time-pressure",
+            "needle.consistency",
+            "bead.contact_angle",
+            "[mm³/s]",
+            "[kPa]",
+        ),
+        "gains": ("kp N·m/u", "crossover"),
+    }
+    for kind, expected in words.items():
+        status, printed, _ = gantrysim_command("info", kind)
+        assert status == 0
+        for word in expected:
+            assert word in printed
+    _, printed, _ = gantrysim_command("info")
+    for word in (*words, *JOBS, *builtin_models()):
         assert word in printed
 
 

@@ -1,0 +1,102 @@
+"""The terminal at 40, 80 and 120 columns: nothing that is printed in a wide one is lost or cut."""
+
+from collections import Counter
+from copy import deepcopy
+
+import pytest
+
+from gantrysim import Job, causes_of
+from gantrysim.cli import terminal
+from gantrysim.cli.info import KINDS, overview_table
+
+WIDTHS = (120, 80, 40)
+WIDE = 1000
+RULES = set("│┃─━┏┓┗┛┡┩└┘├┤┼╇┳┻┬┴┝┥╈╉╊╋")
+SCREEN = 24  # lines
+SMALL = ("diameter=40", "turns=2", "thickness=5")
+RUN = ("run", "an225", *(word for setting in SMALL for word in ("--set", setting)), "--no-video", "--no-report")
+
+
+def letters(text):
+    """How often each character is printed, in whatever order a narrow table has them."""
+    return Counter(letter for letter in text if not letter.isspace() and letter not in RULES)
+
+
+def widest(text):
+    return max(len(line.rstrip()) for line in text.splitlines())
+
+
+@pytest.fixture
+def printed(monkeypatch, capsys):
+    def show(table, width):
+        monkeypatch.setattr(terminal._output, "width", width)
+        terminal.show(deepcopy(table))
+        return capsys.readouterr().out
+
+    return show
+
+
+@pytest.fixture(scope="module")
+def small():
+    """The record of a small spiral, and its causes."""
+    job = Job.load("an225", SMALL)
+    run = job.run()
+    return run, causes_of(job, run)
+
+
+@pytest.fixture
+def command(gantrysim_command, monkeypatch, small, tmp_path):
+    """What a command prints at a width; the run is simulated once."""
+    record, causes = small
+    monkeypatch.setattr(Job, "run", lambda job, progress=None: record.replaced(job=job))
+    monkeypatch.setattr("gantrysim.cli.evaluation.causes_of", lambda *_: causes)
+    monkeypatch.chdir(tmp_path)
+
+    def run(width, *arguments):
+        monkeypatch.setattr(terminal._output, "width", width)
+        return gantrysim_command(*arguments)[1]
+
+    return run
+
+
+@pytest.mark.parametrize("arguments", [RUN, ("check", "an225")], ids=["run", "check"])
+def test_a_command_loses_nothing_in_a_narrow_terminal(command, arguments):
+    everything = command(WIDE, *arguments)
+    for width in WIDTHS:
+        text = command(width, *arguments)
+        assert "…" not in text
+        assert letters(text) == letters(everything)
+        if width > min(WIDTHS):  # at the narrowest the budget and the causes run on
+            files = [line for line in text.splitlines() if "/: " in line or "note: " in line]
+            assert widest("\n".join(line for line in text.splitlines() if line not in files)) <= width
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_the_tables_of_info_lose_nothing(printed, name):
+    for table in KINDS[name].tables():
+        everything = printed(table, WIDE)
+        for width in WIDTHS:
+            text = printed(table, width)
+            assert "…" not in text.replace("…", "", everything.count("…"))
+            assert letters(text) == letters(everything)
+            if width > min(WIDTHS):
+                assert widest(text) <= width
+
+
+def test_info_fits_on_one_screen(printed):
+    text = printed(overview_table(), 80)
+    assert len(text.splitlines()) < SCREEN  # and the prompt
+    assert widest(text) <= 80
+    for width in WIDTHS:
+        assert letters(printed(overview_table(), width)) == letters(text)
+
+
+def test_a_column_that_does_not_wrap_is_as_wide_as_its_longest_line(printed):
+    """Without that, rich cuts it to its longest word: `Table.__rich_measure__` splits it there."""
+    from rich.table import Table
+
+    table = Table("name", "value")
+    table.add_column("travel", no_wrap=True)
+    table.add_row("x", "one two three", "-150 to 150 mm")
+    for width in (20, 30, 80):
+        assert "-150 to 150 mm" in printed(table, width)
