@@ -40,6 +40,7 @@ class Statistic:
     Attributes:
         name: attribute that holds it, and ending of the value's name.
         label: in words.
+        meaning: what it is of the value.
         unit: of its own; None for that of the value.
         factor: likewise, from the API's unit.
         form: likewise, its format.
@@ -47,22 +48,24 @@ class Statistic:
 
     name: str
     label: str
+    meaning: str
     unit: str | None = None
     factor: float = 1.0
     form: str = ""
 
 
-RMS = Statistic("rms", "rms")
-P95 = Statistic("p95", "95 %")
-MAX = Statistic("max", "max")
-SHARE = Statistic("share", "share", "%", 100.0, ".1f")
-MEAN = Statistic("mean", "mean")
-STD = Statistic("std", "std")
-MIN = Statistic("min", "min")
+RMS = Statistic("rms", "rms", "root mean square")
+P95 = Statistic("p95", "95 %", "95th percentile of the magnitude")
+MAX = Statistic("max", "max", "largest magnitude")
+SHARE = Statistic("share", "share", "share of the mean square contour error", "%", 100.0, ".1f")
+MEAN = Statistic("mean", "mean", "mean")
+STD = Statistic("std", "std", "standard deviation")
+MIN = Statistic("min", "min", "smallest")
+HIGHEST = Statistic("max", "max", "largest")
 
 SIZES = (RMS, MAX)  # of an error
 PARTS = (RMS, P95, MAX, SHARE)  # of a part of the error budget
-RANGE = (MEAN, STD, MIN, MAX)
+RANGE = (MEAN, STD, MIN, HIGHEST)
 
 
 @dataclass(frozen=True)
@@ -137,6 +140,7 @@ class Quantity(Generic[Subject]):
             self,
             name="_".join(part for part in (self.name, statistic.name) if part),
             label=label,
+            meaning=f"{self.meaning}: {statistic.meaning}",
             path=(*self.path, statistic.name),
             statistics=(),
         )

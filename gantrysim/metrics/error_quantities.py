@@ -25,7 +25,7 @@ PROGRAM, SERVO, ENCODER, GEOMETRY_ERROR, STRUCTURE = (
         CONTOUR,
         name=link,
         label=f"{link} error",
-        meaning=f"Part of the error normal to the requested path, {DESCRIPTIONS[link]}"
+        meaning=f"Part of the contour error between two points of the chain, {DESCRIPTIONS[link]}"
         + (" on a machine with errors of its geometry" if link == GEOMETRY else ""),
         path=("values", "parts", Item(link)),
     )
@@ -35,7 +35,7 @@ CORNER_ERROR = replace(
     CONTOUR,
     name=CORNER,
     label=f"{CORNER} error",
-    meaning="Part of the error normal to the requested path, change of leg at a corner where the path nearly retraces",
+    meaning="Part of the contour error from a change of leg at a sharp corner, which belongs to no link",
     path=("values", "corner"),
 )
 LAG: Quantity[Budget] = replace(

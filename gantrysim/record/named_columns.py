@@ -9,21 +9,58 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.errors import InputError, meant, nearest, shown
+from gantrysim.base.frames import pandas_frame
+from gantrysim.base.quantity import Quantity
 
 if TYPE_CHECKING:
     import pandas
 
-_PER_AXIS = {  # unit; None for that of the axis
-    "commanded": None,
-    "encoder": None,
-    "motor": None,
-    "demand": "Nm",
-    "torque": "Nm",
-    "current": "A",
-    "voltage": "V",
-}
-_TIPS = ("commanded_tip", "encoder_tip", "motor_tip", "nozzle")
-_FLOWS = ("flow", "flow_demand")
+
+def _signal(attribute: str, label: str, unit: str, meaning: str) -> Quantity[Any]:
+    return Quantity(attribute, label, unit, ".6g", meaning, (attribute,))
+
+
+TIME = _signal("time", "time", "s", "Time of the servo tick")
+# of each axis, in its own unit
+POSITIONS = tuple(
+    _signal(attribute, label, "mm", meaning).by_axis(())
+    for attribute, label, meaning in (
+        ("commanded", "commanded position", "Setpoint of the axis, DPOS"),
+        ("encoder", "encoder position", "Measured position of the axis, MPOS, in whole encoder counts"),
+        ("motor", "motor position", "Exact position of the axis' motor"),
+    )
+)
+# of each axis
+DRIVES = tuple(
+    _signal(attribute, label, unit, meaning).by_axis(())
+    for attribute, label, unit, meaning in (
+        ("demand", "torque demand", "N·m", "Torque demand of the servo, after its limit"),
+        ("torque", "torque", "N·m", "Electromagnetic torque of the motor"),
+        ("current", "current", "A", "Current of the motor; nan for an ideal torque source"),
+        (
+            "voltage",
+            "voltage",
+            "V",
+            "Terminal voltage at the tick's demand; nan for an ideal torque source",
+        ),
+    )
+)
+# in x, y and z of the work frame
+POINTS = tuple(
+    _signal(attribute, label, "mm", meaning).by_axis(())
+    for attribute, label, meaning in (
+        ("commanded_tip", "commanded nozzle", "Nozzle of a rigid machine at the commanded positions"),
+        ("encoder_tip", "nozzle at the encoders", "Nozzle of a rigid machine at the encoder positions"),
+        ("motor_tip", "nozzle at the motors", "Nozzle of a rigid machine at the motor positions"),
+        ("nozzle", "nozzle", "Tip of the nozzle in the work frame"),
+    )
+)
+GLUE = (
+    _signal("flow", "flow", "mm³/s", "Flow out of the nozzle, the mean over the period after the tick"),
+    _signal("flow_demand", "requested flow", "mm³/s", "Flow requested by the program over the same period"),
+    _signal("dispense", "dispenser", "", "Whether the dispenser is commanded to be on"),
+)
+SIGNALS = (TIME, *POSITIONS, *DRIVES, *POINTS, *GLUE)
 
 
 class Record(Protocol):
@@ -52,19 +89,21 @@ class Record(Protocol):
 
 
 class _Named(NamedTuple):
-    """A column: its name, the unit that ends its name in a table, the attribute that holds it, and its place there."""
+    """A column: what it holds, and its place in the signal's array, None for an array that is one column."""
 
-    name: str
-    unit: str
-    attribute: str
+    quantity: Quantity[Any]
     place: int | None = None
 
     @property
+    def name(self) -> str:
+        return self.quantity.name
+
+    @property
     def label(self) -> str:
-        return f"{self.name}_{self.unit}" if self.unit else self.name
+        return self.quantity.key
 
     def of(self, run: Record) -> NDArray[Any]:
-        array = getattr(run, self.attribute)
+        array = self.quantity.get(run)
         return array if self.place is None else array[:, self.place]
 
 
@@ -74,14 +113,15 @@ def _all_columns(run: Record) -> list[_Named]:
     Raises:
         InputError: two columns would have one name, because of the names of the axes.
     """
-    named = [_Named("time", "s", "time")]
-    for name, unit in _PER_AXIS.items():
-        axes = zip(run.axes, run.units, strict=True)
-        named += [_Named(f"{name}_{axis}", unit or axis_unit, name, k) for k, (axis, axis_unit) in enumerate(axes)]
-    for name in _TIPS:
-        named += [_Named(f"{name}_{axis}", "mm", name, k) for k, axis in enumerate("xyz")]
-    named += [_Named(name, "mm3_per_s", name) for name in _FLOWS]
-    named.append(_Named("dispense", "", "dispense"))
+    named = [_Named(TIME)]
+    axes = list(zip(run.axes, run.units, strict=True))
+    for signal in POSITIONS:
+        named += [_Named(signal.of_axis(axis, unit), k) for k, (axis, unit) in enumerate(axes)]
+    for signal in DRIVES:
+        named += [_Named(signal.of_axis(axis), k) for k, (axis, _) in enumerate(axes)]
+    for signal in POINTS:
+        named += [_Named(signal.of_axis(axis), k) for k, axis in enumerate("xyz")]
+    named += [_Named(signal) for signal in GLUE]
     if len({entry.label for entry in named}) < len(named):
         raise InputError(f"axes {', '.join(run.axes)}: two columns of a table would have one name")
     return named
@@ -112,11 +152,9 @@ def column(run: Record, name: str) -> NDArray[Any]:
 
 
 def columns(run: Record) -> dict[str, NDArray[Any]]:
-    """Return the columns of a run by name, each (n,).
+    """Return the columns of a run by name, each (n,): those of `SIGNALS`, with their units.
 
-    time_s; commanded_x_mm, encoder_x_mm, motor_x_mm, demand_x_Nm, torque_x_Nm, current_x_A and voltage_x_V of each
-    axis; commanded_tip_x_mm, encoder_tip_x_mm, motor_tip_x_mm and nozzle_x_mm in x, y and z; flow_mm3_per_s,
-    flow_demand_mm3_per_s; dispense.
+    As time_s, commanded_x_mm, torque_x_Nm and nozzle_x_mm; docs/values.md lists them.
 
     Raises:
         InputError: two columns would have one name, because of the names of the axes.
@@ -146,10 +184,6 @@ def frame(run: Record) -> pandas.DataFrame:
     Raises:
         InputError: pandas is not installed.
     """
-    try:
-        import pandas
-    except ImportError:
-        raise InputError("Run.to_frame: pandas is not installed: pip install 'gantrysim[tables]'") from None
-    table = pandas.DataFrame(columns(run))
+    table = pandas_frame("Run.to_frame", columns(run))
     table.attrs = description(run)
     return table

@@ -27,10 +27,10 @@ TORQUE_RIPPLE = Quantity[AxisLoop](
 )
 TORQUE_RIPPLE_PERCENT = Quantity[AxisLoop](
     "torque_ripple",
-    "torque ripple of the peak torque",
+    "relative torque ripple",
     "%",
     ".2f",
-    "The same over the peak torque of the motor",
+    "Torque ripple over the peak torque of the motor",
     ("torque_ripple_share",),
     100.0,
 )
@@ -65,8 +65,8 @@ class Group:
         return None if subject is None else contents(self.of(results), subject)
 
 
-ERROR_GROUP = Group("errors", "Errors", ERRORS, lambda results: results.budget, "gs.Budget(run)")
-MOTION_GROUP = Group("motion", "Motion", MOTION, lambda results: results.budget, "gs.Budget(run)")
+ERROR_GROUP = Group("errors", "Errors", ERRORS, lambda results: results.budget, "budget")
+MOTION_GROUP = Group("motion", "Motion", MOTION, lambda results: results.budget, "budget")
 SERVO_GROUP = Group(
     "servo",
     "Servo, by axis",
@@ -77,7 +77,7 @@ SERVO_GROUP = Group(
     lambda results: results,
     "results",
 )
-BEAD_GROUP = Group("bead", "Bead", BEAD, lambda results: results.bead_values, "gs.Bead(run, job.bead).values")
+BEAD_GROUP = Group("bead", "Bead", BEAD, lambda results: results.bead_values, "bead.values")
 LOSSES_GROUP = Group("losses", "Cost of faults on purpose", LOSSES, lambda results: results.losses, "losses")
 
 GROUPS = (ERROR_GROUP, MOTION_GROUP, SERVO_GROUP, BEAD_GROUP, LOSSES_GROUP)

@@ -15,7 +15,7 @@ GAIN_MARGIN = Quantity[Margins](
 )
 GAIN_MARGIN_ALONE = Quantity[Margins](
     "gain_margin_alone",
-    "gain margin, alone",
+    "gain margin alone",
     "",
     ".2f",
     "Largest factor on the axis' gains up to which its loop is stable",
@@ -23,7 +23,7 @@ GAIN_MARGIN_ALONE = Quantity[Margins](
 )
 GAIN_MARGIN_TOGETHER = Quantity[Margins](
     "gain_margin_together",
-    "gain margin, with all it moves",
+    "gain margin with all it moves",
     "",
     ".2f",
     "Largest factor on the gains of all axes that move each other up to which they are stable",

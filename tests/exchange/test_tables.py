@@ -68,7 +68,7 @@ def test_every_value_comes_back_as_it_was(run, tmp_path, kind):
         assert np.array_equal(table[f"nozzle_{axis}_mm"], run.nozzle[:, k])
     assert np.array_equal(table["time_s"], run.time)
     assert np.array_equal(table["dispense"].astype(bool), run.dispense)
-    assert np.array_equal(table["flow_mm3_per_s"], run.flow)
+    assert np.array_equal(table["flow_mm3_s"], run.flow)
     assert (about["machine"], float(about["period_s"])) == (run.machine, run.period)
     assert len(table) == len(columns(run)) == 1 + 7 * len(run.axes) + 4 * 3 + 3
 

@@ -180,15 +180,15 @@ def test_stability_and_torque_ripple(shown):
     rows = shown.page.tables()[caption]
     for axis, margins, ripple, peak in zip("xy", shown.margins, RIPPLE, peaks, strict=True):
         assert rows[axis] == {
-            "gain margin, alone": f"{margins.gain:.2f}",
-            "gain margin, with all it moves": f"{margins.together:.2f}",
+            "gain margin alone": f"{margins.gain:.2f}",
+            "gain margin with all it moves": f"{margins.together:.2f}",
             "lower gain margin": f"{margins.gain_lower:.2f}",
             "phase margin [deg]": f"{margins.phase:.1f}",
             "delay margin [ms]": f"{1e3 * margins.delay:.2f}",
             "peak of |S|": f"{margins.sensitivity:.2f}",
             "crossover [Hz]": f"{margins.crossover:.1f}",
             "torque ripple [N·m]": f"{ripple:.2g}",
-            "torque ripple of the peak torque [%]": f"{100 * ripple / peak:.2f}",
+            "relative torque ripple [%]": f"{100 * ripple / peak:.2f}",
         }
     least = {axis: min(one.gain, one.together) for axis, one in zip("xy", shown.margins, strict=True)}
     axis = min(least, key=least.get)

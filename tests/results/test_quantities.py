@@ -3,6 +3,8 @@
 import json
 import math
 import re
+import runpy
+from pathlib import Path
 
 import pytest
 from matplotlib.figure import Figure
@@ -55,7 +57,7 @@ def test_summary_has_every_value_in_the_unit_of_its_key(group, results):
         return
     shown = numbers(group, results)
     assert list(written) == [number.key for number in shown]
-    scope = {"gs": gs, "run": results.budget.analysis.run, "job": results.job, "results": results}
+    scope = {"budget": results.budget, "bead": results.bead, "results": results}
     for number in shown:
         value = eval(number.code(group.code), scope) if number.get(subject) is not None else None
         assert value == number.get(subject)
@@ -139,3 +141,18 @@ def test_an_infinite_margin_is_shown_as_such_and_null_in_summary(results):
     margin = next(number for number in numbers(GROUPS[2], results) if number.key == "gain_margin_x")
     assert margin.text(math.inf) == "∞"
     assert margin.text(None) == NOTHING
+
+
+def test_the_page_of_values_is_that_of_the_code():
+    root = Path(__file__).parent.parent.parent
+    page = runpy.run_path(str(root / "scripts" / "values_page.py"))["page"]
+    assert page() == (root / "docs" / "values.md").read_text(encoding="utf-8")
+
+
+def test_the_page_of_values_lists_every_key_of_a_summary_and_every_column_of_a_record(results):
+    """Keys of the axis x stand for those of all axes, as x does for the coordinates of points."""
+    text = (Path(__file__).parent.parent.parent / "docs" / "values.md").read_text(encoding="utf-8")
+    keys = [number.key for group in GROUPS for number in numbers(group, results)]
+    keys += [re.sub(r"_[yz]_", "_x_", name) for name in results.budget.analysis.run.columns]
+    for key in keys:
+        assert f"`{re.sub('_y(?=_|$)', '_x', key)}`" in text or f"`{key}`" in text

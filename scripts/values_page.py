@@ -1,0 +1,119 @@
+"""Write docs/values.md: every value of a run that people see, and every column of a record, from the code."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from gantrysim.base.quantity import AXIS, Quantity
+from gantrysim.metrics.parts import PART_COLUMNS, PART_PLACE
+from gantrysim.record.named_columns import SIGNALS
+from gantrysim.results.quantities import GROUPS
+from gantrysim.results.verdict import SPEED_RESERVE, STEPS_LOST, TORQUE_RESERVE
+
+PAGE = Path(__file__).parent.parent / "docs" / "values.md"
+
+HEAD = """# Values of a run
+
+Every value has one name, unit and meaning, in the terminal, in `report.html`, in `summary.json`, in the columns of
+studies and in Python; `python scripts/values_page.py` writes this page from the code. A value that rounds to zero is
+shown as 0, one that a run does not have as –, in `summary.json` as null.
+
+In `summary.json` a value stands in its group under its key, as in `summary["errors"]["contour_rms_um"]`; rows of
+studies have the same keys, for errors, motion, bead width and volume error. A key is the value's name, the axis if it
+is of one, the statistic if it has several, and the unit. Below, x stands for the name of an axis; errors of a rotary
+axis are in mdeg. Python has the values in mm, s, deg and N·m, shares as ratios, read from
+
+```python
+import gantrysim as gs
+from gantrysim.report.writing import results_of
+
+job = gs.Job.load("an225")
+run = job.run()
+budget = run.budget
+bead = gs.Bead(run, job.bead)
+results = results_of(job, run, causes=False)
+```
+
+## Words
+
+| word | meaning |
+| --- | --- |
+| requested | of the program's exact path, speed or glue |
+| commanded | what the controller sends to the drives, a position per servo tick |
+| contour error | distance of the nozzle from the requested path |
+| program, servo, encoder, geometry, structure | links: parts of the contour error between two points of the chain |
+| following error | commanded less encoder position, of an axis or along the path |
+| lag | distance of the nozzle behind its command along the path, no part of the contour error |
+| nominal bead | bead with the requested cross-section |
+| missing at start, excess at stop | glue that is missing or in excess there, as length of nominal bead |
+| clearance of turns | distance of the edges of neighbouring turns: a gap, or an overlap where it is negative |
+| rms, 95 %, max | root mean square, 95th percentile and maximum of the magnitude while the dispenser is on |
+| mean, std, min, max | over the ticks with the dispenser on, the places of the bead, or its starts and stops |
+| share | part of the mean square contour error; links' shares add up to 100 %, a negative one offsets others |
+"""
+
+
+def table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """Return a table in Markdown."""
+    lines = [tuple(heads), *map(tuple, rows)]
+    lines.insert(1, ("---",) * len(lines[0]))
+    return "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines)
+
+
+def of_x(quantity: Quantity[Any]) -> Quantity[Any]:
+    """Return the quantity of the axis x where it is a template."""
+    return quantity.of_axis("x") if AXIS in quantity.name else quantity
+
+
+def keys(quantity: Quantity[Any]) -> str:
+    """Return the keys of a quantity, one for each statistic."""
+    return ", ".join(f"`{number.key}`" for number in quantity.numbers)
+
+
+def units(quantity: Quantity[Any]) -> str:
+    """Return the unit of a quantity, and that of its share where it has one."""
+    return ", ".join(dict.fromkeys(number.unit or "1" for number in quantity.numbers))
+
+
+def rows(quantities: Iterable[Quantity[Any]], subject: str) -> Iterator[tuple[str, ...]]:
+    """Yield a row per quantity."""
+    for quantity in map(of_x, quantities):
+        yield quantity.label, keys(quantity), units(quantity), quantity.meaning, f"`{quantity.code(subject)}`"
+
+
+def page() -> str:
+    """Return the page."""
+    text = HEAD
+    for group in GROUPS:
+        heads = ("value", "keys", "unit", "meaning", "Python")
+        text += f"\n## {group.title}: `{group.name}`\n\n{table(heads, rows(group.quantities, group.code))}"
+    text += (
+        "\nThe cost of faults stands in `summary.json` under `injected`; `losses` is\n"
+        "`gantrysim.job.losses.Losses.of(bead, healthy)` of the beads with and without the faults.\n"
+    )
+    columns = table(
+        ("column", "key", "unit", "meaning"),
+        ((of.label, f"`{of.key}`", of.unit, of.meaning) for of in (*PART_COLUMNS, *PART_PLACE)),
+    )
+    text += (
+        "\n## Error budget: `error_budget`\n\n"
+        "Rows are the links, `corner` where there is one, and `contour`; `run.budget.to_frame()` has the first four\n"
+        f"columns. The places are those of the maximum, `at_max` in `summary.json`.\n\n{columns}"
+    )
+    reserves = table(
+        ("value", "unit", "meaning"),
+        ((of.label, of.unit or "1", of.meaning) for of in (TORQUE_RESERVE, SPEED_RESERVE, STEPS_LOST)),
+    )
+    text += f"\n## Further values of the verdict: `verdict`\n\n{reserves}"
+    signals = table(
+        ("signal", "column", "unit", "meaning"),
+        ((of.label, f"`{of.key}`", of.unit, of.meaning) for of in map(of_x, SIGNALS)),
+    )
+    return text + (
+        "\n## Columns of a record: `run.to_frame()`, `gantrysim export`\n\n"
+        "A row per servo tick. Positions of a rotary axis are in deg; points have the columns x, y and z.\n\n" + signals
+    )
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
