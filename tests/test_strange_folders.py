@@ -29,7 +29,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "O_NOFOLLOW"), reason="links and
 
 JOB = Job.load("an225", SHORT).toml()
 FASTER = Job.load("an225", [*SHORT, "loop_period=0.02"]).toml()
-QUICK = ["--no-video", "--no-report", "--no-causes"]
+QUICK = ["--no-video", "--no-report", "--no-causes", "--no-improve"]
 
 
 @pytest.fixture

@@ -95,11 +95,11 @@ COMMANDS = [
 # what stands in the README's commands, and in ours instead
 OURS = {"an225": "my-job.toml", "fanuc-spiral": "my-job.toml", "out/an225": "out/mine"}
 QUICK = {
-    "gantrysim run": "--set turns=1 --no-video --no-report",
-    "gantrysim run an225 --set loop_period=0.01 --set speed=150 --out out/fast": "--no-video --no-report",
-    "gantrysim run my-job.toml --model my-machine.xml": "--no-video",
-    "gantrysim run part.ngc --at 20,-10 --rotate 90": "--no-video --no-report",
-    "gantrysim run an225 --no-causes": "--no-video --no-report",
+    "gantrysim run": "--set turns=1 --no-video --no-report --no-improve",
+    "gantrysim run an225 --set loop_period=0.01 --set speed=150 --out out/fast": "--no-video --no-report --no-improve",
+    "gantrysim run my-job.toml --model my-machine.xml": "--no-video --no-improve",
+    "gantrysim run part.ngc --at 20,-10 --rotate 90": "--no-video --no-report --no-improve",
+    "gantrysim run an225 --no-causes --no-improve": "--no-video --no-report",
     "gantrysim study loop an225": "--backend threading",
     "gantrysim tune fanuc-spiral": "--budget 4 --robust 0 --guards 0 --unseen 0 --batch 1 --backend threading",
     "gantrysim render out/an225 --colour error": "--size 320x240 --fps 5",
@@ -122,7 +122,7 @@ def folder(fresh, tmp_path_factory):
     moved = Log(("x",), log.period, log.position[:, :1], log.torque[:, :1], log.held)  # y stands still
     moved.save(folder / "log.csv", {"x": "mm"})
     for command in (
-        ("run", "my-job.toml", "--no-video", "--no-report", "--no-causes"),
+        ("run", "my-job.toml", "--no-video", "--no-report", "--no-causes", "--no-improve"),
         ("export", "out/mine", "--out", "trace.csv"),
     ):
         done = fresh.command(folder, *command)

@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from gantrysim.base import memory
 from gantrysim.base.errors import text_of
 from gantrysim.bead import Bead
 from gantrysim.cli.tables import causes_table, links_table, losses_table, outcome_table, scatter_table, verdict_table
-from gantrysim.cli.terminal import say, share_bar, show, warn
+from gantrysim.cli.terminal import count_bar, say, share_bar, show, warn
 from gantrysim.job.causes import causes_of
 from gantrysim.job.job import Job
 from gantrysim.job.losses import Losses
@@ -25,9 +25,14 @@ from gantrysim.record.run import Run
 from gantrysim.report.folder import PLOTS, REPORT, SUMMARY, VIDEO, write_run
 from gantrysim.report.headline import headline
 from gantrysim.report.scatter import SCATTER_NOTE, add_to_summary
-from gantrysim.results.checks import FAIL
+from gantrysim.results.checks import FAIL, PASS
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import Verdict
+
+if TYPE_CHECKING:
+    from gantrysim.report.document import Section
+
+_LONG_RUN = "the run is long"
 
 
 class Wanted(NamedTuple):
@@ -39,6 +44,7 @@ class Wanted(NamedTuple):
         video: video.mp4.
         report: report.html and the plots.
         fail_on: verdict from which on the command fails, "fail" or "warn"; None for none.
+        improve: what to change in the job; None for where causes are looked for by default.
     """
 
     causes: bool | None
@@ -46,22 +52,22 @@ class Wanted(NamedTuple):
     video: bool
     report: bool
     fail_on: str | None = None
+    improve: bool | None = None
 
     def refuses(self, state: str) -> bool:
         """Return whether the command fails with a verdict."""
         return self.fail_on is not None and (state == FAIL or state == self.fail_on)
 
-    def causes_skipped(self, job: Job, record: Run) -> str:
-        """Return why no causes are looked for; empty where they are, and where nobody wants them."""
-        if self.causes is False:
-            return ""
-        if record.fault is not None:
-            return "the run ended in a fault"
-        if job.faults:
-            return "the job has faults on purpose"
-        if self.causes is None and len(record.time) > memory.LONG:
-            return "the run is long; --causes finds them"
-        return ""
+
+def _reason_to_skip(job: Job, record: Run, *, is_default: bool) -> str:
+    """Return why a run is not run again with changes, to find causes or remedies; empty where it is."""
+    if record.fault is not None:
+        return "the run ended in a fault"
+    if job.faults:
+        return "the job has faults on purpose"
+    if is_default and len(record.time) > memory.LONG:
+        return _LONG_RUN
+    return ""
 
 
 class Evaluation:
@@ -83,6 +89,7 @@ class Evaluation:
         bead = Bead(record, job.bead, analysis)
         self.results = RunResults(job, job.built_machine, Budget(analysis), bead)
         self.failed: list[str] = []
+        self._changes: Section | None = None
         self._record = record
         self._wanted = wanted
         self._go_on = go_on
@@ -109,6 +116,8 @@ class Evaluation:
         for note in run_notes(job, record):
             say(f"note: {note}")
         sys.stdout.flush()
+        self._find_changes()
+        sys.stdout.flush()
 
     def write(self, folder: Path) -> None:
         """Write the files; a plot, the page or the film may fail, the film comes last."""
@@ -124,7 +133,8 @@ class Evaluation:
             with self._optional("plot", folder), share_bar("plots", self._go_on) as advance:
                 save_plots(results.budget, folder / PLOTS, bead=results.bead, progress=advance)
             with self._optional("report", folder), share_bar("page", self._go_on) as advance:
-                page = run_page(results, folder / VIDEO if self._wanted.video else None, advance)
+                video = folder / VIDEO if self._wanted.video else None
+                page = run_page(results, video, advance, self._changes)
         if self._wanted.video:
             self._film(folder)
         if page is not None:
@@ -163,10 +173,13 @@ class Evaluation:
 
     def _find_causes(self) -> None:
         """Run the job without one cause of error at a time, and print what each is worth."""
-        skipped = self._wanted.causes_skipped(self.results.job, self._record)
-        if skipped:
-            say(f"causes skipped: {skipped}")
-        elif self._wanted.causes is not False:
+        if self._wanted.causes is False:
+            return
+        is_default = self._wanted.causes is None
+        reason = _reason_to_skip(self.results.job, self._record, is_default=is_default)
+        if reason:
+            say(f"causes skipped: {reason}{'; --causes finds them' if reason == _LONG_RUN else ''}")
+        else:
             with share_bar("causes", self._go_on) as advance:
                 causes = causes_of(self.results.job, self._record, advance)
             self.results = replace(self.results, causes=causes)
@@ -178,6 +191,30 @@ class Evaluation:
             scatter = scatter_of(self.results.job, repeat, record=self._record, progress=advance)
         self.results = replace(self.results, scatter=scatter)
         show(scatter_table(scatter))
+
+    def _find_changes(self) -> None:
+        """Simulate what may improve the two worst rows of a verdict that is no pass, and print what to change."""
+        verdict = self.results.verdict
+        job = self.results.job
+        is_default = self._wanted.improve is None
+        wanted = self._wanted.improve is not False and verdict.state != PASS
+        if not wanted or _reason_to_skip(job, self._record, is_default=is_default):
+            return
+        from gantrysim.cli.improve import show_changes
+        from gantrysim.remedy.improve import improve, worst_rows
+        from gantrysim.remedy.outcome import Outcome
+        from gantrysim.remedy.report import change_section
+
+        rows = worst_rows(Outcome(verdict))
+        with count_bar("improve") as advance:
+
+            def progress(done: int, known: int, name: str) -> None:
+                self._go_on()
+                advance(done, known, name)
+
+            improvement = improve(job, rows=rows, fastest=False, progress=progress)
+        self._changes = change_section(improvement)
+        show_changes(improvement)
 
     @contextmanager
     def _optional(self, kind: str, folder: Path) -> Iterator[None]:

@@ -125,6 +125,13 @@ def _show(improvement: Improvement) -> None:
         say(improvement.sentence, wrap=True)
         return
     show(verdict_table(improvement.verdict))
+    show_changes(improvement)
+
+
+def show_changes(improvement: Improvement) -> None:
+    """Print what each lever gains, the best combination with its verdict, and the lines to paste."""
+    from gantrysim.cli.tables import verdict_table
+
     if improvement.trials:
         show(levers_table(improvement))
     for reason, names in improvement.untried.items():

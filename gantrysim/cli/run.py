@@ -34,6 +34,14 @@ WithCauses = Annotated[
         help="Run the job again with one cause of error at a time switched off; by default unless the run is long.",
     ),
 ]
+WithChanges = Annotated[
+    bool | None,
+    typer.Option(
+        "--improve/--no-improve",
+        help="Simulate what may improve the two worst rows of the verdict; by default unless it passes or the run is "
+        "long.",
+    ),
+]
 Repeat = Annotated[
     int | None,
     typer.Option(help="Run the job so many times with other zeros of its encoders; print the figures' scatter."),
@@ -54,6 +62,7 @@ def run(
     settings: Settings = None,
     servo: ServoFile = None,
     causes: WithCauses = None,
+    improve: WithChanges = None,
     repeat: Repeat = None,
     controller: Reader = None,
     speed: Speed = None,
@@ -72,7 +81,9 @@ def run(
 
     The error budget locates the error on the chain. A second table finds its causes: the job is run again with one
     cause at a time switched off (program, sampling, counts, friction, winding, compliance), and the change of the error
-    is what that cause is worth. A run with faults on purpose, or ended by a fault, is not searched for causes.
+    is what that cause is worth. Where the verdict is no pass, what may improve its two worst rows is simulated, as by
+    gantrysim improve, and the lines to paste are printed. A run with faults on purpose, or ended by a fault, is not
+    searched for causes or improvements.
 
     Axes that stick and slip do so by where their encoders' counts fall: figures scatter from one start of the machine
     to the next. With --repeat, the job is run again with the zeros anywhere within a count, and a table gives mean and
@@ -96,7 +107,7 @@ def run(
         allow_code=allow_code,
     )
     folder = out if out is not None else Path("out") / loaded.name
-    simulate_and_show(loaded, folder, Wanted(causes, repeat, video, with_report, fail_on))
+    simulate_and_show(loaded, folder, Wanted(causes, repeat, video, with_report, fail_on, improve))
 
 
 def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:

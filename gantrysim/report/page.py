@@ -47,6 +47,7 @@ def run_page(
     results: RunResults,
     video: str | os.PathLike[str] | None = None,
     progress: Callable[[float], None] | None = None,
+    changes: Section | None = None,
 ) -> DrawnPage:
     """Return the report of a run with its figures drawn, ready to be written.
 
@@ -54,20 +55,21 @@ def run_page(
         results: of the run, with its bead.
         video: MP4 file that is included where it exists when the page is written.
         progress: called with the completed share.
+        changes: section on what to change in the job, which a room above this one makes.
     """
     run = results.budget.analysis.run
     job = results.job
     return draw_page(
         f"{job.name} on {results.machine.name}",
         f"{job.program['controller']}, servo period {1e3 * run.period:g} ms",
-        list(run_sections(results, None if video is None else Path(video))),
+        list(run_sections(results, None if video is None else Path(video), changes)),
         warning=None if run.fault is None else f"Fault: {run.fault}. All values are up to the fault.",
         progress=progress,
     )
 
 
-def run_sections(results: RunResults, video: Path | None = None) -> Iterator[Section]:
-    """Yield the sections of a run's report, see `write_run_page`."""
+def run_sections(results: RunResults, video: Path | None = None, changes: Section | None = None) -> Iterator[Section]:
+    """Yield the sections of a run's report, see `run_page`."""
     job = results.job
     machine = results.machine
     budget = results.budget
@@ -81,6 +83,8 @@ def run_sections(results: RunResults, video: Path | None = None) -> Iterator[Sec
     yield budget_section(budget, machine)
     if results.causes is not None:
         yield causes_section(results.causes)
+    if changes is not None:
+        yield changes
     if results.scatter is not None:
         yield scatter_section(results.scatter)
     yield plan_section(analysis)

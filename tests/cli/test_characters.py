@@ -29,7 +29,7 @@ def command(*arguments, cwd, **environment):
     [
         pytest.param(("info",), marks=pytest.mark.soak),
         pytest.param(("check", "an225"), marks=pytest.mark.soak),
-        ("run", "an225", "--no-video", "--no-report", "--no-causes", "--set", "turns=1"),
+        ("run", "an225", "--no-video", "--no-report", "--no-causes", "--no-improve", "--set", "turns=1"),
     ],
     ids=["info", "check", "run"],
 )
@@ -64,7 +64,7 @@ def test_a_program_file_whose_name_is_no_text(gantrysim_command, tmp_path, monke
     monkeypatch.chdir(tmp_path)
     (tmp_path / os.fsdecode(b"a\xff.ngc")).write_text(PROGRAM)
     status, _, errors = gantrysim_command(
-        "run", os.fsdecode(b"a\xff.ngc"), "--no-video", "--no-report", "--no-causes", "--out", "o"
+        "run", os.fsdecode(b"a\xff.ngc"), "--no-video", "--no-report", "--no-causes", "--no-improve", "--out", "o"
     )
     assert (status, errors) == (0, "")
     assert 'source = "a\N{REPLACEMENT CHARACTER}.ngc"' in (tmp_path / "o" / "job.toml").read_text()

@@ -37,7 +37,17 @@ from gantrysim.results.run_results import RunResults
 from support.runs import turn, turntable
 from support.studies import PATIENCE
 
-SHORT = ["--set", "diameter=40", "--set", "turns=2", "--set", "thickness=5", "--no-video", "--no-causes"]
+SHORT = [
+    "--set",
+    "diameter=40",
+    "--set",
+    "turns=2",
+    "--set",
+    "thickness=5",
+    "--no-video",
+    "--no-causes",
+    "--no-improve",
+]
 QUICK = [*SHORT, "--no-report"]
 
 
@@ -131,7 +141,7 @@ def test_a_run_that_ends_in_a_fault_has_no_causes(gantrysim_command, tmp_path):
 
 
 def test_the_written_job_repeats_the_run_to_the_last_bit(gantrysim_command, tmp_path):
-    bare = ["--no-video", "--no-report", "--no-causes"]
+    bare = ["--no-video", "--no-report", "--no-causes", "--no-improve"]
     gantrysim_command("run", "an225", "--out", tmp_path / "a", *QUICK, "--set", "loop_period=0.07")
     status, _, _ = gantrysim_command("run", tmp_path / "a" / "job.toml", "--out", tmp_path / "b", *bare)
     assert status == 0
@@ -451,7 +461,9 @@ def test_the_help_shows_brackets(gantrysim_command, monkeypatch):
 def test_files_of_the_user_are_neither_overwritten_nor_removed(gantrysim_command, tmp_path, monkeypatch):
     (tmp_path / "job.toml").write_text("# mine\n" + Job.load("an225", ["diameter=40", "turns=2", "thickness=5"]).toml())
     monkeypatch.chdir(tmp_path)
-    status, _, errors = gantrysim_command("run", "job.toml", "--out", ".", "--no-video", "--no-report", "--no-causes")
+    status, _, errors = gantrysim_command(
+        "run", "job.toml", "--out", ".", "--no-video", "--no-report", "--no-causes", "--no-improve"
+    )
     assert status == 2
     assert "--out .: holds job.toml, which no run has written" in errors
     assert (tmp_path / "job.toml").read_text().startswith("# mine")
@@ -459,7 +471,12 @@ def test_files_of_the_user_are_neither_overwritten_nor_removed(gantrysim_command
     (out / "plots").mkdir(parents=True)
     (out / "plots" / "my-own.png").write_bytes(b"mine")
     for _ in range(2):
-        assert gantrysim_command("run", "job.toml", "--out", out, "--no-video", "--no-report", "--no-causes")[0] == 0
+        assert (
+            gantrysim_command(
+                "run", "job.toml", "--out", out, "--no-video", "--no-report", "--no-causes", "--no-improve"
+            )[0]
+            == 0
+        )
     assert (out / "plots" / "my-own.png").read_bytes() == b"mine"
     assert sorted(item.name for item in out.iterdir()) == ["job.toml", "plots", "run.npz", "summary.json"]
 

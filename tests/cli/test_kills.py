@@ -29,9 +29,13 @@ REPEAT = ("study", "repeat", "an225", *SETTINGS)
 TUNE = ("--budget", "12", "--robust", "1", "--unseen", "1", *SETTINGS)
 # arguments of the earlier result, of the new one, and of both
 COMMANDS = {
-    "run": (("--set", "feedforward=0.5"), (), ("run", "an225", *SETTINGS, "--no-video", "--no-report", "--no-causes")),
-    "report": (("--no-report",), (), ("run", "an225", *SETTINGS, "--no-video", "--no-causes")),
-    "video": (("--no-video",), ("--no-report",), ("run", "an225", *SETTINGS, "--no-causes")),
+    "run": (
+        ("--set", "feedforward=0.5"),
+        (),
+        ("run", "an225", *SETTINGS, "--no-video", "--no-report", "--no-causes", "--no-improve"),
+    ),
+    "report": (("--no-report",), (), ("run", "an225", *SETTINGS, "--no-video", "--no-causes", "--no-improve")),
+    "video": (("--no-video",), ("--no-report",), ("run", "an225", *SETTINGS, "--no-causes", "--no-improve")),
     "study": (
         ("--set", "feedforward=0.5"),
         (),

@@ -133,7 +133,7 @@ def test_a_later_run_removes_what_was_drawn_of_an_earlier_one(gantrysim_command,
     for name in ("render.mp4", "render.gif", "render.png", "mine.gif"):
         (folder / "slow" / name).write_bytes(b"of the earlier run")
     small = [word for setting in ("diameter=40", "turns=1", "thickness=5") for word in ("--set", setting)]
-    out = ("--out", folder / "slow", "--no-video", "--no-report", "--no-causes")
+    out = ("--out", folder / "slow", "--no-video", "--no-report", "--no-causes", "--no-improve")
     assert gantrysim_command("run", "an225", *small, *out)[0] == 0
     assert names(folder / "slow") == ["job.toml", "mine.gif", "run.npz", "summary.json"]
 
@@ -252,7 +252,9 @@ def test_a_later_run_removes_the_files_of_a_killed_process(gantrysim_command, fo
     left.mkdir()
     (left / "render.mp4").write_bytes(b"half")
     small = [word for setting in ("diameter=40", "turns=1", "thickness=5") for word in ("--set", setting)]
-    gantrysim_command("run", "an225", *small, "--out", folder / "slow", "--no-video", "--no-report", "--no-causes")
+    gantrysim_command(
+        "run", "an225", *small, "--out", folder / "slow", "--no-video", "--no-report", "--no-causes", "--no-improve"
+    )
     assert not left.exists()
 
 
@@ -260,7 +262,7 @@ def test_the_video_of_a_run_is_headed_by_its_job(gantrysim_command, tmp_path, mo
     seen = {}
     monkeypatch.setattr("gantrysim.render.save_video", lambda machine, run, file, **named: seen.update(named))
     small = [word for setting in ("diameter=40", "turns=1", "thickness=5") for word in ("--set", setting)]
-    gantrysim_command("run", "an225", *small, "--out", tmp_path, "--no-report", "--no-causes")
+    gantrysim_command("run", "an225", *small, "--out", tmp_path, "--no-report", "--no-causes", "--no-improve")
     assert seen["label"] == "an225"
 
 

@@ -39,14 +39,14 @@ def test_a_tuned_job_runs_with_the_tuned_servo(gantrysim_command, tmp_path, file
     assert "Trust region over kp, ki, kd, velocity_ff, acceleration_ff, one factor for all axes, seed 1: " in out
     assert "written to out/tune-circle/: job.toml, plots, report.html, study.csv, study.toml, tuned.toml" in out
     tuned = tmp_path / "out" / "tune-circle" / TUNED
-    run = ("run", file, "--servo", tuned, "--no-video", "--no-report", "--no-causes", "--out")
+    run = ("run", file, "--servo", tuned, "--no-video", "--no-report", "--no-causes", "--no-improve", "--out")
     status, _, said = gantrysim_command(*run, tmp_path / "a")
     assert (status, said) == (0, "")
     table = tomllib.loads(tuned.read_text())["servo"]
     job = Job.load(tmp_path / "a" / "job.toml")  # holds the servo, so that it can be run again
     assert all(dict(job.servo)[name] == value for name, value in table.items())
     status, _, _ = gantrysim_command(
-        "run", tmp_path / "a" / "job.toml", "--no-video", "--no-report", "--no-causes", "--out", "b"
+        "run", tmp_path / "a" / "job.toml", "--no-video", "--no-report", "--no-causes", "--no-improve", "--out", "b"
     )
     assert status == 0
     assert (tmp_path / "b" / "summary.json").read_bytes() == (tmp_path / "a" / "summary.json").read_bytes()

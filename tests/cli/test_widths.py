@@ -14,7 +14,14 @@ WIDE = 1000
 RULES = set("│┃─━┏┓┗┛┡┩└┘├┤┼╇┳┻┬┴┝┥╈╉╊╋")
 SCREEN = 24  # lines
 SMALL = ("diameter=40", "turns=2", "thickness=5")
-RUN = ("run", "an225", *(word for setting in SMALL for word in ("--set", setting)), "--no-video", "--no-report")
+RUN = (
+    "run",
+    "an225",
+    *(word for setting in SMALL for word in ("--set", setting)),
+    "--no-video",
+    "--no-report",
+    "--no-improve",
+)
 
 
 def letters(text):

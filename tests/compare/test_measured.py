@@ -294,7 +294,12 @@ def test_traces_that_cannot_be_compared_are_refused(run):
 
 def test_the_command_writes_both_budgets_and_their_plots(tmp_path, gantrysim_command):
     folder = tmp_path / "out"
-    assert gantrysim_command("run", "fanuc-spiral", "--out", folder, "--no-video", "--no-report", "--no-causes")[0] == 0
+    assert (
+        gantrysim_command(
+            "run", "fanuc-spiral", "--out", folder, "--no-video", "--no-report", "--no-causes", "--no-improve"
+        )[0]
+        == 0
+    )
     record = Job.load("fanuc-spiral").run()
     time, nozzle = logged(record, "nozzle", 800.0, 1.0, 2.0, 0.0, 1e-3)
     log = tmp_path / "log.csv"

@@ -28,7 +28,7 @@ class Spiral(MoveSpiral):
 LAW = ("servo.law", "pid", "mine.py:pd")
 CONTROLLER = ("program.controller", "trio.MoveSpiral", "mine.py:Spiral")
 TABLE = Path(__file__).parents[2] / "examples" / "machines" / "belt-gantry.toml"
-QUICK = ["--no-video", "--no-report", "--no-causes"]
+QUICK = ["--no-video", "--no-report", "--no-causes", "--no-improve"]
 COMMANDS = {
     "run": ("run", "JOB", *QUICK),
     "check": ("check", "JOB"),

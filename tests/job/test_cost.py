@@ -36,6 +36,7 @@ def test_a_long_run_says_how_long_it_takes(tmp_path, monkeypatch, seconds, said)
         "--no-video",
         "--no-report",
         "--no-causes",
+        "--no-improve",
         "--out",
         str(tmp_path / "a"),
     ]

@@ -66,7 +66,7 @@ def test_ordinary_files_check_and_run_with_glue(part, gantrysim_command, tmp_pat
     assert status == 0
     assert printed.count("chosen, as nothing was given") == 1
     status, printed, _ = gantrysim_command(
-        "run", part, "--no-video", "--no-report", "--no-causes", "--out", tmp_path / "out"
+        "run", part, "--no-video", "--no-report", "--no-causes", "--no-improve", "--out", tmp_path / "out"
     )
     assert status == 0
     assert "chosen, as nothing was given: machine xy" in printed

@@ -48,7 +48,9 @@ REPORTED = ("delta-arc", "svg-gasket")  # the others' kinds of path and machine:
 @pytest.mark.soak
 @pytest.mark.parametrize("name", JOBS)
 def test_every_job_gets_a_report(name, tmp_path, gantrysim_command):
-    assert gantrysim_command("run", name, "--no-video", "--no-causes", "--out", tmp_path / "out")[0] == 0
+    assert (
+        gantrysim_command("run", name, "--no-video", "--no-causes", "--no-improve", "--out", tmp_path / "out")[0] == 0
+    )
     assert (tmp_path / "out" / "report.html").exists()
 
 
@@ -132,7 +134,9 @@ def test_a_bead_conserves_the_volume_of_glue(analyses):
 @pytest.mark.parametrize("name", JOBS)
 def test_the_command_runs_a_job(name, tmp_path, gantrysim_command):
     report = [] if name in REPORTED else ["--no-report"]
-    status, printed, _ = gantrysim_command("run", name, "--no-video", "--no-causes", *report, "--out", tmp_path / "out")
+    status, printed, _ = gantrysim_command(
+        "run", name, "--no-video", "--no-causes", "--no-improve", *report, "--out", tmp_path / "out"
+    )
     assert status == 0
     assert (tmp_path / "out" / "report.html").exists() == (name in REPORTED)
     assert "contour" in printed
@@ -186,7 +190,7 @@ def test_the_record_of_the_controller_delays_the_command(tmp_path, gantrysim_com
     """PE compares with the command `position_error_delay` ticks ago; here every tick is recorded."""
     settings = ["program.record.gap=1", "program.group.position_error_delay=3"]
     arguments = [word for setting in settings for word in ("--set", setting)]
-    bare = ["--no-video", "--no-report", "--no-causes"]
+    bare = ["--no-video", "--no-report", "--no-causes", "--no-improve"]
     status, _, _ = gantrysim_command("run", "softmc-arc", *bare, "--out", tmp_path / "out", *arguments)
     assert status == 0
     rows = np.genfromtxt(tmp_path / "out" / "record.csv", delimiter=",", names=True)

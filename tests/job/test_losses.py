@@ -226,7 +226,7 @@ def test_a_run_that_ends_before_the_glue_says_why(gantrysim_command, tmp_path):
     jump = '{kind="encoder slip", axis="x", time=0.05, counts=100}'
     file.write_text(faulty(jump, extra=["start_lead=0.2", "following_error_limit=0.05"]).toml())
     status, out, _ = gantrysim_command(
-        "run", file, "--out", tmp_path / "out", "--no-video", "--no-report", "--no-causes"
+        "run", file, "--out", tmp_path / "out", "--no-video", "--no-report", "--no-causes", "--no-improve"
     )
     assert status == 3
     assert "the run ended before the dispenser was on" in out
@@ -238,7 +238,16 @@ def test_a_run_that_ends_before_the_glue_says_why(gantrysim_command, tmp_path):
 
 def test_a_job_without_faults_has_none_in_its_summary(gantrysim_command, tmp_path):
     status, out, _ = gantrysim_command(
-        "run", "an225", "--set", "turns=1", "--out", tmp_path, "--no-video", "--no-report", "--no-causes"
+        "run",
+        "an225",
+        "--set",
+        "turns=1",
+        "--out",
+        tmp_path,
+        "--no-video",
+        "--no-report",
+        "--no-causes",
+        "--no-improve",
     )
     assert status == 0
     assert "purpose" not in out

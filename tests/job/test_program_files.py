@@ -125,7 +125,7 @@ def test_the_command_checks_without_writing(gantrysim_command, square, tmp_path,
 def test_the_command_runs_a_program_file(gantrysim_command, square, tmp_path):
     out = tmp_path / "out"
     status, _, _ = gantrysim_command(
-        "run", square, "--no-video", "--no-report", "--no-causes", "--speed", 30, "--out", out
+        "run", square, "--no-video", "--no-report", "--no-causes", "--no-improve", "--speed", 30, "--out", out
     )
     assert status == 0
     written = json.loads((out / "summary.json").read_text())

@@ -333,6 +333,6 @@ def test_a_name_between_colons_is_printed_as_it_is(folder, tmp_path, gantrysim_c
     (folder / "ring:ring:.toml").write_text(JOB.format(cls="Ring", place="mine.py"))
     assert gantrysim_command("check", "ring:ring:.toml")[0] == 0
     _, out, _ = gantrysim_command(
-        "run", "ring:ring:.toml", "--out", "x:ring:y", "--no-video", "--no-report", "--no-causes"
+        "run", "ring:ring:.toml", "--out", "x:ring:y", "--no-video", "--no-report", "--no-causes", "--no-improve"
     )
     assert "written to x:ring:y/" in out

@@ -253,7 +253,18 @@ def test_without_opengl_the_error_names_the_package(xy, run, no_opengl):
 
 
 def test_without_opengl_the_command_does_everything_but_the_video(no_opengl, tmp_path, monkeypatch, capsys):
-    arguments = ["gantrysim", "run", "--out", str(tmp_path), "--set", "diameter=40", "--set", "turns=1"]
+    arguments = [
+        "gantrysim",
+        "run",
+        "--out",
+        str(tmp_path),
+        "--no-causes",
+        "--no-improve",
+        "--set",
+        "diameter=40",
+        "--set",
+        "turns=1",
+    ]
     monkeypatch.setattr(sys, "argv", arguments)
     cli.app(standalone_mode=False)
     assert sorted(item.name for item in tmp_path.iterdir()) == [

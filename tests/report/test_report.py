@@ -295,7 +295,7 @@ def test_the_command_writes_the_report_with_its_video(gantrysim_command, tmp_pat
     film = b"\x00\x00\x00 ftypisom" + bytes(range(256))
     monkeypatch.setattr("gantrysim.render.save_video", lambda machine, run, file, **keywords: file.write_bytes(film))
     settings = [word for setting in SMALL for word in ("--set", setting)]
-    status, printed, _ = gantrysim_command("run", "an225", *settings, "--no-causes", "--out", tmp_path)
+    status, printed, _ = gantrysim_command("run", "an225", *settings, "--no-causes", "--no-improve", "--out", tmp_path)
     assert status == 0
     assert "report.html" in printed
     page = Page(tmp_path / "report.html")
@@ -315,14 +315,18 @@ def test_a_report_that_fails_costs_nothing_else(gantrysim_command, tmp_path, mon
     monkeypatch.setattr(run_page, "draw_page", broken)
     out = tmp_path / "out"
     settings = [word for setting in SMALL for word in ("--set", setting)]
-    status, _, messages = gantrysim_command("run", "an225", *settings, "--no-causes", "--no-video", "--out", out)
+    status, _, messages = gantrysim_command(
+        "run", "an225", *settings, "--no-causes", "--no-improve", "--no-video", "--out", out
+    )
     assert (status, messages) == (1, "error: no report: OSError: No space left on device\n")
     assert sorted(item.name for item in out.iterdir()) == ["job.toml", "plots", "run.npz", "summary.json"]
 
 
 def test_a_folder_with_a_foreign_report_is_not_written_to(gantrysim_command, tmp_path):
     (tmp_path / REPORT).write_text("mine")
-    status, _, messages = gantrysim_command("run", "an225", "--no-video", "--no-causes", "--out", tmp_path)
+    status, _, messages = gantrysim_command(
+        "run", "an225", "--no-video", "--no-causes", "--no-improve", "--out", tmp_path
+    )
     assert status == 2
     assert re.search(r"holds report\.html, which no run has written", messages)
     assert (tmp_path / "report.html").read_text() == "mine"

@@ -13,7 +13,17 @@ from gantrysim.cli.tables import verdict_table
 from support.jobs import job_run
 from support.pages import Page
 
-SMALL = ("--set", "diameter=40", "--set", "turns=2", "--set", "thickness=5", "--no-video", "--no-causes")
+SMALL = (
+    "--set",
+    "diameter=40",
+    "--set",
+    "turns=2",
+    "--set",
+    "thickness=5",
+    "--no-video",
+    "--no-causes",
+    "--no-improve",
+)
 
 
 def words(text):
