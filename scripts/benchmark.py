@@ -10,9 +10,11 @@ import argparse
 import itertools
 import json
 import os
+import resource
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 import warnings
 from collections.abc import Callable
@@ -48,6 +50,21 @@ FRAMES = 4  # at a time
 SWING = 400  # steps with one direction of the torque
 ENV = "gantrysim/GainBandit-v0"
 INTERVAL = 0.1  # between its decisions [s]
+# ends the command at the moment its verdict is printed
+TO_VERDICT = """
+import os, sys
+from gantrysim.cli import evaluation
+show = evaluation.show_verdict
+
+def show_and_end(verdict):
+    show(verdict)
+    sys.stdout.flush()
+    os._exit(0)
+
+evaluation.show_verdict = show_and_end
+from gantrysim.cli.main import main
+main()
+"""
 NEAR = 0.2  # of the action space: near enough to the derived gains for no episode to end in a fault
 
 
@@ -131,6 +148,31 @@ def import_time(rounds: int) -> float:
 
     names = "Machine, Servo, simulate, Dispenser, Budget, Run"
     return 1 / ratio(fresh("import mujoco, numpy, numba"), fresh(f"from gantrysim import {names}"), rounds)
+
+
+def verdict(rounds: int) -> float:
+    """CPU time of `gantrysim run an225`, from the start of its process to the verdict, over the simulation's alone."""
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": ""}
+    job = Job.load("an225")
+
+    def children() -> float:
+        used = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return used.ru_utime + used.ru_stime
+
+    def command() -> float:
+        before = children()
+        with tempfile.TemporaryDirectory() as folder:
+            words = [sys.executable, "-c", TO_VERDICT, "run", "an225", "--out", folder]
+            subprocess.run(words, check=True, env=environment, stdout=subprocess.DEVNULL)
+        return children() - before
+
+    def simulation() -> float:
+        before = time.process_time()
+        job.run()
+        return time.process_time() - before
+
+    command(), simulation()  # which fill the caches
+    return statistics.median(command() / simulation() for _ in range(max(rounds // 3, 1)))
 
 
 def setpoints(rounds: int) -> float:
@@ -281,6 +323,7 @@ BENCHMARKS = {
     "frame_growth": Benchmark(frame_growth, "at most 1.30"),
     "frame_cost": Benchmark(frame_cost, "at most 1.50"),
     "bead_cost": Benchmark(bead_cost, "at most 8.00"),
+    "verdict": Benchmark(verdict, "at most 35.0"),
     "setpoints": Benchmark(setpoints, "at most 0.15"),
     "analysis": Benchmark(analysis, "at most 1.50"),
 }

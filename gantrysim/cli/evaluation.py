@@ -100,7 +100,7 @@ class Evaluation:
         job = results.job
         record = self._record
         budget = results.budget
-        _show_verdict(results.verdict)
+        show_verdict(results.verdict)
         show(links_table(job.name, results.machine, budget))
         show(outcome_table(budget.analysis, results.bead_values, job.margins))
         sys.stdout.flush()  # further runs take seconds
@@ -155,6 +155,7 @@ class Evaluation:
                     folder / VIDEO,
                     bead=results.bead,
                     label=job.name,
+                    verdict=results.verdict.headline,
                     progress=advance,
                 )
             except (NoOpenGLError, NoEncoderError) as error:
@@ -226,7 +227,7 @@ class Evaluation:
             self.failed.append(f"no {kind}: {text_of(error).replace(f'{folder}/', '')}")
 
 
-def _show_verdict(verdict: Verdict) -> None:
+def show_verdict(verdict: Verdict) -> None:
     """Print the verdict; of a run that ended in a fault, what happened."""
     if verdict.fault:
         say(str(verdict), wrap=True)

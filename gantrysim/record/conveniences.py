@@ -23,6 +23,8 @@ class Conveniences:
     """
 
     job: Any
+    fault: Any
+    dispense: Any
 
     @cached_property
     def budget(self) -> Any:
@@ -76,7 +78,9 @@ class Conveniences:
             InputError: the run has no job, or as `gantrysim.render.save_video`.
         """
         job = self._job("film", "gantrysim.render.save_video(machine, run, file)")
-        values = {"bead": job.bead, "label": job.name, **options}
+        judged = self.fault is not None or bool(self.dispense.any())  # without glue there is nothing to judge
+        verdict = self.verdict.headline if judged else ""
+        values = {"bead": job.bead, "label": job.name, "verdict": verdict, **options}
         frames: int = _named("gantrysim.render", "save_video")(job.built_machine, self, file, **values)
         return frames
 

@@ -9,10 +9,13 @@ from matplotlib.figure import Figure
 
 from gantrysim.job.job import Job
 from gantrysim.metrics.budget import Budget
+from gantrysim.record.fault import Fault
 from gantrysim.results.verdict import Verdict
 
 class Conveniences:
     job: Job | None
+    fault: Fault | None
+    dispense: Any
     @cached_property
     def budget(self) -> Budget: ...
     @cached_property

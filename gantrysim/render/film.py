@@ -21,7 +21,7 @@ from gantrysim.record.run import Run
 from gantrysim.render.colours import scale_for
 from gantrysim.render.encoding import Picture, film_rate, film_writer, save_picture
 from gantrysim.render.fonts import PAPER, rgb
-from gantrysim.render.header import Header, headers
+from gantrysim.render.header import Header, headers, verdict_line
 from gantrysim.render.opengl import Closing
 from gantrysim.render.panel import Panel, run_colours
 from gantrysim.render.renderer import Renderer, checked_size
@@ -42,12 +42,14 @@ class Take:
     Attributes:
         label: of the run; by default its machine's name.
         bead: settings of the bead, or the bead itself, which is then not computed again.
+        verdict: headline of the verdict on the run, shown above its picture; empty for none.
     """
 
     machine: Machine
     run: Run
     label: str = ""
     bead: BeadSettings | BeadTrace | None = None
+    verdict: str = ""
 
 
 class Cell(NamedTuple):
@@ -115,6 +117,10 @@ class Film(Closing):
         least = self.panel.size[1] + rows * (self.cells[0].top + _LEAST_HEIGHT)
         if height < least:
             raise InputError(f"height of the film = {height}: must be at least {least}, for the pictures")
+        self._verdicts = [
+            verdict_line(take.verdict, cell.width, self.panel.font.size) if take.verdict else None
+            for take, cell in zip(takes, self.cells, strict=True)
+        ]
         self._renderers: list[Renderer] = []
         with ExitStack() as opened:  # closes those that are open where one cannot be opened
             for take, cell, bead in zip(takes, self.cells, beads, strict=True):
@@ -164,6 +170,10 @@ class Film(Closing):
         frame[:] = rgb(PAPER)
         for cell, renderer, run in zip(self.cells, self._renderers, self._runs, strict=True):
             cell.of(frame)[:] = renderer.frame(run.tick(time))
+        for cell, line in zip(self.cells, self._verdicts, strict=True):
+            if line is not None:
+                rows, columns = line.shape[:2]
+                cell.of(frame)[:rows, :columns] = line[: cell.height]
         for cell, header in zip(self.cells, self._headers, strict=False):  # one run has none
             Cell(cell.left, cell.top - header.size[1], *header.size).of(frame)[:] = header.picture(time)
         frame[height - self.panel.size[1] :] = self.panel.picture(time, speed)
@@ -242,11 +252,12 @@ def save_video(
     bead: BeadSettings | BeadTrace | None = None,
     colour: str = "plain",
     label: str = "",
+    verdict: str = "",
     progress: Callable[[float], None] | None = None,
 ) -> int:
     """Write a film of one run, MP4 or GIF, and return its number of frames.
 
     Arguments and errors as of `Take`, `Film` and `Film.save`.
     """
-    with Film([Take(machine, run, label, bead)], camera=camera, size=size, colour=colour) as film:
+    with Film([Take(machine, run, label, bead, verdict)], camera=camera, size=size, colour=colour) as film:
         return film.save(file, fps=fps, speed=speed, progress=progress)

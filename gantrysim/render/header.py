@@ -1,4 +1,4 @@
-"""Headers above the pictures of runs side by side: label and readout of each."""
+"""Headers above the pictures of runs side by side: label and readout of each; the line of a verdict."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from gantrysim.render.telemetry import Telemetry
 
 _HEIGHT = 2.9  # of a header with one line of readout, in sizes of its letters
 _WIDTHS = {1: 34, 2: 22}  # by lines of readout, that hold all of it, in sizes of the letters
+_VERDICT_HEIGHT = 1.8  # of its line, in sizes of its letters
 _LEAST = 10  # size of the letters, unless the panel's are smaller [pixels]
 
 
@@ -89,3 +90,19 @@ def headers(
         Header(run, label, colour, width, largest, lines)
         for run, label, colour in zip(runs, labels, colours, strict=True)
     ]
+
+
+def verdict_line(verdict: str, width: int, largest: int) -> Picture:
+    """Return a line with a verdict, for the upper left corner of a picture, (height, width, 3).
+
+    Args:
+        verdict: headline of the verdict; its symbol and word say it without colour.
+        width: available [pixels]; a longer line is cut.
+        largest: size of the letters [pixels].
+    """
+    letters = font(largest, True)
+    text = letters.shortened(verdict, width - 2 * letters.margin)
+    size = min(width, round(letters.width(text)) + 2 * letters.margin), round(_VERDICT_HEIGHT * letters.size)
+    image = Image.new("RGB", size, PAPER)
+    letters.write(ImageDraw.Draw(image), (letters.margin, size[1] / 2), text, INK, "lm")
+    return np.asarray(image)

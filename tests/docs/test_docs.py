@@ -262,7 +262,7 @@ def test_the_job_file_s_page_is_up_to_date():
 
 RATIOS = (
     "engine", "servo", "converged_cost", "batch", "vector_env", "scalar_env", "import_time", "frame_growth",
-    "frame_cost", "bead_cost", "setpoints", "analysis",
+    "frame_cost", "bead_cost", "verdict", "setpoints", "analysis",
 )  # fmt: skip
 
 

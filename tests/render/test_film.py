@@ -13,7 +13,7 @@ from gantrysim import InputError
 from gantrysim.plots.style import INK
 from gantrysim.render import Film, NoOpenGLError, Renderer, Take, film, save_video
 from gantrysim.render.colours import scale_for
-from gantrysim.render.fonts import MUTED
+from gantrysim.render.fonts import MUTED, font
 from gantrysim.render.panel import run_colours
 
 from support.films import SHAPES, cut, shows, small_job
@@ -404,3 +404,20 @@ def test_a_machine_without_cameras_or_label_is_filmed_by_its_name(rigid, run):
     with Film([Take(machine, run)], size=(480, 360)) as opened:
         frame = opened.frame(0.5)
     assert shows(frame[-opened.panel.size[1] :], machine.name, opened.panel.font.size, INK, bold=True)
+
+
+@pytest.mark.parametrize("verdict", ["✗ fail: path, glue", "✓ pass", "! warn: " + 30 * "stability, "])
+def test_a_verdict_stands_above_its_picture_and_changes_nothing_else(xy, run, short, verdict):
+    size = (480, 360)
+    takes = [Take(xy, run, "long", verdict=verdict), Take(xy, short, "short")]
+    with Film(takes, size=size) as judged, Film([Take(xy, run, "long"), takes[1]], size=size) as plain:
+        picture, bare = (film.frame(film.end) for film in (judged, plain))
+        letters = judged.panel.font.size
+        cells = judged.cells
+    changed = np.argwhere((picture != bare).any(axis=2))
+    first, last = changed.min(axis=0), changed.max(axis=0)
+    assert cells[0].top <= first[0] <= last[0] < cells[0].top + 2 * letters
+    assert cells[0].left <= first[1] <= last[1] < cells[0].left + cells[0].width
+    text = font(letters, True).shortened(verdict, cells[0].width - 2 * font(letters, True).margin)
+    assert text.startswith(verdict[:4])
+    assert shows(cells[0].of(picture), text, letters, INK, bold=True)
