@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from gantrysim.compare.comparison import Comparison
 
-_UM = 1e3
 _SUMMARY = "compare.json"
 _HEADS = ("measured\nrms", "\n95 %", "\nmax", "simulated\nrms", "\n95 %", "\nmax", "difference\nrms", "\nmax")
 
@@ -62,6 +61,7 @@ def compare(
     """
     from dataclasses import replace
 
+    from gantrysim.compare.compare_quantities import FREQUENCY, PEAK_SIZE
     from gantrysim.compare.comparison import Comparison
     from gantrysim.compare.measured import Trace
     from gantrysim.compare.page import REPORT, alignment_text, headline, write_comparison_page
@@ -94,7 +94,7 @@ def compare(
     say(headline(comparison), wrap=True)
     say(alignment_text(comparison), wrap=True)
     for peak in comparison.peaks:
-        say(f"unexplained at {peak.frequency:.1f} Hz: {_UM * peak.rms:.2g} µm rms")
+        say(f"unexplained at {FREQUENCY.text(peak.frequency)}: {PEAK_SIZE.text(peak.rms)} rms")
     if saved.changed:
         warn(f"note: machine {saved.machine.name} has changed since the run")
     for note in comparison.notes:
@@ -113,6 +113,8 @@ def _circle(text: str) -> tuple[float, tuple[float, float]]:
 def _table(comparison: Comparison) -> Table:
     from rich.table import Table
 
+    from gantrysim.metrics.parts import ERROR
+
     table = Table(title="error normal to the path [µm]", title_justify="left", box=None, padding=(0, 1, 0, 0))
     table.add_column("link", no_wrap=True)
     for column in _HEADS:
@@ -125,7 +127,7 @@ def _table(comparison: Comparison) -> Table:
             part = values.contour if name == "contour" else values.parts[name]
             cells += [part.rms, part.p95, part.max]
         difference = comparison.unexplained[name]
-        numbers = [f"{_UM * cell:.1f}" for cell in (*cells, difference.rms, difference.max)]
+        numbers = map(ERROR.number, (*cells, difference.rms, difference.max))
         table.add_row(name, *numbers, comparison.parts.get(name, "requested path to the last link measured"))
     table.caption = "difference: of the errors at the same instant, lateral and vertical"
     table.caption_justify = "left"

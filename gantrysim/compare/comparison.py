@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -13,8 +13,10 @@ from scipy.signal import find_peaks, welch
 
 from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.errors import InputError
+from gantrysim.base.quantity import contents
 from gantrysim.compare.alignment import Alignment, aligned
 from gantrysim.compare.beside import beside, evenly
+from gantrysim.compare.compare_quantities import DIFFERENCES, EXPLAINED, PEAK, ROTATION, SHIFT
 from gantrysim.compare.measured import Trace
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import Analysis, ErrorSize
@@ -234,21 +236,25 @@ class Comparison:
         return rows
 
     def summary(self) -> dict[str, Any]:
-        """Return all values, for JSON; lengths in mm."""
+        """Return all values, for JSON; a key ends in its unit, offsets and residual are in mm or deg."""
         budgets = {}
         for name, budget in (("measured", self.measured), ("simulated", self.simulated)):
             parts = {part: budget.values.parts[part] for part in self.parts} | {"contour": budget.values.contour}
-            budgets[name] = {part: asdict(values) for part, values in parts.items()}
-        alignment = asdict(self.alignment)
-        alignment["offsets"] = {name: values.tolist() for name, values in self.alignment.offsets.items()}
+            budgets[name] = {part: values.content() for part, values in parts.items()}
+        alignment = {
+            "by": self.alignment.by,
+            **contents((SHIFT, ROTATION), self.alignment),
+            "offsets": {name: values.tolist() for name, values in self.alignment.offsets.items()},
+            "residual": self.alignment.residual,
+        }
         return {
             "links": list(self.links),
             "alignment": alignment,
             "budgets": budgets,
-            "explained": asdict(self.explained),
+            "explained": {"links": list(self.explained.links), **contents(EXPLAINED, self.explained)},
             "not_compared": self.not_compared,
-            "unexplained": {name: asdict(size) for name, size in self.unexplained.items()},
-            "spectrum_peaks": [peak._asdict() for peak in self.peaks],
+            "unexplained": {name: contents(DIFFERENCES, size) for name, size in self.unexplained.items()},
+            "spectrum_peaks": [contents(PEAK, peak) for peak in self.peaks],
             "notes": list(self.notes),
         }
 

@@ -7,17 +7,27 @@ import os
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from gantrysim.compare.compare_quantities import (
+    DIFFERENCE,
+    FREQUENCY,
+    MEASURED,
+    PEAK,
+    PEAK_SIZE,
+    REMAINDER,
+    ROTATION,
+    SHIFT,
+)
 from gantrysim.compare.comparison import NOTHING, Comparison
 from gantrysim.compare.plots import draw_overlay, draw_spectrum
 from gantrysim.metrics.analysis import THOUSANDTH
 from gantrysim.metrics.budget import DESCRIPTIONS
+from gantrysim.metrics.parts import ERROR, ERROR_SIZES, PART_SIZES
 from gantrysim.plots.style import COLOURS
 from gantrysim.report.document import Column, Section, Table, write_page
 from gantrysim.report.sections import drawn
 from gantrysim.report.summary import versions
 
 REPORT = "report.html"
-_UM = 1e3
 _WIDE = 10.7  # of a plot across the page [inch]
 
 
@@ -75,7 +85,7 @@ def _sections(comparison: Comparison, circle: Mapping[str, Mapping[str, Any]] | 
 def headline(comparison: Comparison) -> str:
     """Return both contour errors, how much of the measured links the simulation explains, and what is not compared."""
     contour = [budget.values.contour.rms for budget in (comparison.measured, comparison.simulated)]
-    sizes = f"Contour error: {_UM * contour[0]:.1f} µm rms measured, {_UM * contour[1]:.1f} µm simulated."
+    sizes = f"Contour error: {ERROR.text(contour[0])} rms measured, {ERROR.text(contour[1])} simulated."
     return " ".join([sizes, _explained(comparison), *_not_compared(comparison)])
 
 
@@ -83,10 +93,10 @@ def _explained(comparison: Comparison) -> str:
     """Return how much of the measured links the simulation explains, in a sentence."""
     explained = comparison.explained
     links = " + ".join(_named(comparison))
-    measured = f"{links}, {_UM * explained.measured:.1f} µm rms measured"
+    measured = f"{links}, {MEASURED.text(explained.measured)} rms measured"
     if explained.difference < NOTHING:
         return f"Of {measured}, no difference is left."
-    difference = f"{_UM * explained.difference:.1f} µm rms"
+    difference = f"{REMAINDER.text(explained.difference)} rms"
     if explained.share is None:
         return f"Of {links} there is no measured error; the simulated one is {difference}."
     if explained.share <= 0:
@@ -120,19 +130,22 @@ def unexplained(comparison: Comparison) -> list[str]:
             *_not_compared(comparison),
         ]
     links = sorted(comparison.parts, key=lambda name: -comparison.unexplained[name].rms)
-    sizes = ", ".join(f"{name} {_UM * comparison.unexplained[name].rms:.2f} µm rms" for name in links)
+    sizes = ", ".join(f"{name} {DIFFERENCE.text(comparison.unexplained[name].rms)} rms" for name in links)
     sentences = [f"Difference by link, largest first: {sizes}. Links can offset one another."]
     sentences += _not_compared(comparison)
     lateral = comparison.difference["contour"][:, 0]
-    mean = _UM * float(lateral.mean())
-    varying = _UM * float(lateral.std())
+    mean = float(lateral.mean())
+    varying = float(lateral.std())
     side = "left" if mean > 0 else "right"
     sentences.append(
-        f"Across the path the measured nozzle lies {abs(mean):.2f} µm further to the {side} on average; the difference "
-        f"varies by {varying:.2f} µm rms about that, and is {_UM * contour.max:.2f} µm at most in any direction."
+        f"Across the path the measured nozzle lies {DIFFERENCE.text(abs(mean))} further to the {side} on average; the "
+        f"difference varies by {DIFFERENCE.text(varying)} rms about that, and is {DIFFERENCE.text(contour.max)} at "
+        "most in any direction."
     )
     if comparison.peaks:
-        named = ", ".join(f"{peak.frequency:.1f} Hz ({_UM * peak.rms:.2g} µm rms)" for peak in comparison.peaks)
+        named = ", ".join(
+            f"{FREQUENCY.text(peak.frequency)} ({PEAK_SIZE.text(peak.rms)} rms)" for peak in comparison.peaks
+        )
         sentences.append(f"Frequencies that the model lacks: {named}.")
     elif comparison.spectrum[0].size:
         sentences.append("No frequency stands out from the spectrum: what is left is noise, drift or slow.")
@@ -143,14 +156,14 @@ def alignment_text(comparison: Comparison) -> str:
     """Return how the trace was aligned, in one sentence."""
     alignment = comparison.alignment
     run = comparison.measured.analysis.run
-    text = f"Aligned by {alignment.by}: the trace's time is {alignment.shift:+z.6f} s against the run's"
+    text = f"Aligned by {alignment.by}: the trace's time is {SHIFT.text(alignment.shift)} against the run's"
     for frame, axis, offset, unit in _placed(comparison):
         text += f"; {frame} offset {axis} {offset:+z.4f} {unit}"
     if alignment.rotation:
-        text += f"; turned by {alignment.rotation:+.4f} deg"
+        text += f"; turned by {ROTATION.text(alignment.rotation)}"
     units = ("mm",) if alignment.by == "nozzle" else run.units
     kinds = " and ".join(dict.fromkeys(THOUSANDTH[unit] for unit in units))
-    return f"{text}; left {_UM * alignment.residual:.2f} {kinds} rms."
+    return f"{text}; residual {DIFFERENCE.number(alignment.residual)} {kinds} rms."
 
 
 def _placed(comparison: Comparison) -> Iterator[tuple[str, str, float, str]]:
@@ -164,7 +177,7 @@ def _placed(comparison: Comparison) -> Iterator[tuple[str, str, float, str]]:
 
 def _facts(comparison: Comparison) -> list[tuple[str, str, str]]:
     facts = [
-        (f"Contour error, {name}", f"{_UM * values.rms:.1f} µm", f"max {_UM * values.max:.1f} µm")
+        (f"Contour error, {name}", ERROR.text(values.rms), f"max {ERROR.text(values.max)}")
         for name, values in (
             ("measured", comparison.measured.values.contour),
             ("simulated", comparison.simulated.values.contour),
@@ -174,24 +187,24 @@ def _facts(comparison: Comparison) -> list[tuple[str, str, str]]:
     explained = comparison.explained
     if explained.share is not None:
         facts.append(("Explained", share_text(explained.share), f"of {' + '.join(_named(comparison))}, in mean square"))
-    return [*facts, ("Time shift", f"{comparison.alignment.shift:+z.6f} s", f"by {comparison.alignment.by}")]
+    return [*facts, ("Time shift", SHIFT.text(comparison.alignment.shift), f"by {comparison.alignment.by}")]
 
 
 def _budgets(comparison: Comparison) -> Table:
     heads: list[str | Column] = ["link", "span"]
     heads += [
-        Column(f"{which}, {size} [µm]", ".2f") for which in ("measured", "simulated") for size in ("rms", "95 %", "max")
+        Column(f"{which}, {size.head}", DIFFERENCE.form) for which in ("measured", "simulated") for size in PART_SIZES
     ]
-    heads += [Column(f"difference, {size} [µm]", ".2f") for size in ("rms", "max")]
+    heads += [Column(f"difference, {size.label} [{size.unit}]", DIFFERENCE.form) for size in ERROR_SIZES]
     rows = []
     for name in (*comparison.parts, "contour"):
         cells: list[float] = []
         for budget in (comparison.measured, comparison.simulated):
             part = budget.values.contour if name == "contour" else budget.values.parts[name]
-            cells += [part.rms, part.p95, part.max]
+            cells += [size.get(part) for size in PART_SIZES]
         difference = comparison.unexplained[name]
         span = comparison.parts.get(name, "requested path to the last link measured")
-        rows.append([name, span, *(_UM * cell for cell in (*cells, difference.rms, difference.max))])
+        rows.append([name, span, *map(DIFFERENCE.scaled, (*cells, difference.rms, difference.max))])
     return Table(heads, rows, "Error normal to the requested path, measured, simulated, and their difference", COLOURS)
 
 
@@ -203,5 +216,5 @@ def _offsets(comparison: Comparison) -> Table:
 
 
 def _peaks(comparison: Comparison) -> Table:
-    rows = [[peak.frequency, _UM * peak.rms] for peak in comparison.peaks]
-    return Table([Column("frequency [Hz]", ".1f"), Column("rms [µm]", ".3g")], rows, "Peaks of the spectrum")
+    rows = [[quantity.scaled(quantity.get(peak)) for quantity in PEAK] for peak in comparison.peaks]
+    return Table(list(map(Column.of, PEAK)), rows, "Peaks of the spectrum")

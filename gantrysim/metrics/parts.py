@@ -9,7 +9,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import Column, blocks, by_blocks, table_by_blocks
-from gantrysim.base.quantity import PARTS, SIZES, Quantity
+from gantrysim.base.quantity import PARTS, SIZES, Quantity, contents
 from gantrysim.metrics.analysis import ErrorSize, ErrorSpread
 
 CORNER = "corner"  # name of what belongs to no link
@@ -17,6 +17,7 @@ CORNER = "corner"  # name of what belongs to no link
 # columns of the error budget's table, of `PartValues`
 ERROR = Quantity[Any]("", "", "µm", ".1f", "Error normal to the requested path", (), 1e3, PARTS)
 PART_COLUMNS: tuple[Quantity[PartValues], ...] = ERROR.numbers
+PART_SIZES = PART_COLUMNS[:-1]  # without the share
 ERROR_SIZES: tuple[Quantity[ErrorSize], ...] = replace(ERROR, statistics=SIZES).numbers  # of an `ErrorSize`
 # where a part is largest
 PART_PLACE = (
@@ -87,6 +88,11 @@ class PartValues:
     s: float
     time: float
     point: tuple[float, float, float]
+
+    def content(self) -> dict[str, Any]:
+        """Return the values for JSON, by the keys of `PART_COLUMNS` and `PART_PLACE`."""
+        place = {**contents(PART_PLACE, self), "point_mm": list(self.point)}
+        return {**contents(PART_COLUMNS, self), "at_max": place}
 
 
 @dataclass(frozen=True)

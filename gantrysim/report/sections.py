@@ -15,7 +15,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import CONTOUR, FOLLOWING_ALONG, LAG, PROGRAM
-from gantrysim.metrics.parts import PART_COLUMNS, PART_PLACE, PartValues
+from gantrysim.metrics.parts import PART_COLUMNS, PART_PLACE, PART_SIZES, PartValues
 from gantrysim.plots.bead import draw_bead_along, draw_height_map
 from gantrysim.plots.budget import draw_budget, draw_budget_along
 from gantrysim.plots.error import draw_error
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 Subject = TypeVar("Subject")
 
 _RMS, _, _MAX, _SHARE = PART_COLUMNS
-_SIZES = PART_COLUMNS[:-1]
 # width of a plot across the page, and of one of two side by side [inch]
 _WIDE = 10.7
 _HALF = 5.3
@@ -53,13 +52,13 @@ def summary_facts(budget: Budget) -> list[RowTexts]:
 def budget_section(budget: Budget, machine: Machine) -> Section:
     """Return the section of the error budget."""
     values = budget.values
-    shown = (_SHARE, *_SIZES, *PART_PLACE)
+    shown = (_SHARE, *PART_SIZES, *PART_PLACE)
     numbers: list[str | Column] = [*(Column.of(quantity) for quantity in shown), "x, y, z [mm]"]
 
     def row(part: PartValues, *labels: str) -> list[str | float | None]:
         point = ",\N{NO-BREAK SPACE}".join(with_minus(number_text(place, ".1f")) for place in part.point)
         where = [None] * 3 if part.rms < NO_ERROR else [part.s, part.time, point]
-        return [*labels, *(quantity.scaled(quantity.get(part)) for quantity in (_SHARE, *_SIZES)), *where]
+        return [*labels, *(quantity.scaled(quantity.get(part)) for quantity in (_SHARE, *PART_SIZES)), *where]
 
     links = Table(
         ["link", "span", *numbers],

@@ -15,7 +15,7 @@ from gantrysim.job.steps import run_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.error_quantities import DURATION, END_POINT
-from gantrysim.metrics.parts import ERROR_SIZES, PART_COLUMNS, PART_PLACE, PartValues
+from gantrysim.metrics.parts import ERROR_SIZES
 from gantrysim.record.run import Run
 from gantrysim.report.causes import causes_summary
 from gantrysim.report.headline import headline
@@ -91,15 +91,11 @@ def package_versions() -> dict[str, str]:
 
 
 def _budget(budget: Budget, machine: Machine) -> dict[str, Any]:
-    def part(of: PartValues) -> dict[str, Any]:
-        place = {**contents(PART_PLACE, of), "point_mm": list(of.point)}
-        return {**contents(PART_COLUMNS, of), "at_max": place}
-
     values = budget.values
     by_axis = budget.servo_by_axis(machine)
     return {
-        **{name: part(of) for name, of in values.rows.items()},
-        "servo_by_axis": {axis: part(budget.values_of(of)) for axis, of in by_axis.items()},
+        **{name: part.content() for name, part in values.rows.items()},
+        "servo_by_axis": {axis: budget.values_of(part).content() for axis, part in by_axis.items()},
         "turns": [
             {
                 "turn": turn.turn,

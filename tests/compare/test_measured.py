@@ -154,7 +154,9 @@ def test_what_is_not_measured_explains_nothing(noisy):
     assert f"Of servo, {1e3 * explained.measured:.1f} µm rms measured, the simulation explains " in text
     assert "Not compared: program, as the command is not measured; structure, as the nozzle" in text
     written = found.summary()
-    assert written["explained"]["share"] == explained.share
+    assert written["explained"]["explained_share_percent"] == 100 * explained.share
+    assert written["explained"]["measured_rms_um"] == 1e3 * explained.measured
+    assert written["budgets"]["measured"]["servo"]["rms_um"] == 1e3 * found.measured.values.parts["servo"].rms
     assert list(written["not_compared"]) == ["program", "structure"]
 
 
@@ -309,7 +311,7 @@ def test_the_command_writes_both_budgets_and_their_plots(tmp_path, gantrysim_com
     assert (status, err) == (0, "")
     assert "nozzle in z is not measured" in " ".join(out.split())
     found = json.loads((folder / "compare" / "compare.json").read_text())
-    assert found["alignment"]["shift"] == pytest.approx(1.0, abs=FOUND_SHIFT / 800)
+    assert found["alignment"]["shift_s"] == pytest.approx(1.0, abs=FOUND_SHIFT / 800)
     files = {"compare.json", "overlay.png", "spectrum.png", "report.html"}
     assert {item.name for item in (folder / "compare").iterdir()} == files
     for arguments, message in (
