@@ -72,11 +72,11 @@ def spell_out() -> None:
 def show(content: RenderableType) -> None:
     """Print a table or another rich renderable whole.
 
-    A table too wide for the terminal is printed without its rules; where it still is, its lines run on.
+    A table too wide for the terminal is printed without rules and wide gaps; where it still is, its lines run on.
     """
     if isinstance(content, Table):
         _keep_words(content)
-        if _least_width(content) > _output.width and content.box is not None:
+        if _least_width(content) > _output.width:
             content.box = None
             content.padding = (0, 1, 0, 0)
         _share_room(content, _output.width - _least_width(content))

@@ -13,7 +13,7 @@ from gantrysim.base.quantity import MAX, P95, Quantity
 from gantrysim.bead import Bead
 from gantrysim.job.job import Job
 from gantrysim.job.lines import program_lines
-from gantrysim.job.losses import happened
+from gantrysim.job.losses import happened, reached
 from gantrysim.job.steps import lost_steps
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
@@ -52,11 +52,13 @@ class Verdict(Shown):
         rows: path, glue, stability and machine.
         fault: what ended the run early, in words; empty for a complete run. No row is judged then.
         tolerance: the limits; None for a run that a fault ended.
+        disturbances: faults on purpose that a complete run came to, by time; its rows are judged with them.
     """
 
     rows: tuple[Row, ...]
     fault: str = ""
     tolerance: Tolerance | None = None
+    disturbances: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, job: Job, run: Run) -> Verdict:
@@ -104,7 +106,7 @@ class Verdict(Shown):
             _stability_row(job, tolerance),
             Row.of(MACHINE, list(_machine_checks(job, run, tolerance, place_at))),
         )
-        return cls(rows, "", tolerance)
+        return cls(rows, "", tolerance, tuple(str(fault) for fault in reached(run)))
 
     @property
     def state(self) -> str:
@@ -121,7 +123,9 @@ class Verdict(Shown):
             return f"{SYMBOLS[FAIL]} {FAIL}: {self.fault}"
         blamed = [row.name for row in self.rows if row.state != PASS and row.state in (self.state, UNJUDGED)]
         names = f": {', '.join(blamed)}" if blamed else ""
-        return f"{SYMBOLS[self.state]} {self.state}{names}"
+        # the fault in a word and its time: what it does is told beside it
+        faults = ", ".join(text.partition(": ")[0] for text in self.disturbances)
+        return f"{SYMBOLS[self.state]} {self.state}{names}{f'; with {faults}' if faults else ''}"
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -147,7 +151,13 @@ class Verdict(Shown):
     def content(self) -> dict[str, Any]:
         """Return the verdict for JSON."""
         rows = {row.name: row.content() for row in self.rows}
-        return {"state": self.state, "headline": self.headline, "fault": self.fault or None, **rows}
+        return {
+            "state": self.state,
+            "headline": self.headline,
+            "fault": self.fault or None,
+            "disturbances": list(self.disturbances),
+            **rows,
+        }
 
 
 def _texts(row: Row) -> Iterator[tuple[int, str]]:

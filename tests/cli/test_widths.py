@@ -7,7 +7,9 @@ import pytest
 
 from gantrysim import Job, causes_of
 from gantrysim.cli import terminal
+from gantrysim.cli.improve import show_changes
 from gantrysim.cli.info import KINDS, overview_table
+from gantrysim.remedy.improve import improve
 
 WIDTHS = (120, 80, 40)
 WIDE = 1000
@@ -76,6 +78,30 @@ def test_a_command_loses_nothing_in_a_narrow_terminal(command, arguments):
         if width > min(WIDTHS):  # at the narrowest the budget and the causes run on
             files = [line for line in text.splitlines() if "/: " in line or "note: " in line]
             assert widest("\n".join(line for line in text.splitlines() if line not in files)) <= width
+
+
+@pytest.fixture(scope="module")
+def improvement():
+    """What to change in a small spiral, with few of the levers."""
+    names = ("flow by speed", "lag compensation", "acceleration", "friction compensation")
+    return improve(Job.load("an225", SMALL), levers=names, fastest=False)
+
+
+def test_the_levers_of_improve_lose_nothing(improvement, monkeypatch, capsys):
+    def show(width):
+        monkeypatch.setattr(terminal._output, "width", width)
+        show_changes(improvement)
+        return capsys.readouterr().out
+
+    everything = show(WIDE)
+    assert improvement.trials
+    for width in WIDTHS:
+        text = show(width)
+        assert "…" not in text
+        assert letters(text) == letters(everything)
+        if width > min(WIDTHS):
+            prose = text.partition("for the job file:")[0]  # what follows is to be pasted
+            assert widest(prose) <= width
 
 
 @pytest.mark.parametrize("name", KINDS)

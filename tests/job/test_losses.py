@@ -9,7 +9,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from gantrysim import Dispenser, InputError, Job, Run, causes_of
+from gantrysim import Dispenser, InputError, Job, Run, Verdict, causes_of
 from gantrysim.bead import Bead, BeadSettings
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.episodes import Source
@@ -21,6 +21,8 @@ from gantrysim.plots.error import draw_error
 from gantrysim.plots.style import sheet
 from gantrysim.record.fault import Fault
 from gantrysim.record.setpoints import Setpoints
+from gantrysim.report.page import run_sections
+from gantrysim.report.writing import results_of
 from gantrysim.study.cases import simulated
 from gantrysim.tuning.objective import case_of, column, measure_together
 
@@ -201,6 +203,11 @@ def test_the_command_shows_and_writes_what_happened_and_what_it_cost(gantrysim_c
         assert words in text
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["headline"] in text
+    assert text.startswith(f"verdict {summary['verdict']['headline']} ")
+    assert summary["verdict"]["headline"].startswith("✗ fail: Encoder slip on axis x at t = 0.4000 s: +120 counts")
+    assert "causes skipped: the run ended in a fault" in text
+    assert summary["causes"] is None
+    assert "levers" not in text
     assert "Stuck axis y at t = 0.8000 s: seized until the end. Supervision: following error on" in summary["headline"]
     injected, run = summary["injected"], Run.load(folder / "run.npz")
     assert [fault["kind"] for fault in injected["faults"]] == ["encoder slip", "clogged nozzle", "stuck axis"]
@@ -219,6 +226,30 @@ def test_the_command_shows_and_writes_what_happened_and_what_it_cost(gantrysim_c
     status, _, err = gantrysim_command("run", file, "--out", tmp_path / "other", "--no-video", "--causes")
     assert (status, (tmp_path / "other").exists()) == (2, False)
     assert "has faults on purpose" in err
+
+
+def test_a_complete_run_says_what_happened_and_blames_nothing_else(gantrysim_command, tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(faulty(CLOG).toml())
+    status, out, _ = gantrysim_command("run", file, "--out", tmp_path / "out", "--no-video", "--no-report")
+    assert status == 0
+    text = " ".join(out.split())
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert text.startswith(f"verdict {summary['verdict']['headline']} ")
+    assert summary["verdict"]["headline"].endswith("; with clogged nozzle at t = 0.5000 s")
+    assert summary["verdict"]["disturbances"] == ["clogged nozzle at t = 0.5000 s: 25 % of the flow for 0.2 s"]
+    assert summary["headline"] in text
+    assert summary["headline"].startswith("Clogged nozzle at t = 0.5000 s: 25 % of the flow for 0.2 s. Supervision: no")
+    assert summary["causes"] is None
+    assert "causes skipped: the job has faults on purpose" in text
+    run = Run.load(tmp_path / "out" / "run.npz")
+    sections = {section.title: section for section in run_sections(results_of(Job.load(file), run))}
+    assert sections["Verdict"].text == summary["verdict"]["headline"]
+    assert sections["Summary"].text == summary["headline"]
+    assert "Causes" not in sections
+    assert "What to change" not in sections
+    late = dataclasses.replace(run.injected[0], time=99.0)  # the run does not come to it
+    assert Verdict.of(Job.load(file), run.replaced(injected=(late,))).disturbances == ()
 
 
 def test_a_run_that_ends_before_the_glue_says_why(gantrysim_command, tmp_path):
