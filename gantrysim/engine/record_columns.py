@@ -15,6 +15,7 @@ from gantrysim.engine.injection import faulted_flow, stretches
 from gantrysim.faults import InjectedFault
 from gantrysim.machine.machine import Machine
 from gantrysim.native.row import Log
+from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 
 
@@ -187,3 +188,20 @@ def _needle(machine: Machine, dispenser: Dispenser) -> dict[str, float]:
     needle = dispenser.needle
     size = machine.needle if needle is None else (needle.face, needle.length)
     return {} if size is None else {"face": size[0], "needle_length": size[1]}
+
+
+def dispensed_otherwise(run: Run, dispenser: Dispenser) -> Run:
+    """Return the record of a complete run with another dispenser, which lays its glue along the same motion.
+
+    It equals that of a run with this dispenser, as no glue acts on the motion.
+
+    Args:
+        run: a record without faults, on purpose or not.
+        dispenser: with a start lead as long as that of the run, so that it holds the program back for as long, and the
+            same needle.
+    """
+    speed = np.empty(len(run.time))
+    _fill_speeds(speed, run.commanded_tip, run.period)
+    return run.replaced(
+        flow=dispenser.flows(run.dispense, speed, run.period), flow_demand=dispenser.flow_demand(run.dispense, speed)
+    )

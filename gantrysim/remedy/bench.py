@@ -1,15 +1,16 @@
-"""Simulates jobs, each once, several at a time."""
+"""Simulates jobs, each once, several at a time; those that differ in their glue alone share a run."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 from gantrysim.base.errors import whole
 from gantrysim.job.job import Job
-from gantrysim.remedy.outcome import Outcome, measured
+from gantrysim.remedy.outcome import Outcome, measured_together, motion_key
 
 Progress = Callable[[int, int, str], None]  # called with the runs done, those known by now, and what runs
 
@@ -56,23 +57,23 @@ class Bench:
         missing = {key: job for key, job in zip(keys, jobs, strict=True) if key not in self._outcomes}
         self.task.known = self.task.done + len(missing)
         self._tell()
-        shared = [job.sharing(self._base) for job in missing.values()]
-        if self._workers == 1 or len(missing) == 1:
-            for key, job in zip(missing, shared, strict=True):
-                self._keep(key, measured(job))
-        elif missing:
-            with ThreadPoolExecutor(self._workers) as pool:
-                try:
-                    for key, outcome in zip(missing, pool.map(measured, shared), strict=True):
-                        self._keep(key, outcome)
-                except BaseException:
-                    pool.shutdown(cancel_futures=True)
-                    raise
+        motions: dict[str, dict[str, Job]] = {}
+        for key, job in missing.items():
+            motions.setdefault(motion_key(job), {})[key] = job.sharing(self._base)
+        groups = [list(group.values()) for group in motions.values()]
+        with ExitStack() as stack:
+            results: Iterable[list[Outcome]] = map(measured_together, groups)
+            if self._workers > 1 and len(groups) > 1:
+                pool = stack.enter_context(ThreadPoolExecutor(self._workers))
+                stack.callback(pool.shutdown, cancel_futures=True)  # those that have not begun at an interrupt
+                results = pool.map(measured_together, groups)
+            for group, outcomes in zip(motions.values(), results, strict=True):
+                self._keep(dict(zip(group, outcomes, strict=True)))
         return [self._outcomes[key] for key in keys]
 
-    def _keep(self, key: str, outcome: Outcome) -> None:
-        self._outcomes[key] = outcome
-        self.task.done += 1
+    def _keep(self, outcomes: Mapping[str, Outcome]) -> None:
+        self._outcomes |= outcomes
+        self.task.done += len(outcomes)
         self._tell()
 
     def _tell(self) -> None:

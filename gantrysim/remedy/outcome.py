@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from gantrysim.base.errors import GantryError
 from gantrysim.bead import Bead
+from gantrysim.engine.record_columns import dispensed_otherwise
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
+from gantrysim.record.run import Run
 from gantrysim.remedy.score import burden_of
 from gantrysim.results.checks import FAIL, PASS
 from gantrysim.results.verdict import Verdict
@@ -60,27 +63,84 @@ class Outcome:
 
 def measured(job: Job) -> Outcome:
     """Simulate a job and return what its run shows; a job that is refused has an outcome too."""
-    try:
+    return measured_together([job])[0]
+
+
+def motion_key(job: Job) -> str:
+    """Return a text that is the same for jobs with the same motion, which differ in their glue alone.
+
+    A start lead may hold the program back, and the needle stands in the record.
+    """
+    if job.faults:
+        return job.toml()
+    content = job.model_dump(exclude={"bead", "tolerance"})
+    dispenser = content["dispenser"]
+    content["dispenser"] = {name: dispenser[name] for name in ("start_lead", "needle")}
+    return json.dumps(content, sort_keys=True, default=str)
+
+
+def measured_together(jobs: Sequence[Job]) -> list[Outcome]:
+    """Simulate jobs of the same motion, see `motion_key`, once for all; return what the run of each shows."""
+    outcomes: list[Outcome] = []
+    motion: Motion | None = None
+    for job in jobs:
+        try:
+            motion = Motion.of(job) if motion is None else motion
+            outcomes.append(motion.outcome(job))
+        except GantryError as error:
+            outcomes.append(Outcome(None, failure=str(error)))
+    return outcomes
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A run, and what of it does not depend on the glue.
+
+    Attributes:
+        job: that ran.
+        run: its record.
+        budget: of the record; None where the run ended in a fault.
+    """
+
+    job: Job
+    run: Run
+    budget: Budget | None
+
+    @classmethod
+    def of(cls, job: Job) -> Motion:
+        """Simulate a job.
+
+        Raises:
+            GantryError: the job is refused.
+        """
         run = job.run()
-        if run.fault is not None:
-            verdict = Verdict.of_fault(run)
-            return Outcome(verdict, float(run.time[-1]), verdict.fault)
-        analysis = Analysis(run)
-        budget = Budget(analysis)
-        bead = Bead(run, job.bead, analysis)
-        verdict = Verdict.of_results(job, budget, bead)
+        return cls(job, run, Budget(Analysis(run)) if run.fault is None else None)
+
+    def outcome(self, job: Job) -> Outcome:
+        """Return what the run of a job with this motion shows.
+
+        Raises:
+            GantryError: the job is refused.
+        """
+        if self.budget is None:
+            verdict = Verdict.of_fault(self.run)
+            return Outcome(verdict, float(self.run.time[-1]), verdict.fault)
+        run = self.run
+        if job is not self.job:
+            run = dispensed_otherwise(run, job.dispenser)
+            servo = {"built_servo": self.job.built_servo, "margins": self.job.margins}
+            job = job.sharing(self.job).model_copy(update=servo)
+        bead = Bead(run, job.bead, self.budget.analysis)
         is_laid = bead.nominal > 0 and bead.total_volume > 0
         return Outcome(
-            verdict,
+            Verdict.of_results(job, self.budget, bead),
             float(run.time[-1]),
-            links={name: part.rms for name, part in budget.values.parts.items()},
+            links={name: part.rms for name, part in self.budget.values.parts.items()},
             nominal=max(float(bead.nominal), 0.0),
             missing=float(bead.missing_at_starts.mean()) if is_laid else 0.0,
             excess=float(bead.excess_at_stops.mean()) if is_laid and bead.excess_at_stops.size else 0.0,
             dots=tuple(_dots(bead)),
         )
-    except GantryError as error:
-        return Outcome(None, failure=str(error))
 
 
 def _dots(bead: Bead) -> list[float]:
