@@ -98,7 +98,9 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
     def links(rows: NDArray[np.intp]) -> Spacing:
         place = s[rows]
         point, tangent, here = trace(place)
-        tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+        # a trace that touches the path's centre of curvature rests there: its link is nan, and is left out below
+        with np.errstate(invalid="ignore"):
+            tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
         normal = np.cross(here.up, tangent)
         guess = np.interp(heading[rows] + 2 * np.pi, heading, s)
         met_at = guess.copy()

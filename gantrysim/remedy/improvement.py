@@ -83,7 +83,7 @@ class Improvement(Shown):
             return f"{self.verdict.fault} The run ends in a fault: no lever is tried before that is repaired."
         if self.before.burden == 0 and not self.combination:
             return f"nothing to change: the verdict is {self.verdict.state}."
-        names = ", ".join(f"{trial.lever.name} {trial.setting}" for trial in self.combination)
+        names = names_of(self.combination)
         if self.after.burden == 0:
             return f"passes with {names}."
         begin = f"best with {names}" if names else "no lever helps"
@@ -215,4 +215,4 @@ def _record(trial: Trial, *, combined: bool) -> dict[str, Any]:
 
 def names_of(trials: Sequence[Trial]) -> str:
     """Return levers with their settings, in words."""
-    return ", ".join(f"{trial.lever.name} {trial.setting}" for trial in trials)
+    return ", ".join(f"{trial.lever.name} ({trial.setting})" if trial.setting else trial.lever.name for trial in trials)

@@ -28,7 +28,7 @@ class Setting:
     """A value of a lever.
 
     Attributes:
-        label: in a few words, unique within the lever.
+        label: in a few words, unique within the lever; empty where there is only one.
         changes: values of the job by their full dotted keys, as `Job.changed` takes them.
     """
 

@@ -1,49 +1,25 @@
-"""The search: every plausible lever alone, then the best combination.
-
-The combination grows greedily: all settings of all levers that are left are simulated on top of it, and the one with
-the least burden joins, as long as it lowers the burden by at least `SHARE`. Levers that only need another setting of
-the controller come first; those that cost cycle time or change the bead join where these do not suffice, and other
-hardware comes last. Then each lever of the combination is left out in turn, the costliest first, and stays out where
-the burden hardly grows without it. The search ends as soon as the verdict is a pass.
-"""
+"""The search: every plausible lever alone, and the best combination, see `gantrysim.remedy.combination`."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from gantrysim.base.errors import GantryError
 from gantrysim.job.causes import Causes, Effect
 from gantrysim.job.job import Job
 from gantrysim.remedy.bench import Bench
-from gantrysim.remedy.lever import Effort, Lever, Setting, State
+from gantrysim.remedy.combination import Combinations, Pick, best_combination, setting_of
+from gantrysim.remedy.lever import Lever, Setting, State
 from gantrysim.remedy.outcome import Outcome
-from gantrysim.remedy.score import row_burden, usage_of
+from gantrysim.remedy.score import row_burden
 from gantrysim.remedy.trial import Skipped, Trial, gains_of
 from gantrysim.results.verdict import PATH
 
-SHARE = 0.01  # of the burden, by which a lever of the combination lowers it
 _SAME_SECTION = 0.02  # relative
 _SAME_DOT = 10.0  # [%]
 WORTH = 0.05  # of the contour error, rms or largest: a cause that is worth less does not matter
-
-
-@dataclass(frozen=True)
-class Pick:
-    """A lever of a combination, with the label of its setting."""
-
-    lever: Lever
-    setting: str
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A job with one more lever set."""
-
-    lever: Lever
-    setting: Setting
-    job: Job
 
 
 class Search:
@@ -64,6 +40,7 @@ class Search:
         self._bench = bench
         self._rows = frozenset(rows)
         self._causes = causes
+        self._combinations = Combinations(self.start, self._measure_all, self._bad_rows)
 
     def plausible(self, levers: Sequence[Lever]) -> tuple[list[Lever], list[Skipped]]:
         """Return the levers to try, and those that cannot help: the rows they act on pass, or no cause is theirs."""
@@ -92,35 +69,19 @@ class Search:
 
     def combined(self, levers: Sequence[Lever]) -> list[Pick]:
         """Return the best combination, in the order in which its levers joined; empty where none helps."""
-        picks: list[Pick] = []
-        state = self.start
-        for effort in Effort:
-            self._bench.task.name = "combination"
-            while state.outcome.burden > 0:
-                best = self._best(state, [lever for lever in levers if lever.effort <= effort], picks)
-                if best is None:
-                    break
-                picks.append(Pick(best.lever, best.setting.label))
-                state = State(best.job, self._measure)
-        return self._without_spare(picks)
+        self._bench.task.name = "combination"
+        return best_combination(self._combinations, levers)
 
     def state_of(self, picks: Sequence[Pick]) -> State:
-        """Return the state after the levers of a combination are set, one after the other.
-
-        Raises:
-            GantryError: a setting that does not exist at its place in the combination, or that the job refuses.
-        """
-        state = self.start
-        for pick in picks:
-            state = State(state.job.changed(self._setting(state, pick).changes), self._measure)
-        return state
+        """Return the state after the levers of a combination are set, see `Combinations.state_of`."""
+        return self._combinations.state_of(picks)
 
     def trials_of(self, picks: Sequence[Pick]) -> list[Trial]:
         """Return the trial of each lever of a combination, on top of those before it."""
         trials = []
         for k, pick in enumerate(picks):
             state = self.state_of(picks[:k])
-            trials += self._trials(state, [(pick.lever, self._setting(state, pick))])
+            trials += self._trials(state, [(pick.lever, setting_of(state, pick))])
         return trials
 
     def _implausible(self, lever: Lever) -> str:
@@ -139,53 +100,6 @@ class Search:
             return set()
         return {row.name for row in outcome.verdict.rows if row.name in self._rows and row_burden(row) > 0}
 
-    def _best(self, state: State, levers: Sequence[Lever], picks: Sequence[Pick]) -> Candidate | None:
-        """Return the candidate with the least burden, the shortest of several, where that is low enough."""
-        bad = self._bad_rows(state.outcome)
-        used = {pick.lever.name for pick in picks}
-        candidates = []
-        for lever in levers:
-            if lever.name in used or not bad & set(lever.rows):
-                continue
-            settings = lever.settings(state)
-            for setting in [] if isinstance(settings, str) else settings:
-                try:
-                    candidates.append(Candidate(lever, setting, state.job.changed(setting.changes)))
-                except GantryError:  # the values do not fit those of other levers
-                    continue
-        if not candidates:
-            return None
-        outcomes = [self._admitted(outcome) for outcome in self._bench.measure_all([c.job for c in candidates])]
-        present = state.outcome.burden
-        least = min(outcome.burden for outcome in outcomes)
-        if least > (1 - SHARE) * present:
-            return None
-        # of those that are as good, the lever that takes least; of its settings the best
-        near = [k for k, outcome in enumerate(outcomes) if outcome.burden <= least + SHARE * present]
-        effort = min(candidates[k].lever.effort for k in near)
-        lever = next(candidates[k].lever for k in near if candidates[k].lever.effort == effort)
-        best = min((k for k in near if candidates[k].lever is lever), key=lambda k: (*_rank(outcomes[k]), k))
-        return candidates[best]
-
-    def _without_spare(self, picks: list[Pick]) -> list[Pick]:
-        """Return a combination without the levers that it can spare."""
-        for pick in sorted(picks, key=lambda pick: -pick.lever.effort):
-            fewer = [other for other in picks if other is not pick]
-            try:
-                burden = self.state_of(fewer).outcome.burden
-            except GantryError:
-                continue
-            if (1 - SHARE) * burden <= self.state_of(picks).outcome.burden:
-                picks = fewer
-        return picks
-
-    def _setting(self, state: State, pick: Pick) -> Setting:
-        settings = pick.lever.settings(state)
-        known = {} if isinstance(settings, str) else {setting.label: setting for setting in settings}
-        if pick.setting not in known:
-            raise _MissingSettingError(f"{pick.lever.name}: has no setting {pick.setting!r} here")
-        return known[pick.setting]
-
     def _trials(self, state: State, candidates: Sequence[tuple[Lever, Setting]]) -> list[Trial]:
         jobs: list[Job] = []
         refusals: dict[int, Outcome] = {}
@@ -194,7 +108,7 @@ class Search:
                 jobs.append(state.job.changed(setting.changes))
             except GantryError as error:
                 refusals[k] = Outcome(None, failure=str(error))
-        measured = iter([self._admitted(outcome) for outcome in self._bench.measure_all(jobs)])
+        measured = iter(self._measure_all(jobs))
         trials = []
         base = self.start.outcome
         assert base.verdict is not None
@@ -206,16 +120,14 @@ class Search:
         return trials
 
     def _measure(self, job: Job) -> Outcome:
-        outcome = self._bench.measure(job)
-        return outcome if job is self.start.job else self._admitted(outcome)
+        return self._bench.measure(job) if job is self.start.job else self._measure_all([job])[0]
+
+    def _measure_all(self, jobs: Sequence[Job]) -> list[Outcome]:
+        return [self._admitted(outcome) for outcome in self._bench.measure_all(jobs)]
 
     def _admitted(self, outcome: Outcome) -> Outcome:
         """Return the outcome, as a failure where it lays another part than the job: no row judges that."""
         return outcome if outcome.failure else replace(outcome, failure=another_part(self.start.outcome, outcome))
-
-
-class _MissingSettingError(GantryError):
-    """A combination names a setting that its lever does not have at that place."""
 
 
 def another_part(before: Outcome, after: Outcome) -> str:
@@ -232,13 +144,6 @@ def another_part(before: Outcome, after: Outcome) -> str:
     if abs(largest) <= _SAME_DOT:
         return ""
     return f"another volume of dots, {largest:+.1f} %"
-
-
-def _rank(outcome: Outcome) -> tuple[float, float, float]:
-    """Return what the better of two settings has less of: burden, time, and usage of its worst row."""
-    verdict = outcome.verdict
-    usages = [] if verdict is None else [usage for row in verdict.rows if not math.isnan(usage := usage_of(row))]
-    return outcome.burden, round(outcome.duration, 2), max(usages, default=0.0)
 
 
 def _share(effect: Effect) -> float:

@@ -1,74 +1,244 @@
-"""What to change in small jobs: each lever where it must help and where it must not, and the result as a whole."""
+"""What to change in small jobs: the promised verdict, lines that keep the promise, and jobs that need nothing."""
 
+import shlex
 import tomllib
 from functools import cache
 
+import pytest
+
 import gantrysim
-from gantrysim import Job, Verdict
-from gantrysim.remedy.improve import LEVERS, improve
-from gantrysim.remedy.lever import State
-from gantrysim.remedy.outcome import measured
-from gantrysim.remedy.score import usage_of
+from gantrysim import InputError, Job, Verdict
+from gantrysim.engine.record_columns import dispensed_otherwise
+from gantrysim.remedy.bench import Bench
+from gantrysim.remedy.combination import Pick
+from gantrysim.remedy.improve import improve, worst_rows
+from gantrysim.remedy.lever import Lever, Setting
+from gantrysim.remedy.outcome import measured, measured_together, motion_key
+from gantrysim.remedy.report import TITLE, change_section
+from gantrysim.remedy.search import Search, another_part
 
-# three sides of a rectangle: two corners, where the speed falls
-SIDES = """G21 G17 G90 G94 G64 P0.02
-G0 X0 Y0
-M62 P0
-G1 X40 F6000
-G1 X40 Y30
-G1 X0 Y30
-M63 P0
-M2
-"""
-LAG = {"dead_time": 0.005, "opening": 0.02, "closing": 0.02}
-BY_NAME = {lever.name: lever for lever in LEVERS}
+from support.remedies import CIRCLE, DOTS, SIDES, fixed_flow, lagging, lines_job, outcome, rubbing
 
-
-def job_of(text=SIDES, machine="xy", **tables):
-    content = {
-        "name": "sides",
-        "machine": machine,
-        "program": {
-            "controller": "linuxcnc.Program",
-            "text": text,
-            "dispense": {"by": "codes", "on": ["M62"], "off": ["M63"]},
-        },
-        "dispenser": {"flow": 200.0, **LAG},
-        "simulation": {"settle": 0.1},
-        **tables,
-    }
-    return Job.of_content(content, "job sides")
-
-
-@cache
-def lagging():
-    return job_of()
+GLUE_LEVERS = ("flow by speed", "lag compensation", "leads")
 
 
 @cache
 def improved():
-    return improve(lagging(), workers=1)
+    return improve(fixed_flow(), workers=1)
 
 
-def settings_of(name, job):
-    return BY_NAME[name].settings(State(job, measured))
+@cache
+def passing():
+    return lines_job(SIDES)
 
 
-def usages_with(name, job, row):
-    """The usage of a row of the job as it is, and with each setting of a lever."""
-    before = usage_of(measured(job).verdict[row])
-    settings = settings_of(name, job)
-    assert not isinstance(settings, str), settings
-    outcomes = [measured(job.changed(setting.changes)) for setting in settings]
-    return before, [usage_of(outcome.verdict[row]) for outcome in outcomes if not outcome.failure]
+def job_of_toml(text):
+    return Job.of_content(tomllib.loads(text), "job of a file")
 
 
 def test_improve_is_public():
     assert gantrysim.improve is improve
 
 
-def test_the_improved_job_has_the_verdict_that_is_promised():
+def test_the_result_keeps_its_promise():
     result = improved()
-    job = Job.of_content(tomllib.loads(result.job.toml()), "job improved")
+    assert result.verdict.state == "fail"
+    assert result.improved.state == "pass"
+    job = job_of_toml(result.job.toml())
     assert str(Verdict.of(job, job.run())) == str(result.improved)
-    assert result.after.burden < result.before.burden
+
+
+def test_the_lines_make_the_improved_job(tmp_path):
+    result = improved()
+    file = tmp_path / "small.toml"
+    file.write_text(result.base.toml())
+    words = shlex.split(result.lines["command line"])
+    assert words[::2] == ["--set"] * (len(words) // 2)
+    assert Job.load(file, words[1::2]).toml() == result.job.toml()
+    tables = tomllib.loads(result.lines["job file"])
+    values = {f"{table}.{key}": value for table, entries in tables.items() for key, value in entries.items()}
+    assert result.base.changed(values).toml() == result.job.toml()
+
+
+def test_the_combination_ends_with_the_verdict_of_the_result():
+    result = improved()
+    burdens = [trial.outcome.burden for trial in result.combination]
+    assert burdens == sorted(burdens, reverse=True)
+    assert result.combination[-1].outcome == result.after
+    assert all(trial.lever.name in result.sentence for trial in result.combination)
+
+
+def test_every_trial_is_that_of_its_job():
+    trial = max(improved().trials, key=lambda trial: trial.outcome.duration)
+    job = fixed_flow().changed(trial.changes)
+    assert trial.outcome == measured(job)
+    glue = next(gain for gain in trial.gains if gain.row == "glue")
+    assert glue.before == improved().verdict["glue"].checks[0].value
+    assert trial.time == pytest.approx(job.run().time[-1] - improved().before.duration)
+
+
+def test_the_result_does_not_depend_on_the_number_of_threads():
+    one = improve(fixed_flow(), levers=GLUE_LEVERS, workers=1)
+    several = improve(fixed_flow(), levers=GLUE_LEVERS, workers=3)
+    assert one.rows == several.rows
+    assert str(one) == str(several)
+
+
+def test_a_job_that_passes_needs_nothing():
+    result = improve(passing())
+    assert result.sentence == "nothing to change: the verdict is pass."
+    assert (result.trials, result.combination, result.lines) == ((), (), {})
+    assert result.job is passing()
+
+
+def test_a_run_that_ends_in_a_fault_has_no_levers_tried():
+    result = improve(lines_job(SIDES, servo={"following_error_limit": 1e-4}))
+    assert "following error" in result.sentence
+    assert "no lever is tried" in result.sentence
+    assert result.trials == ()
+    assert result.verdict.fault in str(result)
+
+
+def test_what_forbids_it_is_named():
+    """A path limit far below the encoder's count, and the levers of the glue alone."""
+    job = lines_job(CIRCLE, tolerance={"path_max": 1e-4})
+    result = improve(job, levers=["integral time"], fastest=False)
+    assert result.improved.state == "fail"
+    assert "nothing meets the tolerance: path remains" in result.sentence
+    assert "What forbids it is the servo link" in result.sentence
+
+
+def test_the_dispenser_is_named_where_it_forbids():
+    result = improve(lagging(), levers=["leads"])
+    assert "What forbids it is the dispenser, which lags by 5 ms dead time, 20 ms opening" in result.sentence
+
+
+def test_levers_of_rows_that_pass_are_not_tried():
+    names = {skipped.lever.name: skipped.reason for skipped in improved().skipped}
+    assert names["friction compensation"] == "path passes"
+    assert names["loop period"] == "the program commands its path without a loop"
+    assert {trial.lever.name for trial in improved().trials}.isdisjoint(names)
+
+
+def test_levers_against_causes_that_do_not_matter_are_not_tried():
+    result = improve(rubbing(), levers=["friction compensation", "encoder"])
+    assert [trial.lever.name for trial in result.trials] == ["friction compensation"]
+    assert [skipped.reason for skipped in result.skipped] == ["the error is not caused by counts"]
+    assert result.improved.state == "pass"
+
+
+def test_only_the_wanted_rows_are_improved():
+    assert worst_rows(outcome(fixed_flow())) == ["glue"]
+    assert improve(fixed_flow(), rows=["path"]).trials == ()
+
+
+def test_a_lever_that_can_be_spared_is_left_out():
+    """The first lever to join is made useless by the second."""
+
+    def lever(name, values):
+        return Lever(name, name, "none", ("glue",), lambda state: [Setting("", values)])
+
+    half = lever("half", {"dispenser.opening": 0.01, "dispenser.closing": 0.01, "dispenser.dead_time": 0.0})
+    whole = lever("whole", {"dispenser.opening": 0.0, "dispenser.closing": 0.0, "dispenser.dead_time": 0.0})
+    search = Search(lagging(), Bench(lagging(), 1), ("glue",))
+    assert [pick.lever.name for pick in search.combined([half, whole])] == ["whole"]
+    both = [Pick(half, ""), Pick(whole, "")]
+    assert search._combinations.without_spare(both) == [both[1]]
+
+
+def test_no_setting_may_change_the_part():
+    """Half the flow is half the section; 0.2 s of dwell lay twice the dot of 0.1 s, but for a tick of the move."""
+    before = outcome(lines_job(DOTS, dispenser={"flow": 40.0}))
+    assert another_part(before, before) == ""
+    assert "another bead" in another_part(before, outcome(lines_job(DOTS, dispenser={"flow": 20.0})))
+    longer = outcome(lines_job(DOTS.replace("P0.1", "P0.2"), dispenser={"flow": 40.0}))
+    assert another_part(before, longer) == "another volume of dots, +99.0 %"
+    assert another_part(before, outcome(lines_job(SIDES, dispenser={"flow": 40.0}))) == "0 dots instead of 1"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"dispenser.flow": 0.0, "dispenser.area": 2.0, "dispenser.advance": 0.02},
+        {"dispenser.stop_lead": 0.01, "dispenser.dead_time": 0.002},
+        {"bead.gap": 0.7},
+    ],
+)
+def test_glue_laid_along_a_record_is_that_of_a_run_of_its_own(changes):
+    job = fixed_flow()
+    other = job.changed(changes)
+    assert motion_key(other) == motion_key(job)
+    assert measured_together([job, other]) == [measured(job), measured(other)]
+    laid = dispensed_otherwise(job.run(), other.dispenser)
+    assert laid.flow.tolist() == other.run().flow.tolist()
+
+
+@pytest.mark.parametrize(
+    "changes", [{"dispenser.start_lead": 0.5}, {"servo.integral_time": 0.02}, {"program.acceleration": 2000.0}]
+)
+def test_other_motions_are_run(changes):
+    assert motion_key(fixed_flow().changed(changes)) != motion_key(fixed_flow())
+
+
+def test_the_fastest_program_is_as_good_and_the_next_is_not():
+    job = lines_job(CIRCLE, tolerance={"speed_reserve": 80.0}).changed({"program.acceleration": 2e4})
+    result = improve(job, levers=[])
+    fastest = result.fastest
+    assert fastest is not None
+    assert fastest.speed > fastest.programmed_speed == pytest.approx(100)
+    assert result.improved.state != "fail"
+    assert result.job.controller.programmed_speed == pytest.approx(fastest.speed)
+    assert fastest.speed < fastest.above <= 1.02 * fastest.speed + 0.1
+    assert improve(job, levers=[], fastest=False).fastest is None
+
+
+def test_progress_counts_the_runs():
+    told = []
+    improve(fixed_flow(), levers=["leads"], workers=1, progress=lambda *news: told.append(news))
+    assert told[0] == (0, 1, "the job")
+    assert all(done <= known for done, known, _ in told)
+    assert told[-1][0] == told[-1][1] >= 3
+
+
+def test_unknown_names_are_refused():
+    with pytest.raises(InputError, match=r"unknown lever 'leeds'.*leads"):
+        improve(passing(), levers=["leeds"])
+    with pytest.raises(InputError, match=r"unknown row of the verdict 'glu'.*glue"):
+        improve(passing(), rows=["glu"])
+    with pytest.raises(InputError, match="workers = 0"):
+        improve(passing(), workers=0)
+
+
+def test_a_refused_job_is_refused():
+    with pytest.raises(InputError, match="unstable"):
+        improve(lines_job(SIDES, servo={"kp": 100.0, "kd": 0.0}))
+
+
+def test_the_table_of_data_has_a_row_per_trial():
+    pytest.importorskip("pandas")
+    result = improved()
+    frame = result.to_frame()
+    assert len(frame) == len(result.trials) + len(result.combination)
+    last = frame.iloc[-1]
+    assert last["combined"]
+    assert last["glue_state"] == result.improved["glue"].state
+    assert last["glue_before"] == result.verdict["glue"].checks[0].value
+
+
+def test_the_section_of_a_report():
+    result = improved()
+    section = change_section(result)
+    assert section.title == TITLE == "What to change"
+    assert result.sentence in section.text
+    assert [list(row) for row in section.table.rows] == [list(row) for row in result.rows]
+    assert all(text.rstrip() in section.code for text in result.lines.values())
+    nothing = change_section(improve(passing()))
+    assert nothing.table is None
+    assert nothing.code is None
+
+
+def test_a_result_shows_itself_in_a_notebook():
+    html = improved()._repr_html_()
+    assert "What to change in small" in html
+    assert "flow by speed" in html
+    assert improved().improved.headline in html

@@ -22,7 +22,7 @@ def _with_law(addition: Law) -> Callable[[State], list[Setting] | str]:
             return "needs a base law whose answer it knows, not one of your own"
         if set(state.job.built_servo.modes) != {MODES[0]}:
             return "the drives close the loops themselves and take no torque"
-        return [Setting("added", {"servo.law": [*present, addition.name]})]
+        return [Setting("", {"servo.law": [*present, addition.name]})]
 
     return settings
 

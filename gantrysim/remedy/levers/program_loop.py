@@ -32,7 +32,9 @@ def _waits(state: State) -> list[Setting] | str:
         return _NO_LOOP
     if not theory.wait_resolution:
         return "the loop's waits are exact"
-    return [Setting(f"no {theory.wait}", {f"program.{key}": value for key, value in theory.exact_waits.items()})]
+    return [
+        Setting(f"instead of {theory.wait}", {f"program.{key}": value for key, value in theory.exact_waits.items()})
+    ]
 
 
 LOOP_PERIOD = Lever(

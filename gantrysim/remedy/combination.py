@@ -1,0 +1,184 @@
+"""The best combination of levers, found greedily.
+
+All settings of all levers that are left are simulated on top of the combination, and the one with the least burden
+joins, as long as it lowers the burden by at least `SHARE`. Of levers that are as good, the one that takes least joins.
+Where none helps any more, another setting of a lever that has joined is tried: the best loop period, for one, is
+another once its waits are exact.
+
+Levers that only need another setting of the controller come first; those that cost cycle time or change the bead join
+where these do not suffice, and other hardware comes last. Where not even that suffices, each lever of the combination
+is exchanged for any other. Then each lever is left out in turn, the costliest first, and stays out where the burden
+hardly grows without it. The search ends as soon as the verdict is a pass.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+from gantrysim.base.errors import GantryError
+from gantrysim.job.job import Job
+from gantrysim.remedy.lever import Effort, Lever, Setting, State
+from gantrysim.remedy.outcome import Outcome
+from gantrysim.remedy.score import usage_of
+
+SHARE = 0.01  # of the burden, by which a lever of the combination lowers it
+
+
+@dataclass(frozen=True)
+class Pick:
+    """A lever of a combination, with the label of its setting."""
+
+    lever: Lever
+    setting: str
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A combination and its job."""
+
+    picks: tuple[Pick, ...]
+    job: Job
+
+    @property
+    def added(self) -> Pick:
+        """The lever by which it differs from the present combination."""
+        return self.picks[-1]
+
+
+class MissingSettingError(GantryError):
+    """A combination names a setting that its lever does not have at that place."""
+
+
+def setting_of(state: State, pick: Pick) -> Setting:
+    """Return the setting of a lever of a combination, for a state.
+
+    Raises:
+        MissingSettingError: the lever has no setting of that label there.
+    """
+    settings = pick.lever.settings(state)
+    known = {} if isinstance(settings, str) else {setting.label: setting for setting in settings}
+    if pick.setting not in known:
+        raise MissingSettingError(f"{pick.lever.name}: has no setting {pick.setting!r} here")
+    return known[pick.setting]
+
+
+class Combinations:
+    """Combinations of levers for a job.
+
+    Args:
+        start: the state of the job as it is.
+        measure_all: returns what the runs of jobs show.
+        bad_rows: returns the names of the rows that are to pass and do not, from what a run shows.
+    """
+
+    def __init__(
+        self,
+        start: State,
+        measure_all: Callable[[Sequence[Job]], list[Outcome]],
+        bad_rows: Callable[[Outcome], set[str]],
+    ) -> None:
+        self._start = start
+        self._measure_all = measure_all
+        self._bad_rows = bad_rows
+
+    def state_of(self, picks: Sequence[Pick]) -> State:
+        """Return the state after the levers of a combination are set, one after the other.
+
+        Raises:
+            GantryError: a setting that does not exist at its place in the combination, or that the job refuses.
+        """
+        state = self._start
+        for pick in picks:
+            state = State(state.job.changed(setting_of(state, pick).changes), state.measure)
+        return state
+
+    def joined(self, picks: Sequence[Pick], levers: Iterable[Lever]) -> list[Pick] | None:
+        """Return the combination with the lever that helps most, None where none does."""
+        return self._best(picks, list(self._extended(picks, levers)))
+
+    def exchanged(self, picks: Sequence[Pick], levers: Sequence[Lever]) -> list[Pick] | None:
+        """Return the combination with one of its levers exchanged for one of these, None where that does not help."""
+        candidates: list[Candidate] = []
+        for k, pick in enumerate(picks):
+            others = [*picks[:k], *picks[k + 1 :]]
+            choice = [lever for lever in levers if lever is not pick.lever]
+            candidates += self._extended(others, choice)
+        return self._best(picks, candidates)
+
+    def retuned(self, picks: Sequence[Pick]) -> list[Pick] | None:
+        """Return the combination with another setting of one of its levers, None where that does not help."""
+        candidates: list[Candidate] = []
+        for k, pick in enumerate(picks):
+            candidates += self._extended([*picks[:k], *picks[k + 1 :]], [pick.lever])
+        return self._best(picks, candidates)
+
+    def without_spare(self, picks: Sequence[Pick]) -> list[Pick]:
+        """Return a combination without the levers that it can spare."""
+        needed = list(picks)
+        for pick in sorted(picks, key=lambda pick: -pick.lever.effort):
+            fewer = [other for other in needed if other is not pick]
+            try:
+                burden = self.state_of(fewer).outcome.burden
+            except GantryError:
+                continue
+            if (1 - SHARE) * burden <= self.state_of(needed).outcome.burden:
+                needed = fewer
+        return needed
+
+    def _extended(self, picks: Sequence[Pick], levers: Iterable[Lever]) -> Iterable[Candidate]:
+        """Yield a combination with each setting of each lever that is not in it, on top."""
+        try:
+            state = self.state_of(picks)
+        except GantryError:  # it holds a setting that needs the lever left out
+            return
+        bad = self._bad_rows(state.outcome)
+        used = {pick.lever.name for pick in picks}
+        for lever in levers:
+            if lever.name in used or not bad & set(lever.rows):
+                continue
+            settings = lever.settings(state)
+            for setting in () if isinstance(settings, str) else settings:
+                try:
+                    job = state.job.changed(setting.changes)
+                except GantryError:  # the values do not fit those of other levers
+                    continue
+                yield Candidate((*picks, Pick(lever, setting.label)), job)
+
+    def _best(self, picks: Sequence[Pick], candidates: Sequence[Candidate]) -> list[Pick] | None:
+        """Return the best candidate where it lowers the burden enough."""
+        if not candidates:
+            return None
+        outcomes = self._measure_all([candidate.job for candidate in candidates])
+        present = self.state_of(picks).outcome.burden
+        least = min(outcome.burden for outcome in outcomes)
+        if least > (1 - SHARE) * present:
+            return None
+        near = [k for k, outcome in enumerate(outcomes) if outcome.burden <= least + SHARE * present]
+        effort = min(candidates[k].added.lever.effort for k in near)
+        lever = next(candidates[k].added.lever for k in near if candidates[k].added.lever.effort == effort)
+        settings = [k for k in near if candidates[k].added.lever is lever]
+        best = min(settings, key=lambda k: (*_rank(outcomes[k]), k))
+        return list(candidates[best].picks)
+
+
+def best_combination(combinations: Combinations, levers: Sequence[Lever]) -> list[Pick]:
+    """Return the best combination of levers, in the order in which they joined; empty where none helps."""
+    picks: list[Pick] = []
+    for effort in Effort:
+        choice = [lever for lever in levers if lever.effort <= effort]
+        while combinations.state_of(picks).outcome.burden > 0:
+            better = combinations.joined(picks, choice) or combinations.retuned(picks)
+            if better is None and effort == max(Effort):
+                better = combinations.exchanged(picks, choice)
+            if better is None:
+                break
+            picks = better
+    return combinations.without_spare(picks)
+
+
+def _rank(outcome: Outcome) -> tuple[float, float, float]:
+    """Return what the better of two settings has less of: burden, time, and usage of its worst row."""
+    usages = [] if outcome.verdict is None else [usage_of(row) for row in outcome.verdict.rows]
+    return outcome.burden, round(outcome.duration, 2), max((u for u in usages if not math.isnan(u)), default=0.0)

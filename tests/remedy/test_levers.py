@@ -1,0 +1,201 @@
+"""Each lever with a job where it must help, and one where it must not apply, with its reason."""
+
+import pytest
+
+from gantrysim import Job
+from gantrysim.remedy.lever import State
+from gantrysim.remedy.levers import LEVERS
+from gantrysim.remedy.score import usage_of
+
+from support.remedies import (
+    AREA,
+    CIRCLE,
+    DOTS,
+    LAG,
+    SIDES,
+    content_of,
+    fixed_flow,
+    lagging,
+    lines_job,
+    outcome,
+    rubbing,
+    sliced_job,
+    spiral_job,
+)
+
+BY_NAME = {lever.name: lever for lever in LEVERS}
+LATE = {"area": 0.0, "flow": 200.0, "dead_time": 0.04}
+
+
+def coarse():
+    """Friction is compensated, and counts of 0.1 mm remain."""
+    return lines_job(CIRCLE, servo={"resolution": 0.1, "law": ["pid", "friction"]})
+
+
+def crooked():
+    return lines_job(CIRCLE, geometry={"accuracy": "C7"})
+
+
+def ideal_valve():
+    return lines_job(SIDES)
+
+
+def dry():
+    return lines_job(SIDES, dispenser={})
+
+
+def late():
+    return lines_job(SIDES, dispenser=LATE)
+
+
+def by_hand():
+    """Gains of the loop's own."""
+    return lines_job(CIRCLE, servo={"kp": 1.0, "kd": 0.02})
+
+
+def compensated():
+    return lines_job(CIRCLE, servo={"law": ["pid", "friction", "observer", "learning"]})
+
+
+def in_text():
+    program = {"controller": "trio.Basic", "text": "BASE(0,1)\nSPEED=50\nMOVE(20,0)\nWAIT IDLE\nSTOP"}
+    return Job.of_content(content_of(program), "job small")
+
+
+def exact_spiral():
+    return spiral_job(wait_resolution=0.0)
+
+
+def finest():
+    return lines_job(CIRCLE, geometry={"accuracy": "C0"})
+
+
+# lever: job, row of the verdict, label of the setting, largest share of the usage that remains
+HELPS = {
+    "flow by speed": (fixed_flow, "glue", "area 2 mm²", 0.5),
+    "lag compensation": (lagging, "glue", "20 ms", 0.5),
+    "friction compensation": (rubbing, "path", "", 0.2),
+    "disturbance observer": (rubbing, "path", "", 0.7),
+    "learning": (rubbing, "path", "", 0.1),
+    "integral time": (rubbing, "path", "9 ms", 0.7),
+    "loop gains": (rubbing, "path", "× 1.2", 0.8),
+    "acceleration": (fixed_flow, "glue", "× 4", 0.6),
+    "loop period": (exact_spiral, "path", "20 ms", 0.5),
+    "faster": (sliced_job, "glue", "× 1.41", 0.9),
+    "exact waits": (lambda: spiral_job(loop_period=0.01), "path", "instead of WA", 0.6),
+    "corner rounding": (sliced_job, "path", "× 0.5", 0.6),
+    "needle height": (sliced_job, "glue", "× 0.8", 0.97),
+    "slower": (rubbing, "path", "× 0.5", 0.8),
+    "faster valve": (lagging, "glue", "× 0.25", 0.7),
+    "servo period": (rubbing, "path", "0.25 ms", 0.3),
+    "encoder": (coarse, "path", "counts / 16", 0.5),
+    "accuracy class": (crooked, "path", "C3", 0.8),
+}
+
+# lever: job to which it does not apply, and why
+DOES_NOT_APPLY = {
+    "flow by speed": (lagging, "proportional to the path speed"),
+    "lag compensation": (ideal_valve, "no lag"),
+    "leads": (dry, "lays no bead"),
+    "friction compensation": (compensated, "in the law already"),
+    "disturbance observer": (compensated, "in the law already"),
+    "learning": (compensated, "in the law already"),
+    "integral time": (by_hand, "given in the job"),
+    "loop gains": (by_hand, "given in the job"),
+    "acceleration": (in_text, "text sets the accelerations"),
+    "loop period": (rubbing, "without a loop"),
+    "exact waits": (exact_spiral, "exact"),
+    "corner rounding": (rubbing, "no key of the controller"),
+    "needle height": (dry, "lays no bead"),
+    "faster valve": (ideal_valve, "at once"),
+    "encoder": (lambda: lines_job(CIRCLE, servo={"resolution": 0.0}), "exact"),
+    "accuracy class": (finest, "C0 is the finest"),
+}
+
+# levers that always apply: job and row that they do not improve by a hundredth, and the setting
+DOES_NOT_HELP = {
+    "faster": (rubbing, "path", "× 1.41"),
+    "slower": (lambda: lines_job(SIDES), "stability", "× 0.5"),
+    "servo period": (fixed_flow, "glue", "0.5 ms"),
+}
+
+
+def settings_of(name, job):
+    return BY_NAME[name].settings(State(job, outcome))
+
+
+def changed(name, job, label):
+    settings = settings_of(name, job)
+    assert not isinstance(settings, str), settings
+    (setting,) = [setting for setting in settings if setting.label == label]
+    return job.changed(setting.changes)
+
+
+def usage(job, row):
+    shown = outcome(job)
+    assert not shown.failure, shown.failure
+    return usage_of(shown.verdict[row])
+
+
+def test_every_lever_is_in_the_tables():
+    names = [lever.name for lever in LEVERS]
+    assert len(set(names)) == len(names)
+    assert {*HELPS, "leads"} == set(names) == {*DOES_NOT_APPLY, *DOES_NOT_HELP}
+
+
+@pytest.mark.parametrize("name", HELPS)
+def test_a_lever_helps_where_it_must(name):
+    build, row, label, share = HELPS[name]
+    job = build()
+    assert usage(changed(name, job, label), row) < share * usage(job, row)
+
+
+@pytest.mark.parametrize("name", DOES_NOT_APPLY)
+def test_a_lever_says_why_it_does_not_apply(name):
+    build, reason = DOES_NOT_APPLY[name]
+    assert reason in settings_of(name, build())
+
+
+@pytest.mark.parametrize("name", DOES_NOT_HELP)
+def test_a_lever_does_not_help_where_it_cannot(name):
+    build, row, label = DOES_NOT_HELP[name]
+    job = build()
+    assert usage(changed(name, job, label), row) > 0.99 * usage(job, row)
+
+
+@pytest.mark.parametrize("label", ["of the dead time", "of the measured ends"])
+def test_leads_shorten_the_starts_and_stops_of_a_late_valve(label):
+    def ends(job):
+        checks = outcome(job).verdict["glue"].checks
+        return max(check.usage for check in checks if check.name in ("start_length", "stop_length"))
+
+    assert ends(late()) > 1
+    assert ends(changed("leads", late(), label)) < 0.05
+
+
+def test_the_measured_leads_are_the_dead_time_of_a_valve_without_lag():
+    """At a speed of 100 mm/s the glue of 40 ms is missing, and in excess."""
+    settings = {setting.label: setting.changes for setting in settings_of("leads", late())}
+    for name in ("dispenser.start_lead", "dispenser.stop_lead"):
+        assert settings["of the measured ends"][name] == pytest.approx(0.04, abs=1e-3)
+
+
+def test_dots_keep_their_flow():
+    job = lines_job(DOTS, dispenser={"flow": 40.0})
+    assert "dots" in settings_of("flow by speed", job)
+    (dot,) = outcome(job).dots
+    assert dot == pytest.approx(0.1 * 40.0, rel=0.02)
+
+
+def test_the_speed_keeps_the_section_of_a_fixed_flow():
+    job = changed("slower", fixed_flow(), "× 0.5")
+    assert job.controller.programmed_speed == pytest.approx(50)
+    assert job.dispenser.flow == pytest.approx(100)
+    assert outcome(job).nominal == pytest.approx(AREA, rel=1e-6)
+
+
+def test_a_faster_valve_keeps_what_is_fitted_to_it():
+    job = lines_job(SIDES, dispenser={"area": AREA, **LAG, "advance": 0.025, "stop_lead": 0.004})
+    dispenser = changed("faster valve", job, "× 0.5").dispenser
+    assert (dispenser.dead_time, dispenser.opening, dispenser.advance) == (0.0025, 0.01, 0.0125)
+    assert dispenser.stop_lead == 0.002
