@@ -119,6 +119,6 @@ def _searched(search: Search, levers: Sequence[Lever], before: Outcome) -> Impro
 def _with_fastest(improvement: Improvement, bench: Bench) -> Improvement:
     """Return the result with the fastest program that is as good, where it is faster."""
     fastest = fastest_program(improvement.job, bench)
-    if fastest is None or fastest.speed <= fastest.programmed_speed:
+    if fastest is None:
         return improvement
     return replace(improvement, after=fastest.outcome, job=fastest.job, fastest=fastest)

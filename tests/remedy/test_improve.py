@@ -17,7 +17,7 @@ from gantrysim.remedy.outcome import measured, measured_together, motion_key
 from gantrysim.remedy.report import TITLE, change_section
 from gantrysim.remedy.search import Search, another_part
 
-from support.remedies import CIRCLE, DOTS, SIDES, fixed_flow, lagging, lines_job, outcome, rubbing
+from support.remedies import CIRCLE, DOTS, LINE, SIDES, fixed_flow, lagging, lines_job, outcome, rubbing
 
 GLUE_LEVERS = ("flow by speed", "lag compensation", "leads")
 
@@ -181,7 +181,10 @@ def test_other_motions_are_run(changes):
 
 
 def test_the_fastest_program_is_as_good_and_the_next_is_not():
-    job = lines_job(CIRCLE, tolerance={"speed_reserve": 80.0}).changed({"program.acceleration": 2e4})
+    """A fifth of the axis' speed of 1000 mm/s is admitted, and the line runs at half of that."""
+    job = lines_job(LINE, tolerance={"speed_reserve": 80.0}).changed(
+        {"program.acceleration": 4e3, "program.rapid": 6e4}
+    )
     result = improve(job, levers=[])
     fastest = result.fastest
     assert fastest is not None
@@ -190,6 +193,8 @@ def test_the_fastest_program_is_as_good_and_the_next_is_not():
     assert result.job.controller.programmed_speed == pytest.approx(fastest.speed)
     assert fastest.speed < fastest.above <= 1.02 * fastest.speed + 0.1
     assert improve(job, levers=[], fastest=False).fastest is None
+    limited = job.changed({"program.rapid": 6e3})  # mm/min: the controller runs no faster than its rapid moves
+    assert improve(limited, levers=[]).fastest is None
 
 
 def test_progress_counts_the_runs():
