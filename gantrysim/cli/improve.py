@@ -156,7 +156,12 @@ def levers_table(improvement: Improvement) -> Table:
     from gantrysim.remedy.improvement import USAGE_NOTE
 
     table = Table(
-        title="levers, each simulated alone", title_justify="left", caption=USAGE_NOTE, caption_justify="left", box=None
+        title="levers, each simulated alone",
+        title_justify="left",
+        caption=USAGE_NOTE,
+        caption_justify="left",
+        box=None,
+        padding=(0, 1, 0, 0),
     )
     texts = ("lever", "setting", "cost")
     for head in improvement.heads:

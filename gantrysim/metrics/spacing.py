@@ -98,9 +98,7 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
     def links(rows: NDArray[np.intp]) -> Spacing:
         place = s[rows]
         point, tangent, here = trace(place)
-        # a trace that touches the path's centre of curvature rests there: its link is nan, and is left out below
-        with np.errstate(invalid="ignore"):
-            tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+        tangent = _directions(tangent)
         normal = np.cross(here.up, tangent)
         guess = np.interp(heading[rows] + 2 * np.pi, heading, s)
         met_at = guess.copy()
@@ -126,6 +124,15 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
     # a closed loop meets its own start, which is no turn beside it
     overlaps = spacing.turn.size and 2 * np.pi * np.ptp(spacing.turn) >= _LEAST_OVERLAP
     return spacing if overlaps else _none()
+
+
+def _directions(tangents: Floats) -> Floats:
+    """Return vectors of length 1, (m, 3); nan for one of length 0, whose link is then left out.
+
+    A trace that touches the path's centre of curvature has no direction there.
+    """
+    with np.errstate(invalid="ignore"):
+        return tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
 
 
 def _none() -> Spacing:

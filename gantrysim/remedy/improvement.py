@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from gantrysim.base.display import Shown, table_html
 from gantrysim.base.errors import InputError
+from gantrysim.base.quantity import NOTHING
 from gantrysim.job.job import Job
 from gantrysim.remedy.bound import bound_of
 from gantrysim.remedy.fastest import FastestProgram
@@ -28,7 +29,6 @@ USAGE_NOTE = (
     "worst value of each row in % of its limit: above 80 % a warning, above 100 % a failure; = and + mark the best "
     "combination, each lever with those before it"
 )
-_NOTHING = "–"
 
 
 @dataclass(frozen=True, repr=False)
@@ -133,7 +133,7 @@ class Improvement(Shown):
     def _cells(self, trial: Trial, name: str) -> tuple[str, ...]:
         usages = _usages(trial.outcome.verdict, len(self.verdict.rows))
         if trial.failure:
-            return (name, trial.setting, *usages, _NOTHING, trial.failure)
+            return (name, trial.setting, *usages, NOTHING, trial.failure)
         return (name, trial.setting, *usages, f"{trial.outcome.duration:.2f}", trial.lever.cost)
 
     @property
@@ -187,18 +187,18 @@ class Improvement(Shown):
 def _usages(verdict: Verdict | None, rows: int = 0) -> list[str]:
     """Return the share of the limits that the worst check of each row uses, as text."""
     if verdict is None or verdict.fault:
-        return [_NOTHING] * (rows or len(verdict.rows if verdict is not None else ()))
+        return [NOTHING] * (rows or len(verdict.rows if verdict is not None else ()))
     return [_usage(usage_of(row)) for row in verdict.rows]
 
 
 def _usage(usage: float) -> str:
     if math.isnan(usage):
-        return _NOTHING
+        return NOTHING
     return "∞" if math.isinf(usage) else f"{100 * usage:.0f} %"
 
 
 def _value(value: float, form: str) -> str:
-    return _NOTHING if math.isnan(value) else format(value, f"z{form}")
+    return NOTHING if math.isnan(value) else format(value, f"z{form}")
 
 
 def _record(trial: Trial, *, combined: bool) -> dict[str, Any]:
