@@ -2,6 +2,7 @@
 
 from gantrysim.bead.bead import Bead
 from gantrysim.bead.height_map import HeightMap
+from gantrysim.bead.ploughing import Ploughing
 from gantrysim.bead.section import Section
 from gantrysim.bead.settings import BeadSettings
 from gantrysim.bead.values import BeadValues

@@ -114,6 +114,11 @@ class ToleranceSettings(BaseModel):
         description="deviation of the gap or overlap of neighbouring turns from the requested one, by default what "
         "`bead_width` and `path_max` admit together [mm]",
     )
+    bead_ploughed: float | None = Field(
+        default=None,
+        ge=0,
+        description="length of bead that the needle passes through after it has laid it, by default none [mm]",
+    )
     start_length: float | None = Field(
         default=None,
         gt=0,

@@ -1,4 +1,4 @@
-"""The verdict on the bead: width, blobs and gaps, starts and stops, and the clearance of neighbouring turns."""
+"""The verdict on the bead: width, blobs, gaps, starts, stops, clearance of turns, and the needle in earlier glue."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, spans
-from gantrysim.bead import Bead
+from gantrysim.bead import Bead, Ploughing
 from gantrysim.results.checks import FAIL, UNJUDGED, WARN, Check, Place
 from gantrysim.results.row import Row
 from gantrysim.results.tolerance import Tolerance
@@ -36,7 +36,10 @@ def glue_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Row:
     if width.judged.any():
         checks.append(width.check(place_at))
     checks += _clearance_checks(bead, tolerance, place_at)
-    return Row.of(GLUE, checks, width.remark, width.content())
+    ploughing = Ploughing.of(bead, tolerance.start_length, tolerance.stop_length)
+    checks.append(_ploughing_check(ploughing, tolerance, place_at))
+    remarks = [width.remark, *_ploughing_remarks(ploughing, bead)]
+    return Row.of(GLUE, checks, "; ".join(remarks), {**width.content(), "passes_through_glue": ploughing.passes})
 
 
 class BeadWidth:
@@ -181,6 +184,39 @@ def _clearance_checks(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> It
         form=".3f",
         place=place_at(int(analysis.ticks[np.abs(s - spacing.s[link]).argmin()])),
     )
+
+
+def _ploughing_check(ploughing: Ploughing, tolerance: Tolerance, place_at: PlaceAt) -> Check:
+    """Return the check of the bead that the needle passes through after it has laid it."""
+    return Check(
+        name="bead_ploughed",
+        quantity="bead ploughed by the needle",
+        value=ploughing.length,
+        limit=tolerance.bead_ploughed,
+        unit="mm",
+        source=tolerance.source("bead_ploughed"),
+        place=Place() if ploughing.tick is None else place_at(ploughing.tick),
+    )
+
+
+def _ploughing_remarks(ploughing: Ploughing, bead: Bead) -> Iterator[str]:
+    """Yield a sentence on the passes through glue and what prevents them; none where there are none."""
+    if ploughing.tick is None:
+        return
+    passes = f"{ploughing.passes} pass{'' if ploughing.passes == 1 else 'es'}"
+    depth = f"up to {ploughing.depth:.2f} mm below its top" if ploughing.depth >= 0.005 else "touching its top"
+    yield f"needle through its own bead: {passes}, {depth}; {_remedy(ploughing.tick, bead)}"
+
+
+def _remedy(tick: int, bead: Bead) -> str:
+    """Return what prevents a pass through glue, in words."""
+    run = bead.run
+    if run.dispense[tick - 1]:
+        return "the path crosses its own bead while it dispenses"
+    height = run.nozzle[:, 2] - bead.surface()
+    if float(height.max()) > float(bead.nominal_section.height[0]) + bead.gap:
+        return "lift the needle before this dry move"
+    return "it never lifts: lift it before dry moves, on a machine with a z axis, or lead them around the bead"
 
 
 def _counted(number: int, noun: str) -> str:

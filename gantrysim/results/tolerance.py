@@ -17,6 +17,7 @@ _PATH_SHARE = 0.1  # largest contour error, of the needle's outer diameter
 _COUNTS = 2.0  # least default of it, in encoder counts: a servo holds its position within a count to either side
 _P95_SHARE = 0.5  # of the largest contour error
 _BEAD_WIDTH = 10.0  # [%]
+_BEAD_PLOUGHED = 0.0  # [mm]
 _GAIN_MARGIN = 1.5
 _RESERVE = 10.0  # [%], of torque and speed
 
@@ -32,6 +33,7 @@ class Tolerance:
         bead_width is 10 %;
         turn_clearance is what bead_width and path_max admit together: both turns as wide as admitted, and each
             displaced by path_max, bead_width * width + 2 path_max;
+        bead_ploughed is 0: a needle in glue that it has laid smears it and carries some away;
         start_length and stop_length are the nominal width of the bead, whose round ends are half as long;
         gain_margin is 1.5; a peak M of |S| guarantees a gain margin of M / (M - 1), so
         sensitivity is gain_margin / (gain_margin - 1), 3;
@@ -42,6 +44,7 @@ class Tolerance:
         path_p95: 95th percentile of the contour error [mm].
         bead_width: deviation of the bead's width from the nominal one, to either side [%].
         turn_clearance: deviation of the distance between neighbouring turns' edges from the requested one [mm].
+        bead_ploughed: length of bead that the needle passes through after it has laid it, see `bead.ploughing` [mm].
         start_length: length of a start, where any width is admitted, and bound of the glue missing there as length of
             nominal bead [mm]; nan where no bead is requested.
         stop_length: the same of a stop, with the glue in excess [mm].
@@ -56,6 +59,7 @@ class Tolerance:
     path_p95: float
     bead_width: float = _BEAD_WIDTH
     turn_clearance: float
+    bead_ploughed: float = _BEAD_PLOUGHED
     start_length: float
     stop_length: float
     gain_margin: float = _GAIN_MARGIN
@@ -97,6 +101,7 @@ class Tolerance:
             path_p95=given.get("path_p95", _P95_SHARE * path_max),
             bead_width=bead_width,
             turn_clearance=given.get("turn_clearance", bead_width / 100 * width + 2 * path_max),
+            bead_ploughed=given.get("bead_ploughed", _BEAD_PLOUGHED),
             start_length=given.get("start_length", width),
             stop_length=given.get("stop_length", width),
             gain_margin=gain_margin,

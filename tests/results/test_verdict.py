@@ -300,3 +300,22 @@ def test_built_in_jobs_have_a_verdict_with_the_numbers_of_budget_and_bead(name):
     least = min(min(axis.gain, axis.together) for axis in margins)
     assert only(verdict["stability"].checks, "gain_margin").value == least
     assert only(verdict["stability"].checks, "sensitivity").value == max(axis.sensitivity for axis in margins)
+
+
+def test_a_needle_that_goes_home_through_its_bead_fails_with_the_line_of_that_move():
+    job = Job.load("trio-basic")
+    row = Verdict.of(job, job_run("trio-basic"))["glue"]
+    check = only(row.checks, "bead_ploughed")
+    assert (check.state, check.limit) == ("fail", 0.0)
+    assert job.program["text"].splitlines()[check.place.line - 1].startswith("MOVEABS(0,0)")
+    assert "1 pass, up to 0.42 mm below its top; it never lifts" in row.remark
+    assert row.content()["passes_through_glue"] == 1
+    admitted = job.changed({"tolerance.bead_ploughed": 5.0})
+    assert only(Verdict.of(admitted, job_run("trio-basic"))["glue"].checks, "bead_ploughed").state == "pass"
+
+
+def test_a_job_that_lifts_its_needle_ploughs_nothing():
+    row = Verdict.of(Job.load("svg-gasket"), job_run("svg-gasket"))["glue"]
+    check = only(row.checks, "bead_ploughed")
+    assert (check.value, check.state) == (0.0, "pass")
+    assert "needle" not in row.remark

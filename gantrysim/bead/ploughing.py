@@ -1,0 +1,145 @@
+"""The needle's passes through glue that it has laid before.
+
+The needle is a vertical cylinder; its lower face is a disc of the needle's outer diameter f at the nozzle's height z in
+the work frame. At a station of the trace the bead fills its cross-section, square to the trace, from the surface to its
+top. The needle passes through it where the face is no higher than the top and its disc meets the chord that the section
+has at the height of the face,
+
+    a^2 + max(|u| - w(z), 0)^2 < (f / 2)^2,
+
+with a and u the distances of the needle's axis from the section, along the trace and across it, and w half the chord.
+A face within a hundredth of the nozzle's gap over the top touches the glue, which wets it.
+
+Three kinds of contact belong to laying a bead and do not count:
+
+- Glue being laid: the last two widths of bead, and a diameter of the needle, behind it on its trace. An acute corner of
+  30 deg or more lies within.
+- Neighbouring turns, which the face may brush while it dispenses: there the needle passes through a bead only where its
+  axis does. How close turns lie is judged by their clearance.
+- An outline that closes: the needle in the last `stop` of a stretch of dispensing, and on the way off it, passes over
+  the first `start` of the same stretch. A longer overlap counts.
+
+The round ends of a bead and the hollow between shoulders are left out: a section there is as long as at its station.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base.arrays import Floats, spans
+from gantrysim.bead.ends import upright
+from gantrysim.bead.needle_contacts import Needle, Sections, cells_of, contacts
+from gantrysim.bead.trace import BeadTrace
+
+_TOUCHING = 0.01  # height over a bead's top at which glue still wets the face, of the nozzle's gap
+_BEHIND = 2.0  # bead that counts as being laid, of its nominal width
+
+
+@dataclass(frozen=True)
+class Ploughing:
+    """Passes of the needle through glue that it has laid before.
+
+    Attributes:
+        length: bead that the needle has passed through, each piece counted once [mm].
+        passes: number of passes; two with less than a needle's diameter of motion in between are one.
+        depth: greatest depth of the face below a bead's top; 0 where it only touches [mm].
+        tick: where the face is deepest in the longest pass; None without any.
+    """
+
+    length: float = 0.0
+    passes: int = 0
+    depth: float = 0.0
+    tick: int | None = None
+
+    @classmethod
+    def of(cls, bead: BeadTrace, start: float, stop: float) -> Ploughing:
+        """Return the passes through a bead.
+
+        Args:
+            bead: with a nominal section.
+            start: begin of a stretch that its own end may run onto [mm].
+            stop: end of a stretch that may do so [mm].
+        """
+        wet = _wet(bead)
+        if not wet.any():
+            return cls()
+        sections = _sections(bead, wet)
+        behind = _BEHIND * float(bead.nominal_section.width[0]) + bead.run.face
+        run = bead.run
+        needle = Needle(
+            nozzle=np.ascontiguousarray(run.nozzle),
+            length=bead.length,
+            dispense=np.ascontiguousarray(run.dispense),
+            radius=0.5 * run.face,
+            behind=behind,
+            touching=_TOUCHING * bead.gap,
+        )
+        depth, touched = contacts(needle, sections, cells_of(sections, needle), _closings(bead, start, stop, behind))
+        passes = _joined(spans(depth > -np.inf), bead.length, run.face)
+        if not len(passes):
+            return cls()
+        lengths = [bead.length[after - 1] - bead.length[max(first - 1, 0)] for first, after in passes]
+        first, after = passes[int(np.argmax(lengths))]
+        return cls(
+            length=float(np.count_nonzero(touched)) * bead.ds,
+            passes=len(passes),
+            depth=max(float(depth.max()), 0.0),
+            tick=first + int(depth[first:after].argmax()),
+        )
+
+
+def _wet(bead: BeadTrace) -> NDArray[np.bool_]:
+    """Whether there is glue at the stations, (r,)."""
+    wet = np.zeros(bead.place.size, bool)
+    for first, after in bead.wet_stretches.tolist():
+        wet[first:after] = True
+    return wet
+
+
+def _sections(bead: BeadTrace, wet: NDArray[np.bool_]) -> Sections:
+    section = bead.section
+    steep = upright(bead) / bead.nozzle_height
+    surface = bead.along(bead.surface())
+    angle = math.radians(bead.settings.contact_angle)
+    return Sections(
+        place=bead.place[wet],
+        x=bead.point[wet, 0],
+        y=bead.point[wet, 1],
+        cosine=np.cos(bead.heading[wet]),
+        sine=np.sin(bead.heading[wet]),
+        surface=surface[wet],
+        top=(surface + section.height * steep)[wet],
+        steep=steep[wet],
+        radius=section.radius[wet],
+        drop=section.radius[wet] * math.cos(angle),
+        flat=0.5 * section.flat[wet],
+        half=0.5 * section.width[wet],
+        thickness=0.5 * max(bead.ds - 0.5 * bead.run.face, 0.0),
+    )
+
+
+def _closings(bead: BeadTrace, start: float, stop: float, behind: float) -> Floats:
+    """Return where every stretch of dispensing may run onto its own begin, (k, 5).
+
+    The columns are its first tick, and the bounds of the places of its begin and of the needle [mm].
+    """
+    last = bead.length.size - 1
+    first = bead.stretches[:, 0]
+    begin = bead.length[first]
+    end = bead.length[np.minimum(bead.stretches[:, 1], last)]
+    return np.stack([first, begin - start, begin + start, end - stop, end + stop + behind], axis=1)
+
+
+def _joined(passes: NDArray[np.intp], length: Floats, least: float) -> list[tuple[int, int]]:
+    """Return passes, first tick and the one after the last, joined where less than `least` of motion parts them."""
+    joined: list[tuple[int, int]] = []
+    for first, after in passes.tolist():
+        if joined and length[first] - length[joined[-1][1] - 1] < least:
+            joined[-1] = (joined[-1][0], after)
+        else:
+            joined.append((first, after))
+    return joined

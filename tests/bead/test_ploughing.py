@@ -1,0 +1,165 @@
+"""The needle's passes through its own bead, against areas that discs and rectangles sweep, by hand."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from gantrysim import Dispenser, Machine
+from gantrysim.bead import Bead, BeadSettings, Ploughing
+from gantrysim.engine.simulate import perfect_follower
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.pieces import Line
+from gantrysim.record.setpoints import Setpoints
+
+from support.beads import AREA, GAP, PERIOD, SPEED
+
+XYZ = Machine("xyz")
+AXES = ("x", "y", "z")
+FACE = 0.82  # outer diameter of the needle [mm]
+END = 4.0  # start and end of a stretch that may overlap [mm]
+SESSILE = BeadSettings(contact_angle=90.0, squashed=False)  # a half circle
+RADIUS = math.sqrt(2 * AREA / math.pi)  # of that half circle, whose top lies so high above the surface [mm]
+STATION = 0.25  # [mm]
+UP = 4.0  # of a lifted needle [mm]
+
+
+def bead_of(*moves, turn=0.0, period=PERIOD, settings=SESSILE):
+    """The bead of a perfect follower along moves: end point (x, y, z), and whether glue flows on the way there."""
+    c = math.cos(turn)
+    s = math.sin(turn)
+    points = [(c * x - s * y, s * x + c * y, z) for (x, y, z), _ in moves]
+    pieces = [Line(begin, end) for begin, end in pairwise(points)]
+    lengths = np.cumsum([math.dist(begin, end) for begin, end in pairwise(points)])
+    setpoints = Setpoints.along(Chain(pieces), SPEED, period, axes=AXES)
+    piece = np.minimum(np.searchsorted(lengths, SPEED * setpoints.time, side="right"), len(pieces) - 1)
+    on = np.array([wet for _, wet in moves[1:]])[piece]
+    # the requested path is the wet one, whose surface the dry moves do not change
+    wet = Chain([part for part, (_, flows) in zip(pieces, moves[1:], strict=True) if flows])
+    setpoints = replace(setpoints, dispense=on, requested=wet)
+    run = perfect_follower(XYZ, setpoints, dispenser=Dispenser(flow=AREA * SPEED))
+    return Bead(replace(run, face=FACE, gap=GAP), settings)
+
+
+def crossed(z, angle=90.0, **options):
+    """A bead along x, from -40 to 40, that a dry move at a height crosses at an angle in the origin."""
+    x = 10 * math.cos(math.radians(angle))
+    y = 10 * math.sin(math.radians(angle))
+    return bead_of(
+        ((-40, 0, 0), False),
+        ((40, 0, 0), True),
+        ((40, 0, UP), False),
+        ((-x, -y, UP), False),
+        ((-x, -y, z), False),
+        ((x, y, z), False),
+        **options,
+    )
+
+
+def ploughed(bead):
+    return Ploughing.of(bead, END, END)
+
+
+def half_chord(z):
+    """Half the width of the bead at a height of the needle; z = 0 lies the gap above the surface."""
+    return math.sqrt(RADIUS**2 - (z + GAP) ** 2)
+
+
+def test_a_bead_crossed_square_is_ploughed_by_a_diameter():
+    ploughing = ploughed(crossed(0.0))
+    assert ploughing.passes == 1
+    assert ploughing.length == pytest.approx(FACE, abs=STATION)
+    assert ploughing.depth == pytest.approx(RADIUS - GAP, abs=1e-3)
+
+
+@pytest.mark.parametrize("angle", [30.0, 45.0, 150.0])
+@pytest.mark.parametrize("z", [0.0, 0.5 * RADIUS - GAP])
+def test_a_bead_crossed_at_an_angle_is_ploughed_by_the_swept_strip(z, angle):
+    """The strip of width f meets the rectangle 2 w wide on (f + 2 w |cos|) / sin of its length."""
+    turn = math.radians(angle)
+    ploughing = ploughed(crossed(z, angle))
+    expected = (FACE + 2 * half_chord(z) * abs(math.cos(turn))) / math.sin(turn)
+    assert ploughing.length == pytest.approx(expected, abs=STATION)
+    assert ploughing.depth == pytest.approx(RADIUS - GAP - z, abs=1e-3)
+
+
+@pytest.mark.parametrize(("above", "passes"), [(0.05, 0), (0.008, 0), (0.003, 1), (-0.01, 1)])
+def test_a_needle_above_the_top_is_free_and_one_that_touches_it_is_not(above, passes):
+    """It touches within a hundredth of the gap, 5 µm."""
+    ploughing = ploughed(crossed(RADIUS - GAP + above))
+    assert ploughing.passes == passes
+    assert (ploughing.length > 0) == bool(passes)
+    assert ploughing.depth == pytest.approx(max(-above, 0.0) * passes, abs=1e-3)
+
+
+@pytest.mark.parametrize(("turn", "period"), [(0.7, PERIOD), (math.pi, PERIOD), (0.0, PERIOD / 4), (0.0, 16 * PERIOD)])
+def test_neither_a_turn_of_the_work_nor_the_period_matters(turn, period):
+    """The longest period has steps of 1.6 mm, twice the needle's diameter."""
+    ploughing = ploughed(crossed(0.0, 45.0, turn=turn, period=period))
+    assert ploughing.passes == 1
+    assert ploughing.length == pytest.approx(ploughed(crossed(0.0, 45.0)).length, abs=STATION)
+    assert ploughing.depth == pytest.approx(RADIUS - GAP, abs=2e-3)
+
+
+def test_the_place_is_where_the_needle_enters():
+    bead = crossed(0.0)
+    nozzle = bead.run.nozzle[ploughed(bead).tick]
+    assert abs(nozzle[0]) < 0.1
+    assert -(half_chord(0.0) + FACE / 2) <= nozzle[1] <= 0.1
+
+
+def test_a_lift_before_the_way_back_leaves_the_bead_alone():
+    low = bead_of(((0, 0, 0), False), ((60, 0, 0), True), ((0, 0, 0), False))
+    high = bead_of(((0, 0, 0), False), ((60, 0, 0), True), ((60, 0, UP), False), ((0, 0, UP), False))
+    assert ploughed(high) == Ploughing()
+    # it comes to glue that no longer counts as being laid after half of two widths and a diameter
+    behind = 2 * 2 * RADIUS + FACE
+    assert ploughed(low).length == pytest.approx(60 - behind / 2 + FACE / 2, abs=2 * STATION)
+
+
+@pytest.mark.parametrize(("overlap", "counts"), [(0.0, False), (3.0, False), (12.0, True)])
+def test_an_outline_may_run_onto_its_start_by_the_lengths_of_start_and_end(overlap, counts):
+    corners = [((30, 0, 0), True), ((30, 30, 0), True), ((0, 30, 0), True), ((0, 0, 0), True)]
+    # it begins amid a side
+    around = [((10, 0, 0), False), *corners, ((10 + overlap, 0, 0), True), ((10 + overlap, 0, UP), False)]
+    ploughing = ploughed(bead_of(*around))
+    assert bool(ploughing.passes) == counts
+    if counts:
+        assert ploughing.length == pytest.approx(overlap + FACE / 2, abs=END)
+
+
+def zigzag(pitch):
+    return bead_of(
+        ((0, 0, 0), False), ((40, 0, 0), True), ((40, pitch, 0), True), ((0, pitch, 0), True), ((0, pitch, UP), False)
+    )
+
+
+def test_neighbouring_turns_that_the_face_brushes_are_a_matter_of_clearance():
+    """The face reaches into the neighbour below a pitch of half a chord and its radius, the axis below half a chord."""
+    brushing = half_chord(0.0) + FACE / 4
+    assert half_chord(0.0) < brushing < half_chord(0.0) + FACE / 2
+    assert ploughed(zigzag(brushing)) == Ploughing()
+    assert ploughed(zigzag(0.5 * half_chord(0.0))).length > 30
+
+
+def test_a_path_that_crosses_its_bead_while_it_dispenses_ploughs_it():
+    bead = bead_of(
+        ((-30, 0, 0), False), ((30, 0, 0), True), ((30, 30, 0), True), ((0, 30, 0), True), ((0, -30, 0), True)
+    )
+    ploughing = ploughed(bead)
+    assert ploughing.passes == 1
+    assert ploughing.length == pytest.approx(FACE, abs=STATION)
+    assert abs(bead.run.nozzle[ploughing.tick, 1]) < half_chord(0.0) + FACE
+
+
+def test_a_pressed_bead_has_its_top_at_the_needle_which_touches_it():
+    """Less glue than the face presses flat is no higher than the gap: a dry move at this height touches it."""
+    pressed = BeadSettings(contact_angle=60.0)
+    bead = crossed(0.0, settings=pressed)
+    thin = Bead(replace(bead.run, flow=bead.run.flow * 0.45, flow_demand=bead.run.flow_demand * 0.45), pressed)
+    assert float(thin.nominal_section.height[0]) == pytest.approx(GAP)
+    ploughing = ploughed(thin)
+    assert ploughing.passes == 1
+    assert ploughing.depth == pytest.approx(0.0, abs=1e-9)
