@@ -12,72 +12,26 @@ together, and one may offset another, which then has a negative worth.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
-from typing import Any
-
-import numpy as np
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 from gantrysim.base.errors import InputError
 from gantrysim.base.quantity import number_text
-from gantrysim.engine.simulate import simulate
 from gantrysim.job.ideal import FINE, finely_sampled, on_the_path
 from gantrysim.job.job import Job
+from gantrysim.job.setup import Errors, Setup, errors_of, outcomes_of
 from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.ideal import without_compliance, without_friction, without_winding
 from gantrysim.machine.machine import Machine
-from gantrysim.machine.timing import substeps_of
 from gantrysim.metrics.analysis import ErrorSize
-from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.parts import ERROR
 from gantrysim.record.run import Run
-from gantrysim.record.setpoints import Setpoints
-from gantrysim.servo.servo import Servo
-
-Errors = dict[str, ErrorSize]  # by link, and of the whole as "contour" [mm]
 
 TITLE = "contour error without one cause at a time, and rms by link [µm]"
 HEADS = ("switched off", "rms", "max", "worth")  # and the links
 CELL_FORM = ".2f"  # effects are often smaller than the decimals of `ERROR`
 
 _SAME_STEP = 1e-9  # relative
-
-
-@dataclass(frozen=True)
-class Setup:
-    """What a job runs.
-
-    Attributes:
-        machine: the machine.
-        servo: the servo.
-        setpoints: the setpoints, at the servo's period.
-        physics_step: as in `simulate` [s].
-        ticks: servo ticks per setpoint of the program.
-    """
-
-    machine: Machine
-    servo: Servo
-    setpoints: Setpoints
-    physics_step: float | None = None
-    ticks: int = 1
-
-    @property
-    def step(self) -> float:
-        """The physics step [s]."""
-        return self.servo.period / substeps_of(
-            self.machine, self.servo.period, self.physics_step, self.servo.inner_period
-        )
-
-    def run(self, progress: Callable[[float], None] | None = None) -> Run:
-        """Run it without glue and return the record at the ticks of the program."""
-        record = simulate(self.machine, self.servo, self.setpoints, physics_step=self.physics_step, progress=progress)
-        if self.ticks == 1:
-            return record
-        arrays = {field.name: getattr(record, field.name) for field in fields(record)}
-        columns: dict[str, Any] = {
-            name: value[:: self.ticks] for name, value in arrays.items() if isinstance(value, np.ndarray)
-        }
-        return replace(record, **columns, period=record.period * self.ticks)
 
 
 @dataclass(frozen=True)
@@ -246,42 +200,57 @@ def causes_of(job: Job, run: Run | None = None, progress: Callable[[float], None
     """
     check_causes(job)
     setup = Setup(job.built_machine, job.built_servo, job.setpoints, job.simulation.physics_step)
-
     causes = CAUSES if setup.machine.geometry is None else (*CAUSES, GEOMETRY)
 
-    def part(k: int) -> Callable[[float], None] | None:
-        """Return the progress of one of the runs, the job's own first."""
-        return None if progress is None else lambda share: progress((k + share) / (1 + len(causes)))
+    def part(first: int, count: int) -> Callable[[float], None] | None:
+        """Return the progress of some of the runs, the job's own first."""
+        return None if progress is None else lambda share: progress((first + count * share) / (1 + len(causes)))
 
-    record = setup.run(part(0)) if run is None else run
+    record = setup.run(part(0, 1)) if run is None else run
     if record.fault is not None:
         raise InputError(f"job {job.name}: ends in a fault, {record.fault}: causes are those of a complete run")
-    errors = _errors(record)
-    effects = [_effect(cause, setup, errors, part(k)) for k, cause in enumerate(causes, 1)]
-    return Causes(errors, tuple(effects))
+    errors = errors_of(record)
+    return Causes(errors, _effects(causes, setup, errors, part(1, len(causes))))
 
 
-def _effect(cause: Cause, setup: Setup, errors: Errors, progress: Callable[[float], None] | None) -> Effect:
-    try:
-        ideal = cause.without(setup)
-        if ideal is setup:
+def _effects(
+    causes: Sequence[Cause], setup: Setup, errors: Errors, progress: Callable[[float], None] | None
+) -> tuple[Effect, ...]:
+    """Return the effects of causes, from runs beside one another.
+
+    A run without a cause that has another physics step is compared with one of the job at that step.
+    """
+    refused: dict[str, str] = {}
+    setups: dict[str | float, Setup] = {}  # by the cause without which it is, or by the physics step of the whole job
+    steps: dict[str, float] = {}
+    for cause in causes:
+        try:
+            ideal = cause.without(setup)
+        except InputError as error:
+            refused[cause.name] = str(error)
+            continue
+        if ideal is not setup:
+            setups[cause.name] = ideal
+            if abs(ideal.step - setup.step) >= _SAME_STEP * setup.step:
+                steps[cause.name] = ideal.step
+                setups[ideal.step] = replace(setup, physics_step=ideal.step)
+    outcomes = dict(zip(setups, outcomes_of(list(setups.values()), progress), strict=True))
+
+    def effect(cause: Cause) -> Effect:
+        if cause.name in refused:
+            return Effect(cause, errors, {}, refused[cause.name])
+        if cause.name not in outcomes:
             return Effect(cause, errors, errors)
-        record = ideal.run(progress)
-        if record.fault is not None:
-            return Effect(cause, errors, {}, str(record.fault))
-        if abs(ideal.step - setup.step) < _SAME_STEP * setup.step:
-            return Effect(cause, errors, _errors(record))
-        before = replace(setup, physics_step=ideal.step).run()
-        if before.fault is not None:
-            return Effect(cause, errors, {}, f"with it, at the same physics step of {ideal.step:g} s: {before.fault}")
-        return Effect(cause, _errors(before), _errors(record))
-    except InputError as error:
-        return Effect(cause, errors, {}, str(error))
+        without = outcomes[cause.name]
+        if without.failure or cause.name not in steps:
+            return Effect(cause, errors, without.errors, without.failure)
+        step = steps[cause.name]
+        before = outcomes[step]
+        if before.failure:
+            return Effect(cause, errors, {}, f"with it, at the same physics step of {step:g} s: {before.failure}")
+        return Effect(cause, before.errors, without.errors)
 
-
-def _errors(run: Run) -> Errors:
-    budget = Budget(run)
-    return {name: ErrorSize.of(part.size) for name, part in {**budget.parts, "contour": budget.contour}.items()}
+    return tuple(map(effect, causes))
 
 
 def _cells(errors: Errors, worth: Errors | None, links: list[str]) -> list[float | None]:

@@ -90,6 +90,12 @@ def test_the_gains_stay_those_of_the_real_machine(found):
         assert differ == {"counts": {"resolution"}, "sampling": {"period"}}.get(cause.name, set())
 
 
+def test_the_number_of_threads_does_not_matter(found, monkeypatch):
+    job, causes = found
+    monkeypatch.setattr("gantrysim.job.setup.os.cpu_count", lambda: 1)
+    assert causes_of(job) == causes
+
+
 def test_the_order_of_the_causes_does_not_matter(found, monkeypatch):
     job, causes = found
     monkeypatch.setattr(module, "CAUSES", CAUSES[::-1])
