@@ -41,6 +41,7 @@ class Statistic:
         name: attribute that holds it, and ending of the value's name.
         label: in words.
         meaning: what it is of the value.
+        adjective: as it stands before a label in a sentence.
         unit: of its own; None for that of the value.
         factor: likewise, from the API's unit.
         form: likewise, its format.
@@ -49,19 +50,20 @@ class Statistic:
     name: str
     label: str
     meaning: str
+    adjective: str
     unit: str | None = None
     factor: float = 1.0
     form: str = ""
 
 
-RMS = Statistic("rms", "rms", "root mean square")
-P95 = Statistic("p95", "95 %", "95th percentile of the magnitude")
-MAX = Statistic("max", "max", "largest magnitude")
-SHARE = Statistic("share", "share", "share of the mean square contour error", "%", 100.0, ".1f")
-MEAN = Statistic("mean", "mean", "mean")
-STD = Statistic("std", "std", "standard deviation")
-MIN = Statistic("min", "min", "smallest")
-HIGHEST = Statistic("max", "max", "largest")
+RMS = Statistic("rms", "rms", "root mean square", "rms")
+P95 = Statistic("p95", "95 %", "95th percentile of the magnitude", "95 %")
+MAX = Statistic("max", "max", "largest magnitude", "largest")
+SHARE = Statistic("share", "share", "share of the mean square contour error", "share of", "%", 100.0, ".1f")
+MEAN = Statistic("mean", "mean", "mean", "mean")
+STD = Statistic("std", "std", "standard deviation", "standard deviation of")
+MIN = Statistic("min", "min", "smallest", "smallest")
+HIGHEST = Statistic("max", "max", "largest", "largest")
 
 SIZES = (RMS, MAX)  # of an error
 PARTS = (RMS, P95, MAX, SHARE)  # of a part of the error budget
@@ -147,6 +149,10 @@ class Quantity(Generic[Subject]):
         if statistic.unit is None:
             return single
         return replace(single, unit=statistic.unit, factor=statistic.factor, form=statistic.form)
+
+    def phrase(self, statistic: Statistic) -> str:
+        """Return one of the statistics in words, as "largest contour error"."""
+        return f"{statistic.adjective} {self.label}"
 
     @property
     def numbers(self) -> tuple[Quantity[Subject], ...]:

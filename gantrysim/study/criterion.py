@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from gantrysim.base.errors import positive, unknown
-from gantrysim.base.quantity import SHARE, STD, numbers_of
+from gantrysim.base.quantity import MAX, P95, RMS, SHARE, STD, numbers_of
 from gantrysim.bead.bead_quantities import VOLUME_ERROR_PERCENT, WIDTH
-from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.error_quantities import ERRORS, MOTION, SPACING, SPEED, SPEED_RIPPLE
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.study import Study
@@ -21,7 +20,11 @@ _NO_METRICS = {
     for number in numbers_of((*MOTION, WIDTH, VOLUME_ERROR_PERCENT))
     if number not in (SPACING.statistic(STD), SPEED.statistic(STD), SPEED_RIPPLE)
 } | {error.statistic(SHARE).key for error in ERRORS if SHARE in error.statistics}
-_ERRORS = tuple(DESCRIPTIONS)  # links, and their sum
+_PHRASES = {
+    quantity.statistic(statistic).name: quantity.phrase(statistic)
+    for quantity in (*ERRORS, *MOTION)
+    for statistic in quantity.statistics
+}
 
 
 @dataclass(frozen=True)
@@ -93,12 +96,14 @@ class Criterion:
     @property
     def label(self) -> str:
         """The metric in words."""
-        words = _without_unit(self.metric).split("_")
-        statistics = {"max": "largest", "rms": "rms", "p95": "95 %", "std": "standard deviation of"}
-        kind = next((word for word in words if word in statistics), None)
-        quantity = " ".join(word for word in words if word != kind)
-        noun = f"{quantity} error" if words[0] in _ERRORS else quantity
-        return f"{statistics[kind]} {noun}" if kind else noun
+        name = _without_unit(self.metric)
+        if name in _PHRASES:
+            return _PHRASES[name]
+        # a value of one axis, or one that a study adds
+        words = name.split("_")
+        statistic = next((known for known in (MAX, RMS, P95, STD) if known.name in words), None)
+        noun = " ".join(word for word in words if statistic is None or word != statistic.name)
+        return f"{statistic.adjective} {noun}" if statistic else noun
 
 
 @dataclass(frozen=True)

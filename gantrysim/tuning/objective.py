@@ -7,55 +7,49 @@ the gains; that of a run ended by a fault has the fault's time and the gains.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
-from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError, InputError
+from gantrysim.base.quantity import MAX, P95, RMS, number_text
 from gantrysim.engine.batch import simulate_batch
 from gantrysim.job.job import Job
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation
-from gantrysim.metrics.analysis import Analysis, torque_ripple
+from gantrysim.metrics.analysis import Analysis, ErrorSpread, torque_ripple
 from gantrysim.metrics.budget import Budget
+from gantrysim.metrics.error_quantities import CONTOUR, SERVO
 from gantrysim.record.run import Run
+from gantrysim.results.quantities import TORQUE_RIPPLE_PERCENT
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.servo import Servo
 from gantrysim.study.cases import OK, Case, Row, Value, judged
 from gantrysim.tuning.candidates import TrialResult
 
-METRICS = {
-    "contour_rms": "rms contour error",
-    "contour_p95": "95 % contour error",
-    "contour_max": "largest contour error",
-    "servo_rms": "rms servo error",
-    "servo_p95": "95 % servo error",
-    "servo_max": "largest servo error",
+_STATISTICS = (RMS, P95, MAX)
+_QUANTITIES = {
+    error.statistic(statistic).name: (error, statistic) for error in (CONTOUR, SERVO) for statistic in _STATISTICS
 }
-RIPPLE = "torque_ripple_percent"
+METRICS = {name: error.phrase(statistic) for name, (error, statistic) in _QUANTITIES.items()}
+RIPPLE = TORQUE_RIPPLE_PERCENT.key
 
-_STATISTICS: dict[str, Callable[[Floats], float]] = {
-    "rms": lambda size: float(np.sqrt(np.mean(size**2))),
-    "p95": lambda size: float(np.percentile(size, 95)),
-    "max": lambda size: float(size.max()),
-}
-_UM = 1e3
 _TOGETHER = 8  # runs whose records are held at once
 _FAULT_TIME = "fault_time_s"
 
 
 def column(metric: str) -> str:
     """Return the column of a metric in study.csv, with its unit."""
-    return f"{metric}_um"
+    error, statistic = _QUANTITIES[metric]
+    return error.statistic(statistic).key
 
 
 def micrometres(value: float) -> str:
     """Return the value of a metric with its unit; a run without one ended in a fault."""
-    return f"{value:.4g} µm" if math.isfinite(value) else "fault"
+    return f"{number_text(value, '.4g')} {CONTOUR.unit}" if math.isfinite(value) else "fault"
 
 
 def case_of(job: Job, servo: Servo, perturbation: Perturbation | None, **tags: Value) -> Case:
@@ -151,12 +145,13 @@ def _row(run: Run, case: Case, metric: str) -> Row:
 
 def _values(run: Run, job: Job, metric: str) -> Row:
     analysis = Analysis(run)
-    sizes = {"contour": analysis.nozzle.distance}
-    if metric.startswith("servo"):
-        sizes["servo"] = Budget(analysis).parts["servo"].size
+    sizes = {CONTOUR: analysis.nozzle.distance}
+    if metric.startswith(SERVO.name):
+        sizes[SERVO] = Budget(analysis).parts[SERVO.name].size
     row: Row = {}
-    for link, size in sizes.items():
-        for name, statistic in _STATISTICS.items():
-            row[column(f"{link}_{name}")] = _UM * statistic(size)
+    for error, size in sizes.items():
+        spread = ErrorSpread.of(size)
+        for statistic in _STATISTICS:
+            row[error.statistic(statistic).key] = error.scaled(getattr(spread, statistic.name))
     peak = np.array([axis.peak_torque for axis in job.built_machine.axes])  # of the nominal motor, as the drive has it
     return {**row, RIPPLE: 100 * float((torque_ripple(run) / peak).max())}

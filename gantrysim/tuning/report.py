@@ -8,10 +8,22 @@ from typing import Any
 import numpy as np
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.quantity import MAX, RMS
 from gantrysim.metrics.budget import Budget
-from gantrysim.plots.style import COLOURS, UM
+from gantrysim.metrics.error_quantities import CONTOUR
+from gantrysim.metrics.parts import ERROR, PART_COLUMNS
+from gantrysim.plots.style import COLOURS
 from gantrysim.report import Column, Table
+from gantrysim.results.quantities import TORQUE_RIPPLE_PERCENT
 from gantrysim.servo.gains import GAIN_NAMES
+from gantrysim.stability.margin_quantities import (
+    CROSSOVER,
+    DELAY_MARGIN,
+    GAIN_MARGIN_ALONE,
+    GAIN_MARGIN_LOWER,
+    PHASE_MARGIN,
+    SENSITIVITY,
+)
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.study import Plot, Report
 from gantrysim.tuning import plots as drawing
@@ -193,12 +205,12 @@ def _results_table(study: TuningStudy, rows: list[Row], history: History) -> Tab
         margins = study.stability.worst(candidate.servo)
         result = {
             f"{metric}, {_machines(study)} [µm]": _finite(candidate.metric),
-            "rms contour error, job's machine [µm]": UM * values.rms if values else None,
-            "largest contour error, job's machine [µm]": UM * values.max if values else None,
-            "gain margin": min(axis.gain for axis in margins),
-            "phase margin [deg]": min(axis.phase for axis in margins),
-            "peak of |S|": max(axis.sensitivity for axis in margins),
-            "torque ripple [% of the peak torque]": _finite(100 * candidate.ripple),
+            f"{CONTOUR.phrase(RMS)}, job's machine [{CONTOUR.unit}]": CONTOUR.scaled(values.rms) if values else None,
+            f"{CONTOUR.phrase(MAX)}, job's machine [{CONTOUR.unit}]": CONTOUR.scaled(values.max) if values else None,
+            GAIN_MARGIN_ALONE.head: min(axis.gain for axis in margins),
+            PHASE_MARGIN.head: min(axis.phase for axis in margins),
+            SENSITIVITY.head: max(axis.sensitivity for axis in margins),
+            TORQUE_RIPPLE_PERCENT.head: TORQUE_RIPPLE_PERCENT.content(candidate.ripple),
         }
         if study.unseen:
             unseen = unseen_metric(study, rows, phase)
@@ -208,10 +220,10 @@ def _results_table(study: TuningStudy, rows: list[Row], history: History) -> Tab
             result["unseen machines within all limits"] = _feasible(study, rows, phase, candidate)
         results.append(result)
     limits = {
-        "gain margin": study.margin,
-        "phase margin [deg]": phase_margin(study.margin),
-        "peak of |S|": study.stability.peak,
-        "torque ripple [% of the peak torque]": study.ripple,
+        GAIN_MARGIN_ALONE.head: study.margin,
+        PHASE_MARGIN.head: phase_margin(study.margin),
+        SENSITIVITY.head: study.stability.peak,
+        TORQUE_RIPPLE_PERCENT.head: study.ripple,
     }
     return Table(
         ["", *(Column(phase, ".4g") for phase in history.phases), Column("limit", ".4g")],
@@ -233,14 +245,14 @@ def _feasible(study: TuningStudy, rows: list[Row], phase: Phase, candidate: Cand
 def _links_table(budgets: dict[Phase, Budget]) -> Table:
     by_phase = [{**budget.values.parts, "contour": budget.values.contour} for budget in budgets.values()]
     columns: list[str | Column] = ["link"]
-    for head, form in (("rms [µm]", ".4g"), ("95 % [µm]", ".4g"), ("max [µm]", ".4g"), ("share [%]", ".1f")):
-        columns += [Column(f"{head}, {phase}", form) for phase in budgets]
+    for size in PART_COLUMNS:
+        columns += [Column(f"{size.head}, {phase}", size.form) for phase in budgets]
     rows: list[list[Any]] = []
     for link in by_phase[0]:
         parts = [parts_of_phase[link] for parts_of_phase in by_phase]
-        sizes = [UM * getattr(part, name) for name in ("rms", "p95", "max") for part in parts]
-        cells = [*sizes, *(100 * part.share for part in parts)]
-        rows.append([link, *(cells if max(sizes[: len(parts)]) > drawing.NO_ERROR else [None] * len(cells))])
+        cells = [size.scaled(size.get(part)) for size in PART_COLUMNS for part in parts]
+        largest = max(ERROR.factor * part.rms for part in parts)
+        rows.append([link, *(cells if largest > drawing.NO_ERROR else [None] * len(cells))])
     return Table(columns, rows, "Error normal to the path on the job's own machine", COLOURS)
 
 
@@ -260,21 +272,13 @@ def _gains_table(study: TuningStudy, history: History) -> Table:
 
 def _margins_table(study: TuningStudy, history: History) -> Table:
     worst = {phase: study.stability.worst(candidate.servo) for phase, candidate in history.phases.items()}
-    columns = {
-        "gain margin": ".2f",
-        "lower gain margin": ".2f",
-        "phase margin [deg]": ".1f",
-        "delay margin [ms]": ".2f",
-        "peak of |S|": ".2f",
-        "crossover [Hz]": ".1f",
-    }
+    shown = (GAIN_MARGIN_ALONE, GAIN_MARGIN_LOWER, PHASE_MARGIN, DELAY_MARGIN, SENSITIVITY, CROSSOVER)
     cells: list[list[Any]] = []
     for a, name in enumerate(study.job.built_machine.axis_names):
         for phase, margins in worst.items():
-            m = margins[a]
-            cells.append([name, phase, m.gain, m.gain_lower, m.phase, 1e3 * m.delay, m.sensitivity, m.crossover])
+            cells.append([name, phase, *(quantity.scaled(quantity.get(margins[a])) for quantity in shown)])
     return Table(
-        ["axis", "", *(Column(head, form) for head, form in columns.items())],
+        ["axis", "", *map(Column.of, shown)],
         cells,
         f"Margins, worst of {study.stability.machines} machines; crossover on the job's machine",
     )

@@ -334,7 +334,7 @@ def test_the_servo_is_reported_as_it_is_and_without_the_loop(study):
 def test_the_steady_error_is_given_with_and_without_friction(study):
     found = results(study, servo_rows())
     assert found["servo period", NO_LOOP, "steady normal following error at 2 ms"] == "36 µm"
-    assert found["servo period", NO_FRICTION, "steady normal following error at 2 ms"] == "50 nm"
+    assert found["servo period", NO_FRICTION, "steady normal following error at 2 ms"] == "0.05 µm"
 
 
 def test_a_small_program_error_hides_nothing(study):

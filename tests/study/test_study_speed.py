@@ -196,7 +196,7 @@ def test_a_criterion_takes_a_metric_with_or_without_its_unit():
         assert criterion.unit(ROW) == "µm"
         assert criterion.label == "largest contour error"
     assert not Criterion("contour_max", 12.4).within(ROW)
-    assert Criterion("spacing_std", 1).label == "standard deviation of spacing"
+    assert Criterion("spacing_std", 1).label == "standard deviation of turn spacing"
     assert Criterion("spacing_std", 1).unit(ROW) == "mm"
 
 

@@ -107,7 +107,7 @@ def _table(nominal: dict[str, Row]) -> Table:
         "law",
         Column("following rms [µm]", ".3g"),
         Column("PD / law", ".3g"),
-        Column("lag rms [µm]", ".3g"),
+        Column("along the path, rms [µm]", ".3g"),
         Column("reversals max [µm]", ".3g"),
         Column("contour rms [µm]", ".4g"),
         Column("contour max [µm]", ".4g"),
@@ -148,7 +148,7 @@ def _variations(study: LawsStudy, rows: list[Row]) -> Table:
     for law in variations[NOMINAL]:
         errors = [_value(by_law[law], "following_rms_um") if law in by_law else None for by_law in variations.values()]
         cells.append([law, *errors])
-    return Table(columns, cells, caption="Tracking error, rms [µm], on machines that differ from the laws' models.")
+    return Table(columns, cells, caption="Following error, rms [µm], on machines that differ from the laws' models.")
 
 
 def _draw(nominal: dict[str, Row]) -> Figure:

@@ -233,4 +233,4 @@ def _um(micrometres: Floats | float) -> str:
     value = float(micrometres)
     if value >= 100:
         return f"{value:.0f} µm"
-    return f"{value:.3g} µm" if value >= 0.1 else f"{1e3 * value:.2g} nm"
+    return f"{value:.3g} µm"
