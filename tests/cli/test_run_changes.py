@@ -6,11 +6,10 @@ from gantrysim import Job
 from gantrysim.cli.evaluation import Wanted
 from gantrysim.remedy.levers import LEVERS
 from gantrysim.remedy.score import row_burden
-
-from support.pages import Page
+from gantrysim.report.page import run_sections
 
 SMALL = ("diameter=40", "turns=1", "thickness=5")
-QUICK = (*(word for setting in SMALL for word in ("--set", setting)), "--no-video", "--no-causes")
+QUICK = (*(word for setting in SMALL for word in ("--set", setting)), "--no-video", "--no-causes", "--no-report")
 WIDE = {"path_max": 5, "path_p95": 5, "bead_width": 900, "turn_clearance": 9, "start_length": 9, "stop_length": 9}
 
 
@@ -39,15 +38,46 @@ def test_a_run_that_does_not_pass_says_what_to_change(gantrysim_command, tmp_pat
     assert rows == [sorted((name for name in burdens if burdens[name] > 0), key=burdens.get, reverse=True)[:2]]
     assert printed.index("Contour error: ") < printed.index("levers, each simulated alone")
     assert printed.index("for the job file:") < printed.index("written to")
-    page = Page(tmp_path / "report.html")
-    assert page.sections.index("what-to-change") == page.sections.index("error-budget") + 1
-    lines = printed.partition("for the job file:\n")[2].partition("for the command line:")[0].split()
-    assert " ".join(lines) in " ".join(page.section("what-to-change").split())
+
+
+def test_the_files_are_made_once_all_is_printed_and_the_film_last(
+    gantrysim_command, capsys, tmp_path, monkeypatch, rows
+):
+    """The page holds what to change, behind causes or budget, and the film, which is made once the page is drawn."""
+    order = []
+    pages = []
+
+    class Drawn:
+        def write(self, file):
+            order.append("write")
+            file.write_text("page")
+
+    def draw(results, video, progress, changes):
+        order.append("page")
+        pages.append([section.title for section in run_sections(results, video, changes)])
+        return Drawn()
+
+    def plot(*_, **__):
+        order.append("plots")
+        printed.append(capsys.readouterr().out)
+
+    printed = []
+    monkeypatch.setattr("gantrysim.plots.save_plots", plot)
+    monkeypatch.setattr("gantrysim.report.page.run_page", draw)
+    monkeypatch.setattr("gantrysim.render.save_video", lambda *_, **__: order.append("film"))
+    words = [word for word in QUICK if word not in ("--no-video", "--no-report")]
+    assert gantrysim_command("run", "an225", *words, "--out", tmp_path)[0] == 0
+    assert order == ["plots", "page", "film", "write"]
+    for text in ("verdict ", "Contour error: ", "servo: ", "for the job file:"):
+        assert text in printed[0]
+    (titles,) = pages
+    assert titles[:4] == ["Verdict", "Summary", "Error budget", "What to change"]
+    assert "Video" in titles
 
 
 def test_a_run_that_passes_and_one_with_faults_are_left_alone(gantrysim_command, tmp_path, rows):
     wide = [part for key, value in WIDE.items() for part in ("--set", f"tolerance.{key}={value}")]
-    given = [*QUICK, "--no-report", "--out", tmp_path]
+    given = [*QUICK, "--out", tmp_path]
     assert "verdict ✓ pass" in gantrysim_command("run", "an225", *given, *wide)[1]
     stuck = ("--set", 'faults=[{kind="stuck axis", time=0.3, axis="x"}]')
     _, printed, _ = gantrysim_command("run", "an225", *given, *stuck, "--improve")
@@ -62,7 +92,7 @@ def test_long_runs_are_not_run_again_unasked(monkeypatch, gantrysim_command, tmp
     monkeypatch.setattr("gantrysim.base.memory.LONG", 1000)
     monkeypatch.setattr("gantrysim.job.cost.computing_time", lambda job: 1.0)
     given = [word for word in QUICK if word != "--no-causes"]
-    _, printed, _ = gantrysim_command("run", "an225", *given, "--no-report", "--out", tmp_path)
+    _, printed, _ = gantrysim_command("run", "an225", *given, "--out", tmp_path)
     assert "causes skipped: the run is long; --causes finds them" in printed
     assert rows == []
     assert Wanted(causes=None, repeat=None, video=False, report=False).improve is None

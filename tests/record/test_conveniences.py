@@ -180,6 +180,20 @@ def test_a_bar_is_shown_in_a_terminal_alone(xy, monkeypatch):
     assert file.getvalue() == ""
 
 
+def test_compiling_is_announced_once(monkeypatch):
+    terminal = Terminal()
+    announced = []
+    monkeypatch.setattr(bars.sys, "stderr", terminal)
+    monkeypatch.setattr("gantrysim.base.jit.tell_compiling", announced.append)
+    bars._announce_compiling.cache_clear()
+    for _ in range(2):
+        with bars.shown_progress("simulate", True):
+            pass
+    (announce,) = announced
+    announce()
+    assert terminal.getvalue().endswith("\rcompiling for this machine, once: some 15 s\n")
+
+
 def test_a_bar_is_shown_in_the_output_of_a_notebook(xy, monkeypatch):
     output = io.StringIO()
     monkeypatch.setitem(sys.modules, "ipykernel", bars)
