@@ -216,12 +216,6 @@ def test_the_help_of_a_command_shows_units(gantrysim_command, command):
     assert ("[kg]" if "laws" in command else "[mm]") in output
 
 
-def test_a_volume_of_rounding_is_shown_as_zero():
-    from gantrysim.cli.tables import _volume
-
-    assert [_volume(value, 242.3) for value in (2.842e-14, -1.6e-7, -0.37)] == ["+0.00", "+0.00", "-0.37"]
-
-
 @pytest.mark.parametrize("size", [(100.0, 60.0), (100.0, 50.0), (50.0, 100.0), (100.0, 10.0)])
 def test_the_title_of_a_plan_lies_on_its_sheet(size):
     from gantrysim import Machine
