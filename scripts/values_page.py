@@ -8,7 +8,7 @@ from gantrysim.base.quantity import AXIS, Quantity
 from gantrysim.metrics.parts import PART_COLUMNS, PART_PLACE
 from gantrysim.record.named_columns import SIGNALS
 from gantrysim.results.quantities import GROUPS
-from gantrysim.results.verdict import SPEED_RESERVE, STEPS_LOST, TORQUE_RESERVE
+from gantrysim.results.verdict_quantities import VERDICT_VALUES
 
 PAGE = Path(__file__).parent.parent / "docs" / "values.md"
 
@@ -100,11 +100,11 @@ def page() -> str:
         "Rows are the links, `corner` where there is one, and `contour`; `run.budget.to_frame()` has the first four\n"
         f"columns. The places are those of the maximum, `at_max` in `summary.json`.\n\n{columns}"
     )
-    reserves = table(
+    further = table(
         ("value", "unit", "meaning"),
-        ((of.label, of.unit or "1", of.meaning) for of in (TORQUE_RESERVE, SPEED_RESERVE, STEPS_LOST)),
+        ((of.label, of.unit or "1", of.meaning) for of in VERDICT_VALUES),
     )
-    text += f"\n## Further values of the verdict: `verdict`\n\n{reserves}"
+    text += f"\n## Further values of the verdict: `verdict`\n\n{further}"
     signals = table(
         ("signal", "column", "unit", "meaning"),
         ((of.label, f"`{of.key}`", of.unit, of.meaning) for of in map(of_x, SIGNALS)),

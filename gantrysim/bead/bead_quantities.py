@@ -181,3 +181,13 @@ BEAD: tuple[Quantity[BeadValues], ...] = (
     *VOLUME_ERROR_PARTS.values(),
     RIDGE,
 )
+
+
+def missing_at_start(length: float) -> str:
+    """Return the name of the magnitude of glue missing at a start."""
+    return MISSING_AT_START.label if length >= 0 else "excess at start"
+
+
+def excess_at_stop(length: float) -> str:
+    """Return the name of the magnitude of glue in excess at a stop."""
+    return EXCESS_AT_STOP.label if length >= 0 else "missing at stop"

@@ -23,6 +23,8 @@ from gantrysim.bead.bead_quantities import (
     VOLUME_ERROR_PARTS,
     VOLUME_ERROR_PERCENT,
     WIDTH,
+    excess_at_stop,
+    missing_at_start,
 )
 from gantrysim.metrics.analysis import Analysis, Range
 from gantrysim.metrics.error_quantities import DURATION, PATH_LENGTH, REQUESTED_SPACING, SPACING, SPEED
@@ -85,16 +87,6 @@ def bead_notes(bead: BeadValues) -> Iterator[RowTexts]:
 def gap_or_overlap(clearance: Range) -> str:
     """Return the name of a mean clearance's magnitude."""
     return "gap between turns" if clearance.mean > 0 else "overlap between turns"
-
-
-def missing_at_start(length: float) -> str:
-    """Return the name of the magnitude of glue missing at a start."""
-    return MISSING_AT_START.label if length >= 0 else "excess at start"
-
-
-def excess_at_stop(length: float) -> str:
-    """Return the name of the magnitude of glue in excess at a stop."""
-    return EXCESS_AT_STOP.label if length >= 0 else "missing at stop"
 
 
 def volume_error(bead: BeadValues) -> Quantity[BeadValues]:

@@ -8,10 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, spans
+from gantrysim.base.quantity import contents
 from gantrysim.bead import Bead, Ploughing
+from gantrysim.bead.bead_quantities import EXCESS_AT_STOP, MISSING_AT_START, excess_at_stop, missing_at_start
 from gantrysim.results.checks import FAIL, UNJUDGED, WARN, Check, Place
 from gantrysim.results.row import Row
 from gantrysim.results.tolerance import Tolerance
+from gantrysim.results.verdict_quantities import (
+    BEAD_WIDTH_ERROR,
+    BLOBS,
+    GAPS,
+    PASSES,
+    PLOUGHED,
+    PLOUGHED_DEPTH,
+    TURN_CLEARANCE_ERROR,
+    WIDTH_SHARE,
+)
 
 PlaceAt = Callable[[int], Place]  # place of a tick of the run
 
@@ -39,7 +51,7 @@ def glue_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Row:
     ploughing = Ploughing.of(bead, tolerance.start_length, tolerance.stop_length)
     checks.append(_ploughing_check(ploughing, tolerance, place_at))
     remarks = [width.remark, *_ploughing_remarks(ploughing, bead)]
-    return Row.of(GLUE, checks, "; ".join(remarks), {**width.content(), "passes_through_glue": ploughing.passes})
+    return Row.of(GLUE, checks, "; ".join(remarks), {**width.content(), PASSES.key: ploughing.passes})
 
 
 class BeadWidth:
@@ -87,30 +99,22 @@ class BeadWidth:
         if not self.judged.any():
             return "width not judged: every stretch of bead is shorter than a start and a stop"
         return (
-            f"width out of tolerance on {100 * self.share:.1f} % of the length between starts and stops: "
+            f"{WIDTH_SHARE.label} on {WIDTH_SHARE.text(self.share)} of the length between starts and stops: "
             f"{_counted(self.blobs, 'blob')}, {_counted(self.gaps, 'gap')}"
         )
 
-    def content(self) -> dict[str, float | int | None]:
+    def content(self) -> dict[str, float | None]:
         """Return share, blobs and gaps for JSON; null where nothing is judged."""
-        if not self.judged.any():
-            return {"width_out_of_tolerance_share": None, "blobs": None, "gaps": None}
-        return {"width_out_of_tolerance_share": self.share, "blobs": self.blobs, "gaps": self.gaps}
+        return contents((WIDTH_SHARE, BLOBS, GAPS), self if self.judged.any() else None)
 
     def check(self, place_at: PlaceAt) -> Check:
         """Return the check of the largest deviation."""
         bead = self._bead
         station = int(np.where(self.judged, np.abs(self.error), -1.0).argmax())
         tick = int(np.searchsorted(bead.length, bead.place[station]).clip(0, bead.length.size - 1))
-        return Check(
-            name="bead_width",
-            quantity="bead too wide by" if self.error[station] > 0 else "bead too narrow by",
-            value=abs(float(self.error[station])),
-            limit=self._tolerance.bead_width,
-            unit="%",
-            source=self._tolerance.source("bead_width"),
-            place=place_at(tick),
-        )
+        error = float(self.error[station])
+        words = "bead too wide by" if error > 0 else "bead too narrow by"
+        return Check.of(BEAD_WIDTH_ERROR, self._tolerance.bound("bead_width"), abs(error), words, place_at(tick))
 
     @property
     def _limit(self) -> float:
@@ -133,29 +137,15 @@ def _end_checks(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Iterator
     """Yield the checks of the worst start and the worst stop."""
     missing = bead.missing_at_starts
     start = int(np.abs(missing).argmax())
-    yield Check(
-        name="start_length",
-        quantity="glue missing at start" if missing[start] >= 0 else "excess glue at start",
-        value=abs(float(missing[start])),
-        limit=tolerance.start_length,
-        unit="mm",
-        source=tolerance.source("start_length"),
-        form=".2f",
-        place=place_at(int(bead.stretches[start, 0])),
-    )
+    length = float(missing[start])
+    place = place_at(int(bead.stretches[start, 0]))
+    yield Check.of(MISSING_AT_START, tolerance.bound("start_length"), abs(length), missing_at_start(length), place)
     excess = bead.excess_at_stops
     if excess.size:
         stop = int(np.abs(excess).argmax())
-        yield Check(
-            name="stop_length",
-            quantity="excess glue at stop" if excess[stop] >= 0 else "glue missing at stop",
-            value=abs(float(excess[stop])),
-            limit=tolerance.stop_length,
-            unit="mm",
-            source=tolerance.source("stop_length"),
-            form=".2f",
-            place=place_at(int(bead.stretches[stop, 1])),
-        )
+        length = float(excess[stop])
+        place = place_at(int(bead.stretches[stop, 1]))
+        yield Check.of(EXCESS_AT_STOP, tolerance.bound("stop_length"), abs(length), excess_at_stop(length), place)
 
 
 def _clearance_checks(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Iterator[Check]:
@@ -174,29 +164,15 @@ def _clearance_checks(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> It
         return
     error = np.where(inside, bead.clearance() - (asked - float(bead.nominal_section.width[0])), 0.0)
     link = int(np.abs(error).argmax())
-    yield Check(
-        name="turn_clearance",
-        quantity="clearance of turns off by",
-        value=abs(float(error[link])),
-        limit=tolerance.turn_clearance,
-        unit="mm",
-        source=tolerance.source("turn_clearance"),
-        form=".3f",
-        place=place_at(int(analysis.ticks[np.abs(s - spacing.s[link]).argmin()])),
-    )
+    place = place_at(int(analysis.ticks[np.abs(s - spacing.s[link]).argmin()]))
+    bound = tolerance.bound("turn_clearance")
+    yield Check.of(TURN_CLEARANCE_ERROR, bound, abs(float(error[link])), place=place)
 
 
 def _ploughing_check(ploughing: Ploughing, tolerance: Tolerance, place_at: PlaceAt) -> Check:
     """Return the check of the bead that the needle passes through after it has laid it."""
-    return Check(
-        name="bead_ploughed",
-        quantity="bead ploughed by the needle",
-        value=ploughing.length,
-        limit=tolerance.bead_ploughed,
-        unit="mm",
-        source=tolerance.source("bead_ploughed"),
-        place=Place() if ploughing.tick is None else place_at(ploughing.tick),
-    )
+    place = None if ploughing.tick is None else place_at(ploughing.tick)
+    return Check.of(PLOUGHED, tolerance.bound("bead_ploughed"), ploughing.length, place=place)
 
 
 def _ploughing_remarks(ploughing: Ploughing, bead: Bead) -> Iterator[str]:
@@ -204,7 +180,8 @@ def _ploughing_remarks(ploughing: Ploughing, bead: Bead) -> Iterator[str]:
     if ploughing.tick is None:
         return
     passes = f"{ploughing.passes} pass{'' if ploughing.passes == 1 else 'es'}"
-    depth = f"up to {ploughing.depth:.2f} mm below its top" if ploughing.depth >= 0.005 else "touching its top"
+    below = PLOUGHED_DEPTH.number(ploughing.depth) != "0"
+    depth = f"up to {PLOUGHED_DEPTH.text(ploughing.depth)} below its top" if below else "touching its top"
     yield f"needle through its own bead: {passes}, {depth}; {_remedy(ploughing.tick, bead)}"
 
 

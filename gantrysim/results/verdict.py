@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gantrysim.base.display import Shown
-from gantrysim.base.quantity import MAX, P95, Quantity
+from gantrysim.base.quantity import MAX, P95
 from gantrysim.bead import Bead
 from gantrysim.job.job import Job
 from gantrysim.job.lines import program_lines
@@ -23,6 +23,7 @@ from gantrysim.results.checks import FAIL, PASS, SYMBOLS, UNJUDGED, WARN, Bound,
 from gantrysim.results.glue import GLUE, glue_row
 from gantrysim.results.row import Row
 from gantrysim.results.tolerance import DEFAULT, Tolerance
+from gantrysim.results.verdict_quantities import SPEED_RESERVE, STEPS_LOST, TORQUE_RESERVE
 from gantrysim.stability.margin_quantities import GAIN_MARGIN, SENSITIVITY
 
 PATH = "path"
@@ -32,16 +33,6 @@ MACHINE = "machine"
 _FAULT_REMARK = "the run ended in a fault"
 
 PlaceAt = Callable[[int], Place]
-
-TORQUE_RESERVE = Quantity[Any](
-    "torque_reserve", "torque reserve", "%", ".1f", "Share of an axis' torque limit that remains unused", ()
-)
-SPEED_RESERVE = Quantity[Any](
-    "speed_reserve", "speed reserve", "%", ".1f", "Share of an axis' speed limit that remains unused", ()
-)
-STEPS_LOST = Quantity[Any](
-    "full_steps_lost", "full steps lost", "", ".0f", "Largest distance of a stepper from its command, in full steps", ()
-)
 
 
 @dataclass(frozen=True, repr=False)

@@ -122,7 +122,7 @@ def test_a_constant_error_of_the_flow_is_one_of_width(job, follower, factor, blo
     assert quantity in check.quantity
     content = row.content()
     assert (content["blobs"], content["gaps"]) == (blobs, gaps)
-    assert content["width_out_of_tolerance_share"] == pytest.approx(1.0)
+    assert content["width_out_of_tolerance_percent"] == pytest.approx(100.0)
 
 
 def test_two_gaps_are_counted_with_their_share_of_the_length(job, follower):
@@ -133,7 +133,7 @@ def test_two_gaps_are_counted_with_their_share_of_the_length(job, follower):
     content = row.content()
     assert (content["blobs"], content["gaps"]) == (0, 2)
     width = only(row.checks, "start_length").limit
-    assert content["width_out_of_tolerance_share"] == pytest.approx(40 / (160 - 2 * width), abs=0.01)
+    assert content["width_out_of_tolerance_percent"] == pytest.approx(100 * 40 / (160 - 2 * width), abs=1)
     check = only(row.checks, "bead_width")
     assert check.value == pytest.approx(30.0, abs=0.5)
     assert 20 <= abs(check.place.point[0]) <= 40
