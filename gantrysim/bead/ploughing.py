@@ -103,7 +103,7 @@ def _wet(bead: BeadTrace) -> NDArray[np.bool_]:
 def _sections(bead: BeadTrace, wet: NDArray[np.bool_]) -> Sections:
     section = bead.section
     steep = upright(bead) / bead.nozzle_height
-    surface = bead.along(bead.surface())
+    surface = _surface(bead)
     angle = math.radians(bead.settings.contact_angle)
     return Sections(
         place=bead.place[wet],
@@ -120,6 +120,21 @@ def _sections(bead: BeadTrace, wet: NDArray[np.bool_]) -> Sections:
         half=0.5 * section.width[wet],
         thickness=0.5 * max(bead.ds - 0.5 * bead.run.face, 0.0),
     )
+
+
+def _surface(bead: BeadTrace) -> Floats:
+    """Return the height of the surface below the stations, (r,) [mm].
+
+    Glue that flows while the nozzle dives or rises lies on the spot: only motion along the surface gives its height.
+    """
+    run = bead.run
+    step = np.diff(run.nozzle, axis=0)
+    ahead = np.hypot(step[:, 0], step[:, 1])
+    along = (ahead > 0) & (np.abs(step[:, 2]) <= ahead) & run.dispense[:-1]
+    ticks = np.flatnonzero(along)
+    if not ticks.size:
+        return bead.along(bead.surface())
+    return np.interp(bead.place, bead.length[ticks], bead.surface()[ticks])
 
 
 def _closings(bead: BeadTrace, start: float, stop: float, behind: float) -> Floats:

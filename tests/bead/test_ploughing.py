@@ -163,3 +163,12 @@ def test_a_pressed_bead_has_its_top_at_the_needle_which_touches_it():
     ploughing = ploughed(thin)
     assert ploughing.passes == 1
     assert ploughing.depth == pytest.approx(0.0, abs=1e-9)
+
+
+def test_glue_that_flows_in_a_dive_lies_on_the_work_not_in_the_air():
+    """A dry move at 6 mm crosses the place of a dive from 10 mm: the drop there is no higher than 6 mm."""
+    bead = bead_of(
+        ((0, 0, 10), False), ((0, 0, 0), True), ((40, 0, 0), True), ((40, 0, 6), False), ((-20, 0, 6), False)
+    )
+    assert float(bead.height.max()) < 4
+    assert ploughed(bead) == Ploughing()
