@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from gantrysim.base.errors import expanded, point
+from gantrysim.base.errors import expanded, place, point
 from gantrysim.base.files import complete
 
 Model = Annotated[
@@ -30,7 +30,7 @@ Reader = Annotated[
 ]
 Speed = Annotated[float | None, typer.Option(help="Speed of the program's fastest motion \\[mm/s].")]
 At = Annotated[
-    str | None, typer.Option("--at", metavar="X,Y", help="Place of the program's origin on the work \\[mm].")
+    str | None, typer.Option("--at", metavar="X,Y[,Z]", help="Place of the program's origin on the work \\[mm].")
 ]
 Rotate = Annotated[float | None, typer.Option(help="Turn of the program about its origin \\[deg].")]
 Scale = Annotated[float | None, typer.Option(help="Factor on the program's lengths.")]
@@ -64,6 +64,9 @@ def placement(origin: str | None, rotate: float | None, scale: float | None) -> 
     given: dict[str, float] = {}
     if origin is not None:
         parts: list[Any] = origin.split(",")
-        given["x"], given["y"] = point("--at", parts)
+        if len(parts) == len("xyz"):
+            given["x"], given["y"], given["z"] = place("--at", parts)
+        else:
+            given["x"], given["y"] = point("--at", parts)
     given |= {name: value for name, value in (("rotate", rotate), ("scale", scale)) if value is not None}
     return given

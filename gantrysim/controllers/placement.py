@@ -22,15 +22,17 @@ class Placement:
         y: of the program's origin in the work frame [mm].
         rotate: counter-clockwise turn about the origin [deg].
         scale: factor on all lengths of the program.
+        z: height of the program's origin in the work frame [mm].
     """
 
     x: float = 0.0
     y: float = 0.0
     rotate: float = 0.0
     scale: float = 1.0
+    z: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, unit in (("x", "mm"), ("y", "mm"), ("rotate", "deg")):
+        for name, unit in (("x", "mm"), ("y", "mm"), ("z", "mm"), ("rotate", "deg")):
             finite(f"placement.{name}", getattr(self, name), unit)
         positive("placement.scale", self.scale)
 
@@ -41,7 +43,7 @@ class Placement:
 
     def point(self, points: ArrayLike) -> Floats:
         """Return points of the program on the work, (..., 3) [mm]."""
-        shift = np.array([self.x, self.y, 0.0])
+        shift = np.array([self.x, self.y, self.z])
         return self.direction(points) + shift
 
     @cached_property

@@ -17,7 +17,7 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.engine.simulation import Simulation
 from gantrysim.job.content import JobContent
-from gantrysim.job.first_try import OpenValues, choice_note, machine_of, needle_area
+from gantrysim.job.first_try import OpenValues, choice_note, height_changes, machine_of, needle_area
 from gantrysim.job.fitting import check_fit, check_servo_file
 from gantrysim.job.margins import check_stability, margin_notes, servo_reason
 from gantrysim.job.plan import Plan, plan_of
@@ -113,7 +113,10 @@ class Job(JobContent):
         if open_values.glue:
             area = needle_area(job.built_machine, job.dispenser.needle, job.bead)
             job = job.changed({"dispenser.area": area}).sharing(job)
-        return job.with_choice(choice_note(open_values, job, job.controller)) if any(open_values) else job
+        if open_values.height:
+            job = job.changed(height_changes(job, job.controller)).sharing(job)
+        note = choice_note(open_values, job, job.controller) if any(open_values) else ""
+        return job.with_choice(note) if note else job
 
     def at_speed(self, speed: float) -> Job:
         """Return the job with its program at another speed.

@@ -164,6 +164,53 @@ def test_the_sentence_has_the_flow_at_the_programs_speed(tmp_path):
         Job.load(file, [option])  # as the sentence has them
 
 
+@pytest.mark.parametrize("height", [-3.0, -0.2, 0.0, 0.3, 100.0])
+def test_a_program_of_any_height_lays_its_lowest_bead_on_the_work(height, tmp_path):
+    text = RAISED.replace("Z5", f"Z{height + 5}").replace("Z0", f"Z{height}")
+    job = Job.load(written(tmp_path, text))
+    setpoints = job.setpoints
+    z = setpoints.position[:, 2]
+    # the corner below the plunge is rounded
+    moves = np.abs(np.diff(setpoints.position[:, :2], axis=0)).max(axis=1) > 0
+    along = z[1:][setpoints.dispense[1:] & moves]
+    assert along.min() == pytest.approx(0.0, abs=1e-4)
+    assert np.median(along) == pytest.approx(0.0, abs=1e-4)
+    assert z.max() == pytest.approx(5.0, abs=1e-4)
+    assert z.min() > -1e-4
+    (note,) = choice_of(job)
+    assert ("so that its lowest bead lies on the work" in note) == (height != 0)
+    if height:
+        word = "raised" if height < 0 else "lowered"
+        assert f"program {word} by {abs(height):g} mm" in note
+        assert "--set program.placement.z=0 for its own heights" in note
+
+
+def test_a_height_that_is_given_is_kept(tmp_path):
+    text = RAISED.replace("Z0", "Z0.3")
+    file = written(tmp_path, text)
+    for job in (Job.load(file, ["program.placement.z=0"]), Job.load(file, placement={"x": 0.0, "y": 0.0, "z": 0.0})):
+        on = job.setpoints.dispense
+        assert job.setpoints.position[on, 2].min() == pytest.approx(0.3)
+        assert "lowered" not in choice_of(job)[0]
+    # a job file that holds its program is left alone
+    content = f'name = "mine"\nmachine = "xyz"\n[program]\ncontroller = "linuxcnc.Program"\ntext = """\n{text}"""\n'
+    own = Job.load(written(tmp_path, content, "mine.toml"))
+    assert own.setpoints.position[own.setpoints.dispense, 2].min() == pytest.approx(0.3)
+    # several layers: the lowest lies on the work
+    layers = Job.load(written(tmp_path, text.replace("M2", "G1 Z1.3\nG1 X30\nM2"), "layers.ngc"))
+    on = layers.setpoints.dispense
+    assert layers.setpoints.position[on, 2][-1] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_the_command_takes_a_height_of_the_origin(gantrysim_command, tmp_path):
+    file = written(tmp_path, RAISED)
+    assert gantrysim_command("check", file, "--at", "1,2,3")[0] == 0
+    status, _, errors = gantrysim_command("check", file, "--at", "1,2,100")
+    assert status == 2
+    assert "z = " in errors
+    assert gantrysim_command("check", file, "--at", "1,2,3,4")[0] == 2
+
+
 def test_the_built_in_jobs_choose_nothing():
     for name in builtin_jobs():
         assert choice_of(Job.load(name)) == []
