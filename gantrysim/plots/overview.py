@@ -11,14 +11,17 @@ from matplotlib.collections import LineCollection
 
 from gantrysim.base.columns import by_blocks
 from gantrysim.metrics.budget import Budget
-from gantrysim.plots.budget import draw_budget
+from gantrysim.plots.budget import draw_budget, draw_budget_along
 from gantrysim.plots.style import COLOURS, UM, axes_on, sheet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-_SIZE = (12.0, 5.6)  # [inch]
+_HEIGHT = 5.6  # [inch]
+# of plan and budget, with turns and without [inch]
+_WIDTHS = (6.0, 6.0)
+_WIDTHS_ALONG = (5.4, 8.6)
 _MOST_PIECES = 20_000  # of the coloured path
 
 
@@ -30,10 +33,13 @@ def overview(budget: Budget) -> Figure:
     Args:
         budget: of the run.
     """
-    with sheet(*_SIZE) as figure:
-        plan, shares = figure.subfigures(1, 2, squeeze=False)[0]
+    # a path without turns has no bars by turn: its parts are drawn along it, with a wider legend
+    draw = draw_budget if budget.values.turns else draw_budget_along
+    widths = _WIDTHS if budget.values.turns else _WIDTHS_ALONG
+    with sheet(sum(widths), _HEIGHT) as figure:
+        plan, shares = figure.subfigures(1, 2, squeeze=False, width_ratios=widths)[0]
         draw_coloured_plan(plan, budget)
-        draw_budget(shares, budget)
+        draw(shares, budget)
         fault = budget.analysis.run.fault
         if fault is not None:
             figure.supxlabel(f"fault: {fault}", color=COLOURS["fault"], fontsize="medium")
