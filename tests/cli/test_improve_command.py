@@ -1,0 +1,93 @@
+"""The command `gantrysim improve`: what it prints, the job that it writes, and what it refuses."""
+
+import io
+
+import pytest
+from rich.console import Console
+
+from gantrysim import Job, Verdict
+from gantrysim.cli import terminal
+from gantrysim.cli.improve import levers_table
+from gantrysim.cli.terminal import FAULT, INPUT_ERROR
+from gantrysim.remedy.improve import improve
+
+from support.remedies import SIDES, fixed_flow, lines_job
+
+QUICK = ("--lever", "flow by speed", "--workers", 1)
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text(fixed_flow().toml())
+    return path
+
+
+def letters(text):
+    return "".join(text.split())
+
+
+def test_the_written_job_runs_to_the_promised_verdict(gantrysim_command, monkeypatch, tmp_path, file):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(terminal._output, "width", 200)
+    status, printed, said = gantrysim_command("improve", file, *QUICK, "--apply", "better.toml")
+    assert (status, said) == (0, "")
+    before, _, after = printed.partition("levers, each simulated alone")
+    assert "verdict ✗ fail: glue" in before
+    assert "unchanged" in after
+    assert "passes with flow by speed (area 2 mm², 20 ms compensated)." in after
+    assert "--set dispenser.flow=0.0 --set dispenser.area=2.0 --set dispenser.advance=0.02" in after
+    assert "written to better.toml: gantrysim run better.toml" in after
+    job = Job.load("better.toml")
+    promised = Verdict.of(job, job.run())
+    assert all(letters(line) in letters(after) for line in promised.lines)
+    status, ran, _ = gantrysim_command("run", "better.toml", "--no-video", "--no-report", "--no-causes", "--out", "out")
+    assert status == 0
+    assert all(letters(line) in letters(ran) for line in promised.lines)
+
+
+def test_only_a_job_file_is_replaced(gantrysim_command, tmp_path, file, monkeypatch):
+    monkeypatch.setattr("gantrysim.remedy.improve.improve", lambda *_, **__: pytest.fail("simulated"))
+    notes = tmp_path / "notes.toml"
+    notes.write_text("[mine]\nkept = true\n")
+    for name, reason in (("notes.toml", "exists and is no job file"), ("better.txt", "must end in .toml")):
+        status, printed, said = gantrysim_command("improve", file, "--apply", tmp_path / name)
+        assert (status, printed) == (INPUT_ERROR, "")
+        assert reason in " ".join(said.split())
+    assert notes.read_text() == "[mine]\nkept = true\n"
+
+
+def test_a_job_file_is_replaced(gantrysim_command, file):
+    assert gantrysim_command("improve", file, *QUICK, "--apply", file)[0] == 0
+    assert Job.load(file).dispenser.area == 2.0
+
+
+def test_a_fault_is_told_and_writes_nothing(gantrysim_command, tmp_path):
+    file = tmp_path / "faulted.toml"
+    file.write_text(lines_job(SIDES, servo={"following_error_limit": 1e-4}).toml())
+    status, printed, _ = gantrysim_command("improve", file, "--apply", tmp_path / "better.toml")
+    assert status == FAULT
+    assert "no lever is tried before that is repaired" in " ".join(printed.split())
+    assert not (tmp_path / "better.toml").exists()
+
+
+def test_an_unknown_lever_is_answered_with_the_nearest(gantrysim_command, file):
+    status, _, said = gantrysim_command("improve", file, "--lever", "lead")
+    assert status == INPUT_ERROR
+    assert "unknown lever 'lead': did you mean leads?" in " ".join(said.split())
+
+
+@pytest.mark.parametrize("width", [40, 80, 120])
+def test_the_table_of_levers_is_whole(width, monkeypatch):
+    result = improve(fixed_flow(), levers=["flow by speed", "leads"], workers=1)
+    console = Console(width=width, file=io.StringIO(), emoji=False)
+    monkeypatch.setattr(terminal, "_output", console)
+    table = levers_table(result)
+    least = terminal._least_width(table)
+    wide = Console(width=max(width, least), file=io.StringIO(), emoji=False)
+    wide.print(table, crop=False)
+    text = wide.file.getvalue()
+    assert max(map(len, text.splitlines())) <= max(width, 80)
+    for name, setting, *cells, cost in result.rows:
+        assert all(word in text.split() for word in f"{name} {setting} {cost}".split())
+        assert "".join(cells).replace(" ", "") in letters(text)

@@ -1,0 +1,22 @@
+"""The tables of docs/improve.md are those that its script writes."""
+
+import runpy
+from pathlib import Path
+
+from gantrysim.job.loading import builtin_jobs
+
+ROOT = Path(__file__).parent.parent.parent
+PAGE = (ROOT / "docs" / "improve.md").read_text(encoding="utf-8")
+QUICK = "trio-basic"  # the job whose row is computed again
+
+
+def test_the_page_is_up_to_date():
+    script = runpy.run_path(str(ROOT / "scripts" / "improve_page.py"))
+    assert script["levers_table"]() in PAGE, "run python scripts/improve_page.py"
+    assert script["line"](script["job_row"](QUICK)) in PAGE, "run python scripts/improve_page.py"
+
+
+def test_every_built_in_job_ends_in_a_pass():
+    rows = [line for line in PAGE.splitlines() if line.startswith("| `")]
+    assert [row.split("`")[1] for row in rows] == builtin_jobs()
+    assert all("| ✓ pass |" in row for row in rows)
