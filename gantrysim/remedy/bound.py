@@ -12,6 +12,7 @@ from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.score import row_burden
 from gantrysim.results.verdict import GLUE, PATH, STABILITY, Verdict
 
+_PLOUGHED = "bead_ploughed"  # name of the check
 _TIMES = ("dead_time", "opening", "closing", "start_lead", "stop_lead", "advance")
 _AT_ONCE: dict[str, Any] = dict.fromkeys(_TIMES, 0.0)
 
@@ -26,10 +27,20 @@ def bound_of(job: Job, outcome: Outcome, row: str) -> str:
         link = max(outcome.links, key=outcome.links.__getitem__)
         return f"the {link} link, {1e3 * outcome.links[link]:.1f} µm rms of the error"
     if row == GLUE:
-        return _glue_bound(job)
+        ploughed = _ploughed(outcome)
+        return f"the program link: {ploughed}" if ploughed else _glue_bound(job)
     if row == STABILITY:
         return "the servo: its loops have too little margin"
     return "the drives: their torque or speed has too little reserve"
+
+
+def _ploughed(outcome: Outcome) -> str:
+    """Return why the needle ploughs its bead, in words; empty where it does not."""
+    assert outcome.verdict is not None
+    row = outcome.verdict[GLUE]
+    if row.checks[0].name != _PLOUGHED or not row.checks[0].value:
+        return ""
+    return row.remark.rpartition("; ")[2]  # its last part is the remedy
 
 
 def _glue_bound(job: Job) -> str:

@@ -16,9 +16,10 @@ from gantrysim.remedy.bound import bound_of
 from gantrysim.remedy.fastest import FastestProgram
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.paste import controller_words, options, toml_lines
-from gantrysim.remedy.score import row_burden, usage_of
-from gantrysim.remedy.trial import Skipped, Trial, gains_of
+from gantrysim.remedy.score import row_burden, usage_of, usages_of
+from gantrysim.remedy.trial import Skipped, Trial, shown_gains
 from gantrysim.results.checks import FAIL
+from gantrysim.results.row import Row
 from gantrysim.results.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -140,12 +141,12 @@ class Improvement(Shown):
     def gains(self) -> list[str]:
         """What the improved job gains in each row, in words."""
         lines = []
-        for gain in gains_of(self.verdict, self.after.verdict):
+        for gain in shown_gains(self.verdict, self.after.verdict):
             if not gain.quantity:
                 continue
             unit = f" {gain.unit}" if gain.unit else ""
             values = f"{format(gain.before, f'z{gain.form}')} → {_value(gain.after, gain.form)}{unit}"
-            lines.append(f"{gain.row}: {gain.quantity} {values}, {gain.state}")
+            lines.append(f"{gain.row}: {gain.quantity} {values}")
         lines.append(f"time: {self.before.duration:.2f} → {self.after.duration:.2f} s")
         return lines
 
@@ -188,13 +189,18 @@ def _usages(verdict: Verdict | None, rows: int = 0) -> list[str]:
     """Return the share of the limits that the worst check of each row uses, as text."""
     if verdict is None or verdict.fault:
         return [NOTHING] * (rows or len(verdict.rows if verdict is not None else ()))
-    return [_usage(usage_of(row)) for row in verdict.rows]
+    return [_usage(row) for row in verdict.rows]
 
 
-def _usage(usage: float) -> str:
+def _usage(row: Row) -> str:
+    """Return the share of its limit that a row's worst check uses; where that has no bound, the next one's too."""
+    usage = usage_of(row)
     if math.isnan(usage):
         return NOTHING
-    return "∞" if math.isinf(usage) else f"{100 * usage:.0f} %"
+    if math.isfinite(usage):
+        return f"{100 * usage:.0f} %"
+    finite = [other for other in usages_of(row) if math.isfinite(other)]
+    return f"∞, {100 * max(finite):.0f} %" if finite else "∞"
 
 
 def _value(value: float, form: str) -> str:

