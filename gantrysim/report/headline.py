@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from gantrysim.job.causes import Causes, Effect
 from gantrysim.job.losses import happened, reached
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
+from gantrysim.metrics.error_quantities import CONTOUR, LAG
 
 NO_ERROR = 1e-6  # rms below which an error counts as none [mm]
 
-_UM = 1e3
 # of the mean square
 _ALMOST_ALL = 0.9
 _MOST = 0.5
@@ -37,7 +37,7 @@ def headline(budget: Budget, causes: Causes | None = None) -> str:
         return f"Contour error: none, the nozzle follows the requested path{exactly}.{along}"
     link, part = max(budget.values.parts.items(), key=lambda item: item[1].share)
     portion = _portion(part.share)
-    where = f"Contour error: {_size(contour.rms)} rms, {portion} in {link} ({DESCRIPTIONS[link]})."
+    where = f"Contour error: {CONTOUR.text(contour.rms)} rms, {portion} in {link} ({DESCRIPTIONS[link]})."
     sentences = [where] if causes is None else [where, *cause_sentences(causes)]
     return " ".join(sentences) + along
 
@@ -53,13 +53,13 @@ def cause_sentences(causes: Causes) -> Iterator[str]:
     if by_worth and _share(by_worth[0]) >= _MAIN_CAUSE:
         main = by_worth[0]
         kind = "Cause" if _share(main) >= _CAUSE else "Main cause"
-        worth = _size(main.worth["contour"].rms)
-        whole = _size(main.before["contour"].rms)
-        remaining = _size(main.without["contour"].rms)
+        worth = CONTOUR.text(main.worth["contour"].rms)
+        whole = CONTOUR.text(main.before["contour"].rms)
+        remaining = CONTOUR.text(main.without["contour"].rms)
         yield f"{kind}: {main.cause.name}, worth {worth} of {whole}; without it {remaining} are left."
     else:
         largest = [effect for effect in by_worth[:2] if effect.worth["contour"].rms > _LEAST_WORTH]
-        names = " and ".join(f"{effect.cause.name} ({_size(effect.worth['contour'].rms)})" for effect in largest)
+        names = " and ".join(f"{effect.cause.name} ({CONTOUR.text(effect.worth['contour'].rms)})" for effect in largest)
         remark = f"; worth most: {names}" if names else ""
         yield f"No single cause is worth half of it{remark}."
     if failed:
@@ -84,12 +84,7 @@ def _error_with_faults(budget: Budget) -> str:
     until = "" if budget.analysis.run.fault is None else " until then"
     if contour.rms < NO_ERROR:
         return f"Contour error{until}: none."
-    return f"Contour error{until}: {_size(contour.rms)} rms, max {_size(contour.max)}."
-
-
-def _size(length: float) -> str:
-    micrometres = _UM * length
-    return f"{micrometres:.{0 if micrometres >= 100 else 1}f} µm"
+    return f"Contour error{until}: {CONTOUR.text(contour.rms)} rms, max {CONTOUR.text(contour.max)}."
 
 
 def _along(budget: Budget) -> str:
@@ -97,5 +92,5 @@ def _along(budget: Budget) -> str:
     values = budget.values
     if values.lag.max <= max(values.contour.max, NO_ERROR):
         return ""
-    size = f"{values.lag.max:.3g} mm" if values.lag.max >= 1 else f"{_UM * values.lag.max:.3g} µm"
-    return f" Along the path it is up to {size} from its command, {_UM * values.lag.rms:.3g} µm rms."
+    largest = LAG.text(values.lag.max)
+    return f" Along the path it is up to {largest} from its command, {LAG.text(values.lag.rms)} rms."

@@ -141,7 +141,7 @@ def test_the_headline_names_the_link_with_the_largest_share(spiral):
     assert page.texts("p")[2] == text
     assert parts["program"].share > 0.9
     rms = 1e3 * budget.values.contour.rms
-    assert text == f"Contour error: {rms:.0f} µm rms, almost all in program (requested path to commanded)."
+    assert text == f"Contour error: {rms:.1f} µm rms, almost all in program (requested path to commanded)."
 
 
 @pytest.mark.parametrize(
@@ -218,7 +218,7 @@ def test_the_headline_of_a_trip_is_what_happened_and_names_no_link():
     text = headline(budget)
     assert text == (
         f"Fault: following error on axis {fault.axis} at t = {fault.time:.4f} s: {fault.value:.4g} mm, limit 0.03 mm. "
-        f"Contour error until then: {1e3 * contour.rms:.0f} µm rms, max {1e3 * contour.max:.0f} µm."
+        f"Contour error until then: {1e3 * contour.rms:.1f} µm rms, max {1e3 * contour.max:.1f} µm."
     )
     assert summary(RunResults(job, job.built_machine, budget))["headline"] == text
 

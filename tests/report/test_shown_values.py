@@ -146,9 +146,9 @@ def test_the_headline(shown):
     values = shown.budget
     link = max(values.parts, key=lambda name: values.parts[name].share)
     text = shown.page.texts("p")[2]
-    assert text.startswith(f"Contour error: {1e3 * values.contour.rms:.0f} µm rms, almost all in {link} (")
+    assert text.startswith(f"Contour error: {um(values.contour.rms)} µm rms, almost all in {link} (")
     if values.lag.max > values.contour.max:
-        assert f"up to {values.lag.max:.3g} mm from its command, {1e3 * values.lag.rms:.3g} µm rms." in text
+        assert f"up to {um(values.lag.max)} µm from its command, {um(values.lag.rms)} µm rms." in text
 
 
 def test_speed_spacing_and_errors(shown):
