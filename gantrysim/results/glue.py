@@ -50,7 +50,7 @@ def glue_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Row:
     checks += _clearance_checks(bead, tolerance, place_at)
     ploughing = Ploughing.of(bead, tolerance.start_length, tolerance.stop_length)
     checks.append(_ploughing_check(ploughing, tolerance, place_at))
-    remarks = [width.remark, *_ploughing_remarks(ploughing, bead)]
+    remarks = [width.remark, *_clearance_remarks(bead), *_ploughing_remarks(ploughing, bead)]
     return Row.of(GLUE, checks, "; ".join(remarks), {**width.content(), PASSES.key: ploughing.passes})
 
 
@@ -155,7 +155,7 @@ def _clearance_checks(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> It
     asked = bead.run.requested.turn_spacing
     if asked is None or not spacing.distance.size:
         return
-    if float(np.ptp(spacing.link[..., 2], axis=1).max()) > _LEVEL * asked:
+    if _climbs(bead):
         return
     s = analysis.nozzle.s
     ends = [s[0] + tolerance.start_length, s[-1] - tolerance.stop_length]
@@ -167,6 +167,19 @@ def _clearance_checks(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> It
     place = place_at(int(analysis.ticks[np.abs(s - spacing.s[link]).argmin()]))
     bound = tolerance.bound("turn_clearance")
     yield Check.of(TURN_CLEARANCE_ERROR, bound, abs(float(error[link])), place=place)
+
+
+def _climbs(bead: Bead) -> bool:
+    """Return whether neighbouring turns lie at different heights."""
+    asked = bead.run.requested.turn_spacing
+    link = bead.analysis.spacing.link
+    return asked is not None and link.size > 0 and float(np.ptp(link[..., 2], axis=1).max()) > _LEVEL * asked
+
+
+def _clearance_remarks(bead: Bead) -> Iterator[str]:
+    """Yield why the clearance of turns that climb is not judged; nothing for others."""
+    if _climbs(bead):
+        yield "clearance of turns not judged: they lie at different heights, and their spacing is asked in plan view"
 
 
 def _ploughing_check(ploughing: Ploughing, tolerance: Tolerance, place_at: PlaceAt) -> Check:

@@ -319,3 +319,13 @@ def test_a_job_that_lifts_its_needle_ploughs_nothing():
     check = only(row.checks, "bead_ploughed")
     assert (check.value, check.state) == (0.0, "pass")
     assert "needle" not in row.remark
+
+
+def test_the_clearance_of_turns_that_climb_is_said_not_to_be_judged():
+    remark = "clearance of turns not judged: they lie at different heights"
+    climbing = Verdict.of(Job.load("fanuc-conical"), job_run("fanuc-conical"))["glue"]
+    assert remark in climbing.remark
+    assert not [check for check in climbing.checks if check.name == "turn_clearance"]
+    flat = Verdict.of(Job.load("an225"), job_run("an225"))["glue"]
+    assert remark not in flat.remark
+    assert only(flat.checks, "turn_clearance").state == "fail"
