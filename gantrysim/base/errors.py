@@ -37,6 +37,10 @@ def shortened(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} ... {text[-_LONGEST // 2 :]}"
 
 
+class AxisError(InputError):
+    """An InputError about an axis that a program moves and no axis of its controller can follow."""
+
+
 class TimedError(InputError):
     """An InputError about a moment of a program.
 

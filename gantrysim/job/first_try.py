@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gantrysim.base.errors import InputError
+from gantrysim.base.errors import AxisError, InputError
 from gantrysim.base.user_code import is_code
 from gantrysim.bead import BeadSettings
 from gantrysim.bead.section import Section
@@ -59,16 +59,23 @@ def machine_of(name: str, controller: Controller) -> str:
     """Return the built-in machine for a program that names none.
 
     Args:
-        name: of the controller. The user's own code is not asked here: a run reports what it raises.
-        controller: with its program; one that the controller refuses leaves the default, and the run reports it.
+        name: of the controller.
+        controller: with its program; one that the controller refuses leaves the default, and so does the user's own
+            code that raises anything: the run reports it.
+
+    Raises:
+        InputError: the program moves an axis that no machine for its controller has.
     """
-    if is_code(name):
-        return MACHINE
-    if controller.commands_axes:
-        return TURNING_MACHINE
     try:
-        return smallest_machine(controller.axes)
+        return TURNING_MACHINE if controller.commands_axes else smallest_machine(tuple(controller.axes))
+    except AxisError as error:
+        machines = ", ".join(f"{machine} ({', '.join(axes)})" for machine, axes in MACHINES.items())
+        raise InputError(f"{error}; the built-in machines have the axes {machines}") from None
     except InputError:
+        return MACHINE
+    except (Exception, SystemExit):
+        if not is_code(name):
+            raise
         return MACHINE
 
 

@@ -109,7 +109,8 @@ class Job(JobContent):
         name = self.program["controller"]
         job = self
         if open_values.machine:
-            job = job.changed({"machine": machine_of(name, job.controller)}).sharing(job)
+            with self._located():
+                job = job.changed({"machine": machine_of(name, job.controller)}).sharing(job)
         if open_values.glue:
             area = needle_area(job.built_machine, job.dispenser.needle, job.bead)
             job = job.changed({"dispenser.area": area}).sharing(job)

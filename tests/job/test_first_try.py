@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gantrysim import Budget, Job
+from gantrysim import Budget, InputError, Job
 from gantrysim.bead.section import Section
 from gantrysim.job.defaults import INTEGRAL_TIME, MACHINES, smallest_machine
 from gantrysim.job.loading import builtin_jobs
@@ -209,6 +209,39 @@ def test_the_command_takes_a_height_of_the_origin(gantrysim_command, tmp_path):
     assert status == 2
     assert "z = " in errors
     assert gantrysim_command("check", file, "--at", "1,2,3,4")[0] == 2
+
+
+def test_an_axis_that_no_machine_has_is_refused_with_those_there_are(tmp_path):
+    file = written(tmp_path, "G21 G90\nG1 X10 A30 F600\nM2\n")
+    with pytest.raises(InputError) as caught:
+        Job.load(file)
+    text = str(caught.value)
+    assert text.startswith("part.ngc: line 2: A: ")
+    assert "skip_axes = 'A' skips the word" in text
+    assert "xy (x, y), xyz (x, y, z), xyzr (x, y, z, r)" in text
+    assert Job.load(file, ["program.skip_axes=A"]).machine == "xy"
+
+
+OWN = """
+from support.own_controllers import Lines
+class Flat(Lines): pass
+class Tall(Lines):
+    @property
+    def axes(self): return ("x", "y", "z")
+class Broken(Lines):
+    @property
+    def axes(self): raise RuntimeError("no axes")
+"""
+
+
+@pytest.mark.parametrize(("name", "machine"), [("Flat", "xy"), ("Tall", "xyz"), ("Broken", "xy")])
+def test_a_controller_of_ones_own_is_asked_for_its_axes_where_it_may_run(name, machine, tmp_path):
+    written(tmp_path, OWN, "axes_of_mine.py")
+    content = f'name = "mine"\n[program]\ncontroller = "axes_of_mine.py:{name}"\nspeed = 20.0\n'
+    file = written(tmp_path, content, "mine.toml")
+    with pytest.raises(InputError, match="code"):
+        Job.load(file)
+    assert Job.load(file, allow_code=True).machine == machine
 
 
 def test_the_built_in_jobs_choose_nothing():

@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError
+from gantrysim.base.errors import AxisError, InputError
 from gantrysim.controllers.gcode.move_table import MoveTable
 from gantrysim.controllers.gcode.o_words import ProgramFlow, ProgramText
 from gantrysim.controllers.gcode.program_state import ProgramSetup, ProgramState
@@ -56,7 +56,8 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
             if not interpreter.run(line):
                 break
     except InputError as error:
-        raise InputError(f"{flow.where}: {error}") from None
+        kind = AxisError if isinstance(error, AxisError) else InputError
+        raise kind(f"{flow.where}: {error}") from None
     except OverflowError:
         raise InputError(f"{flow.where}: a number is too large") from None
     return Interpreted(start, moves.table, state.ignored)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from gantrysim.base.errors import InputError
+from gantrysim.base.errors import AxisError, InputError
 from gantrysim.controllers.gcode.codes import CODES, Code, Kind
 from gantrysim.controllers.gcode.lines import FirmwareCommand, Words
 from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
@@ -162,7 +162,7 @@ class Interpreter:
             return
         letter, value = next(iter(block.values.items()))
         if letter in "ABCUVW":
-            raise InputError(f"{letter}: the machine has the axes x, y, z; skip_axes = {letter!r} skips the word")
+            raise AxisError(f"{letter}: the machine has the axes x, y, z; skip_axes = {letter!r} skips the word")
         if not self._dialect.lenient:
             raise InputError(f"{letter}{value:g}: is not used in this block")
         state.ignored[letter] += 1
