@@ -46,7 +46,7 @@ class Place:
         if self.axis is not None:
             parts.append(f"axis {self.axis}")
         if self.time is not None:
-            parts.append(f"t = {self.time:.3f} s")
+            parts.append(f"t = {number_text(self.time, '.3f')} s")
         if self.point is not None:
             x, y, z = (number_text(coordinate, ".1f") for coordinate in self.point)
             parts.append(f"x = {x}, y = {y}, z = {z} mm")
