@@ -94,7 +94,10 @@ def render(
                 if not run.is_current:
                     raise InputError(f"run {run.folder}: has been run again meanwhile: render it again")
 
-        takes = [Take(run.machine, run.run, name, run.job.bead) for run, name in zip(runs, names, strict=True)]
+        takes = [
+            Take(run.machine, run.run, name, run.job.bead, run.run.verdict_headline)
+            for run, name in zip(runs, names, strict=True)
+        ]
         with Film(takes, camera=camera, size=pixels, colour=colour) as film:
             if target.suffix.lower() not in FILMS:
                 check()

@@ -45,6 +45,16 @@ class Conveniences:
         job = self._job("verdict", "gantrysim.Verdict.of(job, run)")
         return _named("gantrysim.results.verdict", "Verdict").of(job, self)
 
+    @property
+    def verdict_headline(self) -> str:
+        """The verdict in a line; empty where nothing can be judged: without a job, or without glue.
+
+        Raises:
+            InputError: as `verdict`.
+        """
+        is_judged = self.job is not None and (self.fault is not None or bool(self.dispense.any()))
+        return self.verdict.headline if is_judged else ""
+
     def plot(self) -> Any:
         """Return a matplotlib figure: the plan, coloured by the error, beside the error budget.
 
@@ -53,19 +63,23 @@ class Conveniences:
         """
         return _named("gantrysim.plots.overview", "overview")(self.budget)
 
-    def report(self, folder: str | os.PathLike[str], *, causes: bool = True, progress: Any = None) -> Any:
+    def report(
+        self, folder: str | os.PathLike[str], *, causes: bool = True, improve: bool = True, progress: Any = None
+    ) -> Any:
         """Write the files of `gantrysim run` without the film into a folder; return the path of report.html.
 
         Args:
             folder: to write to; files of an earlier run are replaced.
             causes: whether to run the job again with one cause of error at a time switched off.
+            improve: whether to simulate what may improve the two worst rows of a verdict that is no pass.
             progress: as in `simulate`.
 
         Raises:
             InputError: the run has no job, or the folder cannot be written.
         """
         job = self._job("report", "run.replaced(job=job).report(folder)")
-        return _named("gantrysim.report.writing", "write_report")(job, self, folder, causes, progress)
+        changes = _named("gantrysim.remedy.report", "changes_of") if improve else None
+        return _named("gantrysim.report.writing", "write_report")(job, self, folder, causes, changes, progress)
 
     def film(self, file: str | os.PathLike[str], **options: Any) -> int:
         """Write a film of the run, MP4 or GIF, and return its number of frames.
@@ -78,9 +92,7 @@ class Conveniences:
             InputError: the run has no job, or as `gantrysim.render.save_video`.
         """
         job = self._job("film", "gantrysim.render.save_video(machine, run, file)")
-        judged = self.fault is not None or bool(self.dispense.any())  # without glue there is nothing to judge
-        verdict = self.verdict.headline if judged else ""
-        values = {"bead": job.bead, "label": job.name, "verdict": verdict, **options}
+        values = {"bead": job.bead, "label": job.name, "verdict": self.verdict_headline, **options}
         frames: int = _named("gantrysim.render", "save_video")(job.built_machine, self, file, **values)
         return frames
 

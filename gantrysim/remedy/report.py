@@ -2,10 +2,25 @@
 
 from __future__ import annotations
 
+from gantrysim.job.job import Job
+from gantrysim.remedy.improve import improve, worst_rows
 from gantrysim.remedy.improvement import USAGE_NOTE, Improvement
+from gantrysim.remedy.outcome import Outcome
 from gantrysim.report.document import Section, Table
+from gantrysim.results.checks import PASS
+from gantrysim.results.verdict import Verdict
 
 TITLE = "What to change"
+
+
+def changes_of(job: Job, verdict: Verdict) -> Section | None:
+    """Return the section for the two worst rows of the verdict on a job's run.
+
+    None for a verdict that is a pass, and for a run with faults, whose cause is known.
+    """
+    if verdict.state == PASS or verdict.fault or job.faults:
+        return None
+    return change_section(improve(job, rows=worst_rows(Outcome(verdict)), fastest=False))
 
 
 def change_section(improvement: Improvement) -> Section:

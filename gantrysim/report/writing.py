@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 from gantrysim.base.progress import Progress, shown_progress
@@ -14,13 +15,22 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.plots import save_plots
 from gantrysim.record.run import Run
+from gantrysim.report.document import Section
 from gantrysim.report.folder import PLOTS, REPORT, output_folder, write_fault, write_run
-from gantrysim.report.page import write_run_page
+from gantrysim.report.page import run_page
 from gantrysim.results.run_results import RunResults
+from gantrysim.results.verdict import Verdict
+
+Changes = Callable[[Job, Verdict], Section | None]
 
 
 def write_report(
-    job: Job, run: Run, folder: str | os.PathLike[str], causes: bool = True, progress: Progress = None
+    job: Job,
+    run: Run,
+    folder: str | os.PathLike[str],
+    causes: bool = True,
+    changes: Changes | None = None,
+    progress: Progress = None,
 ) -> Path | None:
     """Write job, record, summary, plots and page of a run into a folder.
 
@@ -29,6 +39,7 @@ def write_report(
         run: the record.
         folder: to write to; files of an earlier run are replaced.
         causes: whether to run the job again with one cause of error at a time switched off.
+        changes: returns the page's section on what to change in the job, from the verdict on its run; None for none.
         progress: as in `simulate`.
 
     Returns:
@@ -45,7 +56,8 @@ def write_report(
         results = results_of(job, run, causes)
         write_run(scratch, results)
         save_plots(results.budget, scratch / PLOTS, bead=results.bead)
-        write_run_page(scratch / REPORT, results, progress=advance)
+        section = None if changes is None else changes(job, results.verdict)
+        run_page(results, None, advance, section).write(scratch / REPORT)
     return target / REPORT
 
 

@@ -85,7 +85,7 @@ def test_options_reach_the_film(gantrysim_command, folder):
     )  # fmt: skip
     assert status == 0
     back = SavedRun.load(folder / "slow")
-    take = Take(back.machine, back.run, "my own", back.job.bead)
+    take = Take(back.machine, back.run, "my own", back.job.bead, back.run.verdict.headline)
     with Film([take], camera="top", size=(400, 200), colour="error") as film, Image.open(out) as gif:
         count = len(film.times(100 / 3, 4))
         assert gif.n_frames == count
@@ -100,7 +100,8 @@ def test_at_draws_one_picture(gantrysim_command, folder):
     assert gantrysim_command("render", folder / "slow", *SMALLEST, "--at", "0.5")[0] == 0
     picture = np.asarray(Image.open(folder / "slow" / "render.png"))
     back = SavedRun.load(folder / "slow")
-    with Film([Take(back.machine, back.run, "an225", back.job.bead)], size=(300, 200)) as film:
+    take = Take(back.machine, back.run, "an225", back.job.bead, back.run.verdict.headline)
+    with Film([take], size=(300, 200)) as film:
         np.testing.assert_array_equal(picture, film.frame(0.5))
         status, printed, _ = gantrysim_command("render", folder / "slow", *SMALLEST, "--out", folder / "b.png")
         assert (status, printed) == (0, f"written to {folder}/b.png: picture\n")

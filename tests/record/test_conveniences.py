@@ -126,13 +126,25 @@ def test_the_figure_shows_plan_and_budget(run):
 
 
 def test_the_report_has_the_files_of_the_command(run, tmp_path):
-    page = run.report(tmp_path / "out", causes=False)
+    page = run.report(tmp_path / "out", causes=False, improve=False)
     assert page == tmp_path / "out" / "report.html"
     names = {file.name for file in (tmp_path / "out").iterdir()}
     assert names >= {"job.toml", "plots", "report.html", "run.npz", "summary.json"}
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["verdict"] == json.loads(json.dumps(run.verdict.content()))
     assert gs.SavedRun.load(tmp_path / "out").job.toml() == run.job.toml()
+
+
+def test_the_report_says_what_to_change_where_the_verdict_is_no_pass(run, tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr("gantrysim.remedy.report.improve", lambda job, **named: asked.append((job, named)) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        run.report(tmp_path / "out", causes=False)
+    ((job, named),) = asked
+    bad = [row.name for row in run.verdict.rows if row.state in ("fail", "warn")]
+    assert job is run.job
+    assert set(named["rows"]) <= set(bad)
+    assert not (tmp_path / "out").exists()
 
 
 def test_the_film_is_of_the_job(run, monkeypatch):
