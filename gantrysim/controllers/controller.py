@@ -123,6 +123,17 @@ class Controller(ABC):
         factor = positive("speed", speed, "mm/s") / self.programmed_speed
         return self.with_speeds(lambda programmed: programmed * factor)
 
+    def with_lift(self, height: float) -> dict[str, Any] | None:
+        """Return the arguments, by dotted name, with which the needle is lifted in dry moves.
+
+        Args:
+            height: above the work [mm].
+
+        Returns:
+            None for a controller without such an argument, or a program that sets the height itself.
+        """
+        return None
+
     def write_record(self, run: Run, file: str | os.PathLike[str]) -> bool:
         """Write the controller's own record of a run, if it keeps one; return whether it was written."""
         return False

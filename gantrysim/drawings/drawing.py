@@ -102,6 +102,9 @@ class Drawing(Controller):
     acceleration: Three = (2000.0, 2000.0, 1000.0)
     dot_time: float = 0.0
 
+    def with_lift(self, height: float) -> dict[str, Any] | None:
+        return {"lift": height} if height > self.lift else None
+
     def __post_init__(self) -> None:
         for name, choices in _CHOICES.items():
             if getattr(self, name) not in choices:

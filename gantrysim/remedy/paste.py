@@ -35,19 +35,22 @@ def toml_lines(base: Job, improved: Job) -> str:
 
 
 def options(base: Job, improved: Job) -> list[str]:
-    """Return the changed values as options of a command of gantrysim.
+    """Return the changed values as options of a command of gantrysim; none where a text differs in more than speeds.
 
     Speeds inside a program's text are one option --speed.
     """
     values = changed_values(base, improved)
     texts = [key for key, value in values.items() if len(_inline(value)) > _MOST or "\n" in str(value)]
     words = []
+    scaled: set[str] = set()
     if texts:
-        words.append(f"--speed {improved.controller.programmed_speed:.6g}")
-    scaled = {key for key in values if texts and key.startswith(_PROGRAM) and _is_speed(base, improved, key)}
-    for key, value in values.items():
-        if key not in texts and key not in scaled:
-            words.append(f"--set {key}={_quoted(_inline(value))}")
+        speed = improved.controller.programmed_speed
+        at_speed = {f"{_PROGRAM}{key}": value for key, value in base.controller.arguments_at(speed).items()}
+        if any(at_speed.get(key) != values[key] for key in texts):
+            return []
+        words.append(f"--speed {speed:.6g}")
+        scaled = set(at_speed)
+    words += [f"--set {key}={_quoted(_inline(value))}" for key, value in values.items() if key not in scaled]
     return words
 
 
@@ -68,12 +71,6 @@ def controller_words(base: Job, improved: Job) -> str:
     except InputError as error:
         return f"{error}\n"
     return text + "".join(f"note: {note}\n" for note in notes)
-
-
-def _is_speed(base: Job, improved: Job, key: str) -> bool:
-    """Whether a value of the program is one that a change of speed makes."""
-    arguments = base.controller.arguments_at(improved.controller.programmed_speed)
-    return key.removeprefix(_PROGRAM) in arguments
 
 
 def _flat(content: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -8,6 +8,7 @@ from gantrysim.remedy.levers import LEVERS
 from gantrysim.remedy.score import usage_of
 
 from support.remedies import (
+    ACROSS,
     AREA,
     CIRCLE,
     DOTS,
@@ -34,6 +35,10 @@ def coarse():
 
 def crooked():
     return lines_job(CIRCLE, geometry={"accuracy": "C7"})
+
+
+def across():
+    return lines_job(ACROSS, machine="xyz")
 
 
 def ideal_valve():
@@ -84,6 +89,7 @@ HELPS = {
     "faster": (sliced_job, "glue", "× 1.41", 0.9),
     "exact waits": (lambda: spiral_job(loop_period=0.01), "path", "instead of WA", 0.6),
     "corner rounding": (sliced_job, "path", "× 0.5", 0.6),
+    "lift": (across, "glue", "3 mm", 0.01),
     "needle height": (sliced_job, "glue", "× 0.8", 0.97),
     "slower": (rubbing, "path", "× 0.5", 0.8),
     "faster valve": (lagging, "glue", "× 0.25", 0.7),
@@ -106,6 +112,7 @@ DOES_NOT_APPLY = {
     "loop period": (rubbing, "without a loop"),
     "exact waits": (exact_spiral, "exact"),
     "corner rounding": (rubbing, "no key of the controller"),
+    "lift": (lambda: lines_job(ACROSS), "no axis z"),
     "needle height": (dry, "lays no bead"),
     "faster valve": (ideal_valve, "at once"),
     "encoder": (lambda: lines_job(CIRCLE, servo={"resolution": 0.0}), "exact"),
@@ -199,3 +206,19 @@ def test_a_faster_valve_keeps_what_is_fitted_to_it():
     dispenser = changed("faster valve", job, "× 0.5").dispenser
     assert (dispenser.dead_time, dispenser.opening, dispenser.advance) == (0.0025, 0.01, 0.0125)
     assert dispenser.stop_lead == 0.002
+
+
+def test_a_needle_that_touches_nothing_or_is_lifted_by_its_program_is_not_lifted():
+    assert settings_of("lift", lines_job(SIDES, machine="xyz")) == "the needle does not touch its bead"
+    text = ACROSS.replace("M2", "G0 Z5\nM2")
+    assert settings_of("lift", lines_job(text, machine="xyz")) == "the program itself sets the height of the needle"
+
+
+def test_the_needle_is_up_between_the_codes_of_the_valve():
+    job = changed("lift", across(), "3 mm")
+    setpoints = job.controller.setpoints(1e-3)
+    z = setpoints.position[:, setpoints.axes.index("z")]
+    moves = abs(setpoints.position[:, 1]) > 1e-6  # y moves in the dry moves alone
+    assert z[setpoints.dispense].max() == pytest.approx(0, abs=1e-9)
+    assert z[moves].min() > 1  # the corner between lifting and moving is rounded
+    assert z.max() == pytest.approx(3)

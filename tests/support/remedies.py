@@ -45,6 +45,15 @@ G4 P0.1
 M63 P0
 M2
 """
+# two beads, and a dry move back across the first
+ACROSS = """G21 G17 G90 G94 G64
+M62 P0
+G1 X30 F6000
+M63 P0
+G0 X15 Y10
+G0 X15 Y-10
+M2
+"""
 SLICED = """M83
 G0 F6000 X-10 Y-10
 G1 F1800 X10 Y-10 E0.6
@@ -57,14 +66,14 @@ def content_of(program, machine="xy", **tables):
     return {"name": "small", "machine": machine, "program": program, "simulation": {"settle": 0.1}, **tables}
 
 
-def lines_job(text, **tables):
+def lines_job(text, machine="xy", **tables):
     """A job of G-code, by default with a bead of 2 mm² at any speed."""
     program = {
         "controller": "linuxcnc.Program",
         "text": text,
         "dispense": {"by": "codes", "on": ["M62"], "off": ["M63"]},
     }
-    return Job.of_content(content_of(program, **{"dispenser": {"area": AREA}, **tables}), "job small")
+    return Job.of_content(content_of(program, machine, **{"dispenser": {"area": AREA}, **tables}), "job small")
 
 
 def sliced_job(**tables):

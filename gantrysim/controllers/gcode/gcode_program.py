@@ -16,6 +16,7 @@ from gantrysim.base.errors import InputError, at_least, place, positive, whole
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.gcode.dialects import Dispense, GCodeDialect
 from gantrysim.controllers.gcode.interpret import Interpreted, interpret
+from gantrysim.controllers.gcode.lifting import lifted
 from gantrysim.controllers.gcode.move_table import END, FEED, FLOW, GLUE, KIND, LINE
 from gantrysim.controllers.gcode.o_words import ProgramText
 from gantrysim.controllers.gcode.planned import PathPlan, PlanSettings, plan
@@ -105,6 +106,10 @@ class GCode(Controller):
             parameters=library.parameters,
         )
         return interpret(text, self.start, setup)
+
+    def with_lift(self, height: float) -> dict[str, Any] | None:
+        text = lifted(self.text, self.dispense, self.start[2], height)
+        return None if text is None else {"text": text}
 
     @property
     def _library(self) -> Library:

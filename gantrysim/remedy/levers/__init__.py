@@ -6,6 +6,7 @@ from gantrysim.remedy.lever import Lever
 from gantrysim.remedy.levers.flow import PROPORTIONAL_FLOW
 from gantrysim.remedy.levers.hardware import ACCURACY_CLASS, ENCODER, SERVO_PERIOD
 from gantrysim.remedy.levers.laws import DISTURBANCE_OBSERVER, FRICTION_COMPENSATION, LEARNING_TORQUE
+from gantrysim.remedy.levers.lift import LIFT
 from gantrysim.remedy.levers.loops import INTEGRAL, LOOP_GAINS
 from gantrysim.remedy.levers.needle import NEEDLE_HEIGHT
 from gantrysim.remedy.levers.program import ACCELERATION, CORNERS
@@ -26,6 +27,7 @@ LEVERS: tuple[Lever, ...] = (
     LOOP_PERIOD,
     FASTER,
     EXACT_WAITS,
+    LIFT,
     CORNERS,
     NEEDLE_HEIGHT,
     SLOWER,
