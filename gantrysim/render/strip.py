@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from gantrysim.base.arrays import Floats
+from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.plots.style import COLOURS, INK
 from gantrysim.render.encoding import Picture
 from gantrysim.render.fonts import MUTED, PAPER, Font, rgb
@@ -22,8 +23,8 @@ _FUTURE = 0.28  # opacity of the curves after the cursor
 _OFF = 0.22  # opacity of the shade where the dispenser is off
 _GRID = 0.30  # opacity of the lines at the ticks of the error axis
 _SPOT = 0.24  # radius in sizes of the letters
-# title, and name of the shade; the first that fits is drawn
-_NAMES = (("contour error [µm]", "dispenser off"), ("contour error [µm]", "off"), ("error [µm]", "off"))
+# title, and name of the shade, from the longest; the first that fits is drawn
+_NAMES = ((CONTOUR.head, "dispenser off"), (CONTOUR.head, "off"), (f"error [{CONTOUR.unit}]", "off"))
 
 
 def round_step(least: float) -> float:

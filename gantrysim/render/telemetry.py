@@ -8,11 +8,13 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
+from gantrysim.base.quantity import number_text
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.metrics.analysis import Analysis
+from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.record.run import Run
 
-_UM = 1e3
+_LARGE = 100.0  # error from which rms and maximum together are shown without decimals, for want of room [µm]
 
 
 class Telemetry:
@@ -53,7 +55,7 @@ class Telemetry:
         if self.run.dispense.any():
             analysis = Analysis(self.run) if self._bead is None else self._bead.analysis
             error[analysis.ticks] = analysis.nozzle.distance
-            error *= _UM
+            error *= CONTOUR.factor
         return error
 
     @cached_property
@@ -81,14 +83,14 @@ class Telemetry:
     def error_text(self, tick: int) -> str:
         """Return the contour error at a tick with its unit, or "no glue" while the dispenser is off."""
         error = self.error[tick]
-        return f"{error:.1f} µm" if np.isfinite(error) else "no glue"
+        return f"{number_text(error, CONTOUR.form)} {CONTOUR.unit}" if np.isfinite(error) else "no glue"
 
     def rms_max_text(self, tick: int) -> str:
         """Return rms and maximum contour error up to a tick with their unit."""
         if not np.isfinite(self.max[tick]):
             return "–"
-        digits = 1 if self.max[-1] < 100 else 0
-        return f"{self.rms[tick]:.{digits}f} / {self.max[tick]:.{digits}f} µm"
+        form = CONTOUR.form if self.max[-1] < _LARGE else ".0f"
+        return f"{number_text(self.rms[tick], form)} / {number_text(self.max[tick], form)} {CONTOUR.unit}"
 
 
 @jit
