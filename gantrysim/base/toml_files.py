@@ -17,6 +17,7 @@ from gantrysim.base.input_files import opened
 
 _MOST = 1 << 28  # length of a job or program [bytes]
 _SHOWN = 80  # characters of a wrong value
+_MANY = 20  # keys of a table, which are not listed where the message says where all are
 _FEW = 8  # problems of one file that are named,
 _LONGEST = 400  # and characters of these
 _INTEGERS = 1 << 63
@@ -149,7 +150,7 @@ def one_line(error: ValidationError, known: Iterable[str] = (), listed: str = ""
         if item["type"] == "value_error" and isinstance(cause, Exception):
             text = str(cause)
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-            hint = _meant(where, names)
+            hint = _meant(where, names, _MANY if listed else None)
             key = where if len(where) <= _SHOWN else f"{where[:_SHOWN]}..."
             text = f"unknown key {key}{'' if hint in hints else hint}"  # a list of keys once
             hints.add(hint)
@@ -169,13 +170,21 @@ def one_line(error: ValidationError, known: Iterable[str] = (), listed: str = ""
     return f"{line} {listed}" if line.endswith("?") else f"{line}; {listed}"
 
 
-def _meant(where: str, known: Sequence[str]) -> str:
-    """Return the end of a message on an unknown key: which of the same table are nearest, or else all of them."""
+def _meant(where: str, known: Sequence[str], most: int | None) -> str:
+    """Return the end of a message on an unknown key: which of the same table are nearest, or else all of them.
+
+    Args:
+        where: the key.
+        known: all keys.
+        most: number of keys of a table above which they are not listed; None for any number.
+    """
     *tables, wrong = where.split(".")
     beside = _keys_in(tables, known) or _keys_in(tables[:-1], known)  # pydantic names a fault's kind after its number
     if near := nearest(wrong, sorted(beside)):
         return f": {meant(near)}"
-    return f": known: {', '.join(sorted(beside))}" if beside else ""
+    if not beside or (most is not None and len(beside) > most):
+        return ""
+    return f": known: {', '.join(sorted(beside))}"
 
 
 def _keys_in(tables: Iterable[str], known: Iterable[str]) -> set[str]:

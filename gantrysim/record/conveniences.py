@@ -47,13 +47,12 @@ class Conveniences:
 
     @property
     def verdict_headline(self) -> str:
-        """The verdict in a line; empty where nothing can be judged: without a job, or without glue.
-
-        Raises:
-            InputError: as `verdict`.
-        """
+        """The verdict in a line; empty where nothing can be judged, without glue or without a job whose code may run."""
         is_judged = self.job is not None and (self.fault is not None or bool(self.dispense.any()))
-        return self.verdict.headline if is_judged else ""
+        try:
+            return self.verdict.headline if is_judged else ""
+        except InputError:  # a saved job that names code which may not run here: its loops are unknown
+            return ""
 
     def plot(self) -> Any:
         """Return a matplotlib figure: the plan, coloured by the error, beside the error budget.

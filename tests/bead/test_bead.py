@@ -503,7 +503,7 @@ def test_extreme_settings_cause_no_warning():
 
 def printed(bead):
     console = Console(width=200, file=StringIO())
-    console.print(outcome_table(bead.run, bead.analysis.values, bead.values, None))
+    console.print(outcome_table(bead.analysis, bead.values, None))
     return console.file.getvalue()
 
 
@@ -512,8 +512,8 @@ def test_the_console_shows_the_volumes_of_a_tiny_bead():
     dispenser = Dispenser(flow=1e-3 * SPEED, dead_time=0.01)
     text = printed(laid(XY, line(), dispenser, cell=0.01, gap=0.05))
     assert re.search(r"volume +0.099 mm³ +-1.00 % of 0.1 requested", text)
-    assert re.search(r"start +1.00 mm missing +length of nominal bead", text)
-    assert re.search(r"volume error +-0.00100\d* mm³ +ramps \+0.0+, starts -0.00100\d*, running \+0.0+, stops", text)
+    assert re.search(r"missing at start +1.00 mm +length of nominal bead", text)
+    assert re.search(r"volume error +-0.00100\d* mm³ +ramps 0, starts -0.00100\d*, running 0, stops 0", text)
     assert "late" not in text
 
 

@@ -36,7 +36,7 @@ def test_a_margin_below_one_and_a_half_is_a_note_in_table_and_summary(margin, no
     run = job.run()
     notes = [note for note in job.notes if note.startswith("servo: y is gain 1.")]
     assert bool(notes) is noted
-    shown = text_of(outcome_table(run, Analysis(run).values, None, job.margins))
+    shown = text_of(outcome_table(Analysis(run), None, job.margins))
     assert f"{margin:.2f}" in shown
     assert ("low, below 1.5" in shown) is noted
 
