@@ -49,7 +49,17 @@ Camera = Annotated[
         "it has no cameras."
     ),
 ]
-Colour = Annotated[str, typer.Option(help="Colour the bead by: plain, width, or error (the contour error).")]
+FilmCamera = Annotated[
+    str | None,
+    typer.Option(
+        help="overview, top, side, or nozzle, which follows the tip; by default one that holds the bead, after a "
+        "second of the whole machine."
+    ),
+]
+Colour = Annotated[
+    str | None,
+    typer.Option(help="Colour the bead by: verdict (in tolerances), width, error (the contour error), or plain."),
+]
 
 
 def to_write(folder: Path | None) -> Path | None:

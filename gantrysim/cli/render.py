@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from gantrysim.base.errors import InputError, expanded, positive
-from gantrysim.cli.options import Camera, Colour
+from gantrysim.cli.options import Colour, FilmCamera
 from gantrysim.cli.terminal import interruptible, say, share_bar, warn
 
 _COMPARISON = "comparison"
@@ -50,13 +50,15 @@ PictureFile = Annotated[
 
 def render(
     folders: Folders,
-    camera: Camera = None,
+    camera: FilmCamera = None,
     size: Size = None,
     fps: Annotated[float, typer.Option(help="Frames per second.")] = 25.0,
     speed: FilmSpeed = None,
-    colour: Colour = "plain",
+    colour: Colour = None,
     moment: Moment = None,
     label: Labels = None,
+    gif: Annotated[bool, typer.Option("--gif", help="Write a GIF instead of an MP4.")] = False,
+    poster: Annotated[bool, typer.Option("--poster", help="Write the last frame as PNG instead of a film.")] = False,
     out: PictureFile = None,
 ) -> None:
     """Draw saved runs: a film or a picture of the machine and its bead, with readout and error strip.
@@ -79,7 +81,7 @@ def render(
     if speed is not None:
         positive("speed of the film", speed)
     pixels = None if size is None else size_of(size)
-    target = _target(folders, out, moment)
+    target = _target(folders, out, _suffix(out, moment, gif, poster))
     with interruptible() as go_on:
         runs = [SavedRun.load(folder) for folder in folders]
         for run in runs:
@@ -122,20 +124,40 @@ def size_of(text: str) -> tuple[int, int]:
     return int(size[1]), int(size[2])
 
 
-def _target(folders: list[Path], out: Path | None, moment: float | None) -> Path:
-    """Return the file to be written."""
-    from gantrysim.render.encoding import FILMS, PICTURES
+def _target(folders: list[Path], out: Path | None, suffix: str) -> Path:
+    """Return the file to be written; its suffix is the given one, unless its name says otherwise."""
     from gantrysim.report.folder import RENDER
 
-    if out is None:
-        suffix = FILMS[0] if moment is None else PICTURES[0]
-        first = expanded(folders[0])
-        if len(folders) == 1:
-            return first / f"{RENDER}{suffix}"
-        return (first if first.name and first.name != ".." else first.resolve()).parent / f"{_COMPARISON}{suffix}"
-    suffix = out.suffix.lower()
-    if suffix not in (*FILMS, *PICTURES):
-        raise InputError(f"--out {out}: suffix = {out.suffix!r}: must be {', '.join(FILMS)} or {PICTURES[0]}")
-    if moment is not None and suffix in FILMS:
-        raise InputError(f"--at {moment:g} with --out {out}: --at draws a single picture: must be {PICTURES[0]}")
-    return expanded(out)
+    if out is not None:
+        return expanded(out)
+    first = expanded(folders[0])
+    if len(folders) == 1:
+        return first / f"{RENDER}{suffix}"
+    return (first if first.name and first.name != ".." else first.resolve()).parent / f"{_COMPARISON}{suffix}"
+
+
+def _suffix(out: Path | None, moment: float | None, gif: bool, poster: bool) -> str:
+    """Return the suffix of the file to be written.
+
+    Raises:
+        InputError: options that ask for files of different kinds, or a file of another kind.
+    """
+    from gantrysim.render.encoding import FILMS, PICTURES
+
+    mp4, animation = FILMS
+    (picture,) = PICTURES
+    wanted = {"--gif": animation if gif else "", "--poster": picture if poster else ""}
+    if moment is not None:
+        wanted[f"--at {moment:g}"] = picture
+    if out is not None:
+        suffix = out.suffix.lower()
+        if suffix not in (*FILMS, *PICTURES):
+            raise InputError(f"--out {out}: suffix = {out.suffix!r}: must be {', '.join(FILMS)} or {picture}")
+        wanted[f"--out {out}"] = suffix
+    kinds = {option: suffix for option, suffix in wanted.items() if suffix}
+    if len(set(kinds.values())) > 1:
+        texts = " and ".join(f"{option} ({suffix})" for option, suffix in kinds.items())
+        raise InputError(f"{texts}: must ask for files of one kind; --at and --poster draw a single picture")
+    if poster and moment is not None:
+        raise InputError(f"--poster with --at {moment:g}: the poster is the last frame; leave one of them out")
+    return next(iter(kinds.values()), mp4)

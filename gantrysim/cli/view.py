@@ -16,6 +16,7 @@ from gantrysim.cli.terminal import FAULT, warn
 if TYPE_CHECKING:
     from gantrysim.job.job import Job
     from gantrysim.record.fault import Fault
+    from gantrysim.render.colours import PLAIN
     from gantrysim.view.playback import Playback
 
 
@@ -29,7 +30,7 @@ def view(
         ),
     ],
     camera: Camera = None,
-    colour: Colour = "plain",
+    colour: Colour = None,
     speed: Annotated[float, typer.Option(help="Seconds of the run per second.")] = 1.0,
     model: Model = None,
     settings: Settings = None,
@@ -57,9 +58,9 @@ def view(
         raise InputError(f"run {shown}: a saved run cannot be changed; --model and --set apply to live jobs only")
     check_display()
     if saved:
-        _replay(folder, camera, colour, speed)
+        _replay(folder, camera, colour or PLAIN, speed)
         return
-    fault = _live(Job.load(shown, settings or (), model, allow_code=allow_code), camera, colour, speed)
+    fault = _live(Job.load(shown, settings or (), model, allow_code=allow_code), camera, colour or PLAIN, speed)
     if fault is not None:
         warn(str(fault), "fault")
         raise typer.Exit(FAULT)
@@ -90,7 +91,7 @@ def _replay(folder: Path, camera: str | None, colour: str, speed: float) -> None
 
 def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | None:
     from gantrysim.engine.simulation import Simulation
-    from gantrysim.render.colours import scale_for
+    from gantrysim.render.colours import PLAIN, scale_for
     from gantrysim.render.scene import Scene
     from gantrysim.view.playback import Playback
     from gantrysim.view.push import STIFFNESS, Bodies
@@ -106,7 +107,7 @@ def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | No
     )
     # the bead gets the rings of an ideal run, and the colours a scale that fits the run to come
     follower = job.follow()
-    scale = scale_for(colour, [follower if colour == "plain" else job.run()], [job.bead])
+    scale = scale_for(colour, [follower if colour == PLAIN else job.run()], [job.bead])
     scene = Scene(job.built_machine, follower, job.bead, colour=colour, scale=scale)
     scene.model.vis.map.stiffness = max(scene.model.vis.map.stiffness, STIFFNESS)
     bodies = Bodies(scene.model, simulation.model)

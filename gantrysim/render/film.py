@@ -18,13 +18,15 @@ from gantrysim.bead import BeadSettings
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
-from gantrysim.render.colours import scale_for
+from gantrysim.render.colours import default_colour, scale_for
 from gantrysim.render.encoding import Picture, film_rate, film_writer, save_picture
 from gantrysim.render.fonts import PAPER, rgb
+from gantrysim.render.framing import Framing
 from gantrysim.render.header import Header, headers, verdict_line
 from gantrysim.render.opengl import Closing
 from gantrysim.render.panel import Panel, run_colours
-from gantrysim.render.renderer import Renderer, checked_size
+from gantrysim.render.renderer import BEAD, Renderer, checked_size
+from gantrysim.render.sight import Sight
 from gantrysim.render.telemetry import Telemetry
 
 _LONGEST = 60.0  # of a film at the default speed [s]
@@ -33,6 +35,9 @@ _LEAST_HEIGHT = 40  # of the pictures [pixels]
 _SIZES = {1: (960, 720), 2: (1280, 640), 4: (1280, 960)}
 COUNTS = tuple(_SIZES)  # numbers of runs that a film can show
 _GAP = 4  # between pictures side by side [pixels]
+_WHOLE = 1.0  # of the film, that shows the whole machine [s]
+_FLYING = 1.5  # of the film, in which the camera flies to the bead [s]
+_INTRODUCTION = 0.25  # of a film, that both take at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,14 +80,16 @@ class Film(Closing):
 
     Args:
         takes: the runs.
-        camera: name of a camera of the machines, as for `Renderer`.
+        camera: name of a camera of the machines, as for `Renderer`; by default one that is fitted to the bead, after
+            a second of the whole machine and a flight from there.
         size: width and height of the frames; the default depends on the number of runs [pixels].
-        colour: quantity that colours the beads on one scale, one of `gantrysim.render.colours.COLOURS`.
+        colour: quantity that colours the beads on one scale, one of `gantrysim.render.colours.COLOURS`; by default the
+            verdict, or the error of runs without a job.
 
     Attributes:
         end: time at which the longest run ends [s].
         cells: places of the runs' pictures.
-        panel: drawn at the bottom of the frame.
+        panel: drawn at the top of the frame, out of reach of a player's controls.
 
     Raises:
         InputError: another number of runs, no such camera or colour, or too small a size.
@@ -95,7 +102,7 @@ class Film(Closing):
         *,
         camera: str | None = None,
         size: tuple[int, int] | None = None,
-        colour: str = "plain",
+        colour: str | None = None,
     ) -> None:
         if len(takes) not in _SIZES:
             raise InputError(f"number of runs = {len(takes)}: must be 1, 2 or 4")
@@ -104,17 +111,20 @@ class Film(Closing):
         beads = [BeadTrace.of(take.run, take.bead) for take in takes]
         self._runs = [Telemetry(bead.run, bead) for bead in beads]
         self.end = max(float(take.run.time[-1]) for take in takes)
-        scale = scale_for(colour, [take.run for take in takes], beads)
+        runs = [take.run for take in takes]
+        colour = default_colour(runs) if colour is None else colour
+        scale = scale_for(colour, runs, beads)
         labels = [take.label or take.machine.name for take in takes]
         self.panel = Panel(self._runs, self.size, labels[0], scale)
-        room = height - self.panel.size[1]
+        above = self.panel.size[1]
+        room = height - above
         self._headers: list[Header] = []
-        self.cells: tuple[Cell, ...] = (Cell(0, 0, width, room),)
+        self.cells: tuple[Cell, ...] = (Cell(0, above, width, room),)
         rows = 1
         if len(takes) > 1:
             rows = len(takes) if len(takes) == 2 and height > width else len(takes) // 2
             self.cells = self._places(labels, rows, room)
-        least = self.panel.size[1] + rows * (self.cells[0].top + _LEAST_HEIGHT)
+        least = above + rows * (self.cells[0].top - above + _LEAST_HEIGHT)
         if height < least:
             raise InputError(f"height of the film = {height}: must be at least {least}, for the pictures")
         self._verdicts = [
@@ -122,10 +132,13 @@ class Film(Closing):
             for take, cell in zip(takes, self.cells, strict=True)
         ]
         self._renderers: list[Renderer] = []
+        shape = (self.cells[0].width, self.cells[0].height)  # of all pictures
+        framing = _common_framing(takes, shape) if camera is None else None
         with ExitStack() as opened:  # closes those that are open where one cannot be opened
             for take, cell, bead in zip(takes, self.cells, beads, strict=True):
                 size = (cell.width, cell.height)
-                renderer = Renderer(take.machine, take.run, camera, size, bead, colour, scale)
+                view = camera or framing or BEAD
+                renderer = Renderer(take.machine, take.run, view, size, bead, colour, scale)
                 self._renderers.append(opened.enter_context(renderer))
             self._opened = opened.pop_all()
 
@@ -139,7 +152,7 @@ class Film(Closing):
         height = (room - rows * above) // rows
         cells = []
         for row in range(rows):
-            top = row * (above + height) + above
+            top = self.panel.size[1] + row * (above + height) + above
             cells += [Cell(column * (width + _GAP), top, width, height) for column in range(columns)]
         return tuple(cells)
 
@@ -168,16 +181,29 @@ class Film(Closing):
         width, height = self.size
         frame = np.empty((height, width, 3), np.uint8)
         frame[:] = rgb(PAPER)
+        share = self._flight_share(time, speed)
         for cell, renderer, run in zip(self.cells, self._renderers, self._runs, strict=True):
-            cell.of(frame)[:] = renderer.frame(run.tick(time))
+            cell.of(frame)[:] = renderer.frame(run.tick(time), share)
         for cell, line in zip(self.cells, self._verdicts, strict=True):
             if line is not None:
                 rows, columns = line.shape[:2]
                 cell.of(frame)[:rows, :columns] = line[: cell.height]
         for cell, header in zip(self.cells, self._headers, strict=False):  # one run has none
             Cell(cell.left, cell.top - header.size[1], *header.size).of(frame)[:] = header.picture(time)
-        frame[height - self.panel.size[1] :] = self.panel.picture(time, speed)
+        frame[: self.panel.size[1]] = self.panel.picture(time, speed)
         return frame
+
+    def _flight_share(self, time: float, speed: float | None) -> float:
+        """Return the share of the flight to the bead at a time of the run, 0 to 1; a single picture shows the bead.
+
+        It starts and ends at rest: 3 x² - 2 x³ of the share x of its duration.
+        """
+        if speed is None:
+            return 1.0
+        shorter = min(1.0, _INTRODUCTION * self.end / speed / (_WHOLE + _FLYING))
+        x = (time / speed - shorter * _WHOLE) / (shorter * _FLYING) if shorter else 1.0
+        x = min(max(x, 0.0), 1.0)
+        return x * x * (3 - 2 * x)
 
     def times(self, fps: float, speed: float) -> list[float]:
         """Return the times of the run in a film [s]: speed / fps apart, ending with the end of the run.
@@ -240,6 +266,15 @@ class Film(Closing):
         save_picture(Path(file), self.frame(self.end if at is None else at))
 
 
+def _common_framing(takes: Sequence[Take], size: tuple[int, int]) -> Framing | None:
+    """Return one framing for runs of the same machine, so that their pictures can be compared; else None."""
+    first = takes[0]
+    if any(take.machine.name != first.machine.name for take in takes):
+        return None
+    sight = Sight(first.machine.model, first.machine, first.run, size[0] / size[1])
+    return sight.framing([take.run for take in takes[1:]])
+
+
 def save_video(
     machine: Machine,
     run: Run,
@@ -250,7 +285,7 @@ def save_video(
     fps: float = 25.0,
     speed: float | None = None,
     bead: BeadSettings | BeadTrace | None = None,
-    colour: str = "plain",
+    colour: str | None = None,
     label: str = "",
     verdict: str = "",
     progress: Callable[[float], None] | None = None,

@@ -41,9 +41,10 @@ class Legend:
         self._scale = scale
         self._font = font
         numbers = (_BAR + _GAP) * font.size + max(map(font.width, scale.labels()))
-        self._title = [f"{scale.title} [{scale.unit}]"]
+        unit = f" [{scale.unit}]" if scale.unit else ""
+        self._title = [f"{scale.title}{unit}"]
         if narrow:
-            self._title = font.wrapped(f"{scale.short_title} [{scale.unit}]", numbers)
+            self._title = font.wrapped(f"{scale.short_title}{unit}", numbers)
         self.width = round(max(numbers, *map(font.width, self._title))) + 2 * font.margin
 
     def picture(self, height: int) -> Picture:
@@ -74,7 +75,7 @@ def colour_bar(scale: Scale, width: int) -> Picture:
     low, _, high = scale.labels()
     middle = (BAR_HEIGHT - _BAR_COLOURS) // 2
     room = width - 4 * _BAR_MARGIN - 2 * max(letters.width(low), letters.width(high))
-    title = letters.shortened(f"bead: {scale.short_title} [{scale.unit}]", room)
+    title = letters.shortened(f"bead: {scale.short_title} [{scale.unit}]".removesuffix(" []"), room)
     for text, x, anchor in ((low, _BAR_MARGIN, "lm"), (title, width / 2, "mm"), (high, width - _BAR_MARGIN, "rm")):
         letters.write(draw, (x, middle), text, _BAR_INK, anchor)
     picture = np.array(image)

@@ -149,7 +149,7 @@ class Panel:
         picture = self._base.copy()
         readout = self._readout(time, speed)
         picture[: readout.shape[0], : readout.shape[1]] = readout
-        picture[0] = rgb(_RULE)
+        picture[-1] = rgb(_RULE)
         strip = self._with_faults(time, self.strip.picture(time))
         picture[self.strip_above :, self.strip_left : self.strip_left + strip.shape[1]] = strip
         return picture

@@ -10,10 +10,16 @@ from gantrysim.bead import BeadSettings
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.machine.machine import NOZZLE, Machine
 from gantrysim.record.run import Run
+from gantrysim.render.antialiasing import smoothed
 from gantrysim.render.colours import Scale
 from gantrysim.render.encoding import Picture
+from gantrysim.render.flight import Flight
+from gantrysim.render.framing import Framing
+from gantrysim.render.inset import Inset
 from gantrysim.render.opengl import Closing, NoOpenGLError, offscreen
 from gantrysim.render.scene import Scene
+
+BEAD = "bead"  # camera that is fitted to the bead
 
 _FRAMED = 4 / 3  # width over height for which the machines' cameras are framed
 _MOST_GEOMS = 2000
@@ -41,7 +47,8 @@ class Renderer(Closing):
 
     Args:
         machine, run, bead, colour, scale: as for `Scene`.
-        camera: name of a camera of the machine; by default "overview", or a view of everything without one.
+        camera: name of a camera of the machine, or "bead" or a framing for one that holds the bead, with the nozzle
+            from near in a corner; by default "overview", or a view of everything without one.
         size: width and height of the pictures [pixels].
 
     Attributes:
@@ -57,7 +64,7 @@ class Renderer(Closing):
         self,
         machine: Machine,
         run: Run,
-        camera: str | None = None,
+        camera: str | Framing | None = None,
         size: tuple[int, int] = (640, 480),
         bead: BeadSettings | BeadTrace | None = None,
         colour: str = "plain",
@@ -66,7 +73,8 @@ class Renderer(Closing):
         self.size = checked_size("picture", size)
         width, height = self.size
         self.scene = Scene(machine, run, bead, colour=colour, scale=scale)
-        self.view = self.scene.camera(camera)
+        is_fitted = camera == BEAD or isinstance(camera, Framing)
+        self.view = self.scene.camera(camera if isinstance(camera, str) and not is_fitted else None)
         model = self.scene.model
         model.vis.global_.offwidth = width
         model.vis.global_.offheight = height
@@ -74,6 +82,11 @@ class Renderer(Closing):
             for fields, name in ((model, "cam_fovy"), (model.vis.global_, "fovy")):
                 half = np.tan(0.5 * np.radians(getattr(fields, name))) * _FRAMED * height / width
                 setattr(fields, name, 2 * np.degrees(np.arctan(half)))
+        framing = camera if isinstance(camera, Framing) else None
+        self._flight = Flight(self.scene, machine, width / height, framing) if is_fitted else None
+        if is_fitted:
+            model.vis.quality.offsamples = 0  # edges are smoothed afterwards, see `smoothed`
+        self._inset = None if self._flight is None else Inset.of(self.scene, self._flight.framing, self.size)
         self._tip = int(model.site(NOZZLE).id)
         self._lights = self._refined_lights()
         self._gl = offscreen(width, height)
@@ -134,10 +147,17 @@ class Renderer(Closing):
         """
         self.scene.show(run)
 
-    def frame(self, tick: int) -> Picture:
-        """Return the picture at a tick, (height, width, 3)."""
+    def frame(self, tick: int, share: float = 1.0) -> Picture:
+        """Return the picture at a tick, (height, width, 3).
+
+        Args:
+            tick: of the run.
+            share: of the flight of a camera that is fitted to the bead, from 0, the whole machine, to 1.
+        """
         scene = self.scene
         scene.pose(tick)
+        if self._flight is not None:
+            self._flight.view(share).set(self.view, scene.model)
         for light in self._lights:
             offset = self.data.site_xpos[self._tip] - self.data.light_xpos[light]
             self.data.light_xdir[light] = offset / np.linalg.norm(offset)
@@ -146,9 +166,20 @@ class Renderer(Closing):
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(scene.model, scene.data, self._option, None, self.view, everything, self._drawn)
         scene.decorate(self._drawn)
+        # a shadow map doubles the time of a picture, and its teeth show from near: there the bead is lit without
+        if self._flight is not None:
+            self._drawn.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = share == 0
         width, height = self.size
         viewport = mujoco.MjrRect(0, 0, width, height)
         mujoco.mjr_render(viewport, self._drawn, self._context)
+        inset = self._inset if share == 1 else None
+        if inset is not None:
+            inset.render(scene, self._drawn, self._context)
         image = np.empty((height, width, 3), np.uint8)
         mujoco.mjr_readPixels(image, None, viewport, self._context)
+        if self._flight is None:
+            return image[::-1]
+        image = smoothed(image)
+        if inset is not None:
+            inset.frame(image)
         return image[::-1]

@@ -14,7 +14,7 @@ from gantrysim.bead.trace import BeadTrace
 from gantrysim.machine.machine import NEEDLE, NOZZLE, WORK, Machine
 from gantrysim.native.quiet import quiet
 from gantrysim.record.run import Run
-from gantrysim.render.colours import Scale, errors_along, scale_for
+from gantrysim.render.colours import PLAIN, Scale, scale_for, values_along
 from gantrysim.render.workpiece import workpiece
 
 _BEAD = "gantrysim bead"
@@ -73,8 +73,8 @@ class Scene:
     def _set_run(self, run: Run, sweep: Sweep) -> None:
         self.run = run
         self.sweep = sweep
-        if self._colour == "error":
-            self._errors = errors_along(sweep.bead_trace)
+        if self._colour not in (PLAIN, "width"):
+            self._along = values_along(self._colour, sweep.bead_trace)
 
     def show(self, run: Run) -> None:
         """Show another run of the machine from now on, with the same needle and number of bead rings.
@@ -94,7 +94,7 @@ class Scene:
         self._normals[:] = mesh.normals
         if self.scale is not None:
             bead_trace = self.sweep.bead_trace
-            values = mesh.width if self._colour == "width" else np.interp(mesh.place, bead_trace.place, self._errors)
+            values = mesh.width if self._colour == "width" else np.interp(mesh.place, bead_trace.place, self._along)
             coordinates = _mesh_part(self.model, self.mesh, "texcoord")
             places = (0.5 + 255 * self.scale.share(values)) / 256  # from the first texel's middle to the last one's
             coordinates[:, 0] = places.repeat(len(coordinates) // len(values))
@@ -116,13 +116,22 @@ class Scene:
         geom.shininess = 0.7
         scene.ngeom += 1
 
+    @property
+    def _cameras(self) -> list[str]:
+        """Names of the machine's cameras, empty for one without."""
+        return [mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_CAMERA, i) or "" for i in range(self.model.ncam)]
+
+    def has_camera(self, name: str) -> bool:
+        """Return whether the machine has a camera of a name."""
+        return name in self._cameras
+
     def camera(self, name: str | None = None) -> mujoco.MjvCamera:
         """Return the named camera, by default "overview", or a view of everything on a machine without that.
 
         Raises:
             InputError: no such camera.
         """
-        names = [mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_CAMERA, i) or "" for i in range(self.model.ncam)]
+        names = self._cameras
         view = mujoco.MjvCamera()
         if name is None and "overview" not in names:
             mujoco.mjv_defaultFreeCamera(self.model, view)

@@ -11,6 +11,7 @@ from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.quantity import contents
 from gantrysim.bead import Bead, Ploughing
 from gantrysim.bead.bead_quantities import EXCESS_AT_STOP, MISSING_AT_START, excess_at_stop, missing_at_start
+from gantrysim.bead.trace import BeadTrace
 from gantrysim.results.checks import FAIL, UNJUDGED, WARN, Check, Place
 from gantrysim.results.row import Row
 from gantrysim.results.tolerance import Tolerance
@@ -69,7 +70,7 @@ class BeadWidth:
         judged: stations that are judged, (r,).
     """
 
-    def __init__(self, bead: Bead, tolerance: Tolerance) -> None:
+    def __init__(self, bead: BeadTrace, tolerance: Tolerance) -> None:
         nominal = float(bead.nominal_section.width[0])
         self.error: Floats = 100 * (bead.width / nominal - 1)
         self.judged = _away_from_ends(bead, tolerance)
@@ -121,7 +122,7 @@ class BeadWidth:
         return self._tolerance.bead_width * (1 + _ROUNDING)
 
 
-def _away_from_ends(bead: Bead, tolerance: Tolerance) -> NDArray[np.bool_]:
+def _away_from_ends(bead: BeadTrace, tolerance: Tolerance) -> NDArray[np.bool_]:
     """Stations of the stretches of dispensing without their starts and stops, (r,)."""
     judged = np.zeros(bead.place.size, bool)
     last = bead.length.size - 1

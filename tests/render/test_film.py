@@ -15,6 +15,8 @@ from gantrysim.render import Film, NoOpenGLError, Renderer, Take, film, save_vid
 from gantrysim.render.colours import scale_for
 from gantrysim.render.fonts import MUTED, font
 from gantrysim.render.panel import run_colours
+from gantrysim.render.renderer import BEAD
+from gantrysim.render.sight import Sight
 
 from support.films import SHAPES, cut, shows, small_job
 
@@ -37,13 +39,13 @@ def short(run):
 
 @pytest.fixture(scope="module")
 def alone(xy, run):
-    with Film([Take(xy, run, "one")], size=SIZE) as opened:
+    with Film([Take(xy, run, "one")], size=SIZE, colour="plain") as opened:
         yield opened
 
 
 @pytest.fixture(scope="module")
 def pair(xy, run, short):
-    with Film([Take(xy, run, "long"), Take(xy, short, "short")], size=PAIR) as opened:
+    with Film([Take(xy, run, "long"), Take(xy, short, "short")], size=PAIR, colour="plain") as opened:
         yield opened
 
 
@@ -68,15 +70,16 @@ def apart(first, second):
 
 def test_the_picture_in_the_film_is_the_renderers_to_the_last_bit(xy, run, alone, tmp_path):
     (cell,) = alone.cells
-    assert (cell.left, cell.top, cell.width) == (0, 0, SIZE[0])
-    assert cell.height + alone.panel.size[1] == SIZE[1]
+    above = alone.panel.size[1]
+    assert (cell.left, cell.top, cell.width) == (0, above, SIZE[0])
+    assert cell.height + above == SIZE[1]
     alone.save_picture(tmp_path / "a.png", 0.7)
     picture = np.asarray(Image.open(tmp_path / "a.png"))
     assert picture.shape == (SIZE[1], SIZE[0], 3)
-    with Renderer(xy, run, size=(cell.width, cell.height)) as renderer:
+    with Renderer(xy, run, BEAD, (cell.width, cell.height)) as renderer:
         np.testing.assert_array_equal(cell.of(picture), renderer.frame(700))
-    np.testing.assert_array_equal(picture[cell.height :], alone.panel.picture(0.7))
-    played = alone.frame(0.7, 4.0)[cell.height :]
+    np.testing.assert_array_equal(picture[:above], alone.panel.picture(0.7))
+    played = alone.frame(0.7, 4.0)[:above]
     np.testing.assert_array_equal(played, alone.panel.picture(0.7, 4.0))
     assert shows(played, "×4", alone.panel.font.size, INK)
     alone.save_picture(tmp_path / "b.png")
@@ -126,7 +129,7 @@ def test_a_gif_has_frame_times_in_hundredths_and_the_right_frames(alone, run, tm
 
 
 def test_a_gif_keeps_rare_colours(xy, run, tmp_path):
-    with Film([Take(xy, run)], size=(420, 200), colour="width") as coloured:
+    with Film([Take(xy, run)], camera="overview", size=(420, 200), colour="width") as coloured:
         coloured.save(tmp_path / "a.gif", fps=2)
         frames, _, _ = of_gif(tmp_path / "a.gif")
         away = np.abs(frames[2].astype(int) - coloured.frame(1.0, 1.0)).max(axis=2)
@@ -136,7 +139,7 @@ def test_a_gif_keeps_rare_colours(xy, run, tmp_path):
 
 def test_two_films_of_a_run_are_the_same_frames(xy, run, alone, tmp_path):
     alone.save(tmp_path / "a.mp4", fps=4)
-    save_video(xy, run, tmp_path / "b.mp4", size=SIZE, fps=4.0, label="one")
+    save_video(xy, run, tmp_path / "b.mp4", size=SIZE, fps=4.0, label="one", colour="plain")
     first, second = (decoded(tmp_path / name)[0] for name in ("a.mp4", "b.mp4"))
     assert len(first) == len(second) > 5
     np.testing.assert_array_equal(first, second)
@@ -155,7 +158,8 @@ def test_runs_side_by_side_are_at_the_same_time(xy, run, short, pair):
     assert second.left + second.width == PAIR[0]
     assert pair.end == run.time[-1]
     size = first.width, first.height
-    with Renderer(xy, run, size=size) as renderer, Renderer(xy, short, size=size) as other:
+    framing = Sight(xy.model, xy, run, size[0] / size[1]).framing([short])
+    with Renderer(xy, run, framing, size) as renderer, Renderer(xy, short, framing, size) as other:
         for time in (0.35, 0.7, 1.2):
             frame = pair.frame(time)
             tick = round(time / run.period)
@@ -170,13 +174,13 @@ def test_each_picture_is_headed_by_its_label_and_shows_when_it_has_ended(pair, s
     cells = pair.cells
     for time, over in ((0.5, False), (1.2, True)):
         frame = pair.frame(time)
-        heads = [frame[: cell.top, cell.left : cell.left + cell.width] for cell in cells]
+        heads = [frame[pair.panel.size[1] : cell.top, cell.left : cell.left + cell.width] for cell in cells]
         for head, label, colour, other in zip(heads, ("long", "short"), colours, colours[::-1], strict=True):
             assert shows(head, label, letters, colour, bold=True)
             assert not shows(head, label, letters, other, bold=True)
         assert shows(heads[1], f"ended at {short.time[-1]:.2f} s", letters, MUTED) is over
         assert not shows(heads[0], f"ended at {short.time[-1]:.2f} s", letters, MUTED)
-        assert shows(frame[-pair.panel.size[1] :], f"{time:.2f} s", pair.panel.font.size, INK)
+        assert shows(frame[: pair.panel.size[1]], f"{time:.2f} s", pair.panel.font.size, INK)
 
 
 def test_four_runs_are_drawn_independently_and_repeatably(xy, run, short):
@@ -189,8 +193,10 @@ def test_four_runs_are_drawn_independently_and_repeatably(xy, run, short):
     np.testing.assert_array_equal(frames[0], frames[2])
     assert not np.array_equal(frames[0], frames[1])
     assert len({(cell.left, cell.top) for cell in cells}) == 4
+    framing = Sight(xy.model, xy, run, cells[0].width / cells[0].height).framing([take.run for take in takes[1:]])
     for cell, take in zip(cells, takes, strict=True):
-        with Renderer(xy, take.run, size=(cell.width, cell.height), colour="error", scale=scale) as renderer:
+        size = (cell.width, cell.height)
+        with Renderer(xy, take.run, framing, size, colour="error", scale=scale) as renderer:
             tick = min(1000, len(take.run.time) - 1)
             np.testing.assert_array_equal(cell.of(frames[0]), renderer.frame(tick))
 
@@ -243,7 +249,7 @@ def test_bad_films_are_refused(xy, run, alone, tmp_path):
         ({"takes": []}, "number of runs = 0: must be 1, 2 or 4"),
         ({"size": (0, 100)}, "width of the film = 0: must be at least 1"),
         ({"size": (300.5, 200)}, "width of the film = 300.5: must be a whole number"),
-        ({"size": (300, 90)}, "height of the film = 90: must be at least 106, for the pictures"),
+        ({"size": (300, 90), "colour": "plain"}, "height of the film = 90: must be at least 106, for the pictures"),
         (
             {"takes": [take] * 4, "size": (400, 200)},
             r"height of the film = 200: must be at least \d+, for the pictures",
@@ -312,7 +318,7 @@ def test_the_pictures_of_a_film_of_any_shape_do_not_overlap(xy, run, monkeypatch
     for size in SHAPES:
         opened = Film(takes, size=size, colour=colour)
         taken = np.zeros(size[::-1], int)
-        taken[size[1] - opened.panel.size[1] :] += 1
+        taken[: opened.panel.size[1]] += 1
         for cell in opened.cells:
             assert cell.height >= 0.2 * size[1]
             assert cell.width >= 0.45 * size[0]
@@ -321,7 +327,8 @@ def test_the_pictures_of_a_film_of_any_shape_do_not_overlap(xy, run, monkeypatch
         assert taken.mean() > 0.7
         assert opened.cells[0].of(taken).sum() == opened.cells[0].width * opened.cells[0].height
     if count == 4:
-        heads = [Film(takes, size=size).cells[0].top for size in ((720, 1280), (1280, 720))]
+        films = [Film(takes, size=size) for size in ((720, 1280), (1280, 720))]
+        heads = [opened.cells[0].top - opened.panel.size[1] for opened in films]
         assert heads[0] > 1.2 * heads[1]  # two lines of readout, and letters about as large
     two = Film(takes, size=(400, 700), colour=colour).cells
     assert len({cell.left for cell in two}) == (2 if count == 4 else 1)
@@ -403,7 +410,7 @@ def test_a_machine_without_cameras_or_label_is_filmed_by_its_name(rigid, run):
     machine = rigid()
     with Film([Take(machine, run)], size=(480, 360)) as opened:
         frame = opened.frame(0.5)
-    assert shows(frame[-opened.panel.size[1] :], machine.name, opened.panel.font.size, INK, bold=True)
+    assert shows(frame[: opened.panel.size[1]], machine.name, opened.panel.font.size, INK, bold=True)
 
 
 @pytest.mark.parametrize("verdict", ["✗ fail: path, glue", "✓ pass", "! warn: " + 30 * "stability, "])

@@ -130,8 +130,9 @@ def test_frames_are_neither_black_nor_blank_and_repeat(xy, run, camera):
 
 def test_the_video_has_its_frames_its_length_and_its_picture(xy, run, tmp_path):
     seen = []
-    count = save_video(xy, run, tmp_path / "video.mp4", size=(480, 360), fps=5.0, progress=seen.append)
-    with imageio.get_reader(tmp_path / "video.mp4") as reader:
+    file = tmp_path / "video.mp4"
+    count = save_video(xy, run, file, size=(480, 360), fps=5.0, colour="plain", progress=seen.append)
+    with imageio.get_reader(file) as reader:
         frames = [np.asarray(frame) for frame in reader]
         rate = reader.get_meta_data()["fps"]
     assert rate == 5.0

@@ -137,7 +137,7 @@ def test_a_plain_bead_has_no_scale(xy, run):
 def test_an_unknown_colour_is_refused(xy, run):
     with pytest.raises(InputError, match="unknown colour 'red'"):
         Scene(xy, run, colour="red")
-    assert COLOURS == ("plain", "width", "error")
+    assert COLOURS == ("plain", "verdict", "width", "error")
 
 
 def test_the_scale_of_the_error_begins_at_zero_and_holds_all_but_the_rarest(run):

@@ -1,0 +1,93 @@
+"""Edges of a picture smoothed after it is drawn: in software a fifth of the time of drawing every pixel four times.
+
+The method is fast approximate anti-aliasing (T. Lottes, 2009). Where the luma of a pixel's neighbours differs, the edge
+runs at right angles to the gradient of luma; the pixel becomes the mean of samples a little further along the edge on
+both sides of it, unless these lie outside the range of luma around the pixel, as then they belong to something else.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base.jit import inner_jit, jit
+from gantrysim.render.encoding import Picture
+
+_CONTRAST = 0.08  # of luma around a pixel, relative to the largest, below which there is no edge
+_DARK = 8.0  # least difference of luma that is an edge in the dark, of 255
+_FURTHEST = 6.0  # of the samples along the edge [pixels]
+# distances of the two pairs of samples, relative to the furthest
+_NEAR = 1 / 6
+_FAR = 1 / 2
+_SLACK = 0.03  # of the gradient, so that no direction is undefined
+_LEAST_SLACK = 0.5
+_LUMA = (0.299, 0.587, 0.114)  # of red, green and blue
+
+
+Luma = NDArray[np.float32]
+
+
+def smoothed(picture: Picture) -> Picture:
+    """Return a picture with smooth edges, (height, width, 3)."""
+    drawn = np.ascontiguousarray(picture)
+    luma = (drawn @ np.array(_LUMA, np.float32)).astype(np.float32, copy=False)
+    result = drawn.copy()
+    _smooth(drawn, luma, result)
+    return result
+
+
+@jit
+def _smooth(picture: Picture, luma: Luma, result: Picture) -> None:
+    """Write the smoothed pixels of all edges, but for those at the rim of the picture."""
+    height, width = luma.shape
+    for row in range(1, height - 1):
+        for column in range(1, width - 1):
+            middle = luma[row, column]
+            above_left = luma[row - 1, column - 1]
+            above_right = luma[row - 1, column + 1]
+            below_left = luma[row + 1, column - 1]
+            below_right = luma[row + 1, column + 1]
+            least = min(middle, above_left, above_right, below_left, below_right)
+            largest = max(middle, above_left, above_right, below_left, below_right)
+            if largest - least < max(_CONTRAST * largest, _DARK):
+                continue
+            # along the edge: square to the gradient
+            across = (below_left + below_right) - (above_left + above_right)
+            down = (above_left + below_left) - (above_right + below_right)
+            slack = max(0.25 * _SLACK * (above_left + above_right + below_left + below_right), _LEAST_SLACK)
+            scale = 1.0 / (min(abs(across), abs(down)) + slack)
+            across = min(max(across * scale, -_FURTHEST), _FURTHEST)
+            down = min(max(down * scale, -_FURTHEST), _FURTHEST)
+            mean = 0.0
+            for channel in range(3):
+                near = _pair(picture, (row, column), (_NEAR * down, _NEAR * across), channel)
+                far = _pair(picture, (row, column), (_FAR * down, _FAR * across), channel)
+                result[row, column, channel] = np.uint8(0.5 * (near + far) + 0.5)
+                mean += _LUMA[channel] * result[row, column, channel]
+            if mean < least or mean > largest:
+                for channel in range(3):
+                    near = _pair(picture, (row, column), (_NEAR * down, _NEAR * across), channel)
+                    result[row, column, channel] = np.uint8(near + 0.5)
+
+
+@inner_jit
+def _pair(picture: Picture, pixel: tuple[int, int], along: tuple[float, float], channel: int) -> float:
+    """Return the mean of a channel at two places on both sides of a pixel, (rows, columns) away from it."""
+    before = _sample(picture, pixel[0] - along[0], pixel[1] - along[1], channel)
+    after = _sample(picture, pixel[0] + along[0], pixel[1] + along[1], channel)
+    return 0.5 * (before + after)
+
+
+@inner_jit
+def _sample(picture: Picture, row: float, column: float, channel: int) -> float:
+    """Return a channel between four pixels; beyond the rim that of the rim."""
+    height, width, _ = picture.shape
+    row = min(max(row, 0.0), height - 1.001)
+    column = min(max(column, 0.0), width - 1.001)
+    r = int(row)
+    c = int(column)
+    y = row - r
+    x = column - c
+    above = (1 - x) * picture[r, c, channel] + x * picture[r, c + 1, channel]
+    below = (1 - x) * picture[r + 1, c, channel] + x * picture[r + 1, c + 1, channel]
+    return (1 - y) * above + y * below
