@@ -47,7 +47,7 @@ class Conveniences:
 
     @property
     def verdict_headline(self) -> str:
-        """The verdict in a line; empty where nothing can be judged, without glue or without a job whose code may run."""
+        """The verdict in a line; empty where nothing can be judged: no glue, or no job whose code may run."""
         is_judged = self.job is not None and (self.fault is not None or bool(self.dispense.any()))
         try:
             return self.verdict.headline if is_judged else ""
