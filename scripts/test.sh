@@ -12,6 +12,16 @@ if ! python -c 'from ctypes.util import find_library as f; raise SystemExit(not 
     fi
 fi
 
+# the tests of a report's viewer need a browser
+if ! command -v chromedriver >/dev/null; then
+    if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
+        apt-get update -qq && apt-get install -qq -y --no-install-recommends chromium chromium-driver >/dev/null ||
+            echo "note: no chromium-driver: the tests of a report's viewer are skipped" >&2
+    else
+        echo "note: no chromedriver; install Debian packages chromium and chromium-driver for the viewer's tests" >&2
+    fi
+fi
+
 cd "$root"
 export PYTHONDONTWRITEBYTECODE=  # the tests start hundreds of processes, which import a third faster with bytecode
 ruff check .

@@ -8,6 +8,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive
 from gantrysim.controllers.loop_theory import LoopTheory
 from gantrysim.paths.path import Path
@@ -72,6 +76,10 @@ class Controller(ABC):
     def line_at(self, time: float) -> int | None:
         """Return the line of the program's text that is active at a time [s], None if it is not known."""
         return None
+
+    def lines_at(self, times: Floats) -> NDArray[np.intp]:
+        """Return the lines of the program's text that are active at times [s], 0 where it is not known, (n,)."""
+        return np.array([self.line_at(time) or 0 for time in times.tolist()], np.intp)
 
     @classmethod
     def loop_theory(cls, arguments: Mapping[str, Any]) -> LoopTheory | None:

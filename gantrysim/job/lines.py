@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gantrysim.base import memory
+from gantrysim.base.arrays import Floats
 from gantrysim.job.job import Job
 
 _CONTROLLER_PERIOD = 1e-3  # [s], of the ticks to which controllers round the ends of their moves
@@ -20,16 +24,43 @@ def program_lines(job: Job, ticks: int) -> Callable[[float], int | None]:
         job: the job.
         ticks: of its run.
     """
-    if ticks > memory.LONG or abs(job.built_servo.period - _CONTROLLER_PERIOD) > 1e-12 or job.setpoints.gates.size:
+    if not _known(job, ticks):
         return lambda time: None
-    period = job.setpoints.period
-    delay = 0.0
-    if job.dispenser.start_lead > 0:  # it may hold the program back
-        sent = len(job.controller.setpoints(period).position)
-        settling = round(job.simulation.settle / period)
-        delay = (len(job.setpoints.position) - settling - sent) * period
+    delay = _delay(job)
 
     def line_at(time: float) -> int | None:
         return None if time < delay else job.controller.line_at(time - delay)
 
     return line_at
+
+
+def program_lines_at(job: Job, ticks: int, times: Floats) -> NDArray[np.intp]:
+    """Return the lines of the program's text at times of the run [s], 0 where they are not known, (n,).
+
+    Args:
+        job: the job.
+        ticks: of its run.
+        times: of its run, (n,) [s].
+    """
+    lines = np.zeros(times.size, np.intp)
+    if _known(job, ticks):
+        delay = _delay(job)
+        begun = times >= delay
+        lines[begun] = job.controller.lines_at(times[begun] - delay)
+    return lines
+
+
+def _known(job: Job, ticks: int) -> bool:
+    """Return whether lines of the program are known by the run's time."""
+    whole_periods = abs(job.built_servo.period - _CONTROLLER_PERIOD) <= 1e-12
+    return ticks <= memory.LONG and whole_periods and not job.setpoints.gates.size
+
+
+def _delay(job: Job) -> float:
+    """Return the time by which the start lead of the dispenser holds the program back [s]."""
+    if job.dispenser.start_lead <= 0:
+        return 0.0
+    period = job.setpoints.period
+    sent = len(job.controller.setpoints(period).position)
+    settling = round(job.simulation.settle / period)
+    return (len(job.setpoints.position) - settling - sent) * period

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.metrics.budget import Budget
-from gantrysim.plots.style import COLOURS, INK, UM, thinned
+from gantrysim.plots.style import COLOURS, COLUMNS, INK, UM, dashed, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,29 +55,33 @@ def draw_budget(figure: Figure | SubFigure, budget: Budget) -> tuple[Axes, ...]:
     return (whole, *below)
 
 
-def draw_budget_along(figure: Figure | SubFigure, budget: Budget) -> tuple[Axes, ...]:
+def draw_budget_along(figure: Figure | SubFigure, budget: Budget, columns: int = COLUMNS) -> tuple[Axes, ...]:
     """Draw the lateral contour error and its parts along the path: on one scale, then each on its own.
 
     Vertical errors, if any, are thin lines. Returns the axes.
+
+    Args:
+        figure: to draw on.
+        budget: the error budget.
+        columns: horizontal resolution, see `thinned`.
     """
     analysis = budget.analysis
-    s = analysis.nozzle.s
-    ticks = analysis.ticks
+    line = partial(_line, s=analysis.nozzle.s, ticks=analysis.ticks, columns=columns)
     shown = {name: part for name, part in budget.parts.items() if part.size.max() > _NOTHING}
     largest = max(float(budget.contour.size.max()), _NOTHING)
     ratios = [2.4] + [1.0] * len(shown)
     panels = figure.subplots(len(ratios), sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
     whole = panels[0]
-    _line(whole, s, ticks, budget.contour.lateral, lw=2.4, color=COLOURS["contour"], alpha=0.85, label="contour")
+    line(whole, budget.contour.lateral, lw=2.4, color=COLOURS["contour"], alpha=0.85, label="contour")
     for name, part in shown.items():
-        _line(whole, s, ticks, part.lateral, lw=1.1, color=COLOURS[name], label=name)
+        line(whole, part.lateral, lw=1.1, color=COLOURS[name], ls=dashed(name), label=name)
     for panel, (name, part) in zip(panels[1:], shown.items(), strict=True):
-        _line(panel, s, ticks, part.lateral, lw=1.0, color=COLOURS[name])
+        line(panel, part.lateral, lw=1.0, color=COLOURS[name])
         panel.set_ylabel(name, fontsize=9)
     for panel, part in zip(panels, (budget.contour, *shown.values()), strict=True):
         if np.abs(part.vertical).max() > max(_VERTICAL * largest, _NOTHING):
             label = "vertical" if panel is whole else "_"
-            _line(panel, s, ticks, part.vertical, lw=0.7, ls=":", color=INK, label=label)
+            line(panel, part.vertical, lw=0.7, ls=":", color=INK, label=label)
         panel.axhline(0, color=INK, lw=0.6)
         panel.margins(x=0.01)
     _mark_turns(panels, budget)
@@ -106,13 +111,13 @@ def _mark_turns(panels: NDArray[np.object_], budget: Budget) -> None:
             )
 
 
-def _line(axes: Axes, s: Floats, ticks: NDArray[np.intp], error: Floats, **style: object) -> None:
+def _line(axes: Axes, error: Floats, s: Floats, ticks: NDArray[np.intp], columns: int, **style: object) -> None:
     """Draw an error along the path, with gaps at missing ticks."""
     gaps = np.flatnonzero(np.diff(ticks) > 1) + 1
     if gaps.size:
         s = np.insert(s, gaps, np.nan)
         error = np.insert(error, gaps, np.nan)
-    x, y = thinned(s, error)
+    x, y = thinned(s, error, columns)
     axes.plot(x, UM * y, **style)  # type: ignore[arg-type]
 
 

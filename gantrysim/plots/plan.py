@@ -24,7 +24,7 @@ def draw_plan(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
     axes = axes_on(on)
     distance = analysis.nozzle.distance
     worst = int(distance.argmax())
-    factor = _magnification(analysis)
+    factor = magnification(analysis)
     every = np.arange(0, distance.size, -(-distance.size // _MOST_POINTS))
     shown = np.unique(np.append(every, [worst, distance.size - 1]))
     ticks = analysis.ticks[shown]
@@ -60,8 +60,8 @@ def plan_extent(analysis: Analysis) -> tuple[float, float]:
     return x, y
 
 
-def _magnification(analysis: Analysis) -> int:
-    """The largest factor that keeps the drawn error below a fifth of the spacing of turns, or 2 % of the extent."""
+def magnification(analysis: Analysis) -> int:
+    """Return the largest factor that keeps drawn errors below a fifth of the turns' spacing, or 2 % of the extent."""
     turns = analysis.spacing.distance
     if turns.size:
         room = 0.2 * float(turns.mean())

@@ -16,24 +16,34 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-_COLUMNS = 1000  # horizontal resolution of a thinned line
+COLUMNS = 1000  # horizontal resolution of a thinned line
 
 UM = 1e3  # micrometres in a millimetre
 
 INK = "#1b1f24"  # of text, axes and the contour error
 
-# The links' colours are from Okabe and Ito's palette, the axes' from Paul Tol's muted scheme; both suit all kinds of
-# colour vision.
+# The links' colours are from Okabe and Ito's palette, but for encoder and structure, which there become the same grey
+# for eyes that lack green cones: a light and a dark one keep all links at least 20 apart in CIELAB to such eyes. The
+# axes' are from Paul Tol's muted scheme.
 COLOURS = {
     "requested": "#8a8f98",
     "program": "#e69f00",
     "servo": "#0072b2",
-    "encoder": "#cc79a7",
+    "encoder": "#e78ac3",
     "geometry": "#56b4e9",
-    "structure": "#009e73",
+    "structure": "#008060",
     "corner": "#a6761d",
     "contour": INK,
     "fault": "#d1203f",
+}
+# lengths of dashes and of the gaps between them, so that no line is known by its colour alone [pixels]
+DASHES: dict[str, list[int]] = {
+    "servo": [9, 3],
+    "encoder": [2, 3],
+    "geometry": [12, 3, 2, 3],
+    "structure": [5, 3],
+    "corner": [2, 6],
+    "vertical": [1, 3],
 }
 AXIS_COLOURS = ("#3a9fc7", "#d55e00", "#8f8f2e", "#aa4499", "#44aa99", "#cc6677")
 
@@ -91,6 +101,12 @@ def add_legend(on: Figure | SubFigure | Axes, columns: int) -> None:
         on.legend(fontsize="small")
 
 
+def dashed(name: str) -> Any:
+    """Return matplotlib's line style of a name, solid for one without dashes."""
+    lengths = DASHES.get(name)
+    return "-" if lengths is None else (0, lengths)
+
+
 def turn_colours(count: int) -> list[str]:
     """Return colours for the turns of a spiral, from dark to light."""
     from matplotlib import colormaps  # slow to import
@@ -110,7 +126,7 @@ def view_height(wide: float, high: float, width: float) -> float:
     return float(np.clip(0.85 * width * high / max(wide, 1e-9), 0.25 * width, 1.1 * width)) + 1.2
 
 
-def thinned(x: Floats, y: Floats, columns: int = _COLUMNS) -> tuple[Floats, Floats]:
+def thinned(x: Floats, y: Floats, columns: int = COLUMNS) -> tuple[Floats, Floats]:
     """Thin a line (m,) to the first, lowest, highest and last point of each of many columns; NaN remain as gaps."""
     size = -(-x.size // columns)
     if size <= 4:

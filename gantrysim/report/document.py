@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from gantrysim.base.errors import InputError
 from gantrysim.base.files import replaced
 from gantrysim.base.quantity import Quantity, number_text
+from gantrysim.plots.style import INK
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,6 +64,11 @@ class Table:
             if len(row) != len(self.columns):
                 raise InputError(f"table row {list(row)}: has {len(row)} cells, must have {len(self.columns)}")
 
+    def mark(self, cell: str) -> str | None:
+        """Return the CSS colour of the mark before a cell, the text's own for the plots' ink; None for no mark."""
+        colour = self.colours.get(cell)
+        return "currentColor" if colour == INK else colour
+
     @property
     def heads(self) -> list[str]:
         return [column if isinstance(column, str) else column.head for column in self.columns]
@@ -91,8 +97,11 @@ class Section:
             function draws its own only when it is its turn, as figures take memory.
         table: a table, or several.
         facts: values shown large: name, value with its unit, and a remark.
-        video: MP4 file, read when the page is written; without it the section is left out.
+        video: MP4 file, read when the page is written; without it a section of nothing else is left out.
         code: preformatted text.
+        viewer: content of the page's viewer as JSON, see `gantrysim.report.viewer_data`; one section of a page at most.
+        still: figures that the viewer replaces on a screen; they remain in print and where scripts do not run.
+        folded: whether only the heading is seen at first, where scripts run.
     """
 
     title: str
@@ -102,6 +111,15 @@ class Section:
     facts: Sequence[tuple[str, str, str]] = ()
     video: Path | None = None
     code: str | None = None
+    viewer: str | None = None
+    still: Drawing | Sequence[Drawing] | None = None
+    folded: bool = False
+
+    @property
+    def lacks_video(self) -> bool:
+        """Whether the section is nothing but a video, and that does not exist."""
+        missing = self.video is not None and not self.video.exists()
+        return missing and self.viewer is None and self.figure is None
 
 
 def with_minus(text: str) -> str:
@@ -160,7 +178,8 @@ class DrawnPage:
             subtitle=self.subtitle,
             warning=self.warning,
             style=Markup((folder / "page.css").read_text(encoding="utf-8")),
-            sections=[entry for entry in self.sections if entry[1].video is None or entry[1].video.exists()],
+            viewer=_viewer_files() if any(section.viewer for _, section, _ in self.sections) else None,
+            sections=[entry for entry in self.sections if not entry[1].lacks_video],
         )
         with replaced(file) as partial:
             partial.write_text(content, encoding="utf-8")
@@ -209,12 +228,24 @@ def _drawn(section: Section, prefix: str) -> list[dict[str, Any]]:
     from gantrysim.report.svg import description, inline_svg
 
     drawn = []
-    for i, drawing in enumerate(_several(section.figure), 1):
+    replaced_by_viewer = _several(section.still)
+    for i, drawing in enumerate([*_several(section.figure), *replaced_by_viewer], 1):
         figure = drawing() if callable(drawing) else drawing
         alternative = ": ".join(filter(None, (section.title, description(figure))))
         svg = Markup(inline_svg(figure, f"{prefix}-{i}", alternative))
-        drawn.append({"svg": svg, "width": round(_PIXELS_PER_INCH * figure.get_size_inches()[0])})
+        width = round(_PIXELS_PER_INCH * figure.get_size_inches()[0])
+        drawn.append({"svg": svg, "width": width, "still": drawing in replaced_by_viewer})
     return drawn
+
+
+def _viewer_files() -> dict[str, Any]:
+    """Return the viewer's script and style, which the page includes."""
+    from markupsafe import Markup
+
+    web = files("gantrysim.report") / "web"
+    script = (web / "viewer.min.js").read_text(encoding="utf-8")
+    style = "".join((web / name).read_text(encoding="utf-8") for name in ("uplot.css", "viewer.css"))
+    return {"script": Markup(script), "style": Markup(style)}
 
 
 def _several(content: Any) -> list[Any]:

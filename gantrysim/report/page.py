@@ -10,13 +10,14 @@ from gantrysim.job.steps import run_notes
 from gantrysim.report.causes import causes_section
 from gantrysim.report.document import DrawnPage, Section, Table, draw_page
 from gantrysim.report.headline import headline
+from gantrysim.report.order import in_order
 from gantrysim.report.scatter import scatter_section
 from gantrysim.report.sections import (
     bead_section,
     budget_section,
     errors_section,
     faults_section,
-    plan_section,
+    path_section,
     spacing_section,
     summary_facts,
 )
@@ -62,7 +63,7 @@ def run_page(
     return draw_page(
         f"{job.name} on {results.machine.name}",
         f"{job.program['controller']}, servo period {1e3 * run.period:g} ms",
-        list(run_sections(results, None if video is None else Path(video), changes)),
+        in_order(run_sections(results, None if video is None else Path(video), changes)),
         warning=None if run.fault is None else f"Fault: {run.fault}. All values are up to the fault.",
         progress=progress,
     )
@@ -87,15 +88,13 @@ def run_sections(results: RunResults, video: Path | None = None, changes: Sectio
         yield changes
     if results.scatter is not None:
         yield scatter_section(results.scatter)
-    yield plan_section(analysis)
+    yield path_section(results, video)
     if analysis.spacing.distance.size:
         yield spacing_section(analysis)
     if bead is not None and bead.nominal > 0:
         yield bead_section(bead)
     yield errors_section(analysis)
     yield servo_section(results)
-    if video is not None:
-        yield Section("Video", video=video)
     if notes := run_notes(job, run):
         yield Section("Notes", notes)
     yield Section("Job", "Save as a file for gantrysim run to repeat this run bit for bit.", code=job.toml())

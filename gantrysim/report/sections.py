@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -26,6 +27,8 @@ from gantrysim.record.run import Run
 from gantrysim.report.document import Column, Section, Table, with_minus
 from gantrysim.report.headline import NO_ERROR
 from gantrysim.report.rows import RowTexts, bead_rows, motion_rows, volume_error, volume_parts
+from gantrysim.report.viewer_data import ViewerData
+from gantrysim.results.run_results import RunResults
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,6 +40,7 @@ _RMS, _, _MAX, _SHARE = PART_COLUMNS
 _WIDE = 10.7
 _HALF = 5.3
 _PLAN = 7.6  # width of a plan view [inch]
+_COLUMNS = 350  # horizontal resolution of noisy lines, which make a page large
 
 
 def summary_facts(budget: Budget) -> list[RowTexts]:
@@ -80,10 +84,8 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
             f"max {LAG.text(values.lag.max)}.",
         ],
         table=[links, axes, _turns(budget)] if values.turns else [links, axes],
-        figure=[
-            drawn(draw_budget, budget, _WIDE, 4.4 if values.turns else 1.6),
-            drawn(draw_budget_along, budget, _WIDE, 8.0),
-        ],
+        figure=drawn(draw_budget, budget, _WIDE, 4.4 if values.turns else 1.6),
+        still=drawn(_coarse_budget, budget, _WIDE, 8.0),
     )
 
 
@@ -138,9 +140,17 @@ def faults_section(run: Run, losses: Losses | None) -> Section:
     return Section("Faults on purpose", events(run), facts=[] if losses is None else losses.rows)
 
 
-def plan_section(analysis: Analysis) -> Section:
-    """Return the section of the plan view."""
-    return Section("Plan view", figure=drawn(draw_plan, analysis, _PLAN, view_height(*plan_extent(analysis), _PLAN)))
+def path_section(results: RunResults, video: Path | None = None) -> Section:
+    """Return the section of the nozzle's path: the page's viewer, the film, and for print the plan view.
+
+    Args:
+        results: of the run.
+        video: film of the run, included where it exists.
+    """
+    analysis = results.budget.analysis
+    height = view_height(*plan_extent(analysis), _PLAN)
+    plan = drawn(draw_plan, analysis, _PLAN, height)
+    return Section("Bead and path", video=video, viewer=ViewerData(results).text(), still=plan)
 
 
 def spacing_section(analysis: Analysis) -> Section:
@@ -164,7 +174,7 @@ def bead_section(bead: Bead) -> Section:
         facts=facts_of(bead_rows(values)),
         figure=[
             drawn(draw_height_map, bead, _PLAN, 0.9 * height),
-            drawn(draw_bead_along, bead, _WIDE, 5.4 if bead.analysis.spacing.distance.size else 3.0),
+            drawn(_coarse_bead, bead, _WIDE, 5.4 if bead.analysis.spacing.distance.size else 3.0),
         ],
         table=[_bead_sizes(values), _volumes(values)],
     )
@@ -203,6 +213,14 @@ def _volumes(values: BeadValues) -> Table:
 def facts_of(rows: Iterable[RowTexts]) -> list[RowTexts]:
     """Return rows of name, value and remark as facts of a page."""
     return [(f"{name[0].upper()}{name[1:]}", with_minus(value), with_minus(remark)) for name, value, remark in rows]
+
+
+def _coarse_budget(figure: Figure, budget: Budget) -> None:
+    draw_budget_along(figure, budget, _COLUMNS)
+
+
+def _coarse_bead(figure: Figure, bead: Bead) -> None:
+    draw_bead_along(figure, bead, _COLUMNS)
 
 
 def drawn(

@@ -10,6 +10,7 @@ from gantrysim import Budget, Job, Machine
 from gantrysim.compare.comparison import Comparison
 from gantrysim.compare.measured import Trace
 from gantrysim.compare.page import write_comparison_page
+from gantrysim.plots.style import COLOURS
 
 from support.jobs import job_run
 from support.pages import Page
@@ -103,7 +104,7 @@ def test_the_words_say_how_much_is_left_and_where(found, page):
 def test_a_curve_of_the_overlay_is_the_known_difference(found, page):
     # the last curve of the first plot in the colour of the structure link: measured less simulated
     plot = page.text.partition("<svg")[2].partition("</svg>")[0]
-    drawn = [one for one in re.findall(r"<path[^>]*>", plot) if "#009e73" in one and "fill: none" in one][-1]
+    drawn = [one for one in re.findall(r"<path[^>]*>", plot) if COLOURS["structure"] in one and "fill: none" in one][-1]
     points = np.array(re.findall(r"[ML] (-?[\d.]+) (-?[\d.]+)", drawn), float)
     ticks = found.measured.analysis.ticks
     run = found.measured.analysis.run

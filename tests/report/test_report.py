@@ -28,7 +28,7 @@ from support.pages import Page
 
 CAUSE_NAMES = tuple(cause.name for cause in CAUSES)
 SMALL = ("diameter=40", "turns=2", "thickness=5")
-ALWAYS = ["verdict", "summary", "error-budget", "plan-view", "errors-over-time", "servo", "job", "versions"]
+ALWAYS = ["verdict", "bead-and-path", "summary", "error-budget", "errors-over-time", "servo", "job", "versions"]
 
 
 def reported(folder, job, run=None, video=None):
@@ -175,7 +175,7 @@ def test_the_causes_have_a_section_with_their_table_and_plot(tmp_path):
     write_run_page(file, RunResults(job, job.built_machine, Budget(bead.analysis), bead, causes))
     page = Page(file)
     page.check()
-    assert page.sections[:4] == ["verdict", "summary", "error-budget", "causes"]
+    assert page.sections[:5] == ["verdict", "bead-and-path", "summary", "error-budget", "causes"]
     text = page.section("causes")
     assert "locate the error on the chain; this section finds its causes" in text
     shown = page.rows()
@@ -287,7 +287,7 @@ def test_a_program_cannot_write_markup_into_the_page(tmp_path):
     text = "N10 G17 G90 G00 X0 Y10\nN20 G01 X20 F3000 (</code><script>alert;</script>&)"
     job = Job(name="mark", machine="xy", program={"controller": "fanuc.Program", "program": text})
     page, _ = reported(tmp_path, job)
-    assert "<script" not in page.text
+    assert page.text.count("<script") == len(page.all("script")) == 2  # the viewer and its data
     assert "(</code><script>alert;</script>&)" in page.all("code")[0]["text"]
 
 

@@ -85,7 +85,9 @@ class Page(HTMLParser):
         ids = [element["id"] for element in self.elements if "id" in element]
         assert len(set(ids)) == len(ids)
         for element in self.elements:
-            assert element["tag"] not in {"script", "link", "iframe", "object", "embed", "base", "form"}
+            if element["tag"] == "script":  # of the page's own
+                assert set(element) - {"tag", "text", "inside"} <= {"type", "id"}
+            assert element["tag"] not in {"link", "iframe", "object", "embed", "base", "form"}
             for key, value in element.items():
                 if key in {"tag", "text", "inside"} or value is None:
                     continue

@@ -168,7 +168,11 @@ class GCode(Controller):
 
     def line_at(self, time: float) -> int | None:
         """Return the line of the text that runs at a time [s]."""
-        return int(self.plan.lines(np.array([time]))[0]) or None
+        return int(self.lines_at(np.array([time]))[0]) or None
+
+    def lines_at(self, times: Floats) -> NDArray[np.intp]:
+        """As `Controller.lines_at`."""
+        return self.plan.lines(times)
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, positive, whole
 from gantrysim.controllers.basic.code import Code
 from gantrysim.controllers.controller import Controller
@@ -140,10 +142,14 @@ class Basic(Controller):
 
     def line_at(self, time: float, period: float = 1e-3) -> int | None:
         """Return the line of the program that moves the group, or lets it rest, at a time [s]; None after its end."""
+        return int(self.lines_at(np.array([time]), period)[0]) or None
+
+    def lines_at(self, times: Floats, period: float = 1e-3) -> NDArray[np.intp]:
+        """As `Controller.lines_at`."""
         steps = self.task.time.steps
         ends = np.cumsum([periods(step.duration, period) for step in steps]) * period
-        k = int(np.searchsorted(ends, time - 1e-9 * period))
-        return steps[k].line if k < len(steps) else None
+        lines = np.array([*(step.line or 0 for step in steps), 0], np.intp)
+        return lines[np.searchsorted(ends, times - 1e-9 * period)]
 
     def setpoints(self, period: float) -> Setpoints:
         task = self.task

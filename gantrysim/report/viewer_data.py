@@ -1,0 +1,234 @@
+"""The content of a page's viewer: the columns of a run that it draws, and what it needs to label them.
+
+A number has 16 bits: it differs from the run's by at most 1 / 131,068 of its column's range (`encoding.encoded`), for
+errors within ± 1 mm by 0.008 µm. Times, program lines and the state of the dispenser are exact. Above
+`thinning.MOST_ROWS` ticks the columns are thinned so that the extremes of each remain.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base import memory
+from gantrysim.base.arrays import Floats
+from gantrysim.base.columns import by_blocks
+from gantrysim.bead import Bead
+from gantrysim.job.lines import program_lines_at
+from gantrysim.metrics.analysis import path_speed
+from gantrysim.metrics.budget import DESCRIPTIONS
+from gantrysim.metrics.parts import CORNER
+from gantrysim.plots.plan import magnification
+from gantrysim.plots.style import COLOURS, DASHES
+from gantrysim.report.encoding import encoded, encoded_ascending, encoded_runs
+from gantrysim.report.thinning import MOST_ROWS, shown_rows
+from gantrysim.results.run_results import RunResults
+
+_UM = 1e3
+_LEVEL = 1e-6  # [mm], vertical parts below it are rounding
+_LISTED = 2000  # lines of a program that is listed whole; of a longer one only the lines that run
+_DIGITS = 3  # significant, of a column's largest value
+
+ERROR = "error"
+BEAD = "bead"
+MOTION = "motion"
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """A column of the viewer.
+
+    Attributes:
+        name: unique name.
+        label: as the page shows it.
+        unit: in which the page shows it.
+        group: of columns with a scale in common: `ERROR`, `BEAD`, `MOTION`, or none for positions.
+        values: returns the values at `ticks` in this unit, (m,).
+        ticks: ticks of the run at which it has values, ascending; None for all.
+        meaning: in a few words.
+    """
+
+    name: str
+    label: str
+    unit: str
+    group: str
+    values: Callable[[], Floats]
+    ticks: NDArray[np.intp] | None = None
+    meaning: str = ""
+
+    def at(self, rows: NDArray[np.intp]) -> Floats:
+        """Return the values at ticks of the run, NaN where there is none, (m,)."""
+        values = self.values()
+        if self.ticks is None:
+            return values[rows]
+        places = np.minimum(np.searchsorted(self.ticks, rows), self.ticks.size - 1)
+        return np.where(self.ticks[places] == rows, values[places], np.nan)
+
+    def content(self, values: Floats) -> dict[str, Any]:
+        """Return its label, unit, decimals and colour for the page."""
+        largest = float(np.nanmax(np.abs(values), initial=0.0))
+        whole = 0 if largest < 1e-9 else int(np.floor(np.log10(largest))) + 1
+        return {
+            "name": self.name,
+            "label": self.label,
+            "unit": self.unit,
+            "group": self.group,
+            "decimals": int(np.clip(_DIGITS + 1 - whole, 1, 3)),
+            "colour": COLOURS.get(self.name),
+            "dash": DASHES.get(self.name, []),
+            "meaning": self.meaning,
+        }
+
+
+class ViewerData:
+    """The columns of a run for its page.
+
+    Args:
+        results: of the run.
+        most: about the largest number of ticks shown.
+    """
+
+    def __init__(self, results: RunResults, most: int = MOST_ROWS) -> None:
+        self.results = results
+        self._most = most
+
+    @cached_property
+    def series(self) -> tuple[Series, ...]:
+        """The columns, but for ticks, program lines and the state of the dispenser."""
+        bead = () if self._bead is None else tuple(_bead_series(self._bead))
+        return (*self._positions(), *self._errors(), *bead, *self._motion())
+
+    @property
+    def _bead(self) -> Bead | None:
+        bead = self.results.bead
+        return bead if bead is not None and bead.nominal > 0 else None
+
+    def _positions(self) -> Iterator[Series]:
+        budget = self.results.budget
+        run = budget.analysis.run
+        ticks = budget.analysis.ticks
+        nozzle = budget.analysis.nozzle
+        yield Series("s", "s", "mm", "", lambda: nozzle.s, ticks, "distance along the requested path")
+        for axis, name in enumerate("xyz"):
+            if name == "z" and float(np.ptp(run.nozzle[:, 2])) < _LEVEL:
+                continue
+            yield Series(name, name, "mm", "", partial(_coordinate, run.nozzle, axis), None, "nozzle in the work frame")
+            if name != "z":
+                yield Series(f"d{name}", f"d{name}", "mm", "", partial(_coordinate, nozzle.offset, axis), ticks)
+
+    def _errors(self) -> Iterator[Series]:
+        budget = self.results.budget
+        ticks = budget.analysis.ticks
+        corner = {} if budget.corner is None else {CORNER: budget.corner}
+        parts = {"contour": budget.contour, **budget.parts, **corner}
+        for name, part in parts.items():
+            label = name
+            yield Series(
+                name, label, "µm", ERROR, partial(_micrometres, part.lateral), ticks, DESCRIPTIONS.get(name, "")
+            )
+        size = budget.analysis.nozzle.distance
+        beside = size - np.abs(budget.contour.lateral)
+        if float(np.abs(beside).max()) > _LEVEL:
+            vertical = budget.contour.vertical
+            if float(np.abs(vertical).max()) > _LEVEL:
+                yield Series(
+                    "vertical", "vertical", "µm", ERROR, partial(_micrometres, vertical), ticks, "normal to path"
+                )
+            yield Series(
+                "distance", "distance", "µm", "", partial(_micrometres, size), ticks, "nozzle to requested path"
+            )
+
+    def _motion(self) -> Iterator[Series]:
+        run = self.results.budget.analysis.run
+        if run.flow_demand.any():
+            yield Series("flow", "flow", "mm³/s", MOTION, lambda: run.flow, None, "out of the needle")
+        yield Series("speed", "path speed", "mm/s", MOTION, lambda: path_speed(run), None, "of the nozzle")
+
+    @cached_property
+    def rows(self) -> NDArray[np.intp]:
+        """Ticks of the run that are shown, (m,)."""
+        run = self.results.budget.analysis.run
+        ticks = len(run.time)
+        columns = ((series.ticks, series.values()) for series in self.series)
+        states: list[NDArray[Any]] = [run.dispense]
+        if self._most < ticks <= memory.LONG:  # of a longer run the lines are unknown
+            states.append(self._lines(np.arange(ticks)))
+        return shown_rows(ticks, columns, len(self.series), states, self._most)
+
+    def _lines(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the lines of the program at ticks of the run, 0 where they are unknown, (m,)."""
+        run = self.results.budget.analysis.run
+        return program_lines_at(self.results.job, len(run.time), run.time[rows])
+
+    @property
+    def _program_text(self) -> str:
+        job = self.results.job
+        text = job.program.get(job.controller.text_argument, "")
+        return text if isinstance(text, str) else ""
+
+    def content(self) -> dict[str, Any]:
+        """Return what the viewer reads: columns, their series, the program's text, nominal values and tolerances."""
+        run = self.results.budget.analysis.run
+        rows = self.rows
+        lines = self._lines(rows)
+        columns = {
+            "tick": encoded_ascending(rows),
+            "dispense": encoded_runs(run.dispense[rows]),
+            "line": encoded_runs(lines),
+        }
+        contents = []
+        for series in self.series:
+            values = series.at(rows)
+            columns[series.name] = encoded(values)
+            contents.append(series.content(values))
+        tolerance = self.results.verdict.tolerance
+        bead = self._bead
+        return {
+            "rows": int(rows.size),
+            "ticks": len(run.time),
+            "period": run.period,
+            "start": float(run.time[0]),
+            "columns": columns,
+            "series": contents,
+            "program": _listing(self._program_text, lines),
+            "magnification": magnification(self.results.budget.analysis),
+            "path_tolerance": None if tolerance is None else _UM * tolerance.path_max,
+            "width": None if bead is None else float(bead.nominal_section.width[0]),
+            "width_tolerance": None if tolerance is None else tolerance.bead_width,
+        }
+
+    def text(self) -> str:
+        """Return the content as JSON that may stand in an HTML script element."""
+        return json.dumps(self.content(), allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _coordinate(points: Floats, axis: int) -> Floats:
+    return by_blocks(lambda block: points[block, axis], len(points))
+
+
+def _micrometres(error: Floats) -> Floats:
+    return _UM * error
+
+
+def _bead_series(bead: Bead) -> Iterator[Series]:
+    def width() -> Floats:
+        return by_blocks(lambda block: np.interp(bead.length[block], bead.place, bead.width), len(bead.length))
+
+    yield Series("width", "bead width", "mm", BEAD, width, None, "of the bead laid")
+
+
+def _listing(text: str, lines: NDArray[np.intp]) -> dict[str, str] | None:
+    """Return the lines of a program's text by number: all, or of a long program those that run; None without any."""
+    active = set(np.unique(lines).tolist()) - {0}
+    if not active:
+        return None
+    by_number = dict(enumerate(text.rstrip().split("\n"), 1))
+    if len(by_number) > _LISTED:
+        by_number = {number: line for number, line in by_number.items() if number in active}
+    return {str(number): line.rstrip() for number, line in by_number.items()}

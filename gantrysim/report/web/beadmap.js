@@ -1,0 +1,87 @@
+// The bead in plan view: as wide as it is laid, over the band that is requested, coloured by its deviation in width.
+
+import { element } from "./dom.js";
+import { PlanMap } from "./map.js";
+import { mixed, onTheme, theme } from "./theme.js";
+
+const LEVELS = 160; // of width, each drawn in one stroke
+const DRY = 0.02; // of the nominal width; a narrower bead is none
+const SPAN = 3; // deviation at the ends of the scale, in tolerances
+
+export class BeadMap {
+  constructor(data, cursor, region) {
+    this.data = data;
+    this.span = SPAN * (data.width_tolerance || 10); // [%]
+    const { x, y, width } = data.column;
+    const place = { x: 0, y: 0 };
+    this.map = new PlanMap({
+      name: "Bead as laid, coloured by the deviation of its width",
+      data,
+      cursor,
+      region,
+      points: (row) => Object.assign(place, { x: x[row], y: y[row] }),
+      draw: (context, map, colours) => this._draw(context, map, colours),
+      describe: (row) => `t = ${data.time[row].toFixed(3)} s, bead width ${data.text("width", row)}`,
+    });
+    this.widest = width.reduce((most, value) => (value > most ? value : most), 0);
+    this.bar = element("span", { class: "ramp" });
+    this.element = element("figure", { class: "view bead" }, this._caption(), this.map.surface);
+    this._paint();
+    onTheme(() => this._paint());
+  }
+
+  _caption() {
+    const { bar, data, span } = this;
+    for (const side of data.width_tolerance ? [-1, 1] : []) {
+      const mark = element("i", { title: `tolerance: ${data.width_tolerance} %` });
+      mark.style.left = `${50 + (50 * side * data.width_tolerance) / span}%`;
+      bar.append(mark);
+    }
+    const scale = element("span", { class: "scale" }, `−${span} %`, bar, `+${span} %`);
+    const title = element("b", {}, "Bead");
+    return element("figcaption", {}, title, ` width, nominal ${data.width.toPrecision(3)} mm`, scale);
+  }
+
+  _paint() {
+    this.bar.style.background = `linear-gradient(to right, ${theme().widths.join(",")})`;
+  }
+
+  _draw(context, map, colours) {
+    const { data, widest, span } = this;
+    const { x, y, width } = data.column;
+    const nominal = data.width;
+    context.beginPath();
+    let pen = false;
+    for (let row = 0; row < data.rows; row++) {
+      const px = data.requested.x[row];
+      const known = px === px;
+      if (known && pen) context.lineTo(map.px(px), map.py(data.requested.y[row]));
+      else if (known) context.moveTo(map.px(px), map.py(data.requested.y[row]));
+      pen = known;
+    }
+    Object.assign(context, { strokeStyle: colours.line, lineWidth: nominal * map.scale });
+    context.stroke();
+    const pieces = Array.from({ length: LEVELS + 1 }, () => new Path2D());
+    let before = -1;
+    for (let row = 0; row < data.rows; row++) {
+      const wide = width[row];
+      const level = wide > DRY * nominal ? Math.round((LEVELS * wide) / widest) : -1;
+      if (level >= 0) {
+        const place = [map.px(x[row]), map.py(y[row])];
+        if (before !== level) {
+          const start = before >= 0 ? row - 1 : row; // pieces of different width touch
+          pieces[level].moveTo(map.px(x[start]), map.py(y[start]));
+        }
+        pieces[level].lineTo(...place);
+      }
+      before = level;
+    }
+    pieces.forEach((piece, level) => {
+      const wide = (widest * level) / LEVELS;
+      const deviation = 100 * (wide / nominal - 1);
+      context.strokeStyle = mixed(colours.widths, 0.5 + (0.5 * deviation) / span);
+      context.lineWidth = Math.max(wide * map.scale, 1);
+      context.stroke(piece);
+    });
+  }
+}

@@ -1,0 +1,151 @@
+// The data of a run as the page holds them: columns of integers in base64, see gantrysim/report/encoding.py.
+
+const MISSING = 65535;
+const JUMP = -128;
+
+function bytesOf(text) {
+  const binary = atob(text);
+  const bytes = new Uint8Array(binary.length);
+  for (let k = 0; k < bytes.length; k++) bytes[k] = binary.charCodeAt(k);
+  return bytes;
+}
+
+function wordsOf(text) {
+  const bytes = bytesOf(text);
+  const words = new Uint16Array(bytes.length / 2);
+  for (let k = 0; k < words.length; k++) words[k] = bytes[2 * k] | (bytes[2 * k + 1] << 8);
+  return words;
+}
+
+function codesOf(column, rows) {
+  if (column.kind === "u16") return wordsOf(column.data);
+  const codes = new Uint16Array(rows);
+  const differences = new Int8Array(bytesOf(column.data).buffer);
+  const jumps = wordsOf(column.jumps);
+  let code = 0;
+  let jump = 0;
+  for (let k = 0; k < rows; k++) {
+    code = differences[k] === JUMP ? jumps[jump++] : code + differences[k];
+    codes[k] = code;
+  }
+  return codes;
+}
+
+/** Return the values of a column, NaN where there is none. */
+export function decode(column, rows) {
+  const values = new Float64Array(rows);
+  if (column.kind === "ascending") {
+    const differences = column.data ? wordsOf(column.data) : null;
+    values[0] = column.first;
+    for (let k = 1; k < rows; k++) values[k] = values[k - 1] + (differences ? differences[k - 1] : 1);
+  } else if (column.kind === "runs") {
+    let k = 0;
+    column.values.forEach((value, run) => {
+      values.fill(value, k, k + column.counts[run]);
+      k += column.counts[run];
+    });
+  } else {
+    const codes = codesOf(column, rows);
+    for (let k = 0; k < rows; k++) {
+      values[k] = codes[k] === MISSING ? NaN : column.offset + column.scale * codes[k];
+    }
+  }
+  return values;
+}
+
+/** The smallest and largest known value between two rows, [0, 0] where there is none. */
+export function extent(values, first = 0, last = values.length - 1) {
+  let low = Infinity;
+  let high = -Infinity;
+  for (let k = first; k <= last; k++) {
+    if (values[k] < low) low = values[k];
+    if (values[k] > high) high = values[k];
+  }
+  return low <= high ? [low, high] : [0, 0];
+}
+
+/** Stretches of rows, [first, last], in which a condition holds. */
+export function stretches(rows, holds) {
+  const found = [];
+  for (let k = 0; k < rows; k++) {
+    if (!holds(k)) continue;
+    const last = found[found.length - 1];
+    if (last && last[1] === k - 1) last[1] = k;
+    else found.push([k, k]);
+  }
+  return found;
+}
+
+/** Values for an axis: never falling, and spread evenly over rows that have none. */
+function ascending(values) {
+  const known = values.findIndex((value) => !isNaN(value));
+  const result = new Float64Array(values.length);
+  let last = 0;
+  let highest = known < 0 ? 0 : values[known];
+  result[0] = highest;
+  for (let k = 1; k < values.length; k++) {
+    if (isNaN(values[k])) continue;
+    const next = Math.max(values[k], highest);
+    for (let j = last + 1; j <= k; j++) result[j] = highest + ((next - highest) * (j - last)) / (k - last);
+    last = k;
+    highest = next;
+  }
+  return result.fill(highest, last);
+}
+
+/** A run: its columns by name, with time [s], and what describes them. */
+export class RunData {
+  constructor(content) {
+    Object.assign(this, content);
+    this.column = {};
+    for (const name of Object.keys(content.columns)) this.column[name] = decode(content.columns[name], content.rows);
+    const { tick, s, x, y, dx, dy, contour } = this.column;
+    const rows = this.rows;
+    this.time = tick.map((k) => content.start + k * content.period);
+    this.end = content.start + (content.ticks - 1) * content.period;
+    this.requested = { x: x.map((value, k) => value - dx[k]), y: y.map((value, k) => value - dy[k]) };
+    this.size = this.column.distance || contour.map(Math.abs);
+    this.along = ascending(s);
+    this.worst = 0;
+    for (let k = 0; k < rows; k++) if (!(this.size[k] <= this.size[this.worst])) this.worst = isNaN(this.size[k]) ? this.worst : k;
+    this.off = stretches(rows, (k) => !this.column.dispense[k]);
+  }
+
+  seriesOf(name) {
+    return this.series.find((series) => series.name === name);
+  }
+
+  links() {
+    return this.series.filter((series) => series.group === "error");
+  }
+
+  /** The row nearest to a time [s]. */
+  rowAt(time) {
+    return nearest(this.time, time);
+  }
+
+  /** A value as text with its unit; a dash where there is none. */
+  text(name, row) {
+    const { decimals, unit } = this.seriesOf(name);
+    const value = this.column[name][row];
+    return isNaN(value) ? "–" : `${number(value, decimals)} ${unit}`;
+  }
+}
+
+/** A number as text, with a minus sign and no minus before a zero. */
+export function number(value, decimals) {
+  const text = value.toFixed(decimals);
+  return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−");
+}
+
+/** Index of the value nearest to one in ascending values. */
+export function nearest(values, value) {
+  let low = 0;
+  let high = values.length - 1;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (values[middle] < value) low = middle;
+    else high = middle;
+  }
+  return Math.abs(values[low] - value) <= Math.abs(values[high] - value) ? low : high;
+}

@@ -1,0 +1,28 @@
+// Elements of the page in a line each.
+
+/** Return a new element with attributes, and children that are elements or text. */
+export function element(tag, attributes = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  made.append(...children);
+  return made;
+}
+
+/** Return a button that is on or off, and calls a function with its new state. */
+export function toggle(label, pressed, changed, attributes = {}) {
+  const button = element("button", { type: "button", "aria-pressed": String(pressed), ...attributes }, label);
+  button.addEventListener("click", () => {
+    const next = button.getAttribute("aria-pressed") !== "true";
+    button.setAttribute("aria-pressed", String(next));
+    changed(next);
+  });
+  return button;
+}
+
+/** A piece of a line as in the strips, for a legend. */
+export function sample(colour, dash) {
+  const template = document.createElement("template");
+  const stroke = `stroke="${colour}" stroke-width="3" stroke-dasharray="${dash.join(" ")}"`;
+  template.innerHTML = `<svg class="sample" viewBox="0 0 30 8" aria-hidden="true"><line x2="30" y1="4" y2="4" ${stroke}/></svg>`;
+  return template.content.firstChild;
+}

@@ -1,0 +1,205 @@
+// A map of the work in plan view on a canvas: scales, grid, zoom and pan, and the cursor on a second canvas above it.
+
+import { asSlider } from "./cursor.js";
+import { element } from "./dom.js";
+import { gestures } from "./gestures.js";
+import { onTheme, theme } from "./theme.js";
+
+const MARGIN = 1.12; // of the whole path
+const REACH = 60; // pixels from the path within which hovering finds it
+const SMALLEST = 0.05; // height of a map at the closest zoom [mm]
+const SQUAREST = 1.3; // width over height of a map
+const WIDEST = 2.4;
+const GRID = 90; // least distance of the lines of the grid [pixels]
+
+/** What the maps of a page show: a centre and a height [mm], shared, so that all show the same part. */
+export class Region {
+  constructor(box) {
+    this.box = box;
+    this._listeners = [];
+    this.whole = true;
+  }
+
+  /** Width over height of the whole. */
+  get aspect() {
+    return (this.box.x1 - this.box.x0) / (this.box.y1 - this.box.y0);
+  }
+
+  onChange(listener) {
+    this._listeners.push(listener);
+  }
+
+  /** Show the part around a point; without one the whole. */
+  show(x, y, height) {
+    this.whole = x === undefined;
+    Object.assign(this, { x, y, height: height && Math.max(height, SMALLEST) });
+    for (const listener of this._listeners) listener();
+  }
+}
+
+/**
+ * One map. `points` has x and y [mm] at which rows are found, `draw(context, map, colours)` draws below the cursor, and
+ * `describe(row)` is the text alternative at a row.
+ */
+export class PlanMap {
+  constructor(options) {
+    Object.assign(this, options); // name, data, cursor, region, points, draw, describe
+    this.base = element("canvas", { "aria-hidden": "true" });
+    this.top = element("canvas", { "aria-hidden": "true" });
+    this.surface = element("div", { class: "surface" }, this.base, this.top);
+    this.surface.style.aspectRatio = Math.min(Math.max(this.region.aspect, SQUAREST), WIDEST);
+    asSlider(this.surface, this.cursor, this.name, this.describe);
+    this.cursor.onMove(() => this._mark());
+    this.cursor.onChoice(() => this.redraw());
+    this.region.onChange(() => this.redraw());
+    onTheme(() => this.redraw());
+    new ResizeObserver(() => this.redraw()).observe(this.surface);
+    gestures(this.surface, this.surface, {
+      hover: (x, y) => this._find(x, y, (row) => this.cursor.hover(row, this)),
+      click: (x, y) => this._find(x, y, (row) => this.cursor.pin(row, this)),
+      zoom: (factor, x, y) => this._zoom(factor, x, y),
+      pan: (dx, dy) => this._shift(dx, dy),
+      dragging: (...box) => this._mark(box),
+      box: (x0, y0, x1, y1) => this._zoomTo(x0, y0, x1, y1),
+      reset: () => this.region.show(),
+    });
+  }
+
+  /** Position on the map of a point of the work [pixels]. */
+  px(x) {
+    return this.width / 2 + (x - this.x) * this.scale;
+  }
+
+  py(y) {
+    return this.height / 2 - (y - this.y) * this.scale;
+  }
+
+  redraw() {
+    this.width = this.surface.clientWidth;
+    this.height = this.surface.clientHeight;
+    if (!this.width || !this.height) return;
+    const { box, whole } = this.region;
+    const fit = Math.min(this.width / (box.x1 - box.x0), this.height / (box.y1 - box.y0)) / MARGIN;
+    this.scale = whole ? fit : this.height / this.region.height;
+    this.x = whole ? (box.x0 + box.x1) / 2 : this.region.x;
+    this.y = whole ? (box.y0 + box.y1) / 2 : this.region.y;
+    const colours = theme();
+    const context = this._cleared(this.base);
+    this._grid(context, colours);
+    context.lineCap = "round";
+    context.lineJoin = "round";
+    this.draw(context, this, colours);
+    this._mark();
+  }
+
+  _cleared(canvas) {
+    const ratio = window.devicePixelRatio || 1;
+    const width = Math.round(this.width * ratio);
+    const height = Math.round(this.height * ratio);
+    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+    const context = canvas.getContext("2d");
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.clearRect(0, 0, this.width, this.height);
+    return context;
+  }
+
+  _grid(context, colours) {
+    const least = GRID / this.scale;
+    const decade = 10 ** Math.floor(Math.log10(least));
+    const step = [1, 2, 5, 10].map((digit) => digit * decade).find((size) => size >= least);
+    const decimals = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
+    Object.assign(context, { strokeStyle: colours.line, fillStyle: colours.soft, lineWidth: 1 });
+    context.font = `11px ${getComputedStyle(document.body).fontFamily}`;
+    context.beginPath();
+    const lines = (middle, half) => {
+      const places = [];
+      for (let k = Math.ceil((middle - half) / step); k * step <= middle + half; k++) places.push(k * step);
+      return places;
+    };
+    for (const x of lines(this.x, this.width / 2 / this.scale)) {
+      const px = Math.round(this.px(x)) + 0.5;
+      context.moveTo(px, 0);
+      context.lineTo(px, this.height);
+      if (px > 40) context.fillText(x.toFixed(decimals).replace("-", "−"), px + 3, this.height - 5);
+    }
+    for (const y of lines(this.y, this.height / 2 / this.scale)) {
+      const py = Math.round(this.py(y)) + 0.5;
+      context.moveTo(0, py);
+      context.lineTo(this.width, py);
+      if (py > 14 && py < this.height - 14) context.fillText(y.toFixed(decimals).replace("-", "−"), 4, py - 3);
+    }
+    context.stroke();
+    context.fillText("mm", 4, this.height - 5);
+  }
+
+  /** Draw the cursor, and the box of a drag. */
+  _mark(box = []) {
+    if (!this.scale) return;
+    const context = this._cleared(this.top);
+    const colours = theme();
+    const { x, y } = this.points(this.cursor.row);
+    const px = this.px(x);
+    const py = this.py(y);
+    context.beginPath();
+    context.moveTo(px, 0);
+    context.lineTo(px, this.height);
+    context.moveTo(0, py);
+    context.lineTo(this.width, py);
+    Object.assign(context, { strokeStyle: colours.soft, lineWidth: 0.6 });
+    context.stroke();
+    for (const [size, colour] of [[5, colours.paper], [2.5, colours.ink]]) {
+      context.beginPath();
+      context.arc(px, py, 7, 0, 2 * Math.PI);
+      Object.assign(context, { strokeStyle: colour, lineWidth: size });
+      context.stroke();
+    }
+    if (this.cursor.pinned) {
+      context.beginPath();
+      context.arc(px, py, 2.5, 0, 2 * Math.PI);
+      context.fillStyle = colours.ink;
+      context.fill();
+    }
+    if (box.length) {
+      const [x0, y0, x1, y1] = box;
+      context.strokeStyle = colours.ink;
+      context.lineWidth = 1;
+      context.strokeRect(x0, y0, x1 - x0, y1 - y0);
+    }
+  }
+
+  _find(px, py, found) {
+    let nearest = -1;
+    let least = REACH * REACH;
+    for (let row = 0; row < this.data.rows; row++) {
+      const { x, y } = this.points(row);
+      const dx = this.px(x) - px;
+      const dy = this.py(y) - py;
+      const square = dx * dx + dy * dy;
+      if (square < least) {
+        least = square;
+        nearest = row;
+      }
+    }
+    if (nearest >= 0) found(nearest);
+  }
+
+  _zoom(factor, px, py) {
+    const x = this.x + (px - this.width / 2) / this.scale;
+    const y = this.y - (py - this.height / 2) / this.scale;
+    const height = this.height / this.scale / factor;
+    const scale = this.height / Math.max(height, SMALLEST);
+    this.region.show(x - (px - this.width / 2) / scale, y + (py - this.height / 2) / scale, height);
+  }
+
+  _shift(dx, dy) {
+    this.region.show(this.x - dx / this.scale, this.y + dy / this.scale, this.height / this.scale);
+  }
+
+  _zoomTo(x0, y0, x1, y1) {
+    const wide = Math.abs(x1 - x0) / this.scale;
+    const high = Math.abs(y1 - y0) / this.scale;
+    const x = this.x + ((x0 + x1) / 2 - this.width / 2) / this.scale;
+    const y = this.y - ((y0 + y1) / 2 - this.height / 2) / this.scale;
+    this.region.show(x, y, Math.max(high, (wide * this.height) / this.width));
+  }
+}

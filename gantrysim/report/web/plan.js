@@ -1,0 +1,160 @@
+// The plan view: the nozzle's path coloured by the size of its error.
+
+import { stretches } from "./data.js";
+import { element, toggle } from "./dom.js";
+import { PlanMap } from "./map.js";
+import { mixed, onTheme, theme } from "./theme.js";
+
+const COLOURS = 48;
+const WORST = 9; // size of the mark at the largest error [pixels]
+
+export class Plan {
+  constructor(data, cursor, region) {
+    this.data = data;
+    this.cursor = cursor;
+    this.factor = data.magnification;
+    this.largest = Math.max(data.size[data.worst] || 0, 1e-9);
+    this.place = { x: 0, y: 0 };
+    this.map = new PlanMap({
+      name: "Plan view: the nozzle's path, coloured by its error",
+      data,
+      cursor,
+      region,
+      points: (row) => this._point(row),
+      draw: (context, map, colours) => this._draw(context, map, colours),
+      describe: (row) => `t = ${data.time[row].toFixed(3)} s, contour error ${data.text("contour", row)}`,
+    });
+    this.bar = element("span", { class: "ramp" });
+    this.element = element("figure", { class: "view plan" }, this._caption(), this.map.surface);
+    this._paint();
+    onTheme(() => this._paint());
+  }
+
+  /** Position drawn of the nozzle at a row: its error magnified. */
+  _point(row) {
+    const { column, factor, place } = this;
+    const { x, y, dx, dy } = this.data.column;
+    const known = dx[row] === dx[row] && factor > 1;
+    place.x = known ? x[row] + (factor - 1) * dx[row] : x[row];
+    place.y = known ? y[row] + (factor - 1) * dy[row] : y[row];
+    return place;
+  }
+
+  _caption() {
+    const { data, bar } = this;
+    const limit = data.path_tolerance;
+    const scale = element("span", { class: "scale" }, "0", bar, `${this.largest.toPrecision(3)} µm`);
+    if (limit && limit < this.largest) {
+      const mark = element("i", { title: `tolerance: ${limit.toPrecision(3)} µm` });
+      mark.style.left = `${(100 * limit) / this.largest}%`;
+      bar.append(mark);
+    }
+    const caption = element("figcaption", {}, element("b", {}, "Error of the path"), scale);
+    if (data.magnification > 1) {
+      const label = `error × ${data.magnification}`;
+      const change = (on) => {
+        this.factor = on ? data.magnification : 1;
+        this.map.redraw();
+      };
+      caption.append(toggle(label, true, change, { title: "draw the nozzle's distance from the path magnified" }));
+    }
+    return caption;
+  }
+
+  _paint() {
+    this.bar.style.background = `linear-gradient(to right, ${theme().errors.join(",")})`;
+  }
+
+  _draw(context, map, colours) {
+    const { data, cursor } = this;
+    this._path(context, map, (row) => [data.requested.x[row], data.requested.y[row]]);
+    Object.assign(context, { strokeStyle: colours.soft, lineWidth: 1 });
+    context.stroke();
+    const chosen = cursor.line ? stretches(data.rows, (row) => data.column.line[row] === cursor.line) : [];
+    for (const [first, last] of chosen) {
+      this._path(context, map, (row) => this._drawn(row), first, last);
+      Object.assign(context, { strokeStyle: colours.ink, lineWidth: 9 });
+      context.stroke();
+      Object.assign(context, { strokeStyle: colours.paper, lineWidth: 6 });
+      context.stroke();
+    }
+    this._coloured(context, map, colours);
+    this._ends(context, map, colours);
+  }
+
+  _drawn(row) {
+    const { x, y } = this._point(row);
+    return [x, y];
+  }
+
+  _path(context, map, point, first = 0, last = this.data.rows - 1) {
+    context.beginPath();
+    let pen = false;
+    for (let row = first; row <= last; row++) {
+      const [x, y] = point(row);
+      if (x === x) {
+        if (pen) context.lineTo(map.px(x), map.py(y));
+        else context.moveTo(map.px(x), map.py(y));
+      }
+      pen = x === x;
+    }
+  }
+
+  /** Draw the path in pieces of equal colour. */
+  _coloured(context, map, colours) {
+    const { data } = this;
+    const pieces = Array.from({ length: COLOURS }, () => new Path2D());
+    let before = -1;
+    let from = [0, 0];
+    for (let row = 0; row < data.rows; row++) {
+      const size = data.size[row];
+      if (size !== size) {
+        before = -1;
+        continue;
+      }
+      const { x, y } = this._point(row);
+      const to = [map.px(x), map.py(y)];
+      const k = Math.min(Math.floor((COLOURS * size) / this.largest), COLOURS - 1);
+      if (before >= 0) {
+        if (before !== k) pieces[k].moveTo(...from);
+        pieces[k].lineTo(...to);
+      } else pieces[k].moveTo(...to);
+      before = k;
+      from = to;
+    }
+    context.lineWidth = 3;
+    pieces.forEach((piece, k) => {
+      context.strokeStyle = mixed(colours.errors, (k + 0.5) / COLOURS);
+      context.stroke(piece);
+    });
+  }
+
+  /** Mark where the dispenser first opens and last closes, and the largest error. */
+  _ends(context, map, colours) {
+    const { data } = this;
+    const rows = stretches(data.rows, (row) => data.size[row] === data.size[row]);
+    if (!rows.length) return;
+    Object.assign(context, { fillStyle: colours.ink, strokeStyle: colours.alarm, lineWidth: 2 });
+    for (const [row, name] of [[rows[0][0], "start"], [rows[rows.length - 1][1], "end"]]) {
+      const { x, y } = this._point(row);
+      context.beginPath();
+      context.arc(map.px(x), map.py(y), 3.5, 0, 2 * Math.PI);
+      context.fill();
+      context.fillText(name, map.px(x) + 7, map.py(y) + 14);
+    }
+    const { x, y } = this._point(data.worst);
+    const px = map.px(x);
+    const py = map.py(y);
+    context.beginPath();
+    context.moveTo(px, py - 4);
+    context.lineTo(px - 0.6 * WORST, py - 4 - WORST);
+    context.lineTo(px + 0.6 * WORST, py - 4 - WORST);
+    context.closePath();
+    context.stroke();
+    context.fillStyle = colours.alarm;
+    const inside = px < map.width - 90;
+    context.textAlign = inside ? "left" : "right";
+    context.fillText(`${data.size[data.worst].toPrecision(3)} µm`, px + (inside ? WORST : -WORST), py - 6);
+    context.textAlign = "left";
+  }
+}

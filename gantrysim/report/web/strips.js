@@ -1,0 +1,313 @@
+// Strips of the errors, the bead and the motion over time or along the path, drawn by uPlot with one cursor and one zoom.
+
+import uPlot from "uplot";
+import { asSlider } from "./cursor.js";
+import { extent, number, stretches } from "./data.js";
+import { element, sample, toggle } from "./dom.js";
+import { gestures } from "./gestures.js";
+import { colourOf, onTheme, theme } from "./theme.js";
+
+const TALL = 210; // of the strip of all errors [pixels]
+const LOW = 96; // of the others
+const HEADING = 20; // above a strip [pixels]
+const SPACE = 0.06; // above and below a line, of its range
+
+export class Strips {
+  constructor(data, cursor) {
+    this.data = data;
+    this.cursor = cursor;
+    this.common = true; // one scale for all errors
+    this.overTime = true;
+    this.hidden = new Set();
+    this.list = element("div", { class: "strips" });
+    this.element = element("div", { class: "view" }, this._caption(), this.list);
+    asSlider(this.list, cursor, "Strips of errors, bead and motion", (row) => this._described(row));
+    this._plots = [];
+    this._build();
+    cursor.onMove((row) => this._mark(row));
+    cursor.onChoice(() => this._redraw());
+    onTheme(() => this._build());
+    new ResizeObserver(() => this._resize()).observe(this.list);
+  }
+
+  _caption() {
+    const scale = toggle("errors on one scale", true, (on) => {
+      this.common = on;
+      this._redraw(true);
+    });
+    const axis = toggle("over time", true, (on) => {
+      this.overTime = on;
+      axis.firstChild.data = on ? "over time" : "along the path";
+      this._build();
+    });
+    const whole = element("button", { type: "button" }, "whole run");
+    whole.addEventListener("click", () => this._show(null));
+    return element("div", { class: "bar" }, element("b", {}, "Along the run"), scale, axis, whole);
+  }
+
+  get x() {
+    return this.overTime ? this.data.time : this.data.along;
+  }
+
+  _described(row) {
+    return `t = ${this.data.time[row].toFixed(3)} s, contour error ${this.data.text("contour", row)}`;
+  }
+
+  /** Show or hide a link in the strip of all errors, and its own strip. */
+  setShown(name, shown) {
+    if (shown) this.hidden.delete(name);
+    else this.hidden.add(name);
+    for (const strip of this._plots) {
+      if (strip.names[0] === name && strip.own) strip.box.hidden = !shown;
+      strip.names.forEach((series, k) => {
+        if (series === name && !strip.own) strip.plot.setSeries(k + 1, { show: shown });
+      });
+    }
+    this._redraw(true);
+  }
+
+  _build() {
+    for (const strip of this._plots) strip.plot.destroy();
+    this.list.replaceChildren();
+    const errors = this.data.links().map((series) => series.name);
+    const groups = [{ names: errors, own: false }];
+    for (const name of errors) if (name !== "contour") groups.push({ names: [name], own: true });
+    for (const { name, group } of this.data.series) {
+      if (group === "bead" || group === "motion") groups.push({ names: [name], own: false });
+    }
+    this._values = {};
+    this._plots = groups.map((group, k) => this._strip(group, k === groups.length - 1));
+    for (const name of this.hidden) this.setShown(name, false);
+    this._markSoon();
+  }
+
+  _strip({ names, own }, last) {
+    const colours = theme();
+    const series = names.map((name) => this.data.seriesOf(name));
+    const several = names.length > 1;
+    const value = element("output", { "aria-live": "off" });
+    const { label, unit } = series[0];
+    const heading = element("div", { class: "heading" }, several ? "contour error and its links" : label, value);
+    if (own) heading.prepend(sample(colourOf(series[0], colours), series[0].dash));
+    const box = element("div", { class: "strip", "data-name": names[0] + (several ? "-all" : "") }, heading);
+    this.list.append(box);
+    const errors = series[0].group === "error";
+    const strip = { box, names, own, errors, value, last };
+    const options = {
+      width: this._width(),
+      height: (several ? TALL : LOW) + (last ? 26 : 0),
+      legend: { show: false },
+      cursor: { y: false, x: true, drag: { x: false, y: false }, points: { size: 7 }, bind: this._unbound() },
+      scales: { x: { time: false }, y: { range: (plot) => this._range(strip, plot) } },
+      axes: [this._axis(colours, last), this._upright(colours, unit)],
+      series: [{}, ...series.map((one) => this._line(one, colours, several))],
+      hooks: { drawClear: [(plot) => this._shade(plot, colours)], draw: [(plot) => this._limits(strip, plot, colours)] },
+      padding: [HEADING, 12, last ? 0 : 4, 0],
+    };
+    strip.plot = new uPlot(options, [this.x, ...names.map((name) => this._known(name))], box);
+    this._listen(strip);
+    return strip;
+  }
+
+  /** uPlot's own listeners, of which none is needed. */
+  _unbound() {
+    const none = () => null;
+    return Object.fromEntries(
+      ["mousedown", "mouseup", "click", "dblclick", "mousemove", "mouseleave", "mouseenter"].map((name) => [name, none]),
+    );
+  }
+
+  _axis(colours, last) {
+    const font = `11px ${getComputedStyle(document.body).fontFamily}`;
+    const shown = last ? { label: this.overTime ? "time [s]" : "distance along the path [mm]", labelSize: 16, labelFont: font, size: 26 } : { size: 0 };
+    return {
+      stroke: colours.soft,
+      font,
+      grid: { stroke: colours.line, width: 1 },
+      ticks: { show: false },
+      values: last ? undefined : (plot, places) => places.map(() => ""),
+      ...shown,
+    };
+  }
+
+  _upright(colours, unit) {
+    const font = `11px ${getComputedStyle(document.body).fontFamily}`;
+    return {
+      stroke: colours.soft,
+      font,
+      size: 62,
+      label: unit,
+      labelSize: 14,
+      labelFont: font,
+      grid: { stroke: colours.line, width: 1 },
+      ticks: { show: false },
+      space: 26,
+      values: (plot, places) => places.map((value) => (value === null ? "" : String(Number(value.toPrecision(6))).replace("-", "−"))),
+    };
+  }
+
+  _line(series, colours, several) {
+    const whole = series.name === "contour";
+    return {
+      stroke: colourOf(series, colours),
+      width: several ? (whole ? 2.2 : 1.3) : 1.2,
+      dash: several && series.dash.length ? series.dash : undefined,
+      points: { show: false },
+      show: !this.hidden.has(series.name) || !several,
+    };
+  }
+
+  /** The values of a column as uPlot takes them: null where there is none. */
+  _known(name) {
+    if (!this._values[name]) {
+      const values = this.data.column[name];
+      this._values[name] = values.some(isNaN) ? Array.from(values, (value) => (isNaN(value) ? null : value)) : values;
+    }
+    return this._values[name];
+  }
+
+  _rows(plot) {
+    const { min, max } = plot.scales.x;
+    const x = this.x;
+    if (min == null || max == null) return [0, x.length - 1];
+    return [Math.max(plot.valToIdx(min) - 1, 0), Math.min(plot.valToIdx(max) + 1, x.length - 1)];
+  }
+
+  _range(strip, plot) {
+    const [first, last] = plot ? this._rows(plot) : [0, this.data.rows - 1];
+    let names = strip.names;
+    if (strip.errors && (this.common || !strip.own)) {
+      names = this.data.links().map((series) => series.name);
+    }
+    let low = strip.errors ? 0 : Infinity;
+    let high = strip.errors ? 0 : -Infinity;
+    for (const name of names.filter((one) => !this.hidden.has(one))) {
+      const [least, most] = extent(this.data.column[name], first, last);
+      low = Math.min(low, least);
+      high = Math.max(high, most);
+    }
+    if (!strip.errors) low = Math.min(low, 0);
+    if (!(high > low)) return [low - 1, low + 1];
+    const space = SPACE * (high - low);
+    return [low - (low < 0 ? space : 0), high + space];
+  }
+
+  _band(plot, first, last, colour) {
+    const x = this.x;
+    const left = plot.valToPos(x[first], "x", true);
+    const right = plot.valToPos(x[last], "x", true);
+    const { top, height } = plot.bbox;
+    plot.ctx.fillStyle = colour;
+    plot.ctx.fillRect(left, top, Math.max(right - left, 1), height);
+  }
+
+  /** Shade where the dispenser is off, and the stretches of the chosen line. */
+  _shade(plot, colours) {
+    const context = plot.ctx;
+    context.save();
+    context.beginPath();
+    context.rect(plot.bbox.left, plot.bbox.top, plot.bbox.width, plot.bbox.height);
+    context.clip();
+    context.globalAlpha = 0.35;
+    for (const [first, last] of this.data.off) this._band(plot, first, last, colours.line);
+    const { line } = this.cursor;
+    if (line) {
+      context.globalAlpha = 0.3;
+      for (const [first, last] of stretches(this.data.rows, (row) => this.data.column.line[row] === line)) {
+        this._band(plot, first, last, colours.errors[1]);
+      }
+    }
+    context.restore();
+  }
+
+  /** Draw zero and the tolerance. */
+  _limits(strip, plot, colours) {
+    const { path_tolerance: path, width, width_tolerance: percent } = this.data;
+    let limits = [];
+    if (strip.names[0] === "contour" && path) limits = [-path, path];
+    if (strip.names[0] === "width" && percent) limits = [width * (1 - percent / 100), width * (1 + percent / 100)];
+    const context = plot.ctx;
+    context.save();
+    context.setLineDash([6, 5]);
+    Object.assign(context, { strokeStyle: colours.alarm, lineWidth: window.devicePixelRatio || 1 });
+    for (const limit of limits) {
+      const y = Math.round(plot.valToPos(limit, "y", true));
+      if (y < plot.bbox.top || y > plot.bbox.top + plot.bbox.height) continue;
+      context.beginPath();
+      context.moveTo(plot.bbox.left, y);
+      context.lineTo(plot.bbox.left + plot.bbox.width, y);
+      context.stroke();
+    }
+    context.restore();
+  }
+
+  _listen(strip) {
+    const { plot } = strip;
+    const rowAt = (x) => plot.posToIdx(Math.min(Math.max(x, 0), plot.over.clientWidth));
+    gestures(plot.over, this.list, {
+      hover: (x) => this.cursor.hover(rowAt(x), this),
+      click: (x) => this.cursor.pin(rowAt(x), this),
+      dragging: (x0, y0, x1) => {
+        const box = x0 === undefined ? { left: 0, width: 0, top: 0, height: 0 } : { left: Math.min(x0, x1), width: Math.abs(x1 - x0), top: 0, height: plot.over.clientHeight };
+        plot.setSelect(box, false);
+      },
+      box: (x0, y0, x1) => this._show([Math.min(x0, x1), Math.max(x0, x1)].map((x) => plot.posToVal(x, "x"))),
+      zoom: (factor, x) => {
+        const at = plot.posToVal(x, "x");
+        const { min, max } = plot.scales.x;
+        this._show([at - (at - min) / factor, at + (max - at) / factor]);
+      },
+      pan: (dx) => {
+        const shift = plot.posToVal(0, "x") - plot.posToVal(dx, "x");
+        this._show([plot.scales.x.min + shift, plot.scales.x.max + shift]);
+      },
+      reset: () => this._show(null),
+    });
+  }
+
+  /** Show a part of all strips, within the run; null for all of it. */
+  _show(part) {
+    const x = this.x;
+    const whole = [x[0], x[x.length - 1]];
+    let [min, max] = part || whole;
+    const size = Math.min(max - min, whole[1] - whole[0]);
+    min = Math.min(Math.max(min, whole[0]), whole[1] - size);
+    max = min + size;
+    if (!(max > min)) return;
+    for (const { plot } of this._plots) plot.setScale("x", { min, max });
+    this._markSoon();
+  }
+
+  _mark(row) {
+    const { data } = this;
+    for (const { plot, value, names } of this._plots) {
+      plot.setCursor({ left: plot.valToPos(this.x[row], "x"), top: 10 }, false);
+      value.textContent = data.text(names[0], row);
+    }
+  }
+
+  /** Mark the cursor once uPlot has taken over new scales and sizes, which it does at the end of a task. */
+  _markSoon() {
+    requestAnimationFrame(() => this._mark(this.cursor.row));
+  }
+
+  _width() {
+    return Math.max(this.list.clientWidth, 200);
+  }
+
+  _resize() {
+    const width = this._width();
+    for (const { plot } of this._plots) if (plot.width !== width) plot.setSize({ width, height: plot.height });
+    this._markSoon();
+  }
+
+  _redraw(scales = false) {
+    for (const { plot } of this._plots) {
+      if (scales) {
+        const { min, max } = plot.scales.x;
+        plot.setScale("x", { min, max });
+      }
+      plot.redraw(false, true);
+    }
+  }
+}

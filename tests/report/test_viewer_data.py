@@ -1,0 +1,254 @@
+"""The content of a page's viewer: its numbers against those of the run, its thinning, its colours and its bundle."""
+
+import base64
+import hashlib
+import itertools
+import json
+from importlib.resources import files
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gantrysim import Job
+from gantrysim.bead import Bead
+from gantrysim.job.lines import program_lines, program_lines_at
+from gantrysim.metrics.analysis import Analysis, path_speed
+from gantrysim.metrics.budget import Budget
+from gantrysim.plots.style import COLOURS, DASHES, INK
+from gantrysim.report.encoding import encoded, encoded_ascending, encoded_runs
+from gantrysim.report.page import write_run_page
+from gantrysim.report.thinning import shown_rows
+from gantrysim.report.viewer_data import ViewerData
+from gantrysim.results.run_results import RunResults
+
+from support.jobs import job_run
+from support.viewer_jobs import viewer_job
+
+WEB = files("gantrysim.report") / "web"
+BUNDLE = "viewer.min.js"
+LARGEST = 940_000  # of a page without film, causes and changes, which fill it to 1 MB at most [bytes]
+STEPS = 65_534
+TINY = 1e-300  # steps below it are no numbers
+LINKS = ("program", "servo", "encoder", "geometry", "structure", "corner", "contour")
+LEAST_DISTANCE = 20.0  # of the links' colours in CIELAB; neighbouring ones differ visibly from about 2 on
+DARK_INK = "#e4e7eb"  # page.css
+# deuteranopia in linear RGB: Machado, Oliveira and Fernandes 2009, table 1, severity 1
+DEUTERANOPIA = np.array(
+    [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+)
+# IEC 61966-2-1, and its white, D65
+XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+WHITE = XYZ.sum(axis=1)
+
+
+def decoded(column, rows):
+    """The values of a column as gantrysim/report/web/data.js reads them."""
+    data = base64.b64decode(column.get("data", ""))
+    match column["kind"]:
+        case "runs":
+            return np.repeat(column["values"], column["counts"]).astype(float)
+        case "ascending":
+            steps = np.frombuffer(data, "<u2") if data else np.ones(rows - 1)
+            return np.cumsum(np.concatenate([[column["first"]], steps])).astype(float)
+        case "u16":
+            codes = np.frombuffer(data, "<u2").astype(int)
+        case "d8":
+            differences = np.frombuffer(data, "i1").tolist()
+            jumps = iter(np.frombuffer(base64.b64decode(column["jumps"]), "<u2").tolist())
+            codes = [0]
+            for difference in differences:
+                codes.append(next(jumps) if difference == -128 else codes[-1] + difference)
+            codes = np.array(codes[1:])
+    return np.where(codes == 65535, np.nan, column["offset"] + column["scale"] * codes)
+
+
+def as_json(content):
+    return json.loads(json.dumps(content, allow_nan=False))
+
+
+NUMBERS = st.one_of(st.just(float("nan")), st.floats(-1e6, 1e6))
+
+
+@given(st.lists(NUMBERS, min_size=1, max_size=60), st.booleans())
+def test_a_column_comes_back_within_half_a_step(numbers, smooth):
+    values = np.array(numbers)
+    if smooth:  # differences of a byte
+        values = np.nancumsum(np.nan_to_num(values) * 1e-6)
+    column = as_json(encoded(values))
+    back = decoded(column, values.size)
+    np.testing.assert_array_equal(np.isnan(back), np.isnan(values))
+    known = values[~np.isnan(values)]
+    if known.size:
+        assert (
+            np.abs(back[~np.isnan(back)] - known).max()
+            <= 0.5 * np.ptp(known) / STEPS + 1e-12 * np.abs(known).max() + TINY
+        )
+
+
+def test_a_smooth_column_takes_a_byte_a_value_and_its_extremes_are_exact():
+    values = 60 * np.sin(np.linspace(0, 20, 5000))
+    values[100:200] = np.nan
+    column = as_json(encoded(values))
+    assert column["kind"] == "d8"
+    assert len(column["data"]) == pytest.approx(5000 * 4 / 3, abs=4)
+    back = decoded(column, 5000)
+    for extreme in (np.nanargmin, np.nanargmax):
+        assert back[extreme(values)] == pytest.approx(values[extreme(values)], abs=1e-12)
+    noise = as_json(encoded(np.random.default_rng(1).normal(size=5000)))
+    assert noise["kind"] == "u16"
+
+
+@given(st.lists(st.integers(1, 65535), max_size=30), st.integers(0, 10**9))
+def test_ticks_and_lines_come_back_exactly(steps, first):
+    ticks = np.cumsum([first, *steps])
+    np.testing.assert_array_equal(decoded(as_json(encoded_ascending(ticks)), ticks.size), ticks)
+    lines = np.repeat(steps or [0], 3)
+    np.testing.assert_array_equal(decoded(as_json(encoded_runs(lines)), lines.size), lines)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(300, 3000), st.integers(20, 200), st.booleans())
+def test_thinning_keeps_the_extremes_of_every_column(seed, rows, most, sparse):
+    random = np.random.default_rng(seed)
+    places = np.flatnonzero(random.random(rows) < 0.4) if sparse else None
+    smooth = np.cumsum(random.normal(size=rows))
+    values = random.normal(size=rows if places is None else places.size)
+    values[random.random(values.size) < 0.1] = np.nan
+    state = np.zeros(rows, bool)
+    state[rows // 3 : rows // 2] = True
+    shown = shown_rows(rows, [(None, smooth), (places, values)], 2, [state], most)
+    assert shown[0] == 0
+    assert shown[-1] == rows - 1
+    assert np.all(np.diff(shown) > 0)
+    assert shown.size <= max(most, 0) + 10
+    inside = set(shown.tolist())
+    assert {int(smooth.argmin()), int(smooth.argmax())} <= inside
+    known = np.flatnonzero(~np.isnan(values))
+    if known.size:
+        where = known if places is None else places[known]
+        assert {int(where[values[known].argmin()]), int(where[values[known].argmax()])} <= inside
+    if most >= 40:
+        assert {rows // 3 - 1, rows // 3, rows // 2 - 1, rows // 2} <= inside
+    # between neighbouring rows shown no column leaves the range of its bucket's rows shown
+    size = -(-rows * 6 // most)
+    for first in range(0, rows, size):
+        bucket = smooth[first : first + size]
+        there = smooth[[row for row in shown if first <= row < first + size]]
+        assert there.min() == bucket.min()
+        assert there.max() == bucket.max()
+
+
+def test_few_rows_are_all_shown():
+    assert shown_rows(100, [], 0, [], 100).size == 100
+
+
+@pytest.fixture(scope="module")
+def shown():
+    job = viewer_job()
+    run = job.run()
+    bead = Bead(run, job.bead, Analysis(run))
+    return RunResults(job, job.built_machine, Budget(bead.analysis), bead)
+
+
+def test_the_columns_are_those_of_the_run(shown):
+    content = as_json(ViewerData(shown).content())
+    run = shown.budget.analysis.run
+    ticks = shown.budget.analysis.ticks
+    rows = content["rows"]
+    assert rows == content["ticks"] == len(run.time)
+    column = {name: decoded(one, rows) for name, one in content["columns"].items()}
+    np.testing.assert_allclose(content["start"] + content["period"] * column["tick"], run.time, atol=1e-9)
+    np.testing.assert_array_equal(column["dispense"], run.dispense)
+    nozzle = shown.budget.analysis.nozzle
+    expected = {
+        "s": nozzle.s,
+        "dx": nozzle.offset[:, 0],
+        "dy": nozzle.offset[:, 1],
+        "contour": 1e3 * shown.budget.contour.lateral,
+        **{name: 1e3 * part.lateral for name, part in shown.budget.parts.items()},
+    }
+    for name, values in expected.items():
+        assert np.isnan(np.delete(column[name], ticks)).all()
+        np.testing.assert_allclose(column[name][ticks], values, atol=0.51 * np.ptp(values) / STEPS)
+    bead = shown.bead
+    everywhere = {
+        "x": run.nozzle[:, 0],
+        "y": run.nozzle[:, 1],
+        "flow": run.flow,
+        "speed": path_speed(run),
+        "width": np.interp(bead.length, bead.place, bead.width),
+    }
+    for name, values in everywhere.items():
+        np.testing.assert_allclose(column[name], values, atol=0.51 * np.ptp(values) / STEPS)
+    assert {series["name"] for series in content["series"]} == expected.keys() | everywhere.keys()
+    line_at = program_lines(shown.job, len(run.time))
+    assert column["line"].tolist() == [line_at(time) or 0 for time in run.time.tolist()]
+    text = shown.job.program["text"].split("\n")
+    assert content["program"] == {str(number): line for number, line in enumerate(text, 1) if number < len(text)}
+
+
+def test_a_thinned_run_keeps_its_largest_errors(shown):
+    content = as_json(ViewerData(shown, most=400).content())
+    rows = content["rows"]
+    assert rows < content["ticks"] / 2
+    for name in ("contour", "program", "servo", "encoder", "structure"):
+        values = 1e3 * {"contour": shown.budget.contour, **shown.budget.parts}[name].lateral
+        back = decoded(content["columns"][name], rows)
+        assert np.nanmin(back) == pytest.approx(values.min(), abs=1e-9)
+        assert np.nanmax(back) == pytest.approx(values.max(), abs=1e-9)
+    lines = decoded(content["columns"]["line"], rows)
+    ticks = np.arange(content["ticks"])
+    assert set(lines) == set(program_lines_at(shown.job, ticks.size, shown.budget.analysis.run.time))
+
+
+def test_the_page_of_ten_thousand_samples_is_small(tmp_path):
+    job = Job.load("an225")
+    bead = Bead(job_run("an225"), job.bead, Analysis(job_run("an225")))
+    write_run_page(tmp_path / "report.html", RunResults(job, job.built_machine, Budget(bead.analysis), bead))
+    assert (tmp_path / "report.html").stat().st_size < LARGEST
+
+
+@pytest.mark.parametrize("name", ["trio-basic", "softmc-basic"])
+def test_lines_at_many_times_are_those_at_each(name):
+    controller = Job.load(name).controller
+    times = np.linspace(0, 2, 40)
+    assert controller.lines_at(times).tolist() == [controller.line_at(time) or 0 for time in times.tolist()]
+
+
+def linear(colour):
+    value = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
+def lab(rgb):
+    ratio = XYZ @ np.clip(rgb, 0, 1) / WHITE
+    root = np.where(ratio > 216 / 24389, np.cbrt(ratio), (24389 / 27 * ratio + 16) / 116)
+    return np.array([116 * root[1] - 16, 500 * (root[0] - root[1]), 200 * (root[1] - root[2])])
+
+
+def distance(first, second, sight):
+    return float(np.linalg.norm(lab(sight @ linear(first)) - lab(sight @ linear(second))))
+
+
+def test_the_links_colours_differ_for_eyes_without_green_cones():
+    assert distance("#cc79a7", "#009e73", DEUTERANOPIA) < LEAST_DISTANCE < distance("#cc79a7", "#009e73", np.eye(3))
+    for ink in (INK, DARK_INK):
+        colours = {name: COLOURS[name] for name in LINKS} | {"contour": ink}
+        for sight in (np.eye(3), DEUTERANOPIA):
+            for first, second in itertools.combinations(colours, 2):
+                assert distance(colours[first], colours[second], sight) > LEAST_DISTANCE, (first, second)
+    dashes = [tuple(DASHES.get(name, ())) for name in LINKS if name not in ("program", "contour")]
+    assert () not in dashes
+    assert len(set(dashes)) == len(dashes)
+
+
+def test_the_bundle_is_built_from_its_sources():
+    sources = sorted(file.name for file in WEB.iterdir() if file.name.endswith(".js") and file.name != BUNDLE)
+    digest = hashlib.sha256(b"".join((WEB / name).read_bytes() for name in sources)).hexdigest()
+    head, _, script = (WEB / BUNDLE).read_text(encoding="utf-8").partition("\n")
+    assert digest in head, "scripts/build_web.sh builds it again"
+    assert "MIT" in head
+    assert "MIT License" in (WEB / "LICENSE.uplot").read_text(encoding="utf-8")
+    assert "</script" not in script
+    assert "http" not in script

@@ -1,0 +1,426 @@
+"""The viewer of a run's page in a browser: cursor, keys, legend, program lines, zoom and film, against the run."""
+
+import base64
+import json
+
+import imageio.v2
+import imageio.v3
+import numpy as np
+import pytest
+
+from gantrysim.bead import Bead
+from gantrysim.job.lines import program_lines
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.metrics.budget import Budget
+from gantrysim.report.page import write_run_page
+from gantrysim.report.viewer_data import ViewerData
+from gantrysim.results.run_results import RunResults
+
+from support.browser import chromium
+from support.viewer_jobs import TEXT, viewer_job
+
+FPS = 25
+# in the processor's time of the page's main thread, as other processes take theirs of the clock's
+USABLE = 0.5  # [s]
+ROWS = 100_000
+LEAST_RATE = 30  # pictures of a moving cursor [1/s]
+PICTURES = 60
+PLAN = ".plan .surface"
+BEAD = ".bead .surface"
+STRIPS = ".strips"
+STRIP = '.strip[data-name="contour-all"] .u-over'
+SHIFT = 8
+VISIBLE = 10  # difference of a colour of 256 levels
+UNITS = {"contour": "µm", "program": "µm", "servo": "µm", "encoder": "µm", "structure": "µm", "width": "mm"}
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with chromium(tmp_path_factory.mktemp("chromium")) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def results():
+    job = viewer_job()
+    bead = Bead(job.run(), job.bead, None)
+    analysis = Analysis(bead.run)
+    return RunResults(job, job.built_machine, Budget(analysis), Bead(bead.run, job.bead, analysis))
+
+
+@pytest.fixture(scope="module")
+def file(results, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("page")
+    film = folder / "video.mp4"
+    frames = round(FPS * float(results.bead.run.time[-1]))
+    with imageio.v2.get_writer(film, fps=FPS) as writer:
+        for k in range(frames):
+            writer.append_data(np.full((48, 64, 3), 255 * k // frames, np.uint8))
+    write_run_page(folder / "report.html", results, film)
+    return folder / "report.html"
+
+
+@pytest.fixture
+def page(browser, file):
+    browser.media()
+    browser.open(file)
+    browser.wait("document.querySelector('video').readyState > 0")  # with its size nothing moves any more
+    yield browser
+    assert browser.messages() == []
+
+
+class Expected:
+    """The run's own values at a tick, as the page should show them."""
+
+    def __init__(self, results):
+        self.run = results.budget.analysis.run
+        self.ticks = results.budget.analysis.ticks
+        self.budget = results.budget
+        self.bead = results.bead
+        self.line_at = program_lines(results.job, len(self.run.time))
+
+    def value(self, name, tick):
+        if name == "width":
+            return float(np.interp(self.bead.length[tick], self.bead.place, self.bead.width))
+        part = self.budget.contour if name == "contour" else self.budget.parts[name]
+        rows = np.flatnonzero(self.ticks == tick)
+        return 1e3 * float(part.lateral[rows[0]]) if rows.size else None
+
+
+def readout(page, name):
+    return page.text(f'.readout output[data-name="{name}"]')
+
+
+def tick_of(page, results):
+    time = float(readout(page, "time").removesuffix(" s"))
+    return round(time / results.budget.analysis.run.period)
+
+
+def check_readout(page, results):
+    """Hold the readout to the run's values at its time; return the tick."""
+    expected = Expected(results)
+    tick = tick_of(page, results)
+    for name, unit in UNITS.items():
+        text = readout(page, name)
+        value = expected.value(name, tick)
+        if value is None:
+            assert text == "–"
+            continue
+        number, shown_unit = text.replace("−", "-").split()
+        assert shown_unit == unit
+        decimals = len(number.partition(".")[2])
+        assert float(number) == pytest.approx(value, abs=0.51 * 10.0**-decimals + 1e-3)
+    line = expected.line_at(float(results.budget.analysis.run.time[tick]))
+    assert readout(page, "line") == ("–" if line is None else str(line))
+    assert readout(page, "dispense") == ("on" if expected.run.dispense[tick] else "off")
+    return tick
+
+
+def test_hovering_over_each_view_shows_the_values_there(page, results):
+    run = results.budget.analysis.run
+    assert check_readout(page, results) == results.budget.analysis.ticks[results.budget.contour.size.argmax()]
+    left, top, width, height = page.box(STRIP)
+    for share in (0.2, 0.5, 0.93):
+        page.mouse("mouseMoved", left + share * width, top + 0.5 * height)
+        tick = check_readout(page, results)
+        assert tick == pytest.approx(share * (len(run.time) - 1), abs=2 * len(run.time) / width)
+        place = page.run("return document.querySelector('.u-cursor-x').style.transform")
+        assert float(place.split("(")[1].split("px")[0]) == pytest.approx(share * width, abs=2)
+    for selector, name in ((PLAN, "contour"), (BEAD, "width")):
+        left, top, width, height = page.box(selector)
+        marks = set()
+        for share in (0.15, 0.5, 0.85):
+            page.mouse("mouseMoved", left + share * width, top + 0.75 * height)
+            marks.add(check_readout(page, results))
+            told = page.run("return document.querySelector(arguments[0]).getAttribute('aria-valuetext')", selector)
+            assert readout(page, name) in told
+        assert len(marks) > 1
+
+
+def test_a_click_pins_the_cursor_and_keys_move_it(page, results):
+    last = len(results.budget.analysis.run.time) - 1
+    left, top, width, height = page.box(STRIP)
+    page.click(left + 0.4 * width, top + 0.5 * height)
+    pinned = check_readout(page, results)
+    page.mouse("mouseMoved", left + 0.8 * width, top + 0.5 * height)
+    assert tick_of(page, results) == pinned
+    assert page.run("return document.activeElement.getAttribute('role')") == "slider"
+    for key, shift, tick in (
+        ("ArrowRight", False, pinned + 1),
+        ("ArrowRight", True, pinned + 51),
+        ("ArrowLeft", False, pinned + 50),
+        ("End", False, last),
+        ("ArrowRight", False, last),
+        ("Home", False, 0),
+        ("ArrowLeft", True, 0),
+    ):
+        page.key(key, shift)
+        assert check_readout(page, results) == tick
+        assert page.run("return document.activeElement.getAttribute('aria-valuenow')") == str(tick)
+    page.key("Escape")
+    page.mouse("mouseMoved", left + 0.6 * width, top + 0.5 * height)
+    assert tick_of(page, results) > 0
+    page.run("document.querySelector('.plan .surface').focus()")
+    page.key("End")
+    assert tick_of(page, results) == last
+
+
+def pixels(page, selector):
+    """The pixels of a canvas, (height, width, RGBA)."""
+    text = page.run("return document.querySelector(arguments[0]).toDataURL()", selector)
+    return imageio.v3.imread(base64.b64decode(text.partition(",")[2]), extension=".png").astype(int)
+
+
+def differing(drawn, before):
+    """Pixels that differ visibly, (height, width)."""
+    return np.abs(drawn - before).max(axis=2) > VISIBLE
+
+
+def near(drawn, colour):
+    """Number of pixels of about a colour."""
+    rgb = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+    return int(np.sum((np.abs(drawn[..., :3] - rgb).max(axis=-1) < 40) & (drawn[..., 3] > 120)))
+
+
+def test_the_legend_switches_links_on_and_off(page):
+    canvas = '.strip[data-name="contour-all"] canvas'
+    servo = '.readout [data-link="servo"]'
+    blue = "#0072b2"
+    before = near(pixels(page, canvas), blue)
+    assert before > 50
+    page.run("document.querySelector(arguments[0]).click()", servo)
+    page.settle()
+    assert page.run("return document.querySelector(arguments[0]).getAttribute('aria-pressed')", servo) == "false"
+    assert near(pixels(page, canvas), blue) < 0.1 * before
+    assert page.run("""return document.querySelector('.strip[data-name="servo"]').hidden""")
+    page.run("document.querySelector(arguments[0]).click()", servo)
+    page.settle()
+    assert near(pixels(page, canvas), blue) == pytest.approx(before, rel=0.05)
+    assert not page.run("""return document.querySelector('.strip[data-name="servo"]').hidden""")
+
+
+def test_errors_share_a_scale_until_each_gets_its_own(page):
+    canvas = '.strip[data-name="encoder"] canvas'
+    pink = "#e78ac3"
+
+    def height():
+        rows = [row for row, drawn in enumerate(pixels(page, canvas)) if near(drawn, pink) > 2]
+        return rows[-1] - rows[0]
+
+    common = height()
+    page.run("document.querySelector('.bar button').click()")
+    page.settle()
+    assert height() > 3 * max(common, 1)
+
+
+def test_a_program_line_shows_its_stretch_of_the_path(page, results):
+    run = results.budget.analysis.run
+    line_at = program_lines(results.job, len(run.time))
+    lines = np.array([line_at(time) or 0 for time in run.time.tolist()])
+    shown = page.run("return [...document.querySelectorAll('.lines li')].map(li => [li.value, li.textContent])")
+    assert shown == [[k, line] for k, line in enumerate(TEXT.rstrip("\n").split("\n"), 1)]
+    usable = page.run("return [...document.querySelectorAll('.lines button')].map(b => Number(b.dataset.line))")
+    assert set(usable) == set(lines.tolist()) - {0}
+    arc = next(k for k, line in enumerate(TEXT.split("\n"), 1) if line.startswith("G3"))
+    page.run("document.querySelector('.plan figcaption button').click()")  # the error as it is
+    canvases = {name: f"{name} canvas" for name in (PLAN, '.strip[data-name="contour-all"]')}
+    before = {name: pixels(page, canvas) for name, canvas in canvases.items()}
+    page.run(f"""document.querySelector('.lines [data-line="{arc}"]').click()""")
+    page.settle()
+    assert tick_of(page, results) == np.flatnonzero(lines == arc)[0]
+    assert readout(page, "line") == str(arc)
+    assert page.run("return document.querySelector('.lines [aria-pressed=true]').dataset.line") == str(arc)
+    assert page.run("return document.querySelector('.lines [aria-current]').dataset.line") == str(arc)
+    rows, columns = np.nonzero(differing(pixels(page, canvases[PLAN]), before[PLAN]))
+    nozzle = run.nozzle[lines == arc]
+    wide, high = np.ptp(nozzle[:, :2], axis=0)
+    # the highlighted stretch has the arc's shape, and a line's width more
+    assert np.ptp(columns) / np.ptp(rows) == pytest.approx(wide / high, rel=0.35)
+    strip = '.strip[data-name="contour-all"]'
+    band = differing(pixels(page, canvases[strip]), before[strip]).mean(axis=0) > 0.5
+    box = page.box(STRIP)
+    assert band.sum() / box[2] == pytest.approx((lines == arc).mean(), abs=0.01)
+    page.run(f"""document.querySelector('.lines [data-line="{arc}"]').click()""")
+    page.settle()
+    assert not differing(pixels(page, canvases[PLAN]), before[PLAN]).any()
+
+
+def scale_of(page, results):
+    """The time between the places at a quarter and at three quarters of the strips' width [s]."""
+    page.key("Escape")
+    left, top, width, height = page.box(STRIP)
+    times = []
+    for share in (0.25, 0.75):
+        page.mouse("mouseMoved", left + share * width, top + 0.5 * height)
+        times.append(tick_of(page, results) * results.budget.analysis.run.period)
+    return times
+
+
+def test_drag_and_wheel_zoom_shift_drag_pans_and_double_click_resets(page, results):
+    end = float(results.budget.analysis.run.time[-1])
+    page.run("document.querySelector('.strips').focus()")
+    assert scale_of(page, results) == pytest.approx([0.25 * end, 0.75 * end], abs=0.02 * end)
+    left, top, width, height = page.box(STRIP)
+    middle = top + 0.5 * height
+    page.drag((left + 0.25 * width, middle), (left + 0.75 * width, middle))
+    assert scale_of(page, results) == pytest.approx([0.375 * end, 0.625 * end], abs=0.02 * end)
+    page.drag((left + 0.5 * width, middle), (left + 0.75 * width, middle), SHIFT)
+    assert scale_of(page, results) == pytest.approx([0.25 * end, 0.5 * end], abs=0.02 * end)
+    page.mouse("mouseWheel", left + 0.5 * width, middle, deltaX=0, deltaY=-500)
+    begin, after = scale_of(page, results)
+    assert after - begin < 0.2 * end
+    page.click(left + 0.5 * width, middle, count=2)
+    assert scale_of(page, results) == pytest.approx([0.25 * end, 0.75 * end], abs=0.02 * end)
+    before = pixels(page, f"{PLAN} canvas")
+    left, top, width, height = page.box(PLAN)
+    page.drag((left + 0.3 * width, top + 0.3 * height), (left + 0.6 * width, top + 0.6 * height))
+    assert differing(pixels(page, f"{PLAN} canvas"), before).any()
+    page.click(left + 0.5 * width, top + 0.5 * height, count=2)
+    page.key("Escape")
+    assert not differing(pixels(page, f"{PLAN} canvas"), before).any()
+
+
+def test_the_strips_are_drawn_over_time_or_along_the_path(page, results):
+    run = results.budget.analysis.run
+    page.run("document.querySelectorAll('.bar button')[1].click()")
+    page.settle()
+    assert page.text(".bar button:nth-of-type(2)") == "along the path"
+    box = page.box(STRIP)
+    s_range = results.budget.analysis.nozzle.s
+    mark = float(page.run("return document.querySelector('.u-cursor-x').style.transform").split("(")[1].split("px")[0])
+    s = float(readout(page, "s").split()[0])
+    assert mark / box[2] == pytest.approx((s - s_range.min()) / np.ptp(s_range), abs=0.02)
+    left, top, width, height = page.box(STRIP)
+    ticks = results.budget.analysis.ticks
+    s = np.maximum.accumulate(results.budget.analysis.nozzle.s)
+    along = np.interp(np.arange(len(run.time)), ticks, s)
+    for share in (0.2, 0.7, 0.9):
+        page.mouse("mouseMoved", left + share * width, top + 0.5 * height)
+        place = along[0] + share * np.ptp(along)
+        assert along[tick_of(page, results)] == pytest.approx(place, abs=np.ptp(along) / width + 0.2)
+
+
+def test_film_and_cursor_follow_each_other(page, results):
+    end = float(results.budget.analysis.run.time[-1])
+    page.wait("document.querySelector('video').duration > 0")
+    duration = page.run("return document.querySelector('video').duration")
+    left, top, width, height = page.box(STRIP)
+    for share in (0.3, 0.8):
+        page.mouse("mouseMoved", left + share * width, top + 0.5 * height)
+        time = tick_of(page, results) * results.budget.analysis.run.period
+        page.wait(f"Math.abs(document.querySelector('video').currentTime - {time * duration / end}) < 0.05")
+    page.run("document.querySelector('video').currentTime = 0.5 * document.querySelector('video').duration")
+    page.wait("!document.querySelector('video').seeking")
+    page.settle()
+    assert tick_of(page, results) * results.budget.analysis.run.period == pytest.approx(0.5 * end, abs=0.05)
+    page.run("document.querySelector('video').muted = true; document.querySelector('video').play()")
+    page.wait("document.querySelector('video').currentTime > 0.6 * document.querySelector('video').duration")
+    script = (
+        "return [document.querySelector('video').currentTime, parseFloat(document.querySelector('output').textContent)]"
+    )
+    film, shown = page.run(script)
+    assert shown == pytest.approx(film * end / duration, abs=0.1)
+    page.run("document.querySelector('video').pause()")
+
+
+def test_details_are_folded_until_they_are_asked_for(page):
+    opened = "return [...document.querySelectorAll('section > details')].map((details) => details.open)"
+    assert set(page.run(opened)) == {False}
+    page.run("document.querySelector('nav a[href=\"#servo\"]').click()")
+    page.wait("document.querySelector('#servo > details').open")
+    assert page.run(opened).count(True) == 1
+    titles = page.run("return [...document.querySelectorAll('h2')].map((title) => title.textContent)")
+    assert titles[:4] == ["Verdict", "Bead and path", "Summary", "Error budget"]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_page_is_as_wide_as_a_small_screen(page, file, scheme):
+    page.media(scheme=scheme)
+    for width in (1280, 400):
+        page.open(file, width)
+        assert page.run("return document.documentElement.scrollWidth") == width
+        assert page.run("return document.querySelector('.plan .surface').clientWidth") > 0.29 * width
+        page.run("for (const details of document.querySelectorAll('details')) details.open = true")
+        assert page.run("return document.documentElement.scrollWidth") == width
+
+
+def test_print_and_a_browser_without_scripts_show_figures(page, file):
+    shown = "return [...document.querySelectorAll(arguments[0])].map((part) => part.getBoundingClientRect().height > 0)"
+    still = page.run(shown, ".still")
+    assert len(still) == 2
+    assert not any(still)
+    page.media("print")
+    assert all(page.run(shown, ".still"))
+    assert not any(page.run(shown, ".viewer"))
+    page.media()
+    page.driver.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
+    try:
+        page.driver.get(file.as_uri())
+        figures = page.driver.find_elements("css selector", "figure")
+        assert len(figures) == 6
+        assert all(figure.size["height"] > 0 for figure in figures)
+    finally:
+        page.driver.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": False})
+
+
+def moved(page):
+    """Pictures in a second while the mouse moves the cursor."""
+    script = (
+        "const [count, done] = arguments; const over = document.querySelector('.strip .u-over');"
+        "const box = over.getBoundingClientRect(); let k = 0; const start = performance.now();"
+        "const step = () => { if (k === count) return done(1e3 * k / (performance.now() - start)); k++;"
+        "over.dispatchEvent(new PointerEvent('pointermove', {clientX: box.left + (k * 16) % box.width,"
+        "clientY: box.top + 5, bubbles: true})); requestAnimationFrame(step); }; requestAnimationFrame(step);"
+    )
+    return page.driver.execute_async_script(script, PICTURES)
+
+
+def test_the_page_is_usable_at_once(browser, file):
+    before = browser.busy()
+    browser.open(file)
+    duration = browser.busy() - before
+    ready = browser.run("return performance.getEntriesByName('viewer-ready')[0].startTime")
+    print(f"usable after {ready:.0f} ms, {1e3 * duration:.0f} ms of the processor")
+    assert duration < USABLE
+
+
+def test_the_cursor_is_fluent_with_a_hundred_thousand_samples(browser, results, tmp_path):
+    # the run, many times over, without its values of 16 bits again
+    content = ViewerData(results).content()
+    times = -(-ROWS // content["rows"])
+    text = repeated(ViewerData(results), times)
+    write_run_page(tmp_path / "report.html", results)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    (tmp_path / "long.html").write_text(page.replace(ViewerData(results).text(), text), encoding="utf-8")
+    browser.open(tmp_path / "long.html")
+    assert browser.run("return JSON.parse(document.getElementById('viewer-data').textContent).rows") >= ROWS
+    before = browser.busy()
+    rate = moved(browser)
+    duration = (browser.busy() - before) / PICTURES
+    print(f"{rate:.0f} pictures/s, {1e3 * duration:.1f} ms of the processor each")
+    assert duration < 1 / LEAST_RATE
+    assert browser.messages() == []
+
+
+def repeated(data, times):
+    """The JSON of a viewer's data, with all its columns repeated."""
+    content = json.loads(data.text())
+    rows = content["rows"]
+    for column in content["columns"].values():
+        if column["kind"] == "runs":
+            column["values"] *= times
+            column["counts"] *= times
+        elif column["kind"] == "ascending":
+            column["data"] = ""
+        elif column["kind"] == "u16":
+            column["data"] = base64.b64encode(base64.b64decode(column["data"]) * times).decode()
+        else:
+            differences = np.frombuffer(base64.b64decode(column["data"]), "i1").copy()
+            jumps = np.frombuffer(base64.b64decode(column["jumps"]), "<u2")
+            if differences[0] != -128:  # from 0 on, each time
+                jumps = np.concatenate([[differences[0]], jumps]).astype("<u2")
+                differences[0] = -128
+            column["data"] = base64.b64encode(differences.tobytes() * times).decode()
+            column["jumps"] = base64.b64encode(jumps.astype("<u2").tobytes() * times).decode()
+    content["rows"] = content["ticks"] = rows * times
+    return json.dumps(content).replace("<", "\\u003c")
