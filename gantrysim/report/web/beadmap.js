@@ -38,8 +38,8 @@ export class BeadMap {
       bar.append(mark);
     }
     const scale = element("span", { class: "scale" }, `−${span} %`, bar, `+${span} %`);
-    const title = element("b", {}, "Bead");
-    return element("figcaption", {}, title, ` width, nominal ${data.width.toPrecision(3)} mm`, scale);
+    const title = element("b", {}, "Bead width");
+    return element("figcaption", {}, title, `of ${data.width.toPrecision(3)} mm`, scale);
   }
 
   _paint() {
