@@ -16,8 +16,9 @@ from gantrysim.cli.terminal import FAULT, warn
 if TYPE_CHECKING:
     from gantrysim.job.job import Job
     from gantrysim.record.fault import Fault
-    from gantrysim.render.colours import PLAIN
     from gantrysim.view.playback import Playback
+
+_PLAIN = "plain"  # colour of the bead: `gantrysim.render.colours.PLAIN`, which takes long to import
 
 
 def view(
@@ -58,9 +59,9 @@ def view(
         raise InputError(f"run {shown}: a saved run cannot be changed; --model and --set apply to live jobs only")
     check_display()
     if saved:
-        _replay(folder, camera, colour or PLAIN, speed)
+        _replay(folder, camera, colour or _PLAIN, speed)
         return
-    fault = _live(Job.load(shown, settings or (), model, allow_code=allow_code), camera, colour or PLAIN, speed)
+    fault = _live(Job.load(shown, settings or (), model, allow_code=allow_code), camera, colour or _PLAIN, speed)
     if fault is not None:
         warn(str(fault), "fault")
         raise typer.Exit(FAULT)
@@ -91,7 +92,7 @@ def _replay(folder: Path, camera: str | None, colour: str, speed: float) -> None
 
 def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | None:
     from gantrysim.engine.simulation import Simulation
-    from gantrysim.render.colours import PLAIN, scale_for
+    from gantrysim.render.colours import scale_for
     from gantrysim.render.scene import Scene
     from gantrysim.view.playback import Playback
     from gantrysim.view.push import STIFFNESS, Bodies
@@ -107,7 +108,7 @@ def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | No
     )
     # the bead gets the rings of an ideal run, and the colours a scale that fits the run to come
     follower = job.follow()
-    scale = scale_for(colour, [follower if colour == PLAIN else job.run()], [job.bead])
+    scale = scale_for(colour, [follower if colour == _PLAIN else job.run()], [job.bead])
     scene = Scene(job.built_machine, follower, job.bead, colour=colour, scale=scale)
     scene.model.vis.map.stiffness = max(scene.model.vis.map.stiffness, STIFFNESS)
     bodies = Bodies(scene.model, simulation.model)

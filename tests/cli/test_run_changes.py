@@ -72,7 +72,7 @@ def test_the_files_are_made_once_all_is_printed_and_the_film_last(
         assert text in printed[0]
     (titles,) = pages
     assert titles[:4] == ["Verdict", "Summary", "Error budget", "What to change"]
-    assert "Video" in titles
+    assert "Bead and path" in titles  # which holds the film
 
 
 def test_a_run_that_passes_and_one_with_faults_are_left_alone(gantrysim_command, tmp_path, rows):
