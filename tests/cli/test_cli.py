@@ -85,7 +85,8 @@ def test_the_summary_has_the_documented_keys_and_the_values_of_the_record(gantry
         "verdict job machine error_budget causes errors motion servo bead unstable_axes notes fault injected headline "
         "versions"
     )
-    errors, motion = summary["errors"], summary["motion"]
+    errors = summary["errors"]
+    motion = summary["motion"]
     run = Run.load(tmp_path / "run.npz")
     values = metrics.values(run)
     written = summary["error_budget"]

@@ -131,7 +131,8 @@ def test_the_bar_has_the_links_shares_and_those_of_every_turn(budget):
     rms = [1e3 * turn.parts["contour"].rms for turn in budget.values.turns]
     np.testing.assert_allclose(heights.sum(axis=0), rms)  # the shares of a turn add up
     here = budget.turn == 1
-    part, error = budget.parts["servo"], budget.contour
+    part = budget.parts["servo"]
+    error = budget.contour
     product = part.lateral * error.lateral + part.vertical * error.vertical + part.beyond * error.beyond
     share = product[here].mean() / np.mean(error.size[here] ** 2)
     assert heights[1, 1] == pytest.approx(rms[1] * share)

@@ -6,7 +6,8 @@ import pytest
 from gantrysim.render.antialiasing import smoothed
 
 SIZE = 120
-DARK, LIGHT = 40, 220
+DARK = 40
+LIGHT = 220
 
 
 def half_plane(degrees, fine):

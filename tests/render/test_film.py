@@ -422,7 +422,8 @@ def test_a_verdict_stands_above_its_picture_and_changes_nothing_else(xy, run, sh
         letters = judged.panel.font.size
         cells = judged.cells
     changed = np.argwhere((picture != bare).any(axis=2))
-    first, last = changed.min(axis=0), changed.max(axis=0)
+    first = changed.min(axis=0)
+    last = changed.max(axis=0)
     assert cells[0].top <= first[0] <= last[0] < cells[0].top + 2 * letters
     assert cells[0].left <= first[1] <= last[1] < cells[0].left + cells[0].width
     text = font(letters, True).shortened(verdict, cells[0].width - 2 * font(letters, True).margin)

@@ -82,7 +82,8 @@ def gantry():
 def test_the_whole_bead_is_in_the_picture_at_every_time(staged):
     job, run, scene = staged
     flight = Flight(scene, job.built_machine, SHAPE)
-    data, work = scene.data, job.built_machine.work
+    data = scene.data
+    work = job.built_machine.work
     laid = 1e-3 * run.nozzle[run.dispense]
     for tick in np.linspace(0, len(run.time) - 1, 5).astype(int):
         scene.pose(tick)

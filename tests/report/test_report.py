@@ -63,7 +63,8 @@ def test_the_report_of_a_spiral_has_all_sections(spiral):
 def test_its_numbers_are_those_of_the_summary(spiral):
     job, page, bead = spiral
     numbers = summary(RunResults(job, job.built_machine, Budget(bead.analysis), bead))
-    errors, motion = numbers["errors"], numbers["motion"]
+    errors = numbers["errors"]
+    motion = numbers["motion"]
     text = page.section("summary")
     for error in ("contour", "program"):
         rms, largest = (errors[f"{error}_{name}_um"] for name in ("rms", "max"))

@@ -152,7 +152,8 @@ def test_the_headline(shown):
 
 
 def test_speed_spacing_and_errors(shown):
-    values, facts = shown.analysis, shown.page.facts()
+    values = shown.analysis
+    facts = shown.page.facts()
     speed, spacing = values.speed, values.spacing
     for name in ("contour", "program"):
         error = shown.budget.rows[name]
@@ -206,7 +207,8 @@ def test_the_gains(shown):
 
 
 def test_the_bead(shown):
-    values, facts = shown.glue, shown.page.facts()
+    values = shown.glue
+    facts = shown.page.facts()
     ranges = {
         "cross-section": (values.section, "mm²"),
         "bead width": (values.width, "mm"),
