@@ -27,12 +27,23 @@ class Mesh:
         normals: of unit length, (rings (SIDES + 1), 3).
         place: of each ring along the nozzle's trace, (rings,) [mm].
         width: of the bead at each ring, (rings,) [mm].
+        centre: of each ring on the surface, (rings, 3) [m].
     """
 
     vertices: Singles
     normals: Singles
     place: Floats
     width: Floats
+    centre: Singles
+
+    def widened(self, factor: float) -> Singles:
+        """Return the vertices of a bead so many times as wide, and as high as it is, (rings (SIDES + 1), 3) [m]."""
+        if factor == 1:
+            return self.vertices
+        centres = self.centre.repeat(SIDES + 1, axis=0)
+        vertices = self.vertices.copy()
+        vertices[:, :2] += np.float32(factor - 1) * (self.vertices[:, :2] - centres[:, :2])
+        return vertices
 
     def of_length(self, rings: int) -> Mesh:
         """Return the mesh padded to a number of rings, which collapse onto its last point."""
@@ -42,12 +53,13 @@ class Mesh:
             np.pad(self.normals, ((0, lacking * (SIDES + 1)), (0, 0)), mode="edge"),
             np.pad(self.place, (0, lacking), mode="edge"),
             np.pad(self.width, (0, lacking), mode="edge"),
+            np.pad(self.centre, ((0, lacking), (0, 0)), mode="edge"),
         )
 
     def part(self, rings: slice) -> Mesh:
         """Return a range of rings."""
         lines = slice((SIDES + 1) * rings.start, (SIDES + 1) * rings.stop)
-        return Mesh(self.vertices[lines], self.normals[lines], self.place[rings], self.width[rings])
+        return Mesh(self.vertices[lines], self.normals[lines], self.place[rings], self.width[rings], self.centre[rings])
 
 
 _ARRAYS = [field.name for field in fields(Mesh)]
@@ -94,6 +106,7 @@ def rings(
         normals.reshape(-1, 3).astype(np.float32),
         place,
         (2 * radius * np.sin(contact) + flat)[:, 0],
+        (1e-3 * point).astype(np.float32),
     )
 
 

@@ -7,6 +7,7 @@ of the section, made of the last glue of its stretch.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -108,7 +109,7 @@ class Sweep:
         up = np.array([0.0, 0.0, 1.0])
         vertices = np.tile(point.astype(np.float32), (SIDES + 1, 1))
         normals = np.tile(up.astype(np.float32), (SIDES + 1, 1))
-        return Mesh(vertices, normals, np.zeros(1), np.zeros(1))
+        return Mesh(vertices, normals, np.zeros(1), np.zeros(1), vertices[:1])
 
     @cached_property
     def _between(self) -> list[Mesh]:
@@ -174,7 +175,8 @@ class Sweep:
         normals = mesh.normals.reshape(_END, SIDES + 1, 3)
         vertices[0] = vertices[0, 0]
         order = slice(None, None, -1 if sign > 0 else 1)
-        return Mesh(vertices[order].reshape(-1, 3), normals[order].reshape(-1, 3), mesh.place, mesh.width)
+        # all its rings stand about one place
+        return replace(mesh, vertices=vertices[order].reshape(-1, 3), normals=normals[order].reshape(-1, 3))
 
 
 class _Shape(NamedTuple):

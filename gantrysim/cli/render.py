@@ -55,6 +55,9 @@ def render(
     fps: Annotated[float, typer.Option(help="Frames per second.")] = 25.0,
     speed: FilmSpeed = None,
     colour: Colour = None,
+    true_width: Annotated[
+        bool, typer.Option("--true-width", help="Draw a thin bead as wide as it is, not wider so that it is seen.")
+    ] = False,
     moment: Moment = None,
     label: Labels = None,
     gif: Annotated[bool, typer.Option("--gif", help="Write a GIF instead of an MP4.")] = False,
@@ -100,7 +103,7 @@ def render(
             Take(run.machine, run.run, name, run.job.bead, run.run.verdict_headline)
             for run, name in zip(runs, names, strict=True)
         ]
-        with Film(takes, camera=camera, size=pixels, colour=colour) as film:
+        with Film(takes, camera=camera, size=pixels, colour=colour, true_width=true_width) as film:
             if target.suffix.lower() not in FILMS:
                 check()
                 film.save_picture(target, moment)

@@ -22,12 +22,13 @@ from gantrysim.render.colours import default_colour, scale_for
 from gantrysim.render.encoding import Picture, film_rate, film_writer, save_picture
 from gantrysim.render.fonts import PAPER, rgb
 from gantrysim.render.framing import Framing
-from gantrysim.render.header import Header, headers, verdict_line
+from gantrysim.render.header import Caption, Header, headers
 from gantrysim.render.opengl import Closing
 from gantrysim.render.panel import Panel, run_colours
 from gantrysim.render.renderer import BEAD, Renderer, checked_size
 from gantrysim.render.sight import Sight
 from gantrysim.render.telemetry import Telemetry
+from gantrysim.render.widening import widening
 
 _LONGEST = 60.0  # of a film at the default speed [s]
 _MOST_FRAMES = 100_000
@@ -85,10 +86,14 @@ class Film(Closing):
         size: width and height of the frames; the default depends on the number of runs [pixels].
         colour: quantity that colours the beads on one scale, one of `gantrysim.render.colours.COLOURS`; by default the
             verdict, or the error of runs without a job.
+        true_width: whether a thin bead keeps its width; by default the camera that is fitted to the bead shows it up
+            to four times as wide, all beads alike, with the factor in the picture. The nozzle's inset shows it as it
+            is.
 
     Attributes:
         end: time at which the longest run ends [s].
         cells: places of the runs' pictures.
+        widening: factor by which the beads are drawn wider than they are.
         panel: drawn at the top of the frame, out of reach of a player's controls.
 
     Raises:
@@ -103,6 +108,7 @@ class Film(Closing):
         camera: str | None = None,
         size: tuple[int, int] | None = None,
         colour: str | None = None,
+        true_width: bool = False,
     ) -> None:
         if len(takes) not in _SIZES:
             raise InputError(f"number of runs = {len(takes)}: must be 1, 2 or 4")
@@ -127,10 +133,6 @@ class Film(Closing):
         least = above + rows * (self.cells[0].top - above + _LEAST_HEIGHT)
         if height < least:
             raise InputError(f"height of the film = {height}: must be at least {least}, for the pictures")
-        self._verdicts = [
-            verdict_line(take.verdict, cell.width, self.panel.font.size) if take.verdict else None
-            for take, cell in zip(takes, self.cells, strict=True)
-        ]
         self._renderers: list[Renderer] = []
         shape = (self.cells[0].width, self.cells[0].height)  # of all pictures
         framing = _common_framing(takes, shape) if camera is None else None
@@ -141,6 +143,14 @@ class Film(Closing):
                 renderer = Renderer(take.machine, take.run, view, size, bead, colour, scale)
                 self._renderers.append(opened.enter_context(renderer))
             self._opened = opened.pop_all()
+        self.widening = 1.0 if camera is not None or true_width else self._widening(beads)
+        for renderer in self._renderers:
+            renderer.scene.widening = self.widening
+        note = f"bead drawn {self.widening:g} × as wide" if self.widening > 1 else ""
+        letters = self.panel.font.size
+        self._captions = [
+            Caption(take.verdict, note, cell.width, letters) for take, cell in zip(takes, self.cells, strict=True)
+        ]
 
     def _places(self, labels: Sequence[str], rows: int, room: int) -> tuple[Cell, ...]:
         """Draw the headers and return the places of the pictures, row by row, in the height above the panel."""
@@ -155,6 +165,13 @@ class Film(Closing):
             top = self.panel.size[1] + row * (above + height) + above
             cells += [Cell(column * (width + _GAP), top, width, height) for column in range(columns)]
         return tuple(cells)
+
+    def _widening(self, beads: Sequence[BeadTrace]) -> float:
+        """Return the factor by which all beads are drawn wider, which the one with the least room allows."""
+        shape = self.cells[0].width / self.cells[0].height
+        framings = [renderer.framing for renderer in self._renderers]
+        framed = zip(framings, beads, strict=True)
+        return min((widening(framing, bead, shape) for framing, bead in framed if framing is not None), default=1.0)
 
     def close(self) -> None:
         """Free the OpenGL contexts, and return the memory that a renderer in software leaves."""
@@ -184,10 +201,8 @@ class Film(Closing):
         share = self._flight_share(time, speed)
         for cell, renderer, run in zip(self.cells, self._renderers, self._runs, strict=True):
             cell.of(frame)[:] = renderer.frame(run.tick(time), share)
-        for cell, line in zip(self.cells, self._verdicts, strict=True):
-            if line is not None:
-                rows, columns = line.shape[:2]
-                cell.of(frame)[:rows, :columns] = line[: cell.height]
+        for cell, caption in zip(self.cells, self._captions, strict=True):
+            caption.write(cell.of(frame))
         for cell, header in zip(self.cells, self._headers, strict=False):  # one run has none
             Cell(cell.left, cell.top - header.size[1], *header.size).of(frame)[:] = header.picture(time)
         frame[: self.panel.size[1]] = self.panel.picture(time, speed)
@@ -273,26 +288,3 @@ def _common_framing(takes: Sequence[Take], size: tuple[int, int]) -> Framing | N
         return None
     sight = Sight(first.machine.model, first.machine, first.run, size[0] / size[1])
     return sight.framing([take.run for take in takes[1:]])
-
-
-def save_video(
-    machine: Machine,
-    run: Run,
-    file: str | os.PathLike[str],
-    *,
-    camera: str | None = None,
-    size: tuple[int, int] = (800, 600),
-    fps: float = 25.0,
-    speed: float | None = None,
-    bead: BeadSettings | BeadTrace | None = None,
-    colour: str | None = None,
-    label: str = "",
-    verdict: str = "",
-    progress: Callable[[float], None] | None = None,
-) -> int:
-    """Write a film of one run, MP4 or GIF, and return its number of frames.
-
-    Arguments and errors as of `Take`, `Film` and `Film.save`.
-    """
-    with Film([Take(machine, run, label, bead, verdict)], camera=camera, size=size, colour=colour) as film:
-        return film.save(file, fps=fps, speed=speed, progress=progress)

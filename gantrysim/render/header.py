@@ -1,4 +1,4 @@
-"""Headers above the pictures of runs side by side: label and readout of each; the line of a verdict."""
+"""Headers above the pictures of runs side by side: label and readout of each; the caption of a picture."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from PIL import Image, ImageDraw
 
 from gantrysim.plots.style import COLOURS, INK
 from gantrysim.render.encoding import Picture
-from gantrysim.render.fonts import LINE, MUTED, PAPER, font
+from gantrysim.render.fonts import LINE, MUTED, PAPER, Font, font
 from gantrysim.render.telemetry import Telemetry
 
 _HEIGHT = 2.9  # of a header with one line of readout, in sizes of its letters
 _WIDTHS = {1: 34, 2: 22}  # by lines of readout, that hold all of it, in sizes of the letters
-_VERDICT_HEIGHT = 1.8  # of its line, in sizes of its letters
+_CAPTION_HEIGHT = 1.8  # in sizes of its letters
 _LEAST = 10  # size of the letters, unless the panel's are smaller [pixels]
+_MOST_NOTE = 0.5  # width of a note beside a verdict that is cut, relative to the picture
 
 
 class Header:
@@ -92,17 +93,44 @@ def headers(
     ]
 
 
-def verdict_line(verdict: str, width: int, largest: int) -> Picture:
-    """Return a line with a verdict, for the upper left corner of a picture, (height, width, 3).
+class Caption:
+    """What stands at the upper edge of a picture: the verdict to the left, and a note to the right.
 
     Args:
-        verdict: headline of the verdict; its symbol and word say it without colour.
-        width: available [pixels]; a longer line is cut.
+        verdict: headline of the verdict, whose symbol and word say it without colour; empty for none.
+        note: empty for none; left out where it does not fit.
+        width: of the picture [pixels]; a longer verdict is cut.
         largest: size of the letters [pixels].
     """
-    letters = font(largest, True)
-    text = letters.shortened(verdict, width - 2 * letters.margin)
-    size = min(width, round(letters.width(text)) + 2 * letters.margin), round(_VERDICT_HEIGHT * letters.size)
+
+    def __init__(self, verdict: str, note: str, width: int, largest: int) -> None:
+        bold = font(largest, True)
+        letters = font(largest)
+        self._note = _line(note, letters, MUTED, width)
+        beside = 0 if self._note is None else self._note.shape[1]
+        room = width - beside
+        if verdict and bold.width(verdict) + 2 * bold.margin > room and beside > _MOST_NOTE * width:
+            self._note = None
+            room = width
+        self._verdict = _line(verdict, bold, INK, room)
+
+    def write(self, picture: Picture) -> None:
+        """Write the caption over a picture, (height, width, 3)."""
+        height = len(picture)
+        if self._verdict is not None:
+            rows, columns = self._verdict.shape[:2]
+            picture[:rows, :columns] = self._verdict[:height]
+        if self._note is not None:
+            rows, columns = self._note.shape[:2]
+            picture[:rows, -columns:] = self._note[:height]
+
+
+def _line(text: str, letters: Font, colour: str, width: int) -> Picture | None:
+    """Return a line of text cut to a width [pixels], (height, width, 3), or None without text."""
+    if not text:
+        return None
+    shortened = letters.shortened(text, width - 2 * letters.margin)
+    size = min(width, round(letters.width(shortened)) + 2 * letters.margin), round(_CAPTION_HEIGHT * letters.size)
     image = Image.new("RGB", size, PAPER)
-    letters.write(ImageDraw.Draw(image), (letters.margin, size[1] / 2), text, INK, "lm")
+    letters.write(ImageDraw.Draw(image), (letters.margin, size[1] / 2), shortened, colour, "lm")
     return np.asarray(image)

@@ -54,6 +54,7 @@ class Renderer(Closing):
     Attributes:
         scene: the machine with its bead.
         view: the camera.
+        framing: of the bead by a camera that is fitted to it, None for another.
 
     Raises:
         InputError: no such camera or colour, or a side that is not from 1 to 8192 pixels.
@@ -86,7 +87,8 @@ class Renderer(Closing):
         self._flight = Flight(self.scene, machine, width / height, framing) if is_fitted else None
         if is_fitted:
             model.vis.quality.offsamples = 0  # edges are smoothed afterwards, see `smoothed`
-        self._inset = None if self._flight is None else Inset.of(self.scene, self._flight.framing, self.size)
+        self.framing = None if self._flight is None else self._flight.framing
+        self._inset = None if self.framing is None else Inset.of(self.scene, self.framing, self.size)
         self._tip = int(model.site(NOZZLE).id)
         self._lights = self._refined_lights()
         self._gl = offscreen(width, height)
@@ -162,6 +164,7 @@ class Renderer(Closing):
             offset = self.data.site_xpos[self._tip] - self.data.light_xpos[light]
             self.data.light_xdir[light] = offset / np.linalg.norm(offset)
         self._gl.make_current()
+        scene.draw_bead(scene.widening)
         mujoco.mjr_uploadMesh(scene.model, self._context, scene.mesh)
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(scene.model, scene.data, self._option, None, self.view, everything, self._drawn)
@@ -174,6 +177,9 @@ class Renderer(Closing):
         mujoco.mjr_render(viewport, self._drawn, self._context)
         inset = self._inset if share == 1 else None
         if inset is not None:
+            if scene.widening != 1:  # from near the bead is seen as it is
+                scene.draw_bead(1.0)
+                mujoco.mjr_uploadMesh(scene.model, self._context, scene.mesh)
             inset.render(scene, self._drawn, self._context)
         image = np.empty((height, width, 3), np.uint8)
         mujoco.mjr_readPixels(image, None, viewport, self._context)

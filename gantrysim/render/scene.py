@@ -45,6 +45,7 @@ class Scene:
         data: posed by `pose`.
         mesh: number of the bead's mesh in the model, to be uploaded after `pose`.
         scale: of the colours, None for a plain bead.
+        widening: factor by which pictures show the bead wider than it is.
 
     Raises:
         InputError: no such colour.
@@ -61,6 +62,7 @@ class Scene:
     ) -> None:
         self.machine = machine
         self.scale = scale_for(colour, [run], [bead]) if scale is None else scale
+        self.widening = 1.0
         self._colour = colour
         self._set_run(run, Sweep(run, bead))
         self.model = _with_bead(machine, self.sweep, self.scale)
@@ -90,6 +92,7 @@ class Scene:
         with quiet():
             mujoco.mj_forward(self.model, self.data)
         mesh = self.sweep.mesh(tick)
+        self._drawn = mesh
         self._vertices[:] = mesh.vertices
         self._normals[:] = mesh.normals
         if self.scale is not None:
@@ -99,6 +102,10 @@ class Scene:
             places = (0.5 + 255 * self.scale.share(values)) / 256  # from the first texel's middle to the last one's
             coordinates[:, 0] = places.repeat(len(coordinates) // len(values))
         self._drop = _drop_at(self.sweep, tick)
+
+    def draw_bead(self, factor: float) -> None:
+        """Draw the bead of the present pose so many times as wide as it is."""
+        self._vertices[:] = self._drawn.widened(factor)
 
     def decorate(self, scene: mujoco.MjvScene) -> None:
         """Add the drop at the nozzle, which is not part of the model, to a scene that holds the model's geoms."""

@@ -1,6 +1,7 @@
 """Films: frames, times, sizes, and files that are complete or absent."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import imageio.v2 as imageio
 import numpy as np
@@ -39,13 +40,13 @@ def short(run):
 
 @pytest.fixture(scope="module")
 def alone(xy, run):
-    with Film([Take(xy, run, "one")], size=SIZE, colour="plain") as opened:
+    with Film([Take(xy, run, "one")], size=SIZE, colour="plain", true_width=True) as opened:
         yield opened
 
 
 @pytest.fixture(scope="module")
 def pair(xy, run, short):
-    with Film([Take(xy, run, "long"), Take(xy, short, "short")], size=PAIR, colour="plain") as opened:
+    with Film([Take(xy, run, "long"), Take(xy, short, "short")], size=PAIR, colour="plain", true_width=True) as opened:
         yield opened
 
 
@@ -139,7 +140,7 @@ def test_a_gif_keeps_rare_colours(xy, run, tmp_path):
 
 def test_two_films_of_a_run_are_the_same_frames(xy, run, alone, tmp_path):
     alone.save(tmp_path / "a.mp4", fps=4)
-    save_video(xy, run, tmp_path / "b.mp4", size=SIZE, fps=4.0, label="one", colour="plain")
+    save_video(xy, run, tmp_path / "b.mp4", size=SIZE, fps=4.0, label="one", colour="plain", true_width=True)
     first, second = (decoded(tmp_path / name)[0] for name in ("a.mp4", "b.mp4"))
     assert len(first) == len(second) > 5
     np.testing.assert_array_equal(first, second)
@@ -298,8 +299,10 @@ def test_bad_films_are_refused(xy, run, alone, tmp_path):
 class Unopened:
     """Stands for a renderer where only places matter."""
 
+    framing = None
+
     def __init__(self, *_):
-        pass
+        self.scene = SimpleNamespace()
 
     def __enter__(self):
         return self

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import mujoco
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from PIL import Image, ImageDraw
@@ -60,3 +61,28 @@ def shows(picture, text, size, colour, bold=False, paper=PAPER):
     row, column = np.unravel_index(np.abs(letters.astype(int) - rgb(paper)).sum(axis=2).argmax(), (height, width))
     places = np.argwhere((windows[:, :, row, column] == letters[row, column]).all(axis=2))
     return any(np.array_equal(windows[r, c], letters) for r, c in places)
+
+
+def glue_share(renderer):
+    """Share of the pixels of a renderer's last picture, without its inset, whose foremost geom is the bead."""
+    inset, renderer._inset = renderer._inset, None
+    renderer.frame(len(renderer.scene.run.time) - 1)
+    renderer._inset = inset
+    flags = renderer._drawn.flags
+    numbered = [mujoco.mjtRndFlag.mjRND_SEGMENT.value, mujoco.mjtRndFlag.mjRND_IDCOLOR.value]
+    flags[numbered] = 1
+    width, height = renderer.size
+    picture = np.empty((height, width, 3), np.uint8)
+    viewport = mujoco.MjrRect(0, 0, width, height)
+    mujoco.mjr_render(viewport, renderer._drawn, renderer._context)
+    mujoco.mjr_readPixels(picture, None, viewport, renderer._context)
+    flags[numbered] = 0
+    numbers = picture.astype(int) @ [1, 2**8, 2**16] - 1  # a segment's colour is its number, and 1 more
+    bead = renderer.model.geom("gantrysim bead").id
+    geoms = renderer._drawn.geoms[: renderer._drawn.ngeom]
+    segments = [g.segid for g in geoms if g.objtype == mujoco.mjtObj.mjOBJ_GEOM and g.objid == bead]
+    glue = np.isin(numbers, segments)
+    if inset is not None:
+        place = inset.viewport
+        glue[place.bottom : place.bottom + place.height, place.left : place.left + place.width] = False
+    return float(glue.mean())
