@@ -6,6 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from gantrysim.design.ac_servo import AcServo
 from gantrysim.design.accuracy import SCREWS
 from gantrysim.design.library import Motor, motor_names, motor_of
 from gantrysim.design.table import Drive, Guides, MachineTable, Masses, Slide
@@ -28,6 +29,7 @@ TABLES: tuple[tuple[str, type[BaseModel]], ...] = (
     ('`[x.drive.transmission]`, `kind = "belt"`', Belt),
     ('`[x.drive.transmission]`, `kind = "rack"`', Rack),
     ("`[x.drive.motor]`, a motor that is not in the library", Motor),
+    ('`[x.drive.motor]`, `kind = "ac servo"`, by its data sheet', AcServo),
 )
 
 
@@ -65,7 +67,8 @@ def page() -> str:
         text += f"\n## {title}\n\n| key | default | meaning |\n| --- | --- | --- |\n" + "\n".join(rows(model)) + "\n"
     text += (
         "\n## Motors of the library\n\nNo-load speed and stall torque follow from the rest at the nominal voltage. "
-        "Sources of every number: `gantrysim/design/library.toml`.\n\n"
+        "Sources of every number: `gantrysim/design/library.toml`. K and currents of an ac servo are those of its "
+        "equivalent DC motor, see [machines from a table](machine-tables.md).\n\n"
         "| motor | kind | V | K [N·m/A] | R [ohm] | no-load [rpm] | stall [N·m] | continuous [N·m] | peak [N·m] "
         "| rotor [1e-6 kg·m²] |\n" + "| --- " * 10 + "|\n" + "\n".join(motors()) + "\n"
     )

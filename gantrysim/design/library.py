@@ -6,17 +6,19 @@ import math
 import tomllib
 from functools import cache
 from importlib.resources import files
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, Final, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.base.toml_files import validated
+from gantrysim.design.ac_servo import AcServo
 from gantrysim.design.settings import NotNegative, Positive, Table, key
 
 RPM = 2 * math.pi / 60  # [rad/s]
 CONSISTENT = 0.015  # relative difference of a stated no-load speed or stall torque and the one computed
+AC_SERVO: Final = "ac servo"
 _ANGLES = np.linspace(0, np.pi / 2, 721)  # of the current ahead of the torque-producing axis
 
 
@@ -52,8 +54,8 @@ class Motor(Table):
     equations of a DC motor, copper loss included.
     """
 
-    kind: Literal["brushed", "bldc", "stepper", "closed-loop stepper"] = key(
-        "brushed, bldc, stepper or closed-loop stepper"
+    kind: Literal["brushed", "bldc", "ac servo", "stepper", "closed-loop stepper"] = key(
+        "brushed, bldc, stepper or closed-loop stepper; an ac servo has keys of its own"
     )
     voltage: Positive = key("nominal voltage [V]")
     torque_constant: Positive | None = key("torque and back-EMF constant [N·m/A]", None)
@@ -167,6 +169,10 @@ def largest_torque(winding: Winding, speed: float, voltage: float, current: floa
     return float((K * allowed * np.cos(b)).max())
 
 
+# keys of a data sheet in rms and phase values
+_ONLY_AC = frozenset(AcServo.model_fields) - frozenset(Motor.model_fields)
+
+
 @cache
 def _content() -> dict[str, Any]:
     return tomllib.loads((files("gantrysim.design") / "library.toml").read_text(encoding="utf-8"))
@@ -184,10 +190,36 @@ def motor_of(motor: str | dict[str, Any]) -> Motor:
         InputError: an unknown name, or data that contradicts itself.
     """
     if isinstance(motor, dict):
-        return validated(Motor, motor, "motor")
+        return _motor_in(motor, "motor")
     if motor not in _content()["motors"]:
         raise unknown("motor", motor, motor_names())
-    return validated(Motor, _content()["motors"][motor], f"motor {motor}")
+    return _motor_in(_content()["motors"][motor], f"motor {motor}")
+
+
+def _motor_in(table: dict[str, Any], label: str) -> Motor:
+    """Return the motor of a table; of an AC servo motor the equivalent DC motor."""
+    kind = table.get("kind")
+    if kind != AC_SERVO:
+        foreign = [name for name in table if name in _ONLY_AC]
+        if foreign:
+            raise InputError(f"{label}: {foreign[0]}: a key of kind = {AC_SERVO!r}, not of kind = {kind!r}")
+        return validated(Motor, table, label)
+    servo = validated(AcServo, table, label)
+    return Motor(
+        kind=AC_SERVO,
+        voltage=servo.voltage,
+        torque_constant=servo.torque_constant,
+        resistance=servo.resistance,
+        inductance=servo.inductance,
+        rotor_inertia=servo.rotor_inertia,
+        continuous_torque=servo.continuous_torque,
+        peak_current=servo.peak_current,
+        max_speed=servo.max_speed,
+        mass=servo.mass,
+        pole_pairs=servo.pole_pairs,
+        detent_torque=servo.detent_torque,
+        sources=servo.sources,
+    )
 
 
 def counts_of(encoder: str | float) -> float:

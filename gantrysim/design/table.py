@@ -11,7 +11,8 @@ from pydantic import field_validator, model_validator
 
 from gantrysim.base.errors import InputError
 from gantrysim.base.toml_files import read_toml, validated
-from gantrysim.design.library import RPM, Motor, counts_of, motor_of
+from gantrysim.design.ac_servo import PER_RMS
+from gantrysim.design.library import AC_SERVO, RPM, Motor, counts_of, motor_of
 from gantrysim.design.settings import Count, NotNegative, Positive, Table, key
 from gantrysim.design.transmission import Transmission
 
@@ -36,6 +37,7 @@ class Drive(Table):
     encoder: str | Positive | None = key("name in the library, or counts per revolution; a stepper may have none", None)
     voltage: Positive = key("of the bus, at the motor's terminals [V]")
     current: Positive | None = key("peak current of the drive, by default the motor's [A]", None)
+    current_rms: Positive | None = key("the same of an AC servo's drive, per phase [A rms]", None)
     current_loop: Positive = key("bandwidth of the current loop, which hides a slower winding [Hz]", 1000.0)
     mode: Mode | None = key(
         "command mode of the drive: torque, velocity or position; by default torque, of a closed-loop stepper "
@@ -66,6 +68,10 @@ class Drive(Table):
             )
         if self.microsteps is not None and kind != "stepper":
             raise InputError(f"microsteps: a {kind} motor has none, leave it out")
+        if self.current is not None and kind == AC_SERVO:
+            raise InputError(f"current = {self.current:g} A: the drive of an ac servo is rated in A rms: current_rms")
+        if self.current_rms is not None and kind != AC_SERVO:
+            raise InputError(f"current_rms: a {kind} motor has no phases with rms currents, give current")
         return self
 
     @cached_property
@@ -95,7 +101,10 @@ class Drive(Table):
     @property
     def peak_current(self) -> float:
         """Peak current, the lower of the drive's, if given, and the motor's [A]."""
-        return min(self.current or self.known_motor.current, self.known_motor.current)
+        limit = self.current
+        if self.current_rms is not None:
+            limit = PER_RMS * self.current_rms
+        return min(limit or self.known_motor.current, self.known_motor.current)
 
     @property
     def lag(self) -> float:

@@ -14,14 +14,14 @@ from gantrysim.base.toml_files import validated
 from gantrysim.design.library import Motor, Winding, largest_torque, motor_names, motor_of
 
 CONTENT = tomllib.loads((files("gantrysim.design") / "library.toml").read_text(encoding="utf-8"))
-SERVOS = [name for name in CONTENT["motors"] if "stepper" not in CONTENT["motors"][name]["kind"]]
-STEPPERS = [name for name in CONTENT["motors"] if name not in SERVOS]
+SERVOS = [name for name, data in CONTENT["motors"].items() if data["kind"] in ("brushed", "bldc")]
+STEPPERS = [name for name, data in CONTENT["motors"].items() if "stepper" in data["kind"]]
 
 
 def test_there_are_motors_of_every_kind():
     kinds = [motor["kind"] for motor in CONTENT["motors"].values()]
     assert len(kinds) >= 8
-    assert set(kinds) == {"brushed", "bldc", "stepper", "closed-loop stepper"}
+    assert set(kinds) == {"brushed", "bldc", "ac servo", "stepper", "closed-loop stepper"}
     assert motor_names() == sorted(CONTENT["motors"])
 
 
