@@ -12,6 +12,7 @@ from .base.errors import InputError as InputError
 from .bead import Bead as Bead
 from .bead import BeadSettings as BeadSettings
 from .bead import HeightMap as HeightMap
+from .compare.runs.run_comparison import compare_runs as compare_runs
 from .dispenser.dispenser import Dispenser as Dispenser
 from .dispenser.needle import Needle as Needle
 from .dispenser.syringe import Syringe as Syringe

@@ -8,9 +8,9 @@ from gantrysim.job.loading import builtin_jobs
 from gantrysim.remedy.bound import bound_of
 from gantrysim.remedy.improvement import Improvement
 from gantrysim.remedy.levers import LEVERS
-from gantrysim.remedy.score import row_burden
 from gantrysim.results.checks import PASS
 from gantrysim.results.row import Row
+from gantrysim.results.score import row_burden
 
 PAGE = Path(__file__).parent.parent / "docs" / "improve.md"
 PLACE = "(<!-- {} written by scripts/improve_page.py -->\n).*?(<!-- end -->)"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -20,9 +20,10 @@ _SUMMARY = "compare.json"
 _HEADS = ("measured\nrms", "\n95 %", "\nmax", "simulated\nrms", "\n95 %", "\nmax", "difference\nrms", "\nmax")
 
 Measured = Annotated[
-    Path,
+    Path | None,
     typer.Option(
-        help="Log of the real machine: CSV, softMC's RECORD, LinuxCNC's halsampler or halscope, or a TABLE dump.",
+        help="Log of the real machine, beside one RUN: CSV, softMC's RECORD, LinuxCNC's halsampler or halscope, or a "
+        "TABLE dump.",
         show_default=False,
     ),
 ]
@@ -42,23 +43,65 @@ Circle = Annotated[
 
 
 def compare(
-    run: Annotated[Path, typer.Argument(help="Output folder of gantrysim run.", show_default=False)],
-    measured: Measured,
+    runs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RUN...",
+            help="Output folders of gantrysim run: two to four, or one with --measured.",
+            show_default=False,
+        ),
+    ],
+    measured: Measured = None,
     columns: Columns = None,
     period: Period = None,
     blocks: Annotated[int, typer.Option(min=0, help="Blocks of a Trio TABLE dump.")] = 0,
     align: Align = "time,offset",
     circle: Circle = None,
-    out: Annotated[Path | None, typer.Option(help="Output folder; by default RUN and /compare.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Output folder; by default the first RUN and /compare.")] = None,
 ) -> None:
-    """Compare a saved run with a measured trace: both error budgets, and what the model does not explain.
+    """Compare saved runs with one another, or one with a measured trace.
 
-    The trace is aligned in time and place; its samples are not interpolated, the simulation is taken at their instants.
-    Links that are not measured are not compared, and count as no explanation. The folder gets report.html, with both
-    budgets, plots, alignment, and what the model does not explain.
+    Of two runs or more: which is better by its verdict, by how much, and what differs between their jobs; both beads,
+    errors, budgets and checks beside one another, changes counted from the first run. Errors are compared at the same
+    distance along the path where all runs request the same one, else over time.
+
+    With --measured: both error budgets, and what the model does not explain. The trace is aligned in time and place;
+    its samples are not interpolated, the simulation is taken at their instants. Links that are not measured are not
+    compared, and count as no explanation.
+
+    The folder gets report.html and compare.json.
 
     Exit status: 0, 2 for bad input.
     """
+    folder = out if out is not None else runs[0] / "compare"
+    if out is None and expanded(folder).is_symlink():  # the run's folder may come from elsewhere
+        raise InputError(f"run {runs[0]}: {folder.name} in it is a link: name the output folder with --out")
+    if measured is not None:
+        if len(runs) > 1:
+            raise InputError(f"--measured {measured}: is compared with one run, {len(runs)} are given")
+        _compare_log(runs[0], measured, Log(columns, period, blocks, align, circle), folder)
+        return
+    given = {"--columns": columns, "--period": period, "--blocks": blocks or None, "--circle": circle}
+    for option, value in given.items():
+        if value is not None:
+            raise InputError(f"{option}: describes a log: needs --measured FILE")
+    from gantrysim.cli.compared_runs import compare_folders
+
+    compare_folders(runs, folder)
+
+
+class Log(NamedTuple):
+    """Options that describe a log and its comparison."""
+
+    columns: str | None
+    period: float | None
+    blocks: int
+    align: str
+    circle: str | None
+
+
+def _compare_log(run: Path, measured: Path, options: Log, folder: Path) -> None:
+    """Compare a saved run with a measured trace."""
     from dataclasses import replace
 
     from gantrysim.compare.compare_quantities import FREQUENCY, PEAK_SIZE
@@ -70,26 +113,23 @@ def compare(
     from gantrysim.report.folder import Output, output_folder
     from gantrysim.report.saved import SavedRun
 
-    given = Assignment({}) if columns is None else Assignment.parse(columns)
-    if period is not None:
-        given = replace(given, period=period)
+    given = Assignment({}) if options.columns is None else Assignment.parse(options.columns)
+    if options.period is not None:
+        given = replace(given, period=options.period)
     saved = SavedRun.load(run)
-    folder = out if out is not None else run / "compare"
-    if out is None and expanded(folder).is_symlink():  # the run's folder may come from elsewhere
-        raise InputError(f"run {run}: {folder.name} in it is a link: name the output folder with --out")
-    trace = Trace.of(read_log(measured, blocks or given.blocks), given, saved.run)
-    what = tuple(part.strip() for part in align.split(",") if part.strip() not in ("", "none"))
+    trace = Trace.of(read_log(measured, options.blocks or given.blocks), given, saved.run)
+    what = tuple(part.strip() for part in options.align.split(",") if part.strip() not in ("", "none"))
     comparison = Comparison.of(trace, saved.run, saved.machine, what)
     content = {"run": str(run), "measured": str(measured), **comparison.summary()}
-    if circle is not None:
-        radius, centre = _circle(circle)
+    if options.circle is not None:
+        radius, centre = _circle(options.circle)
         content["circle"] = comparison.circle(radius, centre)
     with output_folder(folder, Output("comparison", _SUMMARY, (_SUMMARY, OVERLAY, SPECTRUM, REPORT))) as scratch:
         (scratch / _SUMMARY).write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         written = [_SUMMARY, *save_comparison(comparison, scratch), REPORT]
         write_comparison_page(scratch / REPORT, comparison, saved.job.name, measured.name, content.get("circle"))
     show(_table(comparison))
-    if circle is not None:
+    if options.circle is not None:
         show(_circle_table(content["circle"]))
     say(headline(comparison), wrap=True)
     say(alignment_text(comparison), wrap=True)

@@ -9,7 +9,7 @@ from gantrysim.base.errors import GantryError
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.job.job import Job
 from gantrysim.remedy.outcome import Outcome
-from gantrysim.remedy.score import row_burden
+from gantrysim.results.score import row_burden
 from gantrysim.results.verdict import GLUE, PATH, STABILITY, Verdict
 
 _PLOUGHED = "bead_ploughed"  # name of the check

@@ -21,7 +21,7 @@ from gantrysim.base.errors import GantryError
 from gantrysim.job.job import Job
 from gantrysim.remedy.lever import Effort, Lever, Setting, State
 from gantrysim.remedy.outcome import Outcome
-from gantrysim.remedy.score import usage_of
+from gantrysim.results.score import usage_of
 
 SHARE = 0.01  # of the burden, by which a lever of the combination lowers it
 

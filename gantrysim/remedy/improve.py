@@ -14,8 +14,8 @@ from gantrysim.remedy.improvement import Improvement
 from gantrysim.remedy.lever import ROWS, Lever
 from gantrysim.remedy.levers import LEVERS
 from gantrysim.remedy.outcome import Outcome
-from gantrysim.remedy.score import row_burden
 from gantrysim.remedy.search import Search
+from gantrysim.results.score import row_burden
 from gantrysim.results.verdict import PATH
 
 

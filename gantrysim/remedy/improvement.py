@@ -16,10 +16,10 @@ from gantrysim.remedy.bound import bound_of
 from gantrysim.remedy.fastest import FastestProgram
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.paste import controller_words, options, toml_lines
-from gantrysim.remedy.score import row_burden, usage_of, usages_of
 from gantrysim.remedy.trial import Skipped, Trial, shown_gains
 from gantrysim.results.checks import FAIL
 from gantrysim.results.row import Row
+from gantrysim.results.score import row_burden, usage_of, usages_of
 from gantrysim.results.verdict import Verdict
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
-from gantrysim.remedy.score import burden_of
 from gantrysim.results.checks import FAIL, PASS
+from gantrysim.results.score import burden_of
 from gantrysim.results.verdict import Verdict
 
 

@@ -13,8 +13,8 @@ from gantrysim.remedy.bench import Bench
 from gantrysim.remedy.combination import Combinations, Pick, best_combination, setting_of
 from gantrysim.remedy.lever import Lever, Setting, State
 from gantrysim.remedy.outcome import Outcome
-from gantrysim.remedy.score import row_burden
 from gantrysim.remedy.trial import Skipped, Trial, gains_of
+from gantrysim.results.score import row_burden
 from gantrysim.results.verdict import PATH
 
 _SAME_SECTION = 0.02  # relative

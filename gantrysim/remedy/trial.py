@@ -9,9 +9,9 @@ from typing import Any
 
 from gantrysim.remedy.lever import Lever
 from gantrysim.remedy.outcome import Outcome
-from gantrysim.remedy.score import usage_of
 from gantrysim.results.checks import PASS, UNJUDGED, Check
 from gantrysim.results.row import Row
+from gantrysim.results.score import usage_of
 from gantrysim.results.verdict import Verdict
 
 

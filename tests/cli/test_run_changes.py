@@ -5,8 +5,8 @@ import pytest
 from gantrysim import Job
 from gantrysim.cli.evaluation import Wanted
 from gantrysim.remedy.levers import LEVERS
-from gantrysim.remedy.score import row_burden
 from gantrysim.report.page import run_sections
+from gantrysim.results.score import row_burden
 
 SMALL = ("diameter=40", "turns=1", "thickness=5")
 QUICK = (*(word for setting in SMALL for word in ("--set", setting)), "--no-video", "--no-causes", "--no-report")

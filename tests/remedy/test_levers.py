@@ -5,7 +5,7 @@ import pytest
 from gantrysim import Job
 from gantrysim.remedy.lever import State
 from gantrysim.remedy.levers import LEVERS
-from gantrysim.remedy.score import usage_of
+from gantrysim.results.score import usage_of
 
 from support.remedies import (
     ACROSS,

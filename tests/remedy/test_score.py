@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import Verdict
-from gantrysim.remedy.score import CAP, burden_of
 from gantrysim.results.checks import FAIL, WARN, Check
 from gantrysim.results.row import Row
+from gantrysim.results.score import CAP, burden_of
 
 NAMES = ("path", "glue", "stability", "machine")
 USAGES = st.lists(st.floats(0, 1e6), min_size=4, max_size=4)

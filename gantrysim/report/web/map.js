@@ -1,6 +1,7 @@
 // A map of the work in plan view on a canvas: scales, grid, zoom and pan, and the cursor on a second canvas above it.
 
 import { asSlider } from "./cursor.js";
+import { extent } from "./data.js";
 import { element } from "./dom.js";
 import { gestures } from "./gestures.js";
 import { onTheme, theme } from "./theme.js";
@@ -37,9 +38,21 @@ export class Region {
   }
 }
 
+/** The part of the work that columns of x and y [mm] cover, with a margin, at least as wide as a bead. */
+export function regionOf(xs, ys, width) {
+  const box = (columns) => {
+    const extents = columns.map((values) => extent(values));
+    return [Math.min(...extents.map(([low]) => low)), Math.max(...extents.map(([, high]) => high))];
+  };
+  const [x0, x1] = box(xs);
+  const [y0, y1] = box(ys);
+  const margin = Math.max(0.02 * Math.max(x1 - x0, y1 - y0), width || 0, 1e-3);
+  return new Region({ x0: x0 - margin, x1: x1 + margin, y0: y0 - margin, y1: y1 + margin });
+}
+
 /**
  * One map. `points` has x and y [mm] at which rows are found, `draw(context, map, colours)` draws below the cursor, and
- * `describe(row)` is the text alternative at a row.
+ * `describe(row)` is the text alternative at a row. `marks(row)` may give further points with a colour.
  */
 export class PlanMap {
   constructor(options) {
@@ -147,11 +160,9 @@ export class PlanMap {
     context.lineTo(this.width, py);
     Object.assign(context, { strokeStyle: colours.soft, lineWidth: 0.6 });
     context.stroke();
-    for (const [size, colour] of [[5, colours.paper], [2.5, colours.ink]]) {
-      context.beginPath();
-      context.arc(px, py, 7, 0, 2 * Math.PI);
-      Object.assign(context, { strokeStyle: colour, lineWidth: size });
-      context.stroke();
+    this._ring(context, px, py, colours, colours.ink);
+    for (const mark of this.marks ? this.marks(this.cursor.row) : []) {
+      this._ring(context, this.px(mark.x), this.py(mark.y), colours, mark.colour || colours.ink);
     }
     if (this.cursor.pinned) {
       context.beginPath();
@@ -164,6 +175,15 @@ export class PlanMap {
       context.strokeStyle = colours.ink;
       context.lineWidth = 1;
       context.strokeRect(x0, y0, x1 - x0, y1 - y0);
+    }
+  }
+
+  _ring(context, px, py, colours, ink) {
+    for (const [size, colour] of [[5, colours.paper], [2.5, ink]]) {
+      context.beginPath();
+      context.arc(px, py, 7, 0, 2 * Math.PI);
+      Object.assign(context, { strokeStyle: colour, lineWidth: size });
+      context.stroke();
     }
   }
 

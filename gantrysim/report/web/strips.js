@@ -58,41 +58,48 @@ export class Strips {
     if (shown) this.hidden.delete(name);
     else this.hidden.add(name);
     for (const strip of this._plots) {
-      if (strip.names[0] === name && strip.own) strip.box.hidden = !shown;
+      if (strip.names[0] === name && strip.single) strip.box.hidden = !shown;
       strip.names.forEach((series, k) => {
-        if (series === name && !strip.own) strip.plot.setSeries(k + 1, { show: shown });
+        if (series === name && !strip.single) strip.plot.setSeries(k + 1, { show: shown });
       });
     }
     this._redraw(true);
   }
 
-  _build() {
-    for (const strip of this._plots) strip.plot.destroy();
-    this.list.replaceChildren();
+  /** The strips from top to bottom: names of their series, whether they are a link's alone, and their heading. */
+  _groups() {
     const errors = this.data.links().map((series) => series.name);
-    const groups = [{ names: errors, own: false }];
+    const groups = [{ names: errors, own: false, heading: "contour error and its links" }];
     for (const name of errors) if (name !== "contour") groups.push({ names: [name], own: true });
     for (const { name, group } of this.data.series) {
       if (group === "bead" || group === "motion") groups.push({ names: [name], own: false });
     }
+    return groups;
+  }
+
+  _build() {
+    for (const strip of this._plots) strip.plot.destroy();
+    this.list.replaceChildren();
+    const groups = this._groups();
     this._values = {};
     this._plots = groups.map((group, k) => this._strip(group, k === groups.length - 1));
     for (const name of this.hidden) this.setShown(name, false);
     this._markSoon();
   }
 
-  _strip({ names, own }, last) {
+  _strip({ names, own, heading: title }, last) {
     const colours = theme();
     const series = names.map((name) => this.data.seriesOf(name));
     const several = names.length > 1;
     const value = element("output", { "aria-live": "off" });
     const { label, unit } = series[0];
-    const heading = element("div", { class: "heading" }, several ? "contour error and its links" : label, value);
-    if (own) heading.prepend(sample(colourOf(series[0], colours), series[0].dash));
+    const heading = element("div", { class: "heading" }, title || label, value);
+    const single = own && !several;
+    if (single) heading.prepend(sample(colourOf(series[0], colours), series[0].dash));
     const box = element("div", { class: "strip", "data-name": names[0] + (several ? "-all" : "") }, heading);
     this.list.append(box);
     const errors = series[0].group === "error";
-    const strip = { box, names, own, errors, value, last };
+    const strip = { box, names, own, single, errors, value, last };
     const options = {
       width: this._width(),
       height: (several ? TALL : LOW) + (last ? 26 : 0),
@@ -223,9 +230,10 @@ export class Strips {
   /** Draw zero and the tolerance. */
   _limits(strip, plot, colours) {
     const { path_tolerance: path, width, width_tolerance: percent } = this.data;
+    const quantity = this.data.seriesOf(strip.names[0]).quantity || strip.names[0];
     let limits = [];
-    if (strip.names[0] === "contour" && path) limits = [-path, path];
-    if (strip.names[0] === "width" && percent) limits = [width * (1 - percent / 100), width * (1 + percent / 100)];
+    if (quantity === "contour" && path) limits = [-path, path];
+    if (quantity === "width" && width && percent) limits = [width * (1 - percent / 100), width * (1 + percent / 100)];
     const context = plot.ctx;
     context.save();
     context.setLineDash([6, 5]);
@@ -278,11 +286,15 @@ export class Strips {
     this._markSoon();
   }
 
+  /** The values at the cursor, as a strip's heading has them. */
+  _valueText(names, row) {
+    return this.data.text(names[0], row);
+  }
+
   _mark(row) {
-    const { data } = this;
     for (const { plot, value, names } of this._plots) {
       plot.setCursor({ left: plot.valToPos(this.x[row], "x"), top: 10 }, false);
-      value.textContent = data.text(names[0], row);
+      value.textContent = this._valueText(names, row);
     }
   }
 

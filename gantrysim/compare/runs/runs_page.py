@@ -1,0 +1,170 @@
+"""The report of a comparison of runs, and its sections, which tune and improve show of before and after too."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gantrysim.compare.runs.compared_runs import ComparedRuns
+from gantrysim.compare.runs.overlay_data import OverlayData
+from gantrysim.compare.runs.overlays import (
+    draw_compared_budgets,
+    draw_compared_causes,
+    draw_overlaid_errors,
+    draw_overlaid_plan,
+)
+from gantrysim.compare.runs.runs_tables import WORTH, difference_cells, size_change, value_cells, verdict_cells
+from gantrysim.metrics.budget import DESCRIPTIONS
+from gantrysim.metrics.parts import PART_COLUMNS
+from gantrysim.plots.plan import plan_extent
+from gantrysim.plots.style import view_height
+from gantrysim.report.document import Column, Section, Table, with_minus, write_page
+from gantrysim.report.folder import Output, output_folder
+from gantrysim.report.sections import drawn
+from gantrysim.report.summary import package_versions
+
+REPORT = "report.html"
+SUMMARY = "compare.json"
+# of both kinds of comparison, so that a later one replaces all files of an earlier one
+OUTPUT = Output("comparison", SUMMARY, (SUMMARY, "overlay.png", "spectrum.png", REPORT))
+
+_WIDE = 10.7  # of a plot across the page [inch]
+_PLAN = 7.6  # of a plan view [inch]
+_PANEL = 1.1  # height of a link's panel [inch]
+_GROUP = 0.36  # height of a bar, with what lies between [inch]
+_RMS, _, _MAX, _ = PART_COLUMNS
+
+
+def write_runs(comparison: ComparedRuns, folder: Path) -> Path:
+    """Write report.html and compare.json of a comparison into a folder; return the path of report.html.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    with output_folder(folder, OUTPUT) as scratch:
+        content = json.dumps(comparison.summary(), indent=2, allow_nan=False)
+        (scratch / SUMMARY).write_text(f"{content}\n", encoding="utf-8")
+        write_page(
+            scratch / REPORT,
+            " beside ".join(comparison.names),
+            f"{len(comparison.runs)} runs compared; changes are counted from {comparison.names[0]}",
+            list(run_sections(comparison)),
+        )
+    return folder / REPORT
+
+
+def run_sections(comparison: ComparedRuns) -> Iterator[Section]:
+    """Yield the sections of a comparison, the answer first."""
+    yield Section("Summary", comparison.sentence, facts=_facts(comparison))
+    yield Section("What differs", **differences_content(comparison))
+    yield beads_section(comparison)
+    yield budgets_section(comparison)
+    if comparison.causes:
+        yield causes_section(comparison)
+    yield verdicts_section(comparison)
+    yield values_section(comparison)
+    yield Section(
+        "Versions", table=Table(["", "version"], [list(item) for item in package_versions().items()]), folded=True
+    )
+
+
+def _facts(comparison: ComparedRuns) -> list[tuple[str, str, str]]:
+    facts = []
+    for name, verdict, part in zip(comparison.names, comparison.verdicts, comparison.budgets["contour"], strict=True):
+        if part is not None:
+            facts.append(
+                (
+                    f"Contour error, {name}",
+                    f"{_RMS.text(part.rms)} rms",
+                    f"max {_MAX.text(part.max)}; {verdict.headline}",
+                )
+            )
+    for name, apart in list(zip(comparison.names, comparison.apart, strict=True))[1:]:
+        if apart is not None and apart.length:
+            label = (
+                "Difference at the same place" if len(comparison.runs) == 2 else f"{name} less {comparison.names[0]}"
+            )
+            remark = f"max {_MAX.text(apart.max)}, over {apart.length:.1f} mm of path"
+            facts.append((label, f"{_RMS.text(apart.rms)} rms", remark))
+    return facts
+
+
+def differences_content(comparison: ComparedRuns) -> dict[str, Any]:
+    """Return text and table of what differs between the jobs, for a section."""
+    notes = [f"{note[0].upper()}{note[1:]}." for note in comparison.notes]
+    if not comparison.differences:
+        return {"text": ["The jobs, machines and servos do not differ.", *notes]}
+    caption = "Values that are not the same in all runs; those of machine and servo follow from the job"
+    heads, rows = difference_cells(comparison)
+    return {"text": notes, "table": Table(heads, rows, caption)}
+
+
+def beads_section(comparison: ComparedRuns, title: str = "Beads and errors") -> Section:
+    """Return the section of the beads over one another, and of the errors: the page's viewer, and figures for print."""
+    extents = np.array([plan_extent(run.analysis) for run in comparison.runs]).max(axis=0)
+    height = view_height(float(extents[0]), float(extents[1]), _PLAN)
+    links = len(comparison.budgets) - 1
+    return Section(
+        title,
+        viewer=OverlayData(comparison).text(),
+        still=[
+            drawn(draw_overlaid_plan, comparison, _PLAN, height),
+            drawn(draw_overlaid_errors, comparison, _WIDE, 2.6 + _PANEL * links),
+        ],
+    )
+
+
+def budgets_section(comparison: ComparedRuns) -> Section:
+    """Return the section of the error budgets beside one another, on one scale."""
+    heads: list[str | Column] = ["link", "span"]
+    heads += [Column(f"{name}, {_RMS.head}", _RMS.form) for name in comparison.names]
+    heads += [f"change, {name}" for name in comparison.names[1:]]
+    heads += [Column(f"{name}, {_MAX.head}", _MAX.form) for name in comparison.names]
+    rows = []
+    for link, parts in comparison.budgets.items():
+        sizes = [None if part is None else part.rms for part in parts]
+        largest = [None if part is None else _MAX.scaled(part.max) for part in parts]
+        changes = [with_minus(size_change(sizes[0], size)) for size in sizes[1:]]
+        rows.append([link, DESCRIPTIONS[link], *map(_RMS.scaled, sizes), *changes, *largest])
+    bars = len(comparison.budgets) * len(comparison.runs)
+    return Section(
+        "Error budgets",
+        "Errors are normal to the requested path; a link locates the error on the chain and is not its cause.",
+        figure=drawn(draw_compared_budgets, comparison, _PLAN, 1.2 + _GROUP * bars),
+        table=Table(heads, rows, "Error normal to the requested path by link, of every run"),
+    )
+
+
+def causes_section(comparison: ComparedRuns) -> Section:
+    """Return the section of what causes are worth in every run."""
+    heads: list[str | Column] = ["cause", *(Column(f"{name} [{WORTH.unit}]", WORTH.form) for name in comparison.names)]
+    rows = [[cause, *map(WORTH.scaled, worth)] for cause, worth in comparison.causes.items()]
+    bars = len(comparison.causes) * len(comparison.runs)
+    return Section(
+        "Causes",
+        "Worth is the rms contour error of the job minus that without the cause. Effects do not add up.",
+        figure=drawn(draw_compared_causes, comparison, _PLAN, 1.2 + _GROUP * bars),
+        table=Table(heads, rows, "What each cause is worth of the rms contour error"),
+    )
+
+
+def verdicts_section(comparison: ComparedRuns) -> Section:
+    """Return the section of the verdicts' checks beside one another."""
+    lines = [f"{name}: {verdict.headline}" for name, verdict in zip(comparison.names, comparison.verdicts, strict=True)]
+    heads, rows = verdict_cells(comparison)
+    caption = f"Checks of the verdict; a change is counted from {comparison.names[0]}; ▲ better, ▼ worse"
+    table = Table(heads, [[with_minus(cell) for cell in row] for row in rows], caption) if rows else None
+    return Section("Verdicts", lines, table=table)
+
+
+def values_section(comparison: ComparedRuns) -> Section:
+    """Return the section of every value of the runs, a table for each group."""
+    tables = []
+    for group in dict.fromkeys(value.group for value in comparison.values):
+        heads, rows = value_cells(comparison, group, large_only=False)
+        tables.append(Table(heads, [[with_minus(cell) for cell in row] for row in rows], group))
+    return Section("Values", table=tables, folded=True)

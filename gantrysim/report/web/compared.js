@@ -1,0 +1,71 @@
+// The data of several runs, at places that they have in common, see gantrysim/compare/runs/overlay_data.py.
+
+import { decode, number } from "./data.js";
+
+export class ComparedData {
+  constructor(content) {
+    Object.assign(this, content);
+    this.column = {};
+    for (const name of Object.keys(content.columns)) this.column[name] = decode(content.columns[name], content.rows);
+    const nothing = new Float64Array(content.rows).fill(NaN);
+    this.series = content.quantities.flatMap((quantity) =>
+      content.runs.map(({ colour, dash }, run) => {
+        const name = `${quantity.name}.${run}`;
+        this.column[name] = this.column[name] || nothing; // a run may lack a link
+        return { ...quantity, name, quantity: quantity.name, run, colour, dash };
+      }),
+    );
+    this.along = this.column.place;
+    this.off = [];
+    this.worst = this._worst();
+    this.requested = content.runs.map((run, k) => {
+      const [x, y, dx, dy] = ["x", "y", "dx", "dy"].map((name) => this.column[`${name}.${k}`]);
+      return { x: x.map((value, row) => value - dx[row]), y: y.map((value, row) => value - dy[row]) };
+    });
+  }
+
+  /** The row of the largest contour error of any run. */
+  _worst() {
+    let worst = 0;
+    let largest = -1;
+    this.runs.forEach((run, k) => {
+      this.column[`contour.${k}`].forEach((value, row) => {
+        if (Math.abs(value) > largest) {
+          largest = Math.abs(value);
+          worst = row;
+        }
+      });
+    });
+    return worst;
+  }
+
+  seriesOf(name) {
+    return this.series.find((series) => series.name === name);
+  }
+
+  links() {
+    return this.series.filter((series) => series.group === "error");
+  }
+
+  /** A value as text with its unit; a dash where there is none. */
+  text(name, row) {
+    const { decimals, unit } = this.seriesOf(name);
+    const value = this.column[name][row];
+    return isNaN(value) ? "–" : `${number(value, decimals)} ${unit}`;
+  }
+
+  /** The second run's value less the first one's, as text. */
+  differenceText({ name, decimals, unit }, row) {
+    const value = this.column[`${name}.1`][row] - this.column[`${name}.0`][row];
+    return isNaN(value) ? "–" : `${number(value, decimals)} ${unit}`;
+  }
+
+  placeText(row) {
+    return this.by_path ? `s = ${this.along[row].toFixed(2)} mm` : `t = ${this.along[row].toFixed(3)} s`;
+  }
+
+  described(row) {
+    const errors = this.runs.map(({ name }, k) => `${name} ${this.text(`contour.${k}`, row)}`);
+    return `${this.placeText(row)}, contour error ${errors.join(", ")}`;
+  }
+}

@@ -1,0 +1,227 @@
+"""Runs beside one another, against closed forms: the same run, a known error, other paths, other machines."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from gantrysim import InputError, SavedRun
+from gantrysim.cli import terminal
+from gantrysim.cli.compared_runs import comparison_tables
+from gantrysim.compare.runs.common_path import Track, parting_of
+from gantrysim.compare.runs.overlay_data import OverlayData
+from gantrysim.compare.runs.run_comparison import compare_runs
+from gantrysim.compare.runs.runs_page import run_sections
+from gantrysim.paths.arcs import ArcChain
+from gantrysim.report.folder import output_folder, write_run
+
+from support.compared import RADIUS, START, TEXT, circle_job, on_circle, recorded
+from support.pages import Page
+
+BEFORE = (0.030, 0.010)  # mean error and its swing [mm]
+AFTER = (0.010, -0.005)
+PERIODS = (0.001, 0.0016)
+UM = 1e3
+
+
+@pytest.fixture(scope="module")
+def comparison():
+    """Two circles with known errors, sampled at different periods."""
+    return compare_runs(on_circle(*BEFORE, PERIODS[0]), on_circle(*AFTER, PERIODS[1]), names=["before", "after"])
+
+
+@pytest.fixture(scope="module")
+def folders(comparison, tmp_path_factory):
+    """Both runs as `gantrysim run` saves them."""
+    places = []
+    for compared in comparison.runs:
+        place = tmp_path_factory.mktemp("runs") / compared.name
+        with output_folder(place) as scratch:
+            write_run(scratch, compared.results)
+        places.append(place)
+    return places
+
+
+def test_a_run_beside_itself_differs_in_nothing():
+    run = on_circle(*BEFORE)
+    same = compare_runs(run, run)
+    assert same.are_same
+    assert same.best is None
+    assert "are the same: no value differs" in same.sentence
+    assert same.differences == ()
+    assert same.apart[1].max == 0.0
+    assert same.apart[1].length == pytest.approx(2 * math.pi * RADIUS, rel=1e-3)
+    assert all(value.change(1) in (0.0, None) for value in same.values)
+    assert {check.judgement(1) for check in same.checks} <= {"same", ""}
+    changes = {
+        cell
+        for section in run_sections(same)
+        if section.title == "Error budgets"
+        for row in section.table.rows
+        for cell in row[4:5]
+    }
+    assert changes == {"0"}
+
+
+def test_errors_at_the_same_place_have_the_closed_form(comparison):
+    """The difference of two errors a + b cos(angle) over the whole circle, whatever the periods are."""
+    mean = AFTER[0] - BEFORE[0]
+    swing = AFTER[1] - BEFORE[1]
+    apart = comparison.apart[1]
+    assert apart.rms == pytest.approx(math.hypot(mean, swing / math.sqrt(2)), rel=2e-3)
+    assert apart.max == pytest.approx(abs(mean) + abs(swing), rel=2e-3)
+    # the mean over time would weigh the slow start and stop of the motion more
+    assert len(comparison.tracks[0].place) != len(comparison.tracks[1].place)
+
+
+def test_rows_of_the_viewer_have_the_closed_form(comparison):
+    places, columns = OverlayData(comparison).columns()
+    assert np.all(np.diff(places) >= 0)
+    angle = (places - START) / RADIUS
+    for (mean, swing), table in zip((BEFORE, AFTER), columns, strict=True):
+        known = ~np.isnan(table["contour"])
+        assert np.count_nonzero(known) > 0.99 * places.size
+        expected = UM * (mean + swing * np.cos(angle))
+        assert np.abs(table["contour"] - expected)[known].max() < 0.05
+    extremes = [1e3 * np.abs(run.results.budget.contour.lateral).max() for run in comparison.runs]
+    assert [np.nanmax(np.abs(table["contour"])) for table in columns] == pytest.approx(extremes, abs=1e-9)
+
+
+def test_what_is_better_and_by_how_much(comparison):
+    largest = [UM * (abs(mean) + abs(swing)) for mean, swing in (BEFORE, AFTER)]
+    check = next(check for check in comparison.checks if check.known.name == "path_max")
+    assert [check.value(run) for run in range(2)] == pytest.approx(largest, rel=2e-3)
+    assert check.change(1) == pytest.approx(largest[1] - largest[0], rel=2e-3)
+    assert check.judgement(1) == "better"
+    assert comparison.best == 1
+    assert comparison.sentence.startswith("after is better than before")
+    assert [difference.key for difference in comparison.differences if difference.kind == "job"] == ["servo.period"]
+    assert comparison.differences[0].texts == ("0.001", "0.0016")
+
+
+def test_the_other_order_has_the_other_signs(comparison):
+    swapped = compare_runs(*(run.results for run in reversed(comparison.runs)), names=["after", "before"])
+    assert swapped.best == 0
+    assert swapped.sentence.startswith("after is better than before")
+    assert (swapped.apart[1].rms, swapped.apart[1].max) == (comparison.apart[1].rms, comparison.apart[1].max)
+    changes = {value.quantity.key: value.change(1) for value in comparison.values}
+    for value in swapped.values:
+        change = changes[value.quantity.key]
+        assert value.change(1) == (None if change is None else -change)
+    opposite = {"better": "worse", "worse": "better"}
+    judged = {check.known.name: check.judgement(1) for check in comparison.checks}
+    for check in swapped.checks:
+        judgement = judged[check.known.name]
+        assert check.judgement(1) == opposite.get(judgement, judgement)
+
+
+def test_a_place_between_two_stretches_of_dispensing_has_no_value():
+    track = Track(np.array([0.0, 1.0, 5.0, 6.0]), np.array([10, 11, 20, 21]))
+    values = track.at(np.array([-1.0, 0.0, 0.25, 1.0, 3.0, 5.5, 6.0, 7.0]), np.array([0.0, 4.0, 8.0, 10.0]))
+    np.testing.assert_array_equal(values, [np.nan, 0.0, 1.0, 4.0, np.nan, 9.0, 10.0, np.nan])
+
+
+def test_paths_part_where_they_part():
+    straight = ArcChain((0.0, 0.0), 0.0, [0.0], [50.0])
+    bent = ArcChain((0.0, 0.0), 0.0, [0.0, 0.1], [30.0, 20.0])
+    parting = parting_of(straight, bent, 1)
+    # the arc of 10 mm radius leaves the line by SAME_PLACE after sqrt(2 * 10 * 0.001) mm
+    assert parting.s == pytest.approx(30.0 + math.sqrt(0.02), abs=0.25)
+    assert parting.point == pytest.approx((parting.s, 0.0, 0.0))
+    assert parting_of(straight, ArcChain((0.0, 0.0), 0.0, [0.0], [40.0]), 1).s == 40.0
+    assert parting_of(straight, ArcChain((0.0, 0.0), 0.0, [0.0, 0.0], [20.0, 30.0]), 1) is None
+
+
+def test_runs_of_other_paths_and_machines_are_compared_over_time():
+    other = circle_job(text=TEXT.replace("X20.0 Y0 I-20.0", "X0 Y20 I-20.0"), machine="xyz").run()
+    parted = compare_runs(recorded(), other, names=["xy", "xyz"])
+    assert not parted.by_path
+    assert parted.apart == (None, None)
+    assert parted.summary()["contour_difference"] == [None, None]
+    assert "no difference at the same place is given" in parted.notes[-2]
+    assert "different axes" in parted.notes[-1]
+    keys = [difference.key for difference in parted.differences]
+    assert "machine" in keys
+    assert "program.text, line 6" in keys
+    places, _ = OverlayData(parted).columns()
+    assert places[-1] <= max(recorded().time[-1], other.time[-1])
+
+
+def test_runs_that_cannot_be_compared(comparison):
+    run = comparison.runs[0].run
+    with pytest.raises(InputError, match="1 run: name another"):
+        compare_runs(run)
+    with pytest.raises(InputError, match="5 runs: must be 2 to 4"):
+        compare_runs(*[run] * 5)
+    with pytest.raises(InputError, match=r"run b: its dispenser is never on"):
+        compare_runs(run, run.replaced(dispense=np.zeros(len(run), bool)), names=["a", "b"])
+    with pytest.raises(InputError, match=r"run b: has no job"):
+        compare_runs(run, run.replaced(job=None), names=["a", "b"])
+
+
+def test_the_command_writes_page_and_summary(gantrysim_command, comparison, folders, tmp_path):
+    before, after = folders
+    out = tmp_path / "compared"
+    status, text, _ = gantrysim_command("compare", before, after, "--out", out)
+    assert status == 0
+    assert text.startswith("after is better than before")
+    content = json.loads((out / "compare.json").read_text())
+    assert content["better"] == "after"
+    assert content["contour_difference"][1]["rms_um"] == pytest.approx(UM * comparison.apart[1].rms)
+    contour = comparison.budgets["contour"]
+    assert [part["rms_um"] for part in content["error_budgets"]["contour"]] == [UM * part.rms for part in contour]
+    page = Page(out / "report.html")
+    page.check()
+    assert page.sections[:3] == ["summary", "what-differs", "beads-and-errors"]
+    assert content["answer"] in page.section("summary")
+    row = page.tables()["Error normal to the requested path by link, of every run"]["contour"]
+    assert row["before, rms [µm]"] == f"{UM * contour[0].rms:.1f}"
+    assert row["after, rms [µm]"] == f"{UM * contour[1].rms:.1f}"
+    assert row["change, after"].startswith(f"−{UM * (contour[0].rms - contour[1].rms):.1f}")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["{0}"], "compare: 1 run: name another to compare it with, or a log with --measured FILE"),
+        (["{0}", "{0}"], "is given twice"),
+        (["{0}", "{0}/nothing"], "no such folder"),
+        (["{0}", "{0}/.."], "holds no run"),
+        (["{0}", "{1}", "--measured", "log.csv"], "is compared with one run, 2 are given"),
+        (["{0}", "{1}", "--circle", "20"], "--circle: describes a log: needs --measured FILE"),
+    ],
+)
+def test_refusals_are_one_line(gantrysim_command, folders, arguments, message):
+    status, out, err = gantrysim_command("compare", *(argument.format(*folders) for argument in arguments))
+    assert (status, out) == (2, "")
+    assert message in err
+    assert len(err.splitlines()) == 1
+    assert not (folders[0] / "compare").exists()
+
+
+@pytest.mark.parametrize("width", [120, 80, 40])
+def test_tables_lose_nothing_in_a_narrow_terminal(comparison, monkeypatch, capsys, width):
+    def printed(columns):
+        monkeypatch.setattr(terminal._output, "width", columns)
+        for table in comparison_tables(comparison):
+            terminal.show(table)
+        return capsys.readouterr().out
+
+    text = printed(width)
+    assert sorted("".join(text.split())) == sorted("".join(printed(1000).split()))
+    if width > 40:
+        assert max(map(len, map(str.rstrip, text.splitlines()))) <= width
+
+
+def test_saved_causes_come_along(folders):
+    saved = [SavedRun.load(folder) for folder in folders]
+    assert compare_runs(*saved).causes == {}
+    for folder, worth in zip(folders, (12.0, 3.0), strict=True):
+        file = folder / "summary.json"
+        content = json.loads(file.read_text())
+        content["causes"] = {"friction": {"worth": {"contour": {"rms_um": worth}}}, "counts": {"worth": None}}
+        file.write_text(json.dumps(content))
+    causes = compare_runs(*saved).causes
+    assert causes.keys() == {"friction"}
+    assert causes["friction"] == pytest.approx((0.012, 0.003))
