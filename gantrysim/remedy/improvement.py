@@ -26,10 +26,8 @@ if TYPE_CHECKING:
     import pandas
 
 AS_IT_IS = "unchanged"
-USAGE_NOTE = (
-    "worst value of each row in % of its limit: above 80 % a warning, above 100 % a failure; = and + mark the best "
-    "combination, each lever with those before it"
-)
+USAGE = "worst value of each row in % of its limit: above 80 % a warning, above 100 % a failure"
+USAGE_NOTE = f"{USAGE}; = and + mark the best combination, each lever with those before it"
 
 
 @dataclass(frozen=True, repr=False)
@@ -124,12 +122,20 @@ class Improvement(Shown):
     @property
     def rows(self) -> list[tuple[str, ...]]:
         """The table of trials, the job as it is first and the combination last, each with its share of the limits."""
-        rows = [(AS_IT_IS, "", *_usages(self.verdict), f"{self.before.duration:.2f}", "")]
-        rows += [self._cells(trial, trial.lever.name) for trial in self.trials]
-        rows += [
+        before = (AS_IT_IS, "", *_usages(self.verdict), f"{self.before.duration:.2f}", "")
+        return [before, *self.trial_rows, *self.combined_rows]
+
+    @property
+    def trial_rows(self) -> list[tuple[str, ...]]:
+        """The rows of levers alone."""
+        return [self._cells(trial, trial.lever.name) for trial in self.trials]
+
+    @property
+    def combined_rows(self) -> list[tuple[str, ...]]:
+        """The rows of the combination, each lever with those before it."""
+        return [
             self._cells(trial, f"{'+ ' if k else '= '}{trial.lever.name}") for k, trial in enumerate(self.combination)
         ]
-        return rows
 
     def _cells(self, trial: Trial, name: str) -> tuple[str, ...]:
         usages = _usages(trial.outcome.verdict, len(self.verdict.rows))

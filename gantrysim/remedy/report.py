@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gantrysim.job.job import Job
 from gantrysim.remedy.improve import improve, worst_rows
-from gantrysim.remedy.improvement import USAGE_NOTE, Improvement
+from gantrysim.remedy.improvement import USAGE, Improvement
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.report.document import Section, Table
 from gantrysim.results.checks import PASS
@@ -24,14 +24,23 @@ def changes_of(job: Job, verdict: Verdict) -> Section | None:
 
 
 def change_section(improvement: Improvement) -> Section:
-    """Return the section "What to change": the result in words, what each lever gains, and the lines to paste."""
+    """Return the section "What to change": the result, the levers combined, lines to paste, and each lever alone."""
     texts = [improvement.sentence]
     if improvement.changes_anything:
         texts.append("; ".join(improvement.gains))
     if improvement.fastest is not None:
         texts.append(f"{improvement.fastest}.")
-    table = None
+    tables = []
+    if improvement.combination:
+        rows = [improvement.rows[0], *improvement.combined_rows]
+        tables.append(Table(improvement.heads, rows, _caption(f"{USAGE}; each lever with those before it")))
     if improvement.trials:
-        table = Table(improvement.heads, improvement.rows, f"Each lever simulated alone, then combined; {USAGE_NOTE}")
+        rows = [improvement.rows[0], *improvement.trial_rows]
+        title = f"Each lever alone: {len(improvement.trials)} runs"
+        tables.append(Table(improvement.heads, rows, _caption(USAGE), folded=title))
     lines = "\n".join(f"# {place}\n{text.rstrip()}\n" for place, text in improvement.lines.items())
-    return Section(TITLE, texts, table=table, code=lines or None)
+    return Section(TITLE, texts, table=tables or None, code=lines or None)
+
+
+def _caption(text: str) -> str:
+    return text[0].upper() + text[1:]

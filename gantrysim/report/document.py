@@ -52,12 +52,14 @@ class Table:
         rows: rows of cells: text, numbers, or None for an empty cell.
         caption: what the table shows.
         colours: colour of the mark before the first cell of a row, by the text of that cell, as in a plot's legend.
+        folded: heading that alone is seen at first, where scripts run; empty for a table that is seen.
     """
 
     columns: Sequence[str | Column]
     rows: Sequence[Sequence[Any]]
     caption: str | None = None
     colours: dict[str, str] = field(default_factory=dict)
+    folded: str = ""
 
     def __post_init__(self) -> None:
         for row in self.rows:

@@ -235,7 +235,10 @@ def test_the_section_of_a_report():
     section = change_section(result)
     assert section.title == TITLE == "What to change"
     assert result.sentence in section.text
-    assert [list(row) for row in section.table.rows] == [list(row) for row in result.rows]
+    combined, alone = section.table
+    assert not combined.folded
+    assert alone.folded == f"Each lever alone: {len(result.trials)} runs"
+    assert [result.rows[0], *alone.rows[1:], *combined.rows[1:]] == result.rows
     assert all(text.rstrip() in section.code for text in result.lines.values())
     nothing = change_section(improve(passing()))
     assert nothing.table is None

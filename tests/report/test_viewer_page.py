@@ -31,6 +31,13 @@ STRIPS = ".strips"
 STRIP = '.strip[data-name="contour-all"] .u-over'
 SHIFT = 8
 VISIBLE = 10  # difference of a colour of 256 levels
+# brightness of the film's present frame
+GREY = """
+const canvas = document.createElement("canvas");
+const context = canvas.getContext("2d");
+context.drawImage(document.querySelector("video"), 0, 0);
+return context.getImageData(5, 5, 1, 1).data[1];
+"""
 UNITS = {"contour": "µm", "program": "µm", "servo": "µm", "encoder": "µm", "structure": "µm", "width": "mm"}
 
 
@@ -304,11 +311,19 @@ def test_film_and_cursor_follow_each_other(page, results):
     end = float(results.budget.analysis.run.time[-1])
     page.wait("document.querySelector('video').duration > 0")
     duration = page.run("return document.querySelector('video').duration")
+    # it rests at its last frame, while the cursor is at the largest error
+    page.wait(f"document.querySelector('video').currentTime > {duration - 1 / FPS}")
+    page.settle()
+    assert page.run("return parseFloat(document.querySelector('output').textContent)") < 0.9 * end
     left, top, width, height = page.box(STRIP)
+    frames = round(duration * FPS)
     for share in (0.3, 0.8):
         page.mouse("mouseMoved", left + share * width, top + 0.5 * height)
         time = tick_of(page, results) * results.budget.analysis.run.period
         page.wait(f"Math.abs(document.querySelector('video').currentTime - {time * duration / end}) < 0.05")
+        page.wait("!document.querySelector('video').seeking")
+        page.settle()
+        assert page.run(GREY) * frames / 255 == pytest.approx(round(time * FPS), abs=0.6)  # the nearest frame
     page.run("document.querySelector('video').currentTime = 0.5 * document.querySelector('video').duration")
     page.wait("!document.querySelector('video').seeking")
     page.settle()

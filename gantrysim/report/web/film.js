@@ -1,6 +1,8 @@
-// The film and the cursor follow each other. The film lasts the whole run, at an even speed.
+// The film and the cursor follow each other. The film lasts the whole run, at an even speed: its first frame shows the
+// start, its last one the end. Until something moves it, it rests at its last frame, which shows the whole bead.
 
-const CLOSE = 0.02; // [s] of the film, less than a frame
+const FRAME = 0.04; // [s] of the film
+const CLOSE = 0.5 * FRAME;
 
 export class FilmLink {
   constructor(video, data, cursor) {
@@ -8,7 +10,15 @@ export class FilmLink {
     this.data = data;
     this.cursor = cursor;
     this.wanted = null;
+    this.resting = true;
+    const rest = () => {
+      if (this.resting && video.duration) this._seek(video.duration - 0.5 * FRAME);
+    };
+    video.addEventListener("loadedmetadata", rest);
+    rest();
     video.addEventListener("play", () => {
+      if (this.resting) video.currentTime = 0;
+      this.resting = false;
       cursor.pinned = false;
       cursor.held = true;
       this._follow();
@@ -20,26 +30,37 @@ export class FilmLink {
     }
     video.addEventListener("seeked", () => {
       if (this.wanted !== null) this._seek(this.wanted);
-      else if (this._external()) this.cursor.set(this._row(), this);
+      else if (this._external()) {
+        this.resting = false;
+        this.cursor.set(this._row(), this);
+      }
     });
     cursor.onMove((row, source) => {
-      if (source === this || !video.duration) return;
+      if (source === this || source === "start") return;
+      this.resting = false;
+      if (!video.duration) return;
       if (!video.paused) video.pause(); // a click or a key took the cursor
       this._seek(this._time(row));
     });
   }
 
-  /** Seconds of the run in a second of the film. */
+  /** Seconds of the run in a second of the film: a whole number, but for the last frame, which comes early. */
   get speed() {
-    return (this.data.end - this.data.start) / this.video.duration;
+    const speed = (this.data.end - this.data.start) / (this.video.duration - FRAME);
+    const whole = Math.max(Math.round(speed), 1);
+    return Math.abs(speed / whole - 1) < (2 * FRAME) / this.video.duration ? whole : speed;
   }
 
+  /** The time at which the film shows the frame nearest to a row: the middle of that frame. */
   _time(row) {
-    return (this.data.time[row] - this.data.start) / this.speed;
+    const frame = Math.round((this.data.time[row] - this.data.start) / this.speed / FRAME);
+    return Math.min((frame + 0.5) * FRAME, this.video.duration - 0.5 * FRAME);
   }
 
+  /** The row that the present frame shows. */
   _row() {
-    return this.data.rowAt(this.data.start + this.video.currentTime * this.speed);
+    const frame = Math.floor(this.video.currentTime / FRAME + 1e-6);
+    return this.data.rowAt(Math.min(this.data.start + frame * FRAME * this.speed, this.data.end));
   }
 
   /** Whether the film stands where the cursor has not sent it: its own controls have. */
