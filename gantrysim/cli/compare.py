@@ -104,20 +104,21 @@ def _compare_log(run: Path, measured: Path, options: Log, folder: Path) -> None:
     """Compare a saved run with a measured trace."""
     from dataclasses import replace
 
+    from gantrysim.compare.assignment import Assignment
     from gantrysim.compare.compare_quantities import FREQUENCY, PEAK_SIZE
     from gantrysim.compare.comparison import Comparison
     from gantrysim.compare.measured import Trace
     from gantrysim.compare.page import REPORT, alignment_text, headline, write_comparison_page
     from gantrysim.compare.plots import OVERLAY, SPECTRUM, save_comparison
-    from gantrysim.compare.traces import Assignment, read_log
     from gantrysim.report.folder import Output, output_folder
     from gantrysim.report.saved import SavedRun
+    from gantrysim.tables.reading import read_table
 
     given = Assignment({}) if options.columns is None else Assignment.parse(options.columns)
     if options.period is not None:
         given = replace(given, period=options.period)
     saved = SavedRun.load(run)
-    trace = Trace.of(read_log(measured, options.blocks or given.blocks), given, saved.run)
+    trace = Trace.of(read_table(measured, options.blocks or given.blocks), given, saved.run)
     what = tuple(part.strip() for part in options.align.split(",") if part.strip() not in ("", "none"))
     comparison = Comparison.of(trace, saved.run, saved.machine, what)
     content = {"run": str(run), "measured": str(measured), **comparison.summary()}

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, unknown
-from gantrysim.compare.traces import Assignment, Log, Source
+from gantrysim.compare.assignment import Assignment
 from gantrysim.record.run import Run
+from gantrysim.tables.column_table import SAMPLES, ColumnTable
+from gantrysim.tables.source import Source
 
 LEAST = 8  # samples of a trace
 
@@ -37,7 +40,7 @@ class Trace:
         return (*self.axes, *(() if self.nozzle is None else ("nozzle",)))
 
     @classmethod
-    def of(cls, log: Log, given: Assignment, run: Run) -> Trace:
+    def of(cls, log: ColumnTable, given: Assignment, run: Run) -> Trace:
         """Return the trace that a log holds, by an assignment or, where it is empty, by the names of its columns.
 
         Raises:
@@ -49,57 +52,84 @@ class Trace:
         for key in sources:
             if key not in quantities:
                 raise unknown("quantity", key, quantities)
-        units = dict(zip(run.axes, run.units, strict=True))
-        axes = {}
-        notes = []
-        for link in ("commanded", "encoder"):
-            of_link = {axis: sources[f"{link}.{axis}"] for axis in run.axes if f"{link}.{axis}" in sources}
-            if of_link:
-                columns = {axis: log.values(source, units[axis], period) for axis, source in of_link.items()}
-                size = len(next(iter(columns.values())))
-                axes[link] = np.column_stack([columns.get(axis, np.full(size, np.nan)) for axis in run.axes])
-                if missing := [axis for axis in run.axes if axis not in of_link]:
-                    instead = (
-                        "that of the simulation" if link == "commanded" else "that of the command, in both budgets"
-                    )
-                    notes.append(f"{link} of {', '.join(missing)} is not measured: {instead}")
-        nozzle = None
-        of_nozzle = {axis: sources[axis] for axis in "xyz" if axis in sources}
-        if of_nozzle:
-            if not {"x", "y"} <= of_nozzle.keys():
-                raise InputError(f"{log.label}: nozzle in {', '.join(of_nozzle)}: must be in x and y, and may be in z")
-            columns = {axis: log.values(source, "mm", period) for axis, source in of_nozzle.items()}
-            nozzle = np.column_stack([columns.get(axis, np.full(len(columns["x"]), np.nan)) for axis in "xyz"])
-            if "z" not in of_nozzle:
-                notes.append("nozzle in z is not measured: that of the command")
-        columns_measured = [*axes.values(), *([] if nozzle is None else [nozzle])]
-        if not columns_measured:
+        axes, notes = _positions_of_axes(log, sources, run)
+        nozzle = _nozzle(log, sources)
+        if nozzle is not None and "z" not in sources:
+            notes.append("nozzle in z is not measured: that of the command")
+        measured = [*axes.values(), *([] if nozzle is None else [nozzle])]
+        if not measured:
             raise InputError(
                 f"{log.label}: no position is measured: --columns must name some of {', '.join(sorted(quantities))}; "
-                f"columns are {', '.join(log.columns)}"
+                f"columns are {', '.join(log.order)}"
             )
-        time = _times(log, sources.get("time"), period, len(columns_measured[0]))
-        return cls(time, axes, nozzle, tuple(notes))
+        time = _times(log, sources.get("time"), period, len(measured[0]))
+        whole = _without_gaps(time, measured)
+        if not whole.all():
+            notes.append(f"{np.count_nonzero(~whole)} of {whole.size} rows have gaps and are left out")
+        time = time[whole]
+        _check_rise(log.label, time)
+        axes = {link: positions[whole] for link, positions in axes.items()}
+        return cls(time, axes, None if nozzle is None else nozzle[whole], tuple(notes))
 
 
-def _times(log: Log, source: Source | None, period: float | None, size: int) -> Floats:
+def _positions_of_axes(
+    log: ColumnTable, sources: Mapping[str, Source], run: Run
+) -> tuple[dict[str, Floats], list[str]]:
+    """Return the measured positions by link, nan for an axis that is not, and notes on what is not measured."""
+    units = dict(zip(run.axes, run.units, strict=True))
+    axes = {}
+    notes = []
+    for link in ("commanded", "encoder"):
+        of_link = {axis: sources[f"{link}.{axis}"] for axis in run.axes if f"{link}.{axis}" in sources}
+        if not of_link:
+            continue
+        columns = {axis: log.values(source, units[axis]) for axis, source in of_link.items()}
+        size = len(next(iter(columns.values())))
+        axes[link] = np.column_stack([columns.get(axis, np.full(size, np.nan)) for axis in run.axes])
+        if missing := [axis for axis in run.axes if axis not in of_link]:
+            instead = "that of the simulation" if link == "commanded" else "that of the command, in both budgets"
+            notes.append(f"{link} of {', '.join(missing)} is not measured: {instead}")
+    return axes, notes
+
+
+def _nozzle(log: ColumnTable, sources: Mapping[str, Source]) -> Floats | None:
+    of_nozzle = {axis: sources[axis] for axis in "xyz" if axis in sources}
+    if not of_nozzle:
+        return None
+    if not {"x", "y"} <= of_nozzle.keys():
+        raise InputError(f"{log.label}: nozzle in {', '.join(of_nozzle)}: must be in x and y, and may be in z")
+    columns = {axis: log.values(source, "mm") for axis, source in of_nozzle.items()}
+    return np.column_stack([columns.get(axis, np.full(len(columns["x"]), np.nan)) for axis in "xyz"])
+
+
+def _without_gaps(time: Floats, measured: Sequence[Floats]) -> NDArray[np.bool_]:
+    """Return whether the time and every column that is measured anywhere has a value, (n,)."""
+    whole = np.isfinite(time)
+    for positions in measured:
+        missing = np.isnan(positions)
+        whole &= ~missing[:, ~missing.all(axis=0)].any(axis=1)
+    return whole
+
+
+def _times(log: ColumnTable, source: Source | None, period: float | None, size: int) -> Floats:
     if source is not None:
-        time = log.values(source, "s", period)
-    elif log.lost:
+        return log.values(source, "s", {} if period is None else {SAMPLES: period})
+    if log.lost:
         raise InputError(f"{log.label}: samples were lost (overrun), so it must have a column of time")
-    elif period is None:
+    if period is None:
         raise InputError(f"{log.label}: has no time: name its column, as time=t, or the period of its samples")
-    else:
-        time = period * np.arange(size, dtype=np.float64)
+    return period * np.arange(size, dtype=np.float64)
+
+
+def _check_rise(label: str, time: Floats) -> None:
     if time.size < LEAST:
-        raise InputError(f"{log.label}: has {time.size} samples, must have at least {LEAST}")
+        raise InputError(f"{label}: has {time.size} samples, must have at least {LEAST}")
     back = np.flatnonzero(np.diff(time) <= 0)
     if back.size:
-        raise InputError(f"{log.label}: time goes from {time[back[0]]:g} s to {time[back[0] + 1]:g} s: must rise")
-    return time
+        raise InputError(f"{label}: time goes from {time[back[0]]:g} s to {time[back[0] + 1]:g} s: must rise")
 
 
-def _recognised(log: Log, run: Run) -> dict[str, Source]:
+def _recognised(log: ColumnTable, run: Run) -> dict[str, Source]:
     """Return the quantities of tables of `gantrysim export` and of softMC's RECORD."""
     columns = {"time": "time_s" if "time_s" in log.columns else "time", **{axis: f"nozzle_{axis}_mm" for axis in "xyz"}}
     for axis, unit in zip(run.axes, run.units, strict=True):

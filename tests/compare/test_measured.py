@@ -12,13 +12,14 @@ from scipy.interpolate import CubicSpline
 
 from gantrysim import Budget, InputError, Job, Machine
 from gantrysim.compare.alignment import aligned
+from gantrysim.compare.assignment import Assignment
 from gantrysim.compare.comparison import Comparison
 from gantrysim.compare.measured import Trace
 from gantrysim.compare.page import headline, share_text
-from gantrysim.compare.traces import Assignment, read_log
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.study.circle.study import CircleStudy, circle_row
+from gantrysim.tables.reading import read_table
 
 from support.jobs import job_run
 
@@ -242,7 +243,8 @@ def test_a_machine_that_lags_by_a_time_constant_runs_a_circle_too_small(tmp_path
     file.write_text("\n".join(["Zeit;Ist X;Ist Y;Soll X;Soll Y", *rows[::7]]))
     columns = "time=Zeit[ms],encoder.x=Ist X[m],encoder.y=Ist Y[m]"
     command = ",commanded.x=Soll X[m],commanded.y=Soll Y[m]"
-    alone, whole = (Trace.of(read_log(file), Assignment.parse(text), follower) for text in (columns, columns + command))
+    table = read_table(file)
+    alone, whole = (Trace.of(table, Assignment.parse(text), follower) for text in (columns, columns + command))
     # without the command, the shift takes up the lag
     assert aligned(alone, follower).shift == pytest.approx(0.7 + math.atan(omega * tau) / omega, abs=5e-4)
     found = Comparison.of(whole, follower, MACHINE)

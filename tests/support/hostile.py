@@ -311,7 +311,7 @@ def drawing(rng: random.Random, folder: Path) -> None:
 
 
 def trace(rng: random.Random, folder: Path) -> None:
-    from gantrysim.compare.traces import read_log
+    from gantrysim.tables.reading import read_table
 
     rows = "\n".join(f"{0.001 * k:.4f},{k},{k % 7}" for k in range(300))
     texts = (
@@ -322,7 +322,7 @@ def trace(rng: random.Random, folder: Path) -> None:
     )
     file = folder / "log.csv"
     file.write_text(changed(rng, rng.choice(texts)), encoding="utf-8", newline="")
-    read_log(file, rng.choice((0, 0, 1, 2)))
+    read_table(file, rng.choice((0, 0, 1, 2)))
 
 
 def log(rng: random.Random, folder: Path) -> None:

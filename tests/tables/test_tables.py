@@ -1,14 +1,18 @@
 """Logs as other programs write them, and what is refused in them."""
 
+import csv
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import InputError
+from gantrysim.compare.assignment import Assignment
 from gantrysim.compare.measured import Trace
-from gantrysim.compare.traces import Assignment, Source, read_log
 from gantrysim.controllers.softmc.record import Record
+from gantrysim.tables.reading import read_table
+from gantrysim.tables.source import Source
 
 from support.jobs import job_run
 
@@ -23,7 +27,7 @@ def log(tmp_path):
     def write(text, blocks=0):
         file = tmp_path / "log.csv"
         file.write_text(text, encoding="utf-8")
-        return read_log(file, blocks)
+        return read_table(file, blocks)
 
     return write
 
@@ -45,16 +49,16 @@ def test_a_decimal_comma_is_read_between_semicolons(log):
 
 def test_units_in_names_and_factors_are_applied(log):
     found = log("time [ms],x [um],angle (rad),y_mm,raw\n1,2000,3.141592653589793,4,5\n")
-    assert found.values(Source("time"), "s", None).tolist() == [1e-3]
-    assert found.values(Source("x"), "mm", None).tolist() == [2.0]
-    assert found.values(Source("angle"), "deg", None) == pytest.approx([180])
-    assert found.values(Source("y_mm"), "mm", None).tolist() == [4.0]
-    assert found.values(Source("raw", -0.5, "in"), "mm", None) == pytest.approx([-63.5])
-    assert found.values(Source("5"), "mm", None).tolist() == [5.0]
+    assert found.values(Source("time"), "s").tolist() == [1e-3]
+    assert found.values(Source("x"), "mm").tolist() == [2.0]
+    assert found.values(Source("angle"), "deg") == pytest.approx([180])
+    assert found.values(Source("y_mm"), "mm").tolist() == [4.0]
+    assert found.values(Source("raw", -0.5, "in"), "mm") == pytest.approx([-63.5])
+    assert found.values(Source("5"), "mm").tolist() == [5.0]
     with pytest.raises(InputError, match="column angle is in 'rad': must be in mm"):
-        found.values(Source("angle"), "mm", None)
+        found.values(Source("angle"), "mm")
     with pytest.raises(InputError, match=r"unknown column of .*did you mean raw"):
-        found.values(Source("rav"), "mm", None)
+        found.values(Source("rav"), "mm")
 
 
 @pytest.mark.parametrize(
@@ -67,9 +71,7 @@ def test_units_in_names_and_factors_are_applied(log):
 )
 def test_every_unit_is_its_si_prefix_times_its_base(log, unit_of, each):
     for unit, factor in each.items():
-        assert log(f"t,x [{unit}]\n0,2.5\n").values(Source("x"), unit_of, None) == pytest.approx(
-            [2.5 * factor], rel=1e-15
-        )
+        assert log(f"t,x [{unit}]\n0,2.5\n").values(Source("x"), unit_of) == pytest.approx([2.5 * factor], rel=1e-15)
 
 
 def test_halsampler_s_output_has_numbered_columns_and_may_lose_samples(log, run):
@@ -120,7 +122,7 @@ def test_softmc_s_record_and_the_package_s_own_tables_need_no_assignment(run, tm
 
     Record(10**6, 2, ("PCMD", "PFB")).write(run, tmp_path / "record.csv")
     export(run, tmp_path / "run.csv", "csv")
-    record, table = (Trace.of(read_log(tmp_path / name), Assignment({}), run) for name in ("record.csv", "run.csv"))
+    record, table = (Trace.of(read_table(tmp_path / name), Assignment({}), run) for name in ("record.csv", "run.csv"))
     assert record.links == ("commanded", "encoder")
     assert np.array_equal(record.axes["encoder"], run.encoder[::2])
     assert table.links == ("commanded", "encoder", "nozzle")
@@ -142,11 +144,12 @@ def test_an_assignment_is_read_from_toml(tmp_path, log, run):
     ("text", "columns", "message"),
     [
         ("t,x,y\n" + "0,1\n", "x=x", "line 2 has 2 columns, must have 3"),
-        ("t,x\n0,nan\n", "x=x", "line 2: x = 'nan' is no finite number"),
-        ("t,x\n0,1_0\n", "x=x", "is no finite number"),
+        ("t,x,y\n" + "1,1,1\n" * 9 + "2,inf,1\n", "x=x,y=y", "line 11: x = 'inf' is no finite number"),
+        ("t,x,y\n" + "1,1,1\n" * 9 + "2,1_0,1\n", "x=x,y=y", "line 11: x = '1_0' is no finite number"),
+        ("t,x,y\n" + "1,on,1\n" * 9, "time=t,x=x,y=y", "column x has 'on', which is no number"),
         ("", "x=x", "is empty"),
         ("t,x\n", "x=x", "has no rows"),
-        ("x [mm],x [um]\n1,2\n", "x=x", "two columns have one name"),
+        ("x [mm],x [um]\n1,2\n", "x=x,y=2", "two columns are named x: name it by its number"),
         ("t,x,y\n" + "1,1,1\n" * 9, "time=t,x=x,y=y", "time goes from 1 s to 1 s: must rise"),
         ("t,x,y\n" + "1,1,1\n" * 3, "time=t,x=x,y=y", "has 3 samples, must have at least 8"),
         ("t,x,y\n" + "1,1,1\n" * 9, "x=x,y=y", "has no time"),
@@ -175,7 +178,7 @@ def test_any_text_is_read_or_refused_in_one_line(tmp_path_factory, text, blocks)
     file = tmp_path_factory.getbasetemp() / "any.csv"
     file.write_bytes(text.encode("utf-8", "surrogatepass"))
     try:
-        found = read_log(file, blocks)
+        found = read_table(file, blocks)
     except InputError as error:
         refused = str(error)
     else:
@@ -183,7 +186,106 @@ def test_any_text_is_read_or_refused_in_one_line(tmp_path_factory, text, blocks)
     assert "\n" not in refused
     if refused:
         return
-    lengths = {len(column) for column in found.columns.values()}
+    lengths = {len(column) for column in (*found.columns.values(), *found.texts.values())}
     assert len(lengths) == 1
     assert min(lengths) > 0
-    assert all(np.isfinite(column).all() for column in found.columns.values())
+    assert not any(np.isinf(column).any() for column in found.columns.values())
+
+
+@given(
+    rows=st.lists(
+        st.tuples(
+            st.floats(-1e6, 1e6),
+            st.floats(-1e-3, 1e-3),
+            st.integers(-9, 9),
+            st.sampled_from(("on", "off", "door; open", "A, B")),
+        ),
+        min_size=2,
+        max_size=12,
+    ),
+    separator=st.sampled_from((";", "\t", ",", "|")),
+    decimal_comma=st.booleans(),
+    mark=st.booleans(),
+    preamble=st.sampled_from(((), ("# any remark",), ("Model,TBS2000", "Points;1000", "# more"), ("made by hand",))),
+    quoting=st.sampled_from((csv.QUOTE_MINIMAL, csv.QUOTE_ALL)),
+)
+def test_a_table_that_the_csv_module_writes_in_any_dialect_is_read_as_it_was(
+    tmp_path_factory, rows, separator, decimal_comma, mark, preamble, quoting
+):
+    def cell(value):
+        text = repr(value) if isinstance(value, float | int) else value
+        return text.replace(".", ",") if decimal_comma and isinstance(value, float) else text
+
+    file = tmp_path_factory.getbasetemp() / "dialect.csv"
+    with file.open("w", encoding="utf-8-sig" if mark else "utf-8", newline="") as stream:
+        stream.writelines(f"{line}\n" for line in preamble)
+        writer = csv.writer(stream, delimiter=separator, quoting=quoting)
+        writer.writerow(("time [s]", "x pos [mm]", "n", "door"))
+        writer.writerows([cell(value) for value in row] for row in rows)
+    found = read_table(file)
+    assert found.order == ("time", "x pos", "n", "door")
+    assert found.units == {"time": "s", "x pos": "mm"}
+    assert found.columns["time"].tolist() == [row[0] for row in rows]
+    assert found.columns["x pos"].tolist() == [row[1] for row in rows]
+    assert found.columns["n"].tolist() == [row[2] for row in rows]
+    assert found.texts["door"] == [row[3] for row in rows]
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet", "mat", "mcap"])
+def test_what_export_writes_comes_back(run, tmp_path, kind):
+    from gantrysim.exchange.tables import export
+
+    file = tmp_path / "no_suffix_tells"
+    export(run, file, kind)
+    table = read_table(file)
+    trace = Trace.of(table, Assignment({}), run)
+    assert np.array_equal(trace.time, run.time)
+    assert np.array_equal(trace.axes["encoder"], run.encoder)
+    assert np.array_equal(trace.nozzle, run.nozzle)
+    torque = table.values(Source(f"demand_{run.axes[0]}_Nm"), "N·m")
+    assert np.array_equal(torque, run.demand[:, 0], equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "source"),
+    [
+        ("I*0.0302 N·m", Source("I", 0.0302, "N·m")),
+        ("I * -0.0302[N·m]", Source("I", -0.0302, "N·m")),
+        ("Iq/1000*5", Source("Iq/1000", 5.0)),
+        ("pos/8192 rev", Source("pos", 1 / 8192, "rev")),
+        ("MPOS AXIS(0) [mm]", Source("MPOS AXIS(0)", 1.0, "mm")),
+        ("MPOS AXIS(0)", Source("MPOS AXIS(0)")),
+        ("torque ‰", Source("torque ‰")),
+        ("x", Source("x")),
+    ],
+)
+def test_a_source_is_a_column_with_factor_and_unit(text, source):
+    assert Source.parse("x torque", text) == source
+
+
+@pytest.mark.parametrize("text", ["", "*3", "a*0", "a/0", "[mm]"])
+def test_a_source_without_column_or_factor_is_refused(text):
+    with pytest.raises(InputError, match="must be"):
+        Source.parse("x", text)
+
+
+def test_gaps_are_cut_out_and_said(log, run):
+    rows = [f"{k};{k};;{k}" if k in (3, 4) else f"{k};{k};{2 * k};{k}" for k in range(12)]
+    table = log("t [ms];x;y;status\n" + "\n".join(rows))
+    trace = Trace.of(table, Assignment.parse("time=t,x=x,y=y"), run)
+    assert trace.time.tolist() == [1e-3 * k for k in range(12) if k not in (3, 4)]
+    assert "2 of 12 rows have gaps and are left out" in trace.notes
+
+
+def test_units_may_stand_below_the_heads_and_times_may_be_clock_times(log):
+    table = log("Time,X\n[s],[um]\n" + "\n".join(f"2026-05-01 12:00:{k:02d}.500,{k}" for k in range(9)))
+    assert table.values(Source("Time"), "s").tolist() == list(range(9))
+    assert table.values(Source("x"), "mm") == pytest.approx(1e-3 * np.arange(9), rel=1e-15)
+    clock = log("t;x\n" + "\n".join(f"0:59:{k:02d}.25;{k}" for k in range(50, 60)))
+    assert clock.values(Source("t"), "s").tolist() == list(range(10))
+
+
+def test_heads_in_a_remark_are_taken_where_they_fit(log):
+    from_numpy = log("# t x y\n0 1 2\n1 2 3\n")
+    assert from_numpy.order == ("t", "x", "y")
+    assert log("# made by hand, twice\n0 1 2\n1 2 3\n").order == ("1", "2", "3")

@@ -1,0 +1,211 @@
+"""The columns of a table, by name, as numbers in the units of the package."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, unknown
+from gantrysim.base.heads import name_and_unit
+from gantrysim.tables.dialect import GAPS, Dialect
+from gantrysim.tables.source import Source
+from gantrysim.tables.text_table import TextTable
+from gantrysim.tables.units import SUFFIXES, TIME, factor
+
+SAMPLES = "samples"  # unit of a time in sample periods
+_SHOWN = 30  # characters of a wrong cell
+_CLOCK = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2}(?:\.\d+)?)")  # hours, minutes, seconds
+
+
+@dataclass(frozen=True)
+class ColumnTable:
+    """The columns of a table.
+
+    Attributes:
+        label: names the table in errors.
+        columns: of numbers by name, each (n,); nan where a cell is empty.
+        texts: columns of other content by name, n cells each.
+        units: those that the table gives, by column.
+        period: of its samples, where it gives one [s].
+        lost: whether samples are missing, so that its rows are no time.
+        remarks: lines of text besides its rows.
+        order: names of all columns as the table has them; by default those of numbers first.
+    """
+
+    label: str
+    columns: Mapping[str, Floats]
+    units: Mapping[str, str]
+    texts: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    period: float | None = None
+    lost: bool = False
+    remarks: tuple[str, ...] = ()
+    order: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.order:
+            object.__setattr__(self, "order", (*self.columns, *self.texts))
+
+    def values(self, source: Source, kind: str, further: Mapping[str, float] | None = None) -> Floats:
+        """Return a quantity in the unit of the package, (n,); nan in gaps.
+
+        Args:
+            source: where it stands.
+            kind: unit that the quantity has: "s", "mm", "deg" or "N·m".
+            further: factors of units that depend on the machine or the log, as counts, samples or "‰".
+
+        Raises:
+            InputError: no such column, one of text, or a unit of another kind.
+        """
+        name = self._name(source.column)
+        if name in self.texts:
+            if kind == TIME:
+                return _instants(f"{self.label}: column {name}", self.texts[name]) * source.scale
+            raise InputError(f"{self.label}: column {name} has {self.texts[name][0][:_SHOWN]!r}, which is no number")
+        unit = source.unit or self.units.get(name, kind)
+        scale = factor(unit, kind, f"{self.label}: column {name}", further)
+        return self.columns[name] * (scale * source.scale)
+
+    def _name(self, column: str) -> str:
+        known = self.order
+        if f"{column} (2)" in known:
+            raise InputError(f"{self.label}: two columns are named {column}: name it by its number, from 1")
+        if column in known:
+            return column
+        if column.isdecimal() and 0 < int(column) <= len(self.order):
+            return self.order[int(column) - 1]
+        folded = [name for name in known if name.casefold() == column.casefold()]
+        if len(folded) == 1:
+            return folded[0]
+        raise unknown(f"column of {self.label}", column, known)
+
+
+def numbered(label: str, table: TextTable) -> ColumnTable:
+    """Return the columns of a table in text; without heads they are named 1, 2, ...
+
+    A column is one of numbers if more of its cells are numbers than not; another cell in it is refused.
+
+    Args:
+        label: names the table in errors.
+        table: in text.
+
+    Raises:
+        InputError: no rows, a row with another number of cells, or a cell in a column of numbers that is none.
+    """
+    if not table.rows:
+        raise InputError(f"{label}: has no rows")
+    width = len(table.heads) or len(table.dialect.cells(table.rows[0][1]))
+    plain = _plain(table, width)
+    if plain is not None:
+        columns: dict[int, Floats] = dict(enumerate(plain))
+        texts: dict[int, list[str]] = {}
+    else:
+        columns, texts = _mixed(label, table, width)
+    names, units = _named(table, width)
+    return ColumnTable(
+        label,
+        {names[k]: values for k, values in columns.items()},
+        {names[k]: unit for k, unit in units.items()},
+        {names[k]: cells for k, cells in texts.items()},
+        remarks=table.remarks,
+        order=tuple(names),
+    )
+
+
+def _plain(table: TextTable, width: int) -> Floats | None:
+    """Return the columns of a table of nothing but finite numbers, (width, n), read by NumPy as that is far quicker."""
+    dialect = table.dialect
+    lines = [line for _, line in table.rows]
+    if dialect.decimal_comma:
+        if dialect.separator == ",":
+            return None
+        lines = [line.replace(",", ".") for line in lines]
+    try:
+        values = np.loadtxt(
+            lines, delimiter=None if dialect.separator == " " else dialect.separator, comments=None, ndmin=2
+        )
+    except ValueError:
+        return None
+    return values.T if values.shape == (len(lines), width) and np.isfinite(values).all() else None
+
+
+def _mixed(label: str, table: TextTable, width: int) -> tuple[dict[int, Floats], dict[int, list[str]]]:
+    """Return the columns of numbers and those of text, by their places."""
+    rows = table.split()
+    for row in rows:
+        if len(row.cells) > width:
+            raise InputError(f"{label}: line {row.line} has {len(row.cells)} columns, must have {width}")
+        if len(row.cells) < width:
+            missing = width - len(row.cells)
+            if missing > 1 or len(rows) == 1 or not _ends_in_gaps(table, width):
+                raise InputError(f"{label}: line {row.line} has {len(row.cells)} columns, must have {width}")
+            row.cells.extend([""] * missing)
+    columns: dict[int, Floats] = {}
+    texts: dict[int, list[str]] = {}
+    for k in range(width):
+        cells = [row.cells[k] for row in rows]
+        parsed = [_value(table.dialect, cell) for cell in cells]
+        if 2 * sum(value is None for value in parsed) > len(cells):
+            texts[k] = cells
+            continue
+        for row, value in zip(rows, parsed, strict=True):
+            if value is None or abs(value) == np.inf:
+                head = table.heads[k] if table.heads else str(k + 1)
+                raise InputError(f"{label}: line {row.line}: {head} = {row.cells[k][:_SHOWN]!r} is no finite number")
+        columns[k] = np.array(parsed, float)
+    return columns, texts
+
+
+def _ends_in_gaps(table: TextTable, width: int) -> bool:
+    """Return whether the separator shows that a missing last cell is an empty one."""
+    return table.dialect.separator != " " and any(
+        line.rstrip(" ").endswith(table.dialect.separator) and line.count(table.dialect.separator) == width - 1
+        for _, line in table.rows
+    )
+
+
+def _value(dialect: Dialect, cell: str) -> float | None:
+    return np.nan if cell.lower() in GAPS else dialect.number(cell)
+
+
+def _named(table: TextTable, width: int) -> tuple[list[str], dict[int, str]]:
+    """Return the names of the columns, each once, and the units by their places."""
+    heads = table.heads or tuple(str(k + 1) for k in range(width))
+    names: list[str] = []
+    units: dict[int, str] = {}
+    for k, head in enumerate(heads):
+        name, unit = name_and_unit(head)
+        if not unit:
+            _, underscore, suffix = head.rpartition("_")
+            unit = suffix if underscore and suffix in SUFFIXES else ""
+        if k < len(table.units):
+            unit = table.units[k].strip().strip("[]()") or unit
+        if unit:
+            units[k] = unit
+        base = name or str(k + 1)
+        copy = 2
+        name = base
+        while name in names:  # a name that is given twice gets a number, as a column that nobody asks for does no harm
+            name = f"{base} ({copy})"
+            copy += 1
+        names.append(name)
+    return names, units
+
+
+def _instants(label: str, cells: Sequence[str]) -> Floats:
+    """Return instants that are written as dates or clock times, from the first of them [s]."""
+    try:
+        instants = np.array([cell.replace(" ", "T", 1).rstrip("Z") for cell in cells], "datetime64[ns]")
+    except ValueError:
+        clock = [_CLOCK.fullmatch(cell) for cell in cells]
+        if not all(clock):
+            raise InputError(f"{label} has {cells[0][:_SHOWN]!r}: must be numbers, dates or hh:mm:ss") from None
+        seconds = np.array(
+            [3600 * float(part[1] or 0) + 60 * float(part[2]) + float(part[3]) for part in clock if part is not None]
+        )
+        return seconds - seconds[0]
+    seconds = (instants - instants[0]) / np.timedelta64(1, "ns") * 1e-9
+    return np.asarray(seconds, float)

@@ -1,0 +1,60 @@
+"""Units of the columns of a table, as factors to those of the package."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from gantrysim.base.errors import InputError
+
+TIME = "s"
+LENGTH = "mm"
+ANGLE = "deg"
+TORQUE = "N·m"
+
+# factors to s, mm, deg and N·m; µ has two code points, of the micro sign and of the Greek letter
+KINDS: dict[str, dict[str, float]] = {
+    TIME: {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0},
+    LENGTH: {
+        "mm": 1.0, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "nm": 1e-6, "cm": 10.0, "m": 1e3,
+        "in": 25.4, "inch": 25.4, "mil": 0.0254, "thou": 0.0254,
+    },
+    ANGLE: {
+        "deg": 1.0, "°": 1.0, "mdeg": 1e-3, "rad": 180 / math.pi, "mrad": 0.18 / math.pi, "rev": 360.0,
+        "arcmin": 1 / 60, "arcsec": 1 / 3600,
+    },
+    TORQUE: {
+        "N·m": 1.0, "Nm": 1.0, "N*m": 1.0, "N.m": 1.0, "N m": 1.0, "mN·m": 1e-3, "mNm": 1e-3, "mN*m": 1e-3,
+        "N·cm": 1e-2, "Ncm": 1e-2, "kN·m": 1e3, "kNm": 1e3, "lbf·in": 0.112984829, "ozf·in": 0.00706155181,
+    },
+}  # fmt: skip
+
+# units that may end a column's name without brackets, as in "time_ms"
+SUFFIXES = ("s", "ms", "us", "mm", "um", "deg", "Nm")
+
+
+def factor(unit: str, kind: str, label: str, further: Mapping[str, float] | None = None) -> float:
+    """Return the factor of a unit to that of the package.
+
+    Args:
+        unit: of the values.
+        kind: "s", "mm", "deg" or "N·m".
+        label: names the column in errors.
+        further: units that are known besides, as counts of an encoder.
+
+    Raises:
+        InputError: a unit of another kind.
+    """
+    known = KINDS[kind] | dict(further or {})
+    if unit not in known:
+        raise InputError(f"{label} is in {unit!r}: must be in {', '.join(known)}")
+    return known[unit]
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a cell is a unit, as below the names of a table's columns."""
+    bare = text.strip().strip("[]()")
+    return bare == "" or bare in _OTHERS or any(bare in units for units in KINDS.values())
+
+
+_OTHERS = frozenset(("-", "%", "‰", "A", "V", "W", "N", "rpm", "1/min", "counts", "mm/s", "deg/s", "m/s", "°C", "bool"))
