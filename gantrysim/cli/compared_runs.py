@@ -53,9 +53,9 @@ def comparison_tables(comparison: ComparedRuns) -> list[Table]:
     from gantrysim.compare.runs.runs_tables import (
         budget_cells,
         cause_cells,
+        check_cells,
         difference_cells,
         value_cells,
-        verdict_cells,
     )
     from gantrysim.compare.runs.value_changes import LARGE
 
@@ -63,7 +63,7 @@ def comparison_tables(comparison: ComparedRuns) -> list[Table]:
     judged = f"checks of the verdict; changes against {first}"
     named = [
         ("what differs", 2, difference_cells(comparison)),
-        (judged, 3, verdict_cells(comparison)),
+        (judged, 3, check_cells(comparison.names, comparison.checks)),
         ("error normal to the requested path, rms [µm]", 1, budget_cells(comparison)),
         ("worth of causes, of the rms contour error [µm]", 1, cause_cells(comparison)),
     ]

@@ -22,7 +22,7 @@ from gantrysim.report.summary import versions
 from gantrysim.study.cases import OK, Case, Row, forget_jobs, is_fault
 from gantrysim.study.ledger import Ledger
 from gantrysim.study.runner import Progress, run_cases
-from gantrysim.study.study import Report, Rounds, Study
+from gantrysim.study.study import Plot, Report, Rounds, Study
 
 _ROWS = "study.csv"
 _CURVES = "curves.csv"
@@ -257,7 +257,7 @@ def _write_report(study: Study, rows: list[Row], report: Report, folder: Path, i
     sections = [Section("Result", [report.headline], table=report.tables or None)]
     if report.notes:
         sections.append(Section("Notes", report.notes))
-    sections += [Section(plot.title, plot.text, plot.figure, plot.tables or None) for plot in report.plots]
+    sections += map(_plot_section, report.plots)
     failed = [row for row in rows if row["status"] != OK]
     if failed:
         columns, _ = _columns(rows)
@@ -267,6 +267,12 @@ def _write_report(study: Study, rows: list[Row], report: Report, folder: Path, i
     facts = Table(["component", "version"], [[name, value] for name, value in identity["versions"].items()])
     sections.append(Section("Job and versions", code=study.job.toml(), table=facts))
     write_page(folder / REPORT, study.title, f"{len(rows)} cases of the job {study.job.name}", sections)
+
+
+def _plot_section(plot: Plot) -> Section:
+    if plot.viewer is None:
+        return Section(plot.title, plot.text, plot.figure, plot.tables or None)
+    return Section(plot.title, plot.text, table=plot.tables or None, viewer=plot.viewer, still=plot.figure)
 
 
 def _write_curves(rows: list[Row], names: list[str], file: Path) -> None:

@@ -36,6 +36,7 @@ class Plot:
         text: description, one paragraph or several.
         figure: of matplotlib.
         tables: below the plot.
+        viewer: content of the page's viewer, which the figure is then the print of; one plot of a report at most.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Plot:
     text: str | Sequence[str]
     figure: Figure
     tables: Sequence[Table] = ()
+    viewer: str | None = None
 
 
 @dataclass(frozen=True)

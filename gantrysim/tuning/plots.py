@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.metrics.budget import Budget
-from gantrysim.metrics.parts import BudgetValues
-from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet, thinned
+from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, sheet
 from gantrysim.servo.servo import Servo
 from gantrysim.study.drawing import logarithmic
 from gantrysim.tuning.candidates import RANKS
@@ -23,8 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-NO_ERROR = 1e-3  # rms up to which an error counts as none [µm]
-
 _START = "#9aa0a8"
 _PHASE_COLOURS = {"start": _START, "tuned": COLOURS["servo"]}
 _GAIN_COLOURS = tuple(COLOURS[link] for link in ("servo", "program", "structure", "encoder", "contour"))
@@ -33,69 +29,8 @@ _RANK_STYLES: dict[int, dict[str, Any]] = {
     2: {"marker": "o", "mfc": "none", "mec": COLOURS["program"]},
     3: {"marker": "D", "mfc": "none", "mec": COLOURS["encoder"]},
 }
-_CHANGED = 0.02  # of the logarithm, from which a change is drawn
 _FREQUENCIES = 1500
 _LOWEST = 1e-3  # of half the servo's frequency
-
-
-def draw_links(values: Mapping[Phase, BudgetValues]) -> Figure:
-    """Draw the rms of every link's part at the start and tuned, on one logarithmic scale.
-
-    Args:
-        values: of the budget, by phase; a phase that ended in a fault is missing.
-    """
-    parts = [{**parts_of_phase.parts, "contour": parts_of_phase.contour} for parts_of_phase in values.values()]
-    sizes = {name: [UM * parts_of_phase[name].rms for parts_of_phase in parts] for name in parts[0]}
-    drawn = [size for parts_of_phase in sizes.values() for size in parts_of_phase if size > NO_ERROR]
-    with sheet(9.0, 3.4) as figure:
-        axes = figure.add_subplot()
-        for k, (name, parts_of_phase) in enumerate(sizes.items()):
-            if max(parts_of_phase) <= NO_ERROR:
-                axes.text(0.5, k, "none", transform=axes.get_yaxis_transform(), ha="center", va="center", fontsize=9)
-                continue
-            start = max(parts_of_phase[0], NO_ERROR)
-            tuned = max(parts_of_phase[-1], NO_ERROR)
-            if abs(math.log(start / tuned)) > _CHANGED:
-                arrow = {"arrowstyle": "-|>", "color": COLOURS[name], "lw": 2.0}
-                axes.annotate("", (tuned, k), (start, k), arrowprops=arrow)
-                axes.plot(start, k, "o", ms=7, mfc="w", mec=COLOURS[name], mew=1.6, zorder=3)
-                _label(axes, start, k, right=start > tuned, color="0.4")
-            axes.plot(tuned, k, "o", ms=8, color=COLOURS[name], zorder=4)
-            _label(axes, tuned, k, right=start <= tuned)
-        axes.set_yticks(range(len(sizes)), sizes)
-        axes.set_ylim(len(sizes) - 0.4, -0.6)
-        logarithmic(axes, "x", [min(drawn) / 2, 2 * max(drawn)])
-        axes.set_xlabel("error normal to the path, rms [µm]; open circle: start, full circle: tuned")
-    return figure
-
-
-def _label(axes: Axes, value: float, row: int, right: bool, **style: Any) -> None:
-    """Write a value to the right or left of its mark."""
-    axes.annotate(
-        f"{value:.3g}", (value, row), xytext=(9 if right else -9, 0), textcoords="offset points",
-        ha="left" if right else "right", va="center", fontsize=9, **style,
-    )  # fmt: skip
-
-
-def draw_path(budgets: Mapping[Phase, Budget]) -> Figure:
-    """Draw the contour error and its servo part along the path, at the start and tuned."""
-    with sheet(10.7, 2.4 * len(budgets) + 0.8) as figure:
-        panels = figure.subplots(len(budgets), sharex=True, sharey=True, squeeze=False)[:, 0]
-        for panel, (phase, budget) in zip(panels, budgets.items(), strict=True):
-            s = budget.analysis.nozzle.s
-            ticks = budget.analysis.ticks
-            gaps = np.flatnonzero(np.diff(ticks) > 1) + 1
-            lines = (("contour", budget.contour, 1.6), ("servo", budget.parts["servo"], 0.9))
-            for name, part, width in lines:
-                line = thinned(np.insert(s, gaps, np.nan), np.insert(UM * part.lateral, gaps, np.nan))
-                panel.plot(*line, color=COLOURS[name], lw=width, label=name)
-            panel.axhline(0, color=INK, lw=0.6)
-            panel.margins(x=0.01)
-            panel.set_title(f"{phase}: contour {UM * budget.values.contour.rms:.3g} µm rms", loc="right")
-        panels[0].legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=2)
-        panels[-1].set_xlabel("arc length on the requested path [mm]")
-        figure.supylabel("left of the requested path [µm]", fontsize="medium")
-    return figure
 
 
 def draw_search(history: History, label: str, ripple: float) -> Figure:

@@ -9,11 +9,15 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.quantity import MAX, RMS
+from gantrysim.compare.runs.compared_run import ComparedRun
+from gantrysim.compare.runs.compared_runs import ComparedRuns
+from gantrysim.compare.runs.overlay_data import OverlayData
+from gantrysim.compare.runs.overlays import draw_compared_budgets, draw_overlaid_errors
+from gantrysim.compare.runs.runs_page import bars_size, budgets_table, checks_table, errors_size
 from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.error_quantities import CONTOUR
-from gantrysim.metrics.parts import ERROR, PART_COLUMNS
-from gantrysim.plots.style import COLOURS
 from gantrysim.report import Column, Table
+from gantrysim.report.sections import drawn
 from gantrysim.results.quantities import TORQUE_RIPPLE_PERCENT
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.stability.margin_quantities import (
@@ -24,6 +28,7 @@ from gantrysim.stability.margin_quantities import (
     PHASE_MARGIN,
     SENSITIVITY,
 )
+from gantrysim.stability.margins import margins_of
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.study import Plot, Report
 from gantrysim.tuning import plots as drawing
@@ -92,32 +97,37 @@ def notes(study: TuningStudy, rows: list[Row]) -> list[str]:
 
 
 def plots(study: TuningStudy, rows: list[Row]) -> list[Plot]:
-    """Return the plots: error budget, error along the path, search, gains, loops, unseen machines."""
+    """Return the plots: error along the path, error budget, search, gains, loops, unseen machines."""
     history = study.history(rows)
-    shown = [*_budget_plots(_budgets(study, history)), *_search_plots(study, history)]
+    shown = [*_comparison_plots(_comparison(study, history)), *_search_plots(study, history)]
     if study.unseen:
         shown.append(_machines_plot(study, rows, history))
     return shown
 
 
-def _budget_plots(budgets: dict[Phase, Budget]) -> list[Plot]:
-    if not budgets:
+def _comparison_plots(comparison: ComparedRuns | None) -> list[Plot]:
+    """Return the plots of the start and the tuned servo over one another, as `gantrysim compare` shows two runs."""
+    if comparison is None:
         return []
+    bars = len(comparison.budgets) * len(comparison.runs)
+    checks = checks_table(comparison.names, comparison.checks)
     return [
+        Plot(
+            "path",
+            "Error along the path",
+            "The nozzle's error normal to the requested path, positive to its left, and its parts, of start and tuned "
+            "servo over one another on the job's own machine; below, their verdicts check by check.",
+            drawn(draw_overlaid_errors, comparison, *errors_size(comparison))(),
+            tables=[] if checks is None else [checks],
+            viewer=OverlayData(comparison).text(),
+        ),
         Plot(
             "budget",
             "Error budget",
             "Parts of the error normal to the requested path by link of the chain, on the job's own machine. "
             "Tuning changes the servo part; it cannot mend the program, the encoder or a soft structure.",
-            drawing.draw_links({phase: budget.values for phase, budget in budgets.items()}),
-            tables=[_links_table(budgets)],
-        ),
-        Plot(
-            "path",
-            "Error along the path",
-            "The nozzle's error normal to the requested path, positive to its left, and the servo part of it; "
-            "the panels have one scale.",
-            drawing.draw_path(budgets),
+            drawn(draw_compared_budgets, comparison, *bars_size(bars))(),
+            tables=[budgets_table(comparison)],
         ),
     ]
 
@@ -192,6 +202,23 @@ def _budgets(study: TuningStudy, history: History) -> dict[Phase, Budget]:
     return {phase: Budget(run) for phase, run in runs.items() if run.fault is None}
 
 
+def _comparison(study: TuningStudy, history: History) -> ComparedRuns | None:
+    """Return the runs of start and tuned servo beside one another; None where both end in a fault.
+
+    A phase that ends in a fault on the job's own machine is left out.
+    """
+    compared = []
+    for phase, candidate in history.phases.items():
+        servo = candidate.servo
+        run = study.run(servo)
+        if run.fault is None:
+            machine = study.job.built_machine
+            values = {"built_servo": servo, "margins": margins_of(machine, servo)}
+            job = study.job.sharing(study.job).model_copy(update=values)
+            compared.append(ComparedRun.of(run.replaced(job=job), phase))
+    return ComparedRuns(tuple(compared)) if compared else None
+
+
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
@@ -240,20 +267,6 @@ def _feasible(study: TuningStudy, rows: list[Row], phase: Phase, candidate: Cand
         and float(study.unseen_stability.excess(candidate.servo, [k]).max()) <= 0
         for k, row in enumerate(study.unseen_rows(rows, phase))
     )
-
-
-def _links_table(budgets: dict[Phase, Budget]) -> Table:
-    by_phase = [{**budget.values.parts, "contour": budget.values.contour} for budget in budgets.values()]
-    columns: list[str | Column] = ["link"]
-    for size in PART_COLUMNS:
-        columns += [Column(f"{size.head}, {phase}", size.form) for phase in budgets]
-    rows: list[list[Any]] = []
-    for link in by_phase[0]:
-        parts = [parts_of_phase[link] for parts_of_phase in by_phase]
-        cells = [size.scaled(size.get(part)) for size in PART_COLUMNS for part in parts]
-        largest = max(ERROR.factor * part.rms for part in parts)
-        rows.append([link, *(cells if largest > drawing.NO_ERROR else [None] * len(cells))])
-    return Table(columns, rows, "Error normal to the path on the job's own machine", COLOURS)
 
 
 def _gains_table(study: TuningStudy, history: History) -> Table:

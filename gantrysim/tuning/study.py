@@ -90,7 +90,7 @@ class TuningStudy(Study):
     name = "tune"
     command = "tune"
     texts = (TUNED,)
-    plots = ("budget", "path", "search", "gains", "loop", "machines")
+    plots = ("path", "budget", "search", "gains", "loop", "machines")
 
     def __post_init__(self) -> None:
         if self.law is not None and self.law not in SPACES:

@@ -118,7 +118,7 @@ def _passes(check: CheckChange, run: int) -> bool:
 def _values(check: CheckChange, best: int, rival: int) -> str:
     unit = f" {check.unit}" if check.unit else ""
     values = f"{check.number(check.value(best))} against {check.number(check.value(rival))}{unit}"
-    return f"{check.quantity} {values} ({check.limit}{unit})"
+    return f"{check.quantity}: {values} ({check.limit}{unit})"
 
 
 def _weight(check: CheckChange, better: int, worse: int) -> float:

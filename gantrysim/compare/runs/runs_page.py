@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from gantrysim.compare.runs.check_changes import CheckChange
 from gantrysim.compare.runs.compared_runs import ComparedRuns
 from gantrysim.compare.runs.overlay_data import OverlayData
 from gantrysim.compare.runs.overlays import (
@@ -16,8 +17,9 @@ from gantrysim.compare.runs.overlays import (
     draw_compared_causes,
     draw_overlaid_errors,
     draw_overlaid_plan,
+    drawn_links,
 )
-from gantrysim.compare.runs.runs_tables import WORTH, difference_cells, size_change, value_cells, verdict_cells
+from gantrysim.compare.runs.runs_tables import WORTH, check_cells, difference_cells, size_change, value_cells
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.parts import PART_COLUMNS
 from gantrysim.plots.plan import plan_extent
@@ -107,36 +109,50 @@ def beads_section(comparison: ComparedRuns, title: str = "Beads and errors") -> 
     """Return the section of the beads over one another, and of the errors: the page's viewer, and figures for print."""
     extents = np.array([plan_extent(run.analysis) for run in comparison.runs]).max(axis=0)
     height = view_height(float(extents[0]), float(extents[1]), _PLAN)
-    links = len(comparison.budgets) - 1
     return Section(
         title,
         viewer=OverlayData(comparison).text(),
         still=[
             drawn(draw_overlaid_plan, comparison, _PLAN, height),
-            drawn(draw_overlaid_errors, comparison, _WIDE, 2.6 + _PANEL * links),
+            drawn(draw_overlaid_errors, comparison, *errors_size(comparison)),
         ],
     )
 
 
+def errors_size(comparison: ComparedRuns) -> tuple[float, float]:
+    """Return width and height of the plot of the errors [inch]."""
+    return _WIDE, 2.6 + _PANEL * len(list(drawn_links(comparison)))
+
+
+def bars_size(bars: int) -> tuple[float, float]:
+    """Return width and height of a plot of so many bars [inch]."""
+    return _PLAN, 1.2 + _GROUP * bars
+
+
 def budgets_section(comparison: ComparedRuns) -> Section:
     """Return the section of the error budgets beside one another, on one scale."""
-    heads: list[str | Column] = ["link", "span"]
-    heads += [Column(f"{name}, {_RMS.head}", _RMS.form) for name in comparison.names]
-    heads += [f"change, {name}" for name in comparison.names[1:]]
-    heads += [Column(f"{name}, {_MAX.head}", _MAX.form) for name in comparison.names]
-    rows = []
-    for link, parts in comparison.budgets.items():
-        sizes = [None if part is None else part.rms for part in parts]
-        largest = [None if part is None else _MAX.scaled(part.max) for part in parts]
-        changes = [with_minus(size_change(sizes[0], size)) for size in sizes[1:]]
-        rows.append([link, DESCRIPTIONS[link], *map(_RMS.scaled, sizes), *changes, *largest])
     bars = len(comparison.budgets) * len(comparison.runs)
     return Section(
         "Error budgets",
         "Errors are normal to the requested path; a link locates the error on the chain and is not its cause.",
-        figure=drawn(draw_compared_budgets, comparison, _PLAN, 1.2 + _GROUP * bars),
-        table=Table(heads, rows, "Error normal to the requested path by link, of every run"),
+        figure=drawn(draw_compared_budgets, comparison, *bars_size(bars)),
+        table=budgets_table(comparison),
     )
+
+
+def budgets_table(comparison: ComparedRuns) -> Table:
+    """Return the table of the error budgets beside one another."""
+    heads: list[str | Column] = ["link", "span"]
+    for size in PART_COLUMNS:
+        heads += [Column(f"{size.head}, {name}", size.form) for name in comparison.names]
+    heads += [f"change of rms, {name}" for name in comparison.names[1:]]
+    rows = []
+    for link, parts in comparison.budgets.items():
+        cells = [None if part is None else size.scaled(size.get(part)) for size in PART_COLUMNS for part in parts]
+        rms = [None if part is None else part.rms for part in parts]
+        changes = [with_minus(size_change(rms[0], size)) for size in rms[1:]]
+        rows.append([link, DESCRIPTIONS[link], *cells, *changes])
+    return Table(heads, rows, "Error normal to the requested path by link, of every run")
 
 
 def causes_section(comparison: ComparedRuns) -> Section:
@@ -147,7 +163,7 @@ def causes_section(comparison: ComparedRuns) -> Section:
     return Section(
         "Causes",
         "Worth is the rms contour error of the job minus that without the cause. Effects do not add up.",
-        figure=drawn(draw_compared_causes, comparison, _PLAN, 1.2 + _GROUP * bars),
+        figure=drawn(draw_compared_causes, comparison, *bars_size(bars)),
         table=Table(heads, rows, "What each cause is worth of the rms contour error"),
     )
 
@@ -155,10 +171,14 @@ def causes_section(comparison: ComparedRuns) -> Section:
 def verdicts_section(comparison: ComparedRuns) -> Section:
     """Return the section of the verdicts' checks beside one another."""
     lines = [f"{name}: {verdict.headline}" for name, verdict in zip(comparison.names, comparison.verdicts, strict=True)]
-    heads, rows = verdict_cells(comparison)
-    caption = f"Checks of the verdict; a change is counted from {comparison.names[0]}; ▲ better, ▼ worse"
-    table = Table(heads, [[with_minus(cell) for cell in row] for row in rows], caption) if rows else None
-    return Section("Verdicts", lines, table=table)
+    return Section("Verdicts", lines, table=checks_table(comparison.names, comparison.checks))
+
+
+def checks_table(names: Sequence[str], checks: Sequence[CheckChange]) -> Table | None:
+    """Return the table of the verdicts' checks beside one another; None without any."""
+    heads, rows = check_cells(names, checks)
+    caption = f"Checks of the verdict; a change is counted from {names[0]}; ▲ better, ▼ worse"
+    return Table(heads, [[with_minus(cell) for cell in row] for row in rows], caption) if rows else None
 
 
 def values_section(comparison: ComparedRuns) -> Section:

@@ -41,10 +41,9 @@ def cause_cells(comparison: ComparedRuns) -> Cells:
     return ["cause", *comparison.names], rows
 
 
-def verdict_cells(comparison: ComparedRuns) -> Cells:
-    """Return heads and rows of the table of checks, as text."""
-    heads = ["of", "check", "limit", *comparison.names, *_changes(comparison.names)]
-    return heads, [_check_row(check) for check in comparison.checks]
+def check_cells(names: Sequence[str], checks: Sequence[CheckChange]) -> Cells:
+    """Return the table of the checks of verdicts."""
+    return ["of", "check", "limit", *names, *_changes(names)], [_check_row(check) for check in checks]
 
 
 def _changes(names: Sequence[str]) -> list[str]:
