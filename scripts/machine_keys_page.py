@@ -11,6 +11,7 @@ from gantrysim.design.accuracy import SCREWS
 from gantrysim.design.library import Motor, motor_names, motor_of
 from gantrysim.design.table import Drive, Guides, MachineTable, Masses, Slide
 from gantrysim.design.transmission import Belt, Rack, Screw
+from gantrysim.design.urdf_table import UrdfAxis, UrdfNozzle, UrdfTable
 
 PAGE = Path(__file__).parent.parent / "docs" / "machine-keys.md"
 
@@ -30,6 +31,9 @@ TABLES: tuple[tuple[str, type[BaseModel]], ...] = (
     ('`[x.drive.transmission]`, `kind = "rack"`', Rack),
     ("`[x.drive.motor]`, a motor that is not in the library", Motor),
     ('`[x.drive.motor]`, `kind = "ac servo"`, by its data sheet', AcServo),
+    ("The table beside a URDF", UrdfTable),
+    ("`nozzle` beside a URDF", UrdfNozzle),
+    ("`[x]`, `[y]`, `[z]` beside a URDF", UrdfAxis),
 )
 
 
@@ -39,6 +43,8 @@ def default(value: Any) -> str:
         return "none"
     if isinstance(value, BaseModel):
         return "table"
+    if isinstance(value, tuple):
+        return f"{list(value)}"
     return f'"{value}"' if isinstance(value, str) else f"{value:g}"
 
 

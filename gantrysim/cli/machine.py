@@ -24,7 +24,7 @@ def _machine() -> None:
 
 @machine_app.command()
 def new(
-    file: Annotated[Path, typer.Argument(help="TOML file of the machine.", show_default=False)],
+    file: Annotated[Path, typer.Argument(help="TOML file of the machine, or URDF.", show_default=False)],
     out: Annotated[
         Path | None, typer.Option(help="MJCF file, or folder; by default beside the table, with the suffix .xml.")
     ] = None,
@@ -33,7 +33,8 @@ def new(
 ) -> None:
     """Write the MJCF of a machine that a TOML table describes, and size its drives.
 
-    Jobs take the table itself too, as in `machine = "belt.toml"` or --model belt.toml.
+    Jobs take the table itself too, as in `machine = "belt.toml"` or --model belt.toml, and a URDF with its table beside
+    it.
     """
     from gantrysim.base.errors import InputError, expanded
     from gantrysim.base.files import replaced
@@ -41,8 +42,8 @@ def new(
     from gantrysim.machine.machine import Machine
 
     source = expanded(file)
-    if source.suffix.lower() != ".toml":
-        raise InputError(f"machine {file}: must be a TOML file")
+    if source.suffix.lower() not in (".toml", ".urdf"):
+        raise InputError(f"machine {file}: must be a TOML file, or a URDF with one beside it")
     text = mjcf_in(source)
     machine = Machine(source)  # refused here rather than written
     target = source.with_suffix(".xml") if out is None else expanded(out)

@@ -81,16 +81,14 @@ class Mjcf:
     """An MJCF that grows.
 
     Attributes:
-        table: of the machine.
         root: the element `mujoco`.
         world: its worldbody.
         frame: body of everything that stands or moves on the bench.
         size: width of the frame relative to the built-in ones.
     """
 
-    def __init__(self, table: MachineTable, kinematics: str, width: float) -> None:
-        self.table = table
-        self.root = Element("mujoco", model=table.name)
+    def __init__(self, name: str, kinematics: str, width: float) -> None:
+        self.root = Element("mujoco", model=name)
         self.size = max(1.0, width / _WIDTH)
         include(self.root, "dispenser")
         include(self.root, "scene")
@@ -243,3 +241,15 @@ class Mjcf:
             MODES.index(drive.used_mode),
         )
         self._facts[name] = facts
+
+
+class TableMjcf(Mjcf):
+    """The MJCF of one of the arrangements.
+
+    Attributes:
+        table: of the machine.
+    """
+
+    def __init__(self, table: MachineTable, kinematics: str, width: float) -> None:
+        super().__init__(table.name, kinematics, width)
+        self.table = table

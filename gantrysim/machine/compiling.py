@@ -53,8 +53,8 @@ def compile_mjcf(
 
 
 def _read(source: Path) -> mujoco.MjSpec:
-    """Return the MJCF in a file, or the MJCF of a machine from its table in a TOML file."""
-    if source.suffix.lower() == ".toml":
+    """Return the MJCF in a file, or the MJCF of a machine from its table in a TOML file, alone or beside a URDF."""
+    if source.suffix.lower() in (".toml", ".urdf"):
         from gantrysim.design.build import mjcf_in  # slow to import, and for tables alone
 
         return mujoco.MjSpec.from_string(mjcf_in(source))

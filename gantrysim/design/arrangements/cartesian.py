@@ -23,16 +23,16 @@ from gantrysim.design.arrangements.parts import (
     work,
     x_axis,
 )
-from gantrysim.design.mjcf import Load, M, Mjcf, add
+from gantrysim.design.mjcf import Load, M, TableMjcf, add
 from gantrysim.design.table import MachineTable
 
 _DAMPING_RATIO = 0.03  # of the arm of a cantilever in yaw (assumption)
 
 
-def bridge(table: MachineTable) -> Mjcf:
+def bridge(table: MachineTable) -> TableMjcf:
     """Return a machine whose bridge moves along y and bears the carriage."""
     extent = Extent.of(table)
-    mjcf = Mjcf(table, "serial", 2 * extent.half_width)
+    mjcf = TableMjcf(table, "serial", 2 * extent.half_width)
     frame(mjcf, extent)
     bench(mjcf, extent)
     work(mjcf.frame, table, extent)
@@ -45,10 +45,10 @@ def bridge(table: MachineTable) -> Mjcf:
     return mjcf
 
 
-def cantilever(table: MachineTable) -> Mjcf:
+def cantilever(table: MachineTable) -> TableMjcf:
     """Return a machine whose arm is guided at its left end and yaws there on its stiffness."""
     extent = Extent.of(table)
-    mjcf = Mjcf(table, "serial", 2 * extent.half_width)
+    mjcf = TableMjcf(table, "serial", 2 * extent.half_width)
     frame(mjcf, extent)
     bench(mjcf, extent)
     work(mjcf.frame, table, extent)
@@ -78,10 +78,10 @@ def cantilever(table: MachineTable) -> Mjcf:
     return mjcf
 
 
-def moving_table(table: MachineTable) -> Mjcf:
+def moving_table(table: MachineTable) -> TableMjcf:
     """Return a machine whose work moves along y under a beam that stands still."""
     extent = Extent.of(table)
-    mjcf = Mjcf(table, "serial", 2 * extent.half_width)
+    mjcf = TableMjcf(table, "serial", 2 * extent.half_width)
     frame(mjcf, extent, rails=False)
     for side in (-1, 1):
         x = extent.x + side * 0.5 * extent.half_width
@@ -107,7 +107,7 @@ def moving_table(table: MachineTable) -> Mjcf:
     return mjcf
 
 
-def _y_axis(mjcf: Mjcf, parent: Element, name: str, sign: int, load: float) -> Element:
+def _y_axis(mjcf: TableMjcf, parent: Element, name: str, sign: int, load: float) -> Element:
     """Append the nut of y and the body behind its stiffness, which is returned."""
     table = mjcf.table
     drive = drive_of(mjcf.table.y)

@@ -24,19 +24,19 @@ from gantrysim.design.arrangements.parts import (
     work,
     x_axis,
 )
-from gantrysim.design.mjcf import Load, M, Mjcf, add
+from gantrysim.design.mjcf import Load, M, TableMjcf, add
 from gantrysim.design.table import Drive, Guides, MachineTable, Slide
 
 _DAMPING_RATIO = 0.03  # of a bridge in skew (assumption)
 _PULLEY_TURNS = 1.05  # travel of the motors over that which the corners need
 
 
-def corexy(table: MachineTable) -> Mjcf:
+def corexy(table: MachineTable) -> TableMjcf:
     """Return a machine whose motors a and b stand on the frame and pull the carriage: r a = x + y, r b = x - y."""
     extent = Extent.of(table)
     belts = table.belts
     assert belts is not None  # the table is checked
-    mjcf = Mjcf(table, "coupled", 2 * extent.half_width)
+    mjcf = TableMjcf(table, "coupled", 2 * extent.half_width)
     frame(mjcf, extent)
     bench(mjcf, extent)
     work(mjcf.frame, table, extent)
@@ -67,7 +67,7 @@ def corexy(table: MachineTable) -> Mjcf:
     return mjcf
 
 
-def _add_pulley(mjcf: Mjcf, extent: Extent, side: int, name: str, radius: float) -> None:
+def _add_pulley(mjcf: TableMjcf, extent: Extent, side: int, name: str, radius: float) -> None:
     """Append a pulley of CoreXY on its hinge, at the end of the rail on the left, -1, or on the right, 1."""
     table = mjcf.table
     belts = table.belts
@@ -83,12 +83,12 @@ def _add_pulley(mjcf: Mjcf, extent: Extent, side: int, name: str, radius: float)
     tube(body, "motor", (0, 0, -0.1, 0, 0, -0.03), f"{name}_motor")
 
 
-def tandem(table: MachineTable) -> Mjcf:
+def tandem(table: MachineTable) -> TableMjcf:
     """Return a machine whose bridge is driven by y1 on its left and y2 on its right, and can skew."""
     extent = Extent.of(table)
     drive = drive_of(table.y)
     span = M * (table.span or 0.0)
-    mjcf = Mjcf(table, "coupled", 2 * extent.half_width)
+    mjcf = TableMjcf(table, "coupled", 2 * extent.half_width)
     frame(mjcf, extent)
     bench(mjcf, extent)
     work(mjcf.frame, table, extent)
@@ -151,6 +151,6 @@ def _add_friction(joint: Element, slide: Slide) -> None:
         joint.set("frictionloss", repr(slide.guides.friction))
 
 
-def _spring(mjcf: Mjcf, name: str, stiffness: float, damping: float) -> Element:
+def _spring(mjcf: TableMjcf, name: str, stiffness: float, damping: float) -> Element:
     assert mjcf.tendon is not None
     return add(mjcf.tendon, "fixed", name=name, stiffness=stiffness, damping=damping, springlength=0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
-from gantrysim.design.mjcf import Load, M, Mjcf, Numbers, add, include
+from gantrysim.design.mjcf import Load, M, Numbers, TableMjcf, add, include
 from gantrysim.design.table import Drive, MachineTable, Slide
 
 X = (1, 0, 0)
@@ -66,7 +66,7 @@ def point_mass(body: Element, mass: float, pos: Numbers, inertia: Numbers | None
     add(body, "inertial", pos=pos, mass=mass, diaginertia=inertia or 3 * (mass * _GYRATION**2,))
 
 
-def frame(mjcf: Mjcf, extent: Extent, rails: bool = True) -> None:
+def frame(mjcf: TableMjcf, extent: Extent, rails: bool = True) -> None:
     """Draw feet, profiles, table and the rails along y."""
     body = mjcf.frame
     y = extent.y + BEAM[0]
@@ -92,7 +92,7 @@ def work(parent: Element, table: MachineTable, extent: Extent) -> Element:
     return body
 
 
-def bench(mjcf: Mjcf, extent: Extent) -> None:
+def bench(mjcf: TableMjcf, extent: Extent) -> None:
     """Draw the table that carries the work on machines whose work stands still."""
     half = extent.half_width - 0.05, extent.half_length
     z = -M * mjcf.table.gap - 0.0081 - 0.006
@@ -131,7 +131,7 @@ def carried(table: MachineTable) -> float:
     return table.masses.carriage + z.known_motor.mass + z.nut_mass + (table.masses.ram or 0.0)
 
 
-def carriage(mjcf: Mjcf, body: Element) -> None:
+def carriage(mjcf: TableMjcf, body: Element) -> None:
     """Fill the body of the carriage: without z it bears nozzle and syringe, else the z axis that does."""
     table = mjcf.table
     half = 0.052 if table.z is None else 0.088
@@ -169,7 +169,7 @@ def _nozzle(body: Element) -> None:
     add(body, "camera", name="nozzle", pos=(0.055, -0.085, 0.032), xyaxes=directions, fovy=21)
 
 
-def x_axis(mjcf: Mjcf, body: Element) -> None:
+def x_axis(mjcf: TableMjcf, body: Element) -> None:
     """Append the driven carriage on a bridge or beam."""
     table = mjcf.table
     drive = drive_of(table.x)
