@@ -1,10 +1,12 @@
 #!/usr/bin/env bash
-# Builds the page's viewer, gantrysim/report/web/viewer.min.js, from its sources there and uPlot, with esbuild.
+# Builds the page's viewer from its sources in gantrysim/report/web, with esbuild: viewer.min.js, with uPlot, and the 3-D
+# view, viewer3d.min.js.gz, with three.js, compressed as pages carry it.
 # Needs node, npm and the npm registry; users of gantrysim need none of them.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 web=$root/gantrysim/report/web
 uplot=1.6.32
+three=0.187.0
 esbuild=0.25.12
 
 folder=$(mktemp -d)
@@ -12,13 +14,21 @@ trap 'rm -rf "$folder"' EXIT
 cp "$web"/*.js "$folder"
 rm -f "$folder/viewer.min.js"
 cd "$folder"
-npm install --silent --no-save --no-audit --no-fund "uplot@$uplot" "esbuild@$esbuild"
+npm install --silent --no-save --no-audit --no-fund "uplot@$uplot" "three@$three" "esbuild@$esbuild"
 
 digest=$(cd "$web" && ls -- *.js | grep -v '^viewer.min.js$' | LC_ALL=C sort | xargs cat | sha256sum | cut -d' ' -f1)
-banner="/* gantrysim's viewer, sources $digest; with uPlot $uplot, MIT, see LICENSE.uplot */"
-npx esbuild main.js --bundle --minify --format=iife --target=es2020 --charset=utf8 --legal-comments=none \
-    --banner:js="$banner" --outfile="$folder/viewer.min.js" --log-level=warning
+bundle() { # SOURCE TARGET LIBRARY FURTHER OPTIONS
+    local source=$1 target=$2 library=$3
+    shift 3
+    npx esbuild "$source" --bundle --minify --format=iife --target=es2022 --charset=utf8 --legal-comments=none \
+        --banner:js="/* gantrysim's viewer, sources $digest; with $library */" --outfile="$folder/$target" \
+        --log-level=warning "$@"
+}
+bundle main.js viewer.min.js "uPlot $uplot, MIT, see LICENSE.uplot"
+bundle view3d.js viewer3d.min.js "three.js $three, MIT, see LICENSE.three" --global-name=gantrysimSpace
 cp node_modules/uplot/dist/uPlot.min.css "$web/uplot.css"
 cp node_modules/uplot/LICENSE "$web/LICENSE.uplot"
+cp node_modules/three/LICENSE "$web/LICENSE.three"
 cp viewer.min.js "$web/viewer.min.js"
-wc -c "$web/viewer.min.js"
+gzip -9 --no-name --stdout viewer3d.min.js > "$web/viewer3d.min.js.gz"
+wc -c viewer3d.min.js "$web"/viewer*.min.js*

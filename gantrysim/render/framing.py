@@ -9,13 +9,13 @@ from functools import cached_property
 import numpy as np
 
 from gantrysim.base.arrays import Floats
+from gantrysim.bead.climb import LEVEL, climb
 from gantrysim.record.run import Run
 
 FIELD_OF_VIEW = 35.0  # vertical [deg]
 MARGIN = 1.2  # half width and height of the picture over those of the bead
 _FLAT_ELEVATION = -35.0  # of the camera's axis, for beads in a level plane [deg]
 _STEEP_ELEVATION = -50.0  # for bowls and cones, whose far side a flatter view hides [deg]
-_LEVEL = 1.0  # climb up to which a bead is flat [mm]
 _NEAREST = 0.08  # from the camera to the middle of a bead: nearer, the needle would leave the picture [m]
 _MOST_POINTS = 2000  # of a bead that are looked at
 
@@ -38,8 +38,7 @@ class Framing:
     def of(cls, runs: Sequence[Run], azimuth: float) -> Framing:
         """Return the framing of the beads of some runs; of one that lays none, of the whole path of its nozzle."""
         laid = np.concatenate([run.nozzle[run.dispense] if run.dispense.any() else run.nozzle for run in runs])
-        climb = float(np.ptp(laid[:, 2]))
-        elevation = _FLAT_ELEVATION if climb <= _LEVEL else _STEEP_ELEVATION
+        elevation = _FLAT_ELEVATION if climb(laid) <= LEVEL else _STEEP_ELEVATION
         return cls(1e-3 * laid[:: max(1, len(laid) // _MOST_POINTS)], azimuth, elevation)
 
     @cached_property

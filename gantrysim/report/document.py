@@ -102,6 +102,7 @@ class Section:
         video: MP4 file, read when the page is written; without it a section of nothing else is left out.
         code: preformatted text.
         viewer: content of the page's viewer as JSON, see `gantrysim.report.viewer_data`; one section of a page at most.
+        in_space: whether the viewer has a 3-D view, whose script is twice as large as the rest.
         still: figures that the viewer replaces on a screen; they remain in print and where scripts do not run.
         folded: whether only the heading is seen at first, where scripts run.
     """
@@ -114,6 +115,7 @@ class Section:
     video: Path | None = None
     code: str | None = None
     viewer: str | None = None
+    in_space: bool = False
     still: Drawing | Sequence[Drawing] | None = None
     folded: bool = False
 
@@ -181,6 +183,7 @@ class DrawnPage:
             warning=self.warning,
             style=Markup((folder / "page.css").read_text(encoding="utf-8")),
             viewer=_viewer_files() if any(section.viewer for _, section, _ in self.sections) else None,
+            space=_space_script() if any(section.in_space for _, section, _ in self.sections) else None,
             sections=[entry for entry in self.sections if not entry[1].lacks_video],
         )
         with replaced(file) as partial:
@@ -248,6 +251,12 @@ def _viewer_files() -> dict[str, Any]:
     script = (web / "viewer.min.js").read_text(encoding="utf-8")
     style = "".join((web / name).read_text(encoding="utf-8") for name in ("uplot.css", "viewer.css"))
     return {"script": Markup(script), "style": Markup(style)}
+
+
+def _space_script() -> str:
+    """Return the script of the viewer's 3-D view, compressed by gzip, in base64; the page expands it."""
+    script = files("gantrysim.report") / "web" / "viewer3d.min.js.gz"
+    return base64.b64encode(script.read_bytes()).decode("ascii")
 
 
 def _several(content: Any) -> list[Any]:

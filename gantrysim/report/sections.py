@@ -150,7 +150,8 @@ def path_section(results: RunResults, video: Path | None = None) -> Section:
     analysis = results.budget.analysis
     height = view_height(*plan_extent(analysis), _PLAN)
     plan = drawn(draw_plan, analysis, _PLAN, height)
-    return Section("Bead and path", video=video, viewer=ViewerData(results).text(), still=plan)
+    viewer = ViewerData(results)
+    return Section("Bead and path", video=video, viewer=viewer.text(), in_space=viewer.in_space, still=plan)
 
 
 def spacing_section(analysis: Analysis) -> Section:

@@ -20,6 +20,7 @@ from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import by_blocks
 from gantrysim.bead import Bead
+from gantrysim.bead.climb import leaves_plane
 from gantrysim.job.lines import program_lines_at
 from gantrysim.metrics.analysis import path_speed
 from gantrysim.metrics.budget import DESCRIPTIONS
@@ -27,6 +28,7 @@ from gantrysim.metrics.parts import CORNER
 from gantrysim.plots.plan import magnification
 from gantrysim.plots.style import COLOURS, DASHES
 from gantrysim.report.encoding import encoded, encoded_ascending, encoded_runs
+from gantrysim.report.space_data import bead_height, space_content
 from gantrysim.report.thinning import MOST_ROWS, shown_rows
 from gantrysim.results.run_results import RunResults
 
@@ -103,6 +105,11 @@ class ViewerData:
         """The columns, but for ticks, program lines and the state of the dispenser."""
         bead = () if self._bead is None else tuple(_bead_series(self._bead))
         return (*self._positions(), *self._errors(), *bead, *self._motion())
+
+    @cached_property
+    def in_space(self) -> bool:
+        """Whether the page has a 3-D view: the bead leaves a plane."""
+        return leaves_plane(self.results.budget.analysis.run)
 
     @property
     def _bead(self) -> Bead | None:
@@ -189,6 +196,8 @@ class ViewerData:
             contents.append(series.content(values))
         tolerance = self.results.verdict.tolerance
         bead = self._bead
+        if self.in_space and bead is not None:
+            columns["height"] = encoded(bead_height(bead, rows))
         return {
             "rows": int(rows.size),
             "ticks": len(run.time),
@@ -201,6 +210,7 @@ class ViewerData:
             "path_tolerance": None if tolerance is None else _UM * tolerance.path_max,
             "width": None if bead is None else float(bead.nominal_section.width[0]),
             "width_tolerance": None if tolerance is None else tolerance.bead_width,
+            "space": space_content(self.results) if self.in_space else None,
         }
 
     def text(self) -> str:

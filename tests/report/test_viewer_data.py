@@ -1,6 +1,7 @@
 """The content of a page's viewer: its numbers against those of the run, its thinning, its colours and its bundle."""
 
 import base64
+import gzip
 import hashlib
 import itertools
 import json
@@ -13,7 +14,9 @@ from hypothesis import strategies as st
 
 from gantrysim import Job
 from gantrysim.bead import Bead
+from gantrysim.bead.climb import LEVEL, climb, leaves_plane
 from gantrysim.job.lines import program_lines, program_lines_at
+from gantrysim.machine.outline import outline
 from gantrysim.metrics.analysis import Analysis, path_speed
 from gantrysim.metrics.budget import Budget
 from gantrysim.plots.style import COLOURS, DASHES, INK
@@ -24,10 +27,12 @@ from gantrysim.report.viewer_data import ViewerData
 from gantrysim.results.run_results import RunResults
 
 from support.jobs import job_run
-from support.viewer_jobs import viewer_job
+from support.viewer_jobs import climbing_job, viewer_job
 
 WEB = files("gantrysim.report") / "web"
 BUNDLE = "viewer.min.js"
+SPACE_BUNDLE = "viewer3d.min.js.gz"
+LARGEST_SPACE = 200_000  # of the 3-D view in a page [bytes]
 LARGEST = 940_000  # of a page without film, causes and changes, which fill it to 1 MB at most [bytes]
 STEPS = 65_534
 TINY = 1e-300  # steps below it are no numbers
@@ -207,6 +212,7 @@ def test_the_page_of_ten_thousand_samples_is_small(tmp_path):
     bead = Bead(job_run("an225"), job.bead, Analysis(job_run("an225")))
     write_run_page(tmp_path / "report.html", RunResults(job, job.built_machine, Budget(bead.analysis), bead))
     assert (tmp_path / "report.html").stat().st_size < LARGEST
+    assert 'id="viewer-3d"' not in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", ["trio-basic", "softmc-basic"])
@@ -243,12 +249,48 @@ def test_the_links_colours_differ_for_eyes_without_green_cones():
     assert len(set(dashes)) == len(dashes)
 
 
-def test_the_bundle_is_built_from_its_sources():
+def test_the_bundles_are_built_from_their_sources():
     sources = sorted(file.name for file in WEB.iterdir() if file.name.endswith(".js") and file.name != BUNDLE)
     digest = hashlib.sha256(b"".join((WEB / name).read_bytes() for name in sources)).hexdigest()
-    head, _, script = (WEB / BUNDLE).read_text(encoding="utf-8").partition("\n")
-    assert digest in head, "scripts/build_web.sh builds it again"
-    assert "MIT" in head
-    assert "MIT License" in (WEB / "LICENSE.uplot").read_text(encoding="utf-8")
-    assert "</script" not in script
-    assert "http" not in script
+    bundles = {"uplot": (WEB / BUNDLE).read_bytes(), "three": gzip.decompress((WEB / SPACE_BUNDLE).read_bytes())}
+    for library, bundle in bundles.items():
+        head = bundle.decode().partition("\n")[0]
+        assert digest in head, "scripts/build_web.sh builds it again"
+        assert f"MIT, see LICENSE.{library}" in head
+        assert "MIT License" in (WEB / f"LICENSE.{library}").read_text(encoding="utf-8")
+    assert "</script" not in bundles["uplot"].decode()
+    assert b"http" not in bundles["uplot"]
+    assert len(base64.b64encode((WEB / SPACE_BUNDLE).read_bytes())) < LARGEST_SPACE
+
+
+@pytest.mark.parametrize("name", ["climb", "stage", "delta"])
+def test_the_outlines_needle_ends_at_the_nozzle(name):
+    job = climbing_job() if name == "climb" else Job.load({"stage": "stage-outline", "delta": "delta-arc"}[name])
+    machine = job.built_machine
+    positions = job.run().encoder[::97] if name == "climb" else np.random.default_rng(1).uniform(0, 9, (20, 4))
+    positions = positions[:, : len(machine.axes)]
+    parts = outline(machine, positions)
+    ((part, needle),) = [(part, solid) for part in parts for solid in part.solids if solid.needle]
+    ends = [needle.position + sign * needle.size[1] * rotated(needle.rotation, [0, 0, 1]) for sign in (-1, 1)]
+    distances = []
+    for end in ends:
+        place = part.position + np.array([rotated(quaternion, end) for quaternion in part.rotation])
+        distances.append(np.linalg.norm(place - machine.tip(positions), axis=1))
+    assert np.min(distances, axis=0).max() < 1e-3
+    assert all(np.sum(part.rotation[1:] * part.rotation[:-1], axis=1).min() > 0 for part in parts)
+
+
+def rotated(quaternion, vector):
+    """A vector turned by a quaternion w, x, y, z."""
+    w = quaternion[0]
+    axis = np.array(quaternion[1:])
+    return np.array(vector) + 2 * np.cross(axis, np.cross(axis, vector) + w * np.array(vector))
+
+
+def test_a_page_has_the_third_dimension_where_the_bead_climbs(shown):
+    run = climbing_job().run()
+    assert leaves_plane(run)
+    assert not leaves_plane(shown.budget.analysis.run)
+    flat = run.nozzle[run.dispense] * [1, 1, 0.999 / 16]
+    assert climb(flat) < LEVEL
+    assert ViewerData(shown).content()["space"] is None

@@ -1,4 +1,4 @@
-"""A short job for the viewer of its page, with a program, a corner, an arc, a stop of the glue, and a loop."""
+"""Short jobs for the viewer of their pages: with a corner, an arc, a stop and a loop; and one that climbs."""
 
 from gantrysim import Job
 
@@ -18,6 +18,17 @@ G0 X0 Y0
 M2
 """
 
+CLIMB = """G21 G17 G90 G64 P0.02
+F2400
+G0 X20 Y0 Z0
+M62 P0
+G3 X-20 Y0 I-20 Z8
+G3 X14 Y0 I17 Z16
+M63 P0
+G0 Z24
+M2
+"""
+
 
 def viewer_job():
     return Job(
@@ -29,4 +40,18 @@ def viewer_job():
             "dispense": {"by": "codes", "on": ["M62"], "off": ["M63"]},
         },
         dispenser={"flow": 100.0},
+    )
+
+
+def climbing_job():
+    """Two half circles, 16 mm up."""
+    return Job(
+        name="climb",
+        machine="xyz",
+        program={
+            "controller": "linuxcnc.Program",
+            "text": CLIMB,
+            "dispense": {"by": "codes", "on": ["M62"], "off": ["M63"]},
+        },
+        dispenser={"flow": 40.0},
     )

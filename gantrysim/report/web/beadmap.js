@@ -2,16 +2,15 @@
 
 import { element } from "./dom.js";
 import { PlanMap } from "./map.js";
-import { mixed, onTheme, theme } from "./theme.js";
+import { mixed, onTheme, theme, WIDTH_SPAN } from "./theme.js";
 
 const LEVELS = 160; // of width, each drawn in one stroke
 const DRY = 0.02; // of the nominal width; a narrower bead is none
-const SPAN = 3; // deviation at the ends of the scale, in tolerances
 
 export class BeadMap {
   constructor(data, cursor, region) {
     this.data = data;
-    this.span = SPAN * (data.width_tolerance || 10); // [%]
+    this.span = WIDTH_SPAN * (data.width_tolerance || 10); // [%]
     const { x, y, width } = data.column;
     const place = { x: 0, y: 0 };
     this.map = new PlanMap({

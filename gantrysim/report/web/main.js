@@ -1,4 +1,4 @@
-// The viewer of a page: of a run, with film, bead, plan, strips and program on one cursor, or of several runs.
+// The viewer of a page: of a run, with film, bead in 3-D and from above, path, strips and program on one cursor, or of several runs.
 
 import { BeadMap } from "./beadmap.js";
 import { showComparison } from "./comparison.js";
@@ -11,6 +11,7 @@ import { Listing } from "./listing.js";
 import { regionOf } from "./map.js";
 import { Plan } from "./plan.js";
 import { Readout } from "./readout.js";
+import { Space } from "./space.js";
 import { Strips } from "./strips.js";
 
 const HINT =
@@ -30,6 +31,7 @@ function showRun(place, content) {
     views.append(element("figure", { class: "view film" }, caption, video));
     new FilmLink(video, data, cursor);
   }
+  if (data.space) views.append(new Space(data, cursor).element);
   if (data.width) views.append(new BeadMap(data, cursor, region).element);
   views.append(new Plan(data, cursor, region).element);
   if (data.program) views.append(new Listing(data, cursor).element);

@@ -8,6 +8,7 @@ const DARK_RAMP = ["#41617f", "#a4588a", "#ee9a62", "#fff2ae"];
 // thin, as requested, wide
 const LIGHT_WIDTHS = ["#1f5fa8", "#b7b1a4", "#a8340c"];
 const DARK_WIDTHS = ["#6aaef5", "#8f897c", "#ff9152"];
+export const WIDTH_SPAN = 3; // deviation of the width at the ends of its scale, in tolerances
 
 export function onTheme(listener) {
   DARK.addEventListener("change", listener);

@@ -1,0 +1,20 @@
+"""Whether a bead leaves a level plane, which decides how pictures show it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gantrysim.base.arrays import Floats
+from gantrysim.record.run import Run
+
+LEVEL = 1.0  # climb up to which a bead is flat; it holds the sag of a table and the errors of a needle's height [mm]
+
+
+def climb(nozzle: Floats) -> float:
+    """Return the extent in z of positions of the nozzle with glue, (n, 3) [mm], 0 for none."""
+    return float(np.ptp(nozzle[:, 2])) if len(nozzle) else 0.0
+
+
+def leaves_plane(run: Run) -> bool:
+    """Return whether the nozzle climbs by more than `LEVEL` in the work frame while it dispenses."""
+    return climb(run.nozzle[run.dispense]) > LEVEL

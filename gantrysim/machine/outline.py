@@ -1,0 +1,145 @@
+"""A machine in plain boxes, cylinders and balls, and where they are during a run, in the frame of the work."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base.arrays import Floats
+from gantrysim.machine.machine import NEEDLE, Machine
+from gantrysim.native.quiet import quiet
+
+_MM = 1e3  # in a metre
+_LEAST_RADIUS = 0.012  # of the ball around a geom; smaller parts, as bolts, are left out [m]
+_AT_REST = 1e-9  # change of a joint's position below which it stands still [m or rad]
+
+BOX = "box"
+CYLINDER = "cylinder"
+CAPSULE = "capsule"
+BALL = "ball"
+_KINDS = {
+    int(mujoco.mjtGeom.mjGEOM_BOX): BOX,
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): CYLINDER,
+    int(mujoco.mjtGeom.mjGEOM_CAPSULE): CAPSULE,
+    int(mujoco.mjtGeom.mjGEOM_SPHERE): BALL,
+}
+_WITHOUT_BODY = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A box, cylinder, capsule or ball of a machine; of a mesh or an ellipsoid the box around it.
+
+    Attributes:
+        kind: `BOX`, `CYLINDER`, `CAPSULE` or `BALL`.
+        size: half lengths of a box; else radius and, along its z, half length without round ends, (3,) [mm].
+        position: of its centre in the frame of its part, (3,) [mm].
+        rotation: quaternion w, x, y, z in that frame, (4,).
+        needle: whether it is the needle.
+    """
+
+    kind: str
+    size: Floats
+    position: Floats
+    rotation: Floats
+    needle: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Solids of a machine that move together.
+
+    Attributes:
+        name: of the body that carries them.
+        solids: the solids.
+        position: of the part in the frame of the work in each pose, (poses, 3) [mm].
+        rotation: quaternions w, x, y, z, neighbours with the same sign, (poses, 4).
+    """
+
+    name: str
+    solids: tuple[Solid, ...]
+    position: Floats
+    rotation: Floats
+
+
+def outline(machine: Machine, positions: Floats) -> list[Part]:
+    """Return the parts of a machine at positions of its axes.
+
+    Bodies between which no joint moves in these poses are one part.
+
+    Args:
+        machine: with the geoms of its MJCF; those within a ball of 12 mm are left out, but for the needle.
+        positions: of the axes, (poses, axes) [mm or deg].
+    """
+    model = machine.model
+    data = mujoco.MjData(model)
+    qpos = np.array([machine.to_qpos(position) for position in positions])
+    carriers = _carriers(model, qpos)
+    bodies = np.unique(carriers)
+    frames = np.empty((len(qpos), len(bodies), 7))
+    with quiet():
+        for frame, joints in zip(frames, qpos, strict=True):
+            data.qpos[:] = joints
+            mujoco.mj_kinematics(model, data)
+            frame[:] = [_in_body(data, machine.work, data.xpos[body], data.xquat[body]) for body in bodies]
+        solids = [tuple(_solids(model, data, np.flatnonzero(carriers == body), int(body))) for body in bodies]
+    parts = []
+    for body, frame, shapes in zip(bodies.tolist(), frames.swapaxes(0, 1), solids, strict=True):
+        if shapes:
+            parts.append(Part(model.body(body).name, shapes, _MM * frame[:, :3], _steady_sign(frame[:, 3:])))
+    return parts
+
+
+def _carriers(model: mujoco.MjModel, qpos: Floats) -> NDArray[np.intp]:
+    """Return the body with which each body moves: itself, or the next above it whose joints move, (bodies,)."""
+    still = np.ptp(qpos, axis=0) < _AT_REST
+    carriers = np.zeros(model.nbody, np.intp)
+    ends = np.append(model.jnt_qposadr, model.nq)
+    for body in range(1, model.nbody):
+        first = model.body_jntadr[body]
+        joints = slice(ends[first], ends[first + model.body_jntnum[body]]) if first >= 0 else slice(0)
+        carriers[body] = carriers[model.body_parentid[body]] if still[joints].all() else body
+    return carriers
+
+
+def _in_body(data: mujoco.MjData, body: int, position: Floats, rotation: Floats) -> Floats:
+    """Return position and quaternion of a frame of the world in the frame of a body, (7,) [m]."""
+    inverse = np.empty(4)
+    mujoco.mju_negQuat(inverse, data.xquat[body])
+    relative = np.empty(7)
+    mujoco.mju_rotVecQuat(relative[:3], position - data.xpos[body], inverse)
+    mujoco.mju_mulQuat(relative[3:], inverse, rotation)
+    return relative
+
+
+def _solids(model: mujoco.MjModel, data: mujoco.MjData, bodies: NDArray[np.intp], carrier: int) -> Iterator[Solid]:
+    """Yield the solids of some bodies in the frame of the body that carries them, as they are posed."""
+    needle = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, NEEDLE)
+    for geom in np.flatnonzero(np.isin(model.geom_bodyid, bodies)).tolist():
+        kind = int(model.geom_type[geom])
+        if kind in _WITHOUT_BODY or (model.geom_rbound[geom] < _LEAST_RADIUS and geom != needle):
+            continue
+        body = int(model.geom_bodyid[geom])
+        centre = model.geom_pos[geom].copy()
+        size = model.geom_size[geom]
+        if kind not in _KINDS:  # the box around it, in the frame of the geom
+            shift = np.empty(3)
+            mujoco.mju_rotVecQuat(shift, model.geom_aabb[geom, :3], model.geom_quat[geom])
+            centre += shift
+            size = model.geom_aabb[geom, 3:]
+        position = np.empty(3)
+        rotation = np.empty(4)
+        mujoco.mju_mulPose(position, rotation, data.xpos[body], data.xquat[body], centre, model.geom_quat[geom])
+        frame = _in_body(data, carrier, position, rotation)
+        yield Solid(_KINDS.get(kind, BOX), _MM * size, _MM * frame[:3], frame[3:], geom == needle)
+
+
+def _steady_sign(rotation: Floats) -> Floats:
+    """Return quaternions, (n, 4), with the sign that keeps each near the one before."""
+    products = np.sum(rotation[1:] * rotation[:-1], axis=1)
+    signs = np.cumprod(np.concatenate([[1.0], np.where(products < 0, -1.0, 1.0)]))
+    return rotation * signs[:, None]

@@ -1,0 +1,192 @@
+// What is written over the 3-D view: labels of the grid and of the heights, the axes, the ends, and the cursor.
+
+import { number, stretches } from "./data.js";
+import { steps } from "./ground3d.js";
+
+const ARROW = 26; // length of an axis of the triad [pixels]
+const CORNER = 44; // from the picture's corner to the triad [pixels]
+const LABEL = 13; // from an edge to its label [pixels]
+const MIDDLE = { textAlign: "center", textBaseline: "middle" };
+
+const decimalsOf = (step) => Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
+
+export class Labels {
+  constructor(view) {
+    this.view = view;
+    this.place = [0, 0, 0];
+  }
+
+  draw(context, colours) {
+    const { width, height } = this.view;
+    context.clearRect(0, 0, width, height);
+    context.font = `11px ${getComputedStyle(document.body).fontFamily}`;
+    this.context = context;
+    this.colours = colours;
+    this._ground();
+    this._chosen();
+    this._ends();
+    this._triad();
+    this._cursor();
+  }
+
+  /** Place in the picture of a point of the work [mm]. */
+  at(x, y, z) {
+    return [...this.view.project(x, y, z, this.place)];
+  }
+
+  _text(text, x, y, looks) {
+    const { context, colours } = this;
+    Object.assign(context, { lineWidth: 3, strokeStyle: colours.paper, fillStyle: colours.soft, lineJoin: "round", ...looks });
+    context.strokeText(text, x, y);
+    context.fillText(text, x, y);
+  }
+
+  /** Numbers along the two edges of the grid that are nearest, and the heights at the corner farthest to the left. */
+  _ground() {
+    const { ground } = this.view;
+    const decimals = decimalsOf(ground.step);
+    const depth = (x, y) => this.at(x, y, ground.z)[2];
+    const [x0, x1] = ground.x;
+    const [y0, y1] = ground.y;
+    const middle = [(x0 + x1) / 2, (y0 + y1) / 2];
+    const y = depth(middle[0], y0) < depth(middle[0], y1) ? y0 : y1;
+    const x = depth(x0, middle[1]) < depth(x1, middle[1]) ? x0 : x1;
+    const beyond = this.at(...middle, ground.z);
+    const label = (text, place) => {
+      if (place[2] <= 0) return;
+      const away = Math.hypot(place[0] - beyond[0], place[1] - beyond[1]) || 1;
+      const share = LABEL / away;
+      const px = place[0] + share * (place[0] - beyond[0]);
+      const py = place[1] + share * (place[1] - beyond[1]);
+      this._text(text, px, py, MIDDLE);
+    };
+    for (const value of steps(x0, x1, ground.step)) label(number(value, decimals), this.at(value, y, ground.z));
+    for (const value of steps(y0, y1, ground.step)) {
+      if (value !== y) label(number(value, decimals), this.at(x, value, ground.z));
+    }
+    this._heights();
+  }
+
+  _heights() {
+    const { context, colours } = this;
+    const { ground } = this.view;
+    const corners = ground.corners.map(([x, y]) => [x, y, this.at(x, y, ground.z)[0]]);
+    const [x, y] = corners.reduce((left, corner) => (corner[2] < left[2] ? corner : left));
+    const foot = this.at(x, y, ground.z);
+    const top = this.at(x, y, ground.top);
+    if (foot[2] <= 0 || top[2] <= 0 || Math.hypot(top[0] - foot[0], top[1] - foot[1]) < 2 * LABEL) return;
+    Object.assign(context, { strokeStyle: colours.soft, lineWidth: 1 });
+    context.beginPath();
+    context.moveTo(foot[0], foot[1]);
+    context.lineTo(top[0], top[1]);
+    for (const z of ground.heights) {
+      const [px, py] = this.at(x, y, z);
+      context.moveTo(px - 4, py);
+      context.lineTo(px + 4, py);
+    }
+    context.stroke();
+    const looks = { textAlign: "right", textBaseline: "middle" };
+    const decimals = decimalsOf(ground.heightStep);
+    for (const z of ground.heights) {
+      const [px, py] = this.at(x, y, z);
+      this._text(number(z, decimals), px - 7, py, looks);
+    }
+    this._text("z [mm]", top[0], top[1] - LABEL, { ...MIDDLE, fillStyle: colours.soft });
+  }
+
+  /** The directions of x, y and z, and that the numbers are mm. */
+  _triad() {
+    const { context, colours } = this;
+    const { camera, height } = this.view;
+    const origin = [CORNER, height - CORNER];
+    ["x", "y", "z"].forEach((name, axis) => {
+      const parts = (vector) => vector.toArray()[axis];
+      const dx = ARROW * parts(camera.right);
+      const dy = -ARROW * parts(camera.up);
+      Object.assign(context, { strokeStyle: colours.ink, lineWidth: 1.5 });
+      context.beginPath();
+      context.moveTo(...origin);
+      context.lineTo(origin[0] + dx, origin[1] + dy);
+      context.stroke();
+      const long = Math.hypot(dx, dy);
+      if (long < 4) return; // it points at the eye
+      const share = 1 + 9 / long;
+      this._text(name, origin[0] + share * dx, origin[1] + share * dy, { ...MIDDLE, fillStyle: colours.ink });
+    });
+    this._text("grid in mm", 8, height - 8, { textAlign: "left", textBaseline: "alphabetic" });
+  }
+
+  /** The stretches of the chosen program line. */
+  _chosen() {
+    const { context, colours } = this;
+    const { data, cursor } = this.view;
+    if (!cursor.line) return;
+    context.beginPath();
+    for (const [first, last] of stretches(data.rows, (row) => data.column.line[row] === cursor.line)) {
+      for (let row = first; row <= last; row++) {
+        const [px, py] = this.view.projectRow(row, this.place);
+        if (row === first) context.moveTo(px, py);
+        else context.lineTo(px, py);
+      }
+    }
+    Object.assign(context, { strokeStyle: colours.paper, lineWidth: 4 });
+    context.stroke();
+    Object.assign(context, { strokeStyle: colours.ink, lineWidth: 2 });
+    context.stroke();
+  }
+
+  /** Mark where the dispenser first opens and last closes, and the largest error. */
+  _ends() {
+    const { context, colours } = this;
+    const { data } = this.view;
+    const glue = stretches(data.rows, (row) => data.column.dispense[row]);
+    if (!glue.length) return;
+    for (const [row, name] of [[glue[0][0], "start"], [glue[glue.length - 1][1], "end"]]) {
+      const [px, py] = this.view.projectRow(row, this.place);
+      context.beginPath();
+      context.arc(px, py, 3.5, 0, 2 * Math.PI);
+      context.fillStyle = colours.ink;
+      context.fill();
+      this._text(name, px + 7, py + 12, { textAlign: "left", textBaseline: "middle", fillStyle: colours.ink });
+    }
+    const [px, py] = this.view.projectRow(data.worst, this.place);
+    context.beginPath();
+    context.moveTo(px, py - 5);
+    context.lineTo(px - 5, py - 14);
+    context.lineTo(px + 5, py - 14);
+    context.closePath();
+    Object.assign(context, { strokeStyle: colours.alarm, lineWidth: 2 });
+    context.stroke();
+    const looks = { textAlign: "left", textBaseline: "middle", fillStyle: colours.alarm };
+    this._text(`${data.size[data.worst].toPrecision(3)} µm`, px + 9, py - 11, looks);
+  }
+
+  /** A ring around the cursor's place, and a plumb line to the ground. */
+  _cursor() {
+    const { context, colours } = this;
+    const { cursor, ground, data } = this.view;
+    const { x, y } = data.column;
+    const row = cursor.row;
+    const [px, py, depth] = this.view.projectRow(row, this.place);
+    if (depth <= 0) return;
+    const foot = this.at(x[row], y[row], ground.z);
+    context.beginPath();
+    context.moveTo(px, py);
+    context.lineTo(foot[0], foot[1]);
+    Object.assign(context, { strokeStyle: colours.soft, lineWidth: 1 });
+    context.setLineDash([4, 3]);
+    context.stroke();
+    context.setLineDash([]);
+    for (const [size, colour] of [[5, colours.paper], [2.5, colours.ink]]) {
+      context.beginPath();
+      context.arc(px, py, 7, 0, 2 * Math.PI);
+      Object.assign(context, { strokeStyle: colour, lineWidth: size });
+      context.stroke();
+    }
+    if (!cursor.pinned) return;
+    context.beginPath();
+    context.arc(px, py, 2.5, 0, 2 * Math.PI);
+    context.fillStyle = colours.ink;
+    context.fill();
+  }
+}
