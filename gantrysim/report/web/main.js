@@ -1,4 +1,4 @@
-// The viewer of a page: of a run, with film, bead in 3-D and from above, path, strips and program on one cursor, or of several runs.
+// The viewer of a page: of a run, with film, bead, path, strips and program on one cursor, or of several runs.
 
 import { BeadMap } from "./beadmap.js";
 import { showComparison } from "./comparison.js";
