@@ -1,7 +1,12 @@
-"""Draw the pictures of docs/: every job on its machine, plots of a run, a study and a tuning."""
+"""Draw the pictures of README and docs/: machines, films, plots, a run's page, studies; all, or the parts named.
+
+python scripts/pictures.py [machines] [films] [plots] [page] [studies]
+"""
 
 import itertools
 import shutil
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -18,38 +23,32 @@ from gantrysim.study.run import run_study
 from gantrysim.tuning import TuningStudy
 
 FOLDER = Path(__file__).parent.parent / "docs" / "pictures"
-PLOTTED, TUNED = "an225", "fanuc-spiral"
+FIRST = "an225"  # job of the README
+JOBS = ("an225-3d", "delta-arc", "fanuc-conical", "fanuc-spiral", "softmc-arc", "softmc-helical", "stage-outline")
 COMPARED = (1.0, 0.01)  # periods of the program loop [s]
 PLOTS = ("budget", "plan", "spacing", "bead")
-SIZE, SMALL, FILMED, ANIMATED = (960, 720), (640, 480), (1280, 960), (560, 460)
+LARGE, SMALL, MOVING = (960, 720), (640, 480), (560, 420)
+RATE, SPEED, HELD = 10, 2.5, 3.0  # of the moving picture: frames per second, speed, and time at its end [s]
 SHARE = 0.74  # of the run at which the machine is shown
-# Picture of each job's bead: camera, share of the run, and whether it is a film frame coloured by error.
-DETAILS = {
-    "an225": ("nozzle", 0.74, False),
-    "an225-3d": ("nozzle", 0.74, False),
-    "delta-arc": ("top", 0.7, True),
-    "fanuc-conical": ("nozzle", 0.25, False),
-    "fanuc-spiral": ("top", 0.87, True),
-    "softmc-arc": ("top", 0.7, True),
-    "softmc-helical": ("nozzle", 0.27, False),
-    "stage-outline": ("nozzle", 0.74, False),
-}
 FINER = 3  # pixels drawn per pixel of a picture and side, to smooth the edges of shadows
 SMOOTH = Image.Resampling.LANCZOS
 MARGIN = 0.03  # around the machine, of the picture's size
 COLOURS = 256  # of a palette
+PAPER = (255, 255, 255)  # colour that a palette must have
+SCREEN = (1280, 1560)  # of the page [pixels]
+CHROMIUM = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--virtual-time-budget=5000"]
 
 
 def save(image: Image.Image, name: str) -> None:
-    """Save a picture; a small one with a palette, half of it for frequent colours and half for rare ones."""
-    if image.width >= SIZE[0]:
-        image.save(FOLDER / f"{name}.png", optimize=True)
-        return
-    shades = np.unique(np.asarray(image).reshape(-1, 3) // 8 * 8, axis=0)
-    halves = [each.quantize(COLOURS // 2).getpalette() for each in (image, Image.fromarray(shades[None]))]
+    """Save a picture with a palette, half of it for frequent colours and half for rare ones."""
+    shades = np.unique(np.asarray(image.convert("RGB")).reshape(-1, 3) // 8 * 8, axis=0)
+    frequent = image.convert("RGB").quantize(COLOURS // 2).getpalette()
+    rare = Image.fromarray(shades[None]).quantize(COLOURS // 2).getpalette()
     palette = Image.new("P", (1, 1))
-    palette.putpalette([value for half in halves for value in half[: 3 * COLOURS // 2]])
-    image.quantize(palette=palette, dither=Image.Dither.NONE).save(FOLDER / f"{name}.png", optimize=True)
+    colours = [value for half in (frequent, rare) for value in half[: 3 * COLOURS // 2]]
+    palette.putpalette([*colours[:-3], *PAPER])
+    reduced = image.convert("RGB").quantize(palette=palette, dither=Image.Dither.NONE)
+    reduced.save(FOLDER / f"{name}.png", optimize=True)
 
 
 def machine_box(renderer: Renderer) -> tuple[float, ...]:
@@ -69,41 +68,81 @@ def machine_box(renderer: Renderer) -> tuple[float, ...]:
     return (*corner, *(corner + box))
 
 
-FOLDER.mkdir(exist_ok=True)
-for name in DETAILS:
-    job = Job.load(name)
-    run, machine, size = job.run(), job.built_machine, SIZE if name == PLOTTED else SMALL
-    with Renderer(machine, run, "overview", (FINER * size[0], FINER * size[1]), job.bead) as renderer:
-        picture = Image.fromarray(renderer.frame(int(SHARE * len(run.time))))
-        save(picture.resize(size, SMOOTH, machine_box(renderer)), name)
-    camera, share, filmed = DETAILS[name]
-    if filmed:
-        with Film([Take(machine, run, name, job.bead)], camera=camera, size=FILMED, colour="error") as film:
-            picture = Image.fromarray(film.frame(share * film.end))
-    else:
-        with Renderer(machine, run, camera, (FINER * SMALL[0], FINER * SMALL[1]), job.bead) as renderer:
-            picture = Image.fromarray(renderer.frame(int(share * len(run.time))))
-    save(picture.resize(SMALL, SMOOTH), f"{name}-detail")
-    if name == PLOTTED:
-        with tempfile.TemporaryDirectory() as scratch:
-            analysis = Analysis(run)
-            for plot in save_plots(analysis, Path(scratch), Bead(run, job.bead, analysis)):
-                if plot.stem in PLOTS:
-                    shutil.copy(plot, FOLDER / f"{name}-{plot.name}")
+def take(job: Job, label: str = "") -> Take:
+    run = job.run()
+    return Take(job.built_machine, run, label or job.name, job.bead, run.verdict_headline)
 
-jobs = [Job.load(PLOTTED, [f"loop_period={period}"]) for period in COMPARED]
-takes = [Take(job.built_machine, job.run(), f"T = {period:g} s") for job, period in zip(jobs, COMPARED, strict=True)]
-with Film(takes, camera="top", colour="error") as film:
-    save(Image.fromarray(film.frame(SHARE * film.end)), "compared")
-job = Job.load(PLOTTED)
-with Film([Take(job.built_machine, job.run(), PLOTTED, job.bead)], size=ANIMATED, colour="error") as film:
-    film.save(FOLDER / f"{PLOTTED}.gif", fps=12.5, speed=4)
 
-for study, plot, picture_name in (
-    (LoopStudy(Job.load(PLOTTED)), "loop_period", "study-loop"),
-    (LawsStudy(Job.load("softmc-arc")), "ladder", "study-laws"),
-    (TuningStudy(Job.load(TUNED)), "path", "tuned"),
-):
+def last_frame(takes: list[Take], size: tuple[int, int], name: str, colour: str | None = None) -> None:
+    """Save the last frame of a film, drawn twice as large."""
+    with Film(takes, size=(2 * size[0], 2 * size[1]), colour=colour) as film:
+        save(Image.fromarray(film.frame(film.end)).resize(size, SMOOTH), name)
+
+
+def hold_last_frame(file: Path) -> None:
+    """Let a GIF stay at its end: the time of a frame, in hundredths of a second, is bytes 4 and 5 of its control."""
+    content = bytearray(file.read_bytes())
+    control = content.rindex(b"\x21\xf9\x04")
+    content[control + 4 : control + 6] = round(100 * HELD).to_bytes(2, "little")
+    file.write_bytes(content)
+
+
+def machines() -> None:
+    for name in JOBS:
+        job = Job.load(name)
+        run = job.run()
+        with Renderer(job.built_machine, run, "overview", (FINER * SMALL[0], FINER * SMALL[1]), job.bead) as renderer:
+            picture = Image.fromarray(renderer.frame(int(SHARE * len(run.time))))
+            save(picture.resize(SMALL, SMOOTH, machine_box(renderer)), name)
+
+
+def films() -> None:
+    for name in JOBS:
+        last_frame([take(Job.load(name))], SMALL, f"{name}-detail")
+    job = Job.load(FIRST)
+    last_frame([take(job)], LARGE, FIRST)
+    takes = [take(Job.load(FIRST, [f"loop_period={period}"]), f"T = {period:g} s") for period in COMPARED]
+    last_frame(takes, (960, 480), "compared", "error")
+    with Film([take(job)], size=MOVING) as film:
+        film.save(FOLDER / f"{FIRST}.gif", fps=RATE, speed=SPEED)
+    hold_last_frame(FOLDER / f"{FIRST}.gif")
+
+
+def plots() -> None:
+    job = Job.load(FIRST)
+    run = job.run()
     with tempfile.TemporaryDirectory() as scratch:
-        run_study(study, Path(scratch))
-        shutil.copy(Path(scratch) / "plots" / f"{plot}.png", FOLDER / f"{picture_name}.png")
+        analysis = Analysis(run)
+        for plot in save_plots(analysis, Path(scratch), Bead(run, job.bead, analysis)):
+            if plot.stem in PLOTS:
+                save(Image.open(plot), f"{FIRST}-{plot.stem}")
+
+
+def page() -> None:
+    """The upper part of the page of a run, as Chromium shows it."""
+    with tempfile.TemporaryDirectory() as scratch:
+        subprocess.run(["gantrysim", "run", FIRST, "--out", scratch, "--no-causes", "--no-improve"], check=True)
+        picture = Path(scratch) / "page.png"
+        size = f"--window-size={SCREEN[0]},{SCREEN[1]}"
+        browser = shutil.which("chromium") or "google-chrome"
+        command = [browser, *CHROMIUM, f"--user-data-dir={scratch}/chromium", size, f"--screenshot={picture}"]
+        subprocess.run([*command, f"file://{scratch}/report.html"], check=True)
+        save(Image.open(picture), "page")
+
+
+def studies() -> None:
+    for study, plot, picture_name in (
+        (LoopStudy(Job.load(FIRST)), "loop_period", "study-loop"),
+        (LawsStudy(Job.load("softmc-arc")), "ladder", "study-laws"),
+        (TuningStudy(Job.load("fanuc-spiral")), "path", "tuned"),
+    ):
+        with tempfile.TemporaryDirectory() as scratch:
+            run_study(study, Path(scratch))
+            save(Image.open(Path(scratch) / "plots" / f"{plot}.png"), picture_name)
+
+
+PARTS = {part.__name__: part for part in (machines, films, plots, page, studies)}
+
+FOLDER.mkdir(exist_ok=True)
+for part_name in sys.argv[1:] or PARTS:
+    PARTS[part_name]()
