@@ -20,6 +20,10 @@ Apply = Annotated[
     Path | None,
     typer.Option("--apply", metavar="FILE", help="TOML file to write the improved job to, for gantrysim run FILE."),
 ]
+Out = Annotated[
+    Path | None,
+    typer.Option(help="Folder for report.html: what to change, and the runs before and after beside one another."),
+]
 WithFastest = Annotated[
     bool | None,
     typer.Option(
@@ -50,6 +54,7 @@ def improve(
     rotate: Rotate = None,
     scale: Scale = None,
     apply: Apply = None,
+    out: Out = None,
     fastest: WithFastest = None,
     lever: OnlyLevers = None,
     workers: Threads = None,
@@ -70,6 +75,10 @@ def improve(
     from gantrysim.remedy.improve import improve as improved
 
     file = None if apply is None else _file_of_job(apply)
+    if out is not None:
+        from gantrysim.compare.runs.runs_page import OUTPUT
+
+        OUTPUT.check(out)
     loaded = Job.load(
         job,
         settings or (),
@@ -95,6 +104,13 @@ def improve(
         with replaced(file) as partial:
             partial.write_text(improvement.job.toml(), encoding="utf-8")
         say(f"written to {apply}: gantrysim run {apply}")
+    if out is not None:
+        if improvement.changes_anything:
+            from gantrysim.remedy.report import write_improvement
+
+            say(f"written to {write_improvement(improvement, out)}")
+        else:
+            say(f"nothing is written to {out}/: there is no run to compare with")
 
 
 def _file_of_job(file: Path) -> Path:

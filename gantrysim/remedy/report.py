@@ -1,16 +1,24 @@
-"""The section of a report on what to change."""
+"""What to change in a job as a section of a report, and the job before and after beside one another."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from pathlib import Path
+
+from gantrysim.base.errors import InputError
+from gantrysim.compare.runs.check_changes import check_changes
+from gantrysim.compare.runs.run_comparison import RunComparison, compare_runs
+from gantrysim.compare.runs.runs_page import checks_table, run_sections, write_sections
 from gantrysim.job.job import Job
 from gantrysim.remedy.improve import improve, worst_rows
-from gantrysim.remedy.improvement import USAGE, Improvement
+from gantrysim.remedy.improvement import USAGE_NOTE, Improvement
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.report.document import Section, Table
 from gantrysim.results.checks import PASS
 from gantrysim.results.verdict import Verdict
 
 TITLE = "What to change"
+NAMES = ("before", "after")
 
 
 def changes_of(job: Job, verdict: Verdict) -> Section | None:
@@ -24,23 +32,56 @@ def changes_of(job: Job, verdict: Verdict) -> Section | None:
 
 
 def change_section(improvement: Improvement) -> Section:
-    """Return the section "What to change": the result, the levers combined, lines to paste, and each lever alone."""
+    """Return the section "What to change": the result in words, what each lever gains, and the lines to paste.
+
+    Where anything is changed, the checks of both verdicts stand beside one another, as in `gantrysim compare`.
+    """
     texts = [improvement.sentence]
-    if improvement.changes_anything:
-        texts.append("; ".join(improvement.gains))
     if improvement.fastest is not None:
         texts.append(f"{improvement.fastest}.")
     tables = []
-    if improvement.combination:
-        rows = [improvement.rows[0], *improvement.combined_rows]
-        tables.append(Table(improvement.heads, rows, _caption(f"{USAGE}; each lever with those before it")))
     if improvement.trials:
-        rows = [improvement.rows[0], *improvement.trial_rows]
-        title = f"Each lever alone: {len(improvement.trials)} runs"
-        tables.append(Table(improvement.heads, rows, _caption(USAGE), folded=title))
+        caption = f"Each lever simulated alone, then combined; {USAGE_NOTE}"
+        tables.append(Table(improvement.heads, improvement.rows, caption))
+    if improvement.changes_anything:
+        texts.append(improvement.gains[-1].capitalize() + ".")
+        checks = checks_table(NAMES, tuple(check_changes([improvement.verdict, improvement.improved])))
+        tables += [] if checks is None else [checks]
     lines = "\n".join(f"# {place}\n{text.rstrip()}\n" for place, text in improvement.lines.items())
     return Section(TITLE, texts, table=tables or None, code=lines or None)
 
 
-def _caption(text: str) -> str:
-    return text[0].upper() + text[1:]
+def comparison_of(improvement: Improvement) -> RunComparison | None:
+    """Return the runs of the job before and after, simulated again; None where nothing is changed or a fault ends one.
+
+    The runs of a search are not kept: each would hold its record in memory.
+    """
+    if not improvement.changes_anything or improvement.verdict.fault:
+        return None
+    runs = [job.run() for job in (improvement.base, improvement.job)]
+    return compare_runs(*runs, names=NAMES)
+
+
+def write_improvement(improvement: Improvement, folder: Path) -> Path:
+    """Write report.html and compare.json into a folder: what to change, and the job before and after.
+
+    Returns:
+        The path of report.html.
+
+    Raises:
+        InputError: nothing is changed, so that there is nothing to compare; or the folder cannot be written.
+    """
+    comparison = comparison_of(improvement)
+    if comparison is None:
+        raise InputError(f"improve {improvement.base.name}: {improvement.sentence} There is no run to compare with")
+    title = f"What to change in {improvement.base.name}"
+    sections = _sections(improvement, comparison)
+    return write_sections(comparison, folder, title, sections)
+
+
+def _sections(improvement: Improvement, comparison: RunComparison) -> Iterator[Section]:
+    """Yield the sections of a comparison with what to change after the answer."""
+    first, *others = run_sections(comparison)
+    yield first
+    yield change_section(improvement)
+    yield from others

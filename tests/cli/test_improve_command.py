@@ -1,6 +1,7 @@
 """The command `gantrysim improve`: what it prints, the job that it writes, and what it refuses."""
 
 import io
+import json
 
 import pytest
 from rich.console import Console
@@ -11,6 +12,7 @@ from gantrysim.cli.improve import levers_table
 from gantrysim.cli.terminal import FAULT, INPUT_ERROR
 from gantrysim.remedy.improve import improve
 
+from support.pages import Page
 from support.remedies import SIDES, fixed_flow, lines_job
 
 QUICK = ("--lever", "flow by speed", "--workers", 1)
@@ -30,7 +32,7 @@ def letters(text):
 def test_the_written_job_runs_to_the_promised_verdict(gantrysim_command, monkeypatch, tmp_path, file):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(terminal._output, "width", 200)
-    status, printed, said = gantrysim_command("improve", file, *QUICK, "--apply", "better.toml")
+    status, printed, said = gantrysim_command("improve", file, *QUICK, "--apply", "better.toml", "--out", "compared")
     assert (status, said) == (0, "")
     before, _, after = printed.partition("levers, each simulated alone")
     assert "verdict ✗ fail: glue" in before
@@ -40,6 +42,14 @@ def test_the_written_job_runs_to_the_promised_verdict(gantrysim_command, monkeyp
     assert "written to better.toml: gantrysim run better.toml" in after
     job = Job.load("better.toml")
     promised = Verdict.of(job, job.run())
+    compared = json.loads((tmp_path / "compared" / "compare.json").read_text())
+    assert compared["runs"] == ["before", "after"]
+    assert compared["better"] == "after"
+    assert compared["verdicts"][1] == promised.headline
+    page = Page(tmp_path / "compared" / "report.html")
+    page.check()
+    assert page.sections[:3] == ["summary", "what-to-change", "what-differs"]
+    assert "--set dispenser.flow=0.0" in page.section("what-to-change")
     assert all(letters(line) in letters(after) for line in promised.lines)
     status, ran, _ = gantrysim_command("run", "better.toml", "--no-video", "--no-report", "--no-causes", "--out", "out")
     assert status == 0

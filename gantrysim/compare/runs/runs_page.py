@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,15 +47,20 @@ def write_runs(comparison: ComparedRuns, folder: Path) -> Path:
     Raises:
         InputError: the folder cannot be written.
     """
+    return write_sections(comparison, folder, " beside ".join(comparison.names), run_sections(comparison))
+
+
+def write_sections(comparison: ComparedRuns, folder: Path, title: str, sections: Iterable[Section]) -> Path:
+    """Write a page of sections and compare.json of a comparison into a folder; return the path of report.html.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    subtitle = f"{len(comparison.runs)} runs compared; changes are counted from {comparison.names[0]}"
     with output_folder(folder, OUTPUT) as scratch:
         content = json.dumps(comparison.summary(), indent=2, allow_nan=False)
         (scratch / SUMMARY).write_text(f"{content}\n", encoding="utf-8")
-        write_page(
-            scratch / REPORT,
-            " beside ".join(comparison.names),
-            f"{len(comparison.runs)} runs compared; changes are counted from {comparison.names[0]}",
-            list(run_sections(comparison)),
-        )
+        write_page(scratch / REPORT, title, subtitle, list(sections))
     return folder / REPORT
 
 
