@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gantrysim.bead import Bead
+from gantrysim.compare.runs.run_comparison import compare_runs
 from gantrysim.job.lines import program_lines
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
@@ -17,6 +18,7 @@ from gantrysim.report.viewer_data import ViewerData
 from gantrysim.results.run_results import RunResults
 
 from support.browser import chromium
+from support.compared import RADIUS, START, on_circle
 from support.viewer_jobs import TEXT, viewer_job
 
 FPS = 25
@@ -439,3 +441,37 @@ def repeated(data, times):
             column["jumps"] = base64.b64encode(jumps.astype("<u2").tobytes() * times).decode()
     content["rows"] = content["ticks"] = rows * times
     return json.dumps(content).replace("<", "\\u003c")
+
+
+def test_one_cursor_over_two_runs(browser, tmp_path):
+    """Values at the cursor against the closed form of both errors, by keys, click and legend."""
+    errors = {"before": (0.030, 0.010), "after": (0.010, -0.005)}
+    runs = [on_circle(*error, period) for error, period in zip(errors.values(), (0.001, 0.0016), strict=True)]
+    browser.media()
+    browser.open(compare_runs(*runs, names=list(errors)).report(tmp_path / "compared"))
+
+    def check():
+        place = float(browser.text(".readout .place").removeprefix("s = ").removesuffix(" mm"))
+        angle = (place - START) / RADIUS
+        shown = [browser.text(f'.readout output[data-name="contour.{key}"]') for key in (0, 1, "difference")]
+        numbers = [float(text.replace("−", "-").removesuffix(" µm")) for text in shown]
+        expected = [1e3 * (mean + swing * np.cos(angle)) for mean, swing in errors.values()]
+        assert numbers == pytest.approx([*expected, expected[1] - expected[0]], abs=0.1)
+        return place
+
+    worst = check()
+    assert (worst - START) / RADIUS % np.pi == pytest.approx(0.0, abs=0.02) or worst == pytest.approx(START, abs=0.1)
+    browser.run("document.querySelector('.strips').focus()")
+    browser.key("ArrowRight", shift=True)
+    assert check() != worst
+    left, top, width, height = browser.box('.strip[data-name="contour.0-all"] .u-over')
+    browser.click(left + 0.25 * width, top + 0.5 * height)
+    quarter = check()
+    assert (quarter - START) / (2 * np.pi * RADIUS) == pytest.approx(0.25, abs=0.01)
+    left, top, width, height = browser.box(".overlay .surface")
+    browser.click(left + 0.5 * width - 0.43 * height, top + 0.5 * height)  # the circle's leftmost point
+    assert (check() - START) / (2 * np.pi * RADIUS) == pytest.approx(0.5, abs=0.02)
+    browser.run("document.querySelector('[data-run=\"0\"]').click()")
+    browser.settle()
+    assert browser.run("return document.querySelector('[data-run=\"0\"]').getAttribute('aria-pressed')") == "false"
+    assert browser.messages() == []

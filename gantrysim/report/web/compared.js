@@ -24,19 +24,14 @@ export class ComparedData {
     });
   }
 
-  /** The row of the largest contour error of any run. */
+  /** The row of the largest contour error of any run, among those where all have one if there are any. */
   _worst() {
-    let worst = 0;
-    let largest = -1;
-    this.runs.forEach((run, k) => {
-      this.column[`contour.${k}`].forEach((value, row) => {
-        if (Math.abs(value) > largest) {
-          largest = Math.abs(value);
-          worst = row;
-        }
-      });
-    });
-    return worst;
+    const errors = this.runs.map((run, k) => this.column[`contour.${k}`]);
+    const largest = (row) => Math.max(...errors.map((values) => Math.abs(values[row]) || 0));
+    const all = (row) => errors.every((values) => values[row] === values[row]);
+    const rows = Array.from({ length: this.rows }, (value, row) => row);
+    const common = rows.filter(all);
+    return (common.length ? common : rows).reduce((worst, row) => (largest(row) > largest(worst) ? row : worst));
   }
 
   seriesOf(name) {
