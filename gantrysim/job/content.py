@@ -34,6 +34,7 @@ class JobContent(BaseModel):
 
     name: Annotated[str, Field(pattern=r"^[\w][\w .+-]*$")]
     machine: str = MACHINE
+    travel: dict[str, tuple[float, float]] = {}
     names: dict[str, str] = {}
     program: dict[str, Any]
     servo: ServoSettings = ServoSettings()
@@ -154,9 +155,9 @@ class JobContent(BaseModel):
         return content_digest(tomllib.loads(self.toml()))
 
     def toml(self) -> str:
-        """Return the job as TOML, with every default; a job without names or faults on purpose has no table of them."""
+        """Return the job as TOML, with every default; a job without travel, names or faults has no table of them."""
         content = self.model_dump(exclude_none=True)
-        for key in ("faults", "names"):
+        for key in ("faults", "names", "travel"):
             if not content[key]:
                 del content[key]
         return tomli_w.dumps(content, multiline_strings=True)

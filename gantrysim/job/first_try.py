@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from gantrysim.base.errors import AxisError, InputError
 from gantrysim.base.user_code import is_code
 from gantrysim.bead import BeadSettings
@@ -15,13 +13,10 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.dispenser.needle import Needle
 from gantrysim.job.content import JobContent
 from gantrysim.job.defaults import GLUE, INTEGRAL_TIME, MACHINE, MACHINES, TURNING_MACHINE, smallest_machine
+from gantrysim.job.recognition import Recognised
 from gantrysim.job.settings import has_loop_gains
 from gantrysim.machine.machine import Machine
-from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.laws import PD
-
-_DECIMALS = 4  # of a height [mm]
-_Z = 2  # column of a position
 
 
 class OpenValues(NamedTuple):
@@ -32,15 +27,21 @@ class OpenValues(NamedTuple):
         glue: whether the amount of glue is.
         integral_time: whether the servo's integral time is.
         height: whether the height of a program from a file is.
+        place: whether its place in the plane is.
+        travel: whether the travel of the machine is.
+        dialect: what a program file was recognised as by its content; None where suffix or caller decides.
     """
 
     machine: bool
     glue: bool
     integral_time: bool
     height: bool
+    place: bool
+    travel: bool
+    dialect: Recognised | None
 
     @classmethod
-    def of(cls, content: Mapping[str, Any]) -> OpenValues:
+    def of(cls, content: Mapping[str, Any], dialect: Recognised | None = None) -> OpenValues:
         """Return what the content of a job's file, with the caller's values, leaves open."""
         dispenser = content.get("dispenser", {})
         program = content.get("program", {})
@@ -52,7 +53,15 @@ class OpenValues(NamedTuple):
             glue=not any(key in dispenser for key in GLUE),
             integral_time=has_integral and "integral_time" not in servo and not has_loop_gains(servo),
             height="source" in content and "z" not in program.get("placement", {}),
+            place="source" in content and not {"x", "y"} & set(program.get("placement", {})),
+            travel="machine" not in content and "travel" not in content,
+            dialect=dialect,
         )
+
+
+def glue_changes(job: JobContent, machine: Machine) -> dict[str, Any]:
+    """Return the value that sets the amount of glue to what the needle of the job presses flat, by dotted name."""
+    return {"dispenser.area": needle_area(machine, job.dispenser.needle, job.bead)}
 
 
 def machine_of(name: str, controller: Controller) -> str:
@@ -79,44 +88,6 @@ def machine_of(name: str, controller: Controller) -> str:
         return MACHINE
 
 
-def height_changes(job: JobContent, controller: Controller) -> dict[str, Any]:
-    """Return the values that put a program's lowest glue a needle's gap above the work, by dotted name.
-
-    A program whose zero is the top of the stock, a print whose first layer lies above its bed, or a machine's own frame
-    then lays its bead on the work. A start below that height is raised to it. Only motion in plan with the dispenser on
-    counts: a plunge may begin anywhere.
-
-    Args:
-        job: on a machine of Cartesian axes; any other is left as it is, and so is the user's own controller.
-        controller: with its program; one that the controller refuses is left, and the run reports it.
-    """
-    if is_code(job.program["controller"]) or job.machine not in MACHINES or not hasattr(controller, "placement"):
-        return {}
-    try:
-        lowest = _lowest_glue(controller.setpoints(job.servo.period)) if "z" in controller.axes else 0.0
-    except InputError:
-        return {}
-    rise = round(-lowest, _DECIMALS)
-    if rise == 0:
-        return {}
-    changes: dict[str, Any] = {"program.placement.z": rise}
-    start = getattr(controller, "start", None)
-    if start is not None and len(start) > _Z and controller.placement.scale * start[_Z] < lowest:
-        below = lowest / controller.placement.scale
-        changes["program.start"] = [*start[:_Z], below, *start[_Z + 1 :]]
-    return changes
-
-
-def _lowest_glue(setpoints: Setpoints) -> float:
-    """Return the lowest height at which the nozzle moves in plan with the dispenser on; 0 where it never does [mm]."""
-    x, y, z = (setpoints.position[:, setpoints.axes.index(axis)] for axis in "xyz")
-    moves = (np.diff(x) != 0) | (np.diff(y) != 0)
-    along = moves & setpoints.dispense[:-1]
-    if not along.any():
-        return 0.0
-    return float(min(z[:-1][along].min(), z[1:][along].min()))
-
-
 def needle_area(machine: Machine, needle: Needle | None, bead: BeadSettings) -> float:
     """Return the largest cross-section of a bead that the needle's face presses flat, to three digits [mm²].
 
@@ -134,8 +105,14 @@ def needle_area(machine: Machine, needle: Needle | None, bead: BeadSettings) -> 
 def choice_note(open_values: OpenValues, job: JobContent, controller: Controller) -> str:
     """Return one sentence on what was chosen, and how to choose otherwise; empty where nothing was."""
     parts = []
+    if open_values.dialect is not None:
+        controller_name, reason = open_values.dialect
+        parts.append(f"read by {controller_name}, as {reason} (--controller NAME)")
     if open_values.machine:
         parts.append(f"machine {job.machine}, the smallest for this program (--machine NAME)")
+    if open_values.travel and job.travel:
+        ways = ", ".join(f"{axis} {low:g} to {high:g} mm" for axis, (low, high) in job.travel.items())
+        parts.append(f"its travel made {ways}, as large as the program, with the same masses and stiffness")
     if open_values.glue:
         area = job.dispenser.area
         parts.append(
@@ -146,7 +123,14 @@ def choice_note(open_values: OpenValues, job: JobContent, controller: Controller
         parts.append(
             f"integral time {INTEGRAL_TIME:g} s, as in the built-in jobs (--set servo.integral_time=inf for none)"
         )
-    rise = job.program.get("placement", {}).get("z", 0.0)
+    placement = job.program.get("placement", {})
+    shift = [placement.get(axis, 0.0) for axis in "xy"]
+    if open_values.place and any(shift):
+        parts.append(
+            f"program shifted by x {shift[0]:g}, y {shift[1]:g} mm, to the middle of the travel (--at 0,0 for its own "
+            "place)"
+        )
+    rise = placement.get("z", 0.0)
     if open_values.height and rise:
         parts.append(
             f"program {'raised' if rise > 0 else 'lowered'} by {abs(rise):g} mm, so that its lowest bead lies on the "

@@ -17,15 +17,17 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.engine.simulation import Simulation
 from gantrysim.job.content import JobContent
-from gantrysim.job.first_try import OpenValues, choice_note, height_changes, machine_of, needle_area
+from gantrysim.job.first_try import OpenValues, choice_note, glue_changes, machine_of
 from gantrysim.job.fitting import check_fit, check_servo_file
 from gantrysim.job.margins import check_stability, margin_notes, servo_reason
 from gantrysim.job.plan import Plan, plan_of
+from gantrysim.job.program_place import moved, place_changes
 from gantrysim.job.programs import build
 from gantrysim.job.reading import Request, read_with_overrides
 from gantrysim.job.user_controller import checked_setpoints
 from gantrysim.machine.checks import notes as machine_notes
 from gantrysim.machine.machine import Machine
+from gantrysim.machine.travel import travel_edit
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.servo import Servo
@@ -39,6 +41,7 @@ class Job(JobContent):
         name: letters, digits, spaces and any of _ . + -
         machine: name of a built-in machine, or path of an MJCF file or of a machine's table in TOML, relative to the
             folder of the job file; a file without it runs on the smallest built-in one with its program's axes.
+        travel: of axes of the machine in place of its own, as in {x = [-20, 620]}; masses and stiffness stay [mm, deg].
         names: of a machine whose MJCF bears others, as in {nozzle = "tip", x = "motor_x"}: see `Machine`.
         program: name of the controller as `controller`, one of `PROGRAMS` or the user's own class as "module:Class" or
             "path/to/file.py:Class", and its arguments.
@@ -93,7 +96,7 @@ class Job(JobContent):
         loaded = cls.of_content(read.content, read.label)
         if speed is not None:
             loaded = loaded.at_speed(speed)
-        chosen = loaded._with_choices(OpenValues.of(read.content))
+        chosen = loaded._with_choices(OpenValues.of(read.content, read.dialect))
         if table is not None:
             check_servo_file(table, chosen.servo, chosen.built_machine)
         return chosen
@@ -112,11 +115,11 @@ class Job(JobContent):
             with self._located():
                 job = job.changed({"machine": machine_of(name, job.controller)}).sharing(job)
         if open_values.glue:
-            area = needle_area(job.built_machine, job.dispenser.needle, job.bead)
-            job = job.changed({"dispenser.area": area}).sharing(job)
-        if open_values.height:
-            job = job.changed(height_changes(job, job.controller)).sharing(job)
-        note = choice_note(open_values, job, job.controller) if any(open_values) else ""
+            job = job.changed(glue_changes(job, job.built_machine)).sharing(job)
+        if open_values.height or open_values.place:
+            changes = place_changes(job, job.built_machine, job.controller, open_values)
+            job = job.changed(changes).sharing(job)
+        note = choice_note(open_values, job, job.controller)
         return job.with_choice(note) if note else job
 
     def at_speed(self, speed: float) -> Job:
@@ -151,10 +154,12 @@ class Job(JobContent):
     def sharing(self, other: Job) -> Job:
         """Return the job with the machine and controller built for `other`, each where both jobs have the same."""
         built: dict[str, Any] = {}
-        if (self.machine, self.names, self.geometry) == (other.machine, other.names, other.geometry):
+        if all(getattr(self, key) == getattr(other, key) for key in ("machine", "names", "travel", "geometry")):
             built["built_machine"] = other.built_machine
         if self.program == other.program:
             built["controller"] = other.controller
+        elif {**self.program, "placement": None} == {**other.program, "placement": None}:
+            built["controller"] = moved(other.controller, self.controller)
         return self.model_copy(update=built)
 
     def __deepcopy__(self, memo: dict[int, Any] | None = None) -> Job:
@@ -183,6 +188,8 @@ class Job(JobContent):
     def built_machine(self) -> Machine:
         """The compiled machine."""
         machine = Machine(self.machine, self.names)
+        if self.travel:
+            machine = machine.edited(travel_edit(machine.plain_axes, self.travel))
         return machine if self.geometry is None else machine.with_geometry(self.geometry)
 
     @cached_property
@@ -261,14 +268,7 @@ class Job(JobContent):
         """
         with self._located():
             self.check_fit()
-            controller = self.controller
-            return plan_of(
-                self.built_machine,
-                self.program["controller"],
-                self.setpoints,
-                controller.requested.length,
-                controller.duration,
-            )
+            return plan_of(self.built_machine, self.program["controller"], self.setpoints, self.controller)
 
     def check_fit(self) -> None:
         """Raise InputError unless frame and geometry of program and machine agree; and `check_faults`."""

@@ -26,7 +26,7 @@ class Key(NamedTuple):
 def sections() -> dict[str, list[Key]]:
     """Return the keys by the headings of their tables: the job, those of every job, and those of each controller."""
     defaults = {"name": "required", "machine": "by the program", "program": "required"}
-    defaults |= dict.fromkeys(("faults", "geometry", "names", "tolerance"), "none")
+    defaults |= dict.fromkeys(("faults", "geometry", "names", "tolerance", "travel"), "none")
     meanings = described(Job)
     by_heading = {
         "The job": [Key(name, defaults.get(name, "table"), meanings[name]) for name in Job.model_fields],

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from gantrysim.base.errors import InputError, expanded, unknown
 from gantrysim.base.files import check_whole
@@ -17,7 +17,25 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.job.code import CONTROLLER, absolute_value
 from gantrysim.job.overrides import LIST_OF_KEYS
 from gantrysim.job.programs import program_class, reader, suffixes
+from gantrysim.job.recognition import LINUXCNC, SHARED_SUFFIXES, Recognised, is_gcode, recognised
 from gantrysim.job.settings import ServoSettings
+from gantrysim.job.subprogram_files import subprogram_files
+
+
+class JobSource(NamedTuple):
+    """The content of a job's file.
+
+    Attributes:
+        content: values by section.
+        folder: from which its relative paths start.
+        label: of the job in messages.
+        dialect: what its program file was recognised as, by its content; None where suffix or caller decides.
+    """
+
+    content: dict[str, Any]
+    folder: Path
+    label: str
+    dialect: Recognised | None = None
 
 
 def builtin_jobs() -> list[str]:
@@ -30,12 +48,13 @@ def job_text(name: str) -> str:
     return (files("gantrysim.jobs") / f"{name}.toml").read_text(encoding="utf-8")
 
 
-def read_job(job: str, controller: str | None = None, *, allow_code: bool = False) -> tuple[dict[str, Any], Path, str]:
-    """Return the content of a job, the folder that its relative paths start from, and how messages name it.
+def read_job(job: str, controller: str | None = None, *, allow_code: bool = False) -> JobSource:
+    """Return the content of a job.
 
     Args:
         job: name of a built-in job, path of a TOML file, or path of a program file.
-        controller: that reads the program file, by default the one of the file's suffix.
+        controller: that reads the program file, by default the one of the file's suffix; G-code in a file whose suffix
+            several controls share is recognised by its content.
         allow_code: whether a controller of the user's own that the job names may be imported; one that `controller`
             names always may.
 
@@ -43,34 +62,64 @@ def read_job(job: str, controller: str | None = None, *, allow_code: bool = Fals
         InputError: an unknown job, a file that cannot be read, or one that no controller reads.
     """
     if job in builtin_jobs():
-        content = tomllib.loads(job_text(job))
-        folder = Path()
-    else:
-        path = expanded(job)
-        if not path.exists():
-            check_whole(path.parent, f"job {job}")
-        if not path.exists():
-            raise unknown("job", job, builtin_jobs())
-        if controller is not None:
-            controller = absolute_code(controller, Path())
-        if path.suffix.lower() in suffixes() or (controller is not None and path.suffix.lower() != ".toml"):
-            name = re.sub(r"[^\w .+-]", "_", path.stem) or "program"
-            table = _program({"file": path.name}, path.parent, controller, allow_code=allow_code)
-            return {"name": name, **table}, path.parent, job
-        content = read_toml(path, f"job {job}")
-        folder = path.parent
+        return JobSource(tomllib.loads(job_text(job)), Path(), f"job {job}")
+    path = expanded(job)
+    if not path.exists():
+        check_whole(path.parent, f"job {job}")
+    if not path.exists():
+        raise unknown("job", job, builtin_jobs())
+    if controller is not None:
+        controller = absolute_code(controller, Path())
+    if _is_program(path, controller):
+        name = re.sub(r"[^\w .+-]", "_", path.stem) or "program"
+        table, dialect = _program({"file": path.name}, path.parent, controller, allow_code=allow_code)
+        return JobSource({"name": name, **table}, path.parent, job, dialect)
+    content = read_toml(path, f"job {job}")
+    folder = path.parent
+    dialect = None
     program = content.get("program")
     if isinstance(program, dict) and "controller" in program:
         program["controller"] = absolute_value(CONTROLLER, program["controller"], folder)
     if isinstance(program, dict) and "file" in program:
-        content |= _program(program, folder, controller, allow_code=allow_code)
+        table, dialect = _program(program, folder, controller, allow_code=allow_code)
+        content |= table
     elif controller is not None:
         raise InputError(f"--controller {controller}: job {job} has a program of its own; it is for program files")
-    return content, folder, f"job {job}"
+    return JobSource(content, folder, f"job {job}", dialect)
 
 
-def _program(table: Mapping[str, Any], folder: Path, controller: str | None, *, allow_code: bool) -> dict[str, Any]:
-    """Return the program's table with the text of its file, and the file's name for messages."""
+def _is_program(path: Path, controller: str | None) -> bool:
+    """Return whether a file is a program and not a job in TOML.
+
+    Raises:
+        InputError: a file that is neither.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".toml":
+        return False
+    if suffix in suffixes() or controller is not None:
+        return True
+    try:
+        text = read_text(path, errors="replace")
+    except OSError:
+        return False  # read again as a job, which raises with its label
+    if is_gcode(text):
+        return True
+    try:
+        tomllib.loads(text)
+    except (ValueError, RecursionError):
+        if suffix:
+            raise InputError(
+                f"{path}: is neither a job in TOML nor G-code, and {suffix} is no suffix of a program file: "
+                f"{', '.join(suffixes())}; --controller NAME reads it as a program"
+            ) from None
+    return False
+
+
+def _program(
+    table: Mapping[str, Any], folder: Path, controller: str | None, *, allow_code: bool
+) -> tuple[dict[str, Any], Recognised | None]:
+    """Return the program's table with the text of its file, and the file's name for messages; and its dialect."""
     file = table["file"]
     if not isinstance(file, str):
         raise InputError(f"program.file = {file!r:.60}: must be the path of a program file")
@@ -81,14 +130,24 @@ def _program(table: Mapping[str, Any], folder: Path, controller: str | None, *, 
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     arguments = {key: value for key, value in table.items() if key != "file"}
+    dialect = None
     if is_code(named) and controller is None and not allow_code:
         name = named
         text_argument = Controller.text_argument  # the class may have another, but must not be looked at
     else:
-        name = reader(path.suffix, named)
+        suffix = path.suffix.lower()
+        if named is None and (suffix in SHARED_SUFFIXES or suffix not in suffixes()) and is_gcode(text):
+            dialect = recognised(text)
+        name = reader(path.suffix, named) if dialect is None else dialect.controller
         text_argument = program_class(name).text_argument
+        if dialect is not None and suffix in suffixes() and name == reader(suffix):
+            dialect = None  # as the suffix has it
+    if name == LINUXCNC and "subprograms" not in arguments:
+        beside = subprogram_files(text, path.parent)
+        if beside:
+            arguments["subprograms"] = beside
     shown = file.encode("utf-8", "surrogateescape").decode("utf-8", "replace")  # a name need not be text
-    return {"program": {**arguments, "controller": name, text_argument: text}, "source": shown}
+    return {"program": {**arguments, "controller": name, text_argument: text}, "source": shown}, dialect
 
 
 def servo_table(file: Path) -> dict[str, Any]:

@@ -136,7 +136,7 @@ def known_keys(content: Content, *, allow_code: bool = False) -> list[str]:
     Raises:
         InputError: the controller cannot be imported.
     """
-    known = ["name", "machine", "names", CONTROLLER, "faults"]
+    known = ["name", "machine", "travel", "names", CONTROLLER, "faults"]
     for section, kind in TABLES.items():
         known += [f"{section}.{name}" for name in getattr(kind, "model_fields", None) or dotted(kind)]
     faults = content.get("faults", [])

@@ -8,6 +8,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats, dot
 from gantrysim.base.memory import needed_files, needed_memory
+from gantrysim.controllers.controller import Controller
 from gantrysim.engine.positions import axis_positions
 from gantrysim.machine.machine import Machine
 from gantrysim.record.setpoints import Setpoints
@@ -61,8 +62,14 @@ class Plan:
     units: dict[str, str]
 
 
-def plan_of(machine: Machine, controller: str, setpoints: Setpoints, length: float, duration: float) -> Plan:
+def plan_of(machine: Machine, name: str, setpoints: Setpoints, controller: Controller) -> Plan:
     """Return what setpoints command.
+
+    Args:
+        machine: that runs them.
+        name: of the motion controller.
+        setpoints: of the run.
+        controller: with its program.
 
     Raises:
         InputError: an unknown axis, a position outside the travel, or a speed above the limit.
@@ -75,11 +82,11 @@ def plan_of(machine: Machine, controller: str, setpoints: Setpoints, length: flo
     axes = list(enumerate(machine.axes))
     return Plan(
         machine=machine.name,
-        controller=controller,
-        length=length,
+        controller=name,
+        length=controller.requested.length,
         way=float(ways.sum()),
         glue=float(ways[setpoints.dispense[:-1]].sum()),
-        duration=duration,
+        duration=controller.duration,
         ticks=setpoints.run_ticks,
         period=setpoints.period,
         memory=needed_memory(setpoints.run_ticks),

@@ -10,6 +10,7 @@ from gantrysim.base.errors import InputError, expanded
 from gantrysim.job.code import absolute_value, is_trusted, named_code, refusal
 from gantrysim.job.loading import read_job, servo_table
 from gantrysim.job.overrides import absolute_machine, known_keys, override, place
+from gantrysim.job.recognition import Recognised
 
 
 class Request(NamedTuple):
@@ -31,11 +32,13 @@ class Reading(NamedTuple):
         content: values by section, paths of files made absolute.
         label: of the job in messages.
         refusal: why the code that it names may not run unless the caller allows it; empty where it may.
+        dialect: what its program file was recognised as, by its content; None where suffix or caller decides.
     """
 
     content: dict[str, Any]
     label: str
     refusal: str
+    dialect: Recognised | None = None
 
 
 class _Author(NamedTuple):
@@ -61,7 +64,7 @@ def read_with_overrides(request: Request) -> Reading:
     job = request.job
     file = expanded(job)
     allow_code = request.allow_code or is_trusted(file)
-    content, folder, label = read_job(job, request.controller, allow_code=allow_code)
+    content, folder, label, dialect = read_job(job, request.controller, allow_code=allow_code)
     for section in ("program", "servo", "dispenser", "bead", "simulation", "geometry"):
         if not isinstance(content.get(section, {}), dict):
             raise InputError(f"job {job}: {section} = {content[section]!r:.60}: must be a table, [{section}]")
@@ -84,7 +87,7 @@ def read_with_overrides(request: Request) -> Reading:
         content["machine"] = absolute_machine(request.machine, Path())
     elif isinstance(content.get("machine"), str):
         content["machine"] = absolute_machine(content["machine"], folder)
-    return Reading(content, label, _refusal(content, authors))
+    return Reading(content, label, _refusal(content, authors), dialect)
 
 
 def _make_law_absolute(content: dict[str, Any], folder: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -20,7 +20,7 @@ from gantrysim.controllers.gcode.lifting import lifted
 from gantrysim.controllers.gcode.move_table import END, FEED, FLOW, GLUE, KIND, LINE
 from gantrysim.controllers.gcode.o_words import ProgramText
 from gantrysim.controllers.gcode.planned import PathPlan, PlanSettings, plan
-from gantrysim.controllers.gcode.program_state import ProgramSetup
+from gantrysim.controllers.gcode.program_state import UNSTATED_FEED, ProgramSetup
 from gantrysim.controllers.placement import Placement
 from gantrysim.paths.track import Track
 from gantrysim.record.setpoints import Setpoints, ticks
@@ -107,6 +107,12 @@ class GCode(Controller):
         )
         return interpret(text, self.start, setup)
 
+    def moved_to(self, placement: Placement) -> GCode:
+        """Return the program at another place on the work; its text is not read again."""
+        elsewhere = replace(self, placement=placement)
+        elsewhere.__dict__["program"] = self.program
+        return elsewhere
+
     def with_lift(self, height: float) -> dict[str, Any] | None:
         text = lifted(self.text, self.dispense, self.start[2], height)
         return None if text is None else {"text": text}
@@ -178,6 +184,10 @@ class GCode(Controller):
     def notes(self) -> tuple[str, ...]:
         """What was ignored, where the path slows down, and how much material E feeds."""
         notes = []
+        if self.program.without_feed:
+            notes.append(
+                f"{self.program.without_feed} moves before the first F run at {UNSTATED_FEED / PER_MINUTE:g} mm/s."
+            )
         if self.program.ignored:
             words = ", ".join(f"{word} ({count})" for word, count in sorted(self.program.ignored.items()))
             notes.append(f"Words without an effect on the path: {words}.")

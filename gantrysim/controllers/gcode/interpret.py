@@ -22,11 +22,13 @@ class Interpreted:
         start: initial position [mm].
         moves: rows of `MoveTable`, (m, WIDTH).
         ignored: words without an effect on the path, and how often they were met.
+        without_feed: moves at a feed that the program has not stated.
     """
 
     start: tuple[float, float, float]
     moves: Floats
     ignored: Counter[str]
+    without_feed: int = 0
 
 
 def interpret(program: ProgramText, start: tuple[float, float, float], setup: ProgramSetup) -> Interpreted:
@@ -60,4 +62,4 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
         raise kind(f"{flow.where}: {error}") from None
     except OverflowError:
         raise InputError(f"{flow.where}: a number is too large") from None
-    return Interpreted(start, moves.table, state.ignored)
+    return Interpreted(start, moves.table, state.ignored, state.without_feed)

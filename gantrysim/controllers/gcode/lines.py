@@ -22,6 +22,10 @@ _PLAIN = re.compile(r"(?:[A-Z][-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+))+")
 _LABEL = re.compile(r"O(<[^<>]*>|[0-9]+)")
 _COMMAND = re.compile(r"[A-Z_][A-Z_]+[A-Z0-9_]*")
 _MESSAGE = re.compile(r"(?:N[0-9]+)?M[0-9]+")
+_FLAGS = re.compile(r"(?!(?:N[0-9]+)?G0*[0-3](?![0-9.]))(?:[A-Z](?:[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+))?)+")
+_BARE_LETTER = re.compile(r"[A-Z](?![-+.0-9])")
+# commands to a sender or to grbl: $H, $X, $30=1000, ?, !, ~; elsewhere $ and a number are a word of a spindle
+_SENDER = re.compile(r"\$(?:[A-Z$#]|[0-9]+=|$)|[?!~]")
 
 
 class FirmwareCommand(NamedTuple):
@@ -87,20 +91,35 @@ def compact(line: str) -> str:
     return "".join(line.split()).upper()
 
 
+def sender_command(text: str) -> FirmwareCommand | None:
+    """Return a line that is for a sender or for grbl's settings, which does not move; None for any other line."""
+    return FirmwareCommand(text[:2], text[2:]) if _SENDER.match(text) else None
+
+
 def read_firmware(line: str) -> str | FirmwareCommand:
     """Return a line as printers' firmware reads it: a command with a name, or compact as `compact` does.
 
-    Messages and checksums do not count. Parentheses are text, as in the message of M117, not comments.
+    Messages and checksums do not count, nor do letters without a number, as the axes of G28 X Y. Comments are in
+    parentheses or follow a semicolon; one that is not closed ends with its line.
     """
-    text = line.split(";", 1)[0].strip().upper()
+    text = _COMMENT.sub("", line).strip().upper()
     if len(text) > LONGEST:
         raise InputError(f"line of {len(text)} characters: must be at most {LONGEST}")
+    command = sender_command(text)
+    if command is not None:
+        return command
     name = _COMMAND.match(text)
     if name:
         return FirmwareCommand(name[0], text[name.end() :].strip())
+    if "(" in text or ")" in text:
+        text = text.split("(", 1)[0].replace(")", "")
     plain = "".join(text.split("*", 1)[0].split())
+    if _PLAIN.fullmatch(plain):
+        return plain
     message = _MESSAGE.match(plain)
-    return message[0] if message and not _PLAIN.fullmatch(plain) else plain
+    if message:
+        return message[0]
+    return _BARE_LETTER.sub("", plain) if _FLAGS.fullmatch(plain) else plain
 
 
 def plain_words(text: str) -> Words | None:

@@ -14,6 +14,7 @@ from gantrysim.controllers.gcode.lines import (
     compact,
     plain_words,
     read_firmware,
+    sender_command,
     statement,
 )
 from gantrysim.controllers.gcode.subprograms import NUMBERING, ProgramLines, ProgramText
@@ -72,6 +73,9 @@ class ProgramFlow(ProgramLines):
             text = text[1:]
         if not text:
             return self.following, None
+        command = sender_command(text)
+        if command is not None:
+            return self.following, command
         if text[0] == "%":
             # the second delimiter ends the program; files of subprograms have their own
             ends = self._delimited and self.place < self.main_lines

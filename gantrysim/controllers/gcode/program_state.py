@@ -12,6 +12,7 @@ from gantrysim.controllers.gcode.dialects import Dispense, GCodeDialect
 from gantrysim.controllers.gcode.move_table import DWELL, EXACT_STOP, LINE, MoveRow, MoveTable
 
 FARTHEST = 1e7  # of a coordinate [mm]
+UNSTATED_FEED = 1500.0  # of printers' firmware before the first F, Klipper's [mm/min]
 _LOWEST_FEED = 1e-9  # by inverse time, of a move without length [mm/s]
 
 
@@ -114,6 +115,7 @@ class ProgramState:
         line: of the program's text, from 1.
         depth: of the calls of subroutines.
         ignored: words without an effect on the path, and how often they were met.
+        without_feed: moves of printers' firmware before the first F.
     """
 
     def __init__(self, moves: MoveTable, setup: ProgramSetup) -> None:
@@ -131,12 +133,16 @@ class ProgramState:
         self.line = 0
         self.depth = 0
         self.ignored: Counter[str] = Counter()
+        self.without_feed = 0
         self._saved: dict[int, _Saved] = {}  # by the depth of calls
         self._restored: set[int] = set()  # depths at whose end the saved modes come back
 
     def feed_at(self, length: float) -> float:
         """Return the path speed of a move at feed, of a length [mm], in mm/s."""
         modes = self.modes
+        if modes.feed <= 0 and self.dialect.extrudes:
+            self.without_feed += 1
+            return UNSTATED_FEED / 60
         if modes.feed <= 0:
             raise InputError("a motion at feed must have an F above 0, in its block or before")
         if modes.feed_mode == "G93":  # F is the inverse of the move's time [1/min]

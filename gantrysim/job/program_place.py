@@ -1,0 +1,160 @@
+"""Where a program from a file lies on a machine that nobody named: its height, its place in the plane, the travel."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
+from gantrysim.base.user_code import is_code
+from gantrysim.controllers.controller import Controller
+from gantrysim.job.content import JobContent
+from gantrysim.job.defaults import MACHINES
+from gantrysim.machine.machine import Machine
+from gantrysim.record.setpoints import Setpoints
+
+_DECIMALS = 4  # of a height [mm]
+_Z = 2  # column of a position
+_ROOM = 0.5  # left at both ends of a travel where a program is moved to its middle [mm]
+# steps of a travel that is made for a program, and room at its ends, in which an axis may overshoot [mm]
+_STEP = 10.0
+_OVERSHOOT = 5.0
+
+
+class OpenPlace(Protocol):
+    """Which values of a program's place nobody gave."""
+
+    @property
+    def height(self) -> bool:
+        """Its height."""
+
+    @property
+    def place(self) -> bool:
+        """Its place in the plane."""
+
+    @property
+    def travel(self) -> bool:
+        """The travel of the machine."""
+
+
+class _Heights(NamedTuple):
+    """Lowest heights of the nozzle with the dispenser on, and of the nozzle at all [mm].
+
+    Attributes:
+        bead: while it moves in plan; inf where it never does.
+        glue: at any time; inf where the dispenser is never on.
+        tip: with the dispenser on or off.
+    """
+
+    bead: float
+    glue: float
+    tip: float
+
+
+def moved(controller: Controller, elsewhere: Controller) -> Controller:
+    """Return a controller at another place on the work; one that can be moved keeps what it has read of its program."""
+    move = getattr(controller, "moved_to", None)
+    if move is None:
+        return elsewhere
+    placed: Controller = move(elsewhere.placement)  # type: ignore[attr-defined]  # which those that can move have
+    return placed
+
+
+def place_changes(job: JobContent, machine: Machine, controller: Controller, open_place: OpenPlace) -> dict[str, Any]:
+    """Return the values with which a program fits its machine, by dotted name.
+
+    Its lowest bead lies a needle's gap above the work: a program whose zero is the top of the stock, a print whose
+    first layer lies above its bed, or a machine's own frame then lays its bead on the work. A plunge may begin
+    anywhere, but where the travel ends above the lowest point of the dispenser, that point lies on the work. A start
+    below is raised to it. A program that leaves the travel in the plane is moved to its middle; where it is larger, or
+    higher, the machine gets the travel that it needs.
+
+    Args:
+        job: on a machine of Cartesian axes; any other is left as it is, and so is the user's own controller.
+        machine: of the job.
+        controller: with its program; one that the controller refuses is left, and the run reports it.
+        open_place: what nobody gave.
+    """
+    if is_code(job.program["controller"]) or job.machine not in MACHINES or not hasattr(controller, "placement"):
+        return {}
+    try:
+        setpoints = controller.setpoints(job.servo.period)
+    except InputError:
+        return {}
+    travel = {axis.name: axis.travel for axis in machine.plain_axes}
+    box = {name: (float(p.min()), float(p.max())) for name, p in zip(setpoints.axes, setpoints.position.T, strict=True)}
+    changes: dict[str, Any] = {}
+    if open_place.height and "z" in box:
+        rise = _rise(_heights(setpoints), travel["z"][0])
+        if rise:
+            changes = _raised(controller, rise)
+        box["z"] = (box["z"][0] + rise, box["z"][1] + rise)
+    shift = _shift(box, travel) if open_place.place else {}
+    changes |= {f"program.placement.{axis}": value for axis, value in shift.items()}
+    if not open_place.travel:
+        return changes
+    box |= {axis: (box[axis][0] + value, box[axis][1] + value) for axis, value in shift.items()}
+    movable = ("x", "y") * open_place.place + ("z",) * open_place.height
+    outside = [a for a in movable if a in box and not travel[a][0] <= box[a][0] <= box[a][1] <= travel[a][1]]
+    if outside:
+        changes["travel"] = {axis: _wide(box[axis], travel[axis]) for axis in outside}
+    return changes
+
+
+def _heights(setpoints: Setpoints) -> _Heights:
+    columns = [setpoints.position[:, setpoints.axes.index(axis)] if axis in setpoints.axes else None for axis in "xy"]
+    z = setpoints.position[:, setpoints.axes.index("z")]
+    moves = np.zeros(len(z) - 1, bool)
+    for column in columns:
+        if column is not None:
+            moves |= np.diff(column) != 0
+    on = setpoints.dispense[:-1]
+    lower = np.minimum(z[:-1], z[1:])
+    return _Heights(_least(lower[moves & on]), _least(lower[on]), _least(z))
+
+
+def _least(values: Floats) -> float:
+    return float(values.min(initial=math.inf))
+
+
+def _rise(heights: _Heights, lowest_travel: float) -> float:
+    """Return by how much a program is raised [mm]."""
+    if math.isinf(heights.glue):
+        return 0.0
+    bead = heights.glue if math.isinf(heights.bead) else heights.bead
+    if heights.tip - bead < lowest_travel:
+        bead = min(bead, heights.glue)
+    return round(-bead, _DECIMALS) + 0.0
+
+
+def _raised(controller: Controller, rise: float) -> dict[str, Any]:
+    """Return the changes that raise a program; a start below its lowest bead is raised to that."""
+    changes: dict[str, Any] = {"program.placement.z": rise}
+    start = getattr(controller, "start", None)
+    scale = controller.placement.scale  # type: ignore[attr-defined]  # of those that can be placed
+    if start is not None and len(start) > _Z and scale * start[_Z] < -rise:
+        changes["program.start"] = [*start[:_Z], -rise / scale, *start[_Z + 1 :]]
+    return changes
+
+
+def _shift(box: dict[str, tuple[float, float]], travel: dict[str, tuple[float, float]]) -> dict[str, float]:
+    """Return the shift to the middle of the travel; none where a program lies within it, or is larger."""
+    axes = [axis for axis in "xy" if axis in box]
+    if all(travel[axis][0] <= box[axis][0] and box[axis][1] <= travel[axis][1] for axis in axes):
+        return {}
+    if any(np.ptp(box[axis]) > np.ptp(travel[axis]) - 4 * _ROOM for axis in axes):
+        return {}
+    return {axis: float(round(0.5 * (sum(travel[axis]) - sum(box[axis])))) for axis in axes}
+
+
+def _wide(extent: tuple[float, float], travel: tuple[float, float]) -> tuple[float, float]:
+    """Return a travel that a program's extent needs, no smaller than the machine's [mm]."""
+    low, high = travel
+    if extent[0] < low:
+        low = math.floor((extent[0] - _OVERSHOOT) / _STEP) * _STEP
+    if extent[1] > high:
+        high = math.ceil((extent[1] + _OVERSHOOT) / _STEP) * _STEP
+    return low, high

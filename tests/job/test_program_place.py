@@ -1,0 +1,82 @@
+"""A program file as it is: its dialect by its content, its subprograms beside it, its place on an open machine."""
+
+import pytest
+
+from gantrysim import InputError, Job
+from gantrysim.job.recognition import is_gcode, recognised
+
+PLAIN = "G21 G90\nG0 X10 Y5\nG1 X30 F600\nM2\n"
+DIALECTS = {
+    "linuxcnc.Program": (PLAIN, "$H\n$30=1000\n?\n(laser)\n" + PLAIN, "o100 while [#1 LT 3]\nG1 X#1 F100\n"),
+    "slicer.Program": ("G28\nG1 X10 E0.5 F1200\nG1 Y10 E1\n", "M82\nG1 X3 F100\nG1 Y4\n", "G92 E0\nG1 X2\nG1 X3\n"),
+    "fanuc.Program": ("%\nO1000\nG01 X5 F60\n%\n", "#1=0\nWHILE[#1LT3]DO1\nG01X#1F60\n#1=#1+1\nEND1\n", "O1(pad)\nG0X1\n"),
+}
+
+
+def file_of(folder, text, name="part.ngc"):
+    file = folder / name
+    file.write_text(text)
+    return file
+
+
+@pytest.mark.parametrize("controller", DIALECTS)
+def test_the_dialect_is_that_of_the_content(controller, tmp_path):
+    for text in DIALECTS[controller]:
+        assert is_gcode(text)
+        assert recognised(text).controller == controller
+    job = Job.load(file_of(tmp_path, DIALECTS[controller][0], "part.txt"))
+    assert job.program["controller"] == controller
+    assert f"read by {controller}, as it" in job.notes[0]
+    job.plan()
+
+
+def test_a_file_that_is_neither_a_program_nor_a_job(tmp_path):
+    file = file_of(tmp_path, "Dear reader,\nthis is a letter.\n", "letter.txt")
+    with pytest.raises(InputError, match=r"is neither a job in TOML nor G-code, and \.txt is no suffix"):
+        Job.load(file)
+    assert not is_gcode("name = 'x'\n[program]\ncontroller = 'trio.Basic'\n")
+
+
+def test_lines_of_senders_and_comments_in_a_printers_file(tmp_path):
+    text = "(by hand (twice)\n$X\nG28 X Y\nG0 X25 (no F yet)\nG1 X35 E1 F600\nG1 X45 E2 ; end\n"
+    job = Job.load(file_of(tmp_path, text, "part.gcode"), ["acceleration=1e6", "machine=xy"])
+    # 25 mm at Klipper's 25 mm/s before the first F, then 20 mm at 10 mm/s
+    assert job.controller.duration == pytest.approx(1.0 + 2.0, rel=1e-3)
+    assert any("1 moves before the first F run at 25 mm/s" in note for note in job.notes)
+
+
+def test_subprograms_in_files_beside_the_program(tmp_path):
+    file_of(tmp_path, "o<leg> sub\nG91 G1 X#1 F600\no<turn> call\no<leg> endsub\nM2\n", "leg.ngc")
+    file_of(tmp_path, "o<turn> sub\nG91 G1 Y7\nG90\no<turn> endsub\nM2\n", "turn.ngc")
+    job = Job.load(file_of(tmp_path, "G21 G61\no<leg> call [12]\nM2\n"))
+    assert job.controller.requested.position(19.0)[0] == pytest.approx([12, 7, 0])
+    assert sorted(job.program["subprograms"]) == ["leg", "turn"]
+    with pytest.raises(InputError, match=r"unknown subprogram '\.\./leg'"):
+        Job.load(file_of(tmp_path, "o<../leg> call\nM2\n")).plan()
+
+
+@pytest.mark.parametrize(
+    ("low", "size", "height", "choice"),
+    [(-150, 300, 0, ""), (20, 200, -60, "shifted"), (-400, 250, 3, "travel"), (0, 1000, 90, "travel")],
+)
+def test_any_extent_has_a_machine_where_none_is_named(low, size, height, choice, tmp_path):
+    text = f"G21 G90 G61 F6000\nG0 X{low} Z{height + 5}\nG1 Z{height}\nG1 X{low + size}\nM2\n"
+    job = Job.load(file_of(tmp_path, text))
+    x = job.setpoints.position[:, 0]
+    travel = job.built_machine.plain_axes[0].travel
+    assert travel[0] <= x.min() <= x.max() <= travel[1]
+    assert ("program shifted by" in job.notes[0]) == (choice == "shifted")
+    assert ("its travel made" in job.notes[0]) == (choice == "travel")
+    assert job.setpoints.position[-1, 2] == pytest.approx(0, abs=1e-3)
+    assert job.built_machine.physics.jnt_range.max() >= x.max() / 1000  # also of the machine that is stepped
+
+
+def test_what_is_placed_or_named_is_refused_outside_the_travel(tmp_path):
+    file = file_of(tmp_path, PLAIN.replace("X30", "X300"))
+    for given_values in ({"machine": "xy"}, {"placement": {"x": 0.0, "y": 0.0}}):
+        with pytest.raises(InputError, match="must lie in the travel -150 to 150 mm"):
+            Job.load(file, **given_values).plan()
+    job = Job.load(file, ["machine=xy", "travel={x=[-5, 305]}"])
+    assert job.plan().travel["x"].bounds == (-5, 305)
+    with pytest.raises(InputError, match=r"travel\.x = 5 to 1 mm: must be ascending"):
+        Job.load(file, ["machine=xy", "travel={x=[5, 1]}"]).plan()
