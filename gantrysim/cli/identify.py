@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def identify(
     log: Annotated[
-        Path | None, typer.Argument(help="Log of the moves, comma-separated values.", show_default=False)
+        Path | None, typer.Argument(help="Log of the moves: CSV, Parquet, MAT or MCAP.", show_default=False)
     ] = None,
     model: Annotated[
         str, typer.Option("--machine", "--model", help="The nominal machine: built-in or an MJCF file.")
@@ -27,7 +27,9 @@ def identify(
     columns: Annotated[
         list[str] | None,
         typer.Option(
-            "--column", metavar="NAME=HEAD", help="Head of a column, as in --column 'x position=MPOS AXIS(0) \\[mm]'."
+            "--column",
+            metavar="NAME=COLUMN",
+            help="Column of a quantity: 'x position=MPOS AXIS(0) \\[mm]', 'x torque=I*0.0302 N·m'.",
         ),
     ] = None,
     plan: Annotated[bool, typer.Option("--plan", help="Write the program that excites the machine, without a log.")] = (
@@ -71,7 +73,7 @@ def _named(columns: list[str] | tuple[str, ...]) -> dict[str, str]:
     for column in columns:
         name, equals, head = column.partition("=")
         if not equals or not head.strip():
-            raise InputError(f"--column {column!r}: must be NAME=HEAD, as in 'x position=MPOS AXIS(0) [mm]'")
+            raise InputError(f"--column {column!r}: must be NAME=COLUMN, as in 'x position=MPOS AXIS(0) [mm]'")
         named[" ".join(name.split())] = head
     return named
 
@@ -87,6 +89,6 @@ def _identify(machine: Machine, file: Path, columns: dict[str, str], folder: Pat
             identification = identified(machine, log, advance)
         names = write_all(identification, log, folder)
     show(values_table(identification))
-    for note in identification.notes:
+    for note in (*log.notes, *identification.notes):
         say(note, wrap=True)
     say(f"written to {folder}/: {', '.join(names)}")

@@ -1,38 +1,36 @@
-"""A log of torque and position of a machine's axes: from a file of comma-separated values, or from a run."""
+"""A log of torque and position of a machine's axes: from a table that another program has written, or from a run."""
 
 from __future__ import annotations
 
 import csv
-import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from io import TextIOWrapper
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError, expanded, unknown
+from gantrysim.base.arrays import Floats, spans
+from gantrysim.base.errors import InputError, unknown
 from gantrysim.base.files import replaced
-from gantrysim.base.heads import name_and_unit
-from gantrysim.base.input_files import opened
 from gantrysim.identify.checks.times import even_period
 from gantrysim.machine.axis import Axis
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
+from gantrysim.tables.column_table import ColumnTable
+from gantrysim.tables.reading import read_table
+from gantrysim.tables.source import Source
+from gantrysim.tables.units import TIME
+from gantrysim.tables.units import TORQUE as TORQUE_UNIT
 
 DEMAND = "demand"
 TORQUE = "torque"
 _QUANTITIES = ("position", DEMAND, TORQUE)
-# factors to s, to mm of a slide, to deg of a hinge, to N·m at the motor shaft
-_TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
-_LENGTHS = {"m": 1e3, "mm": 1.0, "um": 1e-3, "µm": 1e-3, "in": 25.4}
-_ANGLES = {"rad": 180 / math.pi, "deg": 1.0, "°": 1.0}
-_TORQUES = {"N·m": 1.0, "Nm": 1.0, "N*m": 1.0, "mN·m": 1e-3, "mNm": 1e-3}
-_SI = {"time": "s", "mm": "m", "deg": "rad", "torque": "N·m"}  # of a column without a unit
+_SI = {"mm": "m", "deg": "rad"}  # of a position without a unit
 _COUNTS = ("counts", "count", "edges")
-_FEWEST = 100
+_FEWEST = 100  # samples
+_JUMP = 1.5  # between two stamps, from which samples are missing, of the usual step
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +43,7 @@ class Log:
         position: of the motors, (n, axes) [mm or deg].
         torque: at the motor shafts, (n, axes) [N·m].
         held: whether `torque` is the demand, held from its sample to the next; else it is the motor's.
+        notes: what of the log was left out.
     """
 
     axes: tuple[str, ...]
@@ -52,6 +51,7 @@ class Log:
     position: Floats
     torque: Floats
     held: bool
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, run: Run) -> Log:
@@ -81,126 +81,122 @@ class Log:
 
 
 def read_log(file: str | Path, machine: Machine, columns: Mapping[str, str] | None = None) -> Log:
-    """Read a log from comma-separated values whose first line names the columns.
+    """Read a log from any table that `read_table` reads: text of any dialect, Parquet, MATLAB, MCAP.
 
     A column is `time`, or the name of an axis with `position`, and with `demand` or `torque`: `x position [mm]`,
     `x_torque`. Without a unit in brackets it is in SI. A position may be in counts of the encoder. Axes without columns
     are left out; where an axis has both demand and torque, the demand is taken. A table of `gantrysim export` is a log.
+    Where rows have gaps or are missing, the longest stretch without is the log, and a note says so.
 
     Args:
         file: of the log.
         machine: whose axes are logged.
-        columns: heads of the file by such names, as in {"x position": "MPOS AXIS(0) [mm]"}.
+        columns: sources by such names, as in {"x position": "MPOS AXIS(0) [mm]", "x torque": "I*0.0302 N·m"}.
 
     Raises:
         InputError: no such file, a missing column, an unknown unit, a number that is none, or uneven times.
     """
-    path = expanded(file)
     try:
-        with opened(path) as content, TextIOWrapper(content, encoding="utf-8-sig", newline="") as stream:
-            rows = [row for row in csv.reader(stream) if any(cell.strip() for cell in row) and not _remark(row)]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"log {file}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    try:
-        return _parsed(rows, machine, columns or {})
+        return _logged(read_table(file), machine, columns or {})
     except InputError as error:
-        raise InputError(f"log {file}: {error}") from None
+        raise InputError(f"log {str(error).removeprefix('log ')}") from None
 
 
-def _parsed(rows: Sequence[Sequence[str]], machine: Machine, columns: Mapping[str, str]) -> Log:
-    if len(rows) < _FEWEST + 1:
-        raise InputError(f"has {max(len(rows) - 1, 0)} samples, must have at least {_FEWEST}")
-    heads = _heads(rows[0], machine, columns)
-    if "time" not in heads:
-        raise InputError(f"has no column time; it has: {', '.join(rows[0])}")
-    time = _column(rows, *heads["time"]) * _factor(heads["time"][1], "time", _TIMES, "time")
-    period = even_period(time)  # from all stamps: a single difference may be rounded
-    axes = [axis for axis in machine.axes if f"{axis.name} position" in heads]
-    logged = [axis for axis in axes if f"{axis.name} {DEMAND}" in heads or f"{axis.name} {TORQUE}" in heads]
+def _logged(table: ColumnTable, machine: Machine, columns: Mapping[str, str]) -> Log:
+    sources = _sources(table, machine, columns)
+    listed = ", ".join(table.order)
+    if "time" not in sources:
+        raise InputError(f"{table.label}: has no column time; it has: {listed}")
+    axes = [axis for axis in machine.axes if f"{axis.name} position" in sources]
+    logged = [axis for axis in axes if f"{axis.name} {DEMAND}" in sources or f"{axis.name} {TORQUE}" in sources]
     if not logged:
         first = machine.axis_names[0]
         raise InputError(
-            f"has no axis with position and torque; it must have columns such as {first} position [mm] and "
-            f"{first} torque [N·m], and has: {', '.join(rows[0])}"
+            f"{table.label}: has no axis with position and torque; it must have columns such as {first} position [mm] "
+            f"and {first} torque [N·m], and has: {listed}"
         )
-    held = all(f"{axis.name} {DEMAND}" in heads for axis in logged)  # a demand is known between its samples too
+    held = all(f"{axis.name} {DEMAND}" in sources for axis in logged)  # a demand is known between its samples too
     kind = DEMAND if held else TORQUE
-    if missing := [axis.name for axis in logged if f"{axis.name} {kind}" not in heads]:
-        raise InputError(f"has the torque of some axes and the demand of others: {missing[0]} has no {kind}")
-    position = [_column(rows, *heads[f"{axis.name} position"]) * _travel(heads, axis) for axis in logged]
-    torque = [
-        _column(rows, *heads[f"{axis.name} {kind}"])
-        * _factor(heads[f"{axis.name} {kind}"][1], f"{axis.name} {kind}", _TORQUES, "torque")
-        for axis in logged
-    ]
+    if missing := [axis.name for axis in logged if f"{axis.name} {kind}" not in sources]:
+        raise InputError(
+            f"{table.label}: has the torque of some axes and the demand of others: {missing[0]} has no {kind}"
+        )
+    time = table.values(sources["time"], TIME)
+    position = np.stack([_position(table, sources[f"{axis.name} position"], axis) for axis in logged], axis=1)
+    torque = np.stack([table.values(sources[f"{axis.name} {kind}"], TORQUE_UNIT) for axis in logged], axis=1)
+    stretch = _longest_stretch(time, [position, torque])
+    samples = stretch.stop - stretch.start
+    if samples < _FEWEST:
+        without = " without a gap" if samples < time.size else ""
+        raise InputError(f"{table.label}: has {samples} samples{without}, must have at least {_FEWEST}")
+    notes = []
+    if samples < time.size:
+        notes.append(
+            f"log: of {time.size} rows, {samples} are used, the longest stretch without a gap, from "
+            f"{time[stretch.start]:g} s to {time[stretch.stop - 1]:g} s"
+        )
+    try:
+        period = even_period(time[stretch])  # from all stamps: a single difference may be rounded
+    except InputError as error:
+        raise InputError(f"{table.label}: {error}") from None
     names = tuple(axis.name for axis in logged)
-    return Log(names, period, np.stack(position, axis=1), np.stack(torque, axis=1), held)
+    return Log(names, period, position[stretch], torque[stretch], held, tuple(notes))
 
 
-def _heads(row: Sequence[str], machine: Machine, columns: Mapping[str, str]) -> dict[str, tuple[int, str]]:
-    """Return number and unit of the columns by their names."""
+def _sources(table: ColumnTable, machine: Machine, columns: Mapping[str, str]) -> dict[str, Source]:
+    """Return where the quantities stand: as given, else by the names of the columns."""
     known = ["time", *(f"{axis} {quantity}" for axis in machine.axis_names for quantity in _QUANTITIES)]
-    stripped = [cell.strip() for cell in row]
     exported = _exported(machine)
-    heads: dict[str, tuple[int, str]] = {}
-    for name, head in columns.items():
+    sources: dict[str, Source] = {}
+    for name, text in columns.items():
         if name not in known:
-            raise unknown("column", name, known)
-        text, unit = name_and_unit(head)
-        fitting = [k for k, cell in enumerate(stripped) if cell in (head.strip(), text)]
-        if not fitting:
-            raise InputError(f"has no column {head!r} for {name}; it has: {', '.join(stripped)}")
-        heads[name] = fitting[0], unit or name_and_unit(stripped[fitting[0]])[1]
-    for k, cell in enumerate(stripped):
-        text, unit = exported.get(cell) or name_and_unit(cell)
-        name = " ".join(re.split(r"[\s_.]+", text.strip()))
-        if name in known and name not in heads:
-            heads[name] = k, unit
-    return heads
+            raise InputError(f"{table.label}: {unknown('column', name, known)}")
+        sources[name] = Source.parse(name, text)
+    for column in table.order:
+        name = exported.get(column) or " ".join(re.split(r"[\s_.]+", column.strip()))
+        unit = table.units.get(column, "")
+        if unit:
+            name = name.removesuffix(f" {unit}")
+        if name in known and name not in sources:
+            sources[name] = Source(column)
+    return sources
 
 
-def _remark(row: Sequence[str]) -> bool:
-    """Return whether a row is one of the remarks that head a table of `gantrysim export`."""
-    return row[0].lstrip().startswith("#")
-
-
-def _exported(machine: Machine) -> dict[str, tuple[str, str]]:
-    """Return name and unit of the columns of a table of `gantrysim export`, by their heads."""
-    columns = {"time_s": ("time", "s")}
+def _exported(machine: Machine) -> dict[str, str]:
+    """Return the names of the columns of a table of `gantrysim export`, by their heads."""
+    columns = {"time_s": "time"}
     for axis in machine.plain_axes:
-        columns[f"encoder_{axis.name}_{axis.unit}"] = f"{axis.name} position", axis.unit
-        columns[f"demand_{axis.name}_Nm"] = f"{axis.name} {DEMAND}", "Nm"
-        columns[f"torque_{axis.name}_Nm"] = f"{axis.name} {TORQUE}", "Nm"
+        columns[f"encoder_{axis.name}_{axis.unit}"] = f"{axis.name} position"
+        columns[f"demand_{axis.name}_Nm"] = f"{axis.name} {DEMAND}"
+        columns[f"torque_{axis.name}_Nm"] = f"{axis.name} {TORQUE}"
     return columns
 
 
-def _column(rows: Sequence[Sequence[str]], number: int, unit: str) -> Floats:
-    values = np.empty(len(rows) - 1)
-    for k, row in enumerate(rows[1:]):
-        try:
-            values[k] = float(row[number])
-        except (ValueError, IndexError):
-            cell = row[number] if number < len(row) else ""
-            raise InputError(f"row {k + 2}, column {rows[0][number].strip()!r}: {cell!r} is no number") from None
-    if not np.isfinite(values).all():
-        bad = int(np.flatnonzero(~np.isfinite(values))[0])
-        raise InputError(f"row {bad + 2}, column {rows[0][number].strip()!r}: must be finite")
-    return values
+def _position(table: ColumnTable, source: Source, axis: Axis) -> Floats:
+    """Return the positions of an axis [mm or deg]."""
+    unit = source.unit or table.unit_of(source.column)
+    if unit in _COUNTS and not axis.resolution:
+        raise InputError(f"{table.label}: column {source.column} is in counts, but {axis.name} has no encoder")
+    counts = dict.fromkeys(_COUNTS, axis.resolution) if axis.resolution else {}
+    return table.values(source._replace(unit=unit or _SI[axis.unit]), axis.unit, counts)
 
 
-def _factor(unit: str, name: str, known: Mapping[str, float], kind: str) -> float:
-    unit = unit or _SI[kind]
-    if unit not in known:
-        raise InputError(f"column {name}: unknown unit {unit!r}; known: {', '.join(known)}")
-    return known[unit]
+def _longest_stretch(time: Floats, columns: Iterable[Floats]) -> slice:
+    """Return the longest stretch of rows that have all values, and whose stamps follow without a jump."""
+    whole = np.isfinite(time)
+    for column in columns:
+        whole &= np.isfinite(column).all(axis=1)
+    best = slice(0, 0)
+    for first, after in spans(whole):
+        for begin, end in _between_jumps(time, int(first), int(after)):
+            if end - begin > best.stop - best.start:
+                best = slice(begin, end)
+    return best
 
 
-def _travel(heads: Mapping[str, tuple[int, str]], axis: Axis) -> float:
-    """Return the factor of a column of positions to mm or deg."""
-    name = f"{axis.name} position"
-    unit = heads[name][1]
-    if unit in _COUNTS:
-        if not axis.resolution:
-            raise InputError(f"column {name}: in counts, but the machine's {axis.name} has no encoder")
-        return axis.resolution
-    return _factor(unit, name, _LENGTHS if axis.unit == "mm" else _ANGLES, axis.unit)
+def _between_jumps(time: Floats, first: int, after: int) -> NDArray[np.int64]:
+    """Return the bounds of the stretches of stamps between jumps ahead, (k, 2)."""
+    steps = np.diff(time[first:after])
+    jumps = np.flatnonzero(steps > _JUMP * np.median(steps)) if steps.size else np.zeros(0, np.int64)
+    bounds = np.concatenate([[first], first + 1 + jumps, [after]])
+    return np.column_stack([bounds[:-1], bounds[1:]])

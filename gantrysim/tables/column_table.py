@@ -69,7 +69,16 @@ class ColumnTable:
         scale = factor(unit, kind, f"{self.label}: column {name}", further)
         return self.columns[name] * (scale * source.scale)
 
+    def unit_of(self, column: str) -> str:
+        """Return the unit that the table gives for a column, "" for none.
+
+        Raises:
+            InputError: no such column.
+        """
+        return self.units.get(self._name(column), "")
+
     def _name(self, column: str) -> str:
+        """Return the name of a column that is given by its name or its number."""
         known = self.order
         if f"{column} (2)" in known:
             raise InputError(f"{self.label}: two columns are named {column}: name it by its number, from 1")
@@ -80,6 +89,9 @@ class ColumnTable:
         folded = [name for name in known if name.casefold() == column.casefold()]
         if len(folded) == 1:
             return folded[0]
+        bare = name_and_unit(column)[0]
+        if bare in known:
+            return bare
         raise unknown(f"column of {self.label}", column, known)
 
 
@@ -178,6 +190,9 @@ def _named(table: TextTable, width: int) -> tuple[list[str], dict[int, str]]:
     units: dict[int, str] = {}
     for k, head in enumerate(heads):
         name, unit = name_and_unit(head)
+        if unit.isdecimal():  # the number of an axis, as in MPOS AXIS(0)
+            name = head.strip()
+            unit = ""
         if not unit:
             _, underscore, suffix = head.rpartition("_")
             unit = suffix if underscore and suffix in SUFFIXES else ""

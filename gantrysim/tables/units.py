@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 
 from gantrysim.base.errors import InputError
+from gantrysim.base.patterns import NUMBER
 
 TIME = "s"
 LENGTH = "mm"
@@ -29,6 +31,9 @@ KINDS: dict[str, dict[str, float]] = {
     },
 }  # fmt: skip
 
+_SHARES = {"‰": 1e-3, "per mille": 1e-3, "%": 1e-2, "per cent": 1e-2, "percent": 1e-2}
+_RATED = re.compile(rf"({'|'.join(_SHARES)})(?:\s+of\s+({NUMBER})\s*(\S.*))?")
+
 # units that may end a column's name without brackets, as in "time_ms"
 SUFFIXES = ("s", "ms", "us", "mm", "um", "deg", "Nm")
 
@@ -37,7 +42,7 @@ def factor(unit: str, kind: str, label: str, further: Mapping[str, float] | None
     """Return the factor of a unit to that of the package.
 
     Args:
-        unit: of the values.
+        unit: of the values; a share as "‰ of 1.27 N·m", as drives log torque by that which is rated.
         kind: "s", "mm", "deg" or "N·m".
         label: names the column in errors.
         further: units that are known besides, as counts of an encoder.
@@ -46,6 +51,12 @@ def factor(unit: str, kind: str, label: str, further: Mapping[str, float] | None
         InputError: a unit of another kind.
     """
     known = KINDS[kind] | dict(further or {})
+    rated = _RATED.fullmatch(unit.strip())
+    if rated:
+        share, value, whole_unit = rated.groups()
+        if not value:
+            raise InputError(f"{label} is in {unit!r}: must say of what, as in '{share} of 1.27 {kind}'")
+        return _SHARES[share] * float(value) * factor(whole_unit, kind, label, further)
     if unit not in known:
         raise InputError(f"{label} is in {unit!r}: must be in {', '.join(known)}")
     return known[unit]

@@ -30,7 +30,7 @@ def test_a_plan_is_a_program_file_that_is_read(gantrysim_command, tmp_path, monk
         (("none.csv",), "log none.csv: cannot be read: No such file or directory"),
         (("--plan", "some.csv"), "--plan takes no log, got some.csv"),
         (("--plan", "--controller", "fanuc"), "unknown controller 'fanuc'"),
-        (("none.csv", "--column", "x position"), "--column 'x position': must be NAME=HEAD"),
+        (("none.csv", "--column", "x position"), "--column 'x position': must be NAME=COLUMN"),
         (("none.csv", "--machine", "none"), "unknown model 'none'"),
     ],
 )

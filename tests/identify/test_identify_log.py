@@ -65,8 +65,8 @@ def test_columns_of_any_name(tmp_path):
     log = read_log(file, MACHINE, named)
     assert log.period == pytest.approx(1e-3)
     assert np.allclose(log.position[:, 0], position, atol=1e-9)
-    with pytest.raises(InputError, match=r"has no column 'MPOS' for x position; it has: Tick, DAC, MPOS AXIS\(0\)"):
-        read_log(file, MACHINE, {"x position": "MPOS"})
+    with pytest.raises(InputError, match=r"unknown column of .*log\.csv 'MPOS'.* known: .*MPOS AXIS\(0\)"):
+        read_log(file, MACHINE, {**named, "x position": "MPOS"})
     with pytest.raises(InputError, match="unknown column 'z position': did you mean y position"):
         read_log(file, MACHINE, {"z position": "DAC"})
 
@@ -101,31 +101,53 @@ def test_a_log_is_read_as_it_was_saved(tmp_path_factory, period, size, held):
     [
         (("t", "x torque", "x position"), None, "has no column time; it has: t, x torque, x position"),
         (("time", "a torque", "x position"), None, "has no axis with position and torque"),
-        (("time", "x torque [V]", "x position"), None, r"column x torque: unknown unit 'V'; known: N·m"),
-        (("time [h]", "x torque", "x position"), None, "column time: unknown unit 'h'; known: s, ms"),
-        (("time", "x torque", "x position [deg]"), None, "column x position: unknown unit 'deg'; known: m, mm"),
-        (("time", "x torque", "x position"), "gap", r"its samples are not even: near t = 0\.\d+ s some are missing"),
+        (("time", "x torque [V]", "x position"), None, r"column x torque is in 'V': must be in N·m"),
+        (("time [h]", "x torque", "x position"), None, "column time is in 'h': must be in s"),
+        (("time", "x torque", "x position [deg]"), None, "column x position is in 'deg': must be in mm"),
+        (("time", "x torque", "x position"), "gaps", "has 90 samples without a gap, must have at least 100"),
         (("time", "x torque", "x position"), "back", "time does not rise"),
-        (("time", "x torque", "x position"), "nan", "row 12, column 'x torque': must be finite"),
-        (("time", "x torque", "x position"), "text", "row 12, column 'x torque': 'none' is no number"),
+        (("time", "x torque", "x position"), "text", "line 12: x torque = 'abc' is no finite number"),
         (("time", "x torque", "x position"), "short", "has 49 samples, must have at least 100"),
     ],
 )
 def test_a_bad_log_is_refused(tmp_path, heads, change, text):
     k, torque, position = columns()
-    if change == "gap":
+    if change == "gaps":
         k = np.where(k > 99, k + 5, k)
+        torque[[9, 110]] = np.nan
     if change == "back":
         k = np.where(k > 99, k - 50, k)
-    if change == "nan":
-        torque[10] = np.nan
     file = written(tmp_path, heads, 1e-3 * k, torque, position)
     lines = file.read_text(encoding="utf-8").splitlines()
     if change == "text":
-        lines[11] = "0.01,none,0"
+        lines[11] = "0.01,abc,0"
     file.write_text("\n".join(lines[: 50 if change == "short" else None]), encoding="utf-8")
     with pytest.raises(InputError, match=f"^log {file}: {text}"):
         read_log(file, MACHINE)
+
+
+def test_gaps_are_cut_out_and_said(tmp_path):
+    k, torque, position = columns()
+    k = np.where(k > 149, k + 7, k)  # seven samples are missing
+    torque[20] = np.nan
+    log = read_log(written(tmp_path, ("time", "x torque", "x position [mm]"), 1e-3 * k, torque, position), MACHINE)
+    assert np.allclose(log.position[:, 0], position[21:150], atol=1e-9)
+    assert log.notes == ("log: of 200 rows, 129 are used, the longest stretch without a gap, from 0.021 s to 0.149 s",)
+
+
+def test_torque_from_a_current_or_a_share_of_the_rated_one(tmp_path):
+    k, torque, position = columns()
+    heads = ("time", "I [A]", "TRQ ‰", "pos")
+    file = written(tmp_path, heads, 1e-3 * k, torque, 1000 * torque, position)
+    of_current = read_log(file, MACHINE, {"x torque": "I*0.0302 N·m", "x position": "pos/2 [counts]"})
+    assert np.allclose(of_current.torque[:, 0], 0.0302 * torque, atol=1e-12)
+    assert np.allclose(of_current.position[:, 0], 0.5 * MACHINE.axes[0].resolution * position, atol=1e-12)
+    of_rated = read_log(file, MACHINE, {"x torque": "TRQ ‰[‰ of 1.27 N·m]", "x position": "pos [mm]"})
+    assert np.allclose(of_rated.torque[:, 0], 1.27 * torque, atol=1e-11)
+    with pytest.raises(InputError, match=r"must say of what, as in '‰ of 1\.27 N·m'"):
+        read_log(file, MACHINE, {"x torque": "TRQ ‰[‰]", "x position": "pos [mm]"})
+    with pytest.raises(InputError, match="column I is in 'A': must be in N·m"):
+        read_log(file, MACHINE, {"x torque": "I", "x position": "pos [mm]"})
 
 
 def test_no_such_file(tmp_path):
