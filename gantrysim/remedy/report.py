@@ -11,7 +11,7 @@ from gantrysim.compare.runs.run_comparison import RunComparison, compare_runs
 from gantrysim.compare.runs.runs_page import checks_table, run_sections, write_sections
 from gantrysim.job.job import Job
 from gantrysim.remedy.improve import improve, worst_rows
-from gantrysim.remedy.improvement import USAGE_NOTE, Improvement
+from gantrysim.remedy.improvement import USAGE, Improvement
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.report.document import Section, Table
 from gantrysim.results.checks import PASS
@@ -32,7 +32,7 @@ def changes_of(job: Job, verdict: Verdict) -> Section | None:
 
 
 def change_section(improvement: Improvement) -> Section:
-    """Return the section "What to change": the result in words, what each lever gains, and the lines to paste.
+    """Return the section "What to change": the result, the levers combined, lines to paste, and each lever alone.
 
     Where anything is changed, the checks of both verdicts stand beside one another, as in `gantrysim compare`.
     """
@@ -40,15 +40,23 @@ def change_section(improvement: Improvement) -> Section:
     if improvement.fastest is not None:
         texts.append(f"{improvement.fastest}.")
     tables = []
-    if improvement.trials:
-        caption = f"Each lever simulated alone, then combined; {USAGE_NOTE}"
-        tables.append(Table(improvement.heads, improvement.rows, caption))
+    if improvement.combination:
+        rows = [improvement.rows[0], *improvement.combined_rows]
+        tables.append(Table(improvement.heads, rows, _caption(f"{USAGE}; each lever with those before it")))
     if improvement.changes_anything:
-        texts.append(improvement.gains[-1].capitalize() + ".")
+        texts.append(_caption(f"{improvement.gains[-1]}."))  # the time, which is no check
         checks = checks_table(NAMES, tuple(check_changes([improvement.verdict, improvement.improved])))
         tables += [] if checks is None else [checks]
+    if improvement.trials:
+        rows = [improvement.rows[0], *improvement.trial_rows]
+        title = f"Each lever alone: {len(improvement.trials)} runs"
+        tables.append(Table(improvement.heads, rows, _caption(USAGE), folded=title))
     lines = "\n".join(f"# {place}\n{text.rstrip()}\n" for place, text in improvement.lines.items())
     return Section(TITLE, texts, table=tables or None, code=lines or None)
+
+
+def _caption(text: str) -> str:
+    return text[0].upper() + text[1:]
 
 
 def comparison_of(improvement: Improvement) -> RunComparison | None:

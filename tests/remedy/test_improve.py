@@ -8,6 +8,7 @@ import pytest
 
 import gantrysim
 from gantrysim import InputError, Job, Verdict
+from gantrysim.base.quantity import number_text
 from gantrysim.engine.record_columns import dispensed_otherwise
 from gantrysim.remedy.bench import Bench
 from gantrysim.remedy.combination import Pick
@@ -235,8 +236,15 @@ def test_the_section_of_a_report():
     section = change_section(result)
     assert section.title == TITLE == "What to change"
     assert result.sentence in section.text
-    combined, alone = section.table
+    combined, checks, alone = section.table
     assert not combined.folded
+    for name, verdict in (("before", result.verdict), ("after", result.improved)):
+        column = checks.heads.index(name)
+        shown = {tuple(row[:2]): row[column].split()[0] for row in checks.rows}
+        for row in verdict.rows:
+            for check in row.checks:
+                texts = [text for (of, words), text in shown.items() if of == row.name and check.quantity in words]
+                assert number_text(check.value, check.form).replace("-", "−") in texts
     assert alone.folded == f"Each lever alone: {len(result.trials)} runs"
     assert [result.rows[0], *alone.rows[1:], *combined.rows[1:]] == result.rows
     assert all(text.rstrip() in section.code for text in result.lines.values())
