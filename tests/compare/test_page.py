@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from svgelements import Path as SvgPath
 
 from gantrysim import Budget, Job, Machine
 from gantrysim.compare.comparison import Comparison
@@ -105,7 +106,7 @@ def test_a_curve_of_the_overlay_is_the_known_difference(found, page):
     # the last curve of the first plot in the colour of the structure link: measured less simulated
     plot = page.text.partition("<svg")[2].partition("</svg>")[0]
     drawn = [one for one in re.findall(r"<path[^>]*>", plot) if COLOURS["structure"] in one and "fill: none" in one][-1]
-    points = np.array(re.findall(r"[ML] (-?[\d.]+) (-?[\d.]+)", drawn), float)
+    points = np.array([[segment.end.x, segment.end.y] for segment in SvgPath(re.search(r' d="([^"]*)"', drawn)[1])])
     ticks = found.measured.analysis.ticks
     run = found.measured.analysis.run
     s = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(run.commanded_tip, axis=0), axis=1))])[ticks]

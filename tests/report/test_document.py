@@ -1,13 +1,18 @@
 """The page: text, tables, figures and video in one self-contained file."""
 
 import base64
+import io
 import re
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from PIL import Image
+from svgelements import Path as SvgPath
 
 from gantrysim import InputError
 from gantrysim.plots.style import INK, sheet, thinned
@@ -156,10 +161,27 @@ def test_progress_is_reported_per_section(tmp_path):
     assert shares == [0.5, 1.0]
 
 
+def test_short_paths_are_the_same_paths():
+    figure = Figure(figsize=(4.0, 3.0))
+    axes = figure.add_subplot()
+    axes.add_patch(Circle((0.3, 0.6), 0.2, color="#ff0000"))  # curves, closed
+    axes.fill([0, 0.2, 0.1, -0.3], [1, 2, -1.5, 0.25], color="#00ff00")
+    file = io.BytesIO()
+    with rc_context({"svg.fonttype": "none"}):
+        figure.savefig(file, format="svg", transparent=True)
+    texts = (file.getvalue().decode(), inline_svg(figure, "f", ""))
+    paths = [re.findall(r'<path[^>]* d="([^"]*)"', text) for text in texts]
+    for long, short in zip(*paths, strict=True):
+        ends = [[complex(s.end) for s in SvgPath(d) if s.end is not None] for d in (long, short)]
+        np.testing.assert_allclose(*ends, atol=0.0101)
+        assert SvgPath(long).d(relative=False).count("C") == SvgPath(short).d(relative=False).count("C")
+        assert len(short) < len(" ".join(long.split()))
+
+
 def points(svg, colour):
     """The points of the line of a colour."""
     (d,) = re.findall(rf'<path d="([^"]*)"[^>]*stroke: {colour}', svg)
-    return np.array([[float(x), float(y)] for x, y in re.findall(r"[ML] (\S+) (\S+)", d)])
+    return np.array([[segment.end.x, segment.end.y] for segment in SvgPath(d)])
 
 
 def test_a_line_keeps_its_coordinates():
@@ -177,6 +199,20 @@ def test_a_line_keeps_its_coordinates():
     assert drawn.shape[0] < x.size
     assert 'viewBox="0 0 360 216"' in svg
     assert not re.search(r'<svg[^>]* (width|height)="', svg)
+
+
+def test_an_image_of_few_colours_keeps_every_pixel_and_takes_less():
+    values = np.add.outer(np.sin(np.arange(300) / 20), np.cos(np.arange(400) / 30))
+    values[:40] = np.nan  # transparent
+    figure = Figure(figsize=(4.0, 3.0))
+    figure.add_axes((0, 0, 1, 1)).imshow(values, interpolation="none", cmap="viridis")
+    file = io.BytesIO()
+    figure.savefig(file, format="svg", dpi=150, transparent=True)
+    texts = (file.getvalue().decode(), inline_svg(figure, "f", ""))
+    (before,), (after,) = (re.findall(r"data:image/png;base64,([^\"]+)", text) for text in texts)
+    pixels = [Image.open(io.BytesIO(base64.b64decode(image))).convert("RGBA") for image in (before, after)]
+    np.testing.assert_array_equal(*pixels)
+    assert len(after) < 0.6 * len(before)
 
 
 def test_black_ink_and_font_become_those_of_the_page():
