@@ -166,14 +166,14 @@ def test_drag_and_keys_turn_the_view_and_reset_brings_it_back(page):
     left, top, width, height = page.box(SURFACE)
     middle = (left + 0.5 * width, top + 0.5 * height)
     page.drag(middle, (middle[0] + 50, middle[1] + 25))
-    azimuth, elevation, distance, _ = view_of(page)
+    azimuth, elevation, distance, start = view_of(page)
     assert (azimuth - first[0], elevation - first[1]) == pytest.approx((-20, 10), abs=0.1)  # 0.4 deg a pixel
     assert distance == first[2]
     page.drag(middle, (middle[0] + 50, middle[1]), SHIFT)
     *turned, target = view_of(page)
     assert turned == pytest.approx([azimuth, elevation, distance])
     pixel = 2 * distance * np.tan(np.radians(0.5 * FIELD_OF_VIEW)) / (height - 2)
-    assert np.linalg.norm(target) == pytest.approx(50 * pixel, rel=0.01)
+    assert np.linalg.norm(target - start) == pytest.approx(50 * pixel, rel=0.01)
     press(page, "reset")
     assert view_of(page)[:3] == first[:3]
     page.run(f"document.querySelector('{SURFACE}').focus()")

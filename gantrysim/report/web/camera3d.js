@@ -3,7 +3,8 @@
 import { Matrix4, PerspectiveCamera, Vector3 } from "three";
 
 const FIELD_OF_VIEW = 35; // vertical, as of the films [deg]
-const MARGIN = 1.1; // half width and height of the picture over those of what it shows
+const MARGIN = 1.06; // half width and height of the picture over those of what it shows
+const CENTRINGS = 4; // a perspective's middle is found step by step
 const STEEPEST = 90; // elevation of a view straight down [deg]
 const LOWEST = -60;
 const NEAREST = 0.02; // distance over the one that shows everything
@@ -36,19 +37,36 @@ export class Camera {
     this.up.crossVectors(this.right, this.forward);
   }
 
-  /** Show all points, [x, y, z, x, ...], from the direction in which the camera looks. */
+  /** Show all points, [x, y, z, x, ...], from the direction in which the camera looks, in the middle of the picture. */
   fit(points, aspect) {
-    this.target.set(0, 0, 0);
-    let distance = 0;
-    const point = new Vector3();
-    for (let k = 0; k < points.length; k += 3) {
-      point.set(points[k], points[k + 1], points[k + 2]);
-      const aside = Math.abs(point.dot(this.right)) / aspect;
-      const above = Math.abs(point.dot(this.up));
-      distance = Math.max(distance, (MARGIN * Math.max(aside, above)) / HALF - point.dot(this.forward));
+    const { target, right, up } = this;
+    target.set(0, 0, 0);
+    for (let turn = 0; turn < CENTRINGS; turn++) {
+      const places = this._seen(points);
+      this.distance = 0;
+      for (const [aside, above, ahead] of places) {
+        const size = Math.max(Math.abs(aside) / aspect, Math.abs(above));
+        this.distance = Math.max(this.distance, (MARGIN * size) / HALF - ahead);
+      }
+      if (turn + 1 === CENTRINGS) break;
+      const middle = (axis) => {
+        const slopes = places.map((place) => place[axis] / (this.distance + place[2]));
+        return (this.distance * (Math.min(...slopes) + Math.max(...slopes))) / 2;
+      };
+      target.addScaledVector(right, middle(0)).addScaledVector(up, middle(1));
     }
-    this.distance = distance;
-    this.whole = distance;
+    this.whole = this.distance;
+  }
+
+  /** Points relative to the target, [right, up, forward]. */
+  _seen(points) {
+    const point = new Vector3();
+    const places = [];
+    for (let k = 0; k < points.length; k += 3) {
+      point.set(points[k], points[k + 1], points[k + 2]).sub(this.target);
+      places.push([point.dot(this.right), point.dot(this.up), point.dot(this.forward)]);
+    }
+    return places;
   }
 
   /** Size [mm] of a pixel at the target. */

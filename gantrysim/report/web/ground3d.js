@@ -3,7 +3,7 @@
 import { BufferAttribute, BufferGeometry, LineBasicMaterial, LineSegments } from "three";
 
 const LINES = 5; // of the grid, about
-const BEYOND = 0.08; // of its extent, from the bead to the edge of the grid
+const BEYOND = 0.04; // of its extent, from the bead to the edge of the grid
 const HEIGHTS = 4; // labels of the scale of heights, about
 
 /** A round step, 1, 2 or 5 times a power of ten, not below a size. */

@@ -6,6 +6,7 @@ import { steps } from "./ground3d.js";
 const ARROW = 26; // length of an axis of the triad [pixels]
 const CORNER = 44; // from the picture's corner to the triad [pixels]
 const LABEL = 13; // from an edge to its label [pixels]
+const CLEAR = 0.4; // of the step of the heights, from the ground to their first label
 const MIDDLE = { textAlign: "center", textBaseline: "middle" };
 
 const decimalsOf = (step) => Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
@@ -74,7 +75,7 @@ export class Labels {
     const [x, y] = corners.reduce((left, corner) => (corner[2] < left[2] ? corner : left));
     const foot = this.at(x, y, ground.z);
     const top = this.at(x, y, ground.top);
-    if (foot[2] <= 0 || top[2] <= 0 || Math.hypot(top[0] - foot[0], top[1] - foot[1]) < 2 * LABEL) return;
+    if (foot[2] <= 0 || top[2] <= 0 || Math.hypot(top[0] - foot[0], top[1] - foot[1]) < 1.5 * LABEL) return;
     Object.assign(context, { strokeStyle: colours.soft, lineWidth: 1 });
     context.beginPath();
     context.moveTo(foot[0], foot[1]);
@@ -88,6 +89,7 @@ export class Labels {
     const looks = { textAlign: "right", textBaseline: "middle" };
     const decimals = decimalsOf(ground.heightStep);
     for (const z of ground.heights) {
+      if (z < ground.z + CLEAR * ground.heightStep) continue; // a label of the grid stands there
       const [px, py] = this.at(x, y, z);
       this._text(number(z, decimals), px - 7, py, looks);
     }

@@ -23,6 +23,7 @@ const SIDES = 20; // of a round solid
 const SHARP = 30; // angle of an edge that is drawn [deg]
 const FACE = 0.03; // opacity, of which many lie one behind the other
 const EDGE = 0.17;
+const WIDE = 700; // picture from which on edges have this opacity [pixels]
 const NEEDLE = 0.75; // opacity of the needle, which is small
 
 /** A solid's geometry: kind, three sizes, position, quaternion w, x, y, z and whether it is the needle, see gantrysim/report/space_data.py. */
@@ -110,6 +111,11 @@ export class MachineOutline {
       group.position.set(x - frame.x, y - frame.y, z - frame.z);
       group.quaternion.set(qx, qy, qz, qw).normalize();
     }
+  }
+
+  /** Draw fainter lines in a narrow picture [pixels], where they lie closer together. */
+  fade(width) {
+    this.edges.opacity = EDGE * Math.min(width / WIDE, 1);
   }
 
   paint(colour, needle) {

@@ -28,7 +28,8 @@ const REACH = 30; // pixels from the path within which hovering finds it
 const SAME = 3; // pixels within which two points of the path are as near to the mouse
 const FLAT = 0.12; // height over extent of a bead below which its heights may be magnified
 const MAGNIFIED = 5;
-const LABELS = 32; // width beside the picture's content for the scale of heights [pixels]
+const LABELS = 36; // width beside the picture's content for the scale of heights [pixels]
+const MOST_POINTS = 3000; // of the bead to which a view is fitted
 const FARTHEST = 6000; // from the target to the end of what is drawn [mm]
 const MOST_RATIO = 2; // pixels drawn for each of the page
 const HINT =
@@ -198,6 +199,7 @@ export class View {
     this.renderer.setSize(this.width, this.height, false);
     Object.assign(this.top, { width: Math.round(this.width * ratio), height: Math.round(this.height * ratio) });
     this.ratio = ratio;
+    this.machine.fade(this.width);
     if (first) this._fit();
     this._redraw();
   }
@@ -206,7 +208,9 @@ export class View {
   _fit() {
     const { data, frame, factor } = this;
     const { x, y, z } = data.column;
-    const places = [...this.laid.map((row) => [x[row], y[row], z[row]]), ...this.ground.corners];
+    const every = Math.ceil(this.laid.length / MOST_POINTS);
+    const laid = this.laid.filter((_, k) => k % every === 0);
+    const places = [...laid.map((row) => [x[row], y[row], z[row]]), ...this.ground.corners];
     const points = places.flatMap((place) => [place[0] - frame.x, place[1] - frame.y, factor * (place[2] - frame.z)]);
     this.camera.fit(points, Math.max(this.width - 2 * LABELS, 1) / this.height);
     this._redraw();
