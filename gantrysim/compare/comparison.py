@@ -14,10 +14,11 @@ from scipy.signal import find_peaks, welch
 from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.errors import InputError
 from gantrysim.base.quantity import contents
-from gantrysim.compare.alignment import Alignment, aligned
+from gantrysim.compare.alignment import Alignment
 from gantrysim.compare.beside import beside, evenly
 from gantrysim.compare.compare_quantities import DIFFERENCES, EXPLAINED, PEAK, ROTATION, SHIFT
 from gantrysim.compare.measured import Trace
+from gantrysim.compare.trace_faults import aligned_as_named, scale_and_clock
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import Analysis, ErrorSize
 from gantrysim.metrics.budget import DESCRIPTIONS, LINKS, Budget
@@ -100,8 +101,8 @@ class Comparison:
             what: as in `aligned`.
 
         Raises:
-            InputError: a run that ended in a fault, a trace that does not cover the start of the bead, or one that
-                measures the command of some axes alone.
+            InputError: a run that ended in a fault, a trace that does not cover the start of the bead, one whose axes
+                are swapped, mirrored or in another unit, or one that measures the command of some axes alone.
         """
         if run.fault is not None:
             raise InputError(f"the run ended in a fault, which no trace can be compared with: {run.fault}")
@@ -112,9 +113,9 @@ class Comparison:
                 "every axis in motion, the encoders or the nozzle"
             )
         Analysis(run)
-        alignment = aligned(trace, run, what)
+        alignment = aligned_as_named(trace, run, what)
         measured, simulated = beside(trace, alignment, run, machine)
-        notes = list(trace.notes)
+        notes = [*trace.notes, *scale_and_clock(trace, run, alignment)]
         if "commanded" not in trace.links:
             notes.append("the command is not measured: it is the simulation's in both budgets")
         covered = measured.dispense.sum() * measured.period / (run.dispense.sum() * run.period)

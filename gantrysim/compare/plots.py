@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.compare.comparison import Comparison
+from gantrysim.compare.runs.compared_run import RUN_COLOURS
 from gantrysim.plots.style import COLOURS, INK, UM, axes_on, sheet, thinned
 
 if TYPE_CHECKING:
@@ -26,8 +27,8 @@ def draw_overlay(figure: Figure | SubFigure, comparison: Comparison) -> tuple[Ax
     panels = figure.subplots(len(names) + 1, sharex=True, squeeze=False)[:, 0]
     for panel, name in zip(panels[:-1], names, strict=True):
         for budget, label, colour in (
-            (comparison.measured, "measured", INK if name != "contour" else COLOURS["fault"]),
-            (comparison.simulated, "simulated", COLOURS[name]),
+            (comparison.measured, "measured", RUN_COLOURS[0]),
+            (comparison.simulated, "simulated", RUN_COLOURS[1]),
         ):
             part = budget.contour if name == "contour" else budget.parts[name]
             s = budget.analysis.nozzle.s

@@ -324,3 +324,37 @@ def test_the_command_writes_both_budgets_and_their_plots(tmp_path, gantrysim_com
         status, _, err = gantrysim_command("compare", folder, "--measured", log, *arguments)
         assert status == 2
         assert message in " ".join(err.split())
+
+
+@pytest.mark.parametrize(
+    ("order", "signs", "words"),
+    [
+        ([1, 0], (1, 1), "with x and y swapped:"),
+        ([0, 1], (-1, 1), "with x mirrored:"),
+        ([1, 0], (1, -1), "with x and y swapped, x mirrored:"),
+    ],
+)
+def test_swapped_and_mirrored_axes_are_named(run, order, signs, words):
+    time, encoder = logged(run, "encoder", 1000.0, 0.3, 5.0, noise=1e-3)
+    trace = Trace(time, {"encoder": encoder[:, order] * signs}, None)
+    with pytest.raises(InputError, match=words):
+        Comparison.of(trace, run, MACHINE)
+
+
+def test_a_wrong_scale_and_a_wrong_clock_are_named(run):
+    time, encoder = logged(run, "encoder", 1000.0, 0.3, 5.0, noise=1e-3)
+
+    def notes(at, positions):
+        return [
+            note
+            for note in Comparison.of(Trace(at, {"encoder": positions}, None), run, MACHINE).notes
+            if "most" in note
+        ]
+
+    assert notes(time, encoder) == []
+    (scale,) = notes(time, encoder * (1.0, 1.0004))
+    assert scale.startswith("y of the trace is 1.0004")
+    (clock,) = notes(time * (1 + 50e-6), encoder)
+    assert clock.startswith("the trace's clock runs fast by 50 ppm")
+    with pytest.raises(InputError, match=r"x: the trace is 0\.03937 times the run: a column in another unit"):
+        notes(time, encoder / 25.4)

@@ -1,0 +1,159 @@
+"""Faults of a log that an alignment cannot mend: axes swapped or mirrored, a scale or a clock that is wrong."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
+from gantrysim.compare.alignment import Alignment, aligned, turned
+from gantrysim.compare.compare_quantities import DIFFERENCE
+from gantrysim.compare.measured import Trace
+from gantrysim.record.run import Run
+
+_FAR = 0.1  # residual of the run's own spread from which the axes are doubted
+_MUCH_BETTER = 0.2  # residual with other axes, of that without, from which these are the ones
+_MOSTLY = 0.5  # residual with scale and clock, of that without, below which these are named
+_NAMED = 0.25  # effect of a scale or clock, of the residual, from which it is named
+_WRONG_SCALE = 0.02  # beyond it a scale is no error of a machine but another unit
+
+Axes = tuple[int, int]
+
+
+def aligned_as_named(trace: Trace, run: Run, what: tuple[str, ...]) -> Alignment:
+    """Return the alignment of a trace whose axes are those of the run.
+
+    Where a trace lies far from the run, it is also tried with x and y swapped and mirrored.
+
+    Raises:
+        InputError: the trace fits with other axes, or cannot be aligned.
+    """
+    failure: InputError | None = None
+    residual = math.inf
+    try:
+        alignment = aligned(trace, run, what)
+        residual = alignment.residual
+    except InputError as error:
+        failure = error
+    if residual > _FAR * _spread(trace, run):
+        _check_axes(trace, run, what, residual)
+    if failure is not None:
+        raise failure
+    return alignment
+
+
+def _spread(trace: Trace, run: Run) -> float:
+    """Return the rms of the run's positions about their mean, of what the trace measures first."""
+    positions = getattr(run, trace.links[0])
+    return float(np.sqrt(np.mean((positions - positions.mean(axis=0)) ** 2)))
+
+
+def _check_axes(trace: Trace, run: Run, what: tuple[str, ...], residual: float) -> None:
+    """Raise InputError where a trace fits the run with its first two axes swapped or mirrored."""
+    names = tuple("xy") if trace.links[0] == "nozzle" else run.axes[:2]
+    if len(names) < 2 or (trace.links[0] != "nozzle" and len(set(run.units[:2])) > 1):
+        return
+    best = math.inf
+    words = ""
+    for swapped, signs in _hypotheses():
+        try:
+            fitted = aligned(_with_axes(trace, swapped, signs), run, what).residual
+        except InputError:  # it does not overlap the run this way either
+            continue
+        if fitted < best:
+            best = fitted
+            words = _words(names, swapped, signs)
+    if best < _MUCH_BETTER * min(residual, _spread(trace, run)):
+        without = "cannot be aligned" if math.isinf(residual) else f"lies {DIFFERENCE.text(residual)} rms off"
+        raise InputError(
+            f"{trace.links[0]}: the trace {without}, but {DIFFERENCE.text(best)} with {words}: give --columns the "
+            "other way round, or with a factor of -1"
+        )
+
+
+def _hypotheses() -> Iterator[tuple[bool, Axes]]:
+    for swapped, first, second in product((False, True), (1, -1), (1, -1)):
+        if swapped or (first, second) != (1, 1):
+            yield swapped, (first, second)
+
+
+def _with_axes(trace: Trace, swapped: bool, signs: Axes) -> Trace:
+    """Return a trace with its first two axes swapped, then each multiplied by its sign."""
+
+    def other(positions: Floats) -> Floats:
+        order = [1, 0] if swapped else [0, 1]
+        changed = positions.copy()
+        changed[:, :2] = positions[:, order] * np.array(signs)
+        return changed
+
+    nozzle = None if trace.nozzle is None else other(trace.nozzle)
+    return replace(trace, axes={link: other(positions) for link, positions in trace.axes.items()}, nozzle=nozzle)
+
+
+def _words(names: tuple[str, ...], swapped: bool, signs: Axes) -> str:
+    texts = [f"{names[0]} and {names[1]} swapped"] if swapped else []
+    mirrored = [name for name, sign in zip(names, signs, strict=True) if sign < 0]
+    texts += [f"{' and '.join(mirrored)} mirrored"] if mirrored else []
+    return ", ".join(texts)
+
+
+def scale_and_clock(trace: Trace, run: Run, alignment: Alignment) -> list[str]:
+    """Return notes on a scale of an axis and on a clock that would explain most of what is left after the alignment.
+
+    With m the measured positions of the link that aligns, s the simulated ones and t' = t - shift, the least squares of
+
+        m - s(t') - offset = k (s(t') - mean) + c s'(t') (t' - mean) + b s'(t') + a
+
+    give the scale 1 + k of each axis, and a clock that runs slow by c. They are named where they take away half of the
+    residual or more; nothing is corrected.
+
+    Raises:
+        InputError: a scale so far from 1 that the unit of a column must be another.
+    """
+    measured = trace.nozzle if alignment.by == "nozzle" else trace.axes[alignment.by]
+    if measured is None:
+        return []
+    names = tuple("xyz") if alignment.by == "nozzle" else run.axes
+    offset = alignment.offsets["nozzle" if alignment.by == "nozzle" else "axes"]
+    simulated = getattr(run, alignment.by)
+    columns = np.flatnonzero(~np.isnan(measured).any(axis=0) & (np.ptp(simulated, axis=0) > 0))
+    time = trace.time - alignment.shift
+    inside = (time >= run.time[0]) & (time <= run.time[-1])
+    spline = CubicSpline(run.time, simulated, axis=0)
+    s = turned(spline(time[inside]), np.radians(alignment.rotation))[:, columns]
+    rate = turned(spline(time[inside], 1), np.radians(alignment.rotation))[:, columns]
+    residual = (measured[inside] - offset)[:, columns] - s
+    since = (time[inside] - time[inside].mean())[:, None]
+    units = np.eye(columns.size)
+    scales = [(s - s.mean(axis=0)) * unit for unit in units]
+    slopes = [*scales, rate * since, rate, *(np.broadcast_to(unit, s.shape) for unit in units)]
+    matrix = np.stack([slope.ravel() for slope in slopes], axis=1)
+    fitted = np.linalg.lstsq(matrix, residual.ravel(), rcond=None)[0]
+    before = float(np.sqrt(np.mean(residual**2)))
+    after = float(np.sqrt(np.mean((residual.ravel() - matrix @ fitted) ** 2)))
+    if not after < _MOSTLY * before:
+        return []
+    effects = np.sqrt(np.mean((matrix * fitted) ** 2, axis=0))
+    notes = []
+    for k, column in enumerate(columns.tolist()):
+        if effects[k] >= _NAMED * before:
+            notes.append(_scale_note(names[column], float(fitted[k])))
+    clock = columns.size
+    if effects[clock] >= _NAMED * before:
+        way = "slow" if fitted[clock] > 0 else "fast"
+        notes.append(f"the trace's clock runs {way} by {1e6 * abs(fitted[clock]):.0f} ppm against the run's")
+    return [f"{note}; that is most of the difference" for note in notes]
+
+
+def _scale_note(axis: str, scale: float) -> str:
+    if abs(scale) > _WRONG_SCALE:
+        raise InputError(
+            f"{axis}: the trace is {1 + scale:.5g} times the run: a column in another unit, or with a wrong factor?"
+        )
+    return f"{axis} of the trace is {1 + scale:.6f} times that of the run"
