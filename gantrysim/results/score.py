@@ -13,6 +13,7 @@ weighs as much as the cap. A run that ends in a fault, or is refused, has the bu
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 from gantrysim.results.checks import FAIL, NEAR
 from gantrysim.results.row import Row
@@ -39,6 +40,11 @@ def row_burden(row: Row) -> float:
     usages = usages_of(row)
     if not usages and row.state == FAIL:
         usages = [CAP]
+    return burden_of_usages(usages)
+
+
+def burden_of_usages(usages: Iterable[float]) -> float:
+    """Return what checks with these usages add to the burden of their verdict."""
     return sum(math.log(min(max(usage, NEAR), CAP) / NEAR) for usage in usages)
 
 

@@ -154,6 +154,25 @@ def test_runs_that_cannot_be_compared(comparison):
         compare_runs(run, run.replaced(job=None), names=["a", "b"])
 
 
+def test_a_run_without_glue_is_no_better_for_having_no_bead_to_judge(comparison):
+    """Of the same motion, one lays a bead that fails and one lays none: only what both have is compared."""
+    strict = recorded().job.changed({"tolerance.bead_width": 1e-6})
+    run = recorded().replaced(job=strict)
+    none = {"job": strict.changed({"dispenser.flow": 0.0}), "flow": 0 * run.flow, "flow_demand": 0 * run.flow_demand}
+    dry = run.replaced(**none)
+    both = compare_runs(run, dry, names=["glued", "dry"])
+    assert both.verdicts[0]["glue"].state == "fail"
+    assert both.best is None
+    assert both.sentence.startswith(
+        "None is better than the others by its verdict: glued ✗ fail: glue; dry ! warn: glue."
+    )
+    assert "The glue is not compared: dry has none judged" in both.sentence
+    glued = on_circle(*AFTER).replaced(job=strict)
+    other = compare_runs(glued, on_circle(*BEFORE).replaced(**none), names=["glued", "dry"])
+    assert other.best == 0
+    assert "The glue is not compared: dry has none judged (nothing was laid" in other.sentence
+
+
 def test_the_command_writes_page_and_summary(gantrysim_command, comparison, folders, tmp_path):
     before, after = folders
     out = tmp_path / "compared"

@@ -1,33 +1,54 @@
 """Which of several runs is the best, by which of the verdict's checks, and by how much, in a sentence or two.
 
 A run is better than another whose verdict has the larger burden (`gantrysim.results.score`), and between two of the
-same burden, as of passes, whose worst check uses the larger share of its limit.
+same burden, as of passes, whose worst check uses the larger share of its limit. Checks that both judge count.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from gantrysim.compare.runs.check_changes import BETTER, WORSE, CheckChange
+from gantrysim.compare.runs.compared_run import FEWEST
 from gantrysim.compare.runs.job_differences import JobDifference
 from gantrysim.results.checks import FAIL, PASS
-from gantrysim.results.score import CAP, burden_of, usages_of
+from gantrysim.results.score import CAP, burden_of_usages, row_burden, usages_of
 from gantrysim.results.verdict import Verdict
 
 _EQUAL = 1e-6  # of a burden or a usage, below which two are the same
 _LISTED = 3  # checks and keys that a sentence names
 
 
-def rank_of(verdict: Verdict) -> tuple[float, float]:
-    """Return the burden of a verdict and the usage of its worst check; the lower the better."""
-    usages = [min(usage, CAP) for row in verdict.rows for usage in usages_of(row)]
-    return burden_of(verdict), max(usages, default=math.inf)
+def ranks_of(first: Verdict, second: Verdict) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return burden and worst usage of two verdicts, over the checks that both judge; the lower the better.
+
+    A check that only one of them judges, as those of the bead where the other lays none, would count against a run
+    for having been judged.
+    """
+    tables = [_usages(verdict) for verdict in (first, second)]
+    ranks = []
+    for verdict, usages in zip((first, second), tables, strict=True):
+        shared = [usage for name, usage in usages.items() if all(name in table for table in tables)]
+        burden = math.inf if verdict.fault else burden_of_usages(shared) + _unchecked_failures(verdict)
+        ranks.append((burden, max(shared, default=0.0)))
+    return ranks[0], ranks[1]
+
+
+def _usages(verdict: Verdict) -> dict[str, float]:
+    """Return the usages of the checks that are judged, by name."""
+    checks = [check for row in verdict.rows for check in row.checks]
+    return {check.name: min(check.usage, CAP) for check in checks if not math.isnan(check.usage)}
+
+
+def _unchecked_failures(verdict: Verdict) -> float:
+    """Return the burden of rows that fail without a check, as where no glue comes out."""
+    return sum(row_burden(row) for row in verdict.rows if not usages_of(row))
 
 
 def is_better(first: Verdict, second: Verdict) -> bool:
     """Return whether a verdict is better than another."""
-    for value, rival in zip(rank_of(first), rank_of(second), strict=True):
+    for value, rival in zip(*ranks_of(first, second), strict=True):
         if value != rival and not math.isclose(value, rival, rel_tol=_EQUAL, abs_tol=_EQUAL):
             return value < rival
     return False
@@ -62,17 +83,29 @@ def answer(
         return f"{_listed(names)} are the same: no value differs. {what}"
     best = best_of(verdicts)
     if best is None:
-        states = ", ".join(dict.fromkeys(verdict.headline for verdict in verdicts))
-        return f"None is better than all others by its verdict: {states}. {what}"
+        states = "; ".join(f"{name} {verdict.headline}" for name, verdict in zip(names, verdicts, strict=True))
+        sentences = [f"None is better than the others by its verdict: {states}."]
+        if len(names) == FEWEST:
+            sentences += _unjudged(names, verdicts, 0, 1)
+        return " ".join([*sentences, what])
     others = [number for number in range(len(verdicts)) if number != best]
     # of several, the one that comes closest
-    rival = min(others, key=lambda number: rank_of(verdicts[number]))
+    rival = min(others, key=lambda number: ranks_of(verdicts[number], verdicts[best])[0])
     begin = f"{names[best]} is better than {names[rival]}" if len(names) == 2 else _of_several(names, best, rival)
     sentences = [f"{begin}: {_states(names, verdicts, best, rival)}{_gain(checks, best, rival)}."]
     losses = _losses(checks, best, rival)
     if losses:
         sentences.append(f"But worse: {losses}.")
+    sentences += _unjudged(names, verdicts, best, rival)
     return " ".join([*sentences, what])
+
+
+def _unjudged(names: Sequence[str], verdicts: Sequence[Verdict], best: int, rival: int) -> Iterator[str]:
+    """Yield which rows only one of two runs judges, and why: they do not count."""
+    for number, other in ((best, rival), (rival, best)):
+        for row in verdicts[number].rows:
+            if not verdicts[number].fault and not row.checks and verdicts[other][row.name].checks:
+                yield f"The {row.name} is not compared: {names[number]} has none judged ({row.remark})."
 
 
 def _of_several(names: Sequence[str], best: int, rival: int) -> str:
