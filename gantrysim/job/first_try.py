@@ -29,6 +29,7 @@ class OpenValues(NamedTuple):
         height: whether the height of a program from a file is.
         place: whether its place in the plane is.
         travel: whether the travel of the machine is.
+        speeds: whether the largest speeds of the program's axes are.
         dialect: what a program file was recognised as by its content; None where suffix or caller decides.
     """
 
@@ -38,6 +39,7 @@ class OpenValues(NamedTuple):
     height: bool
     place: bool
     travel: bool
+    speeds: bool
     dialect: Recognised | None
 
     @classmethod
@@ -55,6 +57,7 @@ class OpenValues(NamedTuple):
             height="source" in content and "z" not in program.get("placement", {}),
             place="source" in content and not {"x", "y"} & set(program.get("placement", {})),
             travel="machine" not in content and "travel" not in content,
+            speeds="axis_speeds" not in program,
             dialect=dialect,
         )
 

@@ -21,7 +21,7 @@ from gantrysim.job.first_try import OpenValues, choice_note, glue_changes, machi
 from gantrysim.job.fitting import check_fit, check_servo_file
 from gantrysim.job.margins import check_stability, margin_notes, servo_reason
 from gantrysim.job.plan import Plan, plan_of
-from gantrysim.job.program_place import moved, place_changes
+from gantrysim.job.program_place import fit_changes, share_text
 from gantrysim.job.programs import build
 from gantrysim.job.reading import Request, read_with_overrides
 from gantrysim.job.user_controller import checked_setpoints
@@ -116,9 +116,9 @@ class Job(JobContent):
                 job = job.changed({"machine": machine_of(name, job.controller)}).sharing(job)
         if open_values.glue:
             job = job.changed(glue_changes(job, job.built_machine)).sharing(job)
-        if open_values.height or open_values.place:
-            changes = place_changes(job, job.built_machine, job.controller, open_values)
-            job = job.changed(changes).sharing(job)
+        if not is_code(name):
+            changes = fit_changes(job, job.built_machine, job.controller, open_values)
+            job = job.changed(changes).sharing(job) if changes else job
         note = choice_note(open_values, job, job.controller)
         return job.with_choice(note) if note else job
 
@@ -158,8 +158,9 @@ class Job(JobContent):
             built["built_machine"] = other.built_machine
         if self.program == other.program:
             built["controller"] = other.controller
-        elif {**self.program, "placement": None} == {**other.program, "placement": None}:
-            built["controller"] = moved(other.controller, self.controller)
+        elif not is_code(self.program["controller"]):
+            share_text(self.program, other.program, self.controller, other.controller)
+            built["controller"] = self.controller
         return self.model_copy(update=built)
 
     def __deepcopy__(self, memo: dict[int, Any] | None = None) -> Job:

@@ -1,4 +1,4 @@
-"""Where a program from a file lies on a machine that nobody named: its height, its place in the plane, the travel."""
+"""How a program from a file fits its machine where nobody said: height, place in the plane, travel, speeds."""
 
 from __future__ import annotations
 
@@ -39,6 +39,10 @@ class OpenPlace(Protocol):
     def travel(self) -> bool:
         """The travel of the machine."""
 
+    @property
+    def speeds(self) -> bool:
+        """The largest speeds of its axes."""
+
 
 class _Heights(NamedTuple):
     """Lowest heights of the nozzle with the dispenser on, and of the nozzle at all [mm].
@@ -54,13 +58,43 @@ class _Heights(NamedTuple):
     tip: float
 
 
-def moved(controller: Controller, elsewhere: Controller) -> Controller:
-    """Return a controller at another place on the work; one that can be moved keeps what it has read of its program."""
-    move = getattr(controller, "moved_to", None)
-    if move is None:
-        return elsewhere
-    placed: Controller = move(elsewhere.placement)  # type: ignore[attr-defined]  # which those that can move have
-    return placed
+# arguments of a program that change neither what its text says nor how it is read
+REPLANNED = {"placement", "axis_speeds"}
+
+
+def share_text(
+    program: dict[str, Any], other_program: dict[str, Any], controller: Controller, other: Controller
+) -> None:
+    """Let a controller take over what another has read of the same text, if it can."""
+    same = all(program.get(key) == other_program.get(key) for key in {*program, *other_program} - REPLANNED)
+    if same and hasattr(controller, "sharing_text_of"):
+        controller.sharing_text_of(other)
+
+
+def fit_changes(job: JobContent, machine: Machine, controller: Controller, open_place: OpenPlace) -> dict[str, Any]:
+    """Return the values with which a program fits its machine, by dotted name: its place and its largest speeds.
+
+    Args:
+        job: on the machine.
+        machine: of the job.
+        controller: with its program; one that the controller refuses is left, and the run reports it.
+        open_place: what nobody gave.
+    """
+    try:
+        return place_changes(job, machine, controller, open_place) | _speed_changes(machine, controller, open_place)
+    except InputError:
+        return {}
+
+
+def _speed_changes(machine: Machine, controller: Controller, open_place: OpenPlace) -> dict[str, Any]:
+    """Return the machine's speeds as the program's limits where its feeds are beyond them."""
+    needed = getattr(controller, "needed_speeds", None) if open_place.speeds else None
+    if needed is None or not machine.kinematics.axes_are_coordinates:
+        return {}
+    limits = {axis.name: axis.speed_limit for axis in machine.plain_axes}
+    if all(needed[name] <= limits.get(name, math.inf) for name in needed):
+        return {}
+    return {"program.axis_speeds": [limits.get(name, math.inf) for name in needed]}
 
 
 def place_changes(job: JobContent, machine: Machine, controller: Controller, open_place: OpenPlace) -> dict[str, Any]:
@@ -75,15 +109,17 @@ def place_changes(job: JobContent, machine: Machine, controller: Controller, ope
     Args:
         job: on a machine of Cartesian axes; any other is left as it is, and so is the user's own controller.
         machine: of the job.
-        controller: with its program; one that the controller refuses is left, and the run reports it.
+        controller: with its program.
         open_place: what nobody gave.
+
+    Raises:
+        InputError: a program that the controller refuses.
     """
     if is_code(job.program["controller"]) or job.machine not in MACHINES or not hasattr(controller, "placement"):
         return {}
-    try:
-        setpoints = controller.setpoints(job.servo.period)
-    except InputError:
+    if not (open_place.height or open_place.place):
         return {}
+    setpoints = controller.setpoints(job.servo.period)
     travel = {axis.name: axis.travel for axis in machine.plain_axes}
     box = {name: (float(p.min()), float(p.max())) for name, p in zip(setpoints.axes, setpoints.position.T, strict=True)}
     changes: dict[str, Any] = {}

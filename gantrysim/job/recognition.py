@@ -15,7 +15,7 @@ _COMMENT = re.compile(r"\([^()\n]*\)|;.*")
 _LOOKED_AT = 200_000  # characters of a text: a slicer's first layer is longer than its header
 _LEAST_SHARE = 0.5  # of the lines that have to be blocks
 _BLOCK = re.compile(
-    r"^\s*/?\s*(?:N\s*\d+\s*)?(?:(?:[GMTSFXYZIJKRE]\s*[-+]?[\d.]|[XYZIJKRSFE]\s*[#\[]).*|O\s*[\d<].*|#[\d<].*|%|[$?!~].*)$",
+    r"^\s*/?\s*(?:N\s*\d+\s*)?(?:(?:[GMTSFXYZIJKRE]\s*[-+]?[\d.]|[XYZIJKRSFE]\s*[#\[]).*|O\s*[\d<].*|(?:WHILE|IF)\s*\[.*|(?:GOTO|END)\s*\d.*|#[\d<].*|%|[$?!~].*)$",
     re.IGNORECASE,
 )
 _MOTION = re.compile(r"(?<![A-Z])(?:G\s*0*[0-3](?![\d.])|[XYZ]\s*[-+]?[\d.#\[])", re.IGNORECASE)

@@ -53,7 +53,7 @@ def test_a_rapid_move_uses_every_axis_to_its_limit():
 
 
 def test_feeds_are_kept_within_the_axes():
-    controller = program("F60000 G1 X300 Y400", rapid=6000)
+    controller = program("F60000 G1 X300 Y400", axis_speeds=(1000.0, 100.0, 1000.0))
     v = np.abs(np.diff(samples(controller), axis=0)).max(axis=0) / PERIOD
     assert v[1] == pytest.approx(100, rel=1e-6)
     assert v[0] == pytest.approx(75, rel=1e-6)

@@ -9,7 +9,7 @@ PLAIN = "G21 G90\nG0 X10 Y5\nG1 X30 F600\nM2\n"
 DIALECTS = {
     "linuxcnc.Program": (PLAIN, "$H\n$30=1000\n?\n(laser)\n" + PLAIN, "o100 while [#1 LT 3]\nG1 X#1 F100\n"),
     "slicer.Program": ("G28\nG1 X10 E0.5 F1200\nG1 Y10 E1\n", "M82\nG1 X3 F100\nG1 Y4\n", "G92 E0\nG1 X2\nG1 X3\n"),
-    "fanuc.Program": ("%\nO1000\nG01 X5 F60\n%\n", "#1=0\nWHILE[#1LT3]DO1\nG01X#1F60\n#1=#1+1\nEND1\n", "O1(pad)\nG0X1\n"),
+    "fanuc.Program": ("%\nO1000\nG01 X5 F60\n%\n", "WHILE[#1LT3]DO1\nG01X#1F60\n#1=#1+1\nEND1\n", "O1(pad)\nG0X1\n"),
 }
 
 
@@ -80,3 +80,13 @@ def test_what_is_placed_or_named_is_refused_outside_the_travel(tmp_path):
     assert job.plan().travel["x"].bounds == (-5, 305)
     with pytest.raises(InputError, match=r"travel\.x = 5 to 1 mm: must be ascending"):
         Job.load(file, ["machine=xy", "travel={x=[5, 1]}"]).plan()
+
+
+def test_feeds_above_the_machines_speed_are_run_at_it(tmp_path):
+    file = file_of(tmp_path, "G21 G90 G61\nG1 X100 F90000\nG1 X0\nM2\n")
+    job = Job.load(file, ["program.acceleration=20000"])
+    assert list(job.program["axis_speeds"][:2]) == [1000.0, 1000.0]
+    assert job.plan().speeds["x"].largest == pytest.approx(1000.0, rel=1e-3)
+    # ramps of 1000/20000 s over 25 mm each, and 50 mm between them
+    assert job.controller.duration == pytest.approx(2 * (2 * 0.05 + 0.05), rel=5e-3)
+    assert any("Feeds above the machine's speed" in note for note in job.notes)

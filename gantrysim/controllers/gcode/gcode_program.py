@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -17,15 +18,17 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.gcode.dialects import Dispense, GCodeDialect
 from gantrysim.controllers.gcode.interpret import Interpreted, interpret
 from gantrysim.controllers.gcode.lifting import lifted
+from gantrysim.controllers.gcode.motion_limits import UNLIMITED, MotionLimits, PlanSettings
 from gantrysim.controllers.gcode.move_table import END, FEED, FLOW, GLUE, KIND, LINE
 from gantrysim.controllers.gcode.o_words import ProgramText
-from gantrysim.controllers.gcode.planned import PathPlan, PlanSettings, plan
+from gantrysim.controllers.gcode.planned import PathPlan, plan
 from gantrysim.controllers.gcode.program_state import UNSTATED_FEED, ProgramSetup
 from gantrysim.controllers.placement import Placement
 from gantrysim.paths.track import Track
 from gantrysim.record.setpoints import Setpoints, ticks
 
 PER_MINUTE = 60.0
+_SLOWED = 1e-6  # share of the duration by which a cap of speeds is noted
 _CUT = 0.05  # distance of a rounded corner that is noted [mm]
 
 
@@ -64,6 +67,7 @@ class GCode(Controller):
     block_skip: bool = False
     skip_axes: str = ""
     max_steps: int = 10_000_000
+    axis_speeds: tuple[float, float, float] = UNLIMITED
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", place("start", self.start))
@@ -73,6 +77,9 @@ class GCode(Controller):
         positive("feed_override", self.feed_override)
         at_least("arc_tolerance", self.arc_tolerance, 0, "mm")
         whole("max_steps", self.max_steps, 1)
+        for name, speed in zip("xyz", self.axis_speeds, strict=True):
+            if speed != math.inf:
+                positive(f"axis_speeds {name}", speed, "mm/s")
         if set(self.skip_axes) - set("ABCUVW"):
             raise InputError(f"skip_axes = {self.skip_axes!r}: must be letters of A, B, C, U, V, W")
 
@@ -107,11 +114,14 @@ class GCode(Controller):
         )
         return interpret(text, self.start, setup)
 
-    def moved_to(self, placement: Placement) -> GCode:
-        """Return the program at another place on the work; its text is not read again."""
-        elsewhere = replace(self, placement=placement)
-        elsewhere.__dict__["program"] = self.program
-        return elsewhere
+    def sharing_text_of(self, other: GCode) -> None:
+        """Take over what another program with the same text and start has read of it."""
+        self.__dict__["program"] = other.program
+
+    @property
+    def needed_speeds(self) -> dict[str, float]:
+        """Largest speeds that the feeds ask of the axes, by name [mm/s]."""
+        return dict(zip("xyz", self.plan.axis_speeds.tolist(), strict=True))
 
     def with_lift(self, height: float) -> dict[str, Any] | None:
         text = lifted(self.text, self.dispense, self.start[2], height)
@@ -128,8 +138,18 @@ class GCode(Controller):
         Raises:
             InputError: a line that is refused, or a program without moves.
         """
-        settings = PlanSettings(self.rapid / PER_MINUTE, self.acceleration, self.cycle, self.feed_override)
+        settings = PlanSettings(self.rapid / PER_MINUTE, self._limits, self.cycle, self.feed_override)
         return plan(self.program, self.placement, settings)
+
+    @property
+    def _limits(self) -> MotionLimits:
+        """Limits of all moves, where the program sets none."""
+        # firmware accelerates along the path, LinuxCNC each axis
+        along = self.acceleration if self.dialect.extrudes else math.inf
+        of_axis = math.inf if self.dialect.extrudes else self.acceleration
+        return MotionLimits(
+            acceleration=along, axis_speeds=self.axis_speeds, axis_accelerations=(of_axis, of_axis, of_axis)
+        )
 
     @property
     def requested(self) -> Track:
@@ -183,7 +203,7 @@ class GCode(Controller):
     @property
     def notes(self) -> tuple[str, ...]:
         """What was ignored, where the path slows down, and how much material E feeds."""
-        notes = []
+        notes = [] if self._slowed is None else [self._slowed]
         if self.program.without_feed:
             notes.append(
                 f"{self.program.without_feed} moves before the first F run at {UNSTATED_FEED / PER_MINUTE:g} mm/s."
@@ -202,6 +222,22 @@ class GCode(Controller):
                 f"G64 P{_CUT:g} keeps within {_CUT:g} mm of them."
             )
         return (*notes, *self._flow)
+
+    @cached_property
+    def _slowed(self) -> str | None:
+        """A note on what the largest speeds of the axes cost; None where they cost nothing."""
+        if self.axis_speeds == UNLIMITED:
+            return None
+        free = replace(self, axis_speeds=UNLIMITED)
+        free.sharing_text_of(self)
+        longer = self.duration - free.duration
+        if longer <= _SLOWED * self.duration:
+            return None
+        speeds = ", ".join(f"{name} {speed:g}" for name, speed in zip("xyz", self.axis_speeds, strict=True))
+        return (
+            f"Feeds above the machine's speed ({speeds} mm/s) are run at it: the program takes {self.duration:.4g} s, "
+            f"{longer:.3g} s longer than at its feeds (axis_speeds)."
+        )
 
     @property
     @abstractmethod

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import AxisError, InputError
+from gantrysim.controllers.gcode.motion_limits import MotionLimits
 from gantrysim.controllers.gcode.move_table import MoveTable
 from gantrysim.controllers.gcode.o_words import ProgramFlow, ProgramText
 from gantrysim.controllers.gcode.program_state import ProgramSetup, ProgramState
@@ -23,12 +24,14 @@ class Interpreted:
         moves: rows of `MoveTable`, (m, WIDTH).
         ignored: words without an effect on the path, and how often they were met.
         without_feed: moves at a feed that the program has not stated.
+        limits: to which the moves refer.
     """
 
     start: tuple[float, float, float]
     moves: Floats
     ignored: Counter[str]
     without_feed: int = 0
+    limits: tuple[MotionLimits, ...] = (MotionLimits(),)
 
 
 def interpret(program: ProgramText, start: tuple[float, float, float], setup: ProgramSetup) -> Interpreted:
@@ -62,4 +65,4 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
         raise kind(f"{flow.where}: {error}") from None
     except OverflowError:
         raise InputError(f"{flow.where}: a number is too large") from None
-    return Interpreted(start, moves.table, state.ignored, state.without_feed)
+    return Interpreted(start, moves.table, state.ignored, state.without_feed, tuple(state.limits.rows))

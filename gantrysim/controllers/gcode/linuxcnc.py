@@ -27,7 +27,7 @@ class Program(GCode):
         text: the program.
         placement: of the program on the work.
         start: initial position, also the position of G28 and G30 [mm].
-        rapid: largest speed of each axis, at which G0 runs; an assumption [mm/min].
+        rapid: largest speed of each axis in rapid moves, G0; an assumption [mm/min].
         acceleration: of x, y and z each; an assumption [mm/s²].
         cycle: period of the trajectory planner, in which the velocity may jump at a corner; an assumption [s].
         feed_override: factor on all feeds.
@@ -41,6 +41,8 @@ class Program(GCode):
         tool_lengths: by the number H, as {"1": 50.0}; 0 for others [mm].
         parameters: values of named parameters that the machine provides, as {"_hal[feed]": 900.0}.
         max_steps: most lines that may run.
+        axis_speeds: largest speeds of x, y and z in all moves; where a job gives none and the program exceeds them,
+            those of its machine [mm/s].
 
     Raises:
         InputError: a line that is refused, or a parameter out of bounds.

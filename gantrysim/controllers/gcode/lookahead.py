@@ -20,15 +20,27 @@ INWARD = math.sqrt(0.75)
 ALONG = 0.5
 
 
-def turning_speed(radius: Floats, acceleration: float) -> Floats:
+def turning_speed(radius: Floats, acceleration: Floats) -> Floats:
     """Return the largest speed on arcs [mm/s]."""
     return np.sqrt(INWARD * acceleration * radius)
 
 
-def jump_speed(angle: Floats, acceleration: float, cycle: float) -> Floats:
+def jump_speed(angle: Floats, acceleration: Floats, cycle: float) -> Floats:
     """Return the largest speed in corners, where the velocity jumps by at most a T in a cycle T [mm/s]."""
     with np.errstate(divide="ignore"):
         return acceleration * cycle / (2 * np.sin(0.5 * np.minimum(angle, math.pi)))
+
+
+def junction_speed(angle: Floats, deviation: Floats, acceleration: Floats, reach: Floats) -> Floats:
+    """Return the speed at which printers' firmware passes corners on the exact path [mm/s].
+
+    It is that on an arc between the two lines: v^2 = a r, r = d cos(angle / 2) / (1 - cos(angle / 2)), where d is the
+    distance of the arc from the corner, and r no larger than the arc that begins at the reach from the corner.
+    """
+    cosine = np.cos(0.5 * np.minimum(angle, math.pi))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        radius = np.minimum(deviation * cosine / (1 - cosine), reach / np.tan(0.5 * np.minimum(angle, math.pi)))
+    return np.where(cosine < 1, np.sqrt(acceleration * radius), np.inf)
 
 
 def planned(lengths: Floats, speed: Floats, acceleration: Floats, joint: Floats) -> Limited:

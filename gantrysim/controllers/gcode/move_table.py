@@ -39,6 +39,7 @@ class MoveRow(NamedTuple):
         glue: whether glue is laid.
         source: line of the program.
         flow: material fed [mm].
+        limits: index of the limits in force.
     """
 
     kind: float
@@ -55,6 +56,7 @@ class MoveRow(NamedTuple):
     glue: float
     source: float
     flow: float
+    limits: float = 0.0
 
 
 # columns of the table
@@ -69,8 +71,9 @@ NAIVE = MoveRow._fields.index("naive")
 GLUE = MoveRow._fields.index("glue")
 SOURCE = MoveRow._fields.index("source")
 FLOW = MoveRow._fields.index("flow")
+LIMITS = MoveRow._fields.index("limits")
 WIDTH = len(MoveRow._fields)
-_MOST = 5_000_000  # moves, of 112 bytes each
+_MOST = 5_000_000  # moves, of 120 bytes each
 _SAME = 1e-9  # relative to 1 rad
 
 

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.interpret import Interpreted
-from gantrysim.controllers.gcode.lookahead import ALONG, INWARD, jump_speed, planned, turning_speed
+from gantrysim.controllers.gcode.lookahead import ALONG, INWARD, jump_speed, junction_speed, planned, turning_speed
+from gantrysim.controllers.gcode.motion_limits import PieceLimits, PlanSettings, limits_of, shares
 from gantrysim.controllers.gcode.move_table import (
     ANGLE,
     ARC,
@@ -35,23 +36,6 @@ from gantrysim.paths.track import Track
 
 _SHORTEST = 1e-6  # length of a move that is kept; less is rounding of coordinates [mm]
 _STOP = 0.1  # share of the feed below which a corner is a stop
-
-
-@dataclass(frozen=True)
-class PlanSettings:
-    """What a program is planned with.
-
-    Attributes:
-        rapid: largest speed of each axis [mm/s].
-        acceleration: of each axis [mm/s²].
-        cycle: period in which the velocity may jump by acceleration x cycle at a corner that is not rounded [s].
-        override: factor on the feeds.
-    """
-
-    rapid: float
-    acceleration: float
-    cycle: float
-    override: float
 
 
 @dataclass(frozen=True)
@@ -85,6 +69,7 @@ class PathPlan:
         stops: corners between moves at feed passed at less than a tenth of the feed.
         small: median length of the moves before those corners; 0 without [mm].
         cut: largest distance of the path from corners that are rounded without a tolerance; 0 without [mm].
+        axis_speeds: largest speeds that the feeds ask of x, y and z, (3,) [mm/s].
     """
 
     requested: Track
@@ -96,6 +81,7 @@ class PathPlan:
     stops: int
     small: float
     cut: float
+    axis_speeds: Floats
 
     @property
     def duration(self) -> float:
@@ -186,22 +172,31 @@ def plan(program: Interpreted, placement: Placement, settings: PlanSettings) -> 
     halts[moves_before] = True
     base = _simplified(_Base(requested, rows, halts), table)
     feed = table[base.rows, FEED]
-    speed, acceleration = _limits(base.track, feed, settings)
+    limits = limits_of(base.track, table[base.rows], program.limits, settings)
+    speed = limits.speed
+    turning = np.minimum(limits.turning[:-1], limits.turning[1:])
     # where two moves meet, the stricter of their modes holds
     mode = np.minimum(table[base.rows[:-1], MODE], table[base.rows[1:], MODE])
+    deviation = np.fmin(limits.deviation[:-1], limits.deviation[1:])
+    by_firmware = np.isfinite(deviation) & (mode > EXACT_PATH)
+    mode[by_firmware] = EXACT_PATH
     halted = base.halts[1:-1]
+    lengths = np.diff(base.track.ends, prepend=0.0)
     tolerance = np.where(halted | (mode <= EXACT_PATH), 0.0, mode)
     # an arc that admits the slower of the two speeds is wide enough: v^2 / r is at most its share of the acceleration
     needed = np.minimum(speed[:-1], speed[1:])
-    widest = needed**2 / (settings.acceleration * INWARD)
+    widest = needed**2 / (turning * INWARD)
     path, angle, distance = rounded(base.track, tolerance, widest)
-    joint = np.minimum(needed, jump_speed(angle, settings.acceleration, settings.cycle))
+    joint = np.minimum(needed, jump_speed(angle, turning, settings.cycle))
+    reach = 0.5 * np.minimum(lengths[:-1], lengths[1:])
+    passed = junction_speed(angle, deviation, turning, reach)
+    joint[by_firmware] = np.minimum(needed, passed)[by_firmware]
     joint[halted | (mode < EXACT_PATH)] = 0.0
-    profile, source = _profile(path, joint, (speed, acceleration), base.rows, settings)
+    profile, source = _profile(path, joint, limits, base.rows)
     pieces = _pieces_after(path, base.rows, rows, moves_before)
     begin = np.array([profile.reached(float(s)) if s > 0 else 0.0 for s in path.ends[pieces]])
     stopped = (feed[:-1] > 0) & (feed[1:] > 0) & ~halted & (joint < _STOP * needed)
-    sizes = np.diff(base.track.ends, prepend=0.0)[:-1][stopped]
+    sizes = lengths[:-1][stopped]
     return PathPlan(
         requested=requested,
         path=path,
@@ -212,6 +207,7 @@ def plan(program: Interpreted, placement: Placement, settings: PlanSettings) -> 
         stops=int(stopped.sum()),
         small=float(np.median(sizes)) if sizes.size else 0.0,
         cut=float(distance[np.isinf(mode)].max(initial=0.0)),
+        axis_speeds=(speed[:, None] * shares(base.track)).max(axis=0),
     )
 
 
@@ -243,42 +239,25 @@ def _simplified(base: _Base, table: Floats) -> _Base:
     return _Base(track, rows[last], base.halts[np.flatnonzero(corner)])
 
 
-def _limits(track: Track, feed: Floats, settings: PlanSettings) -> tuple[Floats, Floats]:
-    """Largest speed and acceleration of every piece."""
-    first, _ = track.end_tangents()
-    # along a line the axis with the greatest share of the motion limits it; an arc may have any direction
-    steepest = np.where(track.coil, 1.0, np.maximum(np.abs(first).max(axis=1), 1e-9))
-    fastest = settings.rapid / steepest
-    speed = np.where(feed > 0, np.minimum(feed * settings.override, fastest), fastest)
-    acceleration = settings.acceleration / steepest
-    tightest = track.tightest
-    bent = np.isfinite(tightest)
-    speed[bent] = np.minimum(speed[bent], turning_speed(np.maximum(tightest[bent], 1e-9), settings.acceleration))
-    acceleration[bent] = ALONG * settings.acceleration
-    return speed, acceleration
-
-
 def _profile(
-    path: Rounded, joint: Floats, limits: tuple[Floats, Floats], rows: NDArray[np.intp], settings: PlanSettings
+    path: Rounded, joint: Floats, limits: PieceLimits, rows: NDArray[np.intp]
 ) -> tuple[Limited, NDArray[np.intp]]:
     """Speed along the rounded path, and the row of the moves of each of its pieces.
 
     Args:
         path: with its arcs.
         joint: largest speeds at the corners of the base [mm/s].
-        limits: speed [mm/s] and acceleration [mm/s²] of each piece of the base.
+        limits: of each piece of the base.
         rows: of the moves, for every piece of the base.
-        settings: of the planner.
     """
-    speed, acceleration = limits
+    speed = limits.speed
     arcs = path.arc >= 0
     top = speed[path.piece]
-    change = acceleration[path.piece]
+    change = limits.acceleration[path.piece]
     k = path.piece[arcs]
-    top[arcs] = np.minimum(
-        np.minimum(speed[k], speed[k + 1]), turning_speed(path.radius[path.arc[arcs]], settings.acceleration)
-    )
-    change[arcs] = ALONG * settings.acceleration
+    turning = np.minimum(limits.turning[k], limits.turning[k + 1])
+    top[arcs] = np.minimum(np.minimum(speed[k], speed[k + 1]), turning_speed(path.radius[path.arc[arcs]], turning))
+    change[arcs] = ALONG * turning
     source = rows[path.piece + arcs]  # an arc belongs to the move after the corner
     meet = np.full(arcs.size - 1, np.inf)
     plain = ~arcs[:-1] & ~arcs[1:]

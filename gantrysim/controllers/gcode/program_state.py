@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.coordinate_systems import CoordinateSystems
 from gantrysim.controllers.gcode.dialects import Dispense, GCodeDialect
+from gantrysim.controllers.gcode.limits_in_force import LimitsInForce
 from gantrysim.controllers.gcode.move_table import DWELL, EXACT_STOP, LINE, MoveRow, MoveTable
 
 FARTHEST = 1e7  # of a coordinate [mm]
@@ -116,6 +117,7 @@ class ProgramState:
         depth: of the calls of subroutines.
         ignored: words without an effect on the path, and how often they were met.
         without_feed: moves of printers' firmware before the first F.
+        limits: that the program sets.
     """
 
     def __init__(self, moves: MoveTable, setup: ProgramSetup) -> None:
@@ -134,6 +136,7 @@ class ProgramState:
         self.depth = 0
         self.ignored: Counter[str] = Counter()
         self.without_feed = 0
+        self.limits = LimitsInForce()
         self._saved: dict[int, _Saved] = {}  # by the depth of calls
         self._restored: set[int] = set()  # depths at whose end the saved modes come back
 
@@ -193,7 +196,10 @@ class ProgramState:
             raise InputError(f"end at {[round(v, 3) for v in end]} mm: must be within {FARTHEST:g} mm")
         modes = self.modes
         x, y, z = end
-        self.moves.add(MoveRow(LINE, x, y, z, 0.0, 0.0, 0, 0.0, feed, modes.path, modes.naive, glue, self.line, fed))
+        limits = self.limits.index(fed > 0)
+        self.moves.add(
+            MoveRow(LINE, x, y, z, 0.0, 0.0, 0, 0.0, feed, modes.path, modes.naive, glue, self.line, fed, limits)
+        )
         self.frames.here = end
 
     def pause(self, time: float) -> None:

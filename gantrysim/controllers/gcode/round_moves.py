@@ -78,6 +78,7 @@ def add_arc(state: ProgramState, block: WordBlock, clockwise: bool) -> None:
             glue=state.lays_glue(True, block.fed),
             source=state.line,
             flow=block.fed,
+            limits=state.limits.index(block.fed > 0),
         )
     )
     frames.here = end

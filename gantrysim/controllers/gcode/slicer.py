@@ -22,8 +22,8 @@ class Program(GCode):
         text: the program.
         placement: of the program on the work.
         start: initial position [mm].
-        rapid: largest speed of each axis; an assumption [mm/min].
-        acceleration: of x, y and z each; an assumption [mm/s²].
+        rapid: largest speed of each axis in the rapid moves of G30; an assumption [mm/min].
+        acceleration: along the path, where the program sets none by M204 or SET_VELOCITY_LIMIT; an assumption [mm/s²].
         cycle: period in which the velocity may jump at a corner that is not rounded; an assumption [s].
         feed_override: factor on all feeds.
         dispense: when the valve is open; by default in moves that feed material.
@@ -31,7 +31,10 @@ class Program(GCode):
         block_skip: whether lines that begin with a slash are skipped.
         skip_axes: letters of axes that the machine lacks, whose words are counted and skipped.
         max_steps: most lines that may run.
-        corner_tolerance: largest distance of the rounded corners from the path; an assumption [mm].
+        axis_speeds: largest speeds of x, y and z in all moves; where a job gives none and the program exceeds them,
+            those of its machine [mm/s].
+        corner_tolerance: largest distance of the rounded corners from the path, where the program sets no speed or
+            deviation by M205 or SET_VELOCITY_LIMIT; an assumption [mm].
 
     Raises:
         InputError: a line that is refused, or a parameter out of bounds.

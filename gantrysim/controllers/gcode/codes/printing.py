@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from gantrysim.controllers.gcode.codes.code_table import SLICER, auxiliary, without_effect
+from gantrysim.base.errors import InputError
+from gantrysim.controllers.gcode.codes.code_table import SLICER, auxiliary, command, without_effect
+from gantrysim.controllers.gcode.motion_limits import UNLIMITED, Three
 from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 
 _SLICER = (SLICER,)
+_VELOCITY_LIMITS = ("VELOCITY", "ACCEL", "SQUARE_CORNER_VELOCITY")
 
 
 @auxiliary(_SLICER)
@@ -97,14 +100,40 @@ def m190(state: ProgramState, block: WordBlock) -> None:
     """Wait for the temperature of the bed."""
 
 
-@without_effect(_SLICER)
+@auxiliary(_SLICER)
+def m201(state: ProgramState, block: WordBlock) -> None:
+    """Largest acceleration of X, Y and Z [mm/s²]."""
+    before = state.limits.now.axis_accelerations or UNLIMITED
+    state.limits.change(axis_accelerations=_by_axis(block, before))
+
+
+@auxiliary(_SLICER)
+def m203(state: ProgramState, block: WordBlock) -> None:
+    """Largest speed of X, Y and Z [mm/s]."""
+    state.limits.change(axis_speeds=_by_axis(block, state.limits.now.axis_speeds))
+
+
+def _by_axis(block: WordBlock, before: Three) -> Three:
+    x, y, z = (block.values.get(letter, value) for letter, value in zip("XYZ", before, strict=True))
+    return x, y, z
+
+
+@auxiliary(_SLICER)
 def m204(state: ProgramState, block: WordBlock) -> None:
-    """Acceleration; that of the job counts."""
+    """Acceleration: S of all moves, P of those that feed material, T of the others [mm/s²]."""
+    both = block.values.get("S")
+    state.limits.accelerate(block.values.get("P", both), block.values.get("T", both))
 
 
-@without_effect(_SLICER)
+@auxiliary(_SLICER)
 def m205(state: ProgramState, block: WordBlock) -> None:
-    """Jerk and corner velocity; those of the job count."""
+    """Speed of corners: the jump X or Y of an axis [mm/s], or J, the deviation from the corner [mm]."""
+    if "J" in block.values:
+        state.limits.change(deviation=block.values["J"], corner_speed=None)
+        return
+    jumps = [block.values[letter] for letter in "XY" if letter in block.values]
+    if jumps:  # at a right angle one axis stops, and its velocity jumps by the path speed
+        state.limits.change(corner_speed=min(jumps), deviation=None)
 
 
 @without_effect(_SLICER)
@@ -117,6 +146,23 @@ def m221(state: ProgramState, block: WordBlock) -> None:
     """Override of the material."""
 
 
-@without_effect(_SLICER)
+@command()
 def set_velocity_limit(state: ProgramState, block: WordBlock) -> None:
-    """Limits of speed and acceleration; those of the job count."""
+    """Klipper's limits: VELOCITY, ACCEL, SQUARE_CORNER_VELOCITY; others have no effect."""
+    values = {}
+    for name, _, text in (word.partition("=") for word in block.arguments.split()):
+        if name in _VELOCITY_LIMITS:
+            values[name] = _number(name, text)
+    if "ACCEL" in values:
+        state.limits.accelerate(values["ACCEL"], values["ACCEL"])
+    if "VELOCITY" in values:
+        state.limits.change(speed=values["VELOCITY"])
+    if "SQUARE_CORNER_VELOCITY" in values:
+        state.limits.change(corner_speed=values["SQUARE_CORNER_VELOCITY"], deviation=None)
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{name} = {text:.40}: must be a number") from None
