@@ -68,6 +68,10 @@ class Controller(ABC):
             change: from a programmed path speed to another [mm/s].
         """
 
+    def release(self) -> None:
+        """Drop what fills the memory of a long program and is computed again on demand."""
+        return
+
     @property
     def notes(self) -> tuple[str, ...]:
         """Remarks on the program before it runs."""

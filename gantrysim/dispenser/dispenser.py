@@ -228,10 +228,10 @@ class Dispenser:
 
     def held_back(self, setpoints: Setpoints) -> Setpoints:
         """Return the setpoints, delayed if the start lead is longer than the time before the first dispensing."""
-        first = np.flatnonzero(setpoints.dispense)
-        if not first.size:
+        first = int(np.argmax(setpoints.dispense))
+        if not setpoints.dispense[first]:
             return setpoints
-        return setpoints.wait(max(self.start_lead - float(first[0]) * setpoints.period, 0.0))
+        return setpoints.wait(max(self.start_lead - first * setpoints.period, 0.0))
 
     def _demand(self, speed: Floats) -> Floats:
         """Return the flow while the dispenser is on, of the speed's shape [mm³/s]."""

@@ -34,8 +34,10 @@ def check_fit(machine: Machine, controller: Controller, setpoints: Setpoints, na
             f"{name} gives positions of the axes of a machine that turns its work, but machine {machine.name} does "
             "not: use machine stage"
         )
+    if not machine.turns_work:
+        return
     on = np.flatnonzero(setpoints.dispense)
-    if not machine.turns_work or not on.size:
+    if not on.size:
         return
     ticks = on[np.linspace(0, on.size - 1, min(_PROBES, on.size)).astype(int)]
     tip = machine.tip(axis_positions(machine, setpoints)[ticks])

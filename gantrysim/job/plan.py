@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from gantrysim.base.arrays import Floats, dot
+from gantrysim.base.columns import blocks
+from gantrysim.base.errors import InputError
 from gantrysim.base.memory import needed_files, needed_memory
 from gantrysim.controllers.controller import Controller
 from gantrysim.engine.positions import axis_positions
@@ -74,28 +77,90 @@ def plan_of(machine: Machine, name: str, setpoints: Setpoints, controller: Contr
     Raises:
         InputError: an unknown axis, a position outside the travel, or a speed above the limit.
     """
-    position = axis_positions(machine, setpoints)
-    tip = machine.tip(position)
-    steps = np.diff(tip, axis=0)
-    ways = np.sqrt(dot(steps, steps))
-    speeds = np.abs(np.diff(position, axis=0)).max(axis=0, initial=0) / setpoints.period
+    sums = _checked_sums(machine, setpoints)
+    low, high = sums.positions
     axes = list(enumerate(machine.axes))
     return Plan(
         machine=machine.name,
         controller=name,
         length=controller.requested.length,
-        way=float(ways.sum()),
-        glue=float(ways[setpoints.dispense[:-1]].sum()),
+        way=sums.way,
+        glue=sums.glue,
         duration=controller.duration,
         ticks=setpoints.run_ticks,
         period=setpoints.period,
         memory=needed_memory(setpoints.run_ticks),
         files=needed_files(setpoints.run_ticks),
-        speed=float(ways.max(initial=0)) / setpoints.period,
-        box=np.array([tip.min(axis=0), tip.max(axis=0)]),
-        travel={
-            axis.name: Extent(float(position[:, a].min()), float(position[:, a].max()), axis.travel) for a, axis in axes
+        speed=sums.longest / setpoints.period,
+        box=sums.box,
+        travel={axis.name: Extent(float(low[a]), float(high[a]), axis.travel) for a, axis in axes},
+        speeds={
+            axis.name: Extent(0.0, float(sums.steps[a]) / setpoints.period, (0.0, axis.speed_limit)) for a, axis in axes
         },
-        speeds={axis.name: Extent(0.0, float(speeds[a]), (0.0, axis.speed_limit)) for a, axis in axes},
         units={axis.name: axis.unit for axis in machine.axes},
     )
+
+
+class _Sums(NamedTuple):
+    """What consecutive setpoints command.
+
+    Attributes:
+        way, glue: of the tip, in all and with the dispenser on [mm].
+        longest: way of the tip between two setpoints [mm].
+        box: least and largest x, y and z of the tip, (2, 3) [mm].
+        positions: least and largest position of the axes, (2, axes) [mm or deg].
+        steps: largest step of the axes between two setpoints, (axes,) [mm or deg].
+    """
+
+    way: float
+    glue: float
+    longest: float
+    box: Floats
+    positions: Floats
+    steps: Floats
+
+    @classmethod
+    def of(cls, machine: Machine, setpoints: Setpoints) -> _Sums:
+        """Return what a block of setpoints commands."""
+        position = axis_positions(machine, setpoints)
+        tip = machine.tip(position)
+        steps = np.diff(tip, axis=0)
+        ways = np.sqrt(dot(steps, steps))
+        return cls(
+            float(ways.sum()),
+            float(ways[setpoints.dispense[:-1]].sum()),
+            float(ways.max(initial=0)),
+            np.array([tip.min(axis=0), tip.max(axis=0)]),
+            np.array([position.min(axis=0), position.max(axis=0)]),
+            np.abs(np.diff(position, axis=0)).max(axis=0, initial=0),
+        )
+
+    def joined(self, other: _Sums) -> _Sums:
+        """Return what these and other setpoints command."""
+        return _Sums(
+            self.way + other.way,
+            self.glue + other.glue,
+            max(self.longest, other.longest),
+            _widest(self.box, other.box),
+            _widest(self.positions, other.positions),
+            np.maximum(self.steps, other.steps),
+        )
+
+
+def _widest(first: Floats, second: Floats) -> Floats:
+    """Return the least and largest values of two pairs of rows."""
+    return np.array([np.minimum(first[0], second[0]), np.maximum(first[1], second[1])])
+
+
+def _checked_sums(machine: Machine, setpoints: Setpoints) -> _Sums:
+    """Return what setpoints command, block by block: a long program's arrays would fill the memory."""
+    sums: _Sums | None = None
+    try:
+        for block in blocks(len(setpoints.position) - 1):
+            part = _Sums.of(machine, setpoints.part(slice(block.start, block.stop + 1)))
+            sums = part if sums is None else sums.joined(part)
+    except InputError:
+        axis_positions(machine, setpoints)  # names the worst place of the whole program
+        raise
+    assert sums is not None  # there are two setpoints at least
+    return sums

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError
 from gantrysim.base.user_code import is_code
 from gantrysim.controllers.controller import Controller
@@ -81,9 +82,12 @@ def fit_changes(job: JobContent, machine: Machine, controller: Controller, open_
         open_place: what nobody gave.
     """
     try:
-        return place_changes(job, machine, controller, open_place) | _speed_changes(machine, controller, open_place)
+        changes = place_changes(job, machine, controller, open_place) | _speed_changes(machine, controller, open_place)
     except InputError:
         return {}
+    if changes:
+        controller.release()  # its plan at the old place
+    return changes
 
 
 def _speed_changes(machine: Machine, controller: Controller, open_place: OpenPlace) -> dict[str, Any]:
@@ -121,7 +125,7 @@ def place_changes(job: JobContent, machine: Machine, controller: Controller, ope
         return {}
     setpoints = controller.setpoints(job.servo.period)
     travel = {axis.name: axis.travel for axis in machine.plain_axes}
-    box = {name: (float(p.min()), float(p.max())) for name, p in zip(setpoints.axes, setpoints.position.T, strict=True)}
+    box = _box(setpoints)
     changes: dict[str, Any] = {}
     if open_place.height and "z" in box:
         rise = _rise(_heights(setpoints), travel["z"][0])
@@ -140,7 +144,25 @@ def place_changes(job: JobContent, machine: Machine, controller: Controller, ope
     return changes
 
 
+def _box(setpoints: Setpoints) -> dict[str, tuple[float, float]]:
+    """Return the least and largest position of every axis [mm]."""
+    low = np.full(len(setpoints.axes), math.inf)
+    high = -low
+    for block in blocks(len(setpoints.position)):
+        position = setpoints.position[block]
+        low = np.minimum(low, position.min(axis=0))
+        high = np.maximum(high, position.max(axis=0))
+    return dict(zip(setpoints.axes, zip(low.tolist(), high.tolist(), strict=True), strict=True))
+
+
 def _heights(setpoints: Setpoints) -> _Heights:
+    """Return the lowest heights of a program, block by block, each with the first setpoint of the next."""
+    parts = blocks(len(setpoints.position) - 1)
+    heights = [_heights_of(setpoints.part(slice(block.start, block.stop + 1))) for block in parts]
+    return _Heights(*(min(column) for column in zip(*heights, strict=True)))
+
+
+def _heights_of(setpoints: Setpoints) -> _Heights:
     columns = [setpoints.position[:, setpoints.axes.index(axis)] if axis in setpoints.axes else None for axis in "xy"]
     z = setpoints.position[:, setpoints.axes.index("z")]
     moves = np.zeros(len(z) - 1, bool)

@@ -33,15 +33,18 @@ class Track(Chain):
         self, start: ArrayLike, end: ArrayLike, angle: ArrayLike, centre: ArrayLike, plane: ArrayLike, frames: ArrayLike
     ) -> None:
         self._start = np.asarray(start, float)
-        self._end = np.asarray(end, float).reshape(-1, 3)
+        self._points = np.concatenate([self._start[None], np.asarray(end, float).reshape(-1, 3)])
+        self._end = self._points[1:]
         self._angle = np.asarray(angle, float)
-        self._centre = np.asarray(centre, float)
         self._plane = np.asarray(plane, np.intp)
         self._frames = np.asarray(frames, float)
         if not len(self._end):
             raise InputError("track: must have a piece of positive length")
-        begin = np.concatenate([self._start[None], self._end[:-1]])
+        begin = self._points[:-1]
         coil = self._angle != 0
+        # lines alone, as most programs of many pieces: they begin at their origins, and no array has copies
+        has_coils = bool(coil.any())
+        self._centre = np.asarray(centre, float) if has_coils else begin
         count = len(coil)
         planes = np.unique(self._plane)
         if planes.size == 1:  # no copies of the one frame: programs have many pieces, most in one plane
@@ -49,19 +52,20 @@ class Track(Chain):
         else:
             frame = self._frames[self._plane]
         lengths = np.sqrt(((self._end - begin) ** 2).sum(axis=1))
-        straight = np.where(coil, 1.0, lengths)
-        direction = np.where(coil[:, None], 0.0, (self._end - begin) / np.maximum(straight, SHORTEST)[:, None])
+        direction = self._end - begin
+        direction /= np.maximum(np.where(coil, 1.0, lengths), SHORTEST)[:, None]
+        direction[coil] = 0.0
         columns: dict[str, NDArray[Any]] = {
             "coil": coil,
             "frame": frame,
-            "origin": np.where(coil[:, None], self._centre, begin),
+            "origin": np.where(coil[:, None], self._centre, begin) if has_coils else begin,
             "direction": direction,
             "straight": np.einsum("ij,ij->i", frame[:, 2], direction),
             "heading": np.where(coil, 0.0, np.arctan2(dot(direction, frame[:, 1]), dot(direction, frame[:, 0]))),
         }
         for name in ("radius", "growth", "rise", "begin", "turn", "angle"):
             columns[name] = np.zeros(count)
-        if coil.any():
+        if has_coils:
             lengths[coil] = self._coils(columns, coil, begin)
         self._columns = columns
         if lengths.min() <= SHORTEST:
@@ -88,8 +92,7 @@ class Track(Chain):
     def _continue_headings(self, lengths: Floats) -> None:
         """Make the headings continuous except at corners; lines along the normal keep the heading before them."""
         k = np.arange(lengths.size)
-        first = self._at(k, 0 * lengths).heading
-        last = self._at(k, lengths).heading
+        first, last = self._end_headings(lengths)
         has_heading = self._columns["coil"] | (np.abs(self._columns["straight"]) < 1 - 1e-12)
         headed = np.flatnonzero(has_heading)
         jumps = np.round((last[headed[:-1]] - first[headed[1:]]) / (2 * np.pi))
@@ -100,6 +103,17 @@ class Track(Chain):
             before = np.searchsorted(headed, k[~has_heading]) - 1
             ends = np.append(last[headed] + turns, 0.0)  # index -1, of no piece before, takes the 0
             heading[~has_heading] = ends[before]
+
+    def _end_headings(self, lengths: Floats) -> tuple[Floats, Floats]:
+        """Headings at the start and at the end of every piece; those of a line are one."""
+        first = self._columns["heading"].copy()
+        coils = np.flatnonzero(self.coil)
+        if not coils.size:
+            return first, first
+        last = first.copy()
+        first[coils] = self._at(coils, np.zeros(coils.size)).heading
+        last[coils] = self._at(coils, lengths[coils]).heading
+        return first, last
 
     def parameters(self) -> dict[str, Any]:
         return {
@@ -133,7 +147,7 @@ class Track(Chain):
     @property
     def points(self) -> Floats:
         """Starts of all pieces and the end of the last, (m + 1, 3) [mm]."""
-        return np.concatenate([self._start[None], self._end])
+        return self._points
 
     @property
     def tightest(self) -> Floats:
@@ -144,9 +158,12 @@ class Track(Chain):
 
     def end_tangents(self) -> tuple[Floats, Floats]:
         """Unit tangents at the start and at the end of every piece, (m, 3) each."""
-        first = self._columns["direction"].copy()
-        last = first.copy()
+        first = self._columns["direction"]
         k = np.flatnonzero(self.coil)
+        if not k.size:
+            return first, first
+        first = first.copy()
+        last = first.copy()
         if k.size:
             lengths = np.diff(self._s)[k]
             for tangent, distance in ((first, 0 * lengths), (last, lengths)):

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats
-from gantrysim.base.columns import by_blocks
+from gantrysim.base.arrays import Floats, read_only
+from gantrysim.base.columns import Column, Stored, array_of, blocks, by_blocks, table_by_blocks
 from gantrysim.base.errors import InputError, at_least, positive, whole
 from gantrysim.base.memory import check_ticks
 from gantrysim.paths.path import Path
@@ -52,6 +53,22 @@ class Supervision:
         at_least("settle_timeout", self.settle_timeout, settle_time, "s")
 
 
+_COLUMNS: dict[str, type[np.generic]] = {"position": np.float64, "dispense": np.bool_}
+
+
+@dataclass(frozen=True)
+class SetpointTable:
+    """Positions and dispenser command of consecutive setpoints, as in `Setpoints`; in a file where there are many.
+
+    Attributes:
+        position: (n, axes) [mm or deg].
+        dispense: (n,).
+    """
+
+    position: Column[Floats] = Column()
+    dispense: Column[NDArray[np.bool_]] = Column()
+
+
 @dataclass(frozen=True)
 class Setpoints:
     """Commanded positions at every servo period, the dispenser command, and the requested path.
@@ -69,31 +86,33 @@ class Setpoints:
 
     period: float
     axes: tuple[str, ...]
-    position: Floats
-    dispense: NDArray[np.bool_]
-    requested: Path
+    position: Column[Floats] = Column()
+    dispense: Column[NDArray[np.bool_]] = Column()
+    requested: Path  # type: ignore[misc]  # columns are descriptors, no defaults
     supervision: Supervision = Supervision()
     gates: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     torque: Floats | None = None
 
     def __post_init__(self) -> None:
         positive("period", self.period, "s")
-        position = np.array(self.position, float)
-        dispense = np.array(self.dispense, bool)
+        stored = {name: _own(vars(self)[name], dtype) for name, dtype in _COLUMNS.items()}
+        position = array_of(stored["position"])
+        dispense = array_of(stored["dispense"])
         if position.ndim != 2 or position.shape[1] != len(self.axes) or len(position) < 2:
             raise InputError(f"setpoints of shape {position.shape}: must be (n, {len(self.axes)}) with n at least 2")
         if dispense.shape != position.shape[:1]:
             raise InputError(f"dispenser command of shape {dispense.shape}: must be {position.shape[:1]}")
-        if not np.isfinite(position).all():  # axis by axis it would take much longer
-            row = int(np.argmin(np.isfinite(position).all(axis=1)))
-            raise InputError(f"setpoint {row} = {position[row].tolist()}: must be finite")
+        for block in blocks(len(position)):
+            rows = array_of(stored["position"])[block]
+            if not np.isfinite(rows).all():  # axis by axis it would take much longer
+                row = int(np.argmin(np.isfinite(rows).all(axis=1)))
+                raise InputError(f"setpoint {block.start + row} = {rows[row].tolist()}: must be finite")
         gates = np.array(self.gates, np.int64)
         if gates.ndim != 1 or np.any(np.diff(gates, prepend=-1, append=len(position)) <= 0):
             raise InputError(f"gates {gates.tolist()}: must be ascending indices of the {len(position)} setpoints")
-        # copies above: the caller may go on writing to its arrays
-        for name, array in (("position", position), ("dispense", dispense), ("gates", gates)):
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+        gates.flags.writeable = False
+        for name, value in (*stored.items(), ("gates", gates)):
+            object.__setattr__(self, name, value)
         if self.torque is not None:
             torque = np.array(self.torque, float)
             if torque.shape != position.shape or not np.isfinite(torque).all():
@@ -131,8 +150,12 @@ class Setpoints:
 
     def until(self, count: int) -> Setpoints:
         """Return the first setpoints, without waits at gates."""
-        return replace(
-            self, position=self.position[:count], dispense=self.dispense[:count], gates=np.zeros(0, np.int64)
+        return self.part(slice(0, count))
+
+    def part(self, rows: slice) -> Setpoints:
+        """Return consecutive setpoints, without waits at gates and torques."""
+        return Setpoints(
+            self.period, self.axes, self.position[rows], self.dispense[rows], self.requested, self.supervision
         )
 
     def _padded(self, before: int, after: int) -> Setpoints:
@@ -141,14 +164,27 @@ class Setpoints:
         total = len(self.position) + before + after
         duration = (before + after) * self.period
         check_ticks(total, f"hold of {duration:g} s in periods of {self.period:g} s", "hold for a shorter time")
-        rows = ((before, after), (0, 0))
-        return replace(
-            self,
-            position=np.pad(self.position, rows, "edge"),
-            dispense=np.pad(self.dispense, (before, after)),
-            gates=self.gates + before,
-            torque=None if self.torque is None else np.pad(self.torque, rows, "edge"),
-        )
+        table = table_by_blocks(self._padded_blocks(before, after), total)
+        torque = None if self.torque is None else np.pad(self.torque, ((before, after), (0, 0)), "edge")
+        return replace(self, **vars(table), gates=self.gates + before, torque=torque)
+
+    def _padded_blocks(self, before: int, after: int) -> Iterator[SetpointTable]:
+        """Yield the blocks of these setpoints after and before so many of the first and last position."""
+        count = len(self.position)
+        for block in blocks(before + count + after):
+            k = np.arange(block.start, block.stop) - before
+            first, last = k.clip(0, count - 1)[[0, -1]]
+            position = self.position[first : last + 1]
+            dispense = self.dispense[first : last + 1]
+            inside = k.clip(0, count - 1) - first
+            yield SetpointTable(position[inside], dispense[inside] & (k >= 0) & (k < count))
+
+    @classmethod
+    def of_blocks(
+        cls, period: float, axes: tuple[str, ...], parts: Iterator[SetpointTable], count: int, requested: Path
+    ) -> Setpoints:
+        """Return setpoints from blocks of so many in all; many are kept in a temporary file."""
+        return cls(period, axes, **vars(table_by_blocks(parts, count)), requested=requested)
 
     @classmethod
     def along(
@@ -190,6 +226,17 @@ class Setpoints:
 
         position = by_blocks(positions, n + 1)
         return cls(period, axes, position, np.ones(n + 1, bool), path if requested is None else requested)
+
+
+def _own(values: NDArray[Any] | Stored, dtype: type[np.generic]) -> NDArray[Any] | Stored:
+    """Return values as an array that nobody writes to: read-only or stored ones themselves, or a copy."""
+    if isinstance(values, Stored) and values.dtype == dtype:
+        return values
+    if isinstance(values, np.ndarray) and values.dtype == dtype:
+        memory = values.base if isinstance(values.base, np.ndarray) else values
+        if not values.flags.writeable and not memory.flags.writeable:
+            return values
+    return read_only(np.array(values, dtype))
 
 
 def ticks(duration: float, period: float) -> int:

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.columns import blocks, by_blocks
 from gantrysim.base.errors import InputError, at_least, place, positive, whole
+from gantrysim.base.memory import give_back
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.gcode.dialects import Dispense, GCodeDialect
 from gantrysim.controllers.gcode.interpret import Interpreted, interpret
@@ -25,7 +27,7 @@ from gantrysim.controllers.gcode.planned import PathPlan, plan
 from gantrysim.controllers.gcode.program_state import UNSTATED_FEED, ProgramSetup
 from gantrysim.controllers.placement import Placement
 from gantrysim.paths.track import Track
-from gantrysim.record.setpoints import Setpoints, ticks
+from gantrysim.record.setpoints import Setpoints, SetpointTable, ticks
 
 PER_MINUTE = 60.0
 _SLOWED = 1e-6  # share of the duration by which a cap of speeds is noted
@@ -139,7 +141,13 @@ class GCode(Controller):
             InputError: a line that is refused, or a program without moves.
         """
         settings = PlanSettings(self.rapid / PER_MINUTE, self._limits, self.cycle, self.feed_override)
-        return plan(self.program, self.placement, settings)
+        program = self.program
+        give_back()  # what the text's lines, or the plan of another placement, took
+        return plan(program, self.placement, settings)
+
+    def release(self) -> None:
+        """As `Controller.release`: drop the plan."""
+        self.__dict__.pop("plan", None)
 
     @property
     def _limits(self) -> MotionLimits:
@@ -179,18 +187,26 @@ class GCode(Controller):
 
     def setpoints(self, period: float) -> Setpoints:
         positive("period", period, "s")
-        time = self._times(period)
-        place, dispense = self.plan.at(time)
-        return Setpoints(period, self.axes, place[:, : len(self.axes)], dispense, self.requested)
+        count = ticks(self.duration, period) + 1
+        parts = (self._commands(period, block, count) for block in blocks(count))
+        return Setpoints.of_blocks(period, self.axes, parts, count, self.requested)
 
-    def _times(self, period: float) -> Floats:
-        time = np.arange(ticks(self.duration, period) + 1, dtype=np.float64) * period
-        time[-1] = self.duration  # the last tick is up to a period after the end, and commands the end
+    def _commands(self, period: float, block: slice, count: int) -> SetpointTable:
+        """Return the setpoints of a block out of so many."""
+        place, dispense = self.plan.at(self._times(period, block, count))
+        return SetpointTable(np.ascontiguousarray(place[:, : len(self.axes)]), dispense)
+
+    def _times(self, period: float, block: slice, count: int) -> Floats:
+        time = np.arange(block.start, block.stop, dtype=np.float64) * period
+        if block.stop == count:
+            time[-1] = self.duration  # the last tick is up to a period after the end, and commands the end
         return time
 
     def lines(self, period: float) -> NDArray[np.intp]:
         """Return the line of the text that runs at every setpoint, (n,)."""
-        return self.plan.lines(self._times(positive("period", period, "s")))
+        positive("period", period, "s")
+        count = ticks(self.duration, period) + 1
+        return by_blocks(lambda block: self.plan.lines(self._times(period, block, count)), count)
 
     def line_at(self, time: float) -> int | None:
         """Return the line of the text that runs at a time [s]."""

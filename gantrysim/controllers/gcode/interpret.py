@@ -65,4 +65,5 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
         raise kind(f"{flow.where}: {error}") from None
     except OverflowError:
         raise InputError(f"{flow.where}: a number is too large") from None
+    flow.lines.clear()  # the flow and its parameters refer to one another, and would keep them until a collection
     return Interpreted(start, moves.table, state.ignored, state.without_feed, tuple(state.limits.rows))

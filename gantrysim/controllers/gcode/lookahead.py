@@ -55,23 +55,8 @@ def planned(lengths: Floats, speed: Floats, acceleration: Floats, joint: Floats)
     top = np.zeros(lengths.size + 1)
     top[1:-1] = np.minimum(np.minimum(speed[:-1], speed[1:]), joint) ** 2
     square = _swept(lengths, acceleration, top)
-    low = square[:-1]
-    high = square[1:]
-    peak = np.minimum(np.maximum(speed**2, np.maximum(low, high)), 0.5 * (low + high) + acceleration * lengths)
-    ends = np.concatenate([[0.0], np.cumsum(lengths)])
-    rise, fall = (np.clip((peak - end) / (2 * acceleration), 0.0, lengths) for end in (low, high))
-    s = np.empty((lengths.size, 3))
-    v = np.empty((lengths.size, 3))
-    s[:, 0] = ends[:-1]
-    s[:, 1] = np.minimum(ends[:-1] + rise, ends[1:])
-    s[:, 2] = np.clip(ends[1:] - fall, s[:, 1], ends[1:])
-    v[:, 0] = np.sqrt(low)
-    v[:, 1] = np.sqrt(peak)
-    v[:, 2] = v[:, 1]
-    nodes = np.append(s.ravel(), ends[-1])
-    speeds = np.append(v.ravel(), 0.0)
-    distinct = np.append(True, np.diff(nodes) > 0)  # of nodes at one place the first, where their speeds agree
-    return Limited(nodes[distinct], speeds[distinct])
+    s, v = _nodes(lengths, speed, acceleration, square)
+    return Limited(s, v)
 
 
 @jit
@@ -83,3 +68,52 @@ def _swept(lengths: Floats, acceleration: Floats, top: Floats) -> Floats:
     for k in range(lengths.size):
         x[k + 1] = min(x[k + 1], x[k] + 2.0 * acceleration[k] * lengths[k])
     return x
+
+
+@jit
+def _nodes(lengths: Floats, speed: Floats, acceleration: Floats, square: Floats) -> tuple[Floats, Floats]:
+    """Arc lengths where the acceleration changes, and the speeds there.
+
+    Of nodes at one place the first is taken, as their speeds agree. Compiled, as whole arrays of all candidates take
+    ten times the memory of the nodes.
+
+    Args:
+        lengths: of the pieces, (n,) [mm].
+        speed: largest speed on each, (n,) [mm/s].
+        acceleration: on each, (n,) [mm/s²].
+        square: of the speeds where pieces meet, (n + 1,) [mm²/s²].
+    """
+    count = 0
+    places = np.empty(0)
+    speeds = np.empty(0)
+    for is_counted in (False, True):
+        if is_counted:
+            places = np.empty(count)
+            speeds = np.empty(count)
+        count = 0
+        begin = 0.0
+        previous = -1.0
+        for k in range(lengths.size):
+            length = lengths[k]
+            low = square[k]
+            high = square[k + 1]
+            reached = 0.5 * (low + high) + acceleration[k] * length
+            peak = min(max(speed[k] ** 2, max(low, high)), reached)
+            end = begin + length
+            rise = min(max((peak - low) / (2.0 * acceleration[k]), 0.0), length)
+            fall = min(max((peak - high) / (2.0 * acceleration[k]), 0.0), length)
+            top = min(begin + rise, end)
+            for place, value in ((begin, low), (top, peak), (min(max(end - fall, top), end), peak)):
+                if place > previous:
+                    if is_counted:
+                        places[count] = place
+                        speeds[count] = np.sqrt(value)
+                    count += 1
+                    previous = place
+            begin = end
+        if begin > previous:
+            if is_counted:
+                places[count] = begin
+                speeds[count] = 0.0
+            count += 1
+    return places, speeds

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.controllers.gcode.lookahead import ALONG, turning_speed
@@ -116,11 +117,21 @@ def _filled(row: MotionLimits, job_limits: MotionLimits) -> MotionLimits:
     )
 
 
-def limits_of(track: Track, moves: Floats, rows: tuple[MotionLimits, ...], settings: PlanSettings) -> PieceLimits:
-    """Limits of every piece; its speed is at most the feed."""
+def limits_of(
+    track: Track, moves: Floats, moves_of: NDArray[np.intp], rows: tuple[MotionLimits, ...], settings: PlanSettings
+) -> PieceLimits:
+    """Limits of every piece; its speed is at most the feed.
+
+    Args:
+        track: the path.
+        moves: of the program.
+        moves_of: the move of each piece.
+        rows: limits in force, which the moves refer to.
+        settings: of the planner.
+    """
     share = shares(track)
-    limits = piece_limits(list(rows), moves[:, LIMITS], share, settings.limits)
-    feed = moves[:, FEED]
+    limits = piece_limits(list(rows), moves[moves_of, LIMITS], share, settings.limits)
+    feed = moves[moves_of, FEED]
     rapid = settings.rapid / np.maximum(share.max(axis=1), 1e-9)
     speed = np.minimum(np.where(feed > 0, feed * settings.override, rapid), limits.speed)
     acceleration = limits.acceleration.copy()

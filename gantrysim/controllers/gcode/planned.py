@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -141,7 +142,9 @@ def requested_track(program: Interpreted, placement: Placement) -> tuple[Track, 
         InputError: no move.
     """
     table = program.moves
-    points = np.concatenate([[program.start], table[:, END : END + 3]]) if len(table) else np.array([program.start])
+    points = np.empty((len(table) + 1, 3))
+    points[0] = program.start
+    points[1:] = table[:, END : END + 3]
     arc = table[:, KIND] == ARC
     # the scale of the placement may make a long move of a short one
     moved = np.abs(np.diff(points, axis=0)).max(axis=1, initial=0.0) > _SHORTEST / min(placement.scale, 1.0)
@@ -171,8 +174,52 @@ def plan(program: Interpreted, placement: Placement, settings: PlanSettings) -> 
     halts = np.zeros(rows.size + 1, bool)
     halts[moves_before] = True
     base = _simplified(_Base(requested, rows, halts), table)
+    limits = limits_of(base.track, table, base.rows, program.limits, settings)
+    axis_speeds = (limits.speed[:, None] * shares(base.track)).max(axis=0)
+    path, corners = _rounded_corners(base, table, limits, settings)
+    profile, source = _profile(path, corners.joint, limits, base.rows)
+    pieces = _pieces_after(path, base.rows, rows, moves_before)
+    begin = np.array([profile.reached(float(s)) if s > 0 else 0.0 for s in path.ends[pieces]])
+    return PathPlan(
+        requested=requested,
+        path=path,
+        profile=profile,
+        source=source,
+        moves=table,
+        dwells=Dwells(begin, table[dwell_rows, FEED], dwell_rows, pieces),
+        stops=corners.stops,
+        small=corners.small,
+        cut=corners.cut,
+        axis_speeds=axis_speeds,
+    )
+
+
+class _Corners(NamedTuple):
+    """The corners of a path.
+
+    Attributes:
+        joint: largest speeds where pieces of the base meet, (m - 1,) [mm/s].
+        stops, small, cut: as of `PathPlan`.
+    """
+
+    joint: Floats
+    stops: int
+    small: float
+    cut: float
+
+
+def _rounded_corners(
+    base: _Base, table: Floats, limits: PieceLimits, settings: PlanSettings
+) -> tuple[Rounded, _Corners]:
+    """Round the corners of a path; its many intermediate arrays end here, before the profile takes as much memory.
+
+    Args:
+        base: the path.
+        table: the moves.
+        limits: of each piece.
+        settings: of the planner.
+    """
     feed = table[base.rows, FEED]
-    limits = limits_of(base.track, table[base.rows], program.limits, settings)
     speed = limits.speed
     turning = np.minimum(limits.turning[:-1], limits.turning[1:])
     # where two moves meet, the stricter of their modes holds
@@ -192,23 +239,11 @@ def plan(program: Interpreted, placement: Placement, settings: PlanSettings) -> 
     passed = junction_speed(angle, deviation, turning, reach)
     joint[by_firmware] = np.minimum(needed, passed)[by_firmware]
     joint[halted | (mode < EXACT_PATH)] = 0.0
-    profile, source = _profile(path, joint, limits, base.rows)
-    pieces = _pieces_after(path, base.rows, rows, moves_before)
-    begin = np.array([profile.reached(float(s)) if s > 0 else 0.0 for s in path.ends[pieces]])
     stopped = (feed[:-1] > 0) & (feed[1:] > 0) & ~halted & (joint < _STOP * needed)
     sizes = lengths[:-1][stopped]
-    return PathPlan(
-        requested=requested,
-        path=path,
-        profile=profile,
-        source=source,
-        moves=table,
-        dwells=Dwells(begin, table[dwell_rows, FEED], dwell_rows, pieces),
-        stops=int(stopped.sum()),
-        small=float(np.median(sizes)) if sizes.size else 0.0,
-        cut=float(distance[np.isinf(mode)].max(initial=0.0)),
-        axis_speeds=(speed[:, None] * shares(base.track)).max(axis=0),
-    )
+    small = float(np.median(sizes)) if sizes.size else 0.0
+    cut = float(distance[np.isinf(mode)].max(initial=0.0))
+    return path, _Corners(joint, int(stopped.sum()), small, cut)
 
 
 def _pieces_after(
