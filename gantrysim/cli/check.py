@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from gantrysim.cli.options import AllowCode, At, Model, Reader, Rotate, Scale, Settings, Speed, placement
-from gantrysim.cli.terminal import say, show
+from gantrysim.cli.terminal import say, show, stage
 
 
 def check(
@@ -28,16 +28,18 @@ def check(
     from gantrysim.cli.tables import plan_table
     from gantrysim.job.job import Job
 
-    loaded = Job.load(
-        job,
-        settings or (),
-        model,
-        controller=controller,
-        placement=placement(origin, rotate, scale),
-        speed=speed,
-        allow_code=allow_code,
-    )
-    show(plan_table(loaded.name, loaded.plan()))
+    with stage("program"):
+        loaded = Job.load(
+            job,
+            settings or (),
+            model,
+            controller=controller,
+            placement=placement(origin, rotate, scale),
+            speed=speed,
+            allow_code=allow_code,
+        )
+        plan = loaded.plan()
+    show(plan_table(loaded.name, plan))
     for fault in loaded.faults:
         say(f"fault on purpose: {fault}", wrap=True)
     for note in loaded.notes:

@@ -13,7 +13,7 @@ from gantrysim.base import memory
 from gantrysim.base.errors import text_of
 from gantrysim.bead import Bead
 from gantrysim.cli.tables import causes_table, links_table, losses_table, outcome_table, scatter_table, verdict_table
-from gantrysim.cli.terminal import count_bar, say, share_bar, show, warn
+from gantrysim.cli.terminal import count_bar, say, share_bar, show, stage, warn
 from gantrysim.job.causes import causes_of
 from gantrysim.job.job import Job
 from gantrysim.job.losses import Losses
@@ -85,9 +85,12 @@ class Evaluation:
     """
 
     def __init__(self, job: Job, record: Run, wanted: Wanted, go_on: Callable[[], None]) -> None:
-        analysis = Analysis(record)
-        bead = Bead(record, job.bead, analysis)
-        self.results = RunResults(job, job.built_machine, Budget(analysis), bead)
+        with stage("errors"):
+            analysis = Analysis(record)
+            budget = Budget(analysis)
+        with stage("bead"):
+            bead = Bead(record, job.bead, analysis)
+        self.results = RunResults(job, job.built_machine, budget, bead)
         self.failed: list[str] = []
         self._changes: Section | None = None
         self._record = record
@@ -100,9 +103,15 @@ class Evaluation:
         job = results.job
         record = self._record
         budget = results.budget
-        show_verdict(results.verdict)
-        show(links_table(job.name, results.machine, budget))
-        show(outcome_table(budget.analysis, results.bead_values, job.margins))
+        with stage("figures"):  # computed at their first use
+            verdict = results.verdict
+            tables = (
+                links_table(job.name, results.machine, budget),
+                outcome_table(budget.analysis, results.bead_values, job.margins),
+            )
+        show_verdict(verdict)
+        for table in tables:
+            show(table)
         sys.stdout.flush()  # further runs take seconds
         if record.injected:
             self._find_losses()
@@ -122,7 +131,8 @@ class Evaluation:
     def write(self, folder: Path) -> None:
         """Write the files; a plot, the page or the film may fail, the film comes last."""
         results = self.results
-        write_run(folder, results)
+        with stage("record"):
+            write_run(folder, results)
         if results.scatter is not None:
             add_to_summary(folder / SUMMARY, results.scatter)
         page = None

@@ -20,7 +20,7 @@ from gantrysim.cli.options import (
     placement,
     to_write,
 )
-from gantrysim.cli.terminal import FAULT, INCOMPLETE, OUT_OF_TOLERANCE, interruptible, say, share_bar, warn
+from gantrysim.cli.terminal import FAULT, INCOMPLETE, OUT_OF_TOLERANCE, interruptible, say, share_bar, stage, warn
 
 if TYPE_CHECKING:
     from gantrysim.cli.evaluation import Wanted
@@ -96,16 +96,17 @@ def run(
     from gantrysim.cli.evaluation import Wanted
     from gantrysim.job.job import Job
 
-    loaded = Job.load(
-        job,
-        settings or (),
-        model,
-        servo,
-        controller=controller,
-        placement=placement(origin, rotate, scale),
-        speed=speed,
-        allow_code=allow_code,
-    )
+    with stage("program"):
+        loaded = Job.load(
+            job,
+            settings or (),
+            model,
+            servo,
+            controller=controller,
+            placement=placement(origin, rotate, scale),
+            speed=speed,
+            allow_code=allow_code,
+        )
     folder = out if out is not None else Path("out") / loaded.name
     simulate_and_show(loaded, folder, Wanted(causes, repeat, video, with_report, fail_on, improve))
 
@@ -124,7 +125,8 @@ def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
     from gantrysim.job.scatter import check_repeats
     from gantrysim.report.folder import REPORT, output_folder, write_fault
 
-    job.check_fit()
+    with stage("plan"):
+        job.check_fit()
     if wanted.causes:
         check_causes(job)
     if wanted.repeat is not None:

@@ -167,6 +167,14 @@ def count_bar(task: str) -> Iterator[Callable[[int, int, str], None]]:
         yield lambda done, every, news: bars.update(bar, completed=done, total=every, news=news)
 
 
+@contextmanager
+def stage(task: str) -> Iterator[None]:
+    """Show a moving bar and the elapsed time during a block whose share done is not known."""
+    with _bars(TimeElapsedColumn()) as bars:
+        bars.add_task(task, total=None)
+        yield
+
+
 def _bars(*columns: ProgressColumn) -> Progress:
     shown = (TextColumn("{task.description:9}"), BarColumn(), *columns)
     return Progress(*shown, console=_messages, transient=True, disable=not _messages.is_terminal)

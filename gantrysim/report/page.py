@@ -10,6 +10,7 @@ from gantrysim.job.steps import run_notes
 from gantrysim.report.causes import causes_section
 from gantrysim.report.document import DrawnPage, Section, Table, draw_page
 from gantrysim.report.headline import headline
+from gantrysim.report.job_section import job_section
 from gantrysim.report.order import in_order
 from gantrysim.report.scatter import scatter_section
 from gantrysim.report.sections import (
@@ -97,5 +98,5 @@ def run_sections(results: RunResults, video: Path | None = None, changes: Sectio
     yield servo_section(results)
     if notes := run_notes(job, run):
         yield Section("Notes", notes)
-    yield Section("Job", "Save as a file for gantrysim run to repeat this run bit for bit.", code=job.toml())
+    yield job_section(job)
     yield Section("Versions", table=Table(["", "version"], [list(item) for item in versions(machine).items()]))

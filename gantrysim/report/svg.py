@@ -29,7 +29,10 @@ _COMMAND = re.compile(r"([A-Za-z])([^A-Za-z]*)")
 _COORDINATES = ("x", "y")
 _PNG = "data:image/png;base64,"
 _PALETTE = 256  # colours that an image with a palette has at most
+_PATH = "{http://www.w3.org/2000/svg}path"
 _RASTER_DPI = 150  # of images
+_LONGEST = 300_000  # characters of a path; longer ones become images
+_MANY = 5000  # points of a line that may be one of these
 _DECIMALS = 2  # of coordinates [pt]
 
 
@@ -42,10 +45,11 @@ def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
     """
     import matplotlib  # slow to import
 
-    file = io.BytesIO()
     with matplotlib.rc_context(_SAVING):
-        figure.savefig(file, format="svg", dpi=_RASTER_DPI, transparent=True)
-    root = ElementTree.fromstring(file.getvalue())
+        root = _saved(figure)
+        if any(len(path.get("d", "")) > _LONGEST for path in root.iter(_PATH)):
+            _rasterise_lines(figure)
+            root = _saved(figure)
     names = _names(root, prefix)
     for element in list(root.iter()):
         for child in list(element):
@@ -59,6 +63,20 @@ def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
     root.insert(0, title)
     root.attrib.update({"role": "img", "aria-labelledby": f"{prefix}-title"})
     return ElementTree.tostring(root, encoding="unicode", short_empty_elements=True)
+
+
+def _saved(figure: Figure) -> ElementTree.Element:
+    file = io.BytesIO()
+    figure.savefig(file, format="svg", dpi=_RASTER_DPI, transparent=True)
+    return ElementTree.fromstring(file.getvalue())
+
+
+def _rasterise_lines(figure: Figure) -> None:
+    """Let lines of many points be images: the path of a long program covers itself, and simplifies to megabytes."""
+    for axes in figure.axes:
+        for line in axes.get_lines():
+            if np.size(line.get_xdata()) > _MANY:
+                line.set_rasterized(True)
 
 
 def description(figure: Figure) -> str:
