@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from gantrysim.base.errors import InputError, expanded, unknown
 from gantrysim.base.files import check_whole
+from gantrysim.base.input_files import check_regular
 from gantrysim.base.toml_files import read_text, read_toml, validated
 from gantrysim.base.user_code import absolute_code, is_code
 from gantrysim.controllers.controller import Controller
@@ -68,6 +69,7 @@ def read_job(job: str, controller: str | None = None, *, allow_code: bool = Fals
         check_whole(path.parent, f"job {job}")
     if not path.exists():
         raise unknown("job", job, builtin_jobs())
+    check_regular(path, f"job {job}")  # before its content is looked at
     if controller is not None:
         controller = absolute_code(controller, Path())
     if _is_program(path, controller):
