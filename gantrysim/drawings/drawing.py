@@ -14,10 +14,10 @@ from gantrysim.base.errors import InputError, at_least, finite, point, positive,
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
 from gantrysim.drawings.planning import Paused, planned
+from gantrysim.drawings.point_table import with_speeds
 from gantrysim.drawings.reading import hex_of, kind_of, read_sheet
 from gantrysim.drawings.routing import Manner, Route, routed
 from gantrysim.drawings.shapes import FASTEST, Sheet, Stroke, checked
-from gantrysim.drawings.table import with_speeds
 from gantrysim.drawings.units import millimetres
 from gantrysim.paths.chain import Chain
 from gantrysim.record.setpoints import Setpoints, ticks
@@ -32,6 +32,7 @@ _CHOICES = {
 }
 _LEAST_LIFT = 1e-6  # [mm]
 _SHOWN = 30  # names in a message
+_DOT_TIME = 0.2  # of a drawing of nothing but dots [s]
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,8 @@ class Drawing(Controller):
     """Traces the lines and curves of a drawing at the fastest speed within the limits of the axes.
 
     It reads DXF (LINE, ARC, CIRCLE, ELLIPSE, LWPOLYLINE, POLYLINE, SPLINE, POINT, and INSERT of these), SVG (all shapes
-    and transforms) and CSV (a point in every line: x, y[, z][, glue][, speed]). Strokes are traced in the order and the
+    and transforms) and tables of points (x, y[, z][, glue][, speed], or
+    columns by their heads). Strokes are traced in the order and the
     direction in which they are drawn. A stroke that begins where the one before ends continues it; between others the
     axes travel with the dispenser off.
 
@@ -69,14 +71,15 @@ class Drawing(Controller):
         corner_speed: largest jump of an axis' velocity where a corner is not rounded; 0 stops there [mm/s].
         velocity: limits of x, y and z; inf for none [mm/s].
         acceleration: limits of x, y and z; inf for none [mm/s²].
-        dot_time: time for which a POINT is dispensed; 0 ignores points [s].
+        dot_time: time for which a dot is dispensed: a POINT of DXF, or a single point of a table that states none; 0
+            ignores dots. By default 0.2 s where the drawing has nothing but dots, else dots without a time are ignored [s].
 
     Raises:
         InputError: a value out of bounds, or a drawing that cannot be read.
     """
 
     speed_scaling: ClassVar[str] = "speed and the speeds of a CSV, changed in one proportion; travel_speed stays"
-    suffixes: ClassVar[tuple[str, ...]] = (".dxf", ".svg", ".csv")
+    suffixes: ClassVar[tuple[str, ...]] = (".dxf", ".svg", ".csv", ".pos")
     ramp_arguments: ClassVar[tuple[str, ...]] = ("acceleration",)
     corner_argument: ClassVar[str | None] = "corner_tolerance"
 
@@ -100,7 +103,7 @@ class Drawing(Controller):
     corner_speed: float = 0.0
     velocity: Three = (500.0, 500.0, 200.0)
     acceleration: Three = (2000.0, 2000.0, 1000.0)
-    dot_time: float = 0.0
+    dot_time: float | None = None
 
     def with_lift(self, height: float) -> dict[str, Any] | None:
         return {"lift": height} if height > self.lift else None
@@ -115,8 +118,10 @@ class Drawing(Controller):
         positive("chord_tolerance", self.chord_tolerance, "mm")
         finite("height", self.height, "mm")
         lengths = [(name, "mm") for name in ("lift", "join_tolerance", "corner_tolerance")]
-        for name, unit in (*lengths, ("corner_speed", "mm/s"), ("dot_time", "s")):
+        for name, unit in (*lengths, ("corner_speed", "mm/s")):
             at_least(name, getattr(self, name), 0, unit)
+        if self.dot_time is not None:
+            at_least("dot_time", self.dot_time, 0, "s")
         if 0 < self.lift < _LEAST_LIFT:
             raise InputError(f"lift = {self.lift:g} mm: must be 0 or at least {_LEAST_LIFT:g} mm")
         if self.start is not None:
@@ -145,7 +150,16 @@ class Drawing(Controller):
     @cached_property
     def sheet(self) -> Sheet:
         """The drawing, in its own place, in mm."""
-        return read_sheet(self.kind, self.text, self.unit, self.curve, self.dot_time > 0)
+        sheet = read_sheet(self.kind, self.text, self.unit, self.curve, self.dot_time is None or self.dot_time > 0)
+        if self.dot_time is not None:
+            return sheet
+        # points beside lines are mostly marks of the construction; alone, or with a time, they are meant
+        marks = [stroke for stroke in sheet.strokes if stroke.dot is not None and stroke.dot_time is None]
+        if not marks or all(stroke.dot is not None for stroke in sheet.strokes):
+            return sheet
+        mark = "POINT" if self.kind == "dxf" else "single point"
+        strokes = tuple(stroke for stroke in sheet.strokes if stroke.dot is None or stroke.dot_time is not None)
+        return replace(sheet, strokes=strokes, ignored={**sheet.ignored, mark: len(marks)})
 
     @cached_property
     def _strokes(self) -> tuple[Stroke, ...]:
@@ -196,7 +210,7 @@ class Drawing(Controller):
             join=self.join_tolerance,
             chord=self.chord_tolerance,
             corner=self.corner_tolerance,
-            dot_time=self.dot_time,
+            dot_time=_DOT_TIME if self.dot_time is None else self.dot_time,
             nearest=self.order == "nearest",
             reverse=self.reverse,
             start=start,

@@ -7,9 +7,9 @@ from functools import lru_cache
 from itertools import pairwise
 
 from gantrysim.drawings.dxf import BINARY, read_dxf
+from gantrysim.drawings.points import read_points
 from gantrysim.drawings.shapes import Sheet
 from gantrysim.drawings.svg import read_svg
-from gantrysim.drawings.table import read_points
 from gantrysim.drawings.units import millimetres
 
 
@@ -36,7 +36,7 @@ def read_sheet(kind: str, text: str, unit: str, curve: str, dots: bool) -> Sheet
         return read_dxf(text, length, dots)
     if kind == "svg":
         return read_svg(text, length)
-    return read_points(text, length or 1.0, curve)
+    return read_points(text, length, curve, dots)
 
 
 def hex_of(name: str) -> str:

@@ -19,6 +19,7 @@ from gantrysim.paths.pieces import XY, Coil, Line, vector
 _SHORTEST = 1e-6  # length of a piece [mm]
 _NO_GAP = 1e-9  # [mm]
 _MOST_ORDERED = 20_000  # stretches that are put in the order of their distances
+_APPROACH = 1.0  # way to a first dot [mm]
 _SPAN = 10  # an arc is turned to close a gap of less than this part of its chord
 
 
@@ -32,7 +33,7 @@ class Manner:
         join: largest gap between two strokes that are joined [mm].
         chord: largest deviation of a curve's pieces [mm].
         corner: largest deviation of a rounded corner [mm].
-        dot_time: [s].
+        dot_time: of a dot that states none [s].
         nearest: whether stretches are run in the order of their distances.
         reverse: whether strokes may be run backwards.
         start: where the path begins, None at the first stroke (3,) [mm].
@@ -99,10 +100,12 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
             travel = [Line(vector(first + up), vector(first))]
         legs += [Leg(line, False, manner.travel_speed, travel=True) for line in travel]
         if dot is not None:
-            if not legs:
-                raise InputError(f"{stretch[0].where}: a dot comes first: must have start or lift, to come to it")
+            if not legs:  # the time of a dot is a pause at the end of a leg
+                legs.append(Leg(Line(_beside(dot, stretches), vector(dot)), False, manner.travel_speed, travel=True))
             lays_glue = bool((stretch[0].glue or (1,))[0])
-            legs[-1] = replace(legs[-1], pause=legs[-1].pause + manner.dot_time, dot=lays_glue)
+            stated_time = stretch[0].dot_time
+            dot_time = manner.dot_time if stated_time is None else stated_time
+            legs[-1] = replace(legs[-1], pause=legs[-1].pause + dot_time, dot=lays_glue)
         legs += drawn
         position = first if dot is not None else drawn[-1].end
         _check_pieces(len(legs))
@@ -111,6 +114,17 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
     if manner.lift > 0:
         legs.append(Leg(Line(vector(position), vector(position + up)), False, manner.travel_speed, travel=True))
     return Route(tuple(legs), Chain(leg.piece for leg in legs), len(stretches), count)
+
+
+def _beside(dot: Floats, stretches: list[list[Stroke]]) -> tuple[float, float, float]:
+    """Return where the motion begins that has neither start nor lift and comes to a dot first: towards the next place.
+
+    So it is no further out than the drawing.
+    """
+    apart = [stretch[0].start - dot for stretch in stretches if math.dist(stretch[0].start, dot) > _SHORTEST]
+    ahead = apart[0] if apart else np.array([1.0, 0.0, 0.0])
+    distance = math.hypot(*ahead)
+    return vector(dot + ahead * (min(_APPROACH, 0.5 * distance) / distance))
 
 
 def _check_pieces(count: int) -> None:

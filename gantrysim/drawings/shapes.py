@@ -168,6 +168,7 @@ class Stroke:
         where: place in the drawing, for messages.
         names: of its layers, groups and colours, in lower case.
         dot: its place, of a dot (3,).
+        dot_time: for which the dot is dispensed, if the drawing states it [s].
         glue: whether each shape lays glue, if the drawing states it.
         speed: of each shape, if the drawing states it [mm/s].
     """
@@ -176,6 +177,7 @@ class Stroke:
     where: str
     names: frozenset[str] = frozenset()
     dot: Floats | None = None
+    dot_time: float | None = None
     glue: tuple[bool, ...] | None = None
     speed: tuple[float, ...] | None = None
 

@@ -99,7 +99,8 @@ def _first_row(lines: Sequence[tuple[int, str]], dialect: Dialect) -> int:
         wrong = any(is_number and not _is_value(cell, dialect) for cell, is_number in pairs)
         holds_number = any(is_number and dialect.number(cell) is not None for cell, is_number in pairs)
         # a line of a preamble, "Model;X500", has fewer cells than the table, or no number where it has them
-        if not wrong and holds_number and len(row) * 2 > width:
+        all_numbers = len(row) > 1 and all(dialect.number(cell) is not None for cell in row)
+        if all_numbers or (not wrong and holds_number and len(row) * 2 > width):
             return index
     return 1  # without any number, the first line has the heads
 

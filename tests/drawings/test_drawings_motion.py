@@ -250,8 +250,9 @@ def test_points_are_dots_where_they_have_a_time():
     assert between.any()
     assert not setpoints.dispense[between].any()
     assert np.abs(differences(setpoints)[1]).max() <= 2000 * (1 + EXCESS) + NOISE
-    with pytest.raises(InputError, match="a dot comes first: must have start or lift"):
-        Drawing(dxf(dot(20, 0)), dot_time=0.1).setpoints(TICK)
+    alone = Drawing(dxf(dot(20, 0)))  # nothing but a dot: 0.2 s, reached from beside it
+    assert alone.setpoints(TICK).dispense.sum() * TICK == pytest.approx(0.2, abs=2 * TICK)
+    assert alone.setpoints(TICK).position[0] == pytest.approx([20.5, 0])
     assert Drawing(dxf(dot(20, 0)), dot_time=0.1, start=(0, 0)).setpoints(TICK).dispense.any()
 
 

@@ -127,9 +127,11 @@ def test_any_text_is_read_or_refused_in_one_line(text, kind):
         ("0,0\n1,2,3,2\n", r"line 2: glue = '2': must be 1 or 0"),
         ("0,0\n1,2,3,1,0\n", r"line 2: speed = 0 mm/s: must be greater than 0 mm/s"),
         ("0,0\n1,2,3,1,1e200\n", r"line 2: speed = 1e\+200 mm/s: must be at most 1e\+06 mm/s"),
-        ("x,y,colour\n0,0,1\n", r"line 1: 'colour': must be a number, or a column of x, y, z, glue, speed"),
+        ("x,y,kind\n0,0,dot\n1,1,spot\n", r"line 3: unknown kind 'spot': did you mean dot\? known: dot, arc"),
+        ("x,y,kind\n0,0,start\n1,1,arc\n", r"line 3: point of an arc without a point after it"),
+        ("x,y,time [h]\n0,0,1\n", r"column time is in 'h': must be in s"),
         ("x,z\n0,0\n", r"line 1: columns x, z: must have x and y"),
-        ("1,2\n", "nothing is traced; ignored: 1 single point; must have"),
+        ("x,y,kind\n1,2,dot\n0,0,dot\n", "nothing is traced; ignored: 2 dot; must have"),
         ("0,0\n2e6,0\n", r"line 2: coordinate of 2e\+06 mm: must be at most 1e\+06 mm"),
         (svg('<path d="M0 0h2e6"/>'), r"svg: <path>: coordinate of 2e\+06 mm: must be finite and at most 1e\+06 mm"),
         ("AutoCAD Binary DXF\r\n\x1a\x00", r"dxf: binary: must be saved as an ASCII DXF"),
@@ -150,7 +152,7 @@ def test_any_text_is_read_or_refused_in_one_line(text, kind):
 )
 def test_refused_drawings(text, message):
     with pytest.raises(InputError, match=message) as error:
-        Drawing(text)
+        Drawing(text, dot_time=0 if "2 dot" in message else None)
     assert "\n" not in str(error.value)
 
 
@@ -222,7 +224,7 @@ def test_a_drawing_is_rebuilt_from_its_plain_arguments():
     assert np.array_equal(again.setpoints(1e-3).position, drawing.setpoints(1e-3).position)
     assert build("cad.Drawing", {"text": SEEDS[0], "glue": {"bead": False}}).glue == {"bead": False}
     assert build("cad.Drawing", {"text": SEEDS[0], "glue": ["bead"]}).glue == ("bead",)
-    assert Drawing.suffixes == (".dxf", ".svg", ".csv")
+    assert Drawing.suffixes == (".dxf", ".svg", ".csv", ".pos")
 
 
 def test_the_page_s_job_is_traced():
