@@ -91,8 +91,8 @@ class Scope:
 
         Glue that fails in all cases would hide which of them is the better motion.
         """
-        kept = any(acceptance is not None and acceptance.keeps() for acceptance in acceptances)
-        return cls(ASPECTS if kept else MOTION_LIMITS)
+        is_whole = any(acceptance is not None and acceptance.keeps() for acceptance in acceptances)
+        return cls(ASPECTS if is_whole else MOTION_LIMITS)
 
     @property
     def words(self) -> str:

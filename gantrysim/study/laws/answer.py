@@ -15,14 +15,14 @@ def laws_answer(study: LawsStudy, nominal: dict[str, Row]) -> str:
     if not judged:
         return "No law has a run that was judged by the job's tolerance, so none is recommended."
     scope = Scope.of(judged.values())
-    kept = [law for law, acceptance in judged.items() if acceptance.keeps(scope.aspects)]
-    if not kept:
+    sufficient = [law for law, acceptance in judged.items() if acceptance.keeps(scope.aspects)]
+    if not sufficient:
         return _none(study, judged, scope)
-    law = kept[0]
+    law = sufficient[0]
     cheapest = f"the cheapest of {len(judged)} laws that keeps {scope.words}, with {scope.usage(judged[law])}"
     remark = scope.remark(judged[law])
     present = _present(study)
-    if present in kept and present != law:
+    if present in sufficient and present != law:
         usage = f"{judged[present].use(scope.aspects):.3g} % used"
         return (
             f"{law} ({_change(study, law)}) is {cheapest}{remark}; the job's own law {present} keeps the same limits, "

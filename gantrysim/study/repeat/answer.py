@@ -31,16 +31,16 @@ def repeat_answer(study: RepeatStudy, rows: list[Row], paths: dict[str, Repeated
         return f"Not judged by a tolerance: {result}."
     scope = Scope.of(judged)
     worst = max(judged, key=lambda acceptance: acceptance.use(scope.aspects))
-    kept = sum(acceptance.keeps(scope.aspects) for acceptance in judged)
-    if kept == len(repeats):
+    accepted = sum(acceptance.keeps(scope.aspects) for acceptance in judged)
+    if accepted == len(repeats):
         return (
-            f"Yes, all {kept} repeats keep {scope.words}, with at most {scope.usage(worst)}{scope.remark(worst)}: "
+            f"Yes, all {accepted} repeats keep {scope.words}, with at most {scope.usage(worst)}{scope.remark(worst)}: "
             f"{result}."
         )
     failures = f"; the worst is at {scope.excess(worst)}"
     if worst.keeps(scope.aspects):  # then the others have no run that could be judged
         failures = "; the others were refused or ended in a fault"
-    return f"No, {kept} of {len(repeats)} repeats keep {scope.words}{failures}: {result}; {_lever(study, paths)}."
+    return f"No, {accepted} of {len(repeats)} repeats keep {scope.words}{failures}: {result}; {_lever(study, paths)}."
 
 
 def _lever(study: RepeatStudy, paths: dict[str, RepeatedPath]) -> str:
