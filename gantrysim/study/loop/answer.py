@@ -155,7 +155,8 @@ def _main(study: LoopStudy, sweeps: dict[str, SweepVerdicts], main: str) -> str:
             return f"{change}: {longest} {usage}{scope.remark(verdict)}"
         return f"{change}, which {usage}; {longest} does{scope.remark(verdict)}"
     verdict = sweep.judged[sweep.nearest]
-    first, *_, last = [*sweep.verdicts, next(reversed(sweep.verdicts))]
+    first = next(iter(sweep.verdicts))
+    last = next(reversed(sweep.verdicts))
     text = (
         f"No {lever.noun} tried, {lever.text(first)} to {lever.text(last)}, keeps {scope.words}: "
         f"{lever.text(sweep.nearest)} comes nearest, at {scope.excess(verdict)}"
