@@ -23,14 +23,15 @@ def markdown(table: Table) -> str:
 
 
 def tables(name: str) -> str:
-    """Return headline and tables of the study of a job."""
+    """Return answer and tables of the study of a job."""
     study = LawsStudy(Job.load(name))
     with tempfile.TemporaryDirectory() as folder:
         report = run_study(study, Path(folder)).report
     first, second = report.tables
+    notes = [note for note in report.details.notes if note.startswith(("Law ", "The last"))]
     return (
-        f"### `{name}`\n\n{report.headline}\n\n{markdown(first)}\n\n{second.caption}\n\n{markdown(second)}\n\n"
-        + "".join(f"{note}\n" for note in report.notes if note.startswith("The last"))
+        f"### `{name}`\n\n{report.answer}\n\n{markdown(first)}\n\n{second.caption}\n\n{markdown(second)}\n\n"
+        + "".join(f"{note}\n" for note in notes)
     )
 
 

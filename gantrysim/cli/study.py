@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from gantrysim.report.document import Table
-    from gantrysim.study.study import Study
+    from gantrysim.study.study import Report, Study
 
 # options of every study
 JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="A built-in job or a TOML file.")]
@@ -32,10 +32,17 @@ Backend = Annotated[
         "of the Dask cluster with the scheduler at ADDRESS).",
     ),
 ]
-Tolerance = Annotated[float, typer.Option(help="Largest permitted value of the metric, in its unit.")]
-Metric = Annotated[str, typer.Option("--figure", help="Metric that the tolerance applies to, a column of study.csv.")]
+Tolerance = Annotated[
+    float | None,
+    typer.Option(help="Largest permitted value of the metric, in its unit; by default the job's own limits apply."),
+]
+Metric = Annotated[
+    str | None,
+    typer.Option(
+        "--figure", help="Metric that the tolerance applies to, a column of study.csv; by default contour_max."
+    ),
+]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
-_TOLERANCE = 50.0  # [µm]
 
 study_app = typer.Typer(
     add_completion=False,
@@ -50,11 +57,12 @@ def _main() -> None:
 
 
 def carry_out(study: Study, out: Path | None, workers: int | None, backend: str | None = None) -> Path:
-    """Run a study with a progress bar, print its result and list the files written; return its folder.
+    """Run a study with a progress bar, print question, answer, table and the path of its page; return its folder.
 
     Exit status 130 after Ctrl-C, with a hint on how to resume, 3 if faults left no case with values, and 1 without the
     report, if that failed.
     """
+    from gantrysim.report.folder import REPORT
     from gantrysim.study.backends import on_backend
     from gantrysim.study.run import NoValuesError, StudyInterrupted, run_study
 
@@ -83,17 +91,23 @@ def carry_out(study: Study, out: Path | None, workers: int | None, backend: str 
         warn(f"note: rows of another study in {folder}/ are discarded: {outcome.discarded}")
     if outcome.resumed:
         warn(f"note: resumed with the rows of {outcome.resumed} cases from an interrupted run")
-    say(outcome.report.headline, wrap=True, end="\n\n")
-    for table in outcome.report.tables:
-        say(table.caption or "", wrap=True)
-        show(_terminal_table(table))
-    for note in outcome.report.notes:
-        say(note, wrap=True, end="\n\n")
-    say(f"written to {folder}/: {', '.join(outcome.written)}")
-    if outcome.failed is not None:
+    _say_report(outcome.report)
+    if outcome.failed is None:
+        say(f"page: {folder / REPORT}")
+    else:
+        say(f"written to {folder}/: {', '.join(outcome.written)}")
         warn(f"no report: {outcome.failed}; the same command makes it without running a case again", "error")
         raise typer.Exit(INCOMPLETE)
     return folder
+
+
+def _say_report(report: Report) -> None:
+    """Print question, answer and table; the details are on the page."""
+    say(report.question, wrap=True, end="\n\n")
+    say(report.answer, wrap=True, end="\n\n")
+    if report.table is not None:
+        say(report.table.caption or "", wrap=True)
+        show(_terminal_table(report.table))
 
 
 def _terminal_table(table: Table) -> RenderableType:
@@ -135,8 +149,8 @@ def loop(
 @study_app.command()
 def speed(
     job: JobArgument = "fanuc-spiral",
-    tolerance: Tolerance = _TOLERANCE,
-    metric: Metric = "contour_max",
+    tolerance: Tolerance = None,
+    metric: Metric = None,
     out: Out = None,
     model: Model = None,
     settings: Settings = None,
@@ -163,8 +177,8 @@ def speed(
 @study_app.command()
 def machine(
     job: JobArgument = "fanuc-spiral",
-    tolerance: Tolerance = _TOLERANCE,
-    metric: Metric = "contour_max",
+    tolerance: Tolerance = None,
+    metric: Metric = None,
     samples: Annotated[int, typer.Option(help="Number of machines.")] = 128,
     spread: Annotated[
         str,

@@ -104,7 +104,7 @@ class Section:
         viewer: content of the page's viewer as JSON, see `gantrysim.report.viewer_data`; one section of a page at most.
         in_space: whether the viewer has a 3-D view, whose script is twice as large as the rest.
         still: figures that the viewer replaces on a screen; they remain in print and where scripts do not run.
-        folded: whether only the heading is seen at first, where scripts run.
+        folded: whether only the heading is seen at first; on a page with a viewer, only where scripts run.
     """
 
     title: str

@@ -146,11 +146,16 @@ class Check:
             return FAIL
         return WARN if self.usage > NEAR else PASS
 
-    def __str__(self) -> str:
+    @property
+    def brief(self) -> str:
+        """Value and limit in words, without place and source."""
         unit = f" {self.unit}" if self.unit else ""
         bound = "at least" if self.at_least else "at most"
         value = number_text(self.value, self.form)
-        text = f"{self.quantity} {value}{unit}, {bound} {number_text(self.limit, self.form)}{unit} ({self.source})"
+        return f"{self.quantity} {value}{unit}, {bound} {number_text(self.limit, self.form)}{unit}"
+
+    def __str__(self) -> str:
+        text = f"{self.brief} ({self.source})"
         place = str(self.place)
         return f"{text}: {place}" if place else text
 

@@ -15,6 +15,7 @@ from gantrysim.job.job import Job
 from gantrysim.job.lines import program_lines
 from gantrysim.job.losses import happened, reached
 from gantrysim.job.steps import lost_steps
+from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.error_quantities import CONTOUR
@@ -25,6 +26,7 @@ from gantrysim.results.row import Row
 from gantrysim.results.tolerance import DEFAULT, Tolerance
 from gantrysim.results.verdict_quantities import SPEED_RESERVE, STEPS_LOST, TORQUE_RESERVE
 from gantrysim.stability.margin_quantities import GAIN_MARGIN, SENSITIVITY
+from gantrysim.stability.margins import Margins, margins_of
 
 PATH = "path"
 STABILITY = "stability"
@@ -70,13 +72,14 @@ class Verdict(Shown):
         return cls(tuple(rows), happened(run))
 
     @classmethod
-    def of_results(cls, job: Job, budget: Budget, bead: Bead) -> Verdict:
+    def of_results(cls, job: Job, budget: Budget, bead: Bead, machine: Machine | None = None) -> Verdict:
         """Return the verdict on a run whose budget and bead are known.
 
         Args:
             job: the job.
             budget: of its run.
             bead: of the same run.
+            machine: that ran, where it is not the job's own: the margins are those of its loops.
         """
         run = budget.analysis.run
         if run.fault is not None:
@@ -94,7 +97,7 @@ class Verdict(Shown):
         rows = (
             _path_row(budget, tolerance, line_at),
             glue_row(bead, tolerance, place_at),
-            _stability_row(job, tolerance),
+            _stability_row(job, job.margins if machine is None else margins_of(machine, job.built_servo), tolerance),
             Row.of(MACHINE, list(_machine_checks(job, run, tolerance, place_at))),
         )
         return cls(rows, "", tolerance, tuple(str(fault) for fault in reached(run)))
@@ -167,8 +170,7 @@ def _path_row(budget: Budget, tolerance: Tolerance, line_at: Callable[[float], i
     )
 
 
-def _stability_row(job: Job, tolerance: Tolerance) -> Row:
-    margins = job.margins
+def _stability_row(job: Job, margins: tuple[Margins, ...] | None, tolerance: Tolerance) -> Row:
     if margins is None:
         return Row(STABILITY, remark="the loop cannot be linearised: its margins are unknown")
     names = job.built_machine.axis_names

@@ -17,6 +17,7 @@ from .run import StudyInterrupted as StudyInterrupted
 from .run import run_study as run_study
 from .runner import run_cases as run_cases
 from .speed import SpeedStudy as SpeedStudy
+from .study import Details as Details
 from .study import Plot as Plot
 from .study import Report as Report
 from .study import Rounds as Rounds

@@ -21,6 +21,8 @@ from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.error_quantities import ERRORS, MOTION, of_axes
 from gantrysim.record.run import Run
+from gantrysim.results.verdict import Verdict
+from gantrysim.study.verdict_columns import verdict_columns
 
 Value = str | float | int | bool | list[float] | None  # a list is a curve and goes into curves.csv
 Row = dict[str, Value]
@@ -123,9 +125,35 @@ def measure(case: Case, values: Callable[[Run], Row] | None = None) -> Row:
 
     Args:
         case: to run.
-        values: from the record to the values, by default `values_row` with the bead of the job.
+        values: from the record to the values, by default `values_row` with the bead of the job. The verdict on the
+            run follows them, see `verdict_row`.
     """
-    return judged(lambda: simulated(case), values or (lambda run: values_row(run, case.job().bead)))
+
+    def row(run: Run) -> Row:
+        budget = Budget(run)
+        bead = Bead(run, case.job().bead, budget.analysis)
+        values_of_run = _values(budget, bead) if values is None else values(run)
+        return {**values_of_run, **_verdict(case, budget, bead)}
+
+    return judged(lambda: simulated(case), row)
+
+
+def verdict_row(case: Case, run: Run) -> Row:
+    """Return the verdict on the complete run of a case, by the limits of its job; nothing for a perfect follower.
+
+    Raises:
+        InputError: the dispenser is never on.
+    """
+    budget = Budget(run)
+    return _verdict(case, budget, Bead(run, case.job().bead, budget.analysis))
+
+
+def _verdict(case: Case, budget: Budget, bead: Bead) -> Row:
+    if case.mode != "simulated":  # it has neither servo nor motors
+        return {}
+    job = case.job()
+    machine = None if case.perturbation is None else job.built_machine.perturbed(case.perturbation)
+    return dict(verdict_columns(Verdict.of_results(job, budget, bead, machine)))
 
 
 def judged(start: Callable[[], Run], values: Callable[[Run], Row]) -> Row:
@@ -173,8 +201,13 @@ def values_row(run: Run, bead: BeadSettings | None = None) -> Row:
         InputError: the dispenser is never on.
     """
     budget = Budget(run)
+    return _values(budget, Bead(run, bead, budget.analysis))
+
+
+def _values(budget: Budget, bead: Bead) -> Row:
+    run = budget.analysis.run
     quantities = of_axes((*ERRORS, *MOTION), run.axes, run.units)
-    return {**contents(quantities, budget), **_bead(Bead(run, bead, budget.analysis))}
+    return {**contents(quantities, budget), **_bead(bead)}
 
 
 def _bead(bead: Bead) -> Row:

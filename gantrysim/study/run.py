@@ -21,8 +21,9 @@ from gantrysim.report.folder import JOB, PLOTS, REPORT, Output
 from gantrysim.report.summary import versions
 from gantrysim.study.cases import OK, Case, Row, forget_jobs, is_fault
 from gantrysim.study.ledger import Ledger
+from gantrysim.study.page import page_sections
 from gantrysim.study.runner import Progress, run_cases
-from gantrysim.study.study import Plot, Report, Rounds, Study
+from gantrysim.study.study import Report, Rounds, Study
 
 _ROWS = "study.csv"
 _CURVES = "curves.csv"
@@ -48,7 +49,7 @@ class Outcome:
 
     Attributes:
         rows: of all cases, in order.
-        report: headline, tables, notes and plots.
+        report: question, answer, chart, table and details.
         written: names of the files in the folder.
         resumed: number of rows taken over from an interrupted run.
         discarded: why rows found in the folder were not taken over, or None.
@@ -64,7 +65,7 @@ class Outcome:
 
     @property
     def findings(self) -> list[str]:
-        """Headline and notes of the report."""
+        """Answer and notes of the report."""
         return self.report.findings
 
 
@@ -182,7 +183,7 @@ def _report_of(study: Study, rows: list[Row]) -> tuple[Report, str | None]:
     except GantryError:
         raise
     except Exception as error:
-        return Report(f"{len(rows)} cases"), text_of(error)
+        return Report(study.title, f"{len(rows)} cases."), text_of(error)
 
 
 def _check_job(job: Job) -> None:
@@ -254,25 +255,27 @@ def _write_report(study: Study, rows: list[Row], report: Report, folder: Path, i
     for plot in report.plots:
         plot.figure.savefig(folder / PLOTS / f"{plot.name}.png", dpi=_DPI)
         plot.figure.set_layout_engine("none")  # laid out by now: the page need not do it again
-    sections = [Section("Result", [report.headline], table=report.tables or None)]
-    if report.notes:
-        sections.append(Section("Notes", report.notes))
-    sections += map(_plot_section, report.plots)
+    write_page(
+        folder / REPORT,
+        report.question,
+        f"{study.title}: {len(rows)} cases",
+        page_sections(report, [*_failed_cases(rows), _origin(study, identity)]),
+    )
+
+
+def _failed_cases(rows: list[Row]) -> list[Section]:
+    """Return the section of the cases without values; nothing where all have some."""
     failed = [row for row in rows if row["status"] != OK]
-    if failed:
-        columns, _ = _columns(rows)
-        tags = columns[: columns.index("status") + 1]
-        table = Table(tags, [[row.get(key) for key in tags] for row in failed])
-        sections.append(Section("Failed cases", table=table))
+    if not failed:
+        return []
+    columns, _ = _columns(rows)
+    tags = columns[: columns.index("status") + 1]
+    return [Section("Failed cases", table=Table(tags, [[row.get(key) for key in tags] for row in failed]))]
+
+
+def _origin(study: Study, identity: dict[str, Any]) -> Section:
     facts = Table(["component", "version"], [[name, value] for name, value in identity["versions"].items()])
-    sections.append(Section("Job and versions", code=study.job.toml(), table=facts))
-    write_page(folder / REPORT, study.title, f"{len(rows)} cases of the job {study.job.name}", sections)
-
-
-def _plot_section(plot: Plot) -> Section:
-    if plot.viewer is None:
-        return Section(plot.title, plot.text, plot.figure, plot.tables or None)
-    return Section(plot.title, plot.text, table=plot.tables or None, viewer=plot.viewer, still=plot.figure)
+    return Section("Job and versions", code=study.job.toml(), table=facts)
 
 
 def _write_curves(rows: list[Row], names: list[str], file: Path) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -28,7 +28,7 @@ Rounds = Generator[Sequence[Case], list[Row], None]
 
 @dataclass(frozen=True)
 class Plot:
-    """A plot of a study, a section of its report.
+    """A plot of a study: the chart of its report, or one of its details.
 
     Attributes:
         name: file name in the folder of plots, without the suffix.
@@ -48,25 +48,52 @@ class Plot:
 
 
 @dataclass(frozen=True)
-class Report:
-    """The result of a study, for the terminal, study.toml and the report page.
+class Details:
+    """What a report shows besides its answer, folded on the page.
 
     Attributes:
-        headline: the result in one sentence.
-        tables: of results.
         notes: remarks of one line each.
-        plots: with a section each.
+        tables: further tables of results.
+        plots: further plots, with a section each.
     """
 
-    headline: str
-    tables: Sequence[Table] = ()
     notes: Sequence[str] = ()
+    tables: Sequence[Table] = ()
     plots: Sequence[Plot] = ()
+
+
+@dataclass(frozen=True)
+class Report:
+    """The result of a study or a tuning: question, answer, chart, table and details, shown everywhere in this order.
+
+    Attributes:
+        question: that the study answers, in plain words.
+        answer: in one sentence, with the numbers that it rests on and with what to change.
+        chart: the plot that shows the answer; None without values to draw.
+        table: the numbers behind the answer; None without values.
+        details: everything else.
+    """
+
+    question: str
+    answer: str
+    chart: Plot | None = None
+    table: Table | None = None
+    details: Details = field(default_factory=Details)
 
     @property
     def findings(self) -> list[str]:
-        """Headline and notes."""
-        return [self.headline, *self.notes]
+        """Answer and notes."""
+        return [self.answer, *self.details.notes]
+
+    @property
+    def plots(self) -> list[Plot]:
+        """The chart and all further plots."""
+        return [*([] if self.chart is None else [self.chart]), *self.details.plots]
+
+    @property
+    def tables(self) -> list[Table]:
+        """The table and all further tables, but for those below plots."""
+        return [*([] if self.table is None else [self.table]), *self.details.tables]
 
 
 @dataclass(frozen=True)

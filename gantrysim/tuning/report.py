@@ -1,4 +1,4 @@
-"""The report of a tuning: headline, tables, notes and plots of the start and the tuned servo."""
+"""The report of a tuning: answer, chart, table and details of the start and the tuned servo."""
 
 from __future__ import annotations
 
@@ -30,16 +30,18 @@ from gantrysim.stability.margin_quantities import (
 )
 from gantrysim.stability.margins import margins_of
 from gantrysim.study.cases import OK, Row
-from gantrysim.study.study import Plot, Report
+from gantrysim.study.study import Details, Plot, Report
 from gantrysim.tuning import plots as drawing
-from gantrysim.tuning.candidates import RANKS, Candidate
-from gantrysim.tuning.objective import METRICS, RIPPLE, column, micrometres
+from gantrysim.tuning.answer import answer, machines, question
+from gantrysim.tuning.candidates import Candidate
+from gantrysim.tuning.objective import METRICS, RIPPLE, column
 from gantrysim.tuning.search import History, Phase
 from gantrysim.tuning.servo import TUNED, UNITS
 from gantrysim.tuning.stability import phase_margin
 from gantrysim.tuning.study import TuningStudy
 
 _AT_LIMIT = 0.98  # share of a limit from which it counts as reached
+_CHART = "path"  # the plot of start and tuned over one another
 _ENDED = {
     "budget": "budget used up",
     "converged": "less than 0.2 % gained by six trust regions in succession",
@@ -48,18 +50,12 @@ _ENDED = {
 
 
 def report(study: TuningStudy, rows: list[Row]) -> Report:
-    """Return headline, table of results, notes and plots."""
-    return Report(headline(study, rows), tables(study, rows), notes(study, rows), plots(study, rows))
-
-
-def headline(study: TuningStudy, rows: list[Row]) -> str:
-    """Return the metric at the start and tuned, in one sentence."""
-    history = study.history(rows)
-    name = f"{METRICS[study.metric]}, {_machines(study)}"
-    if history.best is history.start:
-        return f"No better gains found: {name}, stays at {_rated(study, history.start)}."
-    text = f"{name}: {_rated(study, history.start)} at the start, {_rated(study, history.best)} tuned."
-    return text[0].upper() + text[1:]
+    """Return question, answer, chart of the error before and after, table of results, and details."""
+    shown = plots(study, rows)
+    chart = next((plot for plot in shown if plot.name == _CHART), None)
+    (table,) = tables(study, rows)
+    details = Details(notes(study, rows), plots=[plot for plot in shown if plot is not chart])
+    return Report(question(study), answer(study, rows), chart, table, details)
 
 
 def tables(study: TuningStudy, rows: list[Row]) -> list[Table]:
@@ -113,7 +109,7 @@ def _comparison_plots(comparison: ComparedRuns | None) -> list[Plot]:
     checks = checks_table(comparison.names, comparison.checks)
     return [
         Plot(
-            "path",
+            _CHART,
             "Error along the path",
             "The nozzle's error normal to the requested path, positive to its left, and its parts, of start and tuned "
             "servo over one another on the job's own machine; below, their verdicts check by check.",
@@ -186,16 +182,6 @@ def unseen_metric(study: TuningStudy, rows: list[Row], phase: Phase) -> Floats:
     return np.array([float(row[name]) if row["status"] == OK else math.inf for row in study.unseen_rows(rows, phase)])  # type: ignore[arg-type]
 
 
-def _machines(study: TuningStudy) -> str:
-    return f"worst of {study.robust + 1} machines" if study.robust else "job's machine"
-
-
-def _rated(study: TuningStudy, candidate: Candidate) -> str:
-    """Return the metric of a candidate, with the constraint that it misses."""
-    rank = candidate.order(0.01 * study.ripple)[0]
-    return micrometres(candidate.metric) + (f" ({RANKS[rank]})" if rank in (2, 3) else "")
-
-
 def _budgets(study: TuningStudy, history: History) -> dict[Phase, Budget]:
     """Return the error budgets on the job's own machine, of the phases without a fault there."""
     runs = {phase: study.run(candidate.servo) for phase, candidate in history.phases.items()}
@@ -231,7 +217,7 @@ def _results_table(study: TuningStudy, rows: list[Row], history: History) -> Tab
         values = budgets[phase].values.contour if phase in budgets else None
         margins = study.stability.worst(candidate.servo)
         result = {
-            f"{metric}, {_machines(study)} [µm]": _finite(candidate.metric),
+            f"{metric}, {machines(study)} [µm]": _finite(candidate.metric),
             f"{CONTOUR.phrase(RMS)}, job's machine [{CONTOUR.unit}]": CONTOUR.scaled(values.rms) if values else None,
             f"{CONTOUR.phrase(MAX)}, job's machine [{CONTOUR.unit}]": CONTOUR.scaled(values.max) if values else None,
             GAIN_MARGIN_ALONE.head: min(axis.gain for axis in margins),

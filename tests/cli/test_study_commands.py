@@ -43,8 +43,10 @@ def test_circle_by_command(gantrysim_command, tmp_path):
         "--workers", 1,
     )  # fmt: skip
     assert status == 0
-    assert "for a radius of 10 mm at 80 mm/s on xyz." in " ".join(printed.split())
-    assert "curves.csv" in printed
+    words = " ".join(printed.split())
+    assert words.startswith("Does this machine run a circle within the tolerance? Yes, both directions keep the limits")
+    assert "for a radius of 10 mm at 80 mm/s on xyz." in words
+    assert (out / "curves.csv").exists()
     job = tomllib.loads((out / "job.toml").read_text())
     assert job["machine"] == "xyz"
     assert job["servo"]["period"] == 0.0005
@@ -56,7 +58,7 @@ def test_speed_by_command(gantrysim_command, tmp_path):
     arguments = ("--tolerance", 150, "--figure", "contour_rms", "--out", out)
     status, printed, _ = gantrysim_command("study", "speed", *SMALL, *arguments)
     assert status == 0
-    assert "within the tolerance of 150 µm (rms contour error)." in " ".join(printed.split())
+    assert "keeps the tolerance of 150 µm (rms contour error)" in " ".join(printed.split())
 
 
 def test_machine_by_command(gantrysim_command, tmp_path):
@@ -72,8 +74,10 @@ def test_machine_by_command(gantrysim_command, tmp_path):
     status, printed, _ = gantrysim_command("study", "machine", *SMALL, *arguments, "--seed", 7, "--out", out)
     assert status == 0
     words = " ".join(printed.split())
-    assert words.startswith("Yield 100.0 % (95 % confidence: ")
-    assert "8 of 8 machines are within the tolerance of 1e+06 µm (largest contour error)" in words
+    limit = "the tolerance of 1e+06 µm (largest contour error)"
+    answer = f"8 of 8 machines keep {limit}, a yield of 100.0 % (95 % confidence: "
+    assert words.startswith(f"How many machines of this build will meet the tolerance? {answer}")
+    assert "; nothing of the build needs to change." in words
     settings = tomllib.loads((out / "study.toml").read_text())["settings"]
     assert settings["seed"] == 7
     assert settings["spread"] == {
@@ -102,11 +106,15 @@ def test_repeat_by_command(gantrysim_command, tmp_path):
         (("speed", "--tolerance", 0), "tolerance = 0: must be greater than 0"),
         (("machine", "--spread", "mass=1"), "unknown tolerance 'mass'"),
         (("machine", "--samples", 3), "samples = 3: must be at least 12, for 9 factors"),
-        (("speed", "an225", "--figure", "nofigure"), "unknown metric 'nofigure': known: contour_max, contour_p95, "),
         (
-            ("machine", "an225", "--figure", "contour_mx"),
+            ("speed", "an225", "--tolerance", 50, "--figure", "nofigure"),
+            "unknown metric 'nofigure': known: contour_max, contour_p95, ",
+        ),
+        (
+            ("machine", "an225", "--tolerance", 50, "--figure", "contour_mx"),
             "unknown metric 'contour_mx': did you mean contour_max?",
         ),
+        (("speed", "--figure", "contour_rms"), "figure = contour_rms: needs a tolerance; without both, the job's own"),
         (("machine", "--samples", 10**12), "samples = 1000000000000: must be at most 10000"),
         (("circle", "--radius", 0.001), "radius = 0.001 mm: must be at least 1.91 mm"),
         (("repeat", "--repeats", 10**12), "repeats = 1000000000000: must be at most 10000"),

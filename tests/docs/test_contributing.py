@@ -368,7 +368,7 @@ class PaceStudy(Study):
 
     def report(self, rows: list[Row]) -> Report:
         table = Table(["share", "contour rms [µm]"], [[row["share"], row["contour_rms_um"]] for row in rows])
-        return Report(f"{len(rows)} speeds.", [table])
+        return Report("How does the error grow with the speed?", f"{len(rows)} speeds.", table=table)
 '''
 
 COMMAND = '''

@@ -75,7 +75,7 @@ class Sweep(Toy):
         yield cases_of(self.job, (0.9 * best, 1.1 * best))
 
     def report(self, rows):
-        return Report(f"{len(rows)} rows")
+        return Report("Which period is best?", f"{len(rows)} rows")
 
 
 class Kill:

@@ -44,9 +44,13 @@ def test_a_study_writes_its_folder(tmp_path, job):
     assert described["versions"]["machine_sha256"] == job.built_machine.digest
     assert Job.load(str(folder / "job.toml")).toml() == job.toml()
     report = (folder / "report.html").read_text()
-    assert "A toy" in report
-    assert "a note" in report
-    assert "It rises." in report
+    assert "<h1>How large is a third?</h1>" in report
+    assert "A toy: 5 cases" in report
+    # question, answer, chart and table in this order, then the details
+    places = [report.index(text) for text in ("is a third?</h1>", ">5 rows<", "It rises.", "<td", "a note", "<pre")]
+    assert places == sorted(places)
+    assert report.count("<details>") == 2
+    assert places[3] < report.index("<details>") < places[4]
 
 
 def test_a_repeated_study_replaces_its_files_and_keeps_others(tmp_path, job):
@@ -192,7 +196,7 @@ class Least(Study):
         yield cases_of(self.job, self.values)
 
     def report(self, rows):
-        return Report("Done.")
+        return Report("Is it done?", "Done.")
 
 
 def test_a_study_needs_no_more_than_a_name_rounds_and_a_report(tmp_path, job):

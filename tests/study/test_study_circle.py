@@ -83,13 +83,19 @@ def test_the_curves_hold_the_whole_circle_and_its_values(tested):
 def test_the_report_holds_the_values_of_the_rows(tested):
     _, outcome, folder = tested
     one, other = (row["circular_deviation_um"] for row in outcome.rows)
-    assert outcome.findings[0].startswith(
-        f"Circular deviation G = {one:.1f} µm clockwise and {other:.1f} µm counter-clockwise, bidirectional G(b) = "
+    result = (
+        f"circular deviation G = {one:.1f} µm clockwise and {other:.1f} µm counter-clockwise, bidirectional G(b) = "
+    )
+    assert result in outcome.findings[0]
+    closest = max(row["path_limit_use_percent"] for row in outcome.rows)
+    assert (
+        f"Yes, both directions keep the limits of path, stability and machine, with {closest:.3g} % of "
+        in (outcome.findings[0])
     )
     spikes = [row[key] for row in outcome.rows for key in row if key.endswith("spike_um")]
     reversals = outcome.report.tables[1]
     assert [row[4] for row in reversals.rows] == pytest.approx(spikes)
-    assert "ISO 230-4:2005" in outcome.report.notes[0]
+    assert "ISO 230-4:2005" in outcome.report.details.notes[0]
     assert {path.name for path in (folder / "plots").iterdir()} == {"chart.png", "deviation.png"}
 
 
@@ -126,9 +132,9 @@ def test_every_value_of_a_known_pair_of_circles_is_shown_where_it_belongs(waved)
         assert (values[name]["G(b) [µm]"], values[name]["D [µm]"]) == (None, None)
     both = values["both"]
     assert (both["G(b) [µm]"], both["D [µm]"]) == pytest.approx((37 + 25, (7 - 5) / 2), abs=0.05)
-    assert waved.headline == (
-        "Circular deviation G = 60.0 µm clockwise and 40.0 µm counter-clockwise, bidirectional G(b) = 62.0 µm, for a "
-        "radius of 40 mm at 80 mm/s on xy."
+    assert waved.answer == (
+        "Not judged by a tolerance: circular deviation G = 60.0 µm clockwise and 40.0 µm counter-clockwise, "
+        "bidirectional G(b) = 62.0 µm, for a radius of 40 mm at 80 mm/s on xy."
     )
     legend = [text.get_text() for text in waved.plots[0].figure.legends[0].texts]
     assert [*legend[:2], legend[2]] == [
@@ -138,11 +144,12 @@ def test_every_value_of_a_known_pair_of_circles_is_shown_where_it_belongs(waved)
     ]
 
 
-def test_every_number_of_the_headline_is_in_a_table(tested):
+def test_every_number_of_the_answer_is_in_a_table(tested):
     study, outcome, _ = tested
     report = outcome.report
-    assert unaccounted(report.headline, report.tables, study.radius, study.speed) == []
-    assert unaccounted(report.headline, report.tables) == ["40", "80"]
+    _, _, result = report.answer.partition("nothing needs to change: ")
+    assert unaccounted(result, report.tables, study.radius, study.speed) == []
+    assert unaccounted(result, report.tables) == ["40", "80"]
 
 
 def test_the_spikes_of_both_directions_are_marked_on_the_curve(tested):
@@ -203,8 +210,8 @@ def test_spikes_are_searched_within_their_decay_at_most_40_degrees():
 
 def test_a_fault_is_reported(tmp_path):
     study = CircleStudy("xy", 40.0, 80.0, ("following_error_limit=0.01",))
-    assert study.report(measured(study)).headline.startswith(
-        "The circle run clockwise has no values: fault: following error on axis"
+    assert study.report(measured(study)).answer.startswith(
+        "Not known: the circle run clockwise has no values: fault: following error on axis"
     )
     with pytest.raises(NoValuesError, match="none of the study's 2 cases has values: fault: following error on axis"):
         run_study(study, tmp_path / "out", workers=1)

@@ -94,7 +94,7 @@ def test_the_positioning_is_reported():
         one = study.positioning[name]
         sizes = (one.reversal, one.unidirectional_repeatability, one.repeatability, one.systematic, one.accuracy)
         assert cells == pytest.approx([1e3 * size for size in sizes])
-        note = next(note for note in found.notes if note.startswith(f"Axis {name}"))
+        note = next(note for note in found.details.notes if note.startswith(f"Axis {name}"))
         assert f"± {500 * one.repeatability:.1f} µm from both directions" in note
 
 

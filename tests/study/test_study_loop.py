@@ -28,8 +28,6 @@ from gantrysim.study.loop import (
 from gantrysim.study.loop.report import report
 from gantrysim.study.loop.trends import Convergence, convergence, crossing, knee, loop_knee, power
 
-from support.distinct import unaccounted
-
 SMALL = {
     "loop_periods": (0.01, 0.03, 0.1),
     "interpreter_times": (0.0, 1e-3, 4e-3),
@@ -168,8 +166,10 @@ def test_a_program_without_a_loop_has_no_loop_sweeps():
     assert {dict(case.tags)["sweep"] for case in study.cases} == {"servo_period", "encoder_resolution", "physics_step"}
     assert {dict(case.tags)["variant"] for case in study.cases} == {AS_IT_IS, NO_FRICTION}
     empty = report(study, [])
-    assert empty.headline == "Too few cases with values for a result."
-    assert empty.notes == [
+    assert empty.question == "Which servo period does this job need?"
+    assert empty.answer == "Too few cases were judged by the job's tolerance."
+    assert (empty.chart, empty.table) == (None, None)
+    assert empty.details.notes == [
         "fanuc.Program has no program loop: the sweeps of loop period and interpreter time are left out."
     ]
 
@@ -263,7 +263,7 @@ def test_the_knee_of_known_rows(study):
 
 def test_a_faster_loop_that_is_worse_is_reported_with_its_cause(study):
     known = report(study, known_rows())
-    assert known.headline.startswith("Least contour error 600 µm rms at a loop period of 100 ms; knees of the contour")
+    assert "the contour error has knees at loop period (loop alone) " in known.answer
     found = results(study, known_rows())
     assert found["loop period", AS_IT_IS, "best period"] == "100 ms"
     assert found["loop period", LOOP_ALONE, "contour error at 100 ms"] == "200 µm"
@@ -346,7 +346,7 @@ def test_a_small_program_error_hides_nothing(study):
 def test_the_servo_of_a_program_without_a_loop():
     fanuc = LoopStudy(Job.load("fanuc-spiral"))
     rows = [one for one in servo_rows(program=0.0) if one["variant"] != NO_LOOP]
-    assert report(fanuc, rows).headline == "Knees of the contour error: servo period (as it is) < 0.25 ms."
+    assert report(fanuc, rows).answer.endswith("has knees at servo period (as it is) < 0.25 ms.")
     found = results(fanuc, rows)
     assert found["servo period", AS_IT_IS, "contour error at 0.25 ms"] == "0.625 µm"
     assert found["servo period", AS_IT_IS, "steady normal following error at 2 ms"] == "120 µm"
@@ -384,11 +384,11 @@ def test_the_convergence_over_the_physics_step_is_reported(study):
     assert cells["contour error", NO_FRICTION] == ["0", "scatter"]
     assert cells["servo error", NO_FRICTION] == ["3", "1.00"]
     assert "at a physics step of 0.25 ms" in known.tables[-1].caption
-    assert known.notes == []
+    assert list(known.details.notes) == []
 
 
 def test_a_value_that_depends_on_the_physics_step_is_noted(study):
-    (note,) = report(study, stepped_rows(0.2)).notes
+    (note,) = report(study, stepped_rows(0.2)).details.notes
     assert note == "More than 5 % off due to the physics step: contour error."
 
 
@@ -405,12 +405,12 @@ def done(tmp_path_factory):
 def test_a_small_study_from_end_to_end(done):
     small, folder, outcome = done
     assert len(outcome.rows) == len(small.cases)
-    assert outcome.report.headline.startswith("Least contour error ")
-    assert unaccounted(outcome.report.headline, outcome.report.tables) == []
-    assert {row[0] for row in outcome.report.tables[0].rows} == {
-        "loop period", "interpreter time", "servo period", "encoder resolution"
-    }  # fmt: skip
-    assert len(outcome.report.tables) == 2
+    assert outcome.report.chart.name == "loop_period"
+    assert [row[1] for row in outcome.report.table.rows] == [
+        "program.loop_period", "program.interpreter_time", "servo.period", "servo.resolution"
+    ]  # fmt: skip
+    values, _ = outcome.report.details.tables
+    assert {row[0] for row in values.rows} == {"loop period", "interpreter time", "servo period", "encoder resolution"}
     for sweep in SWEEPS:
         assert (folder / "plots" / f"{sweep}.png").read_bytes().startswith(b"\x89PNG")
     report = (folder / "report.html").read_text()
@@ -430,7 +430,7 @@ def test_the_points_of_the_plot_lie_on_the_predictions(done):
 def test_plots_of_a_study_without_values(study):
     rows = [{**dict(case.tags), "status": "refused: no"} for case in study.cases]
     plots = study.report(rows).plots
-    assert [plot.name for plot in plots] == list(SWEEPS)
+    assert [plot.name for plot in plots] == list(SWEEPS)  # the first answers
     for plot in (plots[0], plots[-1]):
         plot.figure.draw_without_rendering()
 
@@ -446,9 +446,8 @@ def test_the_command(tmp_path, monkeypatch, gantrysim_command):
         "study", "loop", "an225", *settings, "--out", tmp_path / "a", "--workers", 1
     )
     assert (status, said) == (0, "")
-    assert output.startswith("Least contour error ")
-    assert "best period" in output
-    assert output.endswith(f"written to {tmp_path / 'a'}/: job.toml, report.html, study.csv, study.toml\n")
+    assert output.startswith("Which loop period does this job need?\n\nNo loop period tried, ")
+    assert output.endswith(f"page: {tmp_path / 'a' / 'report.html'}\n")
     assert 'command = "gantrysim study loop job.toml"' in (tmp_path / "a" / "study.toml").read_text()
 
 

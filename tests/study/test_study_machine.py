@@ -159,13 +159,18 @@ def test_the_yield_of_a_known_metric(tmp_path):
     faults = int((machines["motor_constant_x"] > 1.09).sum())
     assert faults > 0
     within = int(good.sum())
-    headline, failed, _ = outcome.findings
-    assert headline.startswith(f"Yield {100 * within / 64:.1f} % (95 % confidence: ")
+    answer, failed, _ = outcome.findings
     limit = "the tolerance of 60 µm (largest contour error)"
-    assert headline.endswith(f"{within} of 64 machines are within {limit}; the dominant factor is friction of x.")
+    share = f"a yield of {100 * within / 64:.1f} % (95 % confidence: "
+    assert answer.startswith(f"{within} of 64 machines keep {limit}, {share}")
+    low = machines["friction_x"] <= np.median(machines["friction_x"])
+    shares = f"{100 * good[low].mean():.0f} % of the machines below its median keep the limit"
+    assert answer.endswith(
+        f"the lever is friction of x, to be kept low: {shares}, {100 * good[~low].mean():.0f} % above."
+    )
     assert failed.startswith(f"{faults} runs failed, such as machine ")
     assert failed.endswith(": fault: oscillation on axis x.")
-    distribution, influence, variation = outcome.report.tables
+    influence, distribution, variation = outcome.report.tables
     assert distribution.rows[0] == ["nominal", 50.0]
     assert distribution.rows[-1][1] is None  # the worst machine failed
     assert influence.rows[0][0] == "friction of x"
@@ -190,7 +195,7 @@ def test_every_value_of_known_machines_is_shown_where_it_belongs():
     for row, value in zip(rows, (33.0, *range(101, 165)), strict=True):
         row["contour_max_um"] = 0.5 * value
     report = study.report(rows)
-    distribution, influence, variation = report.tables
+    influence, distribution, variation = report.tables
     # the smallest value that at least 5, 50 and 95 % of the 64 machines do not exceed: numbers 4, 32 and 61
     assert distribution.rows == [
         ["nominal", 16.5],
@@ -199,11 +204,11 @@ def test_every_value_of_known_machines_is_shown_where_it_belongs():
         ["95 % quantile", 80.5],
         ["worst, number 64", 82.0],
     ]
-    assert report.headline.startswith("Yield 31.2 % (95 % confidence: ")
-    assert "20 of 64 machines are within the tolerance of 60 µm" in report.headline
+    limit = "the tolerance of 60 µm (largest contour error)"
+    assert report.answer.startswith(f"20 of 64 machines keep {limit}, a yield of 31.2 % (95 % confidence: ")
     interval = yield_of(20, 64)
     known = (31.25, 95, 100 * interval.low, 100 * interval.high, 20, 64, 60)
-    assert unaccounted(report.headline, [], *known) == []
+    assert unaccounted(report.answer.partition(";")[0], [], *known) == []
     worst = report.plots[0].tables[0]
     assert [row[:2] for row in worst.rows] == [[64 - k, 0.5 * (164 - k)] for k in range(5)]
     for machine, _, *shown in worst.rows:
@@ -238,7 +243,7 @@ def test_the_yield_is_given_above_and_below_the_median_of_a_factor(tolerance, sh
     (cases,) = study.rounds()
     rows = [{**dict(case.tags), **synthetic(case)} for case in cases]
     rows = [{**row, "status": OK, "contour_max_um": 50 * row["friction_x"]} for row in rows]
-    factor, coefficient, significant, *yields = study.report(rows).tables[1].rows[0]
+    factor, coefficient, significant, *yields = study.report(rows).table.rows[0]
     assert (factor, significant) == ("friction of x", "yes")
     assert coefficient > 0.9
     assert yields == pytest.approx(shares, abs=5)
@@ -267,7 +272,8 @@ def test_the_label_of_the_yield_does_not_overlap_the_curve(tolerance, power):
 def test_the_report_where_no_machine_runs():
     study = MachineStudy(Job.load("an225"), 60.0, samples=20)
     rows = [{"sample": k, "status": "refused: no"} for k in range(21)]
-    assert study.report(rows) == Report("None of the 21 machines gives a run with values: refused: no")
+    text = "Not known: none of the 21 machines gives a run with values: refused: no."
+    assert study.report(rows) == Report("How many machines of this build will meet the tolerance?", text)
 
 
 def test_machines_with_more_friction_are_worse_in_real_runs():
@@ -278,7 +284,8 @@ def test_machines_with_more_friction_are_worse_in_real_runs():
     figure = np.array([row["contour_max_um"] for row in rows[1:]])
     assert np.corrcoef(study.machines["friction_x"], figure)[0, 1] > 0.9
     assert figure.min() < rows[0]["contour_max_um"] < figure.max()
-    assert study.report(rows).headline.endswith("the dominant factor is friction of x.")
+    assert study.report(rows).table.rows[0][0] == "friction of x"
+    assert study.report(rows).table.rows[0][2] == "yes"
     # the row of a machine is that of a run of it, with the nominal machine's gains
     run = job.run(machine=job.built_machine.perturbed(study.perturbation(1)))
     assert figure[0] == pytest.approx(1e3 * Analysis(run).nozzle.distance.max())

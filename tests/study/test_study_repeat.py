@@ -95,7 +95,7 @@ def test_repeats_that_differ_in_nothing_have_no_scatter(tmp_path):
     assert path.path_repeatability < 1e-12
     assert path.path_accuracy == pytest.approx(1e-3 * outcome.rows[0]["contour_max_um"], rel=1e-9)
     assert len(outcome.rows) == 3
-    _, variation = zip(*outcome.report.tables[1].rows, strict=True)
+    _, variation = zip(*outcome.report.details.tables[0].rows, strict=True)
     assert variation == ("0 % standard deviation", "none", "none, it starts on a servo tick")
 
 
@@ -194,9 +194,12 @@ def test_every_value_of_known_repeats_is_shown_where_it_belongs():
         # two repeats at the same distance from their mean: no spread of it
         expected = [90 * scale, study.s[7], 20 * scale, 4 * scale, study.s[11], scale]
         assert values == pytest.approx(expected, abs=1e-6)
-    assert report.headline == "Path accuracy ATp = 90.00 µm, path repeatability RTp = 4.00 µm over 2 repeats of an225."
-    assert unaccounted(report.headline.replace("an225", ""), report.tables) == []
-    assert report.notes[0].endswith(" is 22.5 times the scatter.")
+    assert report.answer == (
+        "Not judged by a tolerance: path accuracy ATp = 90.00 µm, path repeatability RTp = 4.00 µm over 2 repeats of "
+        "an225."
+    )
+    assert unaccounted(report.answer.replace("an225", ""), report.tables) == []
+    assert report.details.notes[0].endswith(" is 22.5 times the scatter.")
     along, plan = (plot.figure for plot in report.plots)
     labels = [text.get_text() for axes in along.axes for text in axes.get_legend().texts]
     assert [label for label in labels if "µm" in label] == [
@@ -214,9 +217,10 @@ def test_repeats_that_fault_are_left_out_and_counted():
     good = {"varied": "all", "status": OK, **curve}
     rows = [good, {"varied": "all", "status": "fault: travel"}, good]
     report = study.report(rows)
-    assert report.notes[-1] == "1 of 3 runs failed and are left out."
-    assert "over 2 repeats" in report.headline
-    assert study.report(rows[1:]) == Report("Fewer than two of 3 repeats have values: fault: travel")
+    assert report.details.notes[-1] == "1 of 3 runs failed and are left out."
+    assert "over 2 repeats" in report.answer
+    text = "Not known: fewer than two of 3 repeats have values: fault: travel."
+    assert study.report(rows[1:]) == Report("Does every repeat of this job meet the tolerance?", text)
 
 
 @pytest.mark.parametrize(

@@ -110,9 +110,11 @@ def test_the_study_reports_a_known_limit(tmp_path):
     outcome = run_study(study, tmp_path / "out", workers=1)
     found = answer({row["speed_mm_s"]: study.criterion.within(row) for row in outcome.rows})
     assert found.fastest <= 130 < found.above <= 1.01 * found.fastest
-    assert outcome.report.headline == (
-        f"Fastest speed {found.fastest:g} mm/s, {found.fastest / 100:.3g} times the programmed 100 mm/s, within the "
-        "tolerance of 50 µm (largest contour error)."
+    size = 50 * (found.above / 130) ** 2
+    assert outcome.report.answer == (
+        f"Set program.speed = {found.fastest:g}: {found.fastest:g} mm/s, {found.fastest / 100:.3g} times the "
+        "programmed 100 mm/s, is the fastest speed that keeps the tolerance of 50 µm (largest contour error); "
+        f"{found.above:g} mm/s does not (largest contour error {size:.4g} µm, at most 50 µm)."
     )
     (table,) = outcome.report.tables
     assert [row[:2] for row in table.rows] == [
@@ -122,12 +124,14 @@ def test_the_study_reports_a_known_limit(tmp_path):
     (axes,) = outcome.report.plots[0].figure.axes
     assert axes.get_title(loc="right") == f"within the tolerance up to {found.fastest:g} mm/s"
     factor = found.fastest / 100
-    assert unaccounted(outcome.report.headline, [table], 50, factor) == []
+    assert unaccounted(outcome.report.answer, [table], 50, factor, size) == []
     for _, speed, *shown in table.rows:
         size = 50 * (speed / 130) ** 2
         assert shown == pytest.approx([size, "servo", 0.9 * size, speed, max(10 / speed, 0.05)])
     assert table.rows[0][3] == "servo"
-    assert "From 200 mm/s on, ramps, clamps and axis limits keep the duration at 0.05 s." in outcome.report.notes
+    assert (
+        "From 200 mm/s on, ramps, clamps and axis limits keep the duration at 0.05 s." in outcome.report.details.notes
+    )
     with (tmp_path / "out" / "study.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert [float(row["speed_mm_s"]) for row in rows] == [row["speed_mm_s"] for row in outcome.rows]
@@ -146,14 +150,18 @@ def hopeless(case):
 def test_the_report_where_no_speed_is_within_the_tolerance():
     study = SpeedStudy(Job.load("an225"), 50.0)
     rows = [{"speed_mm_s": speed, **never(None)} for speed in (50.0, 100.0)]
-    assert study.report(rows) == Report("None of the 2 speeds tried gives a run with values: refused: no")
+    text = "Not known: none of the 2 speeds tried gives a run with values: refused: no."
+    assert study.report(rows) == Report("How fast can this job run within its tolerance?", text)
     rows = [
         {"speed_mm_s": speed, **hopeless(type("C", (), {"settings": {"program.speed": speed}}))}
         for speed in (50.0, 99.0)
     ]
     report = study.report(rows)
     limit = "the tolerance of 50 µm (largest contour error)"
-    assert report.headline == f"No speed tried, from 50 to 99 mm/s, is within {limit}."
+    assert report.answer == (
+        f"No speed tried, from 50 to 99 mm/s, keeps {limit}: 50 mm/s comes nearest (largest contour error 999 µm, at "
+        "most 50 µm), so speed is not the lever; gantrysim improve an225 tries the others."
+    )
     assert report.tables[0].rows[-1][:3] == ["slowest", 50, 999]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from gantrysim.report.document import Table
-from gantrysim.study import Case, Plot, Report, Study
+from gantrysim.study import Case, Details, Plot, Report, Study
 from gantrysim.study.ledger import LEDGER
 from gantrysim.study.series import series
 
@@ -67,7 +67,7 @@ class Toy(Study):
         figure.add_subplot().plot(*series(rows, "value", "third"))
         table = Table(["rows"], [[len(rows)]])
         plots = [Plot("curve", "The curve", "It rises.", figure)]
-        return Report(f"{len(rows)} rows", [table], ["a note"], plots)
+        return Report("How large is a third?", f"{len(rows)} rows", plots[0], table, Details(["a note"]))
 
 
 def content(folder):

@@ -249,8 +249,9 @@ def test_a_start_that_faults_is_replaced_by_feasible_gains(tmp_path):
     history = study.history(done.rows)
     assert history.start.order(0.02)[0] == 4
     assert history.best.order(0.02)[0] == 1
-    assert done.findings[0] == (
-        f"Rms contour error, worst of 2 machines: fault at the start, {history.best.metric:.4g} µm tuned."
+    assert done.findings[0].partition(";")[0] == (
+        "Run with --servo tuned.toml: the rms contour error, worst of 2 machines, is "
+        f"{history.best.metric:.4g} µm instead of fault"
     )
     assert "contour_rms: fault at the start, " in (tmp_path / "a" / TUNED).read_text()
     assert results(study, done.rows)["rms contour error, worst of 2 machines [µm]"][0] is None
@@ -287,7 +288,7 @@ def test_axes_tuned_separately_for_the_tracking_error():
         for new, old in zip(history.best.servo.per_axis("kp"), history.start.servo.per_axis("kp"), strict=True)
     ]
     assert kp[0] > 2 * kp[1]
-    assert report.headline(study, rows).startswith("Largest servo error, job's machine: ")
+    assert "the largest servo error, job's machine, is " in report.answer(study, rows)
     assert any("each axis by itself" in note for note in report.notes(study, rows))
 
 
@@ -296,20 +297,29 @@ def test_a_search_on_the_job_s_own_machine_alone():
     rows = searched(study)
     assert {row["machine"] for row in rows} == {0}
     assert study.history(rows).runs == len(rows) == 30
-    assert report.headline(study, rows).startswith("Rms contour error, job's machine: ")
+    assert "the rms contour error, job's machine, is " in report.answer(study, rows)
     assert not any("unseen" in name for name in results(study, rows))
     assert [plot.name for plot in report.plots(study, rows)] == ["path", "budget", "search", "gains", "loop"]
 
 
-def test_the_headline_names_the_constraint_that_the_start_misses(job, monkeypatch):
+def test_the_answer_names_the_constraint_that_the_start_misses(job, monkeypatch):
     study = tuning(job, budget=4, robust=0, unseen=0)
     start = Candidate(0, 1, job.built_servo, 0.5, {0: TrialResult(10.0, 0.01)})
     best = Candidate(1, 1, job.built_servo, -0.1, {0: TrialResult(20.0, 0.01)})
     monkeypatch.setattr(
         TuningStudy, "history", lambda study, rows: History([start, best], [start, best], 0, 2, 1, "budget")
     )
-    assert report.headline(study, []) == (
-        "Rms contour error, job's machine: 10 µm (margin too small) at the start, 20 µm tuned."
+    assert report.answer(study, []).startswith(
+        "Run with --servo tuned.toml: the rms contour error, job's machine, is 20 µm instead of 10 µm (margin too "
+        "small); "
+    )
+    restless = Candidate(1, 1, job.built_servo, -0.1, {0: TrialResult(20.0, 0.5)})
+    monkeypatch.setattr(
+        TuningStudy, "history", lambda study, rows: History([start, restless], [start, restless], 0, 2, 1, "budget")
+    )
+    assert report.answer(study, []) == (
+        "No gains within the limits of the search found: with the best of the others the rms contour error, job's "
+        "machine, is 20 µm (torque ripple too high) instead of 10 µm (margin too small)."
     )
 
 
@@ -321,8 +331,8 @@ def test_the_start_stays_where_nothing_better_is_found(outcome):
     history = study.history(rows)
     assert history.start.metric == first.history(done.rows).best.metric
     assert history.best is history.start
-    text = f"No better gains found: rms contour error, worst of 2 machines, stays at {history.start.metric:.4g} µm."
-    assert report.headline(study, rows) == text
+    text = f"No better gains found: rms contour error, worst of 2 machines, stays at {history.start.metric:.4g} µm; "
+    assert report.answer(study, rows).startswith(text)
 
 
 def test_the_law_is_that_of_the_job_by_default(job):
@@ -453,11 +463,17 @@ def results(study, rows):
 
 
 def test_the_report_has_the_values_of_the_rows(outcome):
-    study, done, _ = outcome
+    study, done, folder = outcome
     history, table = study.history(done.rows), results(study, done.rows)
     start, best = history.start, history.best
-    assert report.headline(study, done.rows).startswith("Rms contour error, worst of 2 machines: ")
-    assert f" {best.metric:.4g} µm tuned." in report.headline(study, done.rows)
+    answer = report.answer(study, done.rows)
+    name = "rms contour error, worst of 2 machines"
+    assert answer.startswith(f"Run with --servo tuned.toml: the {name}, is {best.metric:.4g} µm instead of ")
+    # the clause on the verdict is that of a run with the tuned gains
+    verdict = Job.load(folder / "job.toml", servo=folder / TUNED).run().verdict
+    failing = [aspect for aspect in ("path", "stability", "machine") if verdict[aspect].state == "fail"]
+    assert ("; the job then still fails (" in answer) is bool(failing)
+    assert ("; the job then keeps " in answer) is (not failing)
     assert table["rms contour error, worst of 2 machines [µm]"] == [start.metric, best.metric, None]
     budgets = [
         Budget(simulate(study.job.built_machine, servo, study.job.setpoints)).values.contour
@@ -533,7 +549,7 @@ def test_every_value_of_a_phase_stands_in_its_column(outcome):
 def test_every_number_of_the_text_is_in_a_table(outcome):
     study, done, _ = outcome
     tables = report.tables(study, done.rows)
-    assert unaccounted(report.headline(study, done.rows), tables, 2) == []
+    assert unaccounted(report.answer(study, done.rows).partition(";")[0], tables, 2) == []
     links = [table for plot in report.plots(study, done.rows) if plot.name == "budget" for table in plot.tables]
     notes = [note for note in report.notes(study, done.rows) if note.startswith("Largest part")]
     assert len(notes) == 1

@@ -8,11 +8,13 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.metrics import CircularTest, Trace, minimum_zone
+from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
 from gantrysim.report.document import Column, Table
 from gantrysim.study.cases import OK, Row
+from gantrysim.study.circle.answer import QUESTION, circle_answer
 from gantrysim.study.circle.study import AXES, DECAY, SENSES, CircleStudy
-from gantrysim.study.study import Plot, Report
+from gantrysim.study.study import Details, Plot, Report
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,15 +32,29 @@ def report(study: CircleStudy, rows: list[Row]) -> Report:
     motors = study.traces(rows, "motor")
     if len(traces) < len(SENSES):
         failed = next(row for row in rows if row["status"] != OK)
-        return Report(f"The circle run {failed['direction']} has no values: {failed['status']}")
+        return Report(QUESTION, f"Not known: the circle run {failed['direction']} has no values: {failed['status']}.")
     test = CircularTest(traces["clockwise"], traces["counter-clockwise"])
-    deviation = {name: UM * trace.circular_deviation for name, trace in traces.items()}
-    headline = (
-        f"Circular deviation G = {deviation['clockwise']:.1f} µm clockwise and "
-        f"{deviation['counter-clockwise']:.1f} µm counter-clockwise, "
-        f"bidirectional G(b) = {UM * test.bidirectional_circular_deviation:.1f} µm, "
-        f"for a radius of {study.radius:g} mm at {study.speed:g} mm/s on {study.job.built_machine.name}."
+    structure = {name: trace.deviation - motors[name].deviation for name, trace in traces.items()}
+    chart = Plot(
+        "chart",
+        "Radial deviation, magnified",
+        "The nominal circle is the bold ring; outside it the path is too large. The dashed rings are the minimum "
+        "zone of both paths.",
+        _draw_chart(test),
     )
+    deviation = Plot(
+        "deviation",
+        "Radial deviation over the angle",
+        "x reverses at 0 and 180 deg, y at 90 and 270 deg; the marks are the spikes. Below, the part that arises "
+        "behind the motors.",
+        _draw_deviation(traces, structure, study.reach),
+    )
+    details = Details(_notes(study), [_reversals_table(traces, study.reach)], [deviation])
+    sentence = circle_answer(study, rows, test, motors)
+    return Report(QUESTION, sentence, chart, _values_table(test, traces, motors), details)
+
+
+def _notes(study: CircleStudy) -> list[str]:
     notes = [
         f"Evaluated on one full circle at constant speed after {study.lead:g} deg of lead, after public descriptions "
         "of ISO 230-4:2005 and 2022: F from the nominal circle about the axes' zero, G and G(b) from minimum-zone "
@@ -51,24 +67,7 @@ def report(study: CircleStudy, rows: list[Row]) -> Report:
             f"A spike takes {DECAY:g} s to decay, {study.decay:.0f} deg at this speed: steps and spikes are not "
             "clearly separated."
         )
-    structure = {name: trace.deviation - motors[name].deviation for name, trace in traces.items()}
-    plots = [
-        Plot(
-            "chart",
-            "Radial deviation, magnified",
-            "The nominal circle is the bold ring; outside it the path is too large. The dashed rings are the minimum "
-            "zone of both paths.",
-            _draw_chart(test),
-        ),
-        Plot(
-            "deviation",
-            "Radial deviation over the angle",
-            "x reverses at 0 and 180 deg, y at 90 and 270 deg; the marks are the spikes. Below, the part that arises "
-            "behind the motors.",
-            _draw_deviation(traces, structure, study.reach),
-        ),
-    ]
-    return Report(headline, [_values_table(test, traces, motors), _reversals_table(traces, study.reach)], notes, plots)
+    return notes
 
 
 def _values_table(test: CircularTest, traces: dict[str, Trace], motors: dict[str, Trace]) -> Table:
@@ -79,8 +78,9 @@ def _values_table(test: CircularTest, traces: dict[str, Trace], motors: dict[str
         radial = (UM * trace.deviation.max(), UM * trace.deviation.min())
         rows.append([name, *circular, *radial, None, None])
     rows.append(["both", None, None, None, None, *both])
-    heads = ("G [µm]", "motors' G [µm]", "Fmax [µm]", "Fmin [µm]", "G(b) [µm]", "D [µm]")
-    return Table(["path", *(Column(head, ".2f") for head in heads)], rows, caption="Values after ISO 230-4.")
+    symbols = ("G", "motors' G", "Fmax", "Fmin", "G(b)", "D")
+    columns = (Column(f"{symbol} [{CONTOUR.unit}]", ".2f") for symbol in symbols)
+    return Table(["path", *columns], rows, caption="Values after ISO 230-4.")
 
 
 def _reversals_table(traces: dict[str, Trace], reach: float) -> Table:
@@ -89,7 +89,7 @@ def _reversals_table(traces: dict[str, Trace], reach: float) -> Table:
         for reversal in trace.reversals(reach):
             sizes = (UM * reversal.step, UM * reversal.spike, reversal.spike_at)
             rows.append([name, f"{reversal.angle:g} deg", AXES[reversal.axis], *sizes])
-    heads = (("step [µm]", ".2f"), ("spike [µm]", ".2f"), ("spike after [deg]", ".1f"))
+    heads = ((f"step [{CONTOUR.unit}]", ".2f"), (f"spike [{CONTOUR.unit}]", ".2f"), ("spike after [deg]", ".1f"))
     columns: list[str | Column] = ["path", "reversal at", "axis", *(Column(*head) for head in heads)]
     return Table(columns, rows, caption="Reversals of the axes; outward is positive.")
 

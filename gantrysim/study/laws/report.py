@@ -6,12 +6,31 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gantrysim.base.quantity import MAX, RMS, Quantity
+from gantrysim.metrics.error_quantities import CONTOUR, FOLLOWING_ALONG
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, sheet
 from gantrysim.report.document import Column, Table
+from gantrysim.results.checks import FAIL
+from gantrysim.results.quantities import TORQUE_RIPPLE
+from gantrysim.results.verdict import GLUE, MACHINE, PATH, STABILITY
+from gantrysim.stability.margin_quantities import GAIN_MARGIN, PHASE_MARGIN, SENSITIVITY
+from gantrysim.study.acceptance import Scope
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.drawing import logarithmic
-from gantrysim.study.laws.study import EXACT, LOADED, NOMINAL, REPEATED, RUBBING, LawsStudy, chosen
-from gantrysim.study.study import Plot, Report
+from gantrysim.study.laws.answer import QUESTION, judged_laws, laws_answer
+from gantrysim.study.laws.study import (
+    EXACT,
+    FOLLOWING_TOGETHER,
+    LOADED,
+    NOMINAL,
+    REPEATED,
+    REVERSAL,
+    RUBBING,
+    LawsStudy,
+    chosen,
+)
+from gantrysim.study.study import Details, Plot, Report
+from gantrysim.study.verdict_columns import ASPECTS, LIMIT_USE, state_column, use_column
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,6 +39,24 @@ _PAYS = 0.95  # of the value without a law's last addition, below which the addi
 _PD = "pd"
 _PID = "pid"
 _SHOWN = {"following_rms_um": "following error", "reversal_max_um": "reversals", "contour_rms_um": "contour"}
+# values of a row, with the format of their column
+_SHOWN_VALUES: tuple[tuple[Quantity[Any], str], ...] = (
+    (FOLLOWING_ALONG.statistic(RMS), ".3g"),
+    (REVERSAL, ".3g"),
+    (CONTOUR.statistic(RMS), ".4g"),
+    (CONTOUR.statistic(MAX), ".4g"),
+    (TORQUE_RIPPLE, ".2g"),
+    (GAIN_MARGIN, ".3g"),
+    (PHASE_MARGIN, ".3g"),
+    (SENSITIVITY, ".3g"),
+)
+_ASPECT_COLOURS = {
+    PATH: INK,
+    GLUE: COLOURS["program"],
+    STABILITY: COLOURS["servo"],
+    MACHINE: COLOURS["structure"],
+}
+_LIMIT = 100.0  # [%]
 _VALUES = {
     "following error, rms": ("following_rms_um", COLOURS["servo"]),
     "largest after a reversal": ("reversal_max_um", COLOURS["program"]),
@@ -36,18 +73,51 @@ _LEFT_OUT = (
 
 
 def report(study: LawsStudy, rows: list[Row]) -> Report:
-    """Return the gain of each law over PD, and the laws that do not pay."""
+    """Return the law to choose, the gain of each law over PD, and the laws that do not pay."""
     nominal = chosen(rows, NOMINAL)
     if _PD not in nominal:
         failed = next(row for row in rows if row["law"] == _PD)
-        return Report(f"PD has no values to compare with: {failed['status']}")
-    pd = nominal[_PD]
+        return Report(QUESTION, f"Not known: PD has no values to compare with: {failed['status']}.")
+    chart = _chart(study, nominal)
+    missing = [f"{row['law']}, {row['variation']}: {row['status']}" for row in rows if row["status"] != OK]
+    details = Details(
+        [_best(nominal), *_paying(nominal), _LEFT_OUT, *missing],
+        [_variations(study, rows)],
+        _plots(study, rows, nominal),
+    )
+    return Report(QUESTION, laws_answer(study, nominal), chart, _table(study, nominal), details)
+
+
+def _best(nominal: dict[str, Row]) -> str:
     best = min(nominal, key=lambda law: _value(nominal[law], "following_rms_um"))
     least = _value(nominal[best], "following_rms_um")
-    of_pd = _value(pd, "following_rms_um")
-    headline = (
-        f"Law {best} tracks best: {least:.3g} µm rms, {of_pd / least:.3g} times better than PD at {of_pd:.3g} µm."
+    of_pd = _value(nominal[_PD], "following_rms_um")
+    return f"Law {best} tracks best: {least:.3g} µm rms, {of_pd / least:.3g} times better than PD at {of_pd:.3g} µm."
+
+
+def _chart(study: LawsStudy, nominal: dict[str, Row]) -> Plot | None:
+    """Return the use of the limits by law, the cheapest law on top; None where no run is judged."""
+    judged = judged_laws(study, nominal)
+    if not judged:
+        return None
+    shown = {}
+    for aspect in ASPECTS:
+        values = [_value(nominal[law], use_column(aspect)) for law in judged]
+        if any(value > 0 for value in values):
+            shown[aspect] = (values, _ASPECT_COLOURS[aspect])
+    figure = _bars(list(judged), shown, LIMIT_USE.head)
+    (axes,) = figure.axes
+    axes.axvline(_LIMIT, color=COLOURS["fault"], lw=1.2, ls="--", zorder=1)
+    return Plot(
+        "limits",
+        "Limits by law",
+        "The largest use of a limit by each law, cheapest on top, for each row of the verdict; the run fails right of "
+        "100 %, the dashed line.",
+        figure,
     )
+
+
+def _plots(study: LawsStudy, rows: list[Row], nominal: dict[str, Row]) -> list[Plot]:
     plots = [
         Plot(
             "ladder",
@@ -74,10 +144,7 @@ def report(study: LawsStudy, rows: list[Row]) -> Report:
                 _draw_repeats(repeats, chosen(rows, EXACT)),
             )
         )
-    missing = [f"{row['law']}, {row['variation']}: {row['status']}" for row in rows if row["status"] != OK]
-    return Report(
-        headline, [_table(nominal), _variations(study, rows)], [*_paying(nominal), _LEFT_OUT, *missing], plots
-    )
+    return plots
 
 
 def _value(row: Row, name: str) -> float:
@@ -102,37 +169,27 @@ def _without(law: str) -> str:
     return before or {_PD: "", _PID: _PD}.get(last, _PID)
 
 
-def _table(nominal: dict[str, Row]) -> Table:
+def _table(study: LawsStudy, nominal: dict[str, Row]) -> Table:
+    judged = judged_laws(study, nominal)
+    scope = Scope.of(judged.values())
     columns: list[str | Column] = [
         "law",
-        Column("following rms [µm]", ".3g"),
+        Column(FOLLOWING_TOGETHER.head, ".3g"),
         Column("PD / law", ".3g"),
-        Column("along the path, rms [µm]", ".3g"),
-        Column("reversals max [µm]", ".3g"),
-        Column("contour rms [µm]", ".4g"),
-        Column("contour max [µm]", ".4g"),
-        Column("torque ripple [mN·m]", ".3g"),
-        Column("gain margin", ".3g"),
-        Column("phase margin [deg]", ".3g"),
-        Column("peak of |S|", ".3g"),
+        *(Column(quantity.head, form) for quantity, form in _SHOWN_VALUES),
+        Column(f"closest limit [{LIMIT_USE.unit}]", LIMIT_USE.form),
+        "fails",
     ]
-    shown = {  # value and factor from its unit to the column's
-        "following_along_rms_um": 1.0,
-        "reversal_max_um": 1.0,
-        "contour_rms_um": 1.0,
-        "contour_max_um": 1.0,
-        "torque_ripple_Nm": 1e3,
-        "gain_margin": 1.0,
-        "phase_margin_deg": 1.0,
-        "sensitivity": 1.0,
-    }
     pd = _value(nominal[_PD], "following_rms_um")
     cells = []
     for law, row in nominal.items():
         following = _value(row, "following_rms_um")
-        others = [None if row[name] is None else factor * _value(row, name) for name, factor in shown.items()]
-        cells.append([law, following, pd / following, *others])
-    return Table(columns, cells, caption=_CAPTION)
+        others = [None if row[quantity.key] is None else _value(row, quantity.key) for quantity, _ in _SHOWN_VALUES]
+        failed = ", ".join(aspect for aspect in ASPECTS if row.get(state_column(aspect)) == FAIL)
+        use = None if law not in judged else judged[law].use(scope.aspects)
+        cells.append([law, following, pd / following, *others, use, failed or "–"])
+    caption = f"{_CAPTION} Closest limit: largest use of {scope.words}."
+    return Table(columns, cells, caption=caption)
 
 
 def _variations(study: LawsStudy, rows: list[Row]) -> Table:

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import at_least, positive
+from gantrysim.base.quantity import Quantity
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.record.run import Run
 from gantrysim.servo.laws import LEARNING, PD
-from gantrysim.study.cases import OK, Case, Row, judged, simulated, values_row
+from gantrysim.study.cases import OK, Case, Row, judged, simulated, values_row, verdict_row
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Rounds, Study
 
@@ -46,6 +47,25 @@ LADDER = (
     Rung(("pid", "friction", "preview", "learning")),
     Rung(("pid", "friction", "zvd")),
 )
+# values of a row besides those of every case
+FOLLOWING_TOGETHER = Quantity[Any](
+    "following_rms",
+    "following error, rms",
+    "µm",
+    ".3g",
+    "Commanded less encoder position of the linear axes together, or of all where none is linear: root mean square",
+    (),
+    1e3,
+)
+REVERSAL = Quantity[Any](
+    "reversal_max",
+    "largest after a reversal",
+    "µm",
+    ".3g",
+    "Largest following error of an axis within 0.1 s after it reverses",
+    (),
+    1e3,
+)
 REPEATS = (1, 2, 3, 5, 10)  # of learning
 NOMINAL = "nominal"
 EXACT = "exact encoder"
@@ -72,9 +92,9 @@ def laws_row(case: Case) -> Row:
         window = round(AFTER / run.period)
         peaks = [float(np.abs(error[k : k + window, a]).max()) for k, a in turned]
         row: Row = {
-            "following_rms_um": float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
+            FOLLOWING_TOGETHER.key: float(np.sqrt(np.mean(np.sum(error**2, axis=1)))),
             "reversals": len(peaks),
-            "reversal_max_um": max(peaks) if peaks else None,
+            REVERSAL.key: max(peaks) if peaks else None,
             "torque_ripple_Nm": float(torque_ripple(run).max()),
             "gain_margin": None,
             "phase_margin_deg": None,
@@ -84,7 +104,7 @@ def laws_row(case: Case) -> Row:
             row["gain_margin"] = _number(min(margins.least_gain for margins in job.margins))
             row["phase_margin_deg"] = min(margins.phase for margins in job.margins)
             row["sensitivity"] = _number(max(margins.sensitivity for margins in job.margins))
-        return row | values_row(run, job.bead)
+        return {**row, **values_row(run, job.bead), **verdict_row(case, run)}
 
     return judged(lambda: simulated(case), values)
 
@@ -131,7 +151,7 @@ class LawsStudy(Study):
     measure: Measure = laws_row
 
     name = "laws"
-    plots = ("ladder", "robustness", "repeats")
+    plots = ("limits", "ladder", "robustness", "repeats")
 
     def __post_init__(self) -> None:
         at_least("payload", self.payload, 0, "kg")

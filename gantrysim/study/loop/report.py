@@ -12,11 +12,13 @@ from gantrysim.base.arrays import Floats
 from gantrysim.controllers.loop_theory import LoopErrors
 from gantrysim.report.document import Column, Table
 from gantrysim.study.cases import OK, Row
+from gantrysim.study.loop.answer import answer_table, loop_answer, main_sweep, question, sweep_verdicts
+from gantrysim.study.loop.answer import milliseconds as _ms
 from gantrysim.study.loop.plots import plots
 from gantrysim.study.loop.study import AS_IT_IS, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT, LoopStudy
 from gantrysim.study.loop.trends import CONVERGING, EXCESS, convergence, crossing, knee, loop_knee, power
 from gantrysim.study.series import series
-from gantrysim.study.study import Report
+from gantrysim.study.study import Details, Report
 
 _PER_CENT = 100.0
 _TURNED = 1.05  # over the least error: a significant rise
@@ -35,6 +37,20 @@ def report(study: LoopStudy, rows: list[Row]) -> Report:
     )
     tables = [Table(["sweep", "variant", "result", "value"], lines, caption)] if lines else []
     tables += _convergence_table(rows)
+    knees = {f"{sweep} ({variant})": value for sweep, variant, result, value in lines if result == "knee"}
+    drawn = plots(study, rows)
+    main = main_sweep(study)
+    chart = next((plot for plot in drawn if plot.name == main), None)
+    return Report(
+        question(study),
+        loop_answer(study, rows, knees),
+        chart,
+        answer_table(study, sweep_verdicts(rows), knees),
+        Details(_notes(study, rows), tables, [plot for plot in drawn if plot is not chart]),
+    )
+
+
+def _notes(study: LoopStudy, rows: list[Row]) -> list[str]:
     notes = []
     converging = convergence(rows, AS_IT_IS)
     if moved := [CONVERGING[column] for column, value in converging.items() if value.deviation > _SENSITIVE]:
@@ -44,20 +60,7 @@ def report(study: LoopStudy, rows: list[Row]) -> Report:
         notes.append(f"{controller} has no program loop: the sweeps of loop period and interpreter time are left out.")
     if failed := sum(row["status"] != OK for row in rows):
         notes.append(f"{failed} of {len(rows)} cases have no values: refused by the controller, or ended by a fault.")
-    return Report(_headline(lines), tables, notes, plots(study, rows))
-
-
-def _headline(lines: Lines) -> str:
-    values = {(sweep, variant, result): value for sweep, variant, result, value in lines}
-    parts = []
-    if best := values.get(("loop period", AS_IT_IS, "best period")):
-        least = values["loop period", AS_IT_IS, f"contour error at {best}"]
-        parts.append(f"least contour error {least} rms at a loop period of {best}")
-    knees = [f"{sweep} ({variant}) {value}" for sweep, variant, result, value in lines if result == "knee"]
-    if knees:
-        parts.append(f"knees of the contour error: {', '.join(knees)}")
-    text = "; ".join(parts) or "too few cases with values for a result"
-    return f"{text[0].upper()}{text[1:]}."
+    return notes
 
 
 def _loop(study: LoopStudy, rows: list[Row]) -> Lines:
@@ -223,10 +226,6 @@ def _knee(value: float | None, swept: Floats, text: Callable[[float], str]) -> s
     if value is None:
         return f"< {text(swept[0])}"
     return f"> {text(swept[-1])}" if value == math.inf else text(value)
-
-
-def _ms(seconds: float) -> str:
-    return f"{1e3 * seconds:.4g} ms"
 
 
 def _um(micrometres: Floats | float) -> str:

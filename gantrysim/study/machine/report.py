@@ -6,15 +6,17 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.machine.tolerances import in_words
 from gantrysim.plots.style import COLOURS, INK, sheet
 from gantrysim.report.document import Column, Table
 from gantrysim.study.cases import OK, Row
+from gantrysim.study.machine.answer import QUESTION, machine_answer
 from gantrysim.study.machine.study import MachineStudy
-from gantrysim.study.machine.yields import Influence, influences, yield_of
-from gantrysim.study.study import Plot, Report
+from gantrysim.study.machine.yields import Influence, influences
+from gantrysim.study.study import Details, Plot, Report
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,45 +30,33 @@ _MARGIN = 12  # beyond 0 and 100 %, for the label of the yield [%]
 
 def report(study: MachineStudy, rows: list[Row]) -> Report:
     """Return the yield, the distribution of the metric over the machines, and the influence of every factor."""
-    nominal, others, values = study.drawn(rows)
+    nominal = rows[0]
     good = [row for row in rows if row["status"] == OK]
     if not good:
-        return Report(f"None of the {len(rows)} machines gives a run with values: {rows[0]['status']}")
-    criterion = study.criterion
-    label = study.criterion.axis_label(good[0])
-    estimate = yield_of(int(np.sum(values <= criterion.tolerance)), values.size)
+        text = f"Not known: none of the {len(rows)} machines gives a run with values: {nominal['status']}."
+        return Report(QUESTION, text)
+    criterion = study.criterion_of(nominal)
+    label = criterion.axis_label(good[0])
+    values = np.array([criterion.value(row) for row in rows[1:]])
+    within = np.array([criterion.within(row) for row in rows[1:]])
     factors, explained = influences(study.machines, values)
-    headline = (
-        f"Yield {100 * estimate.share:.1f} % "
-        f"(95 % confidence: {100 * estimate.low:.1f} to {100 * estimate.high:.1f} %): "
-        f"{estimate.within} of {estimate.count} machines are within the tolerance of {criterion.limit(good[0])}"
-    )
-    headline += f"; the dominant factor is {in_words(factors[0].factor)}." if factors[0].clear else "."
-    notes = []
-    if not factors[0].clear:
-        notes.append("No factor has a significant influence.")
-    if nominal["status"] != OK:
-        notes.append(f"The nominal machine has no values: {nominal['status']}.")
-    if failed := [row for row in others if row["status"] != OK]:
-        notes.append(f"{len(failed)} runs failed, such as machine {failed[0]['sample']}: {failed[0]['status']}.")
-    notes.append("Every machine runs with the servo gains of the nominal machine.")
-    tables = [
-        _distribution_table(criterion.value(nominal), values, label),
-        _influence_table(study, factors, explained, values),
-        _variation_table(study),
-    ]
+    halves = _yields_of_halves(study.machines[factors[0].factor], within)
+    answer = machine_answer(study, rows, factors[0], halves)
+    influence = _influence_table(study, factors, explained, within)
+    tables = [_distribution_table(criterion.value(nominal), values, label), _variation_table(study)]
+    notes = _notes(rows, factors)
     if not np.isfinite(values).any():
-        return Report(headline, tables, notes)
+        return Report(QUESTION, answer, None, influence, Details(notes, tables))
+    chart = Plot(
+        "yield",
+        "Distribution over the machines",
+        "Above, the share of machines up to a value; below, their number at it. Failed machines are beyond the "
+        "right end.",
+        _draw_yield(values, criterion.value(nominal), criterion.tolerance, label),
+        tables=[_worst_table(study, values, label)],
+    )
     most = {in_words(influence.factor): study.machines[influence.factor] for influence in factors[:4]}
     plots = [
-        Plot(
-            "yield",
-            "Distribution over the machines",
-            "Above, the share of machines up to a value; below, their number at it. Failed machines are beyond the "
-            "right end.",
-            _draw_yield(values, criterion.value(nominal), criterion.tolerance, label),
-            tables=[_worst_table(study, values, label)],
-        ),
         Plot(
             "influence",
             "Influence of the factors",
@@ -82,7 +72,24 @@ def report(study: MachineStudy, rows: list[Row]) -> Report:
             _draw_scatter(most, values, criterion.tolerance, label),
         ),
     ]
-    return Report(headline, tables, notes, plots)
+    return Report(QUESTION, answer, chart, influence, Details(notes, tables, plots))
+
+
+def _notes(rows: list[Row], factors: list[Influence]) -> list[str]:
+    notes = []
+    if not factors[0].clear:
+        notes.append("No factor has a significant influence.")
+    if rows[0]["status"] != OK:
+        notes.append(f"The nominal machine has no values: {rows[0]['status']}.")
+    if failed := [row for row in rows[1:] if row["status"] != OK]:
+        notes.append(f"{len(failed)} runs failed, such as machine {failed[0]['sample']}: {failed[0]['status']}.")
+    return [*notes, "Every machine runs with the servo gains of the nominal machine."]
+
+
+def _yields_of_halves(factor: Floats, within: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return the yield of the machines above and below the median of a factor [%]."""
+    above = factor > np.median(factor)
+    return 100 * float(within[above].mean()), 100 * float(within[~above].mean())
 
 
 def _distribution_table(nominal: float, values: Floats, label: str) -> Table:
@@ -94,12 +101,12 @@ def _distribution_table(nominal: float, values: Floats, label: str) -> Table:
     return Table(["machine", label], rows, caption="Distribution over the machines.")
 
 
-def _influence_table(study: MachineStudy, factors: list[Influence], explained: float, values: Floats) -> Table:
-    within = values <= study.tolerance
+def _influence_table(
+    study: MachineStudy, factors: list[Influence], explained: float, within: NDArray[np.bool_]
+) -> Table:
     rows = []
     for influence in factors:
-        above = study.machines[influence.factor] > np.median(study.machines[influence.factor])
-        shares = (100 * float(within[half].mean()) for half in (above, ~above))
+        shares = _yields_of_halves(study.machines[influence.factor], within)
         rows.append([in_words(influence.factor), influence.coefficient, "yes" if influence.clear else "no", *shares])
     columns: list[str | Column] = [
         "factor",

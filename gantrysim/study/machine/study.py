@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-import numpy as np
-
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, whole
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.tolerances import Tolerances
+from gantrysim.study.acceptance import Acceptance, Scope
 from gantrysim.study.cases import Case, Row, measure
-from gantrysim.study.criterion import ToleranceStudy
+from gantrysim.study.criterion import Criterion, JobCriterion, ToleranceStudy
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Rounds
 
@@ -27,8 +26,8 @@ class MachineStudy(ToleranceStudy):
 
     Args:
         job: to run.
-        tolerance: of the metric, in its unit.
-        metric: a value of a case's row, as contour_max.
+        tolerance: of the metric, in its unit; None for the limits of the job itself.
+        metric: a value of a case's row, by default contour_max; None without a tolerance.
         samples: number of machines besides the nominal one.
         spread: range of every factor.
         seed: of the random numbers; the same seed draws the same machines.
@@ -82,8 +81,8 @@ class MachineStudy(ToleranceStudy):
             cases.append(perturbed.tagged(sample=sample, **factors))
         yield cases
 
-    def drawn(self, rows: list[Row]) -> tuple[Row, list[Row], Floats]:
-        """Return the row of the nominal machine, the rows of all others, and their metric, (samples,)."""
-        nominal = rows[0]
-        others = rows[1:]
-        return nominal, others, np.array([self.criterion.value(row) for row in others])
+    def criterion_of(self, nominal: Row) -> Criterion:
+        """Return the criterion for the rows: the job's whole tolerance where the nominal machine keeps it."""
+        if not isinstance(self.criterion, JobCriterion):
+            return self.criterion
+        return replace(self.criterion, scope=Scope.of([Acceptance.of(nominal)]))

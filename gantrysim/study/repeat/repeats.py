@@ -15,7 +15,7 @@ from gantrysim.metrics import interpolated, offset_over_length
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
-from gantrysim.study.cases import Case, Row, judged
+from gantrysim.study.cases import Case, Row, judged, verdict_row
 
 PHASES = 8  # of a servo period, in which a program may start
 ALL = "all"  # name of the variation of everything
@@ -80,7 +80,7 @@ def measure_repeat(case: Case, places: Sequence[float]) -> Row:
         case: a `RepeatCase`.
         places: on the requested path by arc length [mm].
     """
-    return judged(partial(_repeated, case), partial(_row, places=places))
+    return judged(partial(_repeated, case), lambda run: {**_row(run, places), **verdict_row(case, run)})
 
 
 def _repeated(case: Case) -> Run:

@@ -8,12 +8,15 @@ import numpy as np
 
 from gantrysim.metrics import Positioning, RepeatedPath
 from gantrysim.metrics.analysis import THOUSANDTH
+from gantrysim.metrics.error_quantities import CONTOUR
+from gantrysim.metrics.parts import PART_PLACE
 from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
 from gantrysim.report.document import Column, Table
 from gantrysim.study.cases import OK, Row
+from gantrysim.study.repeat.answer import QUESTION, repeat_answer
 from gantrysim.study.repeat.repeats import ALL, PHASES, has_phase
 from gantrysim.study.repeat.study import RepeatStudy
-from gantrysim.study.study import Plot, Report
+from gantrysim.study.study import Details, Plot, Report
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,17 +26,26 @@ def report(study: RepeatStudy, rows: list[Row]) -> Report:
     """Return accuracy and repeatability by the source of variation, along the path and on the plan."""
     paths = study.paths(rows)
     if ALL not in paths:
-        return Report(f"Fewer than two of {study.repeats} repeats have values: {rows[0]['status']}")
-    path = paths[ALL]
-    accuracy = UM * path.path_accuracy
-    repeatability = UM * path.path_repeatability
-    headline = (
-        f"Path accuracy ATp = {accuracy:.2f} µm, path repeatability RTp = {repeatability:.2f} µm over "
-        f"{len(path.attained)} repeats of {study.job.name}."
+        text = f"Not known: fewer than two of {study.repeats} repeats have values: {rows[0]['status']}."
+        return Report(QUESTION, text)
+    chart = Plot(
+        "along",
+        "Along the path",
+        "Above, the distance from the requested path to the mean of the repeats, with the circle of repeatability "
+        "as a band. Below, the repeatability with everything varied and with each source alone.",
+        _draw_along(paths),
     )
+    plan = Plot("plan", "On the plan", "The path coloured by the repeatability.", _draw_plan(paths[ALL]))
+    axes = study.positioning
+    tables = [*([_positioning_table(axes)] if axes else []), _variation_table(study)]
+    details = Details(_notes(study, rows, paths[ALL], axes), tables, [plan])
+    return Report(QUESTION, repeat_answer(study, rows, paths), chart, _table(paths), details)
+
+
+def _notes(study: RepeatStudy, rows: list[Row], path: RepeatedPath, axes: dict[str, Positioning]) -> list[str]:
     notes = []
-    if repeatability > 0:
-        ratio = accuracy / repeatability
+    if path.path_repeatability > 0:
+        ratio = path.path_accuracy / path.path_repeatability
         notes.append(f"The systematic error, removable by correcting the program, is {ratio:.3g} times the scatter.")
     notes.append(
         f"After public descriptions of ISO 9283:1998, at {study.s.size} places along the dispensing path, in planes "
@@ -41,30 +53,18 @@ def report(study: RepeatStudy, rows: list[Row]) -> Report:
     )
     if failed := sum(row["status"] != OK for row in rows):
         notes.append(f"{failed} of {len(rows)} runs failed and are left out.")
-    plots = [
-        Plot(
-            "along",
-            "Along the path",
-            "Above, the distance from the requested path to the mean of the repeats, with the circle of repeatability "
-            "as a band. Below, the repeatability with everything varied and with each source alone.",
-            _draw_along(paths),
-        ),
-        Plot("plan", "On the plan", "The path coloured by the repeatability.", _draw_plan(path)),
-    ]
-    tables = [_table(paths), _variation_table(study)]
-    if axes := study.positioning:
-        tables.insert(1, _positioning_table(axes))
-        notes += [
+    for name, positioning in axes.items():
+        notes.append(
             f"Axis {name} positions to A = {UM * positioning.accuracy:.1f} µm and repeats within "
             f"± {UM * positioning.repeatability / 2:.1f} µm from both directions, "
             f"± {UM * positioning.unidirectional_repeatability / 2:.1f} µm from one."
-            for name, positioning in axes.items()
-        ]
-    return Report(headline, tables, notes, plots)
+        )
+    return notes
 
 
 def _positioning_table(axes: dict[str, Positioning]) -> Table:
-    heads = ("reversal B [µm]", "R, one direction [µm]", "R, both [µm]", "systematic E [µm]", "accuracy A [µm]")
+    symbols = ("reversal B", "R, one direction", "R, both", "systematic E", "accuracy A")
+    heads = [f"{symbol} [{CONTOUR.unit}]" for symbol in symbols]
     rows: list[list[Any]] = []
     for name, axis in axes.items():
         values = (axis.reversal, axis.unidirectional_repeatability, axis.repeatability, axis.systematic, axis.accuracy)
@@ -77,12 +77,11 @@ def _positioning_table(axes: dict[str, Positioning]) -> Table:
 
 
 def _table(paths: dict[str, RepeatedPath]) -> Table:
-    heads = ("ATp [µm]", "at s [mm]", "median AT [µm]", "RTp [µm]", "at s [mm]", "median RT [µm]")
-    columns: list[str | Column] = [
-        "varied",
-        "repeats",
-        *(Column(head, ".1f" if head.startswith("at") else ".2f") for head in heads),
-    ]
+    place = Column.of(PART_PLACE[0])
+    columns: list[str | Column] = ["varied", "repeats"]
+    for symbol in ("AT", "RT"):
+        largest = Column(f"{symbol}p [{CONTOUR.unit}]", ".2f")
+        columns += [largest, place, Column(f"median {symbol} [{CONTOUR.unit}]", ".2f")]
     rows: list[list[Any]] = []
     for varied, path in paths.items():
         cells: list[Any] = [varied, len(path.attained)]

@@ -6,18 +6,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gantrysim.base.quantity import MEAN
 from gantrysim.metrics.budget import DESCRIPTIONS
+from gantrysim.metrics.error_quantities import CONTOUR, DURATION, SPEED
 from gantrysim.plots.style import COLOURS, INK, sheet
 from gantrysim.report.document import Column, Table
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.drawing import logarithmic
+from gantrysim.study.speed.answer import QUESTION, speed_answer
+from gantrysim.study.speed.saturation import saturation_of
 from gantrysim.study.speed.study import SpeedStudy, answer, speed_of
-from gantrysim.study.study import Plot, Report
+from gantrysim.study.study import Details, Plot, Report
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_SATURATED = 1.02  # times the least duration: as short as the limits let it be
 _LOGARITHMIC_FROM = 5.0  # times the least value
 
 
@@ -25,41 +28,30 @@ def report(study: SpeedStudy, rows: list[Row]) -> Report:
     """Return the fastest speed within the tolerance, the runs around it, and metric and links over the speed."""
     good = sorted((row for row in rows if row["status"] == OK), key=speed_of)
     if not good:
-        return Report(f"None of the {len(rows)} speeds tried gives a run with values: {rows[0]['status']}")
-    limit = f"the tolerance of {study.criterion.limit(good[0])}"
+        text = f"Not known: none of the {len(rows)} speeds tried gives a run with values: {rows[0]['status']}."
+        return Report(QUESTION, text)
     result = answer(study.tried(rows))
-    tried = f"from {min(map(speed_of, rows)):g} to {max(map(speed_of, rows)):g} mm/s"
-    if result.fastest is None:
-        headline = f"No speed tried, {tried}, is within {limit}."
-    elif result.above is None:
-        headline = f"Every speed tried, {tried}, is within {limit}."
-    else:
-        headline = (
-            f"Fastest speed {result.fastest:g} mm/s, {result.fastest / study.programmed_speed:.3g} times the "
-            f"programmed {study.programmed_speed:g} mm/s, within {limit}."
-        )
     scaling = study.job.controller.speed_scaling
     notes = [*_saturation(good), f"Speed is {scaling}; ramps and limits of controller and axes stay those of the job."]
     if result.islands:
         islands = ", ".join(f"{speed:g}" for speed in result.islands)
         notes.insert(0, f"Not monotonic: faster runs are within the tolerance again, at {islands} mm/s.")
-    plots = [
-        Plot(
-            "speed",
-            "Metric over the speed",
-            "Every run of the search, which narrows the bracket of the fastest speed within the tolerance and the next "
-            "faster one.",
-            _draw_metric(study, rows, good),
-        ),
-        Plot(
-            "links",
-            "Links over the speed",
-            "Root mean square of the parts of the error normal to the requested path, one for each link of the chain; "
-            "lag along the path is in none of them.",
-            _draw_links(good),
-        ),
-    ]
-    return Report(headline, [_table(study, rows, good)], notes, plots)
+    chart = Plot(
+        "speed",
+        "Metric over the speed",
+        "Every run of the search, which narrows the bracket of the fastest speed within the tolerance and the next "
+        "faster one.",
+        _draw_metric(study, rows, good),
+    )
+    links = Plot(
+        "links",
+        "Links over the speed",
+        "Root mean square of the parts of the error normal to the requested path, one for each link of the chain; "
+        "lag along the path is in none of them.",
+        _draw_links(good),
+    )
+    sentence = speed_answer(study, rows, good, result)
+    return Report(QUESTION, sentence, chart, _table(study, rows, good), Details(notes, plots=[links]))
 
 
 def _table(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Table:
@@ -72,9 +64,9 @@ def _table(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Table:
         Column("speed [mm/s]"),
         criterion.axis_label(good[0]),
         "largest part",
-        Column("rms [µm]", ".4g"),
-        Column("nozzle mean [mm/s]"),
-        Column("duration [s]"),
+        Column(f"its rms [{CONTOUR.unit}]", ".4g"),
+        Column(SPEED.statistic(MEAN).head),
+        Column(DURATION.head),
     ]
     cells = []
     runs = {
@@ -103,12 +95,13 @@ def _table(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Table:
 
 def _saturation(good: list[Row]) -> list[str]:
     """Return a note of the speed from which a faster program does not shorten the job, if it was reached."""
-    durations = {speed_of(row): value for row in good if isinstance(value := row["duration_s"], float)}
-    least = min(durations.values())
-    enough = min(speed for speed, duration in durations.items() if duration <= _SATURATED * least)
-    if enough == max(durations):
+    saturation = saturation_of(good)
+    if saturation is None:
         return []
-    return [f"From {enough:g} mm/s on, ramps, clamps and axis limits keep the duration at {least:.4g} s."]
+    return [
+        f"From {saturation.speed:g} mm/s on, ramps, clamps and axis limits keep the duration at "
+        f"{saturation.duration:.4g} s."
+    ]
 
 
 def _draw_metric(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Figure:

@@ -32,8 +32,8 @@ class SpeedStudy(ToleranceStudy):
 
     Args:
         job: whose speed is changed, see `Controller.arguments_at`.
-        tolerance: of the metric, in its unit.
-        metric: a value of a case's row, as contour_max.
+        tolerance: of the metric, in its unit; None for the limits of the job itself.
+        metric: a value of a case's row, by default contour_max; None without a tolerance.
         resolution: relative width of the bracket at the end.
         measure: from a case to its row.
     """
