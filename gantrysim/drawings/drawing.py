@@ -72,7 +72,8 @@ class Drawing(Controller):
         velocity: limits of x, y and z; inf for none [mm/s].
         acceleration: limits of x, y and z; inf for none [mm/s²].
         dot_time: time for which a dot is dispensed: a POINT of DXF, or a single point of a table that states none; 0
-            ignores dots. By default 0.2 s in a drawing of nothing but dots; in others, dots without a time do nothing [s].
+            ignores dots. By default 0.2 s in a drawing of nothing but dots; beside lines, those without a time are
+            ignored [s].
 
     Raises:
         InputError: a value out of bounds, or a drawing that cannot be read.
