@@ -144,10 +144,10 @@ LONG = {
     "commands": (svg(f'<path d="M0 0 {"L1 1 2 2 " * 250_000}"/>'), "1000002 numbers in paths and points"),
     "a width": (svg(LINE).replace('"100mm"', f'"{"1" * 9_000} x"', 1), None),
     "brackets in a head": (f"x{'[' * 100_000},y\n0,0\n1,1\n", None),
-    "blanks in a head": (f"x{' ' * 50_000}a,y\n0,0\n1,1\n", "must be a number, or a column"),
-    "underscores in a head": (f"x{'_ ' * 50_000}a,y\n0,0\n1,1\n", "must be a number, or a column"),
-    "blanks in a cell": (f"0{' ' * 50_000}0,1\n1,1\n", "must be a number, or a column"),
-    "digits in a cell": (f"{'1' * 50_000}x,1\n1,1\n", "must be a number, or a column"),
+    "blanks in a head": (f"x{' ' * 50_000}a,y\n0,0\n1,1\n", "must have x and y"),
+    "underscores in a head": (f"x{'_ ' * 50_000}a,y\n0,0\n1,1\n", "must have x and y"),
+    "blanks in a cell": (f"0{' ' * 50_000}0,1\n1,1\n", "must have x and y"),
+    "digits in a cell": (f"{'1' * 50_000}x,1\n1,1\n", "must have x and y"),
 }
 
 
