@@ -346,10 +346,10 @@ def test_the_squares_of_the_slicer():
         assert len(bead) * 1e-3 == pytest.approx(trapezoid(24 * 2**0.5, 20, 1000), abs=0.03)
     assert np.abs(found.position[[0, -1]]).max() < EXACT
     ways = [(20, 20), (4, 4), (4, 4), (0, 24), (12, 12)]
-    rapid = sum(trapezoid(max(way), 100, 1000) for way in ways)
+    travel = sum(trapezoid(math.hypot(*way), 100, 1000) for way in ways)  # its feed is the speed along the path
     laid = 160 / 30 + 128 / 30 + 2 * trapezoid(24 * 2**0.5, 20, 1000)
     assert laid < found.glue_time < laid + 8 * 0.035
-    assert found.duration == pytest.approx(found.glue_time + rapid, abs=0.1)
+    assert found.duration == pytest.approx(found.glue_time + travel, abs=0.1)
     # material: 1.2 per side of 40 mm, and in all 4.8 + 3.84 + 2
     moves = Job.load("slicer-square").controller.program.moves
     assert moves[:, 13].sum() == pytest.approx(10.64, abs=1e-9)
