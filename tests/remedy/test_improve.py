@@ -194,7 +194,7 @@ def test_the_fastest_program_is_as_good_and_the_next_is_not():
     assert result.job.controller.programmed_speed == pytest.approx(fastest.speed)
     assert fastest.speed < fastest.above <= 1.02 * fastest.speed + 0.1
     assert improve(job, levers=[], fastest=False).fastest is None
-    limited = job.changed({"program.rapid": 6e3})  # mm/min: the controller runs no faster than its rapid moves
+    limited = job.changed({"program.axis_speeds": [100.0, 100.0, 100.0]})  # mm/s
     assert improve(limited, levers=[]).fastest is None
 
 

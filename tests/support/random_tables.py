@@ -4,6 +4,8 @@ import math
 
 from support.tables import LIBRARY
 
+WITHOUT_AC = [name for name in LIBRARY if LIBRARY[name].get("kind") != "ac servo"]
+
 ARRANGEMENTS = ("bridge", "table", "cantilever", "tandem", "corexy")
 LAWS = (
     ["pid"],
@@ -40,7 +42,7 @@ def transmission(random, kind=None):
 
 
 def drive(random, kind=None):
-    name = random.choice([*LIBRARY, "ideal"])
+    name = random.choice([*WITHOUT_AC, "ideal"])
     motor, voltage = (IDEAL, 24) if name == "ideal" else (f'"{name}"', LIBRARY[name]["voltage"])
     return "\n".join(
         [
