@@ -72,8 +72,7 @@ class Drawing(Controller):
         velocity: limits of x, y and z; inf for none [mm/s].
         acceleration: limits of x, y and z; inf for none [mm/s²].
         dot_time: time for which a dot is dispensed: a POINT of DXF, or a single point of a table that states none; 0
-            ignores dots. By default 0.2 s in a drawing of nothing but dots; beside lines, those without a time are
-            ignored [s].
+            ignores dots. By default 0.2 s in a drawing of nothing but dots; beside lines they are ignored [s].
 
     Raises:
         InputError: a value out of bounds, or a drawing that cannot be read.
@@ -150,16 +149,15 @@ class Drawing(Controller):
 
     @cached_property
     def sheet(self) -> Sheet:
-        """The drawing, in its own place, in mm."""
+        """The drawing, in its own place, in mm; beside lines, points are mostly marks of the construction."""
         sheet = read_sheet(self.kind, self.text, self.unit, self.curve, self.dot_time is None or self.dot_time > 0)
         if self.dot_time is not None:
             return sheet
-        # points beside lines are mostly marks of the construction; alone, or with a time, they are meant
         marks = [stroke for stroke in sheet.strokes if stroke.dot is not None and stroke.dot_time is None]
         if not marks or all(stroke.dot is not None for stroke in sheet.strokes):
             return sheet
-        mark = "POINT" if self.kind == "dxf" else "single point"
         strokes = tuple(stroke for stroke in sheet.strokes if stroke.dot is None or stroke.dot_time is not None)
+        mark = "POINT" if self.kind == "dxf" else "single point"
         return replace(sheet, strokes=strokes, ignored={**sheet.ignored, mark: len(marks)})
 
     @cached_property

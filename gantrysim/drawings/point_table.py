@@ -147,7 +147,7 @@ class _Layout:
             lengths = dict.fromkeys(("x", "y", "z", "z_down"), unit or 1.0)
             return cls(table.dialect, COLUMNS, {**lengths, "time": 1.0}, (), False, True)
         names = [name_and_unit(head) for head in table.heads]
-        stated_units = [table.units[k] if k < len(table.units) else own for k, (_, own) in enumerate(names)]
+        stated_units = [table.units[k] if k < len(table.units) else of_name for k, (_, of_name) in enumerate(names)]
         roles = _roles([name for name, _ in names])
         if not {"x", "y"} <= set(roles):
             listed = ", ".join(head[:_SHOWN] for head in table.heads)
