@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gantrysim.cli.options import AllowCode, At, Model, Reader, Rotate, Scale, Settings, Speed, placement
 from gantrysim.cli.terminal import say, show, stage
+
+if TYPE_CHECKING:
+    from gantrysim.job.job import Job
 
 
 def check(
@@ -23,10 +26,14 @@ def check(
 ) -> None:
     """Read and plan a job or a program file without simulating it: length, time, extents, what was ignored.
 
+    A program that leaves the travel, or is faster than the machine, is shown with its extents before it is refused.
+
     Exit status: 0 for a program that its machine can run, 2 for one that is refused, with file and line.
     """
+    from gantrysim.base.errors import InputError
     from gantrysim.cli.tables import plan_table
     from gantrysim.job.job import Job
+    from gantrysim.job.plan import speed_note
 
     with stage("program"):
         loaded = Job.load(
@@ -38,9 +45,28 @@ def check(
             speed=speed,
             allow_code=allow_code,
         )
-        plan = loaded.plan()
+        try:
+            plan = loaded.plan()
+        except InputError:
+            _show_extents(loaded)
+            raise
     show(plan_table(loaded.name, plan))
     for fault in loaded.faults:
         say(f"fault on purpose: {fault}", wrap=True)
-    for note in loaded.notes:
+    shortfall = None if speed is None else speed_note(plan, speed)
+    for note in (*loaded.notes, *([shortfall] if shortfall else [])):
         say(f"note: {note}")
+
+
+def _show_extents(job: Job) -> None:
+    """Show what a refused job would command, where that can be computed."""
+    from gantrysim.base.errors import InputError
+    from gantrysim.cli.tables import plan_table
+    from gantrysim.job.plan import plan_of
+
+    name = job.program["controller"]
+    try:
+        plan = plan_of(job.built_machine, name, job.setpoints, job.controller, is_checked=False)
+    except InputError:
+        return
+    show(plan_table(job.name, plan))

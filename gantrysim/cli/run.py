@@ -95,6 +95,7 @@ def run(
     """
     from gantrysim.cli.evaluation import Wanted
     from gantrysim.job.job import Job
+    from gantrysim.job.plan import speed_note
 
     with stage("program"):
         loaded = Job.load(
@@ -107,6 +108,9 @@ def run(
             speed=speed,
             allow_code=allow_code,
         )
+        shortfall = None if speed is None else speed_note(loaded.plan(), speed)
+    if shortfall:
+        warn(f"note: {shortfall}")
     folder = out if out is not None else Path("out") / loaded.name
     simulate_and_show(loaded, folder, Wanted(causes, repeat, video, with_report, fail_on, improve))
 

@@ -56,13 +56,19 @@ def program_positions(machine: Machine, setpoints: Setpoints) -> Floats:
     return position
 
 
-def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
-    """Return contiguous positions of all the machine's axes, checked against travel and speed, (n, axes); read-only.
+def axis_positions(machine: Machine, setpoints: Setpoints, *, is_checked: bool = True) -> Floats:
+    """Return contiguous positions of all the machine's axes, (n, axes); read-only.
 
     Setpoints that name axes which are no coordinates give the positions of the axes themselves.
 
+    Args:
+        machine: of the axes.
+        setpoints: of the program.
+        is_checked: whether they are checked against travel and speed.
+
     Raises:
-        InputError: an unknown axis, a position out of travel or reach, or a speed above the limit.
+        InputError: an unknown axis, a position out of reach; if checked, also one out of travel, or a speed above the
+            limit.
     """
     kinematics = machine.kinematics
     if set(setpoints.axes) <= set(machine.axis_names) and not set(setpoints.axes) <= set(kinematics.names):
@@ -75,6 +81,14 @@ def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
         except UnreachableError as error:
             time = error.row * setpoints.period
             raise TimedError(f"{error}, at t = {time:.4g} s, on machine {machine.name}", time) from None
+    if is_checked:
+        _check_bounds(machine, setpoints, position)
+    return read_only(position)
+
+
+def _check_bounds(machine: Machine, setpoints: Setpoints, position: Floats) -> None:
+    """Raise TimedError for a position out of the travel, at the time when it leaves it, or a speed above the limit."""
+    kinematics = machine.kinematics
     lowest, highest, fastest = _extremes(position)
 
     def where(k: int) -> str:
@@ -88,10 +102,13 @@ def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
         for k in (int(lowest[a]), int(highest[a])):
             if not low <= position[k, a] <= high:
                 first_outside = int(np.argmax((position[:, a] < low) | (position[:, a] > high)))
+                leaves = first_outside * setpoints.period
+                # the line that an error names is that in which the axis leaves its travel
+                since = f"; it leaves it at t = {leaves:.4g} s" if first_outside != k else ""
                 raise TimedError(
                     f"{axis.name} = {position[k, a]:.4g} {axis.unit} {where(k)}: "
-                    f"must lie in the travel {low:g} to {high:g} {axis.unit} of machine {machine.name}",
-                    first_outside * setpoints.period,
+                    f"must lie in the travel {low:g} to {high:g} {axis.unit} of machine {machine.name}{since}",
+                    leaves,
                 )
         k = int(fastest[a])
         speed = float(abs(position[min(k + 1, len(position) - 1), a] - position[k, a]) / setpoints.period)
@@ -101,7 +118,6 @@ def axis_positions(machine: Machine, setpoints: Setpoints) -> Floats:
                 f"must be at most {axis.speed_limit:.6g} {axis.unit}/s, the limit of machine {machine.name}",
                 k * setpoints.period,
             )
-    return read_only(position)
 
 
 def axis_torques(machine: Machine, setpoints: Setpoints) -> Floats | None:

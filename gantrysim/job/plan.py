@@ -16,6 +16,8 @@ from gantrysim.engine.positions import axis_positions
 from gantrysim.machine.machine import Machine
 from gantrysim.record.setpoints import Setpoints
 
+_REACHED = 0.98  # share of a speed that counts as reached: setpoints are samples
+
 
 @dataclass(frozen=True)
 class Extent:
@@ -42,6 +44,7 @@ class Plan:
         memory: that a run with all its figures needs, estimated [B].
         files: room in temporary files that it needs, estimated; 0 for none [B].
         speed: largest speed of the tip [mm/s].
+        glue_speed: the same with the dispenser on; 0 where it never is [mm/s].
         box: least and largest x, y and z of the tip in the work frame, (2, 3) [mm].
         travel: positions of each axis, by its name [mm or deg].
         speeds: largest speed of each axis, by its name [mm/s or deg/s].
@@ -59,13 +62,16 @@ class Plan:
     memory: float
     files: float
     speed: float
+    glue_speed: float
     box: Floats
     travel: dict[str, Extent]
     speeds: dict[str, Extent]
     units: dict[str, str]
 
 
-def plan_of(machine: Machine, name: str, setpoints: Setpoints, controller: Controller) -> Plan:
+def plan_of(
+    machine: Machine, name: str, setpoints: Setpoints, controller: Controller, *, is_checked: bool = True
+) -> Plan:
     """Return what setpoints command.
 
     Args:
@@ -73,11 +79,12 @@ def plan_of(machine: Machine, name: str, setpoints: Setpoints, controller: Contr
         name: of the motion controller.
         setpoints: of the run.
         controller: with its program.
+        is_checked: whether positions and speeds are checked against the machine's.
 
     Raises:
-        InputError: an unknown axis, a position outside the travel, or a speed above the limit.
+        InputError: an unknown axis; if checked, also a position outside the travel, or a speed above the limit.
     """
-    sums = _checked_sums(machine, setpoints)
+    sums = _checked_sums(machine, setpoints) if is_checked else _sums(machine, setpoints, is_checked=False)
     low, high = sums.positions
     axes = list(enumerate(machine.axes))
     return Plan(
@@ -92,6 +99,7 @@ def plan_of(machine: Machine, name: str, setpoints: Setpoints, controller: Contr
         memory=needed_memory(setpoints.run_ticks),
         files=needed_files(setpoints.run_ticks),
         speed=sums.longest / setpoints.period,
+        glue_speed=sums.longest_glue / setpoints.period,
         box=sums.box,
         travel={axis.name: Extent(float(low[a]), float(high[a]), axis.travel) for a, axis in axes},
         speeds={
@@ -106,7 +114,7 @@ class _Sums(NamedTuple):
 
     Attributes:
         way, glue: of the tip, in all and with the dispenser on [mm].
-        longest: way of the tip between two setpoints [mm].
+        longest, longest_glue: way of the tip between two setpoints, in all and with the dispenser on [mm].
         box: least and largest x, y and z of the tip, (2, 3) [mm].
         positions: least and largest position of the axes, (2, axes) [mm or deg].
         steps: largest step of the axes between two setpoints, (axes,) [mm or deg].
@@ -115,21 +123,24 @@ class _Sums(NamedTuple):
     way: float
     glue: float
     longest: float
+    longest_glue: float
     box: Floats
     positions: Floats
     steps: Floats
 
     @classmethod
-    def of(cls, machine: Machine, setpoints: Setpoints) -> _Sums:
+    def of(cls, machine: Machine, setpoints: Setpoints, *, is_checked: bool) -> _Sums:
         """Return what a block of setpoints commands."""
-        position = axis_positions(machine, setpoints)
+        position = axis_positions(machine, setpoints, is_checked=is_checked)
         tip = machine.tip(position)
         steps = np.diff(tip, axis=0)
         ways = np.sqrt(dot(steps, steps))
+        glue_ways = ways[setpoints.dispense[:-1]]
         return cls(
             float(ways.sum()),
-            float(ways[setpoints.dispense[:-1]].sum()),
+            float(glue_ways.sum()),
             float(ways.max(initial=0)),
+            float(glue_ways.max(initial=0)),
             np.array([tip.min(axis=0), tip.max(axis=0)]),
             np.array([position.min(axis=0), position.max(axis=0)]),
             np.abs(np.diff(position, axis=0)).max(axis=0, initial=0),
@@ -141,6 +152,7 @@ class _Sums(NamedTuple):
             self.way + other.way,
             self.glue + other.glue,
             max(self.longest, other.longest),
+            max(self.longest_glue, other.longest_glue),
             _widest(self.box, other.box),
             _widest(self.positions, other.positions),
             np.maximum(self.steps, other.steps),
@@ -152,15 +164,35 @@ def _widest(first: Floats, second: Floats) -> Floats:
     return np.array([np.minimum(first[0], second[0]), np.maximum(first[1], second[1])])
 
 
-def _checked_sums(machine: Machine, setpoints: Setpoints) -> _Sums:
+def _sums(machine: Machine, setpoints: Setpoints, *, is_checked: bool) -> _Sums:
     """Return what setpoints command, block by block: a long program's arrays would fill the memory."""
     sums: _Sums | None = None
+    for block in blocks(len(setpoints.position) - 1):
+        rows = slice(block.start, block.stop + 1)
+        part = _Sums.of(machine, setpoints.part(rows), is_checked=is_checked)
+        sums = part if sums is None else sums.joined(part)
+    assert sums is not None  # there are two setpoints at least
+    return sums
+
+
+def _checked_sums(machine: Machine, setpoints: Setpoints) -> _Sums:
     try:
-        for block in blocks(len(setpoints.position) - 1):
-            part = _Sums.of(machine, setpoints.part(slice(block.start, block.stop + 1)))
-            sums = part if sums is None else sums.joined(part)
+        return _sums(machine, setpoints, is_checked=True)
     except InputError:
         axis_positions(machine, setpoints)  # names the worst place of the whole program
         raise
-    assert sums is not None  # there are two setpoints at least
-    return sums
+
+
+def speed_note(plan: Plan, speed: float) -> str | None:
+    """Return a note where glue is not laid at the speed that a program is run at; None where it is.
+
+    Args:
+        plan: of the program at that speed.
+        speed: of its fastest motion [mm/s].
+    """
+    if not plan.glue_speed or plan.glue_speed >= _REACHED * speed:
+        return None
+    return (
+        f"--speed {speed:g} does not act in full: glue is laid at {plan.glue_speed:.4g} mm/s at most, as acceleration, "
+        "corners or the machine's speeds limit it."
+    )

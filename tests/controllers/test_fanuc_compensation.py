@@ -149,6 +149,12 @@ def test_an_impossible_offset_is_an_alarm(text, message):
     assert str(raised.value) == message
 
 
+def test_an_unknown_offset_without_compensation_is_no_alarm():
+    """As in T1 D1 M06 at the head of a program that compensates nothing."""
+    plain = "G01 X40 Y0 F600\nY30"
+    assert made("T1 D7 M06\n" + plain, 5.0).requested.length == made(plain, 5.0).requested.length
+
+
 @pytest.mark.parametrize(
     ("text", "end"),
     [

@@ -1,6 +1,7 @@
 """The core of macro languages: its words are data of a dialect, its flow that of any lines with labels."""
 
 import math
+from itertools import count
 
 import pytest
 from hypothesis import given
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.fanuc.computed import GRAMMAR as FANUC
 from gantrysim.controllers.gcode.lines import GRAMMAR as LINUXCNC
+from gantrysim.controllers.macro import order
 from gantrysim.controllers.macro.grammar import OPERATORS, BinaryOperator, Grammar
 from gantrysim.controllers.macro.order import END, Flow, Places
 from gantrysim.controllers.macro.scanner import Scanner
@@ -141,3 +143,13 @@ def test_a_loop_runs_while_its_condition_holds():
 def test_what_has_no_order_is_refused(text, message):
     with pytest.raises(InputError, match=message):
         list(Listing(text, [False]).run())
+
+
+def test_lines_without_a_motion_have_a_limit_of_time(monkeypatch):
+    """A clock that advances by 1 s a step: the limit counts from the last motion on."""
+    clock = count()
+    monkeypatch.setattr(order, "_LOOKS", 1)
+    monkeypatch.setattr(order.time, "monotonic", lambda: float(next(clock)))
+    assert len(list(Listing("a 0\n" * 90).run())) == 90
+    with pytest.raises(InputError, match="STEPS: lines have run for 20 s without a motion: is there an endless loop"):
+        list(Listing("a 0\na 0\ngo 2").run())

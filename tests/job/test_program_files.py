@@ -114,9 +114,14 @@ def test_the_command_checks_without_writing(gantrysim_command, square, tmp_path,
     assert "linuxcnc.Program on xy, not simulated" in output
     assert "requested path" in output
     assert sorted(tmp_path.iterdir()) == before
-    status, _, errors = gantrysim_command("check", square, "--at", "140,0")
+    status, output, errors = gantrysim_command("check", square, "--at", "140,0")
     assert status == 2
     assert errors.startswith("error: square.ngc: line 3: x = 1")
+    assert "requested path" in output  # the extents, of which the error names one
+    status, output, _ = gantrysim_command("check", square, "--speed", "20")
+    assert (status, "does not act" in output) == (0, False)
+    _, output, _ = gantrysim_command("check", square, "--speed", "900")
+    assert "--speed 900 does not act in full: glue is laid at" in output
     status, _, errors = gantrysim_command("check", square, "--at", "1")
     assert status == 2
     assert "--at = ['1']: must be two numbers" in errors

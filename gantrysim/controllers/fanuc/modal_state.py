@@ -34,6 +34,7 @@ class ModalState:
         unit: of lengths [mm].
         side: of the cutter compensation: 1 left, -1 right, 0 off.
         offset: of the cutter compensation [mm].
+        offset_number: D, its number.
         exact_stop: whether motions stop at their ends (G61).
         continuous: whether the program asks for G64.
         in_machine: whether the coordinates of this block are the machine's (G53).
@@ -58,6 +59,7 @@ class ModalState:
     unit: float = 1.0
     side: int = 0
     offset: float = 0.0
+    offset_number: str = "0"
     exact_stop: bool = False
     continuous: bool = False
     in_machine: bool = False

@@ -105,11 +105,8 @@ def _set_modes(state: ModalState, words: Words) -> None:
         elif name not in ACTIONS:
             raise words.fail(10, f"G{code:g}: must be one of {', '.join(g_codes())}")
     if "D" in words.values:
-        number = f"{words.values.pop('D'):g}"
-        if number not in state.offsets and number != "0":
-            known = ", ".join(sorted(state.offsets)) or "none"
-            raise words.fail(9, f"D{number}: must be one of the program's offsets, {known}")
-        state.offset = float(state.offsets.get(number, 0.0))
+        state.offset_number = f"{words.values.pop('D'):g}"
+        state.offset = float(state.offsets.get(state.offset_number, 0.0))
     for name in words.m_names:
         if name in AUXILIARY:
             AUXILIARY[name](state, words)
@@ -117,6 +114,10 @@ def _set_modes(state: ModalState, words: Words) -> None:
 
 def _motion(state: ModalState, words: Words) -> Block:
     """Return the motion in force, with the words of a block, and move to its end."""
+    if state.side and state.offset_number not in {"0", *state.offsets}:
+        # without compensation D may be anything, as in T1 D1 M06
+        known = ", ".join(sorted(state.offsets)) or "none"
+        raise words.fail(9, f"D{state.offset_number}: must be one of the program's offsets, {known}")
     values = words.values
     for letter in _LENGTHS & values.keys():
         values[letter] *= state.unit

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from abc import ABC, abstractmethod
 from bisect import bisect_left, bisect_right
 from collections.abc import Hashable, Iterator
@@ -14,6 +15,8 @@ from gantrysim.controllers.macro.variables import LocalParameters, Parameters
 
 END = -1  # the place that follows the last line that runs
 _DEEPEST = 10  # calls
+MOST_TIME = 20.0  # of lines that run without anything for the machine [s]
+_LOOKS = 1000  # steps after which the clock is read
 Line = TypeVar("Line")  # what a line holds for the machine, as its words
 
 
@@ -141,6 +144,7 @@ class Flow(ABC, Generic[Line]):
         """
         following = 0
         steps = 0
+        last_motion = time.monotonic()  # when a line last held something for the machine
         while following != END and self.runs(following):
             self.place = following
             steps += 1
@@ -149,9 +153,15 @@ class Flow(ABC, Generic[Line]):
                     FlowRefusal.STEPS,
                     f"{self._most_steps} {self._unit} have run: must end before; is there an endless loop?",
                 )
+            if steps % _LOOKS == 0 and time.monotonic() - last_motion > MOST_TIME:
+                raise self.refusal(
+                    FlowRefusal.STEPS,
+                    f"{self._unit} have run for {MOST_TIME:g} s without a motion: is there an endless loop?",
+                )
             following, line = self.execute()
             if line is not None:
                 yield line
+                last_motion = time.monotonic()
 
     def check_depth(self) -> None:
         """Raise InputError where no further call is allowed."""
