@@ -30,19 +30,19 @@ def beside(trace: Trace, alignment: Alignment, run: Run, machine: Machine) -> tu
     dispenser and flow are the simulation's unless the command is measured. What no link needs is nan.
 
     Raises:
-        InputError: the trace begins after the dispenser is on.
+        InputError: the dispenser is off for as long as both last.
     """
     instants = trace.time - alignment.shift
     rows = np.flatnonzero((instants >= run.time[0]) & (instants <= run.time[-1]))
     instants = instants[rows]
-    starts = run.time[np.flatnonzero(run.dispense)[0]]
     period = float(np.median(np.diff(trace.time)))
-    if instants[0] > starts + period:
-        raise InputError(
-            f"the trace begins at {instants[0]:.4g} s of the run, {instants[0] - starts:.4g} s after the dispenser is "
-            "on: must cover the start of the bead"
-        )
     tick = np.clip(np.floor(instants / run.period + 1e-6).astype(int), 0, len(run.time) - 1)
+    if not run.dispense[tick].any():
+        bead = run.time[np.flatnonzero(run.dispense)[[0, -1]]]
+        raise InputError(
+            f"the trace covers {instants[0]:.4g} to {instants[-1]:.4g} s of the run, in which the dispenser is off: "
+            f"must cover some of {bead[0]:.4g} to {bead[1]:.4g} s"
+        )
     simulated = {name: CubicSpline(run.time, getattr(run, name), axis=0)(instants) for name in ("commanded", "encoder")}
     measured: dict[str, Floats] = {"commanded": simulated["commanded"]}
     if "commanded" in trace.axes:

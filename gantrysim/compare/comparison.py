@@ -17,6 +17,7 @@ from gantrysim.base.quantity import contents
 from gantrysim.compare.alignment import Alignment
 from gantrysim.compare.beside import beside, evenly
 from gantrysim.compare.compare_quantities import DIFFERENCES, EXPLAINED, PEAK, ROTATION, SHIFT
+from gantrysim.compare.coverage import arc_length, coverage
 from gantrysim.compare.measured import Trace
 from gantrysim.compare.trace_faults import aligned_as_named, scale_and_clock
 from gantrysim.machine.machine import Machine
@@ -101,8 +102,8 @@ class Comparison:
             what: as in `aligned`.
 
         Raises:
-            InputError: a run that ended in a fault, a trace that does not cover the start of the bead, one whose axes
-                are swapped, mirrored or in another unit, or one that measures the command of some axes alone.
+            InputError: a run that ended in a fault, a trace that covers none of the bead, one whose axes are swapped,
+                mirrored or in another unit, or one that measures the command of some axes alone.
         """
         if run.fault is not None:
             raise InputError(f"the run ended in a fault, which no trace can be compared with: {run.fault}")
@@ -112,18 +113,19 @@ class Comparison:
                 f"the trace has the command of some axes alone, not of {', '.join(unmeasured)}: must have that of "
                 "every axis in motion, the encoders or the nozzle"
             )
-        Analysis(run)
+        whole = Analysis(run)
         alignment = aligned_as_named(trace, run, what)
         measured, simulated = beside(trace, alignment, run, machine)
         notes = [*trace.notes, *scale_and_clock(trace, run, alignment)]
         if "commanded" not in trace.links:
             notes.append("the command is not measured: it is the simulation's in both budgets")
-        covered = measured.dispense.sum() * measured.period / (run.dispense.sum() * run.period)
-        if covered < 0.999:
-            notes.append(f"the trace covers {100 * covered:.1f} % of the time for which the dispenser is on")
+        notes += coverage(measured, run, alignment)
         if not evenly(measured.time):
             notes.append("the samples have no even rate: there is no spectrum")
-        return cls(Budget(measured), Budget(simulated), trace.links, unmeasured, alignment, machine, tuple(notes))
+        begin = arc_length(whole, measured.time[0])
+        of_trace = Budget(Analysis(measured, begin))
+        of_run = Budget(Analysis(simulated, begin))
+        return cls(of_trace, of_run, trace.links, unmeasured, alignment, machine, tuple(notes))
 
     @property
     def parts(self) -> dict[str, str]:

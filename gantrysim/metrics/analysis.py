@@ -110,14 +110,16 @@ class Analysis(Shown):
 
     All are taken at `ticks`, those where the dispenser is on. The traces are followed along the path in the order of
     the motion, so that a point belongs to its own turn and not to a neighbouring one that may be nearer.
+    A record that covers a part of the path begins at its arc length `begin` [mm].
 
     Raises:
         InputError: the dispenser is never on.
     """
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: Run, begin: float = 0.0) -> None:
         check_run(run)
         self.run = run
+        self._begin = begin
         self.ticks = _dispensing_ticks(run)
 
     def facts(self) -> dict[str, str]:
@@ -126,7 +128,7 @@ class Analysis(Shown):
     @cached_property
     def commanded(self) -> Projection:
         """Projection of the commanded positions; its distance is the program error."""
-        return self.run.requested.follow(self.run.commanded_tip, 0.0, self.ticks)
+        return self.run.requested.follow(self.run.commanded_tip, self._begin, self.ticks)
 
     @cached_property
     def encoder(self) -> Projection:
@@ -157,7 +159,7 @@ class Analysis(Shown):
         # following is the longest part of an analysis; with exact encoders or a rigid machine traces are equal
         if all(np.array_equal(trace[block], other[block]) for block in blocks(len(trace))):
             return getattr(self, name)
-        return self.run.requested.follow(trace, 0.0, self.ticks)
+        return self.run.requested.follow(trace, self._begin, self.ticks)
 
     @cached_property
     def spacing(self) -> Spacing:

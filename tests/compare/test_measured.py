@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from gantrysim import Budget, InputError, Job, Machine
+from gantrysim import Budget, InputError, Job, Machine, Servo
 from gantrysim.compare.alignment import aligned
 from gantrysim.compare.assignment import Assignment
 from gantrysim.compare.comparison import Comparison
@@ -281,10 +281,55 @@ def test_a_measured_circle_has_the_values_of_the_circular_test(circle_test):
         Comparison.of(trace, run, MACHINE).circle(20.0, circle_test.centre)
 
 
+@given(
+    begin=st.floats(0.0, 0.7),
+    share=st.floats(0.15, 0.6),
+    late=st.floats(-5, 5),
+    link=st.sampled_from(["commanded", "encoder", "nozzle"]),
+)
+@settings(max_examples=10)
+def test_a_trace_of_a_part_is_found_along_the_run_and_compared_there(run, begin, share, late, link):
+    """Its budget is that of the whole run at the same ticks."""
+    time, positions = logged(run, link, 1 / run.period, late, 7.0, noise=1e-3)
+    part = slice(int(begin * len(time)), int((begin + share) * len(time)))
+    positions = positions[part]
+    axes, nozzle = ({}, positions) if link == "nozzle" else ({link: positions}, None)
+    found = Comparison.of(Trace(time[part], axes, nozzle), run, MACHINE)
+    assert found.alignment.shift == pytest.approx(late, abs=FOUND_SHIFT * run.period)
+    assert found.alignment.others == ()
+    simulated = found.simulated.analysis
+    whole = Budget(run)
+    at = np.searchsorted(run.time[whole.analysis.ticks], simulated.run.time[simulated.ticks] - 1e-9)
+    inner = (at > 0) & (at < len(whole.analysis.ticks) - 1)
+    expected = np.interp(
+        simulated.run.time[simulated.ticks], run.time[whole.analysis.ticks], whole.analysis.commanded.s
+    )
+    assert simulated.commanded.s[inner] == pytest.approx(expected[inner], abs=0.05)
+    if begin + share < 0.8:
+        assert "% of the time for which the dispenser is on" in found.notes[-1]
+
+
+def test_a_trace_that_fits_several_turns_of_a_circle_is_not_placed(circle):
+    """Five turns at one speed: a trace of a part of a turn fits the other turns as well."""
+    servo = Servo.derive(MACHINE.axes)
+    path = circle(30.0, 5.0)
+    angle = np.arange(0, 10 * np.pi, 0.1 / 30.0)
+    position = 30.0 * np.column_stack([np.cos(angle), np.sin(angle)])
+    setpoints = Setpoints(servo.period, ("x", "y"), position, np.ones(len(angle), bool), path)
+    run = perfect_follower(MACHINE, setpoints)
+    turn = 2 * np.pi * 30.0 / 0.1 * servo.period
+    part = slice(int(1.3 * turn / servo.period), int(1.9 * turn / servo.period))
+    found = Comparison.of(Trace(run.time[part], {"encoder": run.encoder[part]}, None), run, MACHINE)
+    shifts = sorted([found.alignment.shift, *found.alignment.others])
+    assert np.diff(shifts) == pytest.approx(turn, rel=1e-3)
+    assert len(shifts) == 5
+    assert "which part it covers is not identified" in found.notes[-1]
+
+
 def test_traces_that_cannot_be_compared_are_refused(run):
-    half = run.time > 0.5 * run.time[-1]
-    with pytest.raises(InputError, match="after the dispenser is on: must cover the start"):
-        Comparison.of(Trace(run.time[half], {"encoder": run.encoder[half]}, None), run, MACHINE)
+    before = run.time < run.time[run.dispense.argmax()]
+    with pytest.raises(InputError, match="in which the dispenser is off: must cover some of"):
+        Comparison.of(Trace(run.time[before], {"encoder": run.encoder[before]}, None), run, MACHINE, ())
     with pytest.raises(InputError, match="covers 0 of its samples"):
         Comparison.of(Trace(run.time + 1e3, {"encoder": run.encoder}, None), run, MACHINE, ())
     with pytest.raises(InputError, match="unknown alignment 'place'"):
@@ -292,8 +337,6 @@ def test_traces_that_cannot_be_compared_are_refused(run):
     for factor, told in ((1e3, "lasts"), (1e-3, "is its time in another unit")):
         with pytest.raises(InputError, match=told):
             aligned(Trace(factor * run.time, {"encoder": run.encoder}, None), run)
-    early = Comparison.of(Trace(run.time[~half], {"encoder": run.encoder[~half]}, None), run, MACHINE)
-    assert "% of the time for which the dispenser is on" in early.notes[-1]
 
 
 def test_the_command_writes_both_budgets_and_their_plots(tmp_path, gantrysim_command):
