@@ -11,7 +11,7 @@ import pytest
 from support.guided import TARGETS
 
 GUIDED = Path(__file__).parent / "support" / "guided.py"
-RUNS, MANY = 1500, 30_000
+RUNS, MANY = 600, 30_000
 
 
 def searched(name, runs, folder):

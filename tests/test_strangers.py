@@ -95,6 +95,7 @@ COMMANDS = [
 # what stands in the README's commands, and in ours instead
 OURS = {"an225": "my-job.toml", "fanuc-spiral": "my-job.toml", "out/an225": "out/mine"}
 QUICK = {
+    "gantrysim run trio-basic --repeat 16": "--no-video --no-report --no-improve",
     "gantrysim run": "--set turns=1 --no-video --no-report --no-improve",
     "gantrysim run an225 --set loop_period=0.01 --set speed=150 --out out/fast": "--no-video --no-report --no-improve",
     "gantrysim run my-job.toml --model my-machine.xml": "--no-video --no-improve",

@@ -227,7 +227,10 @@ def test_an_interrupt_leaves_what_was_there(folder):
     assert (folder / "slow" / "render.mp4").read_bytes() == b"earlier"
 
 
-@pytest.mark.parametrize("arguments", [("--out", "a.mp4"), ("--out", "a.gif"), ("--at", "1", "--out", "a.png")])
+@pytest.mark.parametrize(
+    "arguments",
+    [("--out", "a.mp4"), pytest.param(("--out", "a.gif"), marks=pytest.mark.soak), ("--at", "1", "--out", "a.png")],
+)
 def test_a_full_disk_is_reported_with_file_and_reason(folder, arguments):
     """A bound on the size of files fails as a full disk does, in the words of another errno."""
     resource = pytest.importorskip("resource")

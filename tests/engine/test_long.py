@@ -32,6 +32,7 @@ from gantrysim.results.run_results import RunResults
 from gantrysim.servo.servo import Servo
 
 from support.memories import open_files, resident
+from support.soaked import suite_runs
 
 SAME = 1e-12  # relative, of the figures; arrays of a tick are equal to the last bit
 
@@ -141,7 +142,7 @@ def test_a_trace_between_two_legs_is_followed_alike_in_any_blocks(monkeypatch, b
 NEEDLE = Needle(bore=0.84, length=25.0, consistency=50.0, index=0.6, yield_stress=20.0)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", suite_runs(range(12), 0, 1, 2))
 @pytest.mark.parametrize("metering", ["volumetric", "needle", "syringe"])
 def test_the_flow_is_the_same_in_any_blocks(monkeypatch, seed, metering):
     rng = np.random.default_rng(seed)

@@ -12,6 +12,7 @@ from gymnasium.utils.env_checker import check_env
 import gantrysim.env
 
 from support.episodes import BANDIT, BEAD, BOLD, MEEK, SHORT, SPEED, TORQUE, TUNING, episode
+from support.soaked import suite_runs
 
 IDS = [TUNING, BANDIT]
 
@@ -46,7 +47,7 @@ def test_the_checkers_pass(name, settings):
     env.close()
 
 
-@pytest.mark.parametrize("name", [*IDS, BEAD, SPEED, TORQUE])
+@pytest.mark.parametrize("name", suite_runs([*IDS, BEAD, SPEED, TORQUE], 0, 2))
 def test_gymnasiums_checker_passes_with_pictures(name):
     env = gymnasium.make(name, render_mode="rgb_array", size=(64, 48), **SHORT)
     check_env(env.unwrapped)

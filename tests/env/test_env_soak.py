@@ -13,6 +13,7 @@ import pytest
 from gantrysim.env.episodes import Episode
 
 from support.episodes import BANDIT, BOLD, MEEK, SHORT, TUNING, episode
+from support.soaked import suite_runs
 
 GROWTH = 16.0  # of the resident memory over hundreds of episodes [MB]
 
@@ -99,7 +100,7 @@ def environment(kind, **settings):
 
 
 @linux
-@pytest.mark.parametrize("kind", ["scalar", "vector", "bandit"])
+@pytest.mark.parametrize("kind", suite_runs(["scalar", "vector", "bandit"], 1))
 def test_random_actions_give_finite_values_and_leak_nothing(kind):
     early, late, ends = soak(environment(kind, **SHORT), 40, 20)
     assert (late.threads, late.files, late.episodes) == (early.threads, early.files, early.episodes)

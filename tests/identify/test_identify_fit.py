@@ -228,6 +228,7 @@ def test_a_second_mode_is_recognised_as_a_wrong_structure(machine, setpoints):
     assert re.search(r"most at (1[0-6]\d) Hz", text), text
 
 
+@pytest.mark.soak
 def test_backlash_is_found_with_all_else(machine, setpoints):
     plant = plant_of(machine, gap=20e-6)
     found = identify(machine, plant_log(machine, setpoints, plant))

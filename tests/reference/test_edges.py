@@ -23,6 +23,7 @@ from gantrysim.stability.margins import margins_of
 from .compare import law_of
 from .law import notch_coefficients
 from .mjcf import read_drives
+from support.soaked import suite_runs
 
 AXES = {"xy": "xy", "xyz": "xyz", "xyzr": "xyzr", "stage": ("th", "x", "y")}
 CASES = [(machine, axis) for machine, axes in AXES.items() for axis in range(len(axes))]
@@ -155,7 +156,7 @@ def reported(name, servo, axis):
     return margins_of(machine_of(name), servo)[axis].gain
 
 
-@pytest.mark.parametrize(("name", "axis"), CASES, ids=NAMES)
+@pytest.mark.parametrize(("name", "axis"), suite_runs(CASES, 0, 4, 7, 10), ids=NAMES)
 def test_a_kick_keeps_its_size_at_the_gain_margin(name, axis):
     servo = servo_of(name)
     assert edge_by_growth(name, servo, axis) == pytest.approx(reported(name, servo, axis), rel=MARGIN)
@@ -167,7 +168,7 @@ def test_the_loop_measured_with_sines_passes_minus_one_at_the_gain_margin(name, 
     assert edge_by_sweep(name, servo, axis) == pytest.approx(reported(name, servo, axis), rel=MARGIN)
 
 
-@pytest.mark.parametrize(("name", "axis"), CASES, ids=NAMES)
+@pytest.mark.parametrize(("name", "axis"), suite_runs(CASES, 0, 4, 7, 10), ids=NAMES)
 def test_growth_and_sines_find_the_same_edge(name, axis):
     servo = servo_of(name)
     assert edge_by_growth(name, servo, axis) == pytest.approx(edge_by_sweep(name, servo, axis), rel=METHODS)

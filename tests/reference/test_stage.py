@@ -18,6 +18,7 @@ from .contour import contour_error, polyline
 from .mjcf import read_bodies, read_drives
 from .stage import follow_stage, on_the_work
 from .two_mass import STEP
+from support.soaked import suite_runs
 
 FILE = Path(str(files("gantrysim.models") / "stage.xml"))
 FINE = 12.5e-6  # physics step [s]
@@ -82,7 +83,9 @@ def test_distances_from_the_sampled_path_are_those_of_the_follower():
 
 
 @pytest.mark.parametrize(
-    "change", [("table", "inertia", 1.05), ("x_slide", "y", 0.9), ("y_slide", "mass", 1.1)], ids=str
+    "change",
+    suite_runs([(("table", "inertia", 1.05),), (("x_slide", "y", 0.9),), (("y_slide", "mass", 1.1),)], 1),
+    ids=str,
 )
 def test_other_masses_do_not_agree(change):
     name, number, factor = change
@@ -93,7 +96,9 @@ def test_other_masses_do_not_agree(change):
 
 @pytest.mark.parametrize(
     ("axis", "number"),
-    [(0, "rotor"), (1, "rotor"), (2, "coulomb"), (0, "inductance"), (2, "inductance"), (0, "stiffness")],
+    suite_runs(
+        [(0, "rotor"), (1, "rotor"), (2, "coulomb"), (0, "inductance"), (2, "inductance"), (0, "stiffness")], 2, 5
+    ),
 )
 def test_another_drive_does_not_agree(axis, number):
     drives = read_drives(FILE)

@@ -26,6 +26,7 @@ from .contour import contour_error, polyline
 from .law import notch_coefficients
 from .mjcf import read_drives
 from .two_mass import STEP, follow
+from support.soaked import suite_runs
 
 JOBS = ("an225", "softmc-arc", "fanuc-spiral")
 FINE = 12.5e-6  # physics step [s]
@@ -133,7 +134,7 @@ def test_with_an_exact_encoder_contour_error_and_torque_are_the_references(name)
     assert within(engine(name, servo), reference(name, servo), EXACT, EXACT_TORQUE)
 
 
-@pytest.mark.parametrize("name", JOBS)
+@pytest.mark.parametrize("name", suite_runs(JOBS, 1))
 def test_in_fine_steps_they_agree_much_more_closely(name):
     assert within(fine(name), reference(name, stiff(name)), EXACT_FINE, EXACT_FINE_TORQUE)
 
@@ -145,7 +146,7 @@ def test_counts_amplify_a_shift_far_below_a_count_and_an_exact_encoder_does_not(
         assert (found[0] > AMPLIFIED) if servo.drives[0].resolution else (found[1] < CONVERGED)
 
 
-@pytest.mark.parametrize("name", ["an225", "fanuc-spiral"])
+@pytest.mark.parametrize("name", suite_runs(["an225", "fanuc-spiral"], 0))
 def test_with_counts_contour_error_and_torque_are_the_references(name):
     servo = job_of(name).built_servo
     runs = [

@@ -18,6 +18,7 @@ from gantrysim.render.colours import COLOURS, errors_along, scale_for
 from gantrysim.render.scene import Scene
 
 from support.pinhole import in_sight, on_work, to_pixels
+from support.soaked import suite_runs
 
 SIZE = (1600, 1200)
 SMALL = (320, 240)
@@ -55,7 +56,7 @@ def seen_from_above(renderer, machine, step=2):
     return rows, columns, 1e3 * (there - data.xpos[machine.work])
 
 
-@pytest.mark.parametrize("share", [0.4, 1.0])
+@pytest.mark.parametrize("share", suite_runs([0.4, 1.0], 0))
 def test_glue_is_seen_where_the_height_map_has_it_and_nowhere_else(xy, run, dry, share):
     tick = int(share * (len(run.time) - 1))
     part = slice(0, tick + 1)

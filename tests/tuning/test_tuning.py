@@ -24,6 +24,7 @@ from gantrysim.tuning.search import History
 from gantrysim.tuning.servo import TUNED
 
 from support.distinct import unaccounted
+from support.soaked import suite_runs
 from support.studies import content
 from support.tunings import GAINS, best_of_grid, circle, detuned, searched, tuning
 
@@ -131,6 +132,7 @@ def test_a_case_that_changes_more_than_gains_is_refused(job):
 # search
 
 
+@pytest.mark.soak
 def test_the_search_reaches_the_best_of_an_exhaustive_grid():
     """From gains ten times too low, on the same objective within the same bounds."""
     study = tuning(detuned(0.1), law="pd", budget=150, robust=0, unseen=0)
@@ -225,7 +227,7 @@ class Interrupted(TuningStudy):
         return self.__dict__.setdefault("_measured_", [])
 
 
-@pytest.mark.parametrize("at", [3, 45])
+@pytest.mark.parametrize("at", suite_runs([3, 45], 0))
 def test_an_interrupted_search_resumes_to_the_same_result(outcome, poor, tmp_path, at):
     _, done, folder = outcome
     settings = {"budget": 44, "robust": 1, "guards": 2, "unseen": 2}
