@@ -53,11 +53,11 @@ else:
 def test_a_gain_is_added_by_its_field_and_its_term(tmp_path):
     """In a copy of the package, compiled anew: the job file, the tick, the margins and the exports know the gain."""
     package = tmp_path / "gantrysim"
-    shutil.copytree(Path(gantrysim.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(Path(gantrysim.__file__).parent, package, ignore=shutil.ignore_patterns("*.tmp*", "*.pyc*"))
     gains, law = package / "servo" / "gains.py", package / "servo" / "laws" / "pid.py"
     _insert(gains, "    output_velocity: Annotated", FIELD, after=True)
     _insert(law, "        + gains.ki * error_sum", "        + gains.kx * error\n", after=False)
-    environment = os.environ | {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
     asked = subprocess.run(
         [sys.executable, "-c", ASKED], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
     )
