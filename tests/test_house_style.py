@@ -33,7 +33,6 @@ PARAMETERS_ALLOWED: dict[str, str] = {
 }
 
 
-
 def unparsed(nodes):
     return Counter(ast.unparse(node) for node in nodes)
 

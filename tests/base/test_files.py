@@ -111,6 +111,7 @@ def test_at_every_access_a_signal_leaves_the_old_file_or_the_new_one(tmp_path, n
     assert content(tmp_path) == {"film.mp4": b"last"}
 
 
+@pytest.mark.soak
 def test_a_second_kill_while_the_first_is_made_good_loses_nothing(old):
     def kill(at):
         return forked(lambda: replace(old), old, at)[0]

@@ -289,8 +289,18 @@ def test_the_benchmark_prints_what_it_is_asked_for(keys):
     assert min(ratios.values()) > 0
 
 
+LONG_BENCHMARKS = {"frame_growth", "bead_cost", "verdict"}
+
+
 @pytest.mark.filterwarnings("ignore::glfw.GLFWError")  # MuJoCo's renderer tries it before what needs no display
-@pytest.mark.parametrize("key", [key for key in RATIOS if key != "import_time"])
+@pytest.mark.parametrize(
+    "key",
+    [
+        pytest.param(key, marks=pytest.mark.soak if key in LONG_BENCHMARKS else ())
+        for key in RATIOS
+        if key != "import_time"
+    ],
+)
 def test_every_benchmark_gives_a_ratio(key, monkeypatch):
     """With few simulations side by side, and of one job."""
     names = runpy.run_path(str(ROOT / "scripts" / "benchmark.py"))

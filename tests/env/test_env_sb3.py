@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv  # noqa: E402
 from gantrysim.env.sb3 import SB3VecEnv  # noqa: E402
 
 
-@pytest.mark.parametrize("name", [TUNING, BANDIT])
+@pytest.mark.parametrize("name", [TUNING, pytest.param(BANDIT, marks=pytest.mark.soak)])
 def test_it_equals_the_librarys_own_environments_with_their_monitor(name):
     count = 3
     own = SB3VecEnv(name, count, threads=1, **SHORT)

@@ -73,6 +73,7 @@ def test_contour_error_and_torque_on_the_table_are_the_references():
     assert agrees(reference())
 
 
+@pytest.mark.soak
 def test_the_reference_has_converged():
     assert np.abs(reference()[0] - reference(step=STEP / 2)[0]).max() < CONVERGED
 

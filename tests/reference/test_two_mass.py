@@ -115,7 +115,7 @@ def test_masses_and_damping_read_from_the_mjcf_are_those_of_the_compiled_machine
             assert axis.viscous == pytest.approx(damping / drive.gear / 1e3, rel=SAME)
 
 
-@pytest.mark.parametrize("name", ["softmc-arc", "fanuc-spiral"])
+@pytest.mark.parametrize("name", suite_runs(["softmc-arc", "fanuc-spiral"], 0))
 def test_the_reference_has_converged(name):
     servo = exact(job_of(name).built_servo)
     assert sizes(reference(name, servo)[0] - reference(name, servo, step=STEP / 2)[0])[1] < CONVERGED
@@ -223,7 +223,9 @@ def test_another_law_does_not_agree(changes):
 
 
 @pytest.mark.parametrize(
-    "changes", [{"delay": 5e-4}, {"output_velocity": (-1e-3, -1e-3)}, {"torque_limit": (0.05, 0.05)}], ids=str
+    "changes",
+    suite_runs([{"delay": 5e-4}, {"output_velocity": (-1e-3, -1e-3)}, {"torque_limit": (0.05, 0.05)}], 1),
+    ids=str,
 )
 def test_delay_velocity_gain_and_torque_limit_act_as_in_the_reference(changes):
     name = "softmc-arc"

@@ -20,6 +20,7 @@ from gantrysim.render.renderer import BEAD
 from gantrysim.render.sight import Sight
 
 from support.films import SHAPES, cut, shows, small_job
+from support.soaked import suite_runs
 
 SIZE = (300, 200)
 PAIR = (480, 240)
@@ -416,7 +417,7 @@ def test_a_machine_without_cameras_or_label_is_filmed_by_its_name(rigid, run):
     assert shows(frame[: opened.panel.size[1]], machine.name, opened.panel.font.size, INK, bold=True)
 
 
-@pytest.mark.parametrize("verdict", ["✗ fail: path, glue", "✓ pass", "! warn: " + 30 * "stability, "])
+@pytest.mark.parametrize("verdict", suite_runs(["✗ fail: path, glue", "✓ pass", "! warn: " + 30 * "stability, "], 2))
 def test_a_verdict_stands_above_its_picture_and_changes_nothing_else(xy, run, short, verdict):
     size = (480, 360)
     takes = [Take(xy, run, "long", verdict=verdict), Take(xy, short, "short")]

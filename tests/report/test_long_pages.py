@@ -27,14 +27,14 @@ def test_of_a_long_program_the_page_shows_both_ends_and_says_so():
 def test_a_path_that_covers_itself_becomes_an_image_and_a_smooth_one_stays_a_path():
     figure = Figure()
     axes = figure.subplots()
-    axes.plot(*np.random.default_rng(1).random((2, 60_000)), label="path")
+    axes.plot(*np.random.default_rng(1).random((2, 20_000)), label="path")
     covered = inline_svg(figure, "f1", "a path")
     assert len(covered) < 1_000_000
     assert "<image" in covered
     assert "path" in covered.partition("</title>")[2]  # the legend's and axes' texts stay
     figure = Figure()
     axes = figure.subplots()
-    angle = np.linspace(0, 20 * np.pi, 60_000)
+    angle = np.linspace(0, 20 * np.pi, 20_000)
     axes.plot(angle * np.cos(angle), angle * np.sin(angle))
     smooth = inline_svg(figure, "f1", "a spiral")
     assert "<image" not in smooth

@@ -246,6 +246,7 @@ def test_a_worker_with_another_machine_is_refused(cluster, tmp_path, monkeypatch
         rows(damping=50.0)
 
 
+@pytest.mark.soak
 def test_a_worker_with_another_version_is_refused(cluster, gantrysim_command, tmp_path):
     (tmp_path / "scipy-0.0.9.dist-info").mkdir()
     (tmp_path / "scipy-0.0.9.dist-info" / "METADATA").write_text("Name: scipy\nVersion: 0.0.9\n")

@@ -59,6 +59,7 @@ def test_an_axis_of_ideal_geometry_positions_exactly():
     assert max(found.reversal, found.accuracy) < SETTLED
 
 
+@pytest.mark.soak
 def test_a_benchtop_machine_repeats_as_its_class_is_sold():
     study = RepeatStudy(Job.load("an225", [*SHORT, "accuracy=C7"]))
     ideal = RepeatStudy(Job.load("an225", [*SHORT, "play=0"]))

@@ -120,11 +120,12 @@ class Browser:
 
     def box(self, selector):
         """Left, top, width and height in the window of an element, which is scrolled to."""
-        script = (
-            "const e = document.querySelector(arguments[0]); e.scrollIntoView({block: 'center', behavior: 'instant'});"
-            "const b = e.getBoundingClientRect(); return [b.left, b.top, b.width, b.height];"
+        found = "const e = document.querySelector(arguments[0]);"
+        self.run(f"{found} e.scrollIntoView({{block: 'center', behavior: 'instant'}});", selector)
+        self.settle()  # what the page does when it is scrolled may move the element
+        return self.run(
+            f"{found} const b = e.getBoundingClientRect(); return [b.left, b.top, b.width, b.height];", selector
         )
-        return self.run(script, selector)
 
     def text(self, selector):
         return self.run("return document.querySelector(arguments[0]).textContent", selector)

@@ -259,6 +259,7 @@ def test_a_start_that_faults_is_replaced_by_feasible_gains(tmp_path):
     assert results(study, done.rows)["rms contour error, worst of 2 machines [µm]"][0] is None
 
 
+@pytest.mark.soak
 def test_a_machine_with_rotary_axes_is_tuned(tmp_path):
     job = Job.load("stage-outline", ["speed=150", "simulation.settle=0.05"])
     study = tuning(job, budget=20, robust=1, unseen=1)
@@ -294,6 +295,7 @@ def test_axes_tuned_separately_for_the_tracking_error():
     assert any("each axis by itself" in note for note in report.notes(study, rows))
 
 
+@pytest.mark.soak
 def test_a_search_on_the_job_s_own_machine_alone():
     study = tuning(detuned(0.1), robust=0, unseen=0, budget=30)
     rows = searched(study)

@@ -13,6 +13,8 @@ from gantrysim.tuning.search import search
 from gantrysim.tuning.space import SearchSpace
 from gantrysim.tuning.stability import Fastest, Stability
 
+from support.soaked import suite_runs
+
 PERIOD = 1e-3
 RIPPLE = 0.02
 FOUND = 1.02  # largest ratio of the metric found to the minimum
@@ -73,7 +75,7 @@ def run(own, stability, measure, machines=1, budget=200, seed=1, on_leader=lambd
 
 
 @pytest.mark.parametrize("factor", [1 / 30, 0.1, 1.0, 10.0, 30.0])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", suite_runs([1, 2], 0))
 def test_the_minimum_of_a_bowl_is_found_from_anywhere(unconstrained, factor, seed):
     history, _ = run(space(detuned(factor)), unconstrained, bowl, budget=80, seed=seed)
     assert history.best.metric < FOUND
