@@ -6,6 +6,8 @@ import { steps } from "./ground3d.js";
 const ARROW = 26; // length of an axis of the triad [pixels]
 const CORNER = 44; // from the picture's corner to the triad [pixels]
 const LABEL = 13; // from an edge to its label [pixels]
+const CROWDED = 24; // distance below which a label would run into the one before [pixels]
+const STEEP = 75; // elevation from which on heights cannot be read [deg]
 const CLEAR = 0.4; // of the step of the heights, from the ground to their first label
 const MIDDLE = { textAlign: "center", textBaseline: "middle" };
 
@@ -53,8 +55,10 @@ export class Labels {
     const y = depth(middle[0], y0) < depth(middle[0], y1) ? y0 : y1;
     const x = depth(x0, middle[1]) < depth(x1, middle[1]) ? x0 : x1;
     const beyond = this.at(...middle, ground.z);
+    let last = null;
     const label = (text, place) => {
-      if (place[2] <= 0) return;
+      if (place[2] <= 0 || (last && Math.hypot(place[0] - last[0], place[1] - last[1]) < CROWDED)) return;
+      last = place;
       const away = Math.hypot(place[0] - beyond[0], place[1] - beyond[1]) || 1;
       const share = LABEL / away;
       const px = place[0] + share * (place[0] - beyond[0]);
@@ -62,6 +66,7 @@ export class Labels {
       this._text(text, px, py, MIDDLE);
     };
     for (const value of steps(x0, x1, ground.step)) label(number(value, decimals), this.at(value, y, ground.z));
+    last = null;
     for (const value of steps(y0, y1, ground.step)) {
       if (value !== y) label(number(value, decimals), this.at(x, value, ground.z));
     }
@@ -70,7 +75,8 @@ export class Labels {
 
   _heights() {
     const { context, colours } = this;
-    const { ground } = this.view;
+    const { ground, camera, factor } = this.view;
+    if (camera.elevation > STEEP) return;
     const corners = ground.corners.map(([x, y]) => [x, y, this.at(x, y, ground.z)[0]]);
     const [x, y] = corners.reduce((left, corner) => (corner[2] < left[2] ? corner : left));
     const foot = this.at(x, y, ground.z);
@@ -93,7 +99,7 @@ export class Labels {
       const [px, py] = this.at(x, y, z);
       this._text(number(z, decimals), px - 7, py, looks);
     }
-    this._text("z [mm]", top[0], top[1] - LABEL, { ...MIDDLE, fillStyle: colours.soft });
+    this._text(factor > 1 ? `z [mm] × ${factor}` : "z [mm]", top[0], top[1] - LABEL, { ...MIDDLE, fillStyle: colours.soft });
   }
 
   /** The directions of x, y and z, and that the numbers are mm. */

@@ -31,9 +31,11 @@ function showRun(place, content) {
     views.append(element("figure", { class: "view film" }, caption, video));
     new FilmLink(video, data, cursor);
   }
-  if (data.space) views.append(new Space(data, cursor).element);
+  const space = data.space ? [new Space(data, cursor).element] : [];
+  if (!video) views.append(...space); // a film has bead and plan beside it
   if (data.width) views.append(new BeadMap(data, cursor, region).element);
   views.append(new Plan(data, cursor, region).element);
+  if (video) views.append(...space);
   if (data.program) views.append(new Listing(data, cursor).element);
   place.append(readout.element, views, strips.element);
   return cursor;

@@ -52,7 +52,10 @@ export function turning(surface, handlers) {
       handlers.pan(after.x - before.x, after.y - before.y);
       handlers.zoom(after.size / before.size, after.x, after.y);
     } else if (panning) handlers.pan(x - last[0], y - last[1]);
-    else handlers.turn(DEGREES * (x - last[0]), DEGREES * (y - last[1]));
+    else {
+      const scrolls = event.pointerType === "touch" && document.activeElement !== surface; // upwards the page does
+      handlers.turn(DEGREES * (x - last[0]), scrolls ? 0 : DEGREES * (y - last[1]));
+    }
   });
   surface.addEventListener("pointerup", (event) => {
     const single = pressed.size === 1;

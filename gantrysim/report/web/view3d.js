@@ -155,7 +155,7 @@ export class View {
       },
       reset: () => this._reset(),
     });
-    this.cursor.onMove(() => this._redraw());
+    this.cursor.onMove(() => this._redraw(this.machine.object.visible)); // else only labels move
     this.cursor.onChoice(() => this._redraw());
     onTheme(() => this._paint());
     new ResizeObserver(() => this._resize()).observe(this.surface);
@@ -210,7 +210,12 @@ export class View {
     const { x, y, z } = data.column;
     const every = Math.ceil(this.laid.length / MOST_POINTS);
     const laid = this.laid.filter((_, k) => k % every === 0);
-    const places = [...laid.map((row) => [x[row], y[row], z[row]]), ...this.ground.corners];
+    const { corners, top } = this.ground;
+    const { right } = this.camera;
+    const aside = (corner) => corner[0] * right.x + corner[1] * right.y;
+    const left = corners.reduce((first, corner) => (aside(corner) < aside(first) ? corner : first));
+    const scale = [left[0], left[1], top]; // of heights, which stands there
+    const places = [...laid.map((row) => [x[row], y[row], z[row]]), ...corners, scale];
     const points = places.flatMap((place) => [place[0] - frame.x, place[1] - frame.y, factor * (place[2] - frame.z)]);
     this.camera.fit(points, Math.max(this.width - 2 * LABELS, 1) / this.height);
     this._redraw();
@@ -226,8 +231,9 @@ export class View {
     return this.project(x[row], y[row], z[row], result);
   }
 
-  /** Draw once before the next picture, if the view is in sight. */
-  _redraw() {
+  /** Draw once before the next picture, if the view is in sight: all of it, or only what is written over it. */
+  _redraw(whole = true) {
+    this.stale = this.stale || whole;
     if (this.frameWanted || !this.inSight || !this.width) return;
     this.frameWanted = requestAnimationFrame(() => {
       this.frameWanted = 0;
@@ -237,9 +243,12 @@ export class View {
 
   _draw() {
     const { camera, data } = this;
-    if (this.machine.object.visible) this.machine.pose(data.column.tick[this.cursor.row]);
-    camera.place(this.width, this.height, FARTHEST);
-    this.renderer.render(this.scene, camera.three);
+    if (this.stale) {
+      if (this.machine.object.visible) this.machine.pose(data.column.tick[this.cursor.row]);
+      camera.place(this.width, this.height, FARTHEST);
+      this.renderer.render(this.scene, camera.three);
+      this.stale = false;
+    }
     const context = this.top.getContext("2d");
     context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     this.labels.draw(context, theme());
