@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -15,9 +15,15 @@ from gantrysim.servo.servo import Servo
 
 # letters of the formulas
 SYMBOLS = (
-    "T period, r resolution, c 2048 / torque_limit, o output_velocity, vff velocity_ff, aff acceleration_ff, "
-    "kv kd - o, s travel per radian, K motor constant (1 for an ideal torque source)"
+    "T period, r resolution, c 2048 / full scale (torque_limit, of a velocity drive the axis' speed limit), "
+    "o output_velocity, vff velocity_ff, aff acceleration_ff, kv kd - o, of a velocity drive velocity_gain, s travel "
+    "per radian, K motor constant (1 for an ideal torque source)"
 )
+SAYABLE_MODES = ("torque", "velocity")  # of drives to which the controller's law sends its output
+
+
+# a gain whose output is a speed [u/s]; by the same gain's unit where it is a torque, after N·m
+SPEED_UNITS = {"/u": "1/s", "/(u·s)": "1/s²", "·s/u": "1", "·s²/u": "s"}
 
 
 class Word(NamedTuple):
@@ -49,6 +55,10 @@ class AxisServo:
         following_error_limit: [u].
         scale: axis travel per motor angle [u/rad].
         motor_constant: nan for an ideal torque source [N·m/A].
+        mode: command mode of the drive, "torque" or "velocity".
+        speed_limit: of the axis, at which the law's output to a velocity drive is clamped [u/s].
+        velocity_gain: of a velocity loop in the drive [N·m·s/u].
+        velocity_time: integral time of a velocity loop in the drive [s].
     """
 
     name: str
@@ -60,15 +70,25 @@ class AxisServo:
     following_error_limit: float
     scale: float
     motor_constant: float
+    mode: str = "torque"
+    speed_limit: float = math.inf
+    velocity_gain: float = 0.0
+    velocity_time: float = 0.0
 
     @classmethod
-    def of(cls, axes: Iterable[Axis], servo: Servo) -> tuple[AxisServo, ...]:
+    def of(cls, axes: Sequence[Axis], servo: Servo) -> tuple[AxisServo, ...]:
         """Return the servo of each axis.
 
         Raises:
-            InputError: a servo that does not send torques to all its drives.
+            InputError: a drive that takes positions or steps, so that the controller has no gains.
         """
-        servo.check_torque("gains in the words of a controller")
+        for axis, mode in zip(axes, servo.modes, strict=True):
+            if mode not in SAYABLE_MODES:
+                raise InputError(
+                    f"gains in the words of a controller: the drive of axis {axis.name} is in mode {mode!r}, takes "
+                    f"positions and closes its loop itself: the controller has no gains for it; they are for servo "
+                    f"mode = {' or '.join(map(repr, SAYABLE_MODES))}"
+                )
         return tuple(
             cls(
                 axis.name,
@@ -80,9 +100,45 @@ class AxisServo:
                 servo.following_error_limit[a],
                 axis.scale,
                 axis.motor_constant,
+                servo.modes[a],
+                axis.speed_limit,
+                servo.drives[a].velocity_gain,
+                servo.drives[a].velocity_time,
             )
             for a, axis in enumerate(axes)
         )
+
+    @property
+    def takes_velocity(self) -> bool:
+        """Whether the drive takes a velocity and closes the loop of the speed itself."""
+        return self.mode == "velocity"
+
+    @property
+    def full_scale(self) -> float:
+        """Largest output of the law, inf without a limit: a torque [N·m], or of a velocity drive a speed [u/s]."""
+        return self.speed_limit if self.takes_velocity else self.torque_limit
+
+    @property
+    def known_full_scale(self) -> float:
+        """The full scale, where there is one; InputError where it is infinite."""
+        if self.takes_velocity:
+            return self.has("speed limit", self.speed_limit, "the speed at full scale of the output")
+        return self.has("torque_limit", self.torque_limit, "the torque at full scale of the output")
+
+    @property
+    def motor_unit_factor(self) -> tuple[float, str]:
+        """Factor from torque per travel to the drive's current, or torque, per angle of the motor, and its unit."""
+        if math.isfinite(self.motor_constant):
+            return self.scale / self.motor_constant, "A"
+        return self.scale, "N·m"
+
+    def output_unit(self, per: str) -> str:
+        """Return the unit of a gain from its unit per unit of the law's output, which is a torque or a speed.
+
+        Args:
+            per: unit after that of a torque, such as "·s/u" of N·m·s/u.
+        """
+        return SPEED_UNITS[per] if self.takes_velocity else f"N·m{per}"
 
     @property
     def on_error(self) -> dict[str, float]:
@@ -110,7 +166,8 @@ class Dialect(ABC):
         comment: begins a comment in them.
         source: which public documents give words and units.
         assumes: what is assumed of controller and drive.
-        carries: fields of `Servo` that its words express.
+        carries: fields of `Servo` that its words express where the drive takes torques.
+        carries_of_velocity: the same where it takes velocities.
     """
 
     name: ClassVar[str]
@@ -119,6 +176,11 @@ class Dialect(ABC):
     source: ClassVar[str]
     assumes: ClassVar[str]
     carries: ClassVar[tuple[str, ...]]
+    carries_of_velocity: ClassVar[tuple[str, ...]]
+
+    def carried(self, mode: str) -> tuple[str, ...]:
+        """Return the fields of `Servo` that the words express for a drive in a mode."""
+        return self.carries_of_velocity if mode == "velocity" else self.carries
 
     @abstractmethod
     def words(self, axis: AxisServo) -> list[Word]:
@@ -154,8 +216,9 @@ class Dialect(ABC):
         """
         head = [
             f"Servo gains for {self.name}. Source of words and units: {self.source}",
-            *(f"{word.name} [{word.unit}] = {word.formula}" for word in self.words(axes[0])),
+            *dict.fromkeys(f"{word.name} [{word.unit}] = {word.formula}" for axis in axes for word in self.words(axis)),
             f"with {SYMBOLS}",
+            *(f"Drive of axis {axis.name}: {drive_in_words(axis)}" for axis in axes),
             f"Assumed: {self.assumes}",
             *notes,
         ]
@@ -166,3 +229,20 @@ def by_name(pattern: str, text: str, flags: re.RegexFlag = re.IGNORECASE) -> lis
     """Return the groups of every line that matches as a whole."""
     matches = [re.fullmatch(pattern, line.strip(), flags) for line in text.splitlines()]
     return [match.groups() for match in matches if match]
+
+
+def drive_in_words(axis: AxisServo) -> str:
+    """Return what an axis' drive takes from the controller, at which full scale, and what is to be set in it."""
+    if not axis.takes_velocity:
+        limit = f", full scale {axis.torque_limit:.6g} N·m" if math.isfinite(axis.torque_limit) else ""
+        return f"torque mode{limit}"
+    per_second = axis.speed_limit / axis.scale  # of the motor [rad/s]
+    scale = ""
+    if math.isfinite(per_second):
+        scale = (
+            f", full scale {axis.speed_limit:.6g} {axis.unit}/s = {per_second * 30 / math.pi:.6g} rpm of the motor"
+            f" (at +-10 V {per_second * 3 / math.pi:.6g} rpm/V)"
+        )
+    factor, unit = axis.motor_unit_factor
+    time = f", integral time {1e3 * axis.velocity_time:.6g} ms" if axis.velocity_time else ", no integral term"
+    return f"velocity mode{scale}, velocity loop of {axis.velocity_gain * factor:.6g} {unit}·s/rad{time}"

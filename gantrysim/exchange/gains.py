@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Any
 
 from gantrysim.base.errors import InputError, unknown
@@ -29,7 +29,7 @@ def dialect(name: str) -> Dialect:
     return DIALECTS[name]
 
 
-def exported(name: str, axes: Iterable[Axis], servo: Servo) -> tuple[str, list[str]]:
+def exported(name: str, axes: Sequence[Axis], servo: Servo) -> tuple[str, list[str]]:
     """Return the gains as a text for a controller, and what is to be set in the controller or its drives beside.
 
     Args:
@@ -53,7 +53,7 @@ def exported(name: str, axes: Iterable[Axis], servo: Servo) -> tuple[str, list[s
     return chosen.text(axis_servos, notes), notes
 
 
-def imported(name: str, text: str, axes: Iterable[Axis], servo: Servo, label: str = "gains") -> Servo:
+def imported(name: str, text: str, axes: Sequence[Axis], servo: Servo, label: str = "gains") -> Servo:
     """Return a servo with the gains of a controller's text.
 
     Args:
@@ -74,5 +74,8 @@ def imported(name: str, text: str, axes: Iterable[Axis], servo: Servo, label: st
         names = ", ".join(word.name for word in chosen.words(axis_servos[0]))
         raise InputError(f"{label}: has none of {names} for axis {', '.join(missing)}, in the words of {name}")
     gains = [chosen.gains(words, axis) for words, axis in zip(words_by_axis, axis_servos, strict=True)]
-    own_gains: dict[str, Any] = {gain: tuple(axis_gains.get(gain, 0.0) for axis_gains in gains) for gain in GAIN_NAMES}
-    return servo.with_values(**own_gains)
+    values: dict[str, Any] = {gain: tuple(axis_gains.get(gain, 0.0) for axis_gains in gains) for gain in GAIN_NAMES}
+    for name in ("velocity_gain", "velocity_time"):  # of a dialect with words for the loop in the drive
+        given = zip(gains, servo.per_axis(name), strict=True)
+        values[name] = tuple(axis_gains.get(name, value) for axis_gains, value in given)
+    return servo.with_values(**values)

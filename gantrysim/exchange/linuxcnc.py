@@ -24,7 +24,9 @@ _FORMULAS = {"kd": "kd - o", "velocity_ff": "vff + o", "acceleration_ff": "aff"}
 
 
 class LinuxCNC(Dialect):
-    """Pgain, Igain, Dgain, FF1 and FF2 of the component pid; its output is the torque demand in N·m.
+    """Pgain, Igain, Dgain, FF1 and FF2 of the component pid.
+
+    Its output is the torque demand in N·m, or the speed demand in machine units per second of a velocity drive.
 
         output = bias + Pgain E + Igain T sum(E) + Dgain dE/T + FF0 DPOS + FF1 dDPOS/T + FF2 ddDPOS/T^2
 
@@ -35,7 +37,7 @@ class LinuxCNC(Dialect):
     name = "linuxcnc"
     suffix = ".hal"
     source = "LinuxCNC manual page pid(9)"
-    assumes = "the output of pid is the torque demand in N·m, machine units are mm or deg"
+    assumes = "the output of pid is the torque demand in N·m, or a velocity drive's speed demand in u/s; u is mm or deg"
     # each by its name: a gain that the package gains has no term here until somebody gives it one
     carries: ClassVar[tuple[str, ...]] = (
         "kp",
@@ -47,12 +49,13 @@ class LinuxCNC(Dialect):
         "period",
         "torque_limit",
     )
+    carries_of_velocity: ClassVar[tuple[str, ...]] = tuple(name for name in carries if name != "torque_limit")
     keys = 0  # which name of `_TERMS` is the dialect's
 
     def words(self, axis: AxisServo) -> list[Word]:
         gains = axis.on_error
         return [
-            Word(term[self.keys], gains[term[2]], f"N·m{_UNITS[term[2]]}", _FORMULAS.get(term[2], term[2]))
+            Word(term[self.keys], gains[term[2]], axis.output_unit(_UNITS[term[2]]), _FORMULAS.get(term[2], term[2]))
             for term in _TERMS
         ]
 
@@ -71,7 +74,7 @@ class LinuxCNC(Dialect):
             f"loadrt pid names={','.join(names)}",
         ]
         for axis, name in zip(axes, names, strict=True):
-            limit = axis.torque_limit if axis.torque_limit < float("inf") else 0.0  # 0: no limit
+            limit = axis.full_scale if axis.full_scale < float("inf") else 0.0  # 0: no limit
             lines += [f"addf {name}.do-pid-calcs servo-thread"]
             lines += [f"setp {name}.{word.name} {word.value!r}" for word in self.words(axis)]
             lines += [f"setp {name}.{foreign} 0" for foreign, _ in _FOREIGN[:1] + _FOREIGN[2:]]
@@ -96,6 +99,7 @@ class LinuxCNCIni(LinuxCNC):
     name = "linuxcnc-ini"
     suffix = ".ini"
     carries = (*LinuxCNC.carries, "following_error_limit")
+    carries_of_velocity = (*LinuxCNC.carries_of_velocity, "following_error_limit")
     keys = 1
 
     def body(self, axes: Sequence[AxisServo]) -> list[str]:
@@ -104,8 +108,10 @@ class LinuxCNCIni(LinuxCNC):
             lines += ["", f"[JOINT_{number}]", f"# axis {axis.name} [{axis.unit}]"]
             lines += [f"{word.name} = {word.value!r}" for word in self.words(axis)]
             lines += ["FF0 = 0", "BIAS = 0", "DEADBAND = 0", f"FERROR = {axis.following_error_limit!r}"]
-            if axis.torque_limit < float("inf"):
-                lines.append(f"MAX_OUTPUT = {axis.torque_limit!r}")
+            if axis.full_scale < float("inf"):
+                lines.append(f"MAX_OUTPUT = {axis.full_scale!r}")
+                if axis.takes_velocity:  # the output stage divides by it, so that it gives 1 at full scale
+                    lines.append(f"OUTPUT_SCALE = {axis.full_scale!r}")
         return lines
 
     def read(self, text: str, axes: Sequence[AxisServo]) -> list[dict[str, float]]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from gantrysim.base.patterns import NUMBER
 from gantrysim.exchange.dialect import AxisServo, Dialect, Word
 
-FULL_SCALE = 2048.0  # of the DAC at the torque limit
+FULL_SCALE = 2048.0  # of the DAC at the limit of torque or speed
 
 _GAINS = ("kp", "ki", "kd", "velocity_ff", "output_velocity")  # in the order of the words
 _WORDS = ("P_GAIN", "I_GAIN", "D_GAIN", "VFF_GAIN", "OV_GAIN")
@@ -28,7 +28,10 @@ class Trio(Dialect):
     suffix = ".bas"
     comment = "'"
     source = "Motion Coordinator technical reference (gains per edge and servo period, DAC_OUT -2048 to 2047)"
-    assumes = "the drive takes the DAC as its torque demand, full scale at torque_limit"
+    assumes = (
+        "the drive takes the DAC as its torque demand, full scale at torque_limit; a velocity drive as its speed "
+        "demand, full scale at the axis' speed limit"
+    )
     carries = (
         "kp",
         "ki",
@@ -40,6 +43,8 @@ class Trio(Dialect):
         "resolution",
         "following_error_limit",
     )
+
+    carries_of_velocity = tuple(name for name in carries if name != "torque_limit")
 
     def words(self, axis: AxisServo) -> list[Word]:
         values = (gain * factor for gain, factor in zip(self._known(axis), self._factors(axis), strict=True))
@@ -83,7 +88,6 @@ class Trio(Dialect):
     @staticmethod
     def _factors(axis: AxisServo) -> list[float]:
         edge = axis.has("resolution", axis.resolution, "as the gains count encoder edges")
-        limit = axis.has("torque_limit", axis.torque_limit, "the torque at full scale of the DAC")
-        c = edge * FULL_SCALE / limit
+        c = edge * FULL_SCALE / axis.known_full_scale
         period = axis.period
         return [c, period * c, c / period, c / period, c / period]

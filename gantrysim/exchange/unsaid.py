@@ -28,19 +28,22 @@ BESIDE = {
     "interpolation_error_twice": "error of the simulated encoder, twice per signal period [u]",
     "signal_period": "signal period of the encoder [u]",
     "encoder_seed": "seed of the simulated encoder's noise",
+    "mode": "command mode of the drive",
+    "velocity_gain": "gain of the velocity loop in the drive [N·m·s/u]",
+    "velocity_time": "integral time of the velocity loop in the drive [s]",
+    "drive_period": "period of the velocity loop in the drive [s]",
 }
+_ORDINARY = ("motor", "torque")  # words that need no setting
+_OF_VELOCITY_DRIVES = ("velocity_gain", "velocity_time", "drive_period")
 # Without effect but through another field, which is refused.
 THROUGH = {
     "notch_width": "notch_frequency",
     "notch_depth": "notch_frequency",
-    "velocity_gain": "mode",
-    "velocity_time": "mode",
-    "drive_period": "mode",
     "learning_repeats": "law",
     "motions": "law",
     **{parameter.name: "law" for parameter in LAW_PARAMETERS},
 }
-# `AxisServo.of` refuses every mode but torque. The laws pd and pid are the gains themselves.
+# The laws pd and pid are the gains themselves.
 _PLAIN = ((PID.name,), (PD.name,))
 _REMEDIES = {"law": "servo.law='\"pid\"'"}
 
@@ -49,13 +52,17 @@ def unsaid(dialect: Dialect, axes: Sequence[AxisServo], servo: Servo) -> dict[st
     """Return what a dialect has no word for although it acts, by the key of the servo, with the values."""
     lost: dict[str, str] = {}
     for name, values in servo.values().items():
-        if name in dialect.carries or name in BESIDE or name in THROUGH or name == "mode":
+        if name in BESIDE or name in THROUGH:
             continue
         if name == "law":
             if servo.laws.names not in _PLAIN:
                 lost[name] = f"law = {words(servo.laws.names)}"
             continue
-        acting = [f"{axis.name} {value:g}" for axis, value in zip(axes, values, strict=True) if value]
+        acting = [
+            f"{axis.name} {value:g}"
+            for axis, value in zip(axes, values, strict=True)
+            if value and name not in dialect.carried(axis.mode)
+        ]
         if acting:
             lost[name] = f"{name} ({', '.join(acting)})"
     return lost
@@ -67,7 +74,11 @@ def beside(dialect: Dialect, servo: Servo) -> list[str]:
     for name, meaning in BESIDE.items():
         value = servo.values()[name]
         values = value if isinstance(value, tuple) else (value,)
-        if name in dialect.carries or not any(value and value != "motor" for value in values):
+        if all(name in dialect.carried(mode) for mode in servo.modes):
+            continue
+        if not any(value and value not in _ORDINARY for value in values):
+            continue
+        if name in _OF_VELOCITY_DRIVES and "velocity" not in servo.modes:
             continue
         shown = ", ".join(value if isinstance(value, str) else f"{value:g}" for value in values)
         lines.append(f"not in these words, to be set beside: {name} = {shown}, {meaning}")

@@ -15,7 +15,6 @@ from gantrysim.engine.advance import Stepper
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.episodes import Source
 from gantrysim.env.settings import Settings
-from gantrysim.exchange.gains import exported
 from gantrysim.job.causes import CAUSES, Setup
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import Setpoints
@@ -249,8 +248,6 @@ def test_axes_of_a_closed_chain_have_one_mode():
 
 def test_what_needs_torque_gains_refuses_other_modes(xy):
     job = Job.load("an225", ["servo.mode='velocity'"])
-    with pytest.raises(InputError, match="words of a controller: servo mode = 'velocity', 'velocity'"):
-        exported("trio", xy.axes, job.built_servo)
     with pytest.raises(InputError, match="tuning: servo mode"):
         _ = TuningStudy(job).stability
     with pytest.raises(InputError, match="environment: servo mode"):

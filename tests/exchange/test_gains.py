@@ -9,13 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gantrysim import InputError, Machine, Servo
+from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.exchange.gains import DIALECTS, exported, imported
 from gantrysim.exchange.shaper import SHAPERS, first_mode, klipper, pulses
 from gantrysim.exchange.unsaid import BESIDE, THROUGH
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.laws import LAW_PARAMETERS
 from gantrysim.stability.motion import Motion
+
+from support.runs import ramp
 
 PERIOD = 5e-4
 SERVO = {
@@ -144,6 +146,77 @@ def test_exported_and_imported_gains_give_the_same_torque(name, values):
     )
 
 
+@cache
+def around_velocity_drives():
+    """A servo of both axes around velocity loops in the drives, that follows the speed in full."""
+    return Servo.derive(built().axes, PERIOD, mode="velocity", resolution=[5e-4, 2e-3], integral_time=0.05)
+
+
+@pytest.mark.parametrize("name", ["trio", "linuxcnc", "linuxcnc-ini", "softmc"])
+@given(values=st.lists(gains, min_size=10, max_size=10))
+@settings(max_examples=15)
+def test_gains_of_velocity_drives_come_back(name, values):
+    machine = built()
+    some = iter(values)
+    names = ["kp", "ki", "velocity_ff"]
+    names += {"trio": ["kd", "output_velocity"], "softmc": []}.get(name, ["kd", "acceleration_ff"])
+    before = around_velocity_drives().with_values(**{gain: [next(some), next(some)] for gain in names})
+    text, _ = exported(name, machine.axes, before)
+    after = imported(name, text, machine.axes, before)
+    assert after.modes == ("velocity", "velocity")
+    for gain in (*GAIN_NAMES, "velocity_gain", "velocity_time"):
+        assert after.per_axis(gain) == pytest.approx(before.per_axis(gain), rel=AGAIN, abs=1e-12), gain
+
+
+def test_a_velocity_drive_takes_a_speed_in_every_controller_s_units(xy):
+    """At 40 mm/s with an error of 0.1 mm each controller's output is the speed kp 0.1 mm + 40 mm/s."""
+    servo = around_velocity_drives().with_values(ki=0.0)
+    speed, error = 40.0, 0.1
+    words = {name: words_of(name, servo, xy) for name in DIALECTS}
+    for a, axis in enumerate(xy.axes):
+        kp = servo.gains[a].kp
+        expected = kp * error + speed
+        edge = servo.drives[a].resolution
+        trio = words["trio"][a]
+        dac = trio["P_GAIN"] * error / edge + trio["VFF_GAIN"] * speed * PERIOD / edge
+        volts = 10 * dac / 2048
+        rpm_per_volt = 60 * axis.speed_limit / (2 * math.pi * axis.scale) / 10
+        assert volts * rpm_per_volt / 60 * 2 * math.pi * axis.scale == pytest.approx(expected)
+        ini, softmc, fanuc = (words[name][a] for name in ("linuxcnc-ini", "softmc", "fanuc"))
+        assert (ini["P"] * error + ini["FF1"] * speed, ini["FF1"]) == (pytest.approx(expected), 1)
+        assert softmc["KPP"] * error + softmc["KPVFR"] * speed == pytest.approx(expected)
+        assert abs(fanuc["1825"] / 100 - kp) <= 0.005 * (1 + 1e-9)
+        assert fanuc["2092"] == 10_000
+        amperes = softmc["KVP"] * (expected - speed) / axis.scale
+        assert axis.motor_constant * amperes == pytest.approx(servo.drives[a].velocity_gain * (expected - speed))
+        assert 1 / softmc["KVI"] == pytest.approx(servo.drives[a].velocity_time)
+
+
+@pytest.mark.parametrize("forward", [1.0, 0.0])
+def test_linuxcnc_s_gains_leave_v_over_p_without_ff1_and_nothing_with_it(rigid, forward):
+    """A loop P around a velocity loop follows a constant speed v by (1 - FF1) v / P."""
+    machine = rigid()
+    servo = Servo.derive(machine.axes, 1e-3, mode="velocity", resolution=0.0)
+    text = "".join(f"[JOINT_{a}]\nP = 50\nFF1 = {forward}\nDEADBAND = 0\n" for a in range(2))
+    run = simulate(machine, imported("linuxcnc-ini", text, machine.axes, servo), ramp(40.0, 40.0))
+    cruise = slice(len(run.time) // 2, len(run.time) // 2 + 20)
+    steady = (run.commanded - run.encoder)[cruise, 0]
+    speed = np.diff(run.commanded[cruise, 0]).mean() / run.period
+    assert steady == pytest.approx((1 - forward) * speed / 50, abs=2e-3 * speed / 50)
+
+
+def test_a_drive_that_takes_positions_has_no_gains_in_the_controller(xy):
+    servo = Servo.derive(xy.axes, PERIOD, mode=["velocity", "position"])
+    with pytest.raises(InputError, match="the drive of axis y is in mode 'position', takes positions and closes its"):
+        exported("trio", xy.axes, servo)
+    text, notes = exported(
+        "linuxcnc", xy.axes, Servo.derive(xy.axes, PERIOD, mode=["torque", "velocity"], feedforward=0)
+    )
+    assert "# Drive of axis x: torque mode, full scale 0.906 N·m" in text
+    assert "# Drive of axis y: velocity mode, full scale 1000 mm/s = 6000 rpm of the motor" in text
+    assert any(note.startswith("not in these words, to be set beside: mode = torque, velocity") for note in notes)
+
+
 def test_fanuc_s_loop_gain_is_rounded_to_a_hundredth_and_scales_kp(xy):
     servo = Servo.derive(xy.axes, PERIOD, feedforward=0.0, notch_frequency=0.0)
     text, notes = exported("fanuc", xy.axes, servo)
@@ -187,10 +260,10 @@ ACTING = {
     "signal_period": {"signal_period": 0.02},
     "feedback": {"feedback": ["load", "motor"]},
     "encoder_seed": {"encoder_seed": 7},
-    "mode": {"mode": "velocity"},
-    "velocity_gain": {"mode": "velocity", "velocity_gain": 0.01},
-    "velocity_time": {"mode": "velocity", "velocity_time": 0.01},
-    "drive_period": {"mode": "velocity", "drive_period": 2.5e-4},
+    "mode": {"mode": "velocity", "kd": 0.0},
+    "velocity_gain": {"mode": "velocity", "kd": 0.0, "velocity_gain": 0.01},
+    "velocity_time": {"mode": "velocity", "kd": 0.0, "velocity_time": 0.01},
+    "drive_period": {"mode": "velocity", "kd": 0.0, "drive_period": 2.5e-4},
     "notch_frequency": {"notch_frequency": 120.0},
     "notch_width": {"notch_frequency": 120.0, "notch_width": 0.3},
     "notch_depth": {"notch_frequency": 120.0, "notch_depth": 0.2},
@@ -225,12 +298,12 @@ def test_every_field_of_the_servo_is_exported_or_listed_or_refused(field, name):
         assert field in text or THROUGH.get(field, field) in text
     else:
         assert after != before
-        carried = field in DIALECTS[name].carries
+        carried = field in DIALECTS[name].carried(other.modes[0])
         assert carried or f"{field} = " in after
 
 
 def test_the_groups_of_fields_hold_each_field_once(servo):
-    refused = {*GAIN_NAMES, "notch_frequency", "law", "mode"}
+    refused = {*GAIN_NAMES, "notch_frequency", "law"}
     groups = [refused, set(BESIDE), set(THROUGH)]
     assert sum(map(len, groups)) == len(set().union(*groups))
     assert set().union(*groups) == set(servo.values()) == ACTING.keys()
