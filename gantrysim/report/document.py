@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     Drawing = Figure | Callable[[], Figure]
 
+_WIDE = 600  # width of a figure above which a narrow page has a narrow one of its own [pixels]
 _PIXELS_PER_INCH = 104  # of a figure: its type of 10 points is slightly smaller than the text
 
 
@@ -230,6 +231,7 @@ def _with_figures(
 def _drawn(section: Section, prefix: str) -> list[dict[str, Any]]:
     from markupsafe import Markup
 
+    from gantrysim.report.narrow import make_narrow
     from gantrysim.report.svg import description, inline_svg
 
     drawn = []
@@ -239,7 +241,12 @@ def _drawn(section: Section, prefix: str) -> list[dict[str, Any]]:
         alternative = ": ".join(filter(None, (section.title, description(figure))))
         svg = Markup(inline_svg(figure, f"{prefix}-{i}", alternative))
         width = round(_PIXELS_PER_INCH * figure.get_size_inches()[0])
-        drawn.append({"svg": svg, "width": width, "still": drawing in replaced_by_viewer})
+        still = drawing in replaced_by_viewer
+        narrow = None
+        # not where it is folded, as a page's size and time count more there
+        if width > _WIDE and not still and not section.folded and make_narrow(figure):
+            narrow = Markup(inline_svg(figure, f"{prefix}-{i}n", alternative))
+        drawn.append({"svg": svg, "width": width, "still": still, "narrow": narrow})
     return drawn
 
 

@@ -2,6 +2,7 @@
 
 import base64
 import io
+import itertools
 import re
 
 import numpy as np
@@ -11,12 +12,14 @@ from hypothesis import strategies as st
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
+from matplotlib.transforms import Bbox
 from PIL import Image
 from svgelements import Path as SvgPath
 
 from gantrysim import InputError
 from gantrysim.plots.style import INK, sheet, thinned
 from gantrysim.report import Column, Section, Table, write_page
+from gantrysim.report.narrow import make_narrow
 from gantrysim.report.svg import description, inline_svg
 
 from support.pages import Page
@@ -124,7 +127,7 @@ def test_numbers_are_right_aligned_and_formatted(tmp_path):
         ["c", "yes", "∞", "–", "–"],
         ["d", "0", "0", "0", "–"],
     ]
-    assert [cell.get("class") for cell in page.all("td")[:5]] == [None, "number", "number", "number", None]
+    assert [cell.get("class") for cell in page.all("td")[:5]] == ["short", "number", "number", "number", "short"]
     assert [cell.get("class") for cell in page.all("th")] == [None, "number", "number", "number", None]
 
 
@@ -255,6 +258,26 @@ def test_a_thinned_line_keeps_its_envelope_its_ends_and_its_gaps(count, seed, mi
 def test_a_short_line_is_not_thinned():
     x = np.arange(4000.0)
     assert thinned(x, x)[0] is x
+
+
+def test_panels_beside_one_another_come_below_one_another_on_a_narrow_page():
+    with sheet(10.7, 2.4) as figure:
+        for panel in figure.subplots(1, 3, sharey=True):
+            panel.plot([0, 1], [0, 1], label="a series of some length")
+        figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    assert make_narrow(figure)
+    figure.draw_without_rendering()
+    assert figure.get_figwidth() < 0.5 * 10.7
+    boxes = [panel.get_tightbbox() for panel in figure.axes]
+    assert all(above.y0 >= below.y1 for above, below in itertools.pairwise(boxes))
+    contents = Bbox.union([*boxes, figure.legends[0].get_window_extent()])
+    assert contents.x0 >= 0
+    assert contents.x1 <= figure.bbox.width
+    for panel in figure.axes:  # with numbers of its own
+        assert any(text.get_text() for text in panel.get_yticklabels() if text.get_visible())
+    with sheet(8.0, 8.0) as polar:
+        polar.add_subplot(projection="polar")
+    assert not make_narrow(polar)
 
 
 def test_a_figure_without_labels_is_described_by_its_section(tmp_path):

@@ -1,5 +1,6 @@
 // The bead in plan view: as wide as it is laid, over the band that is requested, coloured by its deviation in width.
 
+import { digits } from "./data.js";
 import { element } from "./dom.js";
 import { PlanMap } from "./map.js";
 import { mixed, onTheme, theme, WIDTH_SPAN } from "./theme.js";
@@ -38,7 +39,7 @@ export class BeadMap {
     }
     const scale = element("span", { class: "scale" }, `−${span} %`, bar, `+${span} %`);
     const title = element("b", {}, "Bead width");
-    return element("figcaption", {}, title, `of ${data.width.toPrecision(3)} mm`, scale);
+    return element("figcaption", {}, title, `of ${digits(data.width)} mm`, scale);
   }
 
   _paint() {

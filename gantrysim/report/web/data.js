@@ -138,6 +138,12 @@ export function number(value, decimals) {
   return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−");
 }
 
+/** A size in three digits, or as many as it has before its point. */
+export function digits(size) {
+  const text = size.toPrecision(3);
+  return text.includes("e") ? number(size, 0) : text;
+}
+
 /** Index of the value nearest to one in ascending values. */
 export function nearest(values, value) {
   let low = 0;

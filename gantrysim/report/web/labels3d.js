@@ -1,6 +1,6 @@
 // What is written over the 3-D view: labels of the grid and of the heights, the axes, the ends, and the cursor.
 
-import { number, stretches } from "./data.js";
+import { digits, number, stretches } from "./data.js";
 import { steps } from "./ground3d.js";
 
 const ARROW = 26; // length of an axis of the triad [pixels]
@@ -166,7 +166,7 @@ export class Labels {
     Object.assign(context, { strokeStyle: colours.alarm, lineWidth: 2 });
     context.stroke();
     const looks = { textAlign: "left", textBaseline: "middle", fillStyle: colours.alarm };
-    this._text(`${data.size[data.worst].toPrecision(3)} µm`, px + 9, py - 11, looks);
+    this._text(`${digits(data.size[data.worst])} µm`, px + 9, py - 11, looks);
   }
 
   /** A ring around the cursor's place, and a plumb line to the ground. */

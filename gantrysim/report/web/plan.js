@@ -1,6 +1,6 @@
 // The plan view: the nozzle's path coloured by the size of its error.
 
-import { stretches } from "./data.js";
+import { digits, stretches } from "./data.js";
 import { element, toggle } from "./dom.js";
 import { PlanMap } from "./map.js";
 import { mixed, onTheme, theme } from "./theme.js";
@@ -43,9 +43,9 @@ export class Plan {
   _caption() {
     const { data, bar } = this;
     const limit = data.path_tolerance;
-    const scale = element("span", { class: "scale" }, "0", bar, `${this.largest.toPrecision(3)} µm`);
+    const scale = element("span", { class: "scale" }, "0", bar, `${digits(this.largest)} µm`);
     if (limit && limit < this.largest) {
-      const mark = element("i", { title: `tolerance: ${limit.toPrecision(3)} µm` });
+      const mark = element("i", { title: `tolerance: ${digits(limit)} µm` });
       mark.style.left = `${(100 * limit) / this.largest}%`;
       bar.append(mark);
     }
@@ -154,7 +154,7 @@ export class Plan {
     context.fillStyle = colours.alarm;
     const inside = px < map.width - 90;
     context.textAlign = inside ? "left" : "right";
-    context.fillText(`${data.size[data.worst].toPrecision(3)} µm`, px + (inside ? WORST : -WORST), py - 6);
+    context.fillText(`${digits(data.size[data.worst])} µm`, px + (inside ? WORST : -WORST), py - 6);
     context.textAlign = "left";
   }
 }

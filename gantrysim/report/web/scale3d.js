@@ -1,5 +1,6 @@
 // The colours of the 3-D view: those of the plan for the error, those of the bead's map for its width.
 
+import { digits } from "./data.js";
 import { element } from "./dom.js";
 import { mixed, onTheme, theme, WIDTH_SPAN } from "./theme.js";
 
@@ -47,7 +48,7 @@ export class Scale3d {
   _legend() {
     const { data, byWidth, span, largest, bar } = this;
     this.low.textContent = byWidth ? `−${span} %` : "0";
-    this.high.textContent = byWidth ? `+${span} %` : `${largest.toPrecision(3)} µm`;
+    this.high.textContent = byWidth ? `+${span} %` : `${digits(largest)} µm`;
     bar.style.background = `linear-gradient(to right, ${(byWidth ? theme().widths : theme().errors).join(",")})`;
     const limit = byWidth ? data.width_tolerance : data.path_tolerance;
     const unit = byWidth ? "%" : "µm";
@@ -55,7 +56,7 @@ export class Scale3d {
     bar.replaceChildren();
     for (const share of limit ? marks : []) {
       if (share > 1) continue;
-      const mark = element("i", { title: `tolerance: ${limit.toPrecision(3)} ${unit}` });
+      const mark = element("i", { title: `tolerance: ${digits(limit)} ${unit}` });
       mark.style.left = `${100 * share}%`;
       bar.append(mark);
     }

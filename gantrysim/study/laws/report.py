@@ -237,8 +237,9 @@ def _bars(laws: list[str], shown: dict[str, tuple[list[float], str]], label: str
         axes = figure.add_subplot()
         places = np.arange(len(laws))[::-1]
         drawn = []
-        for name, (values, colour) in shown.items():
-            axes.plot(values, places, "o", ms=6, color=colour, label=name)
+        # a shape for each, as colours alone are alike to some eyes
+        for shape, (name, (values, colour)) in zip("oDs^", shown.items(), strict=False):
+            axes.plot(values, places, shape, ms=6, color=colour, label=name)
             drawn += [value for value in values if value > 0]
         axes.set_yticks(places, laws)
         logarithmic(axes, "x", drawn)

@@ -35,6 +35,10 @@ SHAPES: dict[str, dict[str, Any]] = {
 }
 
 
+# values that a shape tells from another value of the variant, as colours alone are alike to some eyes
+DOWNWARDS = ("steady_following_along_rms_um",)
+
+
 class Panels:
     """Three panels over one swept value: errors on the left, spacing and speed ripple on the right."""
 
@@ -56,6 +60,8 @@ class Panels:
         """Draw a column of a variant without zeros and missing values."""
         x, y = series(self.rows, "value", column, sweep=self.sweep, variant=variant)
         shape = {"mfc": colour, **SHAPES[variant]}
+        if column in DOWNWARDS:
+            shape["marker"] = "v"
         if column.startswith(("servo_", "following_")):
             shape["ms"] = _INSIDE * shape["ms"]  # it often coincides with the contour error
         self._scatter(panel, x, factor * y, color=colour, label=label, **shape)
@@ -132,8 +138,6 @@ class Panels:
         few = [value for value in values if value > 0]
         for panel in (self.errors, self.spacing, self.ripple):
             if not panel.lines:
-                panel.set_axis_off()
-                panel.text(0.5, 0.5, "no values", transform=panel.transAxes, ha="center")
                 continue
             if len(few) <= _FEW:
                 panel.xaxis.set_major_locator(FixedLocator(few))
@@ -150,8 +154,25 @@ class Panels:
                 panel.yaxis.set_minor_formatter(NullFormatter())
             if panel is not self.errors:
                 panel.legend(fontsize="x-small")
+        self._close_gaps()
         figure = self.errors.figure
         handles, labels = self.errors.get_legend_handles_labels()
         if labels:
             columns = _WIDTH // max(len(label) + _HANDLE for label in labels)
             figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, 4), fontsize="small")
+
+    def _close_gaps(self) -> None:
+        """Remove panels without values; the others take their place."""
+        right = (self.spacing, self.ripple)
+        filled = [panel for panel in right if panel.lines]
+        grid = self.errors.get_subplotspec().get_gridspec()  # type: ignore[union-attr]
+        for panel in right:
+            if panel not in filled:
+                panel.remove()
+        for panel in filled:
+            panel.tick_params(labelbottom=panel is filled[-1])
+            if len(filled) == 1:
+                panel.set(xlabel=self.errors.get_xlabel())
+                panel.set_subplotspec(grid[:, 1])
+        if not filled:
+            self.errors.set_subplotspec(grid[:, :])

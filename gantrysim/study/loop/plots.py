@@ -163,15 +163,16 @@ def _servo_period(study: LoopStudy, panels: Panels) -> str:
     panels.points(panels.errors, along, NO_FRICTION, COLOURS["encoder"], "no friction, along the path")
     machine = study.job.built_machine
     torques = set(study.job.built_servo.modes) == {"torque"}  # what the theory speaks of
-    if study.theory is not None and torques and {"x", "y"} <= set(machine.axis_names):
+    theory = study.theory if torques and {"x", "y"} <= set(machine.axis_names) else None
+    if theory is not None:
         period = _points(study.servo_periods)
         plane = (machine.axis_names.index("x"), machine.axis_names.index("y"))
         middle = np.linspace(0.05, 0.95, _LINE)  # of the path, as of what was measured
-        radius = study.theory.radius_of_curvature(middle)
+        radius = theory.radius_of_curvature(middle)
         smooth = {"integral_time": math.inf, "resolution": 0.0}
         settings: list[dict[str, Any]] = [{**dict(study.job.servo), **smooth, "period": p} for p in period.tolist()]
         servos = [Servo.derive(machine.axes, **setting) for setting in settings]
-        speed = study.theory.speed
+        speed = theory.speed
         errors = [sample_and_hold(servo, machine.axes, plane, speed, radius) for servo in servos]
         panels.line(
             panels.errors, period, UM * np.array([e.normal for e in errors]), green, "sample, hold and winding lag"
@@ -186,11 +187,12 @@ def _servo_period(study: LoopStudy, panels: Panels) -> str:
             panels.mark(period_at_knee, "as it is")
     panels.failures()
     _spacings_and_ripples(panels, AS_IT_IS, NO_LOOP)
+    remains = "the theory of the sampled servo remains (lines)" if theory is not None else "sampling remains"
     return (
         "The gains follow from the servo period: a slower servo has a lower bandwidth at the same phase margin. Most "
-        "of the servo error is friction. Without friction, program loop, encoder counts and integral term, the "
-        "theory of the sampled servo remains (lines): the feed-forward is late by one and a half servo periods and the "
-        "winding's lag. These errors are taken in the middle 90 % of the time, at a quarter of the physics step."
+        f"of the servo error is friction. Without friction, program loop, encoder counts and integral term, {remains}: "
+        "the feed-forward is late by one and a half servo periods and the winding's lag. These errors are taken in the "
+        "middle 90 % of the time, at a quarter of the physics step."
     )
 
 
