@@ -6,7 +6,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gantrysim.cli.options import AllowCode, At, Model, Reader, Rotate, Scale, Settings, Speed, placement
+from gantrysim.cli.options import (
+    AllowCode,
+    At,
+    Model,
+    Reader,
+    Rotate,
+    Scale,
+    Settings,
+    Speed,
+    StopAfter,
+    placement,
+    with_stop,
+)
 from gantrysim.cli.terminal import say, show, stage
 
 if TYPE_CHECKING:
@@ -22,6 +34,7 @@ def check(
     origin: At = None,
     rotate: Rotate = None,
     scale: Scale = None,
+    stop_after: StopAfter = None,
     allow_code: AllowCode = False,
 ) -> None:
     """Read and plan a job or a program file without simulating it: length, time, extents, what was ignored.
@@ -38,7 +51,7 @@ def check(
     with stage("program"):
         loaded = Job.load(
             job,
-            settings or (),
+            with_stop(settings, stop_after),
             model,
             controller=controller,
             placement=placement(origin, rotate, scale),

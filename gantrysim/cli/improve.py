@@ -8,7 +8,20 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gantrysim.base.errors import InputError, expanded
-from gantrysim.cli.options import AllowCode, At, Model, Reader, Rotate, Scale, ServoFile, Settings, Speed, placement
+from gantrysim.cli.options import (
+    AllowCode,
+    At,
+    Model,
+    Reader,
+    Rotate,
+    Scale,
+    ServoFile,
+    Settings,
+    Speed,
+    StopAfter,
+    placement,
+    with_stop,
+)
 from gantrysim.cli.terminal import FAULT, count_bar, interruptible, say, show
 
 if TYPE_CHECKING:
@@ -53,6 +66,7 @@ def improve(
     origin: At = None,
     rotate: Rotate = None,
     scale: Scale = None,
+    stop_after: StopAfter = None,
     apply: Apply = None,
     out: Out = None,
     fastest: WithFastest = None,
@@ -81,7 +95,7 @@ def improve(
         OUTPUT.check(out)
     loaded = Job.load(
         job,
-        settings or (),
+        with_stop(settings, stop_after),
         model,
         servo,
         controller=controller,

@@ -34,6 +34,12 @@ At = Annotated[
 ]
 Rotate = Annotated[float | None, typer.Option(help="Turn of the program about its origin \\[deg].")]
 Scale = Annotated[float | None, typer.Option(help="Factor on the program's lengths.")]
+StopAfter = Annotated[
+    float | None,
+    typer.Option(
+        metavar="SECONDS", help="Stop a program of Trio BASIC that has not ended by then, such as one that never ends."
+    ),
+]
 AllowCode = Annotated[
     bool,
     typer.Option(
@@ -67,6 +73,12 @@ def to_write(folder: Path | None) -> Path | None:
     if folder is not None:
         complete(expanded(folder).absolute(), f"--out {folder}")
     return folder
+
+
+def with_stop(settings: list[str] | None, stop_after: float | None) -> list[str]:
+    """Return the settings of a job with the time at which its program is stopped, where that is given."""
+    stop = [] if stop_after is None else [f"program.stop_after={stop_after!r}"]
+    return [*(settings or ()), *stop]
 
 
 def placement(origin: str | None, rotate: float | None, scale: float | None) -> dict[str, float]:

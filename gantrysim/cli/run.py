@@ -17,8 +17,10 @@ from gantrysim.cli.options import (
     ServoFile,
     Settings,
     Speed,
+    StopAfter,
     placement,
     to_write,
+    with_stop,
 )
 from gantrysim.cli.terminal import FAULT, INCOMPLETE, OUT_OF_TOLERANCE, interruptible, say, share_bar, stage, warn
 
@@ -69,6 +71,7 @@ def run(
     origin: At = None,
     rotate: Rotate = None,
     scale: Scale = None,
+    stop_after: StopAfter = None,
     video: Annotated[bool, typer.Option(help="Write video.mp4.")] = True,
     allow_code: AllowCode = False,
     with_report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and the plots.")] = True,
@@ -100,7 +103,7 @@ def run(
     with stage("program"):
         loaded = Job.load(
             job,
-            settings or (),
+            with_stop(settings, stop_after),
             model,
             servo,
             controller=controller,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pathlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -71,6 +72,16 @@ class Controller(ABC):
     def release(self) -> None:
         """Drop what fills the memory of a long program and is computed again on demand."""
         return
+
+    @classmethod
+    def with_files(cls, content: str, folder: pathlib.Path) -> str:
+        """Return the content of a program file with that of the files that it names, where the language has such.
+
+        Args:
+            content: of the program file.
+            folder: in which it lies.
+        """
+        return content
 
     @property
     def notes(self) -> tuple[str, ...]:

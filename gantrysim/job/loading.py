@@ -142,6 +142,7 @@ def _program(
             dialect = recognised(text)
         name = reader(path.suffix, named) if dialect is None else dialect.controller
         text_argument = program_class(name).text_argument
+        text = program_class(name).with_files(text, path.parent)
         if dialect is not None and suffix in suffixes() and name == reader(suffix):
             dialect = None  # as the suffix has it
     if name == LINUXCNC and "subprograms" not in arguments:

@@ -204,7 +204,7 @@ show:
   PRINT #5, "n=",n[3,0];CHR(33)
 RETURN
 """
-    assert printed(program) == ["n=  1!", "n=  2!", "n=  3!", "right", "n=  3!"]
+    assert printed(program) == ["n=        1!", "n=        2!", "n=        3!", "right", "n=        3!"]
     assert {line.channel for line in basic(program).printed} == {5, None}
 
 
@@ -294,11 +294,11 @@ def test_a_loop_that_only_tests_keeps_its_phase():
         ('PRINT "a', r"line 1: syntax error, '\"' unexpected"),
         ("FROBNICATE(1)", r"line 1: unknown word 'FROBNICATE'"),
         ("x=1\nMOVETO 3,4", r"line 2: unknown word 'MOVETO': did you mean MOVE\?"),
-        ("x=1\n'$PROGRAM b\n\nMOVETO 3,4", r"line 4: unknown word 'MOVETO'"),
+        ("x=1\n'$PROGRAM b\n\nMOVETO 3,4", r"line 4 \(line 2 of B\): unknown word 'MOVETO'"),
         ("MOVE 3,4", r"line 1: syntax error, '3' unexpected"),
         ("\nMHELIX(0,0,1,0,1,5)", r"line 2: unknown word 'MHELIX': did you mean MHELICAL\?"),
         ("x=SINE(1)", r"line 1: unknown word 'SINE': did you mean SIN\?"),
-        ("x=1\nDATUM(3)", r"line 2: DATUM: a word of the controller that is not emulated"),
+        ("x=1\nETHERCAT(0,0)", r"line 2: ETHERCAT: a word of the controller that is not emulated"),
         ("x=1\ny=REGIST+x", r"line 2: REGIST: a word of the controller that is not emulated"),
         ("speedd=1\nSPEED=sped", r"line 2: variable sped is assigned nowhere: it must be, or unassigned_zero = true"),
         ("x=MOVE", r"line 1: MOVE: is a command, it has no value"),
@@ -355,6 +355,7 @@ def test_a_text_that_is_refused_names_the_line(text, error):
         ("x=TABLE(0.5)", r"line 1: TABLE\(0\.5\): must be a whole number"),
         ("BASE(64)", r"line 1: axis 64: must be a whole number from 0 to 63$"),
         ("BASE(1,1)", r"line 1: BASE\(1, 1\): must name an axis once$"),
+        ("x=1\nDATUM(3)", r"line 2: DATUM\(3\): homing is not simulated"),
         ("RETURN", r"line 1: RETURN without GOSUB$"),
         ("again: GOSUB again", r"line 1: GOSUB nested more than 256 deep: must return before$"),
         ('x=1\nRUN "other"', r"line 2: RUN 'other': must be one of the programs MAIN$"),
@@ -375,7 +376,7 @@ def test_a_text_that_is_refused_names_the_line(text, error):
         ("SERVO=OFF\nMOVE(1)", r"line 2: axis 0 is to move while SERVO AXIS\(0\) = OFF: must be ON"),
         ("MOVE(1)\nWAIT IDLE\nUNITS=10", r"line 3: UNITS of axis 0: must be set before it moves$"),
         ("x=1\nWHILE x>0\nx=x+1\nWEND", r"line [234]: more than 2000 statements are executed: must be fewer"),
-        ("\nFORWARD", r"line 2: the program still runs after 2 s: must end before, or raise time_limit$"),
+        ("\nFORWARD", r"line 2: the program still runs after 2 s: must end before, or raise time_limit, or give stop_after to"),
         ("WHILE TRUE\nWEND", r"line [12]: (the program still runs after 2 s|more than 2000 statements)"),
         ("GET", None),
     ],

@@ -12,7 +12,7 @@ from gantrysim.controllers.basic.code import STATEMENT, Act, Code, ForLoop, Fram
 FrameType = TypeVar("FrameType", bound=Frame)
 Condition = Callable[[FrameType], object]
 
-ENDS = {"IF": "ENDIF", "WHILE": "WEND", "REPEAT": "UNTIL", "FOR": "NEXT"}  # of the blocks
+ENDS = {"IF": "ENDIF", "WHILE": "WEND", "REPEAT": "UNTIL", "FOR": "NEXT", "DO": "LOOP"}  # of the blocks
 
 
 @dataclass
@@ -165,6 +165,22 @@ class Assembler(Generic[FrameType]):
         test = self.test(line, condition)
         test.target = self.close("UNTIL", "REPEAT").first
 
+    def begin_do(self, line: int, condition: Condition[FrameType] | None = None) -> None:
+        """Begin a loop that is tested before each pass, or not there."""
+        first = self.here
+        test = self.jump(line) if condition is None else self.test(line, condition)
+        if condition is None:
+            test.target = first + 1
+        self._blocks.append(OpenBlock("DO", line, first, None if condition is None else test))
+
+    def end_do(self, line: int, until: Condition[FrameType] | None = None) -> None:
+        """End a loop of DO: go on until a condition holds, or for ever."""
+        block = self.close("LOOP", "DO")
+        again = self.jump(line) if until is None else self.test(line, until)
+        again.target = block.first
+        if block.test is not None:
+            block.test.target = self.here
+
     def begin_for(self, line: int, variable: str, start: Callable[[FrameType], ForLoop]) -> None:
         """Begin a FOR loop.
 
@@ -237,6 +253,11 @@ class Assembler(Generic[FrameType]):
         """Call the subroutine at a label."""
         after = self.here + 1
         instruction = self.emit(line, lambda frame: frame.call(after, instruction.target))
+        self._to_label(instruction, label)
+
+    def on_error(self, line: int, label: str) -> None:
+        """Name the label at which the task goes on after an error."""
+        instruction = self.emit(line, lambda frame: frame.watch(instruction.target))
         self._to_label(instruction, label)
 
     def leave(self, line: int) -> None:

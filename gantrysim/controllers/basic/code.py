@@ -70,6 +70,7 @@ class Frame:
         position: index of the next instruction.
         returns: indices of the instructions that GOSUBs return to.
         loops: those whose FOR was run, by its index.
+        error_target: index of the instruction at which it goes on after an error, None for an end with the error.
     """
 
     code: Code[Any] = field(default_factory=list)
@@ -78,6 +79,7 @@ class Frame:
     position: int = 0
     returns: list[int] = field(default_factory=list)
     loops: dict[int, ForLoop] = field(default_factory=dict)
+    error_target: int | None = None
 
     def find(self, name: str) -> Any:
         """Return what a name stands for, of this frame or shared; None where it is unknown."""
@@ -108,6 +110,10 @@ class Frame:
             raise InputError(f"GOSUB nested more than {MOST_RETURNS} deep: must return before")
         self.returns.append(after)
         return target
+
+    def watch(self, target: int) -> None:
+        """Go on at an instruction after an error."""
+        self.error_target = target
 
     def leave(self) -> int:
         """Return the index that a subroutine returns to.

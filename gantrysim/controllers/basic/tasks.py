@@ -13,6 +13,10 @@ MOST_PER_TICK = 1000  # statements of a task within a tick, where they cost no t
 _EARLY = 1e-9  # of a tick: rounding of the times of statements
 
 
+class LimitError(InputError):
+    """A limit of the simulation, which no program can handle."""
+
+
 class StatementClock:
     """The number of statements that are executed, and the time that each takes.
 
@@ -39,12 +43,12 @@ class StatementClock:
         """Count a statement and return the time that it takes [s].
 
         Raises:
-            InputError: there are too many.
+            LimitError: there are too many.
         """
         self.line = line
         self.count += 1
         if self.count > self._most:
-            raise InputError(self._refusal)
+            raise LimitError(self._refusal)
         return self._times[cost]
 
 
@@ -69,6 +73,25 @@ class Task(Frame):
     last_pass: tuple[int, int, float] = (-1, -1, 0.0)
     ended: bool = False
     line: int = 0
+
+    def recovers(self, error: str, ready: float) -> bool:
+        """Go on after an error where the program names a place for that; return whether it does.
+
+        The place holds for one error: another one there, without a new statement that names it, ends the program.
+
+        Args:
+            error: message with its line.
+            ready: time from which the next statement is executed [s].
+        """
+        if self.error_target is None:
+            return False
+        self.position = self.error_target
+        self.error_target = None
+        self.blocked = None
+        self.polls = False
+        self.changed = True
+        self.ready = ready
+        return True
 
 
 class Scheduler:
@@ -96,12 +119,19 @@ class Scheduler:
         try:
             self._execute(task, tick, now)
         except ZeroDivisionError:
-            raise InputError(f"line {task.line}: division by zero") from None
+            self._fail(task, "division by zero", now)
+        except LimitError as error:
+            raise InputError(f"line {task.line}: {error}") from None
         except InputError as error:
-            text = str(error)
-            raise InputError(text if text.startswith("line ") else f"line {task.line}: {text}") from None
+            self._fail(task, str(error), now)
         except (OverflowError, ValueError):
-            raise InputError(f"line {task.line}: no number, the operands are out of range") from None
+            self._fail(task, "no number, the operands are out of range", now)
+
+    def _fail(self, task: Task, reason: str, now: float) -> None:
+        """End with an error, unless the program handles it from the next tick on."""
+        error = reason if reason.startswith("line ") else f"line {task.line}: {reason}"
+        if not task.recovers(error, now + self._period):
+            raise InputError(error) from None
 
     def _execute(self, task: Task, tick: int, now: float) -> None:
         if task.blocked is not None and not task.ended:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from gantrysim.controllers.trio.basic.corner_rules import FULL_SPEED, CornerRules, MoveSpeeds
 from gantrysim.controllers.trio.basic.moves import IDLE, Move
 from gantrysim.controllers.trio.basic.profile import Speed
 
@@ -28,6 +29,8 @@ class Axis:
         step: its motion in the last period [units].
         moved: whether it has ever moved.
         values: of the parameters without an effect.
+        corners: CORNER_MODE, DECEL_ANGLE, STOP_ANGLE, FULL_SP_RADIUS.
+        speeds: FORCE_SPEED, STARTMOVE_SPEED, ENDMOVE_SPEED.
     """
 
     number: int
@@ -48,6 +51,8 @@ class Axis:
     step: float = 0.0
     moved: bool = False
     values: dict[str, float] = field(default_factory=dict)
+    corners: CornerRules = FULL_SPEED
+    speeds: MoveSpeeds = field(default_factory=MoveSpeeds)
 
     @property
     def idle(self) -> bool:

@@ -46,6 +46,7 @@ class Buffers:
         drivers: axes that others were linked to.
         unstated: axes with other moves than those that state their path.
         enabled: whether WDOG is on.
+        buffers: moves that an axis holds besides the one it executes.
     """
 
     def __init__(self, settings: MotionSettings) -> None:
@@ -55,6 +56,7 @@ class Buffers:
         self.drivers: set[int] = set()
         self.unstated: set[int] = set()
         self.enabled = True
+        self.buffers = settings.buffers
         self._settings = settings
 
     def axis(self, number: float) -> Axis:
@@ -98,7 +100,7 @@ class Buffers:
         if self._free(move) and not base.queue:
             self._load(base, move)
             return True
-        if len(base.queue) >= self._settings.buffers:
+        if len(base.queue) >= self.buffers:
             return False
         base.queue.append(move)
         return True
@@ -145,6 +147,14 @@ class Buffers:
         if mode in (0, 2):
             for number in holders:
                 self.cancel(number, 0)
+
+    def wind_down(self) -> None:
+        """Empty the buffers and slow down the axes with a profile; linked axes follow them to rest."""
+        for axis in self.axes.values():
+            axis.queue.clear()
+        for axis in self.axes.values():
+            if axis.move is not None and axis.move.profiled:
+                self.cancel(axis.number, 0)
 
     def _free(self, move: Move) -> bool:
         return all(self.axis(n).member is None for n in move.axes)

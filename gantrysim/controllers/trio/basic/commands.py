@@ -3,152 +3,79 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.basic.code import STATEMENT
-from gantrysim.controllers.basic.statements import PREFIX
+from gantrysim.controllers.trio.basic.command_table import (
+    MAX_AXES,
+    MOTION,
+    WAIT,
+    Action,
+    Command,
+    CommandTable,
+    Values,
+    axis_number,
+    order,
+    positive,
+)
+from gantrysim.controllers.trio.basic.move_commands import command as move_command
 from gantrysim.controllers.trio.basic.moves import (
     CAM,
     CAMBOX,
     CONNECT,
     FORWARD,
-    MHELICAL,
-    MOVE,
-    MOVEABS,
-    MOVECIRC,
     MOVELINK,
     REVERSE,
-    Arc,
     Jog,
     Move,
     Ramps,
     Shape,
-    Straight,
     Table,
 )
 from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, TABLE_SIZE, Process, index
+from gantrysim.controllers.trio.basic.words import IGNORED_COMMANDS, MOST_BITS
 
 MOST_POINTS = 32_000  # of a cam
 # bits of the link options
 REPEATS = 4
 ABSOLUTE = 2
 FORWARD_ONLY = 32
-MAX_AXES = 16  # of one move
 
-Values = list[float]
-Action = Callable[[Process, Values, int], None]
-
-
-# kinds of statement, by which their time is counted
-MOTION = "motion"
-WAIT = "wait"
-
-
-@dataclass(frozen=True)
-class Command:
-    """A command.
-
-    Attributes:
-        act: runs it, given the process, the arguments and the line.
-        least, most: number of arguments.
-        cost: kind of statement that its time is counted as.
-    """
-
-    act: Action
-    least: int
-    most: int
-    cost: str
-
-
-COMMANDS: dict[str, Command] = {}
-
-
-def command(least: int, most: int, cost: str = STATEMENT) -> Callable[[Action], Action]:
-    """Return a decorator that enters the function `cmd_NAME` as the command NAME.
-
-    Args:
-        least: number of its arguments.
-        most: number of its arguments.
-        cost: kind of statement that its time is counted as.
-    """
-
-    def enter(act: Action) -> Action:
-        name = act.__name__.removeprefix(PREFIX).upper()
-        COMMANDS[name] = Command(act, least, most, cost)
-        return act
-
-    return enter
-
-
-def _order(process: Process, move: Move) -> None:
-    """Hand a move to the axes; the program waits where the buffer is full."""
-    motion = process.state.motion
-    if not motion.order(move):
-        process.blocked = lambda: motion.order(move)
-
-
-@command(1, MAX_AXES, MOTION)
-def cmd_move(process: Process, values: Values, line: int) -> None:
-    """MOVE(distance, ...): a straight line by these distances."""
-    _order(process, Move(MOVE, line, process.axes(len(values)), Straight(tuple(values))))
-
-
-@command(1, MAX_AXES, MOTION)
-def cmd_moveabs(process: Process, values: Values, line: int) -> None:
-    """MOVEABS(position, ...): a straight line to these positions."""
-    _order(process, Move(MOVEABS, line, process.axes(len(values)), targets=tuple(values)))
-
-
-@command(5, 5, MOTION)
-def cmd_movecirc(process: Process, values: Values, line: int) -> None:
-    """MOVECIRC(end x, end y, centre x, centre y, direction): an arc, its end and centre relative to its start."""
-    ex, ey, cx, cy, direction = values
-    shape = Arc((ex, ey), (cx, cy), _switch("direction", direction))
-    _order(process, Move(MOVECIRC, line, process.axes(2), shape))
-
-
-@command(6, 7, MOTION)
-def cmd_mhelical(process: Process, values: Values, line: int) -> None:
-    """MHELICAL(end x, end y, centre x, centre y, direction, rise[, mode]): an arc with an even climb."""
-    ex, ey, cx, cy, direction, rise, mode = (*values, 0.0)[:7]
-    shape = Arc((ex, ey), (cx, cy), _switch("direction", direction), rise, _switch("mode", mode))
-    _order(process, Move(MHELICAL, line, process.axes(3), shape))
+command = CommandTable()
 
 
 @command(0, 0, MOTION)
 def cmd_forward(process: Process, values: Values, line: int) -> None:
     """FORWARD: on and on in the positive direction."""
-    _order(process, Move(FORWARD, line, process.axes(1), Jog(1.0)))
+    order(process, Move(FORWARD, line, process.axes(1), Jog(1.0)))
 
 
 @command(0, 0, MOTION)
 def cmd_reverse(process: Process, values: Values, line: int) -> None:
     """REVERSE: on and on in the negative direction."""
-    _order(process, Move(REVERSE, line, process.axes(1), Jog(-1.0)))
+    order(process, Move(REVERSE, line, process.axes(1), Jog(-1.0)))
 
 
 @command(2, 2, MOTION)
 def cmd_connect(process: Process, values: Values, line: int) -> None:
     """CONNECT(ratio, axis): follow an axis in proportion."""
-    _order(process, Move(CONNECT, line, process.axes(1), driver=_axis(process, values[1]), ratio=values[0]))
+    order(process, Move(CONNECT, line, process.axes(1), driver=axis_number(process, values[1]), ratio=values[0]))
 
 
 @command(4, 4, MOTION)
 def cmd_cam(process: Process, values: Values, line: int) -> None:
     """CAM(first, last, scale, distance): run through positions of TABLE at SPEED."""
     first, last, scale, distance = values
-    shape = _profile(process, first, last, scale, _positive("distance", distance))
-    _order(process, Move(CAM, line, process.axes(1), shape))
+    shape = _profile(process, first, last, scale, positive("distance", distance))
+    order(process, Move(CAM, line, process.axes(1), shape))
 
 
 @command(5, 7, MOTION)
 def cmd_cambox(process: Process, values: Values, line: int) -> None:
     """CAMBOX(first, last, scale, link distance, link axis[, options[, position]]): a cam over a link axis."""
     first, last, scale, distance, link, *options = values
-    shape = _profile(process, first, last, scale, _positive("link distance", distance))
-    _order(process, _linked(process, CAMBOX, line, shape, link, options))
+    shape = _profile(process, first, last, scale, positive("link distance", distance))
+    order(process, _linked(process, CAMBOX, line, shape, link, options))
 
 
 @command(5, 7, MOTION)
@@ -158,8 +85,8 @@ def cmd_movelink(process: Process, values: Values, line: int) -> None:
     for name, value in (("acceleration", up), ("deceleration", down)):
         if value < 0:
             raise InputError(f"link distance of {name} = {value:g}: must be at least 0")
-    shape = Ramps(distance, _positive("link distance", length), up, down)
-    _order(process, _linked(process, MOVELINK, line, shape, link, options))
+    shape = Ramps(distance, positive("link distance", length), up, down)
+    order(process, _linked(process, MOVELINK, line, shape, link, options))
 
 
 def _linked(process: Process, kind: int, line: int, shape: Shape, link: float, options: Values) -> Move:
@@ -176,7 +103,7 @@ def _linked(process: Process, kind: int, line: int, shape: Shape, link: float, o
         line,
         process.axes(1),
         shape,
-        driver=_axis(process, link),
+        driver=axis_number(process, link),
         repeats=bool(bits & REPEATS),
         forward_only=bool(bits & FORWARD_ONLY),
         link_start=start,
@@ -203,7 +130,7 @@ def _profile(process: Process, first: float, last: float, scale: float, length: 
 @command(1, 1, MOTION)
 def cmd_addax(process: Process, values: Values, line: int) -> None:
     """ADDAX(axis): add the motion of another axis; -1 ends it."""
-    process.state.motion.superimpose(process.base[0], None if values[0] == -1 else _axis(process, values[0]))
+    process.state.motion.superimpose(process.base[0], None if values[0] == -1 else axis_number(process, values[0]))
 
 
 @command(0, 1, MOTION)
@@ -236,22 +163,47 @@ def cmd_defpos(process: Process, values: Values, line: int) -> None:
 @command(1, MAX_AXES)
 def cmd_base(process: Process, values: Values, line: int) -> None:
     """BASE(axis, ...): the axes of the commands that follow."""
-    numbers = tuple(_axis(process, value) for value in values)
+    numbers = tuple(axis_number(process, value) for value in values)
     if len(set(numbers)) < len(numbers):
         raise InputError(f"BASE{numbers}: must name an axis once")
     process.base = numbers
 
 
-@command(2, 2)
+@command(2, 3)
 def cmd_op(process: Process, values: Values, line: int) -> None:
-    """OP(output, state): switch an output."""
-    output = index("OP", values[0], MOST_OUTPUTS)
-    outputs = process.state.outputs
-    process.state.switched.add(output)
-    if values[1]:
-        outputs.add(output)
-    else:
-        outputs.discard(output)
+    """OP(output, state): switch an output; OP(first, last, number): switch several by the bits of a number."""
+    first = index("OP", values[0], MOST_OUTPUTS)
+    last = first if len(values) == 2 else index("OP", values[1], MOST_OUTPUTS)
+    if not 0 <= last - first < MOST_BITS:
+        raise InputError(f"OP({first},{last}, ...): must be 1 to {MOST_BITS} outputs, the first one first")
+    number = int(values[-1]) if len(values) == 3 else int(bool(values[1]))
+    for output in range(first, last + 1):
+        process.state.switched.add(output)
+        if number >> (output - first) & 1:
+            process.state.outputs.add(output)
+        else:
+            process.state.outputs.discard(output)
+
+
+@command(1, 1, MOTION)
+def cmd_datum(process: Process, values: Values, line: int) -> None:
+    """DATUM(0): clear errors of the axes, of which there are none here."""
+    if values[0] != 0:
+        raise InputError(
+            f"DATUM({values[0]:g}): homing is not simulated; the axes begin where `start` says: must be 0, which "
+            "clears errors"
+        )
+
+
+def _without_effect(name: str) -> Action:
+    def act(process: Process, values: Values, line: int) -> None:
+        process.state.ignored.add(name)
+
+    return act
+
+
+for _name, (_least, _most) in IGNORED_COMMANDS.items():
+    command[_name] = Command(_without_effect(_name), _least, _most, STATEMENT)
 
 
 @command(2, 1024)
@@ -268,17 +220,4 @@ def cmd_wa(process: Process, values: Values, line: int) -> None:
     process.ready += process.state.wait(values[0])
 
 
-def _axis(process: Process, value: float) -> int:
-    return process.state.motion.axis(value).number
-
-
-def _switch(name: str, value: float) -> bool:
-    if value not in (0, 1):
-        raise InputError(f"{name} {value:g}: must be 0 or 1")
-    return value == 1
-
-
-def _positive(name: str, value: float) -> float:
-    if not value > 0 or math.isinf(value):
-        raise InputError(f"{name} = {value:g}: must be greater than 0")
-    return value
+COMMANDS: dict[str, Command] = {**move_command, **command}

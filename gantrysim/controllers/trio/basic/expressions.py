@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
+from dataclasses import replace
 from difflib import get_close_matches
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.basic.operators import Evaluate, Operators, RankedOperator, of_values
 from gantrysim.controllers.basic.values import ARITHMETIC, COMPARISONS
 from gantrysim.controllers.trio.basic import words
+from gantrysim.controllers.trio.basic.axis_parameters import AXIS_PARAMETERS
 from gantrysim.controllers.trio.basic.commands import COMMANDS
-from gantrysim.controllers.trio.basic.raw import Expression, Reference
+from gantrysim.controllers.trio.basic.process import Process
+from gantrysim.controllers.trio.basic.raw import Expression, Reference, Source
 
 DEEPEST = 60  # nesting of an expression
+MOST_BITS = 32  # of a value
 
 
 def _bits(operation: Callable[[int, int], int]) -> Callable[[float, float], float]:
@@ -67,18 +71,37 @@ def constant(value: float) -> Expression:
     return Expression(lambda process: value)
 
 
-def value_of(ref: Reference, read: dict[str, int]) -> Expression:
-    """Return what a word stands for in an expression; variables are entered into `read` with their line."""
+def value_of(ref: Reference, source: Source) -> Expression:
+    """Return what a word stands for in an expression; variables are entered into `source` with their line."""
+    word = _value_of(replace(ref, bit=None), source)
+    if ref.bit is None:
+        return word
+    bit = ref.bit
+    value = word.value
+    if bit >= MOST_BITS:
+        raise InputError(f"{ref.spelled}.{bit}: must be a bit from 0 to {MOST_BITS - 1}")
+    return _nested(lambda process: float(int(value(process)) >> bit & 1), word)
+
+
+def _value_of(ref: Reference, source: Source) -> Expression:
     name = ref.name
     if name in _READERS:
         return _READERS[name](ref)
     if name in COMMANDS or name in words.KEYWORDS:
         raise InputError(f"{name}: is a command, it has no value")
-    if ref.arguments is not None or ref.axis is not None:
+    if name in source.arrays and ref.arguments is not None:
+        places = [argument.value for argument in ref.plain(len(ref.arguments))]
+        return _nested(lambda process: process.element(name, [place(process) for place in places]), *ref.arguments)
+    if ref.arguments is not None or ref.axis is not None or ref.process is not None:
         raise unknown_word(ref)
     _check_emulated(ref)
-    read.setdefault(name, ref.line)
-    return Expression(lambda process: process.variables.get(name, 0.0))
+    source.read.setdefault(name, ref.line)
+
+    def value(process: Process) -> float:
+        found: float | None = process.variables.get(name)
+        return process.state.shared_value(name) if found is None else found
+
+    return Expression(value)
 
 
 def _constant(ref: Reference) -> Expression:
@@ -95,7 +118,7 @@ def _function(ref: Reference) -> Expression:
 
 
 def _axis_parameter(ref: Reference) -> Expression:
-    read = words.AXIS_PARAMETERS[ref.name].read
+    read = AXIS_PARAMETERS[ref.name].read
     return _of_axis(ref, lambda process, number: read(process.state, process.state.motion.axis(number)))
 
 
@@ -104,7 +127,7 @@ def _ignored_parameter(ref: Reference) -> Expression:
     return _of_axis(ref, lambda process, number: process.state.motion.axis(number).values.get(name, 0.0))
 
 
-def _of_axis(ref: Reference, value: Callable[[words.Process, float], float]) -> Expression:
+def _of_axis(ref: Reference, value: Callable[[Process, float], float]) -> Expression:
     ref.plain(0, axis=True)
     if ref.axis is None:
         return Expression(lambda process: value(process, process.base[0]))
@@ -113,22 +136,32 @@ def _of_axis(ref: Reference, value: Callable[[words.Process, float], float]) -> 
 
 
 def _system_parameter(ref: Reference) -> Expression:
-    ref.plain(0)
-    return Expression(words.SYSTEM_PARAMETERS[ref.name].read)
+    read = words.SYSTEM_PARAMETERS[ref.name].read
+    if ref.process is None or ref.name not in words.OF_PROCESS:
+        ref.plain(0)
+        return Expression(read)
+    replace(ref, process=None).plain(0)
+    number = ref.process.value
+
+    def value(process: Process) -> float:
+        other = process.state.latest.get(number(process))
+        return 0.0 if other is None else read(other)
+
+    return _nested(value, ref.process)
 
 
 def _memory(ref: Reference) -> Expression:
-    (place,) = ref.plain(1)
+    places = ref.plain(2) if ref.name in words.RANGES and len(ref.arguments or ()) == 2 else ref.plain(1)
     cells = words.MEMORY[ref.name]
-    k = place.value
-    return _nested(lambda process: cells(process, k(process)), place)
+    values = [place.value for place in places]
+    return _nested(lambda process: cells(process, *[value(process) for value in values]), *places)
 
 
 _TABLES: tuple[tuple[dict[str, object], Callable[[Reference], Expression]], ...] = (
     ({**words.CONSTANTS}, _constant),
     ({**words.FUNCTIONS}, _function),
     ({**words.IGNORED}, _ignored_parameter),
-    ({**words.AXIS_PARAMETERS}, _axis_parameter),
+    ({**AXIS_PARAMETERS}, _axis_parameter),
     ({**words.SYSTEM_PARAMETERS}, _system_parameter),
     ({**words.MEMORY}, _memory),
 )

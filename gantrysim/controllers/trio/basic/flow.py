@@ -10,7 +10,7 @@ from gantrysim.controllers.basic.statements import Statements
 from gantrysim.controllers.trio.basic.names import variable
 from gantrysim.controllers.trio.basic.process import Process
 from gantrysim.controllers.trio.basic.process_assembler import Handler, ProcessAssembler
-from gantrysim.controllers.trio.basic.raw import Raw
+from gantrysim.controllers.trio.basic.raw import Evaluate, Raw
 
 statement: Statements[Handler] = Statements()
 
@@ -57,6 +57,46 @@ def cmd_until(assembler: ProcessAssembler, raw: Raw) -> None:
     assembler.end_repeat(raw.line, raw.data[0].value)
 
 
+@statement("DO")
+def cmd_do(assembler: ProcessAssembler, raw: Raw) -> None:
+    """DO: a loop to LOOP, which may have a condition."""
+    assembler.begin_do(raw.line)
+
+
+@statement('DO "WHILE"i expr')
+def cmd_do_while(assembler: ProcessAssembler, raw: Raw) -> None:
+    """DO WHILE condition: a loop to LOOP, tested before each pass."""
+    assembler.begin_do(raw.line, raw.data[0].value)
+
+
+@statement('DO "UNTIL"i expr')
+def cmd_do_until(assembler: ProcessAssembler, raw: Raw) -> None:
+    """DO UNTIL condition: a loop to LOOP, tested before each pass."""
+    assembler.begin_do(raw.line, _not(raw.data[0].value))
+
+
+@statement("LOOP")
+def cmd_loop(assembler: ProcessAssembler, raw: Raw) -> None:
+    """LOOP: the end of a DO."""
+    assembler.end_do(raw.line)
+
+
+@statement('LOOP "WHILE"i expr')
+def cmd_loop_while(assembler: ProcessAssembler, raw: Raw) -> None:
+    """LOOP WHILE condition: the end of a DO that goes on while the condition holds."""
+    assembler.end_do(raw.line, _not(raw.data[0].value))
+
+
+@statement('LOOP "UNTIL"i expr')
+def cmd_loop_until(assembler: ProcessAssembler, raw: Raw) -> None:
+    """LOOP UNTIL condition: the end of a DO that goes on until the condition holds."""
+    assembler.end_do(raw.line, raw.data[0].value)
+
+
+def _not(value: Evaluate) -> Evaluate:
+    return lambda process: 0.0 if value(process) else 1.0
+
+
 @statement('FOR NAME "=" expr "TO"i expr ["STEP"i expr]')
 def cmd_for(assembler: ProcessAssembler, raw: Raw) -> None:
     """FOR variable = first TO last [STEP step]."""
@@ -66,7 +106,7 @@ def cmd_for(assembler: ProcessAssembler, raw: Raw) -> None:
 
     def start(process: Process) -> ForLoop:
         variables: dict[str, float] = process.variables
-        variables[cell] = first.value(process)
+        process.assign(cell, first.value(process))
         end = last.value(process)
         stride = 1.0 if step is None else step.value(process)
         if stride == 0:
@@ -119,6 +159,12 @@ def cmd_gosub(assembler: ProcessAssembler, raw: Raw) -> None:
 def cmd_return(assembler: ProcessAssembler, raw: Raw) -> None:
     """RETURN from a subroutine."""
     assembler.leave(raw.line)
+
+
+@statement('ON "BASICERROR"i "GOTO"i NAME')
+def cmd_on_error(assembler: ProcessAssembler, raw: Raw) -> None:
+    """ON BASICERROR GOTO label: where the process goes on after an error."""
+    assembler.on_error(raw.line, raw.data[0])
 
 
 @statement('ON expr "GOTO"i NAME ("," NAME)*')

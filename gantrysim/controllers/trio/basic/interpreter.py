@@ -45,10 +45,12 @@ class Limits:
     Attributes:
         statements: executed.
         time: simulated [s].
+        stop_after: time at which the processes are stopped and the axes brought to rest, inf for never [s].
     """
 
     statements: int
     time: float
+    stop_after: float = math.inf
 
 
 def run(
@@ -91,8 +93,11 @@ class _Run:
         axes = [motion.axis(number) for number in self._recorded]
         state.run(name, 0.0)
         most = math.ceil(self._limits.time / motion.period)
+        last = math.inf if math.isinf(self._limits.stop_after) else round(self._limits.stop_after / motion.period)
         while True:
             count = self._clock.count
+            if state.tick >= last and not state.stopped:
+                self._stop()
             for process in state.processes:  # which they may add to
                 self._scheduler.execute(process, state.tick)
             state.processes = [process for process in state.processes if not process.ended]
@@ -104,10 +109,10 @@ class _Run:
             if state.tick >= most:
                 raise InputError(
                     f"line {lines[-1]}: the program still runs after {self._limits.time:g} s: must end before, or "
-                    "raise time_limit"
+                    "raise time_limit, or give stop_after to take the first seconds"
                 )
             # after a statement, what a process waits for may have come about already
-            ahead = self._undisturbed(most) if self._clock.count == count else 1
+            ahead = self._undisturbed(most if state.stopped else min(most, last)) if self._clock.count == count else 1
             passed = motion.glide(ahead, self._recorded)
             if len(passed):
                 positions.frombytes(passed[:-1].tobytes())
@@ -120,7 +125,14 @@ class _Run:
         is_on = np.frombuffer(outputs, np.uint8).astype(bool)
         return Trace(motion.period, position, is_on, np.frombuffer(lines, np.int64), state)
 
-    def _undisturbed(self, most: int) -> int:
+    def _stop(self) -> None:
+        """Stop the processes and bring the axes to rest."""
+        state = self._state
+        state.stopped = self._clock.line
+        state.stop(None)
+        state.motion.wind_down()
+
+    def _undisturbed(self, most: float) -> int:
         """Servo periods, up to the tick `most`, until a process can act without the end of a move."""
         state = self._state
         ahead: float = min(most - state.tick, _LONGEST)

@@ -11,6 +11,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio.basic.axis import Axis
 from gantrysim.controllers.trio.basic.buffers import Buffers
+from gantrysim.controllers.trio.basic.corners import distance_to_stop, joint_speed, speed_along
 from gantrysim.controllers.trio.basic.links import follow
 from gantrysim.controllers.trio.basic.moves import Move
 from gantrysim.controllers.trio.basic.profile import Glide, Speed
@@ -97,9 +98,14 @@ class Motion(Buffers):
 
     def _glide(self, base: Axis, move: Move, most: int) -> Glide:
         """Periods of a move by itself, until it ends or passes into the next."""
-        lengths = np.array([move.shape.length, *self._merged_lengths(base, move)])
         down = base.deceleration if move.shape.brakes else math.inf
-        return base.along.glide(move.s, lengths, (base.speed, base.acceleration, down, self.period), most)
+        speed = base.speed
+        lengths = [move.shape.length, *self._merged_lengths(base, move)]
+        if self._has_limits(base, move):
+            speed = speed_along(move, base.speed)
+            stop = distance_to_stop(self._chain(base, move), base.speed, down)
+            lengths = [move.shape.length, stop - move.shape.length]
+        return base.along.glide(move.s, np.array(lengths), (speed, base.acceleration, down, self.period), most)
 
     def _check(self, axis: Axis) -> None:
         """Check an axis that has moved."""
@@ -119,6 +125,14 @@ class Motion(Buffers):
 
     def _merged_lengths(self, base: Axis, move: Move) -> Iterator[float]:
         """Lengths of the buffered moves up to the next stop."""
+        for follows in self._followers(base, move):
+            yield follows.shape.length
+
+    def _chain(self, base: Axis, move: Move) -> list[Move]:
+        """A move and the buffered ones up to the next end of the merged path."""
+        return [move, *self._followers(base, move)]
+
+    def _followers(self, base: Axis, move: Move) -> Iterator[Move]:
         if self._merged(base, move) is None:
             return
         place = _plus(move.start, move.shape.displacement(move.shape.length))
@@ -126,11 +140,56 @@ class Motion(Buffers):
             if not _merge(move, follows):
                 break
             self._aim(follows, place)
-            yield follows.shape.length
+            yield follows
             place = _plus(place, follows.shape.displacement(follows.shape.length))
+
+    def _has_limits(self, base: Axis, move: Move) -> bool:
+        """Whether more than SPEED may limit the speed of a move and of those merged with it."""
+        return move.has_limits or (
+            self._merged(base, move) is not None and any(follows.has_limits for follows in base.queue)
+        )
+
+    def _advance_with_limits(self, base: Axis, move: Move, steps: dict[int, float]) -> None:
+        """Advance moves with speeds of their own, joint by joint within the period."""
+        speed = base.along
+        time_left = self.period
+        while True:
+            chain = self._chain(base, move)
+            down = base.deceleration
+            remaining = distance_to_stop(chain, base.speed, down) - move.s
+            target = 0.0 if move.stopping else speed_along(move, base.speed)
+            to_joint = move.shape.length - move.s if len(chain) > 1 else math.inf
+            rates = (target, base.acceleration, down, time_left)
+            distance, time_left = speed.advance_to(to_joint, remaining, rates)
+            if len(chain) == 1 and distance >= remaining:
+                self._place(move, move.shape.length, steps)
+                move.finished = True
+                self._end(base)
+                return
+            if len(chain) == 1 or distance < to_joint:
+                self._place(move, move.s + distance, steps)
+                break
+            follows = chain[1]
+            if math.isinf(down):
+                speed.value = min(speed.value, joint_speed(move, follows, base.speed))
+            self._place(move, move.shape.length, steps)
+            self._pass_on(base, move, follows, steps)
+            move = follows
+        if move.stopping and speed.value <= 0:
+            self._end(base)
+
+    def _pass_on(self, base: Axis, move: Move, follows: Move, steps: dict[int, float]) -> None:
+        """End a move at its place, and load the merged one in the same period."""
+        move.finished = True
+        follows.stopping = move.stopping
+        base.queue.pop(0)
+        self._load(base, follows, tuple(self.axes[n].position + steps[n] for n in follows.axes))
 
     def _advance(self, base: Axis, move: Move, steps: dict[int, float]) -> None:
         """Advance the move with a profile that an axis holds, and those merged with it."""
+        if self._has_limits(base, move):
+            self._advance_with_limits(base, move, steps)
+            return
         remaining = move.shape.length - move.s
         speed = base.along
         for length in self._merged_lengths(base, move):
@@ -151,11 +210,8 @@ class Motion(Buffers):
             if follows is None or s < move.shape.length:
                 break
             self._place(move, move.shape.length, steps)
-            move.finished = True
-            follows.stopping = move.stopping
             s -= move.shape.length
-            base.queue.pop(0)
-            self._load(base, follows, tuple(self.axes[n].position + steps[n] for n in follows.axes))
+            self._pass_on(base, move, follows, steps)
             move = follows
         self._place(move, s, steps)
         if move.stopping and speed.value <= 0:

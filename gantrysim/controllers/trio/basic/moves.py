@@ -11,12 +11,17 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
+from gantrysim.controllers.trio.basic.corner_rules import FULL_SPEED, CornerRules, MoveSpeeds
 
 IDLE = 0
 MOVE = 1
 MOVEABS = 2
 MHELICAL = 3
 MOVECIRC = 4
+MOVESP = 6
+MOVEABSSP = 7
+MOVECIRCSP = 8
+MHELICALSP = 9
 FORWARD = 10
 REVERSE = 11
 CAM = 13
@@ -24,7 +29,8 @@ CAMBOX = 20
 CONNECT = 21
 MOVELINK = 22
 
-STATED = frozenset({MOVE, MOVEABS, MHELICAL, MOVECIRC})  # moves that state their path
+# moves that state their path
+STATED = frozenset({MOVE, MOVEABS, MHELICAL, MOVECIRC, MOVESP, MOVEABSSP, MHELICALSP, MOVECIRCSP})
 
 OFF_CIRCLE = 1e-3  # largest difference of the end's and the start's distance from a circle's centre [units]
 
@@ -218,6 +224,8 @@ class Move:
         stopping: whether it was cancelled and slows down.
         finished: whether it was run to its end.
         beside: other axes that had a move when it was loaded.
+        speeds: of a move whose name ends in SP.
+        corners: rules of its joint with the move before, and of its circle.
     """
 
     kind: int
@@ -236,8 +244,15 @@ class Move:
     stopping: bool = False
     finished: bool = False
     beside: tuple[int, ...] = ()
+    speeds: MoveSpeeds | None = None
+    corners: CornerRules = FULL_SPEED
 
     @property
     def profiled(self) -> bool:
         """Whether SPEED, ACCEL and DECEL of its axis apply."""
         return self.driver is None
+
+    @property
+    def has_limits(self) -> bool:
+        """Whether more than SPEED may limit its speed."""
+        return self.speeds is not None or self.corners.act

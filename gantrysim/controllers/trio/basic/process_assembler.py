@@ -14,11 +14,15 @@ class ProcessAssembler(Assembler[Process]):
 
     Attributes:
         assigned: variables that a statement assigns.
+        arrays: names that DIM has given to arrays.
+        include: assembles the statements of an included program, by its name.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, include: Callable[[ProcessAssembler, str], None]) -> None:
         super().__init__()
         self.assigned: set[str] = set()
+        self.arrays: set[str] = set()
+        self.include = include
 
 
 Handler = Callable[[ProcessAssembler, Raw], None]

@@ -56,8 +56,18 @@ class Speed:
             remaining: distance to the stop, inf for none [units].
             rates: of the axis.
         """
-        distance, self.value, self.braking = _advance(self.value, self.braking, remaining, rates)
-        return distance
+        return self.advance_to(math.inf, remaining, rates)[0]
+
+    def advance_to(self, stretch: float, remaining: float, rates: Rates) -> tuple[float, float]:
+        """Run to the end of a stretch, at most for a period; return the distance covered and the time left.
+
+        Args:
+            stretch: distance at which the run ends early, inf for none [units].
+            remaining: distance to the stop, inf for none [units].
+            rates: of the axis.
+        """
+        distance, self.value, self.braking, time_left = _advance(self.value, self.braking, remaining, stretch, rates)
+        return distance, time_left
 
     def glide(self, s: float, lengths: Floats, rates: Rates, most: int) -> Glide:
         """Return the next periods before the one in which a path ends; the speed itself stays.
@@ -99,16 +109,28 @@ def _until_braking(value: float, rate: float, down: float, remaining: float) -> 
     return 2 * c / root if root > 0 else math.inf
 
 
+@inner_jit
+def _until(stretch: float, value: float, rate: float) -> float:
+    """First root t of v t + rate t^2 / 2 = stretch, inf for none."""
+    square = value**2 + 2 * rate * stretch
+    if math.isinf(stretch) or square < 0:
+        return math.inf
+    root = value + math.sqrt(square)
+    return 2 * stretch / root if root > 0 else math.inf
+
+
 @jit
-def _advance(value: float, braking: bool, remaining: float, rates: Rates) -> tuple[float, float, bool]:
-    """Return the distance covered in a period, and speed and braking after it."""
+def _advance(
+    value: float, braking: bool, remaining: float, stretch: float, rates: Rates
+) -> tuple[float, float, bool, float]:
+    """Return the distance covered in a period or to the end of a stretch, speed and braking then, and the time left."""
     target, up, down, period = rates
     if braking and remaining > 0.5 * value**2 / down * (1 + 1e-6) + 1e-9:
         braking = False  # a move was merged behind, or DECEL was raised
     covered = 0.0
     time_left = period
     tiny = _TINY * (1 + remaining if math.isfinite(remaining) else 1.0)
-    while time_left > _TINY and remaining - covered > tiny:
+    while time_left > _TINY and remaining - covered > tiny and stretch - covered > tiny:
         if braking:
             rate = -down
             to_target = math.inf
@@ -116,7 +138,8 @@ def _advance(value: float, braking: bool, remaining: float, rates: Rates) -> tup
         else:
             value, rate, to_target = _towards(value, target, up, down, remaining - covered)
             to_end = _until_braking(value, rate, down, remaining - covered)
-        duration = min(time_left, to_target, to_end)
+        to_stretch = _until(stretch - covered, value, rate)
+        duration = min(time_left, to_target, to_end, to_stretch)
         covered += duration * (value + 0.5 * rate * duration)
         value = max(value + rate * duration, 0.0)
         time_left -= duration
@@ -126,11 +149,15 @@ def _advance(value: float, braking: bool, remaining: float, rates: Rates) -> tup
             braking = True
         elif duration == to_target:
             value = target
+        if duration == to_stretch:
+            covered = stretch
+    if stretch - covered <= tiny:
+        covered = stretch
     if remaining - covered <= tiny:
         covered = remaining
         value = 0.0
         braking = False
-    return covered, value, braking
+    return covered, value, braking, time_left
 
 
 @jit
@@ -146,7 +173,7 @@ def _glide(
         remaining = lengths[0] - s
         for length in lengths[1:]:
             remaining += length
-        distance, value, braking = _advance(value, braking, remaining, rates)
+        distance, value, braking, _ = _advance(value, braking, remaining, math.inf, rates)
         s += distance
         if s >= lengths[0] or distance >= remaining:
             return covered[:k], speed[:k], brakes[:k]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pathlib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -17,21 +18,23 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.speeds import SpeedWords
 from gantrysim.controllers.trio.basic import interpreter, text
-from gantrysim.controllers.trio.basic.assembly import assemble
+from gantrysim.controllers.trio.basic.assembly import assemble_all
 from gantrysim.controllers.trio.basic.buffers import MOST_AXES, MotionSettings
+from gantrysim.controllers.trio.basic.files import located, with_files
 from gantrysim.controllers.trio.basic.interpreter import Limits, Trace
 from gantrysim.controllers.trio.basic.motion import Motion
+from gantrysim.controllers.trio.basic.notes import notes_of
 from gantrysim.controllers.trio.basic.path import StatedSpiral, exact, polyline
 from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, Printed, ProgramCode, State
-from gantrysim.controllers.trio.basic.words import IGNORED
 from gantrysim.paths.path import Path
 from gantrysim.record.setpoints import MAX_TICKS, Setpoints
 
 _AXES = ("x", "y", "z", "r")
-_SHOWN = 20  # printed lines in the notes
 
 SPEEDS = SpeedWords(
-    word=r"\bSPEED(?:[ \t]*AXIS[ \t]*\([^()\n]*\))?[ \t]*=", comment=r"\"[^\"\n]*\"|'[^\n]*", key="speed"
+    word=r"\b(?:(?:FORCE|STARTMOVE|ENDMOVE)_)?SPEED(?:[ \t]*AXIS[ \t]*\([^()\n]*\))?[ \t]*=",
+    comment=r"\"[^\"\n]*\"|'[^\n]*",
+    key="speed",
 )
 _SHORTEST = 1e-5  # SERVO_PERIOD [s]
 _SLOWEST = 1.0  # longest time of a statement [s]
@@ -93,6 +96,7 @@ class Basic(Controller):
             errors.
         statement_limit: statements executed until the program counts as endless.
         time_limit: simulated time until the program counts as endless [s].
+        stop_after: time at which a program that has not ended is stopped, as by STOP and RAPIDSTOP; 0 for never [s].
         spiral: the requested path, where the program makes it by links.
         placement: position of the program's origin on the work, and its turn; scale must be 1.
 
@@ -118,6 +122,7 @@ class Basic(Controller):
     unassigned_zero: bool = False
     statement_limit: int = 10_000_000
     time_limit: float = 3600.0
+    stop_after: float = 0.0
     spiral: StatedSpiral | None = None
     placement: Placement = field(default_factory=Placement)
 
@@ -146,6 +151,7 @@ class Basic(Controller):
         at_least("servo_period", self.servo_period, _SHORTEST, "s")
         whole("statement_limit", self.statement_limit, 1)
         positive("time_limit", self.time_limit, "s")
+        at_least("stop_after", self.stop_after, 0, "s")
         if self.placement.scale != 1:
             raise InputError(
                 f"placement.scale = {self.placement.scale:g}: must be 1, a program computes its lengths itself"
@@ -155,7 +161,8 @@ class Basic(Controller):
     @cached_property
     def codes(self) -> list[ProgramCode]:
         """The programs of the text."""
-        return [assemble(source, not self.unassigned_zero) for source in text.read(self.text)]
+        with located(self.text):
+            return assemble_all(text.read(self.text), not self.unassigned_zero)
 
     @cached_property
     def _runs(self) -> dict[float, Trace]:
@@ -184,8 +191,9 @@ class Basic(Controller):
                 Motion(settings), {code.name: code for code in self.codes}, frozenset(self.inputs), self.wait_resolution
             )
             times = asdict(self.interpreter_time)
-            limits = Limits(self.statement_limit, min(self.time_limit, MAX_TICKS * period))
-            self._runs[period] = interpreter.run(self.codes, state, times, recorded, self.valve, limits)
+            limits = Limits(self.statement_limit, min(self.time_limit, MAX_TICKS * period), self.stop_after or math.inf)
+            with located(self.text):
+                self._runs[period] = interpreter.run(self.codes, state, times, recorded, self.valve, limits)
         return self._runs[period]
 
     @property
@@ -236,6 +244,10 @@ class Basic(Controller):
         start[: min(len(numbers), 3)] = trace.position[0, : min(len(numbers), 3)]
         return exact(motion.loaded, motion.unstated, numbers, start, self.placement)
 
+    @classmethod
+    def with_files(cls, content: str, folder: pathlib.Path) -> str:
+        return with_files(content, folder)
+
     @property
     def printed(self) -> tuple[Printed, ...]:
         """What the programs print."""
@@ -254,20 +266,8 @@ class Basic(Controller):
     @property
     def notes(self) -> tuple[str, ...]:
         """What the program prints, and what is ignored or assumed."""
-        state = self._trace.state
-        notes = []
-        for reason in dict.fromkeys(IGNORED[name] for name in sorted(state.ignored)):
-            names = [name for name in sorted(state.ignored) if IGNORED[name] == reason]
-            notes.append(f"{', '.join(names)}: accepted without effect, {reason}")
-        if self.valve not in state.switched:
-            notes.append(f"OP({self.valve}) is never switched: the dispenser is on while the axes move")
-        if self.spiral is None and self._stated(self._trace) is None:
-            notes.append("the moves alone do not state the axes' path: the commanded trace is the requested path")
-        for line in state.printed[:_SHOWN]:
-            channel = "" if line.channel is None else f"#{line.channel}"
-            notes.append(f"PRINT{channel} at {line.time:.3f} s: {line.text}")
-        unshown = len(state.printed) - _SHOWN + state.unlogged
-        return (*notes, f"PRINT: {unshown} more lines") if unshown > 0 else tuple(notes)
+        stated = self.spiral is not None or self._stated(self._trace) is not None
+        return notes_of(self._trace.state, self.stop_after, self.valve, stated)
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
         return {"text": SPEEDS.changed(self.text, change)}

@@ -35,6 +35,8 @@ class Reference:
         axis: of AXIS(), None without.
         line: of the text.
         spelled: as in the text.
+        process: of PROC(), None without.
+        bit: of its value that it stands for, None for all.
     """
 
     name: str
@@ -42,6 +44,8 @@ class Reference:
     axis: Expression | None
     line: int
     spelled: str
+    process: Expression | None = None
+    bit: int | None = None
 
     def count(self, least: int, most: int) -> tuple[Expression, ...]:
         """Return the arguments, or raise InputError where their number is out of bounds."""
@@ -55,7 +59,22 @@ class Reference:
         """Return the arguments of a word that takes so many, and AXIS() if `axis`."""
         if self.axis is not None and not axis:
             raise InputError(f"{self.name} AXIS(): {self.name} does not belong to an axis")
+        if self.process is not None:
+            raise InputError(f"{self.name} PROC(): {self.name} does not belong to a process")
         return self.count(arguments, arguments)
+
+
+@dataclass(frozen=True)
+class Spelt:
+    """A number that PRINT writes as CHR() or HEX() say.
+
+    Attributes:
+        word: CHR or HEX.
+        value: the number.
+    """
+
+    word: str
+    value: Expression
 
 
 @dataclass(frozen=True)
@@ -83,8 +102,10 @@ class Source:
         name: in capitals.
         lines: its statements, line by line.
         read: variables that it reads, with the line of the first time.
+        arrays: names that DIM gives to arrays.
     """
 
     name: str
     lines: list[list[Raw]] = field(default_factory=list)
     read: dict[str, int] = field(default_factory=dict)
+    arrays: set[str] = field(default_factory=set)

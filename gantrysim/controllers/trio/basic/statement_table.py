@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from gantrysim.controllers.basic.statements import Statements
-from gantrysim.controllers.trio.basic import flow, statements
+from gantrysim.controllers.trio.basic import declarations, flow, statements
 
-STATEMENTS = Statements.of(statements.statement, flow.statement)
+STATEMENTS = Statements.of(statements.statement, flow.statement, declarations.statement)

@@ -6,19 +6,24 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from lark import Token
+
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.basic.code import Act
 from gantrysim.controllers.basic.statements import Statements
 from gantrysim.controllers.trio.basic import words
 from gantrysim.controllers.trio.basic.axis import Axis
-from gantrysim.controllers.trio.basic.commands import COMMANDS, WAIT
+from gantrysim.controllers.trio.basic.axis_parameters import AXIS_PARAMETERS
+from gantrysim.controllers.trio.basic.command_table import WAIT
+from gantrysim.controllers.trio.basic.commands import COMMANDS
 from gantrysim.controllers.trio.basic.expressions import unknown_word
 from gantrysim.controllers.trio.basic.names import variable
 from gantrysim.controllers.trio.basic.process import VR_SIZE, Process, index
 from gantrysim.controllers.trio.basic.process_assembler import Handler, ProcessAssembler
-from gantrysim.controllers.trio.basic.raw import Evaluate, Expression, Raw, Reference
+from gantrysim.controllers.trio.basic.raw import Evaluate, Expression, Raw, Reference, Spelt
 
 PRINT = "print"  # kind of statement, by which its time is counted
+TAB = 8  # characters from one column of PRINT to the next
 
 Store = Callable[[Process, float], None]
 statement: Statements[Handler] = Statements()
@@ -30,7 +35,7 @@ def cmd_command(assembler: ProcessAssembler, raw: Raw) -> None:
     ref: Reference = raw.data[0]
     command = COMMANDS.get(ref.name)
     if command is None:
-        tables = (words.AXIS_PARAMETERS, words.SYSTEM_PARAMETERS, words.CONSTANTS, words.FUNCTIONS, words.IGNORED)
+        tables = (AXIS_PARAMETERS, words.SYSTEM_PARAMETERS, words.CONSTANTS, words.FUNCTIONS, words.IGNORED)
         if any(ref.name in table for table in tables) or ref.name in ("VR", "IN"):
             raise InputError(f"{ref.name}: is a value, not a command")
         raise unknown_word(ref)
@@ -69,7 +74,7 @@ def cmd_assign(assembler: ProcessAssembler, raw: Raw) -> None:
     ref: Reference = raw.data[0]
     expression: Expression = raw.data[1]
     value = expression.value
-    store = _store(ref)
+    store = _store(ref, assembler.arrays)
 
     def act(process: Process) -> None:
         result = value(process)
@@ -81,10 +86,15 @@ def cmd_assign(assembler: ProcessAssembler, raw: Raw) -> None:
     assembler.assigned.add(ref.name)
 
 
-def _store(ref: Reference) -> Store:
-    """Return what sets a variable, a parameter or a cell of memory."""
+def _store(ref: Reference, arrays: set[str]) -> Store:
+    """Return what sets a variable, an element of an array, a parameter or a cell of memory."""
     name = ref.name
-    parameter = words.AXIS_PARAMETERS.get(name)
+    if ref.bit is not None:
+        raise InputError(f"{ref.spelled}.{ref.bit} = ...: a bit can be read, not set")
+    if name in arrays and ref.arguments is not None:
+        places = [argument.value for argument in ref.plain(len(ref.arguments))]
+        return lambda process, value: process.set_element(name, [place(process) for place in places], value)
+    parameter = AXIS_PARAMETERS.get(name)
     if name in words.IGNORED or (parameter is not None and parameter.write is not None):
         return _store_of_axis(ref)
     system = words.SYSTEM_PARAMETERS.get(name)
@@ -96,17 +106,17 @@ def _store(ref: Reference) -> Store:
         return lambda process, value: process.state.vr.__setitem__(index("VR", k(process), VR_SIZE), value)
     if name == "TABLE":
         raise InputError("TABLE: is set by TABLE(first, value, ...), not by =")
-    if ref.arguments is not None or ref.axis is not None:
+    if ref.arguments is not None or ref.axis is not None or ref.process is not None:
         raise unknown_word(ref)
     cell = variable(name)
-    return lambda process, value: process.variables.__setitem__(cell, value)
+    return lambda process, value: process.assign(cell, value)
 
 
 def _store_of_axis(ref: Reference) -> Store:
     ref.plain(0, axis=True)
     name = ref.name
     number = None if ref.axis is None else ref.axis.value
-    parameter = words.AXIS_PARAMETERS.get(name)
+    parameter = AXIS_PARAMETERS.get(name)
     write = None if parameter is None else parameter.write
 
     def store(process: Process, value: float) -> None:
@@ -196,22 +206,36 @@ def cmd_halt(assembler: ProcessAssembler, raw: Raw) -> None:
 def cmd_print(assembler: ProcessAssembler, raw: Raw) -> None:
     """PRINT [#channel,] item, ..."""
     channel, *items = raw.data
-    parts = [_printed(item) for item in items if item is not None]
+    items = [item for item in items if item is not None]
+    continues = bool(items) and isinstance(items[-1], Token) and items[-1] == ";"
+    parts = [_printed(item) for item in items]
 
     def act(process: Process) -> None:
         number = None if channel is None else channel.value(process)
-        process.state.log(number, "".join(part(process) for part in parts))
+        text = ""
+        for part in parts:
+            text = part(process, text)
+        process.state.log(number, text, continues)
 
     assembler.emit(raw.line, act, PRINT)
 
 
-def _printed(item: Any) -> Callable[[Process], str]:
-    """Return the text of a string, of CHR(), or of a number with its width and digits."""
+def _printed(item: Any) -> Callable[[Process, str], str]:
+    """Return what adds to a line: a string, CHR(), HEX(), a number with its width and digits, or a separator."""
+    if isinstance(item, Token):
+        return lambda process, text: text if item == ";" else text.ljust((len(text) // TAB + 1) * TAB)
+    show = _shown(item)
+    return lambda process, text: text + show(process)
+
+
+def _shown(item: Any) -> Callable[[Process], str]:
     if isinstance(item, str):
         return lambda process: item
-    if isinstance(item, list):  # CHR()
-        code = item[0].value
-        return lambda process: chr(index("CHR", code(process), 256))
+    if isinstance(item, Spelt):
+        value = item.value.value
+        if item.word == "HEX":
+            return lambda process: f"{int(value(process)) & 0xFFFFFFFF:X}"
+        return lambda process: chr(index("CHR", value(process), 256))
     value, *form = item
     width = form[0].value if len(form) == 2 else None
     digits = form[-1].value if form else None

@@ -26,17 +26,17 @@ from gantrysim.controllers.trio.basic.expressions import (
     unknown_word,
     value_of,
 )
-from gantrysim.controllers.trio.basic.raw import Expression, Raw, Reference, Source
+from gantrysim.controllers.trio.basic.files import MOST_SECTIONS, SECTION
+from gantrysim.controllers.trio.basic.print_brackets import without_print_brackets
+from gantrysim.controllers.trio.basic.raw import Expression, Raw, Reference, Source, Spelt
 from gantrysim.controllers.trio.basic.statement_table import STATEMENTS
 
 # characters of a text, a line, a word
 LONGEST = 1_000_000
 LONGEST_LINE = 4096
 LONGEST_WORD = 64
-_SECTION = re.compile(r"^[ \t]*'\$PROGRAM[ \t]+\"?(\w+)\"?[ \t]*$", re.IGNORECASE | re.MULTILINE)
 _VERB = re.compile(r"\s*([A-Z_]\w{0,63})[^\S\n]+(?!AXIS\b)[\w\"#(]", re.IGNORECASE)
 MAIN = "MAIN"  # name of a program without one
-MOST_SECTIONS = 64
 
 
 class _Parser(threading.local):
@@ -52,9 +52,9 @@ class _Parser(threading.local):
         grammar = with_keywords(text.replace("$statements", STATEMENTS.rule))
         return Lark(grammar, parser="lalr", maybe_placeholders=True, transformer=self.builder)
 
-    def parse(self, text: str, read: dict[str, int], before: int) -> list[list[Raw]]:
+    def parse(self, text: str, source: Source, before: int) -> list[list[Raw]]:
         """Return the statements of a text, line by line, after so many lines; add the variables that it reads."""
-        self.builder.names = read
+        self.builder.source = source
         self.builder.before = before
         return cast(list[list[Raw]], self.lark.parse(text))
 
@@ -73,7 +73,7 @@ def read(text: str) -> list[Source]:
     for number, line in enumerate(text.split("\n"), 1):
         if len(line) > LONGEST_LINE:
             raise InputError(f"line {number}: {len(line)} characters: must have at most {LONGEST_LINE}")
-    heads = list(_SECTION.finditer(text))
+    heads = list(SECTION.finditer(text))
     if len(heads) > MOST_SECTIONS:
         raise InputError(f"{len(heads)} programs: must be at most {MOST_SECTIONS}")
     starts = [0, *(head.end() for head in heads)]
@@ -95,7 +95,7 @@ def read(text: str) -> list[Source]:
 def _source(name: str, text: str, before: int) -> Source:
     source = Source(name)
     try:
-        source.lines = _parser.parse(text.replace("\r", "") + "\n", source.read, before)
+        source.lines = _parser.parse(without_print_brackets(text.replace("\r", "")) + "\n", source, before)
     except UnexpectedToken as error:
         shown = (
             "the line ends too early"
@@ -131,11 +131,11 @@ class _Builder(Transformer):  # type: ignore[type-arg]
     """Builds statements and expressions from the bottom up.
 
     Attributes:
-        names: variables that the text reads, with the line of the first time.
+        source: the program that is read.
         before: lines before the text.
     """
 
-    names: dict[str, int]
+    source: Source
     before: int
 
     def __init__(self) -> None:
@@ -188,6 +188,9 @@ class _Builder(Transformer):  # type: ignore[type-arg]
     def command(self, children: list[Any]) -> Raw:
         return Raw("command", children[0].line, tuple(children))
 
+    def assign_text(self, children: list[Any]) -> Raw:
+        return Raw("assign_text", children[0].line)
+
     def assign(self, children: list[Any]) -> Raw:
         return Raw("assign", children[0].line, tuple(children))
 
@@ -197,16 +200,32 @@ class _Builder(Transformer):  # type: ignore[type-arg]
     def number(self, children: list[Any]) -> tuple[Expression, ...]:
         return tuple(children)
 
-    def character(self, children: list[Any]) -> list[Expression]:
-        return children
+    def character(self, children: list[Any]) -> Spelt:
+        return Spelt("CHR", children[0])
+
+    def hexadecimal_item(self, children: list[Any]) -> Spelt:
+        return Spelt("HEX", children[1])
+
+    def dim(self, children: list[Any]) -> Raw:
+        """DIM: its arrays are known to the expressions that follow."""
+        *declared, kind, _ = children[1:]
+        for ref in declared:
+            if ref.arguments is not None or kind.arguments is not None:
+                self.source.arrays.add(ref.name)
+        return self._statement("dim", children)
 
     def ref(self, children: list[Any]) -> Reference:
-        name, arguments, axis = children
+        name, arguments, bit, place = children
         if len(name) > LONGEST_WORD:
             raise InputError(
                 f"line {self.line_of(name)}: word of {len(name)} characters: must have at most {LONGEST_WORD}"
             )
-        return Reference(name.upper(), arguments, axis, self.line_of(name), str(name))
+        if isinstance(place, list):
+            place, bit = place
+        axis = place if isinstance(place, Expression) else None
+        process = None if place is None or axis is not None else place[0]
+        number = None if bit is None else int(bit[1:])
+        return Reference(name.upper(), arguments, axis, self.line_of(name), str(name), process, number)
 
     def arguments(self, children: list[Any]) -> tuple[Expression, ...]:
         return tuple(child for child in children if child is not None)
@@ -215,20 +234,26 @@ class _Builder(Transformer):  # type: ignore[type-arg]
         expression: Expression = children[0]
         return expression
 
+    def place_and_bit(self, children: list[Any]) -> list[Any]:
+        return children
+
+    def process(self, children: list[Any]) -> tuple[Expression]:
+        return (children[0],)
+
     def joined(self, children: list[Any]) -> Expression:
         return OPERATORS.read(children, self._operation)
 
     def _operation(self, sign: str, operator: RankedOperator, operands: list[Expression]) -> Expression:
         return self._located(cast(Token, sign), lambda: operation(sign, operator, operands))
 
-    def constant(self, children: list[Any]) -> Expression:
+    def decimal(self, children: list[Any]) -> Expression:
         return self._located(children[0], lambda: constant(_number(str(children[0]))))
 
     def hexadecimal(self, children: list[Any]) -> Expression:
         return self._located(children[0], lambda: constant(number_of(str(children[0]), "$")))
 
     def value(self, children: list[Any]) -> Expression:
-        return self._located(children[0], lambda: value_of(children[0], self.names))
+        return self._located(children[0], lambda: value_of(children[0], self.source))
 
     def _located(self, place: Token | Reference, build: Callable[[], Expression]) -> Expression:
         """Build an expression; an error names the line of a token or word of it."""
