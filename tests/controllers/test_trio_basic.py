@@ -376,7 +376,10 @@ def test_a_text_that_is_refused_names_the_line(text, error):
         ("SERVO=OFF\nMOVE(1)", r"line 2: axis 0 is to move while SERVO AXIS\(0\) = OFF: must be ON"),
         ("MOVE(1)\nWAIT IDLE\nUNITS=10", r"line 3: UNITS of axis 0: must be set before it moves$"),
         ("x=1\nWHILE x>0\nx=x+1\nWEND", r"line [234]: more than 2000 statements are executed: must be fewer"),
-        ("\nFORWARD", r"line 2: the program still runs after 2 s: must end before, or raise time_limit, or give stop_after to"),
+        (
+            "\nFORWARD",
+            r"line 2: the program still runs after 2 s: must end before, or raise time_limit, or give stop_after",
+        ),
         ("WHILE TRUE\nWEND", r"line [12]: (the program still runs after 2 s|more than 2000 statements)"),
         ("GET", None),
     ],

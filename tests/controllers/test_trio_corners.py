@@ -128,7 +128,8 @@ def test_sp_moves_have_speeds_of_their_own_that_are_buffered_with_them(first, se
 
 def test_a_lower_force_speed_acts_in_its_own_move_alone():
     """Only ENDMOVE_SPEED, STARTMOVE_SPEED, corners and circles make the axis brake before a joint."""
-    position = basic("MERGE=ON: FORCE_SPEED=80: MOVESP(30): FORCE_SPEED=40: MOVESP(30): WAIT IDLE").setpoints(DT).position
+    program = basic("MERGE=ON: FORCE_SPEED=80: MOVESP(30): FORCE_SPEED=40: MOVESP(30): WAIT IDLE")
+    position = program.setpoints(DT).position
     law = Phases().stretch(30, 80, 80).stretch(30, 40, 0)
     assert position[:, 0] == pytest.approx(law.distance(np.arange(len(position)) * DT), abs=EXACT)
 

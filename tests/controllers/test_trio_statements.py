@@ -224,15 +224,31 @@ def test_programs_run_as_people_write_them(kind):
         assert position[-1] == pytest.approx(end, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    "first",
+    [
+        "MOVEABS(10,20)",
+        "MOVESP(3.3,7.7)",
+        "CORNER_MODE=2: STOP_ANGLE=1: MERGE=ON: MOVEABS(10,1): MOVEABS(0,7)",
+        "MOVELINK(5,4,1,1,2): MOVE(8) AXIS(2)",
+        "FORWARD: CANCEL",
+    ],
+)
+def test_an_absolute_move_from_the_buffer_ends_at_its_target(first):
+    """It starts where the move before it has ended, not where its axes were a period earlier."""
+    text = f"BASE(0,1): SPEED=37: {first}\nMOVEABS(1.25,-2.5): WAIT IDLE"
+    assert basic(text, buffers=4).setpoints(DT).position[-1] == pytest.approx([1.25, -2.5], abs=1e-12)
+
+
 def test_an_error_that_the_program_handles_is_noted_and_a_second_one_ends_it():
     text = "ON BASICERROR GOTO again\nMOVE(1): WAIT IDLE\nagain:\nx=1/VR(1)"
-    with pytest.raises(InputError, match="^line 4: division by zero$"):
+    with pytest.raises(InputError, match=r"^line 4: division by zero$"):
         basic(text).setpoints(DT)
     program = basic("n=0\nON BASICERROR GOTO again\nMOVE(1): WAIT IDLE: y=1/n\nagain:\nn=1")
     program.setpoints(DT)
     assert "line 3: division by zero: the program went on at its ON BASICERROR" in program.notes
     endless = "again:\nON BASICERROR GOTO again\nx=0\nWHILE TRUE\nx=x+1\nWEND"
-    with pytest.raises(InputError, match="more than 50 statements"):
+    with pytest.raises(InputError, match=r"more than 50 statements"):
         basic(endless, statement_limit=50, time_limit=1.0).setpoints(DT)
 
 
@@ -240,7 +256,7 @@ def test_an_error_that_the_program_handles_is_noted_and_a_second_one_ends_it():
     ("text", "error"),
     [
         ('x=1\nINCLUDE "names"', r'line 2: INCLUDE "NAMES": must be one of the programs MAIN, or a file names\.bas'),
-        ("INCLUDE \"a\"\n'$PROGRAM a\nINCLUDE \"a\"", r"line 3 \(line 1 of A\): INCLUDE \"A\": .* more than 8 deep$"),
+        ('INCLUDE "a"\n\'$PROGRAM a\nINCLUDE "a"', r"line 3 \(line 1 of A\): INCLUDE \"A\": .* more than 8 deep$"),
         ("DIM s AS STRING(20)", r"line 1: DIM s AS STRING: is not emulated, must be BOOLEAN, FLOAT, INTEGER$"),
         ('x=1\ns="text"', r"line 2: text in a variable is not emulated: a variable must be a number$"),
         ("DIM a AS FLOAT(3)\na(3)=1", r"line 2: a\(3\): must be a whole number from 0 to 2$"),

@@ -58,6 +58,7 @@ class Buffers:
         self.enabled = True
         self.buffers = settings.buffers
         self._settings = settings
+        self._ended: list[Axis] = []  # whose move has ended in the period that runs
 
     def axis(self, number: float) -> Axis:
         """Return an axis by its number."""
@@ -196,13 +197,17 @@ class Buffers:
                 raise InputError(f"line {move.line}: {error}") from None
 
     def _end(self, base: Axis) -> None:
-        """End the move that an axis holds, and load the next one."""
+        """End the move that an axis holds, and load the next one, between two periods."""
+        self._release(base)
+        self._load_next(base)
+
+    def _release(self, base: Axis) -> None:
+        """End the move that an axis holds."""
         if base.move is not None:
             for n in base.move.axes:
                 self.axes[n].member = None
         base.move = None
         base.along = Speed()
-        self._load_next(base)
 
     def _load_next(self, base: Axis) -> None:
         if base.move is None and base.queue and self._free(base.queue[0]):

@@ -1,4 +1,9 @@
-"""Speeds that a program gives to a move: CORNER_MODE with its angles and radius, and the speeds of SP moves."""
+"""Speeds that a program gives to a move: CORNER_MODE with its angles and radius, and the speeds of SP moves.
+
+What the parameters bound is in Trio's Motion Coordinator Technical Reference Manual. The law between the bounds is not
+documented in the sources at hand: linear in the angle between DECEL_ANGLE and STOP_ANGLE, and in proportion to the
+radius below FULL_SP_RADIUS, are assumptions.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +39,7 @@ class CornerRules:
     def share_at_corner(self, angle: float) -> float:
         """Return the share of the speed at a change of direction [rad].
 
-        It is 1 up to DECEL_ANGLE, 0 from STOP_ANGLE on, and falls linearly between them.
+        It is 1 up to DECEL_ANGLE, 0 from STOP_ANGLE on, and falls linearly between them, which is assumed.
         """
         if not self.mode & SHARP_CORNERS or angle <= max(self.decel_angle, _STRAIGHT):
             return 1.0
@@ -43,7 +48,10 @@ class CornerRules:
         return (self.stop_angle - angle) / (self.stop_angle - self.decel_angle)
 
     def share_on_circle(self, radius: float) -> float:
-        """Return the share of the speed on a circle: 1 from FULL_SP_RADIUS on, radius / FULL_SP_RADIUS below."""
+        """Return the share of the speed on a circle: 1 from FULL_SP_RADIUS on, radius / FULL_SP_RADIUS below.
+
+        That it is in proportion is assumed.
+        """
         if not self.mode & SMALL_CIRCLES or radius >= self.full_radius:
             return 1.0
         return radius / self.full_radius

@@ -75,7 +75,7 @@ def direction(shape: Shape, s: float) -> tuple[float, ...] | None:
         psi = shape.begin + (-1 if shape.clockwise else 1) * shape.angle * min(s / shape.length, 1.0)
         turn = -shape.angle if shape.clockwise else shape.angle
         plane = (-turn * shape.radius * math.sin(psi), turn * shape.radius * math.cos(psi))
-        vector = plane if shape.rise is None else (*plane, shape.rise)
+        vector: tuple[float, ...] = plane if shape.rise is None else (*plane, shape.rise)
     elif isinstance(shape, Straight) and shape.length > 0:
         vector = shape.deltas
     else:

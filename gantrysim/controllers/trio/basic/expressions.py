@@ -98,8 +98,8 @@ def _value_of(ref: Reference, source: Source) -> Expression:
     source.read.setdefault(name, ref.line)
 
     def value(process: Process) -> float:
-        found: float | None = process.variables.get(name)
-        return process.state.shared_value(name) if found is None else found
+        variable: float | None = process.variables.get(name)
+        return process.state.shared_value(name) if variable is None else variable
 
     return Expression(value)
 

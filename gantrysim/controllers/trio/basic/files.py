@@ -56,11 +56,11 @@ def located(text: str) -> Iterator[None]:
         yield
     except InputError as error:
         message = str(error)
-        found = _LINE.match(message)
+        line_match = _LINE.match(message)
         heads = [(text.count("\n", 0, head.start()) + 1, head[1].upper()) for head in SECTION.finditer(text)]
-        before = [(line, name) for line, name in heads if found and line < int(found[1])]
-        if found is None or not before:
+        before = [(line, name) for line, name in heads if line_match and line < int(line_match[1])]
+        if line_match is None or not before:
             raise
         line, name = before[-1]
-        place = f"line {found[1]} (line {int(found[1]) - line} of {name}): "
-        raise InputError(place + message[found.end() :]) from None
+        place = f"line {line_match[1]} (line {int(line_match[1]) - line} of {name}): "
+        raise InputError(place + message[line_match.end() :]) from None

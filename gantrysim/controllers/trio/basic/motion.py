@@ -13,7 +13,7 @@ from gantrysim.controllers.trio.basic.axis import Axis
 from gantrysim.controllers.trio.basic.buffers import Buffers
 from gantrysim.controllers.trio.basic.corners import distance_to_stop, joint_speed, speed_along
 from gantrysim.controllers.trio.basic.links import follow
-from gantrysim.controllers.trio.basic.moves import Move
+from gantrysim.controllers.trio.basic.moves import CONNECT, Move
 from gantrysim.controllers.trio.basic.profile import Glide, Speed
 
 FARTHEST = 1e12  # position of an axis, still exact to 0.0002 [units]
@@ -32,18 +32,34 @@ class Motion(Buffers):
         for axis in axes:
             self._load_next(axis)
         steps = dict.fromkeys(self.axes, 0.0)
+        self._ended = []
         linked = {axis.number: axis.move for axis in axes if axis.move is not None and not axis.move.profiled}
         for axis in axes:
             if axis.move is not None and axis.move.profiled:
                 self._advance(axis, axis.move, steps)
         if linked or any(axis.superimposed is not None for axis in axes):
-            follow(self.axes, linked, steps, self._end)
+            follow(self.axes, linked, steps, self._end_link)
         for axis in axes:
             axis.step = steps[axis.number]
             if axis.step:
                 axis.position += axis.step
                 axis.moved = True
                 self._check(axis)
+        # not before all axes are where the period ends: a MOVEABS starts from there
+        for axis in self._ended:
+            self._load_next(axis)
+
+    def _end_path(self, base: Axis) -> None:
+        """End a move within a period; the next one is loaded at its end."""
+        self._release(base)
+        self._ended.append(base)
+
+    def _end_link(self, axis: Axis) -> None:
+        """End a linked move within a period; one with the same link axis goes on in it, others at its end."""
+        driver = None if axis.move is None else axis.move.driver
+        self._end_path(axis)
+        if axis.queue and axis.queue[0].driver == driver and axis.queue[0].kind != CONNECT:
+            self._load_next(axis)
 
     def glide(self, most: int, recorded: tuple[int, ...]) -> Floats:
         """Move all axes for the periods, at most `most`, in which no move begins or ends, each to the same last bit.
@@ -164,7 +180,7 @@ class Motion(Buffers):
             if len(chain) == 1 and distance >= remaining:
                 self._place(move, move.shape.length, steps)
                 move.finished = True
-                self._end(base)
+                self._end_path(base)
                 return
             if len(chain) == 1 or distance < to_joint:
                 self._place(move, move.s + distance, steps)
@@ -176,7 +192,7 @@ class Motion(Buffers):
             self._pass_on(base, move, follows, steps)
             move = follows
         if move.stopping and speed.value <= 0:
-            self._end(base)
+            self._end_path(base)
 
     def _pass_on(self, base: Axis, move: Move, follows: Move, steps: dict[int, float]) -> None:
         """End a move at its place, and load the merged one in the same period."""
@@ -205,7 +221,7 @@ class Motion(Buffers):
             if follows is None and stopped:
                 self._place(move, move.shape.length, steps)
                 move.finished = True
-                self._end(base)
+                self._end_path(base)
                 return
             if follows is None or s < move.shape.length:
                 break
@@ -215,7 +231,7 @@ class Motion(Buffers):
             move = follows
         self._place(move, s, steps)
         if move.stopping and speed.value <= 0:
-            self._end(base)
+            self._end_path(base)
 
     def _place(self, move: Move, s: float, steps: dict[int, float]) -> None:
         displaced = move.shape.displacement(s) if move.shape.length > 0 else move.displaced
