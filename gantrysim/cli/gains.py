@@ -51,11 +51,9 @@ def gains(
     Exit status: 0, 2 for bad input or a gain that the controller has no word for.
     """
     from gantrysim.base.files import replaced
-    from gantrysim.base.toml_files import read_text
-    from gantrysim.exchange.gains import DIALECTS, dialect, exported, imported
+    from gantrysim.exchange.gains import DIALECTS, dialect, exported
     from gantrysim.exchange.shaper import klipper
     from gantrysim.job.job import Job
-    from gantrysim.tuning.servo import servo_toml
 
     if export is not None and source is not None:
         raise InputError("--export and --from: must be one of them")
@@ -68,14 +66,7 @@ def gains(
         return
     notes: list[str] = []
     if source is not None:
-        name, file = source
-        dialect(name)
-        try:
-            text = read_text(expanded(file), errors="replace")
-        except OSError as error:
-            raise InputError(f"--from {name} {file}: cannot be read: {error.strerror}") from None
-        imported_servo = imported(name, text, axes, loaded.built_servo, f"--from {name} {file}")
-        content = servo_toml(loaded, imported_servo, [f"Gains in the words of {name}, from {file.name}."])
+        content, notes = _read(loaded, *source)
     elif export == _SHAPER:
         content, notes = klipper(axes)
     else:
@@ -91,6 +82,39 @@ def gains(
         warn(f"note: assumed of {named}: {DIALECTS[named].assumes}")
     for note in notes:
         warn(f"note: {note}")
+
+
+def _read(job: Job, name: str, file: Path) -> tuple[str, list[str]]:
+    """Return the tables that a controller's file gives a job, and notes."""
+    from gantrysim.exchange.gains import dialect, read_gains, sign_of_velocity_drives
+    from gantrysim.exchange.motion_limits import program_lines
+    from gantrysim.tuning.servo import servo_toml
+
+    label = f"--from {name} {file}"
+    chosen = dialect(name)
+    try:
+        text = chosen.file_text(expanded(file))
+        limits = chosen.limits(text)
+    except InputError as error:
+        raise InputError(f"--from {name}: {error}") from None
+    comments = [f"{limit.in_words()}" for limit in limits]
+    if limits and not chosen.has_gains(text):
+        head = [f"# Limits of speed and acceleration, from {file.name}.", *(f"# {comment}" for comment in comments)]
+        note = "no gains: its drives take positions or steps and close their loops themselves; these are its limits"
+        return "\n".join([*head, "", *program_lines(limits)]) + "\n", [note]
+    if not chosen.has_gains(text):
+        raise InputError(f"{label}: has neither gains nor limits of speed in a section of a joint or axis")
+    axes = job.built_machine.axes
+    servo, notes = read_gains(name, text, axes, job.built_servo, label)
+    sign = sign_of_velocity_drives(axes, servo) if job.servo.mode is None and set(servo.modes) == {"torque"} else ""
+    if sign:
+        job = job.changed({"servo.mode": "velocity"})
+        servo, notes = read_gains(name, text, axes, job.built_servo, label)
+        notes.insert(
+            0, f"read as gains of velocity drives: {sign}; --set servo.mode='\"torque\"' reads them as torques"
+        )
+    comments.insert(0, f"Gains in the words of {name}, from {file.name}, drives in mode {', '.join(servo.modes)}.")
+    return servo_toml(job, servo, comments), notes
 
 
 def _table(job: Job) -> Table:

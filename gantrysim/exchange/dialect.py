@@ -7,9 +7,12 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 from gantrysim.base.errors import InputError
+from gantrysim.base.toml_files import read_text
+from gantrysim.exchange.motion_limits import AxisLimits
 from gantrysim.machine.axis import Axis
 from gantrysim.servo.servo import Servo
 
@@ -206,6 +209,25 @@ class Dialect(ABC):
     @abstractmethod
     def read(self, text: str, axes: Sequence[AxisServo]) -> list[dict[str, float]]:
         """Return the words that a text gives each axis, in their order; empty where it gives none."""
+
+    def remarks(self, words: Mapping[str, float], axis: AxisServo) -> list[str]:
+        """Return what of an axis' words is left out although they are read."""
+        return []
+
+    def has_gains(self, text: str) -> bool:
+        """Return whether a text gives gains of any axis; one that does not may be the file of a position drive."""
+        return True
+
+    def file_text(self, path: Path) -> str:
+        """Return the text of a file, or raise InputError where it cannot be read."""
+        try:
+            return read_text(path, errors="replace")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+
+    def limits(self, text: str) -> tuple[AxisLimits, ...]:
+        """Return the limits of speed and acceleration that a text gives beside gains, or instead of them."""
+        return ()
 
     def text(self, axes: Sequence[AxisServo], notes: Sequence[str] = ()) -> str:
         """Return the file of these gains.

@@ -18,6 +18,9 @@ from gantrysim.servo.servo import Servo
 DIALECTS: dict[str, Dialect] = {entry.name: entry for entry in (Trio(), LinuxCNC(), LinuxCNCIni(), SoftMC(), Fanuc())}
 
 
+_LARGEST_FORWARD = 0.5  # share of the torque limit that friction takes at the speed limit
+
+
 def dialect(name: str) -> Dialect:
     """Return a dialect by its name.
 
@@ -66,6 +69,13 @@ def imported(name: str, text: str, axes: Sequence[Axis], servo: Servo, label: st
     Raises:
         InputError: no words of the dialect, not those of every axis, or a term that the servo's law lacks.
     """
+    return read_gains(name, text, axes, servo, label)[0]
+
+
+def read_gains(
+    name: str, text: str, axes: Sequence[Axis], servo: Servo, label: str = "gains"
+) -> tuple[Servo, list[str]]:
+    """Return the servo of `imported`, which see, and notes on what of the text is left out."""
     chosen = dialect(name)
     axis_servos = AxisServo.of(axes, servo)
     words_by_axis = chosen.read(text, axis_servos)
@@ -78,4 +88,31 @@ def imported(name: str, text: str, axes: Sequence[Axis], servo: Servo, label: st
     for name in ("velocity_gain", "velocity_time"):  # of a dialect with words for the loop in the drive
         given = zip(gains, servo.per_axis(name), strict=True)
         values[name] = tuple(axis_gains.get(name, value) for axis_gains, value in given)
-    return servo.with_values(**values)
+    remarks = [
+        remark for words, axis in zip(words_by_axis, axis_servos, strict=True) for remark in chosen.remarks(words, axis)
+    ]
+    return servo.with_values(**values), remarks
+
+
+def has_gains(name: str, text: str, axes: Sequence[Axis], servo: Servo) -> bool:
+    """Return whether a text has gains, of any axis."""
+    return any(dialect(name).read(text, AxisServo.of(axes, servo)))
+
+
+def sign_of_velocity_drives(axes: Sequence[Axis], servo: Servo) -> str:
+    """Return why gains that were read as those of drives which take torques cannot be such; empty if they can.
+
+    Args:
+        axes: of the machine.
+        servo: with the gains.
+    """
+    for axis, gains, drive in zip(axes, servo.gains, servo.drives, strict=True):
+        if gains.kp > 0 and gains.kd - gains.output_velocity <= 0:
+            return f"the loop of axis {axis.name} has P without D, which would not damp a drive that takes torques"
+        torque = (gains.velocity_ff + gains.output_velocity) * axis.speed_limit
+        if torque > _LARGEST_FORWARD * drive.torque_limit:
+            return (
+                f"as a torque, the velocity feed-forward of axis {axis.name} would take {torque:.3g} N·m of "
+                f"{drive.torque_limit:.3g} N·m at its speed limit"
+            )
+    return ""

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import ClassVar
 
 from gantrysim.base.errors import InputError
 from gantrysim.base.patterns import NUMBER
 from gantrysim.exchange.dialect import AxisServo, Dialect, Word, by_name
+from gantrysim.exchange.ini_file import IniFile, ini_text
+from gantrysim.exchange.motion_limits import AxisLimits
 
 # pins of pid, keys of an INI file and gains of the servo
 _TERMS = (
@@ -18,7 +20,9 @@ _TERMS = (
     ("FF1", "FF1", "velocity_ff"),
     ("FF2", "FF2", "acceleration_ff"),
 )
-_FOREIGN = (("FF0", "FF0"), ("FF3", "FF3"), ("bias", "BIAS"), ("deadband", "DEADBAND"))  # that the servo lacks
+_DEADBAND = ("deadband", "DEADBAND")
+_FOREIGN = (("FF0", "FF0"), ("FF3", "FF3"), ("bias", "BIAS"), _DEADBAND)  # that the servo lacks
+_OLDER = {"P": "PGAIN", "I": "IGAIN", "D": "DGAIN"}  # names of keys that a HAL file may have instead
 _UNITS = {"kp": "/u", "ki": "/(u·s)", "kd": "·s/u", "velocity_ff": "·s/u", "acceleration_ff": "·s²/u"}
 _FORMULAS = {"kd": "kd - o", "velocity_ff": "vff + o", "acceleration_ff": "aff"}
 
@@ -60,11 +64,22 @@ class LinuxCNC(Dialect):
         ]
 
     def gains(self, words: Mapping[str, float], axis: AxisServo) -> dict[str, float]:
-        foreign = {term[self.keys]: words.get(term[self.keys], 0.0) for term in _FOREIGN}
+        foreign = {term[self.keys]: words.get(term[self.keys], 0.0) for term in _FOREIGN if term != _DEADBAND}
         for name, value in foreign.items():
             if value != 0:
                 raise InputError(f"{name} of axis {axis.name} = {value:g}: must be 0, the servo has no such term")
         return {term[2]: words.get(term[self.keys], 0.0) for term in _TERMS} | {"output_velocity": 0.0}
+
+    def remarks(self, words: Mapping[str, float], axis: AxisServo) -> list[str]:
+        name = _DEADBAND[self.keys]
+        deadband = words.get(name, 0.0)
+        if not deadband:
+            return []
+        counts = f" = {deadband / axis.resolution:.2g} encoder counts" if axis.resolution else ""
+        return [
+            f"{name} of axis {axis.name} = {deadband:.4g} {axis.unit}{counts}: left out, the servo has none; the real "
+            "axis may stay that far from its command"
+        ]
 
     def body(self, axes: Sequence[AxisServo]) -> list[str]:
         names = [f"pid.{axis.name}" for axis in axes]
@@ -115,15 +130,39 @@ class LinuxCNCIni(LinuxCNC):
         return lines
 
     def read(self, text: str, axes: Sequence[AxisServo]) -> list[dict[str, float]]:
-        values: list[dict[str, float]] = [{} for _ in axes]
-        names = {axis.name.lower(): a for a, axis in enumerate(axes)}
-        known = {term[1] for term in (*_TERMS, *_FOREIGN)}
-        section: int | None = None
-        for line in text.splitlines():
-            head = re.match(r"\s*\[(?:JOINT_(\d{1,4})|AXIS_(\w+)|\w+)\]", line, re.IGNORECASE)
-            if head:
-                section = int(head[1]) if head[1] else names.get((head[2] or "").lower())
-            given = re.match(rf"\s*(\w+)\s*=\s*({NUMBER})\s*(?:[#;].*)?$", line)
-            if given and given[1].upper() in known and section is not None and section < len(values):
-                values[section][given[1].upper()] = float(given[2])
-        return values
+        ini = IniFile.of(text)
+        names = [axis.name for axis in axes]
+        return [self._words_of_joint(ini, ini.section_of(axis.name, a, names), axis) for a, axis in enumerate(axes)]
+
+    @staticmethod
+    def _words_of_joint(ini: IniFile, section: str | None, axis: AxisServo) -> dict[str, float]:
+        """Return the words of a joint's section, in mm or deg."""
+        if section is None:
+            return {}
+        words = {}
+        for key in (term[1] for term in (*_TERMS, *_FOREIGN)):
+            value = ini.number(section, key)
+            if value is None:
+                value = ini.number(section, _OLDER.get(key, key))
+            if value is not None:
+                words[key] = value
+        if not any(term[1] in words for term in _TERMS):
+            return {}
+        if ini.is_angular(section) != (axis.unit == "deg"):
+            kind = ini.sections[section].get("TYPE", "LINEAR")
+            raise InputError(f"[{section}] TYPE = {kind}: axis {axis.name} of the machine is in {axis.unit}")
+        if axis.unit == "mm":
+            for key in words:
+                # per unit of length where the output is a torque; a speed has the unit itself, which cancels
+                factor = 1 / ini.length if axis.mode == "torque" else 1.0
+                words[key] *= ini.length if key == "DEADBAND" else factor
+        return words
+
+    def limits(self, text: str) -> tuple[AxisLimits, ...]:
+        return IniFile.of(text).limits
+
+    def has_gains(self, text: str) -> bool:
+        return IniFile.of(text).has_any("P", "PGAIN", "FF1")
+
+    def file_text(self, path: Path) -> str:
+        return ini_text(path)

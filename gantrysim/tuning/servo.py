@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 
 from gantrysim.job.job import Job
+from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.laws import PD, PID
 from gantrysim.servo.servo import Servo
 from gantrysim.servo.servo_values import DERIVED
@@ -53,5 +54,8 @@ def servo_toml(job: Job, servo: Servo, comments: Sequence[str]) -> str:
     ]
     for name in UNITS:
         of_axes = ", ".join(repr(float(value)) for value in values[name])
-        lines.append(f"{name} = [{of_axes}]  # [{unit_of(name, units)}]")
+        unit = unit_of(name, units)
+        if name in GAIN_NAMES and set(servo.modes) == {"velocity"}:  # whose output is a speed
+            unit = unit.replace("N·m", f"({units[0] if len(set(units)) == 1 else 'u'}/s)")
+        lines.append(f"{name} = [{of_axes}]  # [{unit}]")
     return "\n".join(lines) + "\n"

@@ -330,8 +330,8 @@ def test_gains_that_cannot_be_converted_are_refused(xy, servo):
         exported("trioo", xy.axes, servo)
     with pytest.raises(InputError, match="for axis y, in the words of trio"):
         imported("trio", "P_GAIN AXIS(0)=1", xy.axes, servo)
-    with pytest.raises(InputError, match=r"deadband of axis x = 0\.01: must be 0"):
-        imported("linuxcnc", "setp pid.x.Pgain 1\nsetp pid.x.deadband 0.01\nsetp pid.1.Pgain 2", xy.axes, servo)
+    with pytest.raises(InputError, match=r"bias of axis x = 0\.01: must be 0"):
+        imported("linuxcnc", "setp pid.x.Pgain 1\nsetp pid.x.bias 0.01\nsetp pid.1.Pgain 2", xy.axes, servo)
 
 
 def test_trio_s_text_as_a_person_writes_it_is_read(xy, servo):

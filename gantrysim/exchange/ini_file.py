@@ -1,0 +1,148 @@
+"""INI files of LinuxCNC: sections, units, which joint is which axis, and limits of speed and acceleration."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from gantrysim.base.errors import InputError
+from gantrysim.base.patterns import NUMBER
+from gantrysim.base.toml_files import read_text
+from gantrysim.exchange.motion_limits import AxisLimits
+
+_DEEPEST = 16  # inclusions within one another
+_INCLUDE = re.compile(r"#INCLUDE\s+(.+?)\s*")
+_SECTION = re.compile(r"\[\s*([\w:.-]+)\s*\].*")
+_VALUE = re.compile(rf"({NUMBER})\s*(?:[#;].*)?")
+_LENGTHS = {"mm": 1.0, "metric": 1.0, "cm": 10.0, "inch": 25.4, "in": 25.4, "imperial": 25.4}  # [mm]
+_TRIVIAL = "trivkins"  # kinematics in which each joint is an axis
+
+
+def ini_text(path: Path, depth: int = 0) -> str:
+    """Return the text of an INI file, with the files that its lines #INCLUDE name in their places.
+
+    Raises:
+        InputError: a file that cannot be read, or files that include each other.
+    """
+    if depth > _DEEPEST:
+        raise InputError(f"{path}: #INCLUDE is nested more than {_DEEPEST} deep: does a file include itself?")
+    try:
+        text = read_text(path, errors="replace")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    lines = []
+    for line in text.splitlines():
+        include = _INCLUDE.fullmatch(line)
+        lines.append(line if include is None else ini_text(path.parent / Path(include[1]).expanduser(), depth + 1))
+    return "\n".join(lines) + "\n"
+
+
+@dataclass(frozen=True)
+class IniFile:
+    """The values of an INI file by section and key, both in capitals; of several values of a key the first counts."""
+
+    sections: dict[str, dict[str, str]]
+
+    @classmethod
+    def of(cls, text: str) -> IniFile:
+        """Return the content of a text."""
+        sections: dict[str, dict[str, str]] = {}
+        section: dict[str, str] = {}  # before the first heading, where LinuxCNC looks for nothing
+        for line in text.splitlines():
+            heading = _SECTION.fullmatch(line.strip())
+            if heading:
+                section = sections.setdefault(heading[1].upper(), {})
+                continue
+            key, equals, value = line.partition("=")
+            if equals and not line.lstrip().startswith(("#", ";")):
+                section.setdefault(key.strip().upper(), value.strip())
+        return cls(sections)
+
+    def number(self, section: str, key: str) -> float | None:
+        """Return a number, None where there is none."""
+        value = _VALUE.fullmatch(self.sections.get(section, {}).get(key, ""))
+        return None if value is None else float(value[1])
+
+    def has_any(self, *keys: str) -> bool:
+        """Return whether the section of any joint or axis has one of some keys."""
+        joints = (values for name, values in self.sections.items() if name.startswith(("JOINT_", "AXIS_")))
+        return any(key in values for values in joints for key in keys)
+
+    @property
+    def length(self) -> float:
+        """Millimetres per machine unit of length.
+
+        Raises:
+            InputError: an unknown unit.
+        """
+        unit = self.sections.get("TRAJ", {}).get("LINEAR_UNITS", "mm").split("#")[0].strip()
+        per_millimetre = re.fullmatch(NUMBER, unit)
+        if per_millimetre and float(unit) > 0:
+            return 1 / float(unit)
+        if unit.lower() not in _LENGTHS:
+            raise InputError(f"[TRAJ] LINEAR_UNITS = {unit:.40}: must be one of {', '.join(_LENGTHS)}")
+        return _LENGTHS[unit.lower()]
+
+    @property
+    def letters(self) -> str:
+        """The axis of each joint in turn, in small letters; empty where the kinematics mix the joints."""
+        words = self.sections.get("KINS", {}).get("KINEMATICS", _TRIVIAL).split("#")[0].lower().split()
+        if not words or words[0] != _TRIVIAL:
+            return ""
+        named = [word.removeprefix("coordinates=") for word in words if word.startswith("coordinates=")]
+        letters = named[0] if named else self.sections.get("TRAJ", {}).get("COORDINATES", "").split("#")[0]
+        return re.sub("[^a-z]", "", letters.lower())
+
+    def section_of(self, name: str, number: int, names: Sequence[str]) -> str | None:
+        """Return the section of an axis' joint, None without one.
+
+        Joints are found by the letters of the axes, or by their numbers where the machine's axes have no such names.
+
+        Args:
+            name: of the axis.
+            number: its place in the machine.
+            names: of all axes of the machine.
+        """
+        letters = self.letters
+        if set("".join(names).lower()) & set(letters):
+            number = letters.find(name.lower())
+        joint = f"JOINT_{number}"
+        if joint in self.sections:
+            return joint
+        older = f"AXIS_{name.upper()}"  # before joints and axes were told apart
+        return older if older in self.sections else None
+
+    def is_angular(self, section: str) -> bool:
+        """Return whether a joint turns."""
+        return self.sections[section].get("TYPE", "").upper().startswith("ANGULAR")
+
+    @property
+    def limits(self) -> tuple[AxisLimits, ...]:
+        """Limits of the axes x, y and z, as far as the file has them."""
+        limits = []
+        for letter in "xyz":
+            joint = f"JOINT_{self.letters.find(letter)}"
+            sections = [section for section in (joint, f"AXIS_{letter.upper()}") if section in self.sections]
+            speeds = [self.number(section, "MAX_VELOCITY") for section in sections]
+            accelerations = [self.number(section, "MAX_ACCELERATION") for section in sections]
+            scales = [self.number(section, key) for section in sections for key in ("SCALE", "STEP_SCALE")]
+            errors = [self.number(section, "FERROR") for section in sections]
+            if any(speeds):
+                limits.append(
+                    AxisLimits(
+                        letter,
+                        _least(speeds, self.length),
+                        _least(accelerations, self.length),
+                        _least(scales, 1 / self.length),
+                        _least(errors, self.length),
+                    )
+                )
+        return tuple(limits)
+
+
+def _least(values: Sequence[float | None], factor: float) -> float:
+    """Return the least size of the values that are given and not 0, times a factor; 0 without any."""
+    sizes = [abs(value) for value in values if value]
+    return min(sizes) * factor if sizes else 0.0

@@ -1,0 +1,166 @@
+"""Files of controllers as people have them: units, axes, drives and limits of LinuxCNC's INI files, Trio's DAC."""
+
+import tomllib
+
+import pytest
+
+from gantrysim import InputError, Machine, Servo
+from gantrysim.exchange.gains import imported, read_gains, sign_of_velocity_drives
+from gantrysim.exchange.ini_file import IniFile, ini_text
+
+# a mill in inches with velocity drives, whose third axis is no linear one
+MILL = """
+[EMCMOT]
+SERVO_PERIOD = 1000000
+[KINS]
+KINEMATICS = trivkins
+[TRAJ]
+COORDINATES = Y X A     # not in the machine's order
+LINEAR_UNITS = inch
+[AXIS_X]
+MAX_VELOCITY = 2.0
+[JOINT_0]
+TYPE = LINEAR
+P = 40
+FF1 = 1.000   ; as every velocity drive
+FF2 = 0.002
+DEADBAND = 0.0001
+MAX_VELOCITY = 3
+MAX_ACCELERATION = 20
+[JOINT_1]
+TYPE = LINEAR
+P = 50
+D = 0.5
+FF1 = 1
+P = 99
+BIAS = 0.0
+MAX_VELOCITY = 4
+MAX_ACCELERATION = 10
+FERROR = 0.05
+[JOINT_2]
+TYPE = ANGULAR
+P = 60
+MAX_VELOCITY = 360
+"""
+
+
+@pytest.fixture(scope="module")
+def servos():
+    axes = Machine("xy").axes
+    return {mode: Servo.derive(axes, mode=mode, frequency=10.0, notch_frequency=0.0) for mode in ("torque", "velocity")}
+
+
+def test_gains_of_velocity_drives_do_not_depend_on_the_unit_of_length(xy, servos):
+    """An error of 1 inch demands P inches per second: P is in 1/s, whatever the unit."""
+    servo, notes = read_gains("linuxcnc-ini", MILL, xy.axes, servos["velocity"])
+    metric = imported("linuxcnc-ini", MILL.replace("inch", "mm"), xy.axes, servos["velocity"])
+    assert servo == metric
+    assert [gains.kp for gains in servo.gains] == [50, 40]  # by letters, the first P of a section
+    assert [gains.kd for gains in servo.gains] == [0.5, 0]
+    assert [gains.acceleration_ff for gains in servo.gains] == [0, 0.002]
+    (note,) = notes
+    assert note.startswith("DEADBAND of axis y = 0.00254 mm = 2.5 encoder counts: left out")
+
+
+def test_gains_of_torque_drives_are_per_unit_of_length(xy, servos):
+    """An error of 25.4 mm is one of 1 inch: both demand the torque P."""
+    servo = imported("linuxcnc-ini", MILL, xy.axes, servos["torque"])
+    assert 25.4 * servo.gains[0].kp == pytest.approx(50)
+    assert 25.4 * servo.gains[0].velocity_ff == pytest.approx(1)
+    for unit, length in (("mm", 1), ("cm", 10), ("0.5", 2)):
+        other = imported("linuxcnc-ini", MILL.replace("inch", unit), xy.axes, servos["torque"])
+        assert length * other.gains[1].kp == pytest.approx(40)
+    with pytest.raises(InputError, match=r"LINEAR_UNITS = furlong: must be one of mm, metric, cm, inch, in, imperial"):
+        imported("linuxcnc-ini", MILL.replace("inch", "furlong"), xy.axes, servos["torque"])
+
+
+def test_velocity_drives_are_recognised_by_what_a_torque_drive_could_not_do(xy, servos):
+    torque = servos["torque"]
+    assert sign_of_velocity_drives(xy.axes, torque) == ""
+    undamped = torque.with_values(kd=0.0, velocity_ff=0.0)
+    assert "axis x has P without D, which would not damp" in sign_of_velocity_drives(xy.axes, undamped)
+    beyond = torque.with_values(velocity_ff=[0.0, 0.01])  # 10 N·m at 1000 mm/s
+    assert "feed-forward of axis y would take 10 N·m of 0.906 N·m" in sign_of_velocity_drives(xy.axes, beyond)
+
+
+def test_an_axis_without_a_joint_and_a_joint_that_turns_are_refused(xy, servos):
+    without = MILL.replace("Y X A", "X Z A")
+    with pytest.raises(InputError, match=r"has none of P, I, D, FF1, FF2 for axis y, in the words of linuxcnc-ini"):
+        imported("linuxcnc-ini", without, xy.axes, servos["torque"])
+    turning = MILL.replace("[JOINT_0]\nTYPE = LINEAR", "[JOINT_0]\nTYPE = ANGULAR")
+    with pytest.raises(InputError, match=r"\[JOINT_0\] TYPE = ANGULAR: axis y of the machine is in mm"):
+        imported("linuxcnc-ini", turning, xy.axes, servos["torque"])
+
+
+def test_limits_are_in_millimetres_and_the_lower_of_joint_and_axis():
+    x, y = IniFile.of(MILL).limits
+    assert x[:3] == ("x", pytest.approx(50.8), pytest.approx(254))
+    assert y[:3] == ("y", pytest.approx(76.2), pytest.approx(508))
+    assert x.following_error == pytest.approx(1.27)
+
+
+STEPS = """[TRAJ]
+COORDINATES = XYZ
+LINEAR_UNITS = mm
+#INCLUDE joints/x.inc
+[JOINT_2]
+MAX_VELOCITY = 5
+MAX_ACCELERATION = 80
+"""
+
+
+def test_a_machine_of_steppers_gives_limits_that_a_job_takes(tmp_path, gantrysim_command):
+    """Included files count; what is written is a table [program] that a job with G-code runs with."""
+    (tmp_path / "joints").mkdir()
+    (tmp_path / "joints" / "x.inc").write_text("[JOINT_0]\nMAX_VELOCITY = 20\nMAX_ACCELERATION = 100\nSCALE = -160\n")
+    file = tmp_path / "mill.ini"
+    file.write_text(STEPS)
+    status, out, err = gantrysim_command("gains", "slicer-square", "--from", "linuxcnc-ini", file)
+    assert (status, "no gains: its drives take positions or steps" in " ".join(err.split())) == (0, True)
+    assert "# x: 20 mm/s, 100 mm/s², 160 steps/mm, 6.25 µm each" in out
+    program = tomllib.loads(out)["program"]
+    assert program == {"acceleration": 80.0, "axis_speeds": [20.0, float("inf"), 5.0]}
+    settings = [part for key, value in program.items() for part in ("--set", f"program.{key}={value}")]
+    status, _, err = gantrysim_command("gains", "slicer-square", *settings, "--export", "klipper")
+    assert status == 0, err
+
+
+def test_files_that_cannot_be_included_are_named(tmp_path):
+    file = tmp_path / "mill.ini"
+    file.write_text("#INCLUDE absent.inc\n")
+    with pytest.raises(InputError, match=r"absent\.inc: cannot be read: No such file"):
+        ini_text(file)
+    file.write_text("#INCLUDE mill.ini\n")
+    with pytest.raises(InputError, match="nested more than 16 deep: does a file include itself"):
+        ini_text(file)
+
+
+def test_the_command_reads_velocity_drives_without_being_told(tmp_path, gantrysim_command):
+    file = tmp_path / "mill.ini"
+    file.write_text(MILL)
+    status, out, err = gantrysim_command("gains", "an225", "--from", "linuxcnc-ini", file)
+    assert (status, "read as gains of velocity drives: " in " ".join(err.split())) == (0, True)
+    servo = tomllib.loads(out)["servo"]
+    assert (servo["mode"], servo["kp"]) == (["velocity", "velocity"], [50.0, 40.0])
+    assert "# [(mm/s)/mm]" in out
+    status, out, err = gantrysim_command(
+        "gains", "an225", "--set", "servo.mode='torque'", "--from", "linuxcnc-ini", file
+    )
+    assert tomllib.loads(out)["servo"]["kp"] == pytest.approx([50 / 25.4, 40 / 25.4])
+
+
+@pytest.mark.parametrize(("scale", "factor"), [(1, 1), (16, 1), (-16, 1), (32, 2), (8, 0.5)])
+def test_trio_s_dac_scale_is_16_of_a_dac_of_16_bits(xy, servos, scale, factor):
+    """VFF_GAIN = 2.048 per edge of 1 µm and ms is full scale at 1000 mm/s, the speed limit."""
+    program = "".join(f"VFF_GAIN AXIS({a})=2.048\nP_GAIN AXIS({a})=1\nDAC_SCALE AXIS({a})={scale}\n" for a in range(2))
+    servo = imported("trio", program, xy.axes, servos["velocity"].with_values(resolution=1e-3))
+    assert servo.per_axis("velocity_ff") == pytest.approx((factor, factor))
+
+
+def test_trio_s_gains_per_other_edges_or_periods_are_refused(xy, servos):
+    with pytest.raises(
+        InputError, match=r"UNITS of axis x = 4000 edges per mm: the servo's encoder has 1000, and gains"
+    ):
+        imported("trio", "UNITS=4000\nP_GAIN=1\nBASE(1)\nP_GAIN=1", xy.axes, servos["torque"])
+    with pytest.raises(InputError, match=r"SERVO_PERIOD = 500 us: the servo's is 1000 us, .*--set servo.period=0.0005"):
+        imported("trio", "SERVO_PERIOD=500\nP_GAIN=1\nBASE(1)\nP_GAIN=1", xy.axes, servos["torque"])
