@@ -223,7 +223,8 @@ class Evaluation:
                 self._go_on()
                 advance(done, known, name)
 
-            improvement = improve(job, rows=rows, fastest=False, progress=progress)
+            causes = self.results.causes
+            improvement = improve(job, rows=rows, causes=causes, fastest=False, progress=progress)
         self._changes = change_section(improvement)
         show_changes(improvement)
 

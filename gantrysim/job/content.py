@@ -6,6 +6,7 @@ import hashlib
 import json
 import tomllib
 from collections.abc import Iterable, Mapping
+from functools import cached_property
 from typing import Annotated, Any, Self
 
 import tomli_w
@@ -15,6 +16,7 @@ from gantrysim.base.errors import InputError, unknown
 from gantrysim.base.toml_files import validated
 from gantrysim.base.user_code import is_code
 from gantrysim.bead import BeadSettings
+from gantrysim.controllers.controller import Controller
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.faults import KINDS, AnyFault, InjectedFault
 from gantrysim.job.code import named_code
@@ -24,7 +26,9 @@ from gantrysim.job.programs import build, reject_booleans
 from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings, ToleranceSettings
 from gantrysim.machine.geometry import Geometry
 
-_ALLOW_CODE = "allow_code"  # key of a validation's context; without one, code may run: the caller names it
+# keys of a validation's context
+_ALLOW_CODE = "allow_code"  # without it, code may run: the caller names it
+_BUILT = "built"  # list of the controller with the program: empty where it is yet to be built
 
 
 class JobContent(BaseModel):
@@ -49,7 +53,15 @@ class JobContent(BaseModel):
     _refusal: str = PrivateAttr("")  # why code that the job names may not run; empty where it may
 
     @classmethod
-    def of_content(cls, content: dict[str, Any], label: str, refusal: str = "", *, is_record: bool = False) -> Self:
+    def of_content(
+        cls,
+        content: dict[str, Any],
+        label: str,
+        refusal: str = "",
+        *,
+        is_record: bool = False,
+        controller: Controller | None = None,
+    ) -> Self:
         """Return the job with the values of a file.
 
         Args:
@@ -59,14 +71,18 @@ class JobContent(BaseModel):
                 code is taken as it stands, unchecked.
             is_record: whether the job has run. The code of its controller then does not run here, allowed or not: a
                 record is read wherever it lies.
+            controller: with the program of the content, where it has been built for another job.
 
         Raises:
             InputError: an invalid key or value.
         """
         allow_code = not refusal and not is_record
-        context = {_ALLOW_CODE: allow_code}
+        built = [] if controller is None else [controller]
+        context = {_ALLOW_CODE: allow_code, _BUILT: built}
         job = validated(cls, content, label, lambda: _keys(content, allow_code=allow_code), context, LIST_OF_KEYS)
         job._refusal = refusal
+        if built:  # a program may take longer to read than the rest of the job
+            (job.__dict__["controller"],) = built
         return job
 
     @model_validator(mode="before")
@@ -99,7 +115,10 @@ class JobContent(BaseModel):
         name = str(values.pop("controller", None))
         if is_code(name) and not (info.context or {}).get(_ALLOW_CODE, True):
             return value
-        return {"controller": name, **build(name, values).arguments()}
+        built: list[Controller] = (info.context or {}).get(_BUILT, [])
+        if not built:
+            built.append(build(name, values))
+        return {"controller": name, **built[0].arguments()}
 
     def changed(self, values: Mapping[str, Any]) -> Self:
         """Return the job with other values by their full dotted keys, as in {"program.loop_period": 0.01}.
@@ -112,7 +131,8 @@ class JobContent(BaseModel):
         content = self.model_dump(exclude_none=True)
         for key, value in values.items():
             change(content, key, value, known_keys(content, allow_code=not self._refusal))
-        return self._with(content)
+        same_program = not any(key.partition(".")[0] == "program" for key in values)
+        return self._with(content, self.__dict__.get("controller") if same_program else None)
 
     def with_choice(self, note: str) -> Self:
         """Return the job with a first note, on what was chosen for it; a changed job has none."""
@@ -131,8 +151,8 @@ class JobContent(BaseModel):
             override(content, setting, known_keys(content, allow_code=not self._refusal))
         return self._with(content)
 
-    def _with(self, content: dict[str, Any]) -> Self:
-        return self.of_content(content, f"job {self.name}", self._refusal)
+    def _with(self, content: dict[str, Any], controller: Controller | None = None) -> Self:
+        return self.of_content(content, f"job {self.name}", self._refusal, controller=controller)
 
     def check_code(self) -> None:
         """Raise InputError where the job names code of its own that may not run."""
@@ -148,6 +168,13 @@ class JobContent(BaseModel):
         """Raise InputError where the controller is code that may not run."""
         if self._refusal and named_code({"program": self.program}):
             raise InputError(self._refusal)
+
+    @cached_property
+    def controller(self) -> Controller:
+        """The motion controller with its program."""
+        self.check_controller()
+        values = {key: value for key, value in self.program.items() if key != "controller"}
+        return build(self.program["controller"], values)
 
     @property
     def digest(self) -> str:

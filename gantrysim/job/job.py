@@ -13,7 +13,6 @@ from gantrysim.base import memory
 from gantrysim.base.errors import InputError, TimedError, at_least
 from gantrysim.base.progress import Progress
 from gantrysim.base.user_code import is_code
-from gantrysim.controllers.controller import Controller
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.engine.simulation import Simulation
 from gantrysim.job.content import JobContent
@@ -22,7 +21,6 @@ from gantrysim.job.fitting import check_fit, check_servo_file
 from gantrysim.job.margins import check_stability, margin_notes, servo_reason
 from gantrysim.job.plan import Plan, plan_of
 from gantrysim.job.program_place import fit_changes, share_text
-from gantrysim.job.programs import build
 from gantrysim.job.reading import Request, read_with_overrides
 from gantrysim.job.user_controller import checked_setpoints
 from gantrysim.machine.checks import notes as machine_notes
@@ -152,7 +150,10 @@ class Job(JobContent):
             raise InputError(f"{self.source or 'program'}: {text}") from None
 
     def sharing(self, other: Job) -> Job:
-        """Return the job with the machine and controller built for `other`, each where both jobs have the same."""
+        """Return the job with machine, controller and servo built for `other`, each where both jobs have the same.
+
+        Of the servo, what `other` has used: it may be refused.
+        """
         built: dict[str, Any] = {}
         if all(getattr(self, key) == getattr(other, key) for key in ("machine", "names", "travel", "geometry")):
             built["built_machine"] = other.built_machine
@@ -161,6 +162,8 @@ class Job(JobContent):
         elif not is_code(self.program["controller"]):
             share_text(self.program, other.program, self.controller, other.controller)
             built["controller"] = self.controller
+        if "built_machine" in built and self.servo == other.servo:
+            built |= {name: other.__dict__[name] for name in ("built_servo", "margins") if name in other.__dict__}
         return self.model_copy(update=built)
 
     def __deepcopy__(self, memo: dict[int, Any] | None = None) -> Job:
@@ -168,13 +171,6 @@ class Job(JobContent):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.model_dump(), self._refusal)  # without a compiled machine, which cannot be pickled
-
-    @cached_property
-    def controller(self) -> Controller:
-        """The motion controller with its program."""
-        self.check_controller()
-        values = {key: value for key, value in self.program.items() if key != "controller"}
-        return build(self.program["controller"], values)
 
     @cached_property
     def notes(self) -> tuple[str, ...]:

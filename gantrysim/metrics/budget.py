@@ -216,12 +216,22 @@ class Budget:
         return one_way(by_blocks(lambda block: path.heading(foot[block]), foot.size), foot)
 
     @cached_property
+    def contour_values(self) -> PartValues:
+        """The values of the contour error."""
+        return self.values_of(self.contour)
+
+    @cached_property
+    def part_values(self) -> dict[str, PartValues]:
+        """The values of the part of every link."""
+        return {name: self.values_of(part) for name, part in self.parts.items()}
+
+    @cached_property
     def values(self) -> BudgetValues:
         """The values of the budget."""
         return BudgetValues(
-            parts={name: self.values_of(part) for name, part in self.parts.items()},
+            parts=self.part_values,
             corner=None if self.corner is None else self.values_of(self.corner),
-            contour=self.values_of(self.contour),
+            contour=self.contour_values,
             lag=ErrorSpread.of(self.lag),
             turns=self._turns(),
         )

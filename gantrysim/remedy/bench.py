@@ -8,10 +8,12 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 
+from gantrysim.base import memory
 from gantrysim.base.errors import whole
 from gantrysim.job.job import Job
-from gantrysim.remedy.outcome import Outcome, measured_together, motion_key
+from gantrysim.remedy.outcome import Measured, Motion, Outcome, measured_together, motion_key
 
+ROOM = memory.LONG  # ticks: a record and its analysis take a kilobyte for each
 Progress = Callable[[int, int, str], None]  # called with the runs done, those known by now, and what runs
 
 
@@ -24,8 +26,34 @@ class Task:
     known: int = 1
 
 
+class Motions:
+    """Motions that have been simulated, by `motion_key`; of those used last, as many as have `ROOM` ticks together."""
+
+    def __init__(self) -> None:
+        self._motions: dict[str, Motion] = {}  # that used last at the end
+
+    def get(self, key: str) -> Motion | None:
+        """Return the motion of a key, None where it is not kept."""
+        motion = self._motions.pop(key, None)
+        if motion is not None:
+            self._motions[key] = motion
+        return motion
+
+    def keep(self, key: str, motion: Motion) -> None:
+        """Keep a motion, and drop those for which there is no room then."""
+        self._motions.pop(key, None)
+        self._motions[key] = motion
+        ticks = sum(len(kept.run.time) for kept in self._motions.values())
+        while ticks > ROOM:
+            oldest = next(iter(self._motions))
+            ticks -= len(self._motions.pop(oldest).run.time)
+
+
 class Bench:
     """Simulates jobs and keeps what their runs show; a job of the same content is simulated once.
+
+    The glue does not change the motion: a job that differs in its glue alone from one before need not be simulated
+    either, as long as that motion is kept.
 
     The physics runs without the interpreter's lock, so that threads share the work; what a job shows does not depend
     on the others, nor on their number.
@@ -45,6 +73,7 @@ class Bench:
         self._base = base
         self._progress = progress
         self._outcomes: dict[str, Outcome] = {}
+        self._motions = Motions()
         self.task = Task()
 
     def measure(self, job: Job) -> Outcome:
@@ -61,14 +90,17 @@ class Bench:
         for key, job in missing.items():
             motions.setdefault(motion_key(job), {})[key] = job.sharing(self._base)
         groups = [list(group.values()) for group in motions.values()]
+        earlier = list(map(self._motions.get, motions))
         with ExitStack() as stack:
-            results: Iterable[list[Outcome]] = map(measured_together, groups)
+            results: Iterable[Measured] = map(measured_together, groups, earlier)
             if self._workers > 1 and len(groups) > 1:
                 pool = stack.enter_context(ThreadPoolExecutor(self._workers))
                 stack.callback(pool.shutdown, cancel_futures=True)  # those that have not begun at an interrupt
-                results = pool.map(measured_together, groups)
-            for group, outcomes in zip(motions.values(), results, strict=True):
-                self._keep(dict(zip(group, outcomes, strict=True)))
+                results = pool.map(measured_together, groups, earlier)
+            for (key, group), measured in zip(motions.items(), results, strict=True):
+                if measured.motion is not None:
+                    self._motions.keep(key, measured.motion)
+                self._keep(dict(zip(group, measured.outcomes, strict=True)))
         return [self._outcomes[key] for key in keys]
 
     def _keep(self, outcomes: Mapping[str, Outcome]) -> None:

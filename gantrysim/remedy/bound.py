@@ -8,6 +8,7 @@ from typing import Any
 from gantrysim.base.errors import GantryError
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.job.job import Job
+from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.results.score import row_burden
 from gantrysim.results.verdict import GLUE, PATH, STABILITY, Verdict
@@ -20,12 +21,14 @@ _AT_ONCE: dict[str, Any] = dict.fromkeys(_TIMES, 0.0)
 def bound_of(job: Job, outcome: Outcome, row: str) -> str:
     """Return what keeps a row of the verdict on a job from passing, as the subject of a sentence.
 
-    The path is bound by the link with the largest rms. The bead is judged again with a dispenser that follows its
-    command at once, and with a machine that follows its program exactly: what makes it pass is what bound it.
+    The path is bound by the link with the largest rms in a run of the job. The bead is judged again with a dispenser
+    that follows its command at once, and with a machine that follows its program exactly: what makes it pass is what
+    bound it.
     """
     if row == PATH:
-        link = max(outcome.links, key=outcome.links.__getitem__)
-        return f"the {link} link, {1e3 * outcome.links[link]:.1f} µm rms of the error"
+        parts = Budget(job.run()).part_values
+        link = max(parts, key=lambda name: parts[name].rms)
+        return f"the {link} link, {1e3 * parts[link].rms:.1f} µm rms of the error"
     if row == GLUE:
         ploughed = _ploughed(outcome)
         return f"the program link: {ploughed}" if ploughed else _glue_bound(job)

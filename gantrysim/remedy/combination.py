@@ -82,6 +82,7 @@ class Combinations:
         self._start = start
         self._measure_all = measure_all
         self._bad_rows = bad_rows
+        self._states: dict[tuple[tuple[str, str], ...], State] = {}  # by names of levers and labels of settings
 
     def state_of(self, picks: Sequence[Pick]) -> State:
         """Return the state after the levers of a combination are set, one after the other.
@@ -89,10 +90,14 @@ class Combinations:
         Raises:
             GantryError: a setting that does not exist at its place in the combination, or that the job refuses.
         """
-        state = self._start
-        for pick in picks:
-            state = State(state.job.changed(setting_of(state, pick).changes), state.measure)
-        return state
+        if not picks:
+            return self._start
+        key = tuple((pick.lever.name, pick.setting) for pick in picks)
+        if key not in self._states:  # combinations are extended, so that the same levers come first again and again
+            *others, last = picks
+            state = self.state_of(others)
+            self._states[key] = State(state.job.changed(setting_of(state, last).changes), state.measure)
+        return self._states[key]
 
     def joined(self, picks: Sequence[Pick], levers: Iterable[Lever]) -> list[Pick] | None:
         """Return the combination with the lever that helps most, None where none does."""

@@ -24,6 +24,7 @@ def improve(
     *,
     levers: Iterable[str] | None = None,
     rows: Iterable[str] | None = None,
+    causes: Causes | None = None,
     workers: int | None = None,
     fastest: bool | None = None,
     progress: Progress | None = None,
@@ -37,6 +38,7 @@ def improve(
         job: the job.
         levers: names of the levers to try, by default all.
         rows: names of the rows of the verdict to improve, by default all that do not pass.
+        causes: of the job's error, if they are known; found where they are needed otherwise.
         workers: maximum number of threads, by default one for each core; the result does not depend on it.
         fastest: whether to look for the fastest program that is as good as the best combination; by default where the
             job gives a tolerance.
@@ -59,7 +61,7 @@ def improve(
         return Improvement(job, before, (), (), (), before, job)
     bad = _bad_rows(before, names)
     if bad:
-        search = Search(job, bench, names, _causes(job, bad))
+        search = Search(job, bench, names, _causes(job, bad, causes))
         improvement = _searched(search, chosen, before)
     else:
         improvement = Improvement(job, before, (), (), (), before, job)
@@ -95,9 +97,11 @@ def _bad_rows(outcome: Outcome, names: Sequence[str]) -> list[str]:
     return [row.name for row in outcome.verdict.rows if row.name in names and row_burden(row) > 0]
 
 
-def _causes(job: Job, bad: Sequence[str]) -> Causes | None:
+def _causes(job: Job, bad: Sequence[str], known: Causes | None) -> Causes | None:
     """Return the causes of the contour error where the path is bad; None for a job with faults on purpose."""
-    return causes_of(job) if PATH in bad and not job.faults else None
+    if PATH not in bad or job.faults:
+        return None
+    return causes_of(job) if known is None else known
 
 
 def _searched(search: Search, levers: Sequence[Lever], before: Outcome) -> Improvement:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,7 +30,6 @@ class Outcome:
         verdict: on the run; None for a job that is refused.
         duration: from the first to the last tick, nan for a job that is refused [s].
         failure: why there is no complete run: a refusal or a fault; empty otherwise.
-        links: rms of the error in each link of the chain, by name [mm].
         nominal: section of the requested bead, 0 without one [mm²].
         missing: mean over the starts of the glue missing there, as length of the requested bead [mm].
         excess: mean over the stops of the glue in excess there, likewise [mm].
@@ -39,7 +39,6 @@ class Outcome:
     verdict: Verdict | None
     duration: float = math.nan
     failure: str = ""
-    links: Mapping[str, float] = field(default_factory=dict)
     nominal: float = 0.0
     missing: float = 0.0
     excess: float = 0.0
@@ -63,7 +62,7 @@ class Outcome:
 
 def measured(job: Job) -> Outcome:
     """Simulate a job and return what its run shows; a job that is refused has an outcome too."""
-    return measured_together([job])[0]
+    return measured_together([job]).outcomes[0]
 
 
 def motion_key(job: Job) -> str:
@@ -79,17 +78,21 @@ def motion_key(job: Job) -> str:
     return json.dumps(content, sort_keys=True, default=str)
 
 
-def measured_together(jobs: Sequence[Job]) -> list[Outcome]:
-    """Simulate jobs of the same motion, see `motion_key`, once for all; return what the run of each shows."""
+def measured_together(jobs: Sequence[Job], motion: Motion | None = None) -> Measured:
+    """Simulate jobs of the same motion, see `motion_key`, once for all; return what the run of each shows.
+
+    Args:
+        jobs: the jobs.
+        motion: theirs, where a job with it has been simulated.
+    """
     outcomes: list[Outcome] = []
-    motion: Motion | None = None
     for job in jobs:
         try:
             motion = Motion.of(job) if motion is None else motion
             outcomes.append(motion.outcome(job))
         except GantryError as error:
             outcomes.append(Outcome(None, failure=str(error)))
-    return outcomes
+    return Measured(tuple(outcomes), motion)
 
 
 @dataclass(frozen=True)
@@ -135,12 +138,23 @@ class Motion:
         return Outcome(
             Verdict.of_results(job, self.budget, bead),
             float(run.time[-1]),
-            links={name: part.rms for name, part in self.budget.values.parts.items()},
             nominal=max(float(bead.nominal), 0.0),
             missing=float(bead.missing_at_starts.mean()) if is_laid else 0.0,
             excess=float(bead.excess_at_stops.mean()) if is_laid and bead.excess_at_stops.size else 0.0,
             dots=tuple(_dots(bead)),
         )
+
+
+class Measured(NamedTuple):
+    """What the runs of jobs with the same motion show.
+
+    Attributes:
+        outcomes: of each job.
+        motion: of all; None where every job is refused.
+    """
+
+    outcomes: tuple[Outcome, ...]
+    motion: Motion | None
 
 
 def _dots(bead: Bead) -> list[float]:

@@ -159,7 +159,7 @@ def _texts(row: Row) -> Iterator[tuple[int, str]]:
 
 
 def _path_row(budget: Budget, tolerance: Tolerance, line_at: Callable[[float], int | None]) -> Row:
-    contour = budget.values.contour
+    contour = budget.contour_values
     place = Place(time=contour.time, point=contour.point, line=line_at(contour.time))
     return Row.of(
         PATH,

@@ -188,6 +188,11 @@ def test_a_changed_job_shares_what_is_built_and_equal():
     softer = job.changed({"servo.kp": 0.3, "machine": "xyz"}).sharing(job)
     assert softer.controller is job.controller
     assert softer.built_machine.name == "xyz"
+    wider = job.changed({"dispenser.flow": 100.0})
+    assert wider.controller is job.controller
+    servo = job.built_servo
+    assert wider.sharing(job).built_servo is servo
+    assert job.changed({"servo.kp": 0.3}).sharing(job).built_servo.gains != servo.gains
 
 
 def test_many_problems_of_a_file_are_named_in_one_short_line(tmp_path):

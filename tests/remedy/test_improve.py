@@ -10,6 +10,7 @@ import gantrysim
 from gantrysim import InputError, Job, Verdict
 from gantrysim.base.quantity import number_text
 from gantrysim.engine.record_columns import dispensed_otherwise
+from gantrysim.job.causes import causes_of
 from gantrysim.remedy.bench import Bench
 from gantrysim.remedy.combination import Pick
 from gantrysim.remedy.improve import improve, worst_rows
@@ -121,8 +122,11 @@ def test_levers_of_rows_that_pass_are_not_tried():
     assert {trial.lever.name for trial in improved().trials}.isdisjoint(names)
 
 
-def test_levers_against_causes_that_do_not_matter_are_not_tried():
+def test_levers_against_causes_that_do_not_matter_are_not_tried(monkeypatch):
     result = improve(rubbing(), levers=["friction compensation", "encoder"])
+    causes = causes_of(rubbing())
+    monkeypatch.setattr("gantrysim.remedy.improve.causes_of", None)  # known causes are not looked for again
+    assert improve(rubbing(), levers=["encoder"], causes=causes).skipped == result.skipped
     assert [trial.lever.name for trial in result.trials] == ["friction compensation"]
     assert [skipped.reason for skipped in result.skipped] == ["the error is not caused by counts"]
     assert result.improved.state == "pass"
@@ -169,9 +173,26 @@ def test_glue_laid_along_a_record_is_that_of_a_run_of_its_own(changes):
     job = fixed_flow()
     other = job.changed(changes)
     assert motion_key(other) == motion_key(job)
-    assert measured_together([job, other]) == [measured(job), measured(other)]
+    assert measured_together([job, other]).outcomes == (measured(job), measured(other))
     laid = dispensed_otherwise(job.run(), other.dispenser)
     assert laid.flow.tolist() == other.run().flow.tolist()
+
+
+def test_a_motion_is_simulated_once_as_long_as_it_is_kept(monkeypatch):
+    job = fixed_flow()
+    others = [job.changed({"dispenser.stop_lead": lead}) for lead in (0.01, 0.02)]
+    wanted = [measured(other) for other in others]
+    runs = []
+    run = Job.run
+    monkeypatch.setattr(Job, "run", lambda self: runs.append(self) or run(self))
+    bench = Bench(job, workers=1)
+    assert bench.measure(job) != wanted[0]
+    assert bench.measure(others[0]) == wanted[0]
+    assert len(runs) == 1
+    monkeypatch.setattr("gantrysim.remedy.bench.ROOM", 0)
+    bench.measure(job.changed({"bead.gap": 0.7}))  # with a motion that is still kept, and dropped thereafter
+    assert bench.measure(others[1]) == wanted[1]
+    assert len(runs) == 2
 
 
 @pytest.mark.parametrize(
