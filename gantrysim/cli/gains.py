@@ -28,7 +28,12 @@ Export = Annotated[
 ]
 Source = Annotated[
     tuple[str, Path] | None,
-    typer.Option("--from", metavar="NAME FILE", help="Read gains in these words, and write the table \\[servo]."),
+    typer.Option(
+        "--from",
+        metavar="NAME FILE",
+        help="Read gains in these words, and write the table \\[servo]; of linuxcnc-ini and klipper also the "
+        "limits of speed and acceleration.",
+    ),
 ]
 
 
@@ -88,9 +93,16 @@ def _read(job: Job, name: str, file: Path) -> tuple[str, list[str]]:
     """Return the tables that a controller's file gives a job, and notes."""
     from gantrysim.exchange.gains import dialect, read_gains, sign_of_velocity_drives
     from gantrysim.exchange.motion_limits import program_lines
+    from gantrysim.exchange.printer_config import PrinterConfig
     from gantrysim.tuning.servo import servo_toml
 
     label = f"--from {name} {file}"
+    if name == _SHAPER:
+        try:
+            config = PrinterConfig.load(expanded(file))
+            return config.tables([axis.name for axis in job.built_machine.axes], job.built_servo.modes)
+        except InputError as error:
+            raise InputError(f"--from {name}: {error}") from None
     chosen = dialect(name)
     try:
         text = chosen.file_text(expanded(file))
