@@ -298,7 +298,7 @@ def test_a_loop_that_only_tests_keeps_its_phase():
         ("MOVE 3,4", r"line 1: syntax error, '3' unexpected"),
         ("\nMHELIX(0,0,1,0,1,5)", r"line 2: unknown word 'MHELIX': did you mean MHELICAL\?"),
         ("x=SINE(1)", r"line 1: unknown word 'SINE': did you mean SIN\?"),
-        ("x=1\nETHERCAT(0,0)", r"line 2: ETHERCAT: a word of the controller that is not emulated"),
+        ("x=1\nMODBUS(0,0)", r"line 2: MODBUS: a word of the controller that is not emulated"),
         ("x=1\ny=REGIST+x", r"line 2: REGIST: a word of the controller that is not emulated"),
         ("speedd=1\nSPEED=sped", r"line 2: variable sped is assigned nowhere: it must be, or unassigned_zero = true"),
         ("x=MOVE", r"line 1: MOVE: is a command, it has no value"),

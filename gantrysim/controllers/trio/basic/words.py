@@ -29,14 +29,16 @@ NO_EFFECT = {
     "AXIS_FS_LIMIT AXIS_RS_LIMIT FE_LATCH FE_LIMIT FE_LIMIT_MODE FE_RANGE FS_LIMIT RS_LIMIT ERRORMASK OUTLIMIT": (
         "the servo and the machine have limits of their own"
     ),
-    "AXIS_ADDRESS AXIS_ENABLE AXIS_MODE BACKLASH BACKLASH_DIST CLOSE_WIN CLUTCH_RATE CREEP DAC DAC_OUT DATUM_IN "
-    "DRIVE_ENABLE FASTDEC FAST_JOG FHOLD_IN FHSPEED FWD_IN FWD_JOG INVERT_STEP JOGSPEED MICROSTEP OPEN_WIN "
-    "REGIST_DELAY REG_INPUTS REV_IN REV_JOG": "nothing here depends on it",
+    "ADDRESS AXIS_ADDRESS AXIS_ENABLE AXIS_MODE BACKLASH BACKLASH_DIST CLOSE_WIN CLUTCH_RATE CREEP DAC DAC_OUT "
+    "DATUM_IN DRIVE_ENABLE FASTDEC FAST_JOG FHOLD_IN FHSPEED FWD_IN FWD_JOG INVERT_STEP JOGSPEED MICROSTEP "
+    "OPEN_WIN REGIST_DELAY REG_INPUTS REV_IN REV_JOG": "nothing here depends on it",
     "RAISE_ANGLE REP_DIST REP_OPTION SRAMP": "the motion stays that without it",
 }
 # commands of the same kind, by the least and the largest number of their values
 IGNORED_COMMANDS = {
     "ENCODER_RATIO": (2, 2),
+    "ETHERCAT": (1, 16),
+    "ETHERNET": (1, 16),
     "SCOPE": (1, 12),
     "SETCOM": (1, 8),
     "STEP_RATIO": (2, 2),
@@ -78,13 +80,22 @@ def _set_buffers(process: Process, value: float) -> None:
     process.state.motion.buffers = int(value)
 
 
+SIMULATOR = 400.0  # CONTROL of Trio's own simulator of a controller, by which programs skip what a simulator lacks
+
+
+def _last_axis(process: Process) -> float:
+    return float(max(process.state.motion.axes, default=0))
+
+
 def _status(process: Process) -> float:
     return 0.0 if process.ended else 1.0
 
 
 SYSTEM_PARAMETERS = {
+    "CONTROL": SystemParameter(lambda process: SIMULATOR),
     "ERROR_AXIS": SystemParameter(lambda process: 0.0),
     "ERROR_LINE": SystemParameter(lambda process: float(process.error_line)),
+    "LAST_AXIS": SystemParameter(_last_axis),
     "LIMIT_BUFFERED": SystemParameter(lambda process: float(process.state.motion.buffers), _set_buffers),
     "MOTION_ERROR": SystemParameter(lambda process: 0.0),
     "PROC_STATUS": SystemParameter(_status),
@@ -131,7 +142,7 @@ def _names(text: str) -> frozenset[str]:
 
 NOT_EMULATED = _names(
     "ACC ADD_DAC AIN AOUT AUTORUN B_SPLINE CHANNEL_READ CLOSE DEC DEFKEY DISABLE_GROUP DLINK DRIVE_CONTROLWORD "
-    "ETHERCAT ETHERNET FILE FLAG FLAGS FLEXLINK GET INPUT INVERT_IN KEY LINPUT MODBUS MOVEMODIFY MOVETANG MSPHERICAL "
+    "FILE FLAG FLAGS FLEXLINK GET INPUT INVERT_IN KEY LINPUT MODBUS MOVEMODIFY MOVETANG MSPHERICAL "
     "MSPHERICALSP OPEN PROFINET PSWITCH REGIST REG_POS STEPLINE TIMER"
 )
 
