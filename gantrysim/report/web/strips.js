@@ -12,6 +12,10 @@ const LOW = 96; // of the others
 const HEADING = 20; // above a strip [pixels]
 const SPACE = 0.06; // above and below a line, of its range
 
+/** Labels of an axis: uPlot's own have commas between thousands, and hyphens. */
+const labels = (plot, places) =>
+  places.map((value) => (value === null ? "" : String(Number(value.toPrecision(6))).replace("-", "−")));
+
 export class Strips {
   constructor(data, cursor) {
     this.data = data;
@@ -132,7 +136,7 @@ export class Strips {
       font,
       grid: { stroke: colours.line, width: 1 },
       ticks: { show: false },
-      values: last ? undefined : (plot, places) => places.map(() => ""),
+      values: last ? labels : (plot, places) => places.map(() => ""),
       ...shown,
     };
   }
@@ -149,7 +153,7 @@ export class Strips {
       grid: { stroke: colours.line, width: 1 },
       ticks: { show: false },
       space: 26,
-      values: (plot, places) => places.map((value) => (value === null ? "" : String(Number(value.toPrecision(6))).replace("-", "−"))),
+      values: labels,
     };
   }
 

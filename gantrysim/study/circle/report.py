@@ -122,7 +122,7 @@ def _draw_chart(test: CircularTest) -> Figure:
         axes.tick_params(axis="y", labelsize=8)
         axes.set_rlabel_position(22.5)
         axes.set_ylim(-_INSIDE * rings * division, 1.05 * rings * division)
-        places = ["+x", "45°", "+y", "135°", "-x", "225°", "-y", "315°"]
+        places = ["+x", "45°", "+y", "135°", "−x", "225°", "−y", "315°"]
         axes.set_xticks(np.radians(range(0, 360, 45)), places)
         axes.spines["polar"].set_visible(False)
         axes.set_title(f"Radial deviation [µm], {division:g} µm per division", pad=14)
