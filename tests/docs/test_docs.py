@@ -289,7 +289,7 @@ def test_the_benchmark_prints_what_it_is_asked_for(keys):
     assert min(ratios.values()) > 0
 
 
-LONG_BENCHMARKS = {"frame_growth", "bead_cost", "verdict"}
+LONG_BENCHMARKS = {"frame_growth", "frame_cost", "bead_cost", "verdict"}
 
 
 @pytest.mark.filterwarnings("ignore::glfw.GLFWError")  # MuJoCo's renderer tries it before what needs no display
