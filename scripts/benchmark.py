@@ -261,11 +261,11 @@ def scalar_env(rounds: int) -> float:
     return ratio(pendulum, ours, rounds)
 
 
-def filmed(begin: float, end: float) -> tuple[Film, Callable[[], None]]:
-    """A film of Trio's spiral from near, and what draws its frames at times between two shares of the run."""
+def filmed(begin: float, end: float, camera: str | None = "overview") -> tuple[Film, Callable[[], None]]:
+    """A film of Trio's spiral, and what draws its frames at times between two shares of the run, panel and all."""
     job = Job.load("an225")
     run = job.run()
-    film = Film([Take(job.built_machine, run, job.name, job.bead, run.verdict_headline)], size=FILM)
+    film = Film([Take(job.built_machine, run, job.name, job.bead, run.verdict_headline)], camera=camera, size=FILM)
     times = itertools.cycle(np.linspace(begin, end, FRAMES) * film.end)
     return film, lambda: frames(lambda: film.frame(next(times)))
 
@@ -294,7 +294,7 @@ def frame_growth(rounds: int) -> float:
 
 def frame_cost(rounds: int) -> float:
     """a second of a film, encoded, against MuJoCo's own render() of so many pictures of the scene standing still."""
-    film, _ = filmed(0.0, 1.0)
+    film, _ = filmed(0.0, 1.0, camera=None)
     with film, tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "film.mp4"
         film.frame(film.end)
