@@ -106,25 +106,28 @@ MOVE(1): WAIT IDLE
         """
 VR(4)=$2D
 PRINT VR(4).0[0];VR(4).1[0];VR(4).2[0];VR(4).5[0];" $";HEX(VR(4));" ";HEX(-1)
-OP(10,13,5)
-PRINT READ_OP(10,13)[0];OP(11)[0];OP(12)[0];IN(0,3)[0]
+OP(10,13,5): VR(5)=OP AND $FFFF
+PRINT VR(5)[0];" ";READ_OP(10,13)[0];OP(11)[0];OP(12)[0];IN(0,3)[0]
 MOVE(100): WA(200): CANCEL
 WA(20)
 PRINT AXISSTATUS.11[0];AXISSTATUS.11 AXIS(1)[0];AXISSTATUS AXIS(0).11[0]
 WAIT IDLE: PRINT AXISSTATUS[0]
 """,
-        ["1011 $2D FFFFFFFF", "5010", "101", "0"],
+        ["1011 $2D FFFFFFFF", "5120 5010", "101", "0"],
         None,
     ),
     "waiting for axes by a value": (
         """
+PRINT IN[0];OP[0]
+loop: n=1
+IF n=0 THEN GOTO loop
 BASE(0): SPEED=100: MOVE(10)
 BASE(1): SPEED=50: MOVE(10)
 PRINT IDLE AXIS(0)[0];IDLE[0];LOADED AXIS(1)[0]
 WAIT UNTIL IDLE AXIS(0) AND IDLE AXIS(1)
 PRINT IDLE AXIS(0)[0];IDLE[0]
 """,
-        ["00-1", "-1-1"],
+        ["00", "00-1", "-1-1"],
         (10, 10),
     ),
     "brackets about what is printed": (
@@ -143,7 +146,7 @@ MOVE(1): WAIT IDLE
     "a start-up program with settings of the hardware": (
         """
 LIMIT_BUFFERED=16: ADDRESS=1
-ETHERCAT($22,0,59): ETHERNET(1,-1,14,0,2,0)
+ETHERCAT($22,0,59): ETHERNET(1,-1,14,0,2,0): TRON
 IF VR(59)<>3 AND CONTROL<>400 THEN WA(5000)
 BASE(0,1)
 FOR a=0 TO LAST_AXIS

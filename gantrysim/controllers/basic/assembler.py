@@ -82,6 +82,10 @@ class Assembler(Generic[FrameType]):
             raise InputError(f"{word} without {' or '.join(kinds)}{inside}")
         return self._blocks.pop()
 
+    def is_inside(self, kind: str) -> bool:
+        """Whether the innermost open block is of a kind."""
+        return bool(self._blocks) and self._blocks[-1].kind == kind
+
     def begin_if(self, line: int, condition: Condition[FrameType]) -> None:
         """Begin the branch of an IF."""
         first = self.here

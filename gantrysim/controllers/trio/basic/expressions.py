@@ -151,6 +151,10 @@ def _system_parameter(ref: Reference) -> Expression:
 
 
 def _memory(ref: Reference) -> Expression:
+    if ref.name in words.WHOLE and ref.arguments is None:
+        ref.plain(0)
+        lines = words.MEMORY[ref.name]
+        return Expression(lambda process: lines(process, 0, words.MOST_BITS - 1))
     places = ref.plain(2) if ref.name in words.RANGES and len(ref.arguments or ()) == 2 else ref.plain(1)
     cells = words.MEMORY[ref.name]
     values = [place.value for place in places]

@@ -139,8 +139,16 @@ def cmd_else(assembler: ProcessAssembler, raw: Raw) -> None:
     assembler.begin_else(raw.line)
 
 
+def cmd_loop_or_label(assembler: ProcessAssembler, raw: Raw) -> None:
+    """LOOP before a colon: the end of a DO, or where none is open a label, as programs from before DO have it."""
+    if assembler.is_inside("DO"):
+        assembler.end_do(raw.line)
+    else:
+        assembler.label("LOOP")
+
+
 # read from the colon after a word, and from the ELSE between statements
-statement.handlers |= {"label": cmd_label, "else": cmd_else}
+statement.handlers |= {"label": cmd_label, "loop_or_label": cmd_loop_or_label, "else": cmd_else}
 
 
 @statement("GOTO NAME")

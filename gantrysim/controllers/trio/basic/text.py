@@ -169,6 +169,8 @@ class _Builder(Transformer):  # type: ignore[type-arg]
             colon = k + 1 < len(children) and getattr(children[k + 1], "type", None) == "COLON"
             if k == 0 and colon and _is_label(parts[0]):
                 parts = [Raw("label", parts[0].line, (parts[0].data[0].name,))]
+            elif k == 0 and colon and parts[0].kind == "loop":
+                parts = [Raw("loop_or_label", parts[0].line)]
             inline += sum(part.inline for part in parts)
             flat += parts
         return flat + [Raw("endif", flat[-1].line)] * inline if flat else flat

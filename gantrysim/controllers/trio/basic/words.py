@@ -43,6 +43,8 @@ IGNORED_COMMANDS = {
     "SETCOM": (1, 8),
     "STEP_RATIO": (2, 2),
     "TRIGGER": (0, 0),
+    "TROFF": (0, 0),
+    "TRON": (0, 0),
     "UNIT_CLEAR": (0, 0),
 }
 IGNORED = {name: reason for names, reason in NO_EFFECT.items() for name in names.split()}
@@ -134,6 +136,7 @@ MEMORY: dict[str, Callable[..., float]] = {
     "VR": lambda process, k: process.state.vr.get(index("VR", k, VR_SIZE), 0.0),
 }
 RANGES = ("IN", "OP", "READ_OP")
+WHOLE = ("IN", "OP")  # which without an index are the first MOST_BITS lines
 
 
 def _names(text: str) -> frozenset[str]:
