@@ -83,7 +83,7 @@ def gains(
             partial.write_text(content, encoding="utf-8")
         say(f"written to {out}")
     named = source[0] if source is not None else export
-    if named in DIALECTS:
+    if named in DIALECTS and not any(note.startswith("no gains") for note in notes):
         warn(f"note: assumed of {named}: {DIALECTS[named].assumes}")
     for note in notes:
         warn(f"note: {note}")

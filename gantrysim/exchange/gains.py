@@ -9,6 +9,7 @@ from gantrysim.base.errors import InputError, unknown
 from gantrysim.exchange.cascade import Fanuc, SoftMC
 from gantrysim.exchange.dialect import AxisServo, Dialect
 from gantrysim.exchange.linuxcnc import LinuxCNC, LinuxCNCIni
+from gantrysim.exchange.position_drives import POSITION_MODES, position_text
 from gantrysim.exchange.trio import Trio
 from gantrysim.exchange.unsaid import beside, remedy, unsaid
 from gantrysim.machine.axis import Axis
@@ -18,6 +19,7 @@ from gantrysim.servo.servo import Servo
 DIALECTS: dict[str, Dialect] = {entry.name: entry for entry in (Trio(), LinuxCNC(), LinuxCNCIni(), SoftMC(), Fanuc())}
 
 
+_UNSTABLE_DAMPING = 2.0  # D T / J
 _LARGEST_FORWARD = 0.5  # share of the torque limit that friction takes at the speed limit
 
 
@@ -44,6 +46,8 @@ def exported(name: str, axes: Sequence[Axis], servo: Servo) -> tuple[str, list[s
         InputError: a gain, a notch or a law that the controller has no word for.
     """
     chosen = dialect(name)
+    if set(servo.modes) <= set(POSITION_MODES):
+        return position_text(name, axes, servo)
     axis_servos = AxisServo.of(axes, servo)
     if lost := unsaid(chosen, axis_servos, servo):
         others = [other.name for other in DIALECTS.values() if not unsaid(other, axis_servos, servo)]
@@ -109,6 +113,13 @@ def sign_of_velocity_drives(axes: Sequence[Axis], servo: Servo) -> str:
     for axis, gains, drive in zip(axes, servo.gains, servo.drives, strict=True):
         if gains.kp > 0 and gains.kd - gains.output_velocity <= 0:
             return f"the loop of axis {axis.name} has P without D, which would not damp a drive that takes torques"
+        # of a held torque on an inertia, against the difference of its positions: the poles have the product a / 2
+        damping = (gains.kd - gains.output_velocity) * servo.period / axis.inertia
+        if damping >= _UNSTABLE_DAMPING:
+            return (
+                f"as a torque, D would make the loop of axis {axis.name} unstable: D T / J = {damping:.3g}, must be "
+                f"less than {_UNSTABLE_DAMPING:g}, with the servo period T and the inertia J at the motor"
+            )
         torque = (gains.velocity_ff + gains.output_velocity) * axis.speed_limit
         if torque > _LARGEST_FORWARD * drive.torque_limit:
             return (

@@ -66,9 +66,13 @@ class IniFile:
         return None if value is None else float(value[1])
 
     def has_any(self, *keys: str) -> bool:
-        """Return whether the section of any joint or axis has one of some keys."""
-        joints = (values for name, values in self.sections.items() if name.startswith(("JOINT_", "AXIS_")))
-        return any(key in values for values in joints for key in keys)
+        """Return whether the section of any joint or axis that takes no steps has one of some keys."""
+        joints = [name for name in self.sections if name.startswith(("JOINT_", "AXIS_")) and not self.makes_steps(name)]
+        return any(key in self.sections[name] for name in joints for key in keys)
+
+    def makes_steps(self, section: str) -> bool:
+        """Return whether a joint's drive takes steps: P and FF1 beside are those of the step generator's own loop."""
+        return any(key.startswith("STEPGEN_") for key in self.sections[section])
 
     @property
     def length(self) -> float:

@@ -137,7 +137,7 @@ class LinuxCNCIni(LinuxCNC):
     @staticmethod
     def _words_of_joint(ini: IniFile, section: str | None, axis: AxisServo) -> dict[str, float]:
         """Return the words of a joint's section, in mm or deg."""
-        if section is None:
+        if section is None or ini.makes_steps(section):
             return {}
         words = {}
         for key in (term[1] for term in (*_TERMS, *_FOREIGN)):

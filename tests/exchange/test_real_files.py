@@ -5,8 +5,10 @@ import tomllib
 import pytest
 
 from gantrysim import InputError, Machine, Servo
-from gantrysim.exchange.gains import imported, read_gains, sign_of_velocity_drives
+from gantrysim.exchange.gains import exported, imported, read_gains, sign_of_velocity_drives
 from gantrysim.exchange.ini_file import IniFile, ini_text
+
+from support.tables import EXAMPLES
 
 # a mill in inches with velocity drives, whose third axis is no linear one
 MILL = """
@@ -81,6 +83,51 @@ def test_velocity_drives_are_recognised_by_what_a_torque_drive_could_not_do(xy, 
     assert "axis x has P without D, which would not damp" in sign_of_velocity_drives(xy.axes, undamped)
     beyond = torque.with_values(velocity_ff=[0.0, 0.01])  # 10 N·m at 1000 mm/s
     assert "feed-forward of axis y would take 10 N·m of 0.906 N·m" in sign_of_velocity_drives(xy.axes, beyond)
+
+
+@pytest.mark.parametrize(("share", "grows"), [(1.98, False), (2.02, True)])
+def test_a_d_that_would_be_unstable_is_no_torque(xy, servos, share, grows):
+    """An inertia under a held torque against the difference of its last two positions."""
+    inertia = xy.axes[1].inertia
+    damping = share * inertia / 1e-3
+    position, last, speed = 1e-3, 0.0, 1.0
+    speeds = []
+    for _ in range(2000):
+        acceleration = -damping * (position - last) / 1e-3 / inertia
+        last = position
+        position += speed * 1e-3 + acceleration * 1e-3**2 / 2
+        speed += acceleration * 1e-3
+        speeds.append(abs(speed))
+    assert (max(speeds[-10:]) > max(speeds[:10])) == grows
+    gains = servos["torque"].with_values(kd=[1e-3, damping])
+    assert ("as a torque, D would make the loop of axis y unstable" in sign_of_velocity_drives(xy.axes, gains)) == grows
+
+
+def test_a_step_generator_s_own_loop_is_no_gain(tmp_path, gantrysim_command):
+    file = tmp_path / "mill.ini"
+    file.write_text(MILL.replace("TYPE = LINEAR", "STEPGEN_MAXVEL = 5\nSCALE = 4000").replace("[JOINT_2]", "[EXTRA]"))
+    status, out, err = gantrysim_command("gains", "an225", "--from", "linuxcnc-ini", file)
+    assert (status, "[servo]" in out, "assumed of" in err) == (0, False, False)
+    assert f"{4000 / 25.4:.6g} steps/mm" in out
+
+
+def test_drives_that_take_steps_or_positions_get_scale_and_limits():
+    """200 full steps of 16 microsteps move a screw's lead of 10 mm; a closed loop is told its encoder's counts."""
+    machine = Machine(EXAMPLES / "stepper.toml")
+    servo = Servo.derive(machine.axes)
+    assert servo.modes == ("stepper", "position", "stepper")
+    text, (note,) = exported("linuxcnc-ini", machine.axes, servo)
+    assert note.startswith("no gains: the drives take positions or steps")
+    limits = IniFile.of(text).limits
+    assert [limit.name for limit in limits] == [axis.name for axis in machine.axes] == ["x", "y", "z"]
+    assert limits[0].steps == pytest.approx(200 * 16 / 10)
+    assert limits[1].steps == pytest.approx(1 / servo.drives[1].resolution)
+    assert [limit.speed for limit in limits] == [axis.speed_limit for axis in machine.axes]
+    program, _ = exported("trio", machine.axes, servo)
+    assert f"UNITS={limits[0].steps!r}" in program
+    assert "P_GAIN" not in program
+    with pytest.raises(InputError, match=r"^fanuc has no word for drives in mode 'stepper', 'position', 'stepper': "):
+        exported("fanuc", machine.axes, servo)
 
 
 def test_an_axis_without_a_joint_and_a_joint_that_turns_are_refused(xy, servos):
