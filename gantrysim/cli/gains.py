@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from gantrysim.job.job import Job
+    from gantrysim.servo.servo import Servo
 
 _SHAPER = "klipper"
 
@@ -91,7 +92,7 @@ def gains(
 
 def _read(job: Job, name: str, file: Path) -> tuple[str, list[str]]:
     """Return the tables that a controller's file gives a job, and notes."""
-    from gantrysim.exchange.gains import dialect, read_gains, sign_of_velocity_drives
+    from gantrysim.exchange.gains import dialect, sign_of_velocity_drives
     from gantrysim.exchange.motion_limits import program_lines
     from gantrysim.exchange.printer_config import PrinterConfig
     from gantrysim.tuning.servo import servo_toml
@@ -117,16 +118,30 @@ def _read(job: Job, name: str, file: Path) -> tuple[str, list[str]]:
     if not chosen.has_gains(text):
         raise InputError(f"{label}: has neither gains nor limits of speed in a section of a joint or axis")
     axes = job.built_machine.axes
-    servo, notes = read_gains(name, text, axes, job.built_servo, label)
+    servo, notes = _labelled_gains(name, text, job, label)
     sign = sign_of_velocity_drives(axes, servo) if job.servo.mode is None and set(servo.modes) == {"torque"} else ""
     if sign:
         job = job.changed({"servo.mode": "velocity"})
-        servo, notes = read_gains(name, text, axes, job.built_servo, label)
+        servo, notes = _labelled_gains(name, text, job, label)
         notes.insert(
             0, f"read as gains of velocity drives: {sign}; --set servo.mode='\"torque\"' reads them as torques"
         )
     comments.insert(0, f"Gains in the words of {name}, from {file.name}, drives in mode {', '.join(servo.modes)}.")
     return servo_toml(job, servo, comments), notes
+
+
+def _labelled_gains(name: str, text: str, job: Job, label: str) -> tuple[Servo, list[str]]:
+    """Return the servo with the gains of a text, and notes; errors name the file."""
+    from gantrysim.exchange.gains import read_gains
+
+    axes = job.built_machine.axes
+    servo = job.built_servo
+    try:
+        return read_gains(name, text, axes, servo, label)
+    except InputError as error:
+        if str(error).startswith(label):
+            raise
+        raise InputError(f"{label}: {error}") from None
 
 
 def _table(job: Job) -> Table:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -61,9 +62,18 @@ class IniFile:
         return cls(sections)
 
     def number(self, section: str, key: str) -> float | None:
-        """Return a number, None where there is none."""
-        value = _VALUE.fullmatch(self.sections.get(section, {}).get(key, ""))
-        return None if value is None else float(value[1])
+        """Return a number, None where there is none.
+
+        Raises:
+            InputError: a value that is no finite number.
+        """
+        text = self.sections.get(section, {}).get(key, "")
+        if not text:
+            return None
+        value = _VALUE.fullmatch(text)
+        if value is None or not math.isfinite(float(value[1])):
+            raise InputError(f"[{section}] {key} = {text:.40}: must be a finite number")
+        return float(value[1])
 
     def has_any(self, *keys: str) -> bool:
         """Return whether the section of any joint or axis that takes no steps has one of some keys."""

@@ -68,7 +68,9 @@ class PrinterConfig:
         config = cls(sections, str(path))
         if "printer" not in sections:
             raise InputError(f"{path}: has no section [printer]")
-        _ = config.speed, config.acceleration
+        for option in ("max_velocity", "max_accel"):
+            if not config._number("printer", option):
+                raise InputError(f"{path}: [printer] {option} = 0: must be greater than 0")
         return config
 
     def _number(self, section: str, option: str, default: float | None = None) -> float:

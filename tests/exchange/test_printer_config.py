@@ -115,6 +115,7 @@ def test_shapers_that_are_no_laws_are_named(printer, change, modes, said):
         ("[printer]\nmax_velocity: 9\n", r"\[printer\] has no max_accel$"),
         ("[printer]\nmax_velocity: fast\n", r"max_velocity = fast: must be a number$"),
         ("[printer]\nmax_velocity: -1\n", r"max_velocity = -1: must be finite and at least 0$"),
+        ("[printer]\nmax_velocity: 9\nmax_accel: 0\n", r"max_accel = 0: must be greater than 0$"),
         ("[include absent.cfg]\n", r"absent\.cfg: cannot be read: No such file"),
         ("[include printer.cfg]\n", r"nested more than 16 deep: does a file include itself\?$"),
     ],

@@ -134,6 +134,9 @@ def test_an_axis_without_a_joint_and_a_joint_that_turns_are_refused(xy, servos):
     without = MILL.replace("Y X A", "X Z A")
     with pytest.raises(InputError, match=r"has none of P, I, D, FF1, FF2 for axis y, in the words of linuxcnc-ini"):
         imported("linuxcnc-ini", without, xy.axes, servos["torque"])
+    for value in ("nan", "1e999", "[JOINT_1]P"):
+        with pytest.raises(InputError, match=r"\[JOINT_0\] P = .*: must be a finite number"):
+            imported("linuxcnc-ini", MILL.replace("P = 40", f"P = {value}"), xy.axes, servos["torque"])
     turning = MILL.replace("[JOINT_0]\nTYPE = LINEAR", "[JOINT_0]\nTYPE = ANGULAR")
     with pytest.raises(InputError, match=r"\[JOINT_0\] TYPE = ANGULAR: axis y of the machine is in mm"):
         imported("linuxcnc-ini", turning, xy.axes, servos["torque"])
