@@ -22,6 +22,8 @@ _TERMS = (
 )
 _DEADBAND = ("deadband", "DEADBAND")
 _FOREIGN = (("FF0", "FF0"), ("FF3", "FF3"), ("bias", "BIAS"), _DEADBAND)  # that the servo lacks
+_PERIOD = "SERVO_PERIOD"  # in section [EMCMOT] [ns]
+_SAME_PERIOD = 1e-3  # relative difference that rounding explains
 _OLDER = {"P": "PGAIN", "I": "IGAIN", "D": "DGAIN"}  # names of keys that a HAL file may have instead
 _UNITS = {"kp": "/u", "ki": "/(u·s)", "kd": "·s/u", "velocity_ff": "·s/u", "acceleration_ff": "·s²/u"}
 _FORMULAS = {"kd": "kd - o", "velocity_ff": "vff + o", "acceleration_ff": "aff"}
@@ -132,7 +134,21 @@ class LinuxCNCIni(LinuxCNC):
     def read(self, text: str, axes: Sequence[AxisServo]) -> list[dict[str, float]]:
         ini = IniFile.of(text)
         names = [axis.name for axis in axes]
-        return [self._words_of_joint(ini, ini.section_of(axis.name, a, names), axis) for a, axis in enumerate(axes)]
+        words = [self._words_of_joint(ini, ini.section_of(axis.name, a, names), axis) for a, axis in enumerate(axes)]
+        period = ini.number("EMCMOT", _PERIOD)
+        if period and words[0]:
+            words[0][_PERIOD] = period
+        return words
+
+    def remarks(self, words: Mapping[str, float], axis: AxisServo) -> list[str]:
+        remarks = super().remarks(words, axis)
+        period = 1e-9 * words.get(_PERIOD, 0.0)
+        if period and abs(period / axis.period - 1) > _SAME_PERIOD:
+            remarks.append(
+                f"{_PERIOD} = {1e3 * period:g} ms: the job's servo has {1e3 * axis.period:g} ms; gains are per second "
+                f"and stay, the loop's lag does not: --set servo.period={period:g}"
+            )
+        return remarks
 
     @staticmethod
     def _words_of_joint(ini: IniFile, section: str | None, axis: AxisServo) -> dict[str, float]:

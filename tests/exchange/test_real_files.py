@@ -64,6 +64,13 @@ def test_gains_of_velocity_drives_do_not_depend_on_the_unit_of_length(xy, servos
     assert note.startswith("DEADBAND of axis y = 0.00254 mm = 2.5 encoder counts: left out")
 
 
+def test_another_servo_period_is_named(xy, servos):
+    _, notes = read_gains("linuxcnc-ini", MILL.replace("1000000", "200000"), xy.axes, servos["velocity"])
+    (note,) = [note for note in notes if "PERIOD" in note]
+    assert note.startswith("SERVO_PERIOD = 0.2 ms: the job's servo has 1 ms;")
+    assert note.endswith("--set servo.period=0.0002")
+
+
 def test_gains_of_torque_drives_are_per_unit_of_length(xy, servos):
     """An error of 25.4 mm is one of 1 inch: both demand the torque P."""
     servo = imported("linuxcnc-ini", MILL, xy.axes, servos["torque"])
