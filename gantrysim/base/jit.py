@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -50,6 +51,36 @@ def tell_compiling(tell: Callable[[], None]) -> None:
     register("numba:compile", _Told(tell))
 
 
+class _WithoutCollection(Listener):  # type: ignore[misc]
+    """Pauses Python's garbage collection while numba compiles.
+
+    The compiler makes many objects and hardly any cycles; a seventh of its time went into the collection.
+    """
+
+    def __init__(self) -> None:
+        self._depth = 0
+        self._paused = False
+
+    def on_start(self, event: Any) -> None:
+        if self._depth == 0 and gc.isenabled():
+            gc.disable()
+            self._paused = True
+        self._depth += 1
+
+    def on_end(self, event: Any) -> None:
+        self._depth -= 1
+        if self._depth == 0 and self._paused:
+            gc.enable()
+            self._paused = False
+
+
+register("numba:compile", _WithoutCollection())
+
+
 def inner_jit(function: _Function) -> _Function:
-    """Compile a helper inlined into, and cached with, its callers."""
-    return numba.njit(error_model="numpy")(function)
+    """Compile a helper inlined into, and cached with, its callers.
+
+    It has no wrapper to be called from Python, whose compilation takes an eighth of the time: a call from Python ends
+    the process.
+    """
+    return numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)

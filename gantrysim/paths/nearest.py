@@ -208,40 +208,56 @@ def along(points, trace, travel, spacing, begin):
 
 
 @jit
-def _next_block(table, block, undecided, ends, entries, is_last):
+def _next_block(table, block, sequences, ends, entries, is_last):
     """Extend sequences by a block of a trace, and write what all of them have in common.
+
+    Slices of arrays are made by the caller: numba compiles their checks of shapes for seconds.
 
     Args:
         table: points along the path.
         block: of the trace, after the last point of the block before, k + 1 points.
-        undecided: sequences of the points that are not decided, the last the first of `block`, u points.
+        sequences: of the points that are not decided and of the block, (u + k,), of which those of the block, from its
+            second point on, are written.
         ends: of the sequences, updated.
-        entries: of the points not decided and of the block, (u + k,), written as far as they are decided.
+        entries: of the same points, (u + k,), written as far as they are decided.
         is_last: whether the block is the last.
 
     Returns:
-        The number of decided points less one, and the sequences from the last decided point on.
+        The number of decided points less one.
     """
-    u = len(undecided.candidates) - 1
-    n = len(block.points)
-    entry = np.zeros((u + n, _BEAM), np.int32)
-    origin = np.zeros((u + n, _BEAM), np.int8)
-    count = np.ones(u + n, np.int64)
-    entry[: u + 1] = undecided.entry
-    origin[: u + 1] = undecided.origin
-    count[: u + 1] = undecided.candidates
-    _extend(table, block, Sequences(entry[u:], origin[u:], count[u:]), ends)
-    k = u + n - 1
-    slots = np.arange(count[k])
+    first = len(entries) - len(block.points)
+    _extend(
+        table, block, Sequences(sequences.entry[first:], sequences.origin[first:], sequences.candidates[first:]), ends
+    )
+    k = len(entries) - 1
+    count = sequences.candidates[k]
+    slots = np.zeros(_BEAM, np.int64)
+    best = 0
+    for c in range(count):
+        slots[c] = c
+        if ends.cost[c] < ends.cost[best]:
+            best = c
     if is_last:
-        slots[:] = np.argmin(ends.cost[: count[k]])
-    while k > 0 and slots.min() != slots.max():
-        for c in range(len(slots)):
-            slots[c] = origin[k, slots[c]]
+        slots[0] = best
+        count = 1
+    least, largest = _range(slots, count)
+    while k > 0 and least != largest:
+        for c in range(count):
+            slots[c] = sequences.origin[k, slots[c]]
+        least, largest = _range(slots, count)
         k -= 1
-    if slots.min() == slots.max():
-        _trace_back(Sequences(entry, origin, count), slots[0], entries[: k + 1])
-    return k, Sequences(entry[k:].copy(), origin[k:].copy(), count[k:].copy())
+    if least == largest:
+        _trace_back(sequences, slots[0], entries[: k + 1])
+    return k
+
+
+def _extended(sequences, count):
+    """Return sequences with room for further points, whose candidates are written later."""
+    return Sequences(
+        np.concatenate([sequences.entry, np.zeros((count, _BEAM), np.int32)]),
+        np.concatenate([sequences.origin, np.zeros((count, _BEAM), np.int8)]),
+        np.concatenate([sequences.candidates, np.ones(count, np.int64)]),
+    )
 
 
 def along_blocks(points, blocks, count, spacing, begin):
@@ -268,9 +284,10 @@ def along_blocks(points, blocks, count, spacing, begin):
     ends.place[0] = first
     while received < count:
         received = decided + len(undecided.candidates) + len(trace) - 1
-        k, undecided = _next_block(
-            table, Trace(trace, travel), undecided, ends, entries[decided:received], received == count
-        )
+        sequences = _extended(undecided, len(trace) - 1)
+        block = Trace(trace, travel)
+        k = _next_block(table, block, sequences, ends, entries[decided:received], received == count)
+        undecided = Sequences(sequences.entry[k:], sequences.origin[k:], sequences.candidates[k:])
         decided += k
         if received < count:
             last = trace[-1:]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import types
 
+import numba
 import numpy as np
 import pytest
 
@@ -62,7 +63,8 @@ def test_a_key_refuses_what_it_does_not_cover():
 
 
 def test_a_part_is_compiled_with_the_plain_functions_that_it_calls():
-    assert part(_outer)(5.0) == _outer(5.0) == 3.0
+    compiled = part(_outer)
+    assert numba.njit(lambda value: compiled(value))(5.0) == _outer(5.0) == 3.0
     assert part(_outer) is part(_outer)
 
 
