@@ -25,6 +25,7 @@ PARAMETERS_ALLOWED: dict[str, str] = {
     "engine/simulate.py:simulate": "keywords that users type",
     "servo/laws/p_pi.py:cascaded": "the quantities of its equation; compiled",
     "servo/laws/pid.py:torque_demand": "the quantities of its equation; compiled",
+    "remedy/improve.py:improve": "keywords that users type",
     "servo/servo.py:derive": "keywords that users type",
     "render/video.py:save_video": "keywords of Take, Film and Film.save in one call, which users type",
     "render/renderer.py:__init__": "a run, its view and the looks of its bead, which users type",

@@ -43,7 +43,7 @@ class Motions:
         """Keep a motion, and drop those for which there is no room then."""
         self._motions.pop(key, None)
         self._motions[key] = motion
-        ticks = sum(len(kept.run.time) for kept in self._motions.values())
+        ticks = sum(len(stored.run.time) for stored in self._motions.values())
         while ticks > ROOM:
             oldest = next(iter(self._motions))
             ticks -= len(self._motions.pop(oldest).run.time)
