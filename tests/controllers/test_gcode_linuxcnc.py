@@ -11,7 +11,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.dialects import Dispense
 from gantrysim.controllers.gcode.lines import GRAMMAR
 from gantrysim.controllers.gcode.linuxcnc import Program
-from gantrysim.controllers.gcode.move_table import ANGLE, END, FEED, GLUE, KIND, SOURCE
+from gantrysim.controllers.gcode.move_table import ANGLE, DWELL, END, FEED, GLUE, KIND, SOURCE
 from gantrysim.controllers.macro.scanner import Scanner
 
 LARGE = "9" * 200  # its square is infinite
@@ -123,7 +123,11 @@ def test_feeds_are_in_their_units(text, feed):
     ("text", "message"),
     [
         ("G1 X1", "line 1: .*must have an F"),
-        ("G0 X1\nG81 Z-1 R1 F1", "line 2: G81: milling cycle is not simulated"),
+        ("G0 X1\nG87 Z-1 R1 F1", "line 2: G87: milling cycle is not simulated"),
+        ("F1 G81 X1 Z-1", "line 1: G81 without R: must have Z, R"),
+        ("F1 G81 X1 Z2 R1", "line 1: G81: R at Z = 1 mm must not be below the depth, 2 mm"),
+        ("F1 G83 X1 Z-1 R1 Q0", "line 1: Q = 0 mm: must be above 0"),
+        ("F1 G81 X1 Z-1 R1\nG80\nX2", "line 3: axis words after G80"),
         ("G38.2 X1 F1", "line 1: G38.2: probing"),
         ("G33 Z1 K1", "line 1: G33: motion synchronised"),
         ("G41 D1", "line 1: G41: cutter compensation"),
@@ -194,13 +198,71 @@ def test_spindle_words_open_the_valve_only_where_the_job_says_so():
             Dispense("codes", on=(bad,))
 
 
+HIGH = "G0 X1 Y2 Z3 F60\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        # the two examples of LinuxCNC's manual
+        ("G90 G81 G98 X4 Y5 Z1.5 R2.8", ["4 5 3", "4 5 2.8", "4 5 1.5 F", "4 5 3"]),
+        (
+            "G91 G81 G98 X4 Y5 Z-0.6 R1.8 L3",
+            ["1 2 4.8"]
+            + [
+                f"{text}"
+                for k in (1, 2, 3)
+                for text in (
+                    f"{1 + 4 * k} {2 + 5 * k} 4.8",
+                    f"{1 + 4 * k} {2 + 5 * k} 4.2 F",
+                    f"{1 + 4 * k} {2 + 5 * k} 4.8",
+                )
+            ],
+        ),
+        # R and the depth stay in force; G99 stays at R, and G98 returns to the height before the series
+        (
+            "G99 G81 X4 Z1 R2\nX5\nG98 X6",
+            ["4 2 3", "4 2 2", "4 2 1 F", "4 2 2", "5 2 2", "5 2 1 F", "5 2 2", "6 2 2", "6 2 1 F", "6 2 3"],
+        ),
+        ("G89 X4 Z1 R2 P0.1", ["4 2 3", "4 2 2", "4 2 1 F", "4 2 3 F"]),
+        ("G85 X4 Z1 R2", ["4 2 3", "4 2 2", "4 2 1 F", "4 2 2 F", "4 2 3"]),
+        (
+            "G83 X1 Z0 R2 Q0.8 D0.5",
+            ["1 2 2", "1 2 1.2 F", "1 2 2", "1 2 1.7", "1 2 0.4 F", "1 2 2", "1 2 0.9", "1 2 0 F", "1 2 3"],
+        ),
+        ("G73 X1 Z0 R2 Q1.5 D0.5", ["1 2 2", "1 2 0.5 F", "1 2 1", "1 2 0 F", "1 2 3"]),
+        ("G18 G81 X4 Y1 R1.5 G80", ["4 2 3", "4 1.5 3", "4 1 3 F", "4 2 3"]),
+    ],
+)
+def test_canned_cycles_go_down_at_feed_and_up(text, expected):
+    table = moves(HIGH + text.replace(" G80", "\nG80"))[1:]
+    length = np.linalg.norm(np.diff(moves(HIGH + text)[:, END : END + 3], axis=0), axis=1)
+    rows = [" ".join(f"{v:.6g}" for v in row[END : END + 3]) + (" F" if row[FEED] else "") for row in table[length > 0]]
+    assert rows == expected
+
+
+@pytest.mark.parametrize(("by", "dots"), [("feed", [1, 1]), ("codes", [0, 1])])
+def test_a_cycle_with_a_dwell_lays_dots(by, dots):
+    """By feed the valve is open in the dwells alone; by codes between the codes."""
+    program = Program(text=HIGH + "M5\nG82 X4 Z1 R2 P0.4\nM3\nX5", dispense=Dispense(by=by))
+    table = program.program.moves
+    dwells = table[table[:, KIND] == DWELL]
+    assert dwells[:, FEED].tolist() == [0.4, 0.4]
+    assert dwells[:, GLUE].tolist() == dots
+    if by == "feed":
+        assert table[:, GLUE].sum() == 2
+        setpoints = program.setpoints(0.001)
+        assert setpoints.dispense.sum() == pytest.approx(800, abs=4)
+        assert np.unique(setpoints.position[setpoints.dispense][:, 0].round(6)).tolist() == [4, 5]
+
+
 def test_subprograms_in_files_of_their_own_are_called_by_name():
     files = {"Dot": "o<dot> sub\nG0 X#1\no<dot> endsub\nM2"}
     table = moves("G0 X1\no<dot> call [7]", subprograms=files)
     assert table[:, END].tolist() == [1, 7]
     assert table[:, SOURCE].tolist() == [1, 2]  # the line of the call
-    with pytest.raises(InputError, match=r"line 2 of dot: G81"):
-        moves("o<dot> call", subprograms={"dot": "o<dot> sub\nG81\no<dot> endsub"})
+    with pytest.raises(InputError, match=r"line 2 of dot: G87"):
+        moves("o<dot> call", subprograms={"dot": "o<dot> sub\nG87\no<dot> endsub"})
 
 
 def test_parameters_of_the_machine_come_from_the_job():

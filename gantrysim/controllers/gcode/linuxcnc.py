@@ -15,8 +15,8 @@ from gantrysim.controllers.gcode.gcode_program import GCode, Library
 class Program(GCode):
     """A program in LinuxCNC's dialect of G-code.
 
-    Lines, arcs, splines and dwells, coordinate systems and tool lengths, subroutines, branches and loops by O words,
-    numbered and named parameters, and expressions; docs/g-code.md lists the words. Cutter compensation, milling and
+    Lines, arcs, splines, dwells and canned cycles, coordinate systems and tool lengths, subroutines, branches and loops
+    by O words, numbered and named parameters, and expressions; docs/g-code.md lists the words. Cutter compensation,
     lathe cycles, probing, NURBS and motion synchronised with the spindle are refused by name.
 
     In G64 corners between straight moves are rounded by arcs within the tolerance P; without P an arc takes at most

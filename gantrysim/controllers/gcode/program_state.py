@@ -98,6 +98,21 @@ class _Saved:
     absolute: bool
 
 
+@dataclass
+class CycleSeries:
+    """Canned cycles one after the other.
+
+    Attributes:
+        level: coordinate across the plane before the first of them [mm].
+        name: code of the last one.
+        words: its words that stay in force [mm or s].
+    """
+
+    level: float
+    name: str = ""
+    words: dict[str, float] = field(default_factory=dict)
+
+
 class ProgramState:
     """The state of a program that runs.
 
@@ -116,6 +131,8 @@ class ProgramState:
         line: of the program's text, from 1.
         depth: of the calls of subroutines.
         ignored: words without an effect on the path, and how often they were met.
+        cycle: series of canned cycles; None after other motions.
+        retracts_to_r: whether canned cycles end at R (G99).
         without_feed: moves of printers' firmware before the first F.
         limits: that the program sets.
     """
@@ -132,6 +149,8 @@ class ProgramState:
         self.extruder = 0.0
         self.relative_extruder = False
         self.spline_control: complex | None = None
+        self.cycle: CycleSeries | None = None
+        self.retracts_to_r = False
         self.line = 0
         self.depth = 0
         self.ignored: Counter[str] = Counter()
@@ -177,15 +196,16 @@ class ProgramState:
                 return fed > 0
         return at_feed
 
-    def line_to(self, end: list[float], feed: float, fed: float = 0.0) -> None:
+    def line_to(self, end: list[float], feed: float, fed: float = 0.0, *, at_work: bool = True) -> None:
         """Add a line at feed.
 
         Args:
             end: in the machine's coordinates [mm].
             feed: path speed [mm/s].
             fed: material [mm].
+            at_work: whether glue is laid, where all moves at feed lay it.
         """
-        self._line_to(end, feed, fed, self.lays_glue(True, fed))
+        self._line_to(end, feed, fed, self.lays_glue(at_work, fed))
 
     def rapid_to(self, end: list[float]) -> None:
         """Add a rapid move to a place of the machine [mm]."""
@@ -202,9 +222,9 @@ class ProgramState:
         )
         self.frames.here = end
 
-    def pause(self, time: float) -> None:
-        """Add a dwell [s]."""
-        glue = self.glue and self.setup.dispense.by == "codes"
+    def pause(self, time: float, *, at_work: bool = False) -> None:
+        """Add a dwell [s], with glue where moves at feed lay it and the needle is at work."""
+        glue = self.lays_glue(at_work, 0.0)
         x, y, z = self.frames.here
         self.moves.add(MoveRow(DWELL, x, y, z, 0.0, 0.0, 0, 0.0, time, EXACT_STOP, 0.0, glue, self.line, 0.0))
 

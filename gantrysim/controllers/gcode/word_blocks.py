@@ -100,8 +100,12 @@ class Interpreter:
             if code is None or code.handler is None:
                 self._ignore(name, code, block)
             elif code.kind is Kind.MOTION:
+                if moves and name == "G80":  # it ends a cycle, not the motion that stands beside it
+                    continue
                 state.motion = name
                 moves = True
+                if not code.is_cycle:
+                    state.cycle = None
             elif code.kind is Kind.ACTION:
                 if action:
                     raise InputError(f"{action.name} and {name} in one block: must be in blocks of their own")

@@ -46,6 +46,7 @@ class Code:
         takes: letters whose words belong to a code without an effect.
         moved_by: letters that begin a motion.
         straight: whether a motion is along a line, as G53 needs.
+        is_cycle: whether a motion is a canned cycle.
         shares_words: whether the words that an action leaves are those of a motion beside it.
     """
 
@@ -57,21 +58,23 @@ class Code:
     takes: str = ""
     moved_by: str = ""
     straight: bool = False
+    is_cycle: bool = False
     shares_words: bool = False
 
 
 CODES: dict[str, dict[str, Code]] = {dialect.name: {} for dialect in ALL}  # by dialect and name
 
 
-def motion(moved_by: str = "", straight: bool = False, dialects: Dialects = ALL) -> Decorator:
+def motion(moved_by: str = "", straight: bool = False, dialects: Dialects = ALL, is_cycle: bool = False) -> Decorator:
     """Add a code of motion, which axis words and the given letters begin."""
 
     def add(handler: Handler) -> Handler:
         letters = f"XYZ@^{moved_by}"
         name, meaning = _described(handler)
-        return _added(
-            dialects, Code(name, Kind.MOTION, meaning, handler, "motion", moved_by=letters, straight=straight)
+        code = Code(
+            name, Kind.MOTION, meaning, handler, "motion", moved_by=letters, straight=straight, is_cycle=is_cycle
         )
+        return _added(dialects, code)
 
     return add
 

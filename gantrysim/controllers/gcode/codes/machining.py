@@ -1,4 +1,4 @@
-"""Codes of machining that are not simulated: cycles, probing, threads, NURBS."""
+"""Codes that are not simulated: probing, threads, NURBS, lathe cycles, and in printers' firmware milling cycles."""
 
 from __future__ import annotations
 
@@ -101,12 +101,12 @@ def g72_2(state: ProgramState, block: WordBlock) -> None:
     """Roughing cycle along X, with pockets one after the other."""
 
 
-@refused(_CYCLE)
+@refused(_CYCLE, dialects=(SLICER,))
 def g73(state: ProgramState, block: WordBlock) -> None:
     """Drilling cycle that breaks chips."""
 
 
-@refused(_CYCLE)
+@refused(_CYCLE, dialects=(SLICER,))
 def g74(state: ProgramState, block: WordBlock) -> None:
     """Tapping cycle to the left."""
 
@@ -116,37 +116,37 @@ def g76(state: ProgramState, block: WordBlock) -> None:
     """Threading cycle."""
 
 
-@without_effect()
+@without_effect((SLICER,))
 def g80(state: ProgramState, block: WordBlock) -> None:
     """No cycle, as it always is."""
 
 
-@refused(_CYCLE)
+@refused(_CYCLE, dialects=(SLICER,))
 def g81(state: ProgramState, block: WordBlock) -> None:
     """Drilling cycle."""
 
 
-@refused(_CYCLE)
+@refused(_CYCLE, dialects=(SLICER,))
 def g82(state: ProgramState, block: WordBlock) -> None:
     """Drilling cycle with a dwell."""
 
 
-@refused(_CYCLE)
+@refused(_CYCLE, dialects=(SLICER,))
 def g83(state: ProgramState, block: WordBlock) -> None:
     """Drilling cycle that clears chips."""
 
 
-@refused(_CYCLE)
+@refused(_CYCLE, dialects=(SLICER,))
 def g84(state: ProgramState, block: WordBlock) -> None:
     """Tapping cycle to the right."""
 
 
-@refused(_CYCLE)
+@refused(_CYCLE, dialects=(SLICER,))
 def g85(state: ProgramState, block: WordBlock) -> None:
     """Boring cycle, out at feed."""
 
 
-@refused(_CYCLE)
+@refused(_CYCLE, dialects=(SLICER,))
 def g86(state: ProgramState, block: WordBlock) -> None:
     """Boring cycle, out with the spindle at rest."""
 
@@ -161,6 +161,6 @@ def g88(state: ProgramState, block: WordBlock) -> None:
     """Boring cycle, out by hand."""
 
 
-@refused(_CYCLE)
+@refused(_CYCLE, dialects=(SLICER,))
 def g89(state: ProgramState, block: WordBlock) -> None:
     """Boring cycle with a dwell, out at feed."""

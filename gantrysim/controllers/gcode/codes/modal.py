@@ -192,13 +192,3 @@ def g96(state: ProgramState, block: WordBlock) -> None:
 @without_effect((LINUXCNC,))
 def g97(state: ProgramState, block: WordBlock) -> None:
     """Spindle at S revolutions per minute."""
-
-
-@without_effect((LINUXCNC,))
-def g98(state: ProgramState, block: WordBlock) -> None:
-    """Canned cycles retract to the start."""
-
-
-@without_effect((LINUXCNC,))
-def g99(state: ProgramState, block: WordBlock) -> None:
-    """Canned cycles retract to R."""
