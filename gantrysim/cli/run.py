@@ -96,9 +96,12 @@ def run(
     input, 3 for a run that ended in a fault, 4 for a verdict that --fail-on names, 130 after Ctrl-C, which leaves the
     output folder unchanged.
     """
-    from gantrysim.cli.evaluation import Wanted
-    from gantrysim.job.job import Job
-    from gantrysim.job.plan import speed_note
+    from gantrysim.base.memory import starting
+
+    with starting():
+        from gantrysim.cli.evaluation import Wanted
+        from gantrysim.job.job import Job
+        from gantrysim.job.plan import speed_note
 
     with stage("program"):
         loaded = Job.load(
