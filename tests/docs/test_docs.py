@@ -276,7 +276,7 @@ def test_the_job_file_s_page_is_up_to_date():
 
 RATIOS = (
     "engine", "servo", "converged_cost", "batch", "vector_env", "scalar_env", "import_time", "frame_growth",
-    "frame_cost", "bead_cost", "verdict", "setpoints", "analysis",
+    "frame_cost", "bead_cost", "first_run", "verdict", "page", "film", "setpoints", "analysis",
 )  # fmt: skip
 
 
@@ -289,7 +289,7 @@ def test_the_benchmark_prints_what_it_is_asked_for(keys):
     assert min(ratios.values()) > 0
 
 
-LONG_BENCHMARKS = {"frame_growth", "frame_cost", "bead_cost", "verdict"}
+LONG_BENCHMARKS = {"frame_growth", "frame_cost", "bead_cost", "first_run", "verdict", "page", "film"}
 
 
 @pytest.mark.filterwarnings("ignore::glfw.GLFWError")  # MuJoCo's renderer tries it before what needs no display
