@@ -42,6 +42,7 @@ def ends(text, **settings):
         ("#1=1\n#1=5 G0 X#1\nX#1", [(1, 0, 0), (5, 0, 0)]),  # a line's parameters are set after its values are taken
         ("#1=2 #2=7\nG0 X##1", [(7, 0, 0)]),
         ("#<n>=1\nG0 X EXISTS[#<n>] Y EXISTS[#<m>]", [(1, 0, 0)]),
+        ("G0 X EXISTS[#<_hal[pin]>] Y1", [(0, 1, 0)]),
         ("G0 X EXISTS[#1] Y EXISTS[#5602] Z1", [(1, 1, 1)]),
         ("G0 X EXISTS[#0] Y EXISTS[#5603] Z1", [(0, 0, 1)]),
         ("G0 X[atan[1]/[1]] Y[2**3] Z[7 mod 4]", [(45, 8, 3)]),
@@ -135,6 +136,8 @@ def test_feeds_are_in_their_units(text, feed):
         ("G76", "line 1: G76: milling cycle"),
         ("G47", "line 1: G47: is no word of LinuxCNC"),
         ("M450", "line 1: M450: is no word"),
+        ("G0 X1 A0\nG91 A0 X1\nG90 A1", "line 3: A: the machine has the axes x, y, z"),
+        ("#1=#<_hal[pin]>", r"line 1: #<_hal\[pin\]> is a value of the machine: must be given in parameters"),
         ("G0 A1", "line 1: A: the machine has the axes x, y, z; skip_axes"),
         ("G0 X1 X2", "line 1: X is given twice"),
         ("G0 X1 K", "line 1: K.*must be followed by a number"),
@@ -196,6 +199,22 @@ def test_spindle_words_open_the_valve_only_where_the_job_says_so():
     for bad in ("3", "M", "M3 Q1", "M64 P1 2"):
         with pytest.raises(InputError, match="must be an M code"):
             Dispense("codes", on=(bad,))
+
+
+def test_a_feed_of_the_machine_is_assumed_with_a_note_unless_it_is_given():
+    text = "F#<_hal[plasmac.cut-feed-rate]>\nG1 X10"
+    assumed = Program(text=text)
+    assert assumed.program.moves[0, FEED] == 25
+    assert "#<_hal[plasmac.cut-feed-rate]> is a feed of the machine that was not given: 1500 mm/min" in assumed.notes[0]
+    given = Program(text=text, parameters={"_hal[plasmac.cut-feed-rate]": 600.0})
+    assert given.program.moves[0, FEED] == 10
+    assert not any("feed of the machine" in note for note in given.notes)
+    assert Program(text="G20\n" + text).program.moves[0, FEED] == 25
+
+
+def test_a_file_of_subroutines_alone_is_told_from_a_program():
+    with pytest.raises(InputError, match=r"moves none of x, y, z; its subroutines \(touch\) run where another program"):
+        _ = Program(text="o<touch> sub\nG0 X1\no<touch> endsub\nM2").plan
 
 
 HIGH = "G0 X1 Y2 Z3 F60\n"

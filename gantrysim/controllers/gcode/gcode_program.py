@@ -224,6 +224,10 @@ class GCode(Controller):
             notes.append(
                 f"{self.program.without_feed} moves before the first F run at {UNSTATED_FEED / PER_MINUTE:g} mm/s."
             )
+        notes += [
+            f"#<{name}> is a feed of the machine that was not given: {UNSTATED_FEED:g} mm/min (parameters)."
+            for name in self.program.assumed_feeds
+        ]
         if self.program.ignored:
             words = ", ".join(f"{word} ({count})" for word, count in sorted(self.program.ignored.items()))
             notes.append(f"Words without an effect on the path: {words}.")

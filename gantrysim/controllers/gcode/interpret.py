@@ -25,6 +25,8 @@ class Interpreted:
         ignored: words without an effect on the path, and how often they were met.
         without_feed: moves at a feed that the program has not stated.
         limits: to which the moves refer.
+        assumed_feeds: names of the machine's feeds that the program reads and that nobody gave.
+        subroutines: names of those that the text holds.
     """
 
     start: tuple[float, float, float]
@@ -32,6 +34,15 @@ class Interpreted:
     ignored: Counter[str]
     without_feed: int = 0
     limits: tuple[MotionLimits, ...] = (MotionLimits(),)
+    assumed_feeds: tuple[str, ...] = ()
+    subroutines: tuple[str, ...] = ()
+
+    @property
+    def without_moves(self) -> str:
+        """What a program without moves lacks, in words."""
+        if not self.subroutines:
+            return "must have a block that does"
+        return f"its subroutines ({', '.join(self.subroutines[:3])}) run where another program calls them"
 
 
 def interpret(program: ProgramText, start: tuple[float, float, float], setup: ProgramSetup) -> Interpreted:
@@ -54,6 +65,7 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
         return provided(state, key)
 
     flow = ProgramFlow(program, system, state.subprogram_ends)
+    subroutines = tuple(str(label) for label in flow.places.labels("SUB"))
     try:
         for line in flow.run():
             state.line = flow.line
@@ -66,4 +78,12 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
     except OverflowError:
         raise InputError(f"{flow.where}: a number is too large") from None
     flow.lines.clear()  # the flow and its parameters refer to one another, and would keep them until a collection
-    return Interpreted(start, moves.table, state.ignored, state.without_feed, tuple(state.limits.rows))
+    return Interpreted(
+        start=start,
+        moves=moves.table,
+        ignored=state.ignored,
+        without_feed=state.without_feed,
+        limits=tuple(state.limits.rows),
+        assumed_feeds=tuple(sorted(state.assumed_feeds)),
+        subroutines=subroutines,
+    )

@@ -150,7 +150,7 @@ def requested_track(program: Interpreted, placement: Placement) -> tuple[Track, 
     moved = np.abs(np.diff(points, axis=0)).max(axis=1, initial=0.0) > _SHORTEST / min(placement.scale, 1.0)
     moving = np.flatnonzero((table[:, KIND] != DWELL) & (arc | moved))
     if not moving.size:
-        raise InputError("program: moves none of x, y, z; must have a block that does")
+        raise InputError(f"program: moves none of x, y, z; {program.without_moves}")
     plane = table[moving, PLANE].astype(np.intp)
     begin = np.concatenate([[program.start], points[moving[:-1] + 1]])
     centre = begin.copy()

@@ -134,6 +134,7 @@ class ProgramState:
         cycle: series of canned cycles; None after other motions.
         retracts_to_r: whether canned cycles end at R (G99).
         without_feed: moves of printers' firmware before the first F.
+        assumed_feeds: names of the machine's feeds that the program reads and that nobody gave.
         limits: that the program sets.
     """
 
@@ -155,6 +156,7 @@ class ProgramState:
         self.depth = 0
         self.ignored: Counter[str] = Counter()
         self.without_feed = 0
+        self.assumed_feeds: set[str] = set()
         self.limits = LimitsInForce()
         self._saved: dict[int, _Saved] = {}  # by the depth of calls
         self._restored: set[int] = set()  # depths at whose end the saved modes come back

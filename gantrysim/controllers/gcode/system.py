@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from gantrysim.controllers.gcode.program_state import ProgramState
+from gantrysim.base.errors import InputError
+from gantrysim.controllers.gcode.program_state import UNSTATED_FEED, ProgramState
 
 _VERSION = 2.9  # of LinuxCNC, whose words these are
 
@@ -25,11 +26,23 @@ _NAMED: dict[str, Callable[[ProgramState], float]] = {
 }
 
 
+_MACHINE = ("_hal[", "_ini[")  # a pin of the machine's hardware layer, a value of its configuration
+
+
 def provided(state: ProgramState, key: float | str) -> float | None:
-    """Return a parameter of the controller; None for others."""
+    """Return a parameter of the controller; None for others.
+
+    Raises:
+        InputError: a value of the machine that the program is not given, but for a feed.
+    """
     if isinstance(key, str):
         if key in state.setup.parameters:
             return state.setup.parameters[key]
         if key in _NAMED:
             return _NAMED[key](state)
+        if key.startswith(_MACHINE):
+            if "feed" not in key:
+                raise InputError(f"#<{key}> is a value of the machine: must be given in parameters, by that name")
+            state.assumed_feeds.add(key)
+            return UNSTATED_FEED / state.frames.unit
     return state.frames.shown(key)

@@ -162,6 +162,9 @@ class Interpreter:
                 state.modes.spindle = value
             else:
                 state.ignored[letter] += 1
+        for letter in [letter for letter in block.values if letter in "ABCUVW" and self._stands(letter, block)]:
+            block.drop(letter)
+            state.ignored[f"axis {letter}, which stands"] += 1
         if not block.values:
             return
         letter, value = next(iter(block.values.items()))
@@ -170,6 +173,14 @@ class Interpreter:
         if not self._dialect.lenient:
             raise InputError(f"{letter}{value:g}: is not used in this block")
         state.ignored[letter] += 1
+
+    def _stands(self, letter: str, block: WordBlock) -> bool:
+        """Return whether a word of an axis that the machine lacks does not move it."""
+        state = self._state
+        value = block.values[letter]
+        if not state.frames.absolute:
+            return value == 0
+        return value == 0
 
 
 @lru_cache(_MOST_NAMES)

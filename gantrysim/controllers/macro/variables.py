@@ -83,7 +83,10 @@ class Parameters:
     def exists(self, key: float | str) -> bool:
         """Return whether a named parameter was set, or a number is one."""
         if isinstance(key, str):
-            return key in self._names(key) or self._system(key) is not None
+            try:
+                return key in self._names(key) or self._system(key) is not None
+            except InputError:  # a value that must be given first
+                return False
         return 1 <= key <= self._highest
 
     def set(self, target: Target, value: float) -> None:
