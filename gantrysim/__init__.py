@@ -1,7 +1,8 @@
 """Simulate a glue-dispensing gantry; locate the bead's error on the chain from program to nozzle, find its causes."""
 
 import lazy_loader
-import wrapt
+
+from gantrysim.base.import_hooks import when_imported
 
 __version__ = "0.1.0"
 
@@ -9,7 +10,6 @@ __version__ = "0.1.0"
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
-@wrapt.when_imported("gymnasium")
 def _register_environments(gymnasium):  # type: ignore[no-untyped-def]
     """Register the environments by name, in whichever order the two packages are imported."""
     from gantrysim.env.registry import TASKS
@@ -21,3 +21,6 @@ def _register_environments(gymnasium):  # type: ignore[no-untyped-def]
             entry_point=f"gantrysim.env.{module}:{name}Env",
             vector_entry_point=f"gantrysim.env.{module}:{name}VectorEnv",
         )
+
+
+when_imported("gymnasium", _register_environments)

@@ -12,7 +12,6 @@ from functools import cache
 from types import FrameType
 from typing import Any
 
-import wrapt
 from rich.cells import cell_len
 from rich.console import Console, RenderableType
 from rich.markup import escape
@@ -30,6 +29,7 @@ from rich.table import Column as RichColumn
 from rich.table import Table
 
 from gantrysim.base import signals
+from gantrysim.base.import_hooks import when_imported
 from gantrysim.base.progress import COMPILING
 
 # exit statuses; an interrupted command has signals.status()
@@ -139,7 +139,7 @@ def tell_compiling() -> None:
         if _messages.is_terminal:
             warn(COMPILING)
 
-    wrapt.when_imported("gantrysim.base.jit")(lambda jit: jit.tell_compiling(tell))
+    when_imported("gantrysim.base.jit", lambda jit: jit.tell_compiling(tell))
 
 
 @contextmanager
