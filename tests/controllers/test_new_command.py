@@ -26,7 +26,7 @@ TRIO = '''
 @command(1, 1, MOTION)
 def cmd_diagonal(process: Process, values: Values, line: int) -> None:
     """DIAGONAL(distance): move by the same distance on two axes."""
-    _order(process, Move(MOVE, line, process.axes(2), Straight((values[0], values[0]))))
+    order(process, Move(MOVE, line, process.axes(2), Straight((values[0], values[0]))))
 '''
 SOFTMC = '''
 
@@ -81,7 +81,7 @@ def _copied_if_there(source, target):
 @pytest.mark.parametrize(
     ("dialect", "file", "function"),
     [
-        ("trio", "controllers/trio/basic/commands.py", TRIO),
+        ("trio", "controllers/trio/basic/move_commands.py", TRIO),
         ("softmc", "controllers/softmc/basic/motion.py", SOFTMC),
     ],
 )

@@ -6,19 +6,19 @@ import math
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.basic.code import STATEMENT
+from gantrysim.controllers.basic.statements import PREFIX
 from gantrysim.controllers.trio.basic.command_table import (
     MAX_AXES,
     MOTION,
     WAIT,
     Action,
     Command,
-    CommandTable,
     Values,
     axis_number,
     order,
     positive,
 )
-from gantrysim.controllers.trio.basic.move_commands import command as move_command
+from gantrysim.controllers.trio.basic.move_commands import command
 from gantrysim.controllers.trio.basic.moves import (
     CAM,
     CAMBOX,
@@ -40,8 +40,6 @@ MOST_POINTS = 32_000  # of a cam
 REPEATS = 4
 ABSOLUTE = 2
 FORWARD_ONLY = 32
-
-command = CommandTable()
 
 
 @command(0, 0, MOTION)
@@ -199,6 +197,8 @@ def _without_effect(name: str) -> Action:
     def act(process: Process, values: Values, line: int) -> None:
         process.state.ignored.add(name)
 
+    act.__name__ = f"{PREFIX}{name.lower()}"
+    act.__doc__ = f"{name}: accepted without effect."
     return act
 
 
@@ -220,4 +220,4 @@ def cmd_wa(process: Process, values: Values, line: int) -> None:
     process.ready += process.state.wait(values[0])
 
 
-COMMANDS: dict[str, Command] = {**move_command, **command}
+COMMANDS: dict[str, Command] = command
