@@ -18,7 +18,7 @@ from gantrysim.compare.compare_quantities import (
     SHIFT,
 )
 from gantrysim.compare.comparison import NOTHING, Comparison
-from gantrysim.compare.plots import draw_overlay, draw_spectrum
+from gantrysim.compare.plots import draw_overlay, draw_spectrum, has_spectrum
 from gantrysim.metrics.analysis import THOUSANDTH
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.parts import ERROR, ERROR_SIZES, PART_SIZES
@@ -63,11 +63,10 @@ def _sections(comparison: Comparison, circle: Mapping[str, Mapping[str, Any]] | 
         table=_budgets(comparison),
     )
     yield Section("Alignment", alignment_text(comparison), table=_offsets(comparison))
-    has_spectrum = bool(comparison.spectrum[0].size)
     yield Section(
         "Not explained by the model",
         unexplained(comparison),
-        figure=drawn(draw_spectrum, comparison, _WIDE, 4.6) if has_spectrum else None,
+        figure=drawn(draw_spectrum, comparison, _WIDE, 4.6) if has_spectrum(comparison) else None,
         table=_peaks(comparison) if comparison.peaks else None,
     )
     if circle is not None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 OVERLAY = "overlay.png"
 SPECTRUM = "spectrum.png"
+_LEAST_SPAN = 0.01  # of an axis of errors, so that rounding looks like none [µm]
 
 
 def draw_overlay(figure: Figure | SubFigure, comparison: Comparison) -> tuple[Axes, ...]:
@@ -43,6 +44,8 @@ def draw_overlay(figure: Figure | SubFigure, comparison: Comparison) -> tuple[Ax
     for panel in panels:
         panel.axhline(0, color=INK, lw=0.6)
         panel.margins(x=0.01)
+        low, high = panel.get_ylim()
+        panel.set_ylim(min(low, -_LEAST_SPAN / 2), max(high, _LEAST_SPAN / 2))
     figure.supylabel("lateral error, positive to the left [µm]", fontsize="medium")
     return tuple(panels)
 
@@ -51,9 +54,7 @@ def draw_spectrum(on: Figure | SubFigure | Axes, comparison: Comparison) -> Axes
     """Draw the spectrum of the lateral error that the model does not explain, its peaks marked; return the axes."""
     axes = axes_on(on)
     frequency, density = comparison.spectrum
-    # nothing left over has no logarithm
-    draw = axes.loglog if density[1:].any() else axes.semilogx
-    draw(frequency[1:], UM * np.sqrt(density[1:]), lw=1.0, color=COLOURS["structure"])
+    axes.loglog(frequency[1:], UM * np.sqrt(density[1:]), lw=1.0, color=COLOURS["structure"])
     for peak in comparison.peaks:
         axes.axvline(peak.frequency, color=COLOURS["fault"], lw=0.8, ls=":")
         place = (peak.frequency, 0.98)
@@ -63,12 +64,17 @@ def draw_spectrum(on: Figure | SubFigure | Axes, comparison: Comparison) -> Axes
     return axes
 
 
+def has_spectrum(comparison: Comparison) -> bool:
+    """Return whether a spectrum can be drawn: where no difference is left, it has no logarithm."""
+    return bool(comparison.spectrum[1][1:].any())
+
+
 def save_comparison(comparison: Comparison, folder: Path) -> list[str]:
     """Write the plots into a folder; return their names."""
     with sheet(9.0, 2.2 * (len(comparison.parts) + 2)) as figure:
         draw_overlay(figure, comparison)
         figure.savefig(folder / OVERLAY)
-    if not comparison.spectrum[0].size:
+    if not has_spectrum(comparison):
         return [OVERLAY]
     with sheet(8.0, 4.6) as figure:
         draw_spectrum(figure, comparison)

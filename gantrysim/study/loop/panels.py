@@ -28,10 +28,10 @@ _INSIDE = 0.55  # size of a point drawn inside another
 # Points have a shape by variant and a colour by value.
 SHAPES: dict[str, dict[str, Any]] = {
     AS_IT_IS: {"marker": "o", "ms": 5.5},
-    LOOP_ALONE: {"marker": "o", "ms": 5.5, "mfc": "white"},
+    LOOP_ALONE: {"marker": "o", "ms": 5.5, "mfc": "none"},
     PERFECT: {"marker": "D", "ms": 4.5},
-    NO_LOOP: {"marker": "s", "ms": 5.0, "mfc": "white"},
-    NO_FRICTION: {"marker": "^", "ms": 5.5, "mfc": "white"},
+    NO_LOOP: {"marker": "s", "ms": 5.0, "mfc": "none"},
+    NO_FRICTION: {"marker": "^", "ms": 5.5, "mfc": "none"},
 }
 
 
