@@ -10,7 +10,8 @@ from gantrysim.base.arrays import Floats
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.render.framing import FIELD_OF_VIEW, Framing
 
-_SHARE = 0.09  # of the picture that the bead is to cover, with some of it hidden
+# of the picture below the panel that the bead is to cover: a twelfth of the whole frame, with some of it hidden
+_SHARE = 0.12
 _MOST = 4.0  # a wider bead looks like a ribbon
 _STEPS = 10  # of the factor, per unit
 _MERGING = 0.2  # share of the bead that may reach a neighbouring turn
