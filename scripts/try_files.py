@@ -58,6 +58,7 @@ def reason(text: str, file: Path) -> str:
     bare = text.replace(f"{file}: ", "").replace(f"{file.name}: ", "")
     bare = re.sub(r"line \d+( of [^:]*)?: ", "", bare, count=1)
     bare = re.sub(r"'[^']*'", "'..'", bare)
+    bare = re.sub(r"subroutines \([^)]*\)", "subroutines (..)", bare)
     return re.sub(r"(?<![A-Za-z])-?\d[\d.]*(e[-+]?\d+)?", "#", bare)[:WIDEST]
 
 
