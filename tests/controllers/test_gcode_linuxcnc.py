@@ -190,6 +190,17 @@ def test_what_has_no_effect_is_counted():
     assert "M8 (1)" in program.notes[0]
 
 
+def test_a_note_names_the_codes_of_the_program_that_could_switch_the_valve():
+    text = "M3 S1000\nG1 X1 F600\nM8\nX2\nM9\nX3\nM5"
+    option = """--set 'program.dispense={by = "codes", on = ["M8"], off = ["M9"]}' lays it from M8 to M9"""
+    assert any(option in note for note in Program(text=text).notes)
+    assert moves(text)[:, GLUE].tolist() == [1, 1, 1]
+    switched = Dispense("codes", ("M8",), ("M9",))
+    assert Program(text=text, dispense=switched).program.moves[:, GLUE].tolist() == [0, 1, 0]
+    without = [Program(text=text, dispense=switched), Program(text="M9\nG1 X1 F600"), Program(text="M3\nG1 X1 F60")]
+    assert not any("all moves at feed" in note for program in without for note in program.notes)
+
+
 def test_spindle_words_open_the_valve_only_where_the_job_says_so():
     text = "G1 X1 F600\nM3 S1000\nX2\nM64 P1\nG0 X3\nG1 X4\nM65 P1\nX5\nM5\nX6"
     assert moves(text)[:, GLUE].tolist() == [1, 1, 0, 1, 1, 1]

@@ -201,6 +201,14 @@ def test_the_speed_keeps_the_section_of_a_fixed_flow():
     assert outcome(job).nominal == pytest.approx(AREA, rel=1e-6)
 
 
+def test_factors_are_numbers_that_people_type():
+    """A feed of 15 mm/s at 10.65 mm/s in floating point is 0.7100000000000001."""
+    text = "G21 G90 G1 X20 F900"
+    job = Job.of_content(content_of({"controller": "linuxcnc.Program", "text": text, "rapid": 100.0}), "job small")
+    settings = {setting.label: setting.changes for setting in settings_of("slower", job)}
+    assert str(settings["× 0.71"]["program.feed_override"]) == "0.71"
+
+
 def test_a_faster_valve_keeps_what_is_fitted_to_it():
     job = lines_job(SIDES, dispenser={"area": AREA, **LAG, "advance": 0.025, "stop_lead": 0.004})
     dispenser = changed("faster valve", job, "× 0.5").dispenser

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Literal
@@ -71,6 +72,33 @@ class ByExtrusion(Dispense):
     """
 
     by: Literal["feed", "codes", "extrusion"] = "extrusion"
+
+
+_PAIRS = {  # what programs for other heads switch the valve with: outputs, then coolant, then the spindle
+    "M65": ("M64",),
+    "M63": ("M62",),
+    "M9": ("M8", "M7"),
+    "M5": ("M3", "M4"),
+}
+
+
+def codes_beside_feed(dispense: Dispense, without_effect: Mapping[str, int]) -> Dispense | None:
+    """Return how the program's own M codes would open and close the valve, where they do not.
+
+    Args:
+        dispense: when the valve is open.
+        without_effect: words of the program without an effect, and how often they were met.
+
+    Returns:
+        None where the valve is not open in all moves at feed, or no code of the program switches on and off.
+    """
+    if dispense.by != "feed":
+        return None
+    for off, ons in _PAIRS.items():
+        met = tuple(on for on in ons if on in without_effect)
+        if off in without_effect and met:
+            return Dispense("codes", met, (off,))
+    return None
 
 
 @cache

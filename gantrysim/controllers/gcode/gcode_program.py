@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from abc import abstractmethod
 from collections.abc import Callable
@@ -17,7 +18,7 @@ from gantrysim.base.columns import blocks, by_blocks
 from gantrysim.base.errors import InputError, at_least, place, positive, whole
 from gantrysim.base.memory import give_back
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.gcode.dialects import Dispense, GCodeDialect
+from gantrysim.controllers.gcode.dialects import Dispense, GCodeDialect, codes_beside_feed
 from gantrysim.controllers.gcode.interpret import Interpreted, interpret
 from gantrysim.controllers.gcode.lifting import lifted
 from gantrysim.controllers.gcode.motion_limits import UNLIMITED, MotionLimits, PlanSettings
@@ -231,6 +232,14 @@ class GCode(Controller):
         if self.program.ignored:
             words = ", ".join(f"{word} ({count})" for word, count in sorted(self.program.ignored.items()))
             notes.append(f"Words without an effect on the path: {words}.")
+        codes = codes_beside_feed(self.dispense, self.program.ignored)
+        if codes is not None:
+            on = ", ".join(codes.on)
+            table = f'by = "codes", on = {json.dumps(codes.on)}, off = {json.dumps(codes.off)}'
+            notes.append(
+                f"Glue is laid in all moves at feed; --set 'program.dispense={{{table}}}' lays it from {on} to "
+                f"{codes.off[0]} instead."
+            )
         if self.plan.stops:
             notes.append(
                 f"{self.plan.stops} corners between moves at feed are passed at less than a tenth of the feed; the "

@@ -23,7 +23,10 @@ def speed_changes(job: Job, speed: float) -> dict[str, Any]:
     """
     controller = job.controller
     factor = speed / controller.programmed_speed
-    changes: dict[str, Any] = {f"program.{key}": value for key, value in controller.arguments_at(speed).items()}
+    changes: dict[str, Any] = {}
+    for key, value in controller.arguments_at(speed).items():
+        # a number is printed for pasting, so that it must not end in digits of floating point
+        changes[f"program.{key}"] = rounded(value) if isinstance(value, float) else value
     dispenser = job.dispenser
     if dispenser.flow:
         changes["dispenser.flow"] = rounded(factor * dispenser.flow)
