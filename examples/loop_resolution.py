@@ -1,4 +1,4 @@
-"""Find out how fine the program loop of AN-225 must be, on an ideal controller and on one that waits in milliseconds."""
+"""Find out how fine the program loop of AN-225 must be, on an ideal controller and one that waits in milliseconds."""
 
 import gantrysim as gs
 from gantrysim.controllers.trio import MoveSpiral
