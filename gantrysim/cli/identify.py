@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gantrysim.base.errors import InputError
-from gantrysim.cli.terminal import interruptible, say, share_bar, show
+from gantrysim.cli.terminal import NOT_IDENTIFIED, interruptible, say, share_bar, show, warn
 
 if TYPE_CHECKING:
     from gantrysim.machine.machine import Machine
@@ -42,7 +42,11 @@ def identify(
     With --plan, write the program of the moves to log. Else identified.toml gets the values with their 95 % confidence,
     machine.xml the fitted machine for all other commands, and three plots what remains.
 
-    Exit status: 0, 2 for bad input, 130 after Ctrl-C, which leaves the output folder unchanged.
+    A log that is spoiled, such as one of a frozen encoder or of a torque in another unit, is not identified: a line
+    names the error.
+
+    Exit status: 0, 1 where no value of an axis is identified, 2 for bad input, 130 after Ctrl-C, which leaves the
+    output folder unchanged.
     """
     from gantrysim.machine.machine import Machine
 
@@ -79,16 +83,25 @@ def _named(columns: list[str] | tuple[str, ...]) -> dict[str, str]:
 
 
 def _identify(machine: Machine, file: Path, columns: dict[str, str], folder: Path) -> None:
+    from gantrysim.identify.checks.finding import NotIdentifiedError
     from gantrysim.identify.identification import identify as identified
     from gantrysim.identify.log import read_log
     from gantrysim.identify.output import values_table, write_all
 
     log = read_log(file, machine, columns)
     with interruptible() as go_on:
-        with share_bar("identify", go_on) as advance:
-            identification = identified(machine, log, advance)
+        try:
+            with share_bar("identify", go_on) as advance:
+                identification = identified(machine, log, advance)
+        except NotIdentifiedError as error:
+            warn(str(error), "not identified")
+            raise typer.Exit(NOT_IDENTIFIED) from None
         names = write_all(identification, log, folder)
     show(values_table(identification))
     for note in (*log.notes, *identification.notes):
         say(note, wrap=True)
     say(f"written to {folder}/: {', '.join(names)}")
+    for line in identification.unidentified:
+        warn(line, "not identified")
+    if identification.unidentified:
+        raise typer.Exit(NOT_IDENTIFIED)

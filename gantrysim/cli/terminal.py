@@ -37,6 +37,7 @@ INPUT_ERROR = 2
 FAULT = 3  # a fault ended the run, or all runs of a study
 OUT_OF_TOLERANCE = 4  # the verdict is as bad as --fail-on names, or worse
 INCOMPLETE = 1  # all is written but a plot, a report or a video that failed
+NOT_IDENTIFIED = 1  # a log shows no value of one of its axes
 
 _AGAIN = 0.1  # until a lost interrupt is raised again [s]
 

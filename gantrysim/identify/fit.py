@@ -14,7 +14,6 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.identify.checks.plausible import check_inertia
 from gantrysim.identify.minimum import Minimum, PredictionError, refined
 from gantrysim.identify.model import AxisModel
 from gantrysim.identify.regression import in_motion, regression
@@ -80,7 +79,6 @@ def fit_axis(nominal: AxisModel, log: AxisLog, progress: Callable[[], None] = la
             f"axis {log.axis}: inertia = {inertia:.3g} N·m·s²/{log.unit} by the log: must be greater than 0; check "
             "the columns of torque and position and their signs"
         )
-    check_inertia(log.axis, inertia, nominal)
     error = _error(log, progress)
     scale = inertia / nominal.inertia
     friction = max(coulomb, 1e-3 * float(np.std(error.torque)))

@@ -11,11 +11,14 @@ from scipy.signal import welch
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
+from gantrysim.identify.checks.columns import check_columns, check_swapped
 from gantrysim.identify.checks.encoder import check_encoder
 from gantrysim.identify.checks.excitation import check_excitation
+from gantrysim.identify.checks.finding import NotIdentifiedError
 from gantrysim.identify.checks.judgement import Judgement, judged
 from gantrysim.identify.checks.sampling import check_sampling
 from gantrysim.identify.checks.torque import check_torque
+from gantrysim.identify.checks.units import check_inertia, check_travel, inertia_ratio
 from gantrysim.identify.fit import AxisLog, fit_axis
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import AxisModel, model_of
@@ -87,7 +90,7 @@ class Identification:
         """The fits after their checks.
 
         Raises:
-            InputError: a log whose torque has not made its motion.
+            NotIdentifiedError: a log whose torque has not made its motion.
         """
         return tuple(judged(fit, self.period) for fit in self.fits)
 
@@ -136,6 +139,18 @@ class Identification:
         return notes
 
     @property
+    def unidentified(self) -> list[str]:
+        """The axes without any identified value, with the first reason."""
+        lines = []
+        for fit, judgement in zip(self.fits, self.judgements, strict=True):
+            if any(value.identified for value in self._values_of(fit, judgement)):
+                continue
+            reasons = [finding.reason for finding in judgement.findings if not finding.values]
+            reasons.append("no value is known within 15 %, or passes its checks; see the notes")
+            lines.append(f"axis {fit.axis}: {reasons[0]}")
+        return lines
+
+    @property
     def accepted(self) -> tuple[AxisFit, ...]:
         """The fits with the identified values; all other values are the MJCF's."""
         return tuple(self._accepted(fit, judged) for fit, judged in zip(self.fits, self.judgements, strict=True))
@@ -174,7 +189,8 @@ def identify(machine: Machine, log: Log, progress: Callable[[float], None] = lam
         progress: called with the completed share.
 
     Raises:
-        InputError: a log without motion, an axis whose mode is not known, or a machine with a closed chain.
+        NotIdentifiedError: a log without motion, or whose torque, position and time are not those of one axis.
+        InputError: an axis whose mode is not known, or a machine with a closed chain.
     """
     if machine.kinematics.followers:
         raise InputError(
@@ -211,17 +227,24 @@ def identify(machine: Machine, log: Log, progress: Callable[[float], None] = lam
             fits.append(fit_axis(nominal, axis_log, counted))
         except InputError as error:
             text = str(error)
-            raise InputError(text if text.startswith("axis") else f"axis {name}: {text}") from None
+            raise NotIdentifiedError(text if text.startswith("axis") else f"axis {name}: {text}") from None
     identification = Identification(machine, log.period, tuple(fits))
     _ = identification.judgements  # an unusable log is refused here
     return identification
 
 
 def _check_log(axis: Axis, table: AxisModel, log: AxisLog) -> None:
-    check_excitation(axis, log.position, log.torque)
-    check_torque(axis, log.torque)
-    check_sampling(axis, log.position, log.period)
-    check_encoder(axis, table, log.position, log.torque, log.period)
+    position = log.position
+    torque = log.torque
+    ratio = inertia_ratio(table, position, torque, log.period)
+    check_swapped(axis.name, position, torque, log.period)
+    check_travel(axis, position, ratio)
+    check_excitation(axis, position, torque, ratio)
+    check_sampling(axis, position, log.period)
+    check_columns(axis.name, position, torque, log.period)
+    check_torque(axis, torque, ratio)
+    check_inertia(axis, ratio)
+    check_encoder(axis, table, position, torque, log.period)
 
 
 def spectrum(fit: AxisFit, period: float) -> tuple[Floats, Floats]:

@@ -12,6 +12,8 @@ from gantrysim.identify.plan import excitation
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import Setpoints
 
+from support.spoiled_logs import spoiled
+
 
 @pytest.mark.parametrize("controller", ["trio", "softmc", "linuxcnc"])
 def test_a_plan_is_a_program_file_that_is_read(gantrysim_command, tmp_path, monkeypatch, controller):
@@ -91,3 +93,29 @@ def test_a_log_gives_values_plots_and_a_machine(gantrysim_command, tmp_path):
                                         "--column", "x position=MPOS [mm]")  # fmt: skip
     assert status == 2
     assert "which no identification has written" in said
+
+
+def test_a_log_whose_torque_is_not_that_of_its_motion_is_named(gantrysim_command, tmp_path):
+    spoiled("torque of the wrong sign", 1).save(tmp_path / "log.csv", {"y": "mm"})
+    status, output, said = gantrysim_command(
+        "identify", tmp_path / "log.csv", "--machine", "xy", "--out", tmp_path / "o"
+    )
+    assert (status, output) == (1, "")
+    assert said.startswith("not identified: axis y: its torque accelerates it backwards, with an inertia of -")
+    assert said.count("\n") == 1
+    assert not (tmp_path / "o").exists()
+
+
+def test_a_log_that_is_too_slow_is_not_identified(gantrysim_command, tmp_path):
+    spoiled("every third row", 1).save(tmp_path / "log.csv", {"y": "mm"})
+    status, output, said = gantrysim_command(
+        "identify", tmp_path / "log.csv", "--machine", "xy", "--out", tmp_path / "o"
+    )
+    assert status == 1
+    assert said == (
+        "not identified: axis y: samples of 3 ms show 167 Hz at most, the mode of the machine's table is at 324 Hz: "
+        "log faster, at every servo tick\n"
+    )
+    assert "written to" in output  # the plots show what is wrong
+    axis = tomllib.loads((tmp_path / "o" / "identified.toml").read_text(encoding="utf-8"))["axes"]["y"]
+    assert not any(value["identified"] for name, value in axis.items() if name != "mode")

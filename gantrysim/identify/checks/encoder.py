@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError
+from gantrysim.identify.checks.finding import NotIdentifiedError
 from gantrysim.identify.model import AxisModel
 from gantrysim.machine.axis import Axis
 
@@ -35,7 +35,7 @@ def check_encoder(axis: Axis, table: AxisModel, position: Floats, torque: Floats
         period: of the samples [s].
 
     Raises:
-        InputError: with the time and the bound.
+        NotIdentifiedError: with the time and the bound.
     """
     bound = max(HOLD * table.static, PEAK * axis.peak_torque if np.isfinite(axis.peak_torque) else 0.0)
     calm = np.convolve(torque, np.ones(_MEAN) / _MEAN, "same")
@@ -48,7 +48,7 @@ def check_encoder(axis: Axis, table: AxisModel, position: Floats, torque: Floats
             continue
         swing = float(np.ptp(calm[start + _SETTLING : end - 1]))
         if swing > bound:
-            raise InputError(
+            raise NotIdentifiedError(
                 f"axis {axis.name}: its position stands still from {start * period:.4g} to {end * period:.4g} s of the "
                 f"log while the torque swings by {swing:.3g} N·m, friction holds at most {bound:.3g} N·m: the encoder "
                 "is frozen, or the log repeats samples"
@@ -59,7 +59,7 @@ def check_encoder(axis: Axis, table: AxisModel, position: Floats, torque: Floats
     worst = int(np.argmax(turns))
     if turns[worst] > most:
         time = (worst + 1) * period
-        raise InputError(
+        raise NotIdentifiedError(
             f"axis {axis.name}: its position jumps by {turns[worst]:.3g} {axis.unit} at {time:.4g} s of the log, the "
             f"drive's peak torque moves it by {most:.3g} {axis.unit} in a sample: the encoder skips, or "
             "samples are missing"

@@ -1,10 +1,16 @@
-"""Results of a check of a fit."""
+"""Results of a check of a log or of a fit."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+from gantrysim.base.errors import InputError
+
 FRICTION = ("viscous", "coulomb", "static")
+
+
+class NotIdentifiedError(InputError):
+    """A log that is well formed and shows no value of the machine, with the quantity, its value and the bound."""
 
 
 class Finding(NamedTuple):

@@ -6,10 +6,14 @@ import math
 from dataclasses import dataclass, replace
 
 from gantrysim.identify.checks.balance import check_balance
+from gantrysim.identify.checks.clipping import check_clipping
+from gantrysim.identify.checks.counts import check_counts
 from gantrysim.identify.checks.finding import Doubt, Finding
 from gantrysim.identify.checks.plausible import check_plausible
 from gantrysim.identify.checks.residual import check_residual
+from gantrysim.identify.checks.sampling import check_rate
 from gantrysim.identify.checks.segments import check_segments
+from gantrysim.identify.checks.smoothing import check_smoothing
 from gantrysim.identify.result import KNOWN, AxisFit, Estimate
 
 # standard deviations that no log undercuts
@@ -63,14 +67,21 @@ def judged(fit: AxisFit, period: float) -> Judgement:
         period: of the log [s].
 
     Raises:
-        InputError: the log's torque has not made the log's motion.
+        NotIdentifiedError: the log's torque has not made the log's motion.
     """
     doubts = [
-        check_residual(fit),
+        check_counts(fit, period),
         check_plausible(fit, period),
+        check_residual(fit),
         check_segments(fit, period),
         check_balance(fit, period),
     ]
+    if any(not finding.values for doubt in doubts for finding in doubt.findings):
+        # what a healthy log may show too is said only of a fit that is doubtful
+        causes = [check_rate(fit, period), check_clipping(fit)]
+        if not causes[0].findings:  # slow samples lack fast motion as a filter does
+            causes.append(check_smoothing(fit, period))
+        doubts = [*causes, *doubts]
     model = fit.model
     static = math.hypot(_EXCESS * model.excess, _STATIC * model.coulomb)
     floors = Doubt({"delay": _DELAY * period, "offset": _OFFSET * model.coulomb, "static": static}, [])

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.base.errors import InputError
-from gantrysim.identify.checks.finding import Doubt, Finding
+from gantrysim.identify.checks.finding import Doubt, Finding, NotIdentifiedError
 from gantrysim.identify.result import WHITE, AxisFit
 from gantrysim.identify.whiteness import correlation
 
@@ -24,12 +23,12 @@ def check_residual(fit: AxisFit) -> Doubt:
     """Return whether the residual looks like noise, by size and correlation.
 
     Raises:
-        InputError: the log's torque has not made the log's motion.
+        NotIdentifiedError: the log's torque has not made the log's motion.
     """
     findings = []
     size = float(np.std(fit.residual)) / fit.expected
     if size > UNUSABLE:
-        raise InputError(
+        raise NotIdentifiedError(
             f"axis {fit.axis}: the prediction of the position is wrong by {size:.0f} times the encoder's counts, must "
             f"be at most {UNUSABLE:.0f}: its torque has not made this motion; check for a frozen or skipping encoder, "
             "columns of two axes, and a log of fewer samples than the servo's"
