@@ -28,7 +28,11 @@ from gantrysim.job.losses import Losses
 from support.jobs import job_run
 
 ROOT = Path(__file__).parent.parent.parent
-PAGES = {page.name: page.read_text(encoding="utf-8") for page in (ROOT / "README.md", *sorted(ROOT.glob("docs/*.md")))}
+DOCS = ROOT / "docs"
+PAGES = {
+    "README.md": (ROOT / "README.md").read_text(encoding="utf-8"),
+    **{page.relative_to(DOCS).as_posix(): page.read_text(encoding="utf-8") for page in sorted(DOCS.rglob("*.md"))},
+}
 README, TUTORIAL, CONTROLLERS = PAGES["README.md"], PAGES["tutorial.md"], PAGES["controllers.md"]
 # jobs that show a language, without a picture
 EXAMPLES = ("linuxcnc-flanges", "slicer-square", "softmc-basic", "svg-gasket", "trio-basic")
@@ -249,7 +253,7 @@ def test_commands_have_the_arguments_that_are_shown(name):
 
 @pytest.mark.parametrize("name", PAGES)
 def test_links_lead_to_files(name):
-    folder = ROOT if name == "README.md" else ROOT / "docs"
+    folder = ROOT if name == "README.md" else (DOCS / name).parent
     for link in re.findall(r"\]\(([^)#]+)\)", PAGES[name]):
         assert (folder / link).exists(), link
     for script in re.findall(r"(?:bash|python) (scripts/\S+?)[`\s)]", PAGES[name]):
