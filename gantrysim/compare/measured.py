@@ -46,13 +46,17 @@ class Trace:
         Raises:
             InputError: quantities or columns that are unknown, nothing measured, or times that do not rise.
         """
-        sources = dict(given.columns) or _recognised(log, run)
+        recognised: list[str] = []
+        sources = dict(given.columns)
+        if not sources:
+            sources, recognised = _recognised(log, run)
         period = given.period if given.period is not None else log.period
         quantities = {"time", *"xyz", *(f"{link}.{axis}" for link in ("commanded", "encoder") for axis in run.axes)}
         for key in sources:
             if key not in quantities:
                 raise unknown("quantity", key, quantities)
-        axes, notes = _positions_of_axes(log, sources, run)
+        axes, missing = _positions_of_axes(log, sources, run)
+        notes = [*recognised, *missing]
         nozzle = _nozzle(log, sources)
         if nozzle is not None and "z" not in sources:
             notes.append("nozzle in z is not measured: that of the command")
@@ -129,11 +133,26 @@ def _check_rise(label: str, time: Floats) -> None:
         raise InputError(f"{label}: time goes from {time[back[0]]:g} s to {time[back[0] + 1]:g} s: must rise")
 
 
-def _recognised(log: ColumnTable, run: Run) -> dict[str, Source]:
-    """Return the quantities of tables of `gantrysim export` and of softMC's RECORD."""
-    columns = {"time": "time_s" if "time_s" in log.columns else "time", **{axis: f"nozzle_{axis}_mm" for axis in "xyz"}}
+def _recognised(log: ColumnTable, run: Run) -> tuple[dict[str, Source], list[str]]:
+    """Return the quantities that the names of the columns tell, and notes on names that could mean something else.
+
+    The names are those of `gantrysim export`, of softMC's RECORD, and those of the quantities themselves.
+    """
+    names = {"time": ["time_s", "time", "t"]}
+    for axis in "xyz":
+        names[axis] = [f"nozzle_{axis}_mm", f"nozzle_{axis}", f"nozzle.{axis}", f"nozzle {axis}", axis]
     for axis, unit in zip(run.axes, run.units, strict=True):
         for link, word in (("commanded", "PCMD"), ("encoder", "PFB")):
-            plain = f"{link}_{axis}_{unit}"
-            columns[f"{link}.{axis}"] = plain if plain in log.columns else f"{word} {axis}"
-    return {key: Source(name) for key, name in columns.items() if name in log.columns}
+            plain = (f"{link}_{axis}_{unit}", f"{link}_{axis}", f"{link}.{axis}", f"{link} {axis}")
+            names[f"{link}.{axis}"] = [*plain, f"{word} {axis}"]
+    sources = {}
+    for quantity, candidates in names.items():
+        column = next((name for name in candidates if name in log.columns), None)
+        if column is not None:
+            sources[quantity] = Source(column)
+    plain_axes = [axis for axis in "xyz" if axis in sources and sources[axis].column == axis]
+    if not plain_axes:
+        return sources, []
+    units = ", ".join(f"{axis} [{log.unit_of(axis) or 'mm'}]" for axis in plain_axes)
+    example = plain_axes[0]
+    return sources, [f"taken as the nozzle's: {units}; encoders are named by --columns encoder.{example}={example}"]

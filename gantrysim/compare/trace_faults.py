@@ -21,6 +21,7 @@ _FAR = 0.1  # residual of the run's own spread from which the axes are doubted
 _MUCH_BETTER = 0.2  # residual with other axes, of that without, from which these are the ones
 _MOSTLY = 0.5  # residual with scale and clock, of that without, below which these are named
 _NAMED = 0.25  # effect of a scale or clock, of the residual, from which it is named
+_TOO_WIDE = 2.0  # span of a trace, of the run's, from which its unit must be another
 _WRONG_SCALE = 0.02  # beyond it a scale is no error of a machine but another unit
 
 Axes = tuple[int, int]
@@ -32,8 +33,9 @@ def aligned_as_named(trace: Trace, run: Run, what: tuple[str, ...]) -> Alignment
     Where a trace lies far from the run, it is also tried with x and y swapped and mirrored.
 
     Raises:
-        InputError: the trace fits with other axes, or cannot be aligned.
+        InputError: the trace is far wider than the run, fits with other axes, or cannot be aligned.
     """
+    _check_span(trace, run)
     failure: InputError | None = None
     residual = math.inf
     try:
@@ -46,6 +48,26 @@ def aligned_as_named(trace: Trace, run: Run, what: tuple[str, ...]) -> Alignment
     if failure is not None:
         raise failure
     return alignment
+
+
+def _check_span(trace: Trace, run: Run) -> None:
+    """Raise InputError where a trace reaches further than the run, as it may cover a part of it only."""
+    link = trace.links[0]
+    measured = trace.nozzle if link == "nozzle" else trace.axes[link]
+    assert measured is not None
+    names = tuple("xyz") if link == "nozzle" else run.axes
+    units = ("mm",) * len(names) if link == "nozzle" else run.units
+    known = ~np.isnan(measured).any(axis=0)
+    spans = np.where(known, np.ptp(measured, axis=0), 0.0)
+    run_spans = np.ptp(getattr(run, link), axis=0)
+    widest = int(spans.argmax())
+    if spans[widest] > _TOO_WIDE * run_spans[known].max() > 0:
+        unit = units[widest]
+        raise InputError(
+            f"{link}: {names[widest]} of the trace spans {spans[widest]:.4g} {unit}, of the run "
+            f"{run_spans[widest]:.4g} {unit}: the trace must span at most {_TOO_WIDE:g} times what the run does; "
+            f"a column in another unit? Name it, as x=x[um]"
+        )
 
 
 def _spread(trace: Trace, run: Run) -> float:

@@ -401,3 +401,33 @@ def test_a_wrong_scale_and_a_wrong_clock_are_named(run):
     assert clock.startswith("the trace's clock runs fast by 50 ppm")
     with pytest.raises(InputError, match=r"x: the trace is 0\.03937 times the run: a column in another unit"):
         notes(time, encoder / 25.4)
+
+
+@pytest.mark.parametrize(("factor", "refused"), [(1e3, True), (2.1, True), (1.9, False)])
+def test_a_trace_far_wider_than_the_run_is_in_another_unit(run, factor, refused):
+    time, nozzle = logged(run, "nozzle", 1000.0)
+    trace = Trace(time, {}, nozzle * (1.0, factor, 1.0))
+    # below the bound the scale is named instead
+    with pytest.raises(InputError, match="y of the trace spans" if refused else "y: the trace is 1.9 times the run"):
+        Comparison.of(trace, run, MACHINE)
+
+
+@pytest.mark.parametrize(
+    ("heads", "links"),
+    [
+        ("time [s],x [um],y [um]", ("nozzle",)),
+        ("t,nozzle_x [um],nozzle_y [um]", ("nozzle",)),
+        ("time,encoder.x [um],encoder.y [um]", ("encoder",)),
+        ("time,commanded x [um],commanded y [um]", ("commanded",)),
+    ],
+)
+def test_columns_that_are_named_as_the_quantities_need_no_option(tmp_path, run, heads, links):
+    time, nozzle = logged(run, "nozzle", 500.0)
+    log = tmp_path / "log.csv"
+    np.savetxt(log, np.column_stack([time, 1e3 * nozzle[:, :2]]), delimiter=",", header=heads, comments="")
+    trace = Trace.of(read_table(log), Assignment({}), run)
+    assert trace.links == links
+    measured = trace.nozzle if links == ("nozzle",) else trace.axes[links[0]]
+    assert measured[:, :2] == pytest.approx(nozzle[:, :2], abs=1e-9)
+    said = [note for note in trace.notes if note.startswith("taken as the nozzle's: x [um], y [um]")]
+    assert len(said) == ("x [um]" in heads.split(","))
