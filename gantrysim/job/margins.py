@@ -10,6 +10,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.servo.axis_loop import LoopTask
 from gantrysim.servo.cascade import gains
 from gantrysim.servo.laws import PD
+from gantrysim.servo.notch import without_notches
 from gantrysim.servo.servo import Servo
 from gantrysim.servo.servo_values import LOOP_GAINS, SHAPING
 from gantrysim.stability.margins import Margins
@@ -19,12 +20,18 @@ LOW_MARGIN = 1.5  # gain margin below which a run has a note
 
 def servo_reason(settings: ServoSettings, machine: Machine, servo: Servo) -> str:
     """Return what bounds the natural frequency of a servo with these settings, and why it has notches, in words."""
-    given = [name for name in LOOP_GAINS if getattr(settings, name) is not None]
+    notched = not without_notches(settings.notch_frequency)
+    # without notches the loops are derived so that they keep their margins without
+    given = [
+        name
+        for name in LOOP_GAINS
+        if getattr(settings, name) is not None and (notched or not name.startswith("notch"))
+    ]
     if given:
         return f"{', '.join(given)} as given"
     lags = servo.lags._replace(drives=servo.loop_drives._replace(velocity=()))
     integral_time = math.inf if PD.name in servo.laws.names else settings.integral_time
-    task = LoopTask(machine.axes, settings.period, lags, settings.damping, integral_time, servo.laws.names)
+    task = LoopTask(machine.axes, settings.period, lags, settings.damping, integral_time, servo.laws.names, notched)
     return gains(task, settings.frequency, settings.velocity_bandwidth)[1]
 
 

@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Annotated, NamedTuple, TypedDict
 
+import numpy as np
+
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive
 from gantrysim.servo.parameter import PerAxis, parameters_of
@@ -77,6 +79,17 @@ def coefficients(frequency: float, width: float, depth: float, period: float) ->
     return Coefficients(
         (1 + narrow + k**2) / whole, middle, (1 - narrow + k**2) / whole, middle, (1 - wide + k**2) / whole
     )
+
+
+def without_notches(frequency: PerAxis) -> bool:
+    """Return whether no axis may have a notch, as the frequencies that are given are all 0.
+
+    Args:
+        frequency: of all axes or of each, None if none is given [Hz].
+    """
+    if frequency is None:
+        return False
+    return not np.any(frequency)
 
 
 def lag(frequency: float, width: float, depth: float) -> float:

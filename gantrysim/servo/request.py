@@ -16,6 +16,7 @@ from gantrysim.servo.drive_settings import DRIVE_PERIOD, FEEDBACKS, DriveSetting
 from gantrysim.servo.laws import PD, PID
 from gantrysim.servo.laws.selection import Laws, is_own, law_names, words
 from gantrysim.servo.laws.user import LawName
+from gantrysim.servo.notch import without_notches
 from gantrysim.servo.servo_values import (
     DAMPINGS,
     DERIVED,
@@ -129,7 +130,8 @@ class ServoRequest:
         ]
         drives = drives_in_loops(settings, self.inner_period)._replace(velocity=())
         lags = Lags(self.delay, self.feedback_delay, drives)
-        return LoopTask(self.axes, self.period, lags, self.damping, self.used_integral_time, self.laws)
+        notched = not without_notches(self.given.get("notch_frequency"))
+        return LoopTask(self.axes, self.period, lags, self.damping, self.used_integral_time, self.laws, notched)
 
     @property
     def shaped(self) -> bool:

@@ -187,6 +187,18 @@ def test_a_notch_stands_where_the_axis_would_not_keep_its_margins_and_nowhere_el
         assert (frequency == 0) is kept
 
 
+@pytest.mark.parametrize("given", [0, (0.0, 0.0)])
+def test_a_servo_that_may_have_no_notch_is_derived_to_keep_its_margins_without(given):
+    axes = machine("xy").axes
+    plain = Servo.derive(axes, notch_frequency=given)
+    notched = Servo.derive(axes)
+    # the same gains without their notch would not do
+    assert min(m.gain for m in margins_of(machine("xy"), notched.with_values(notch_frequency=(0.0, 0.0)))) < 2
+    assert min(m.gain for m in margins_of(machine("xy"), plain)) >= 2
+    assert plain.per_axis("notch_frequency") == (0.0, 0.0)
+    assert plain.gains[0].kp < notched.gains[0].kp
+
+
 def test_a_notch_is_at_the_mode_of_two_masses_on_a_spring():
     """Free motor and load: w^2 = k (1/m + 1/M), with the machine's own damping far below."""
     model = machine("xy").physics
