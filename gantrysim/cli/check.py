@@ -46,7 +46,7 @@ def check(
     from gantrysim.base.errors import InputError
     from gantrysim.cli.tables import plan_table
     from gantrysim.job.job import Job
-    from gantrysim.job.plan import speed_note
+    from gantrysim.job.plan import glue_note, speed_note
 
     with stage("program"):
         loaded = Job.load(
@@ -67,7 +67,7 @@ def check(
     for fault in loaded.faults:
         say(f"fault on purpose: {fault}", wrap=True)
     shortfall = None if speed is None else speed_note(plan, speed)
-    for note in (*loaded.notes, *([shortfall] if shortfall else [])):
+    for note in filter(None, (*loaded.notes, glue_note(plan), shortfall)):
         say(f"note: {note}")
 
 

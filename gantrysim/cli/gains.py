@@ -39,7 +39,7 @@ Source = Annotated[
 
 
 def gains(
-    job: Annotated[str, typer.Argument(help="Built-in job, or TOML file.")] = "an225",
+    job: Annotated[str, typer.Argument(help="Built-in job, TOML file, or program file.")] = "an225",
     export: Export = None,
     source: Source = None,
     out: Annotated[Path | None, typer.Option(help="File to write; by default the standard output.")] = None,

@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from gantrysim.bead import BeadSettings
+from gantrysim.design.library import counts_of, encoder_names, motor_names, motor_of
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.dispenser.needle import Needle
 from gantrysim.dispenser.syringe import Syringe
@@ -25,6 +26,8 @@ from gantrysim.machine.models import builtin_models
 from gantrysim.servo.servo import Servo
 from gantrysim.servo.servo_values import DERIVED
 from gantrysim.stability.margins import Plant
+
+_KG_CM2 = 1e4  # in a kg·m²
 
 
 def _table(title: str, texts: Iterable[str], numbers: Iterable[str] = (), caption: str | None = None) -> Table:
@@ -162,6 +165,29 @@ def margins_table(period: float = ServoSettings().period) -> Table:
     return table
 
 
+def motors_table() -> Table:
+    """Return the motors that a machine's table may name."""
+    table = _table(
+        "motors of the library",
+        ("motor", "kind"),
+        ("bus\n\\[V]", "torque\n\\[N·m]", "peak\n\\[A]", "rotor\n\\[kg·cm²]"),
+        caption="torque: continuous; a machine's table names them, or has the values of a data sheet",
+    )
+    for name in motor_names():
+        motor = motor_of(name)
+        values = (motor.voltage, motor.continuous, motor.current, _KG_CM2 * motor.rotor_inertia)
+        table.add_row(name, motor.kind, *(f"{value:.3g}" for value in values))
+    return table
+
+
+def encoders_table() -> Table:
+    """Return the encoders that a machine's table may name."""
+    table = _table("encoders of the library", ("encoder",), ("counts per revolution",))
+    for name in encoder_names():
+        table.add_row(name, f"{counts_of(name):,.0f}")
+    return table
+
+
 def keys_table(title: str, keys: Iterable[Key]) -> Table:
     """Return keys of a job with defaults and meanings."""
     table = Table(title=escape(title), title_justify="left")
@@ -191,6 +217,7 @@ KINDS = {
     "servo": Kind(lambda: [settings_table()], "servo settings with their defaults"),
     "glue": Kind(lambda: [glue_table()], "settings of dispenser, needle, syringe, bead"),
     "gains": Kind(lambda: [gains_table(), margins_table()], "default gains, with their stability margins"),
+    "motors": Kind(lambda: [motors_table(), encoders_table()], "motors and encoders for a machine's table"),
     "keys": Kind(
         lambda: [keys_table(title.replace("`", ""), keys) for title, keys in sections().items()],
         "all keys of a job",

@@ -79,8 +79,8 @@ def run(
 ) -> None:
     """Simulate a job, print verdict, error budget and causes, and write record, summary, plots, report and video.
 
-    The verdict compares path, glue, stability and machine with their tolerances: those of the job's table [tolerance],
-    and defaults from machine, needle and bead.
+    The verdict compares path, glue, stability and machine with their tolerances: those of the job's table
+    tolerance, and defaults from machine, needle and bead.
 
     The error budget locates the error on the chain. A second table finds its causes: the job is run again with one
     cause at a time switched off (program, sampling, counts, friction, winding, compliance), and the change of the error

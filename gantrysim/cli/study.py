@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from gantrysim.study.study import Report, Study
 
 # options of every study
-JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="A built-in job or a TOML file.")]
+JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="Built-in job, TOML file, or program file.")]
 Out = Annotated[Path | None, typer.Option(callback=to_write, help="Output folder; by default out/STUDY-JOB.")]
 Workers = Annotated[
     int | None,

@@ -183,6 +183,11 @@ def motor_names() -> list[str]:
     return sorted(_content()["motors"])
 
 
+def encoder_names() -> list[str]:
+    """Return the names of the encoders of the library."""
+    return sorted(_content()["encoders"])
+
+
 def motor_of(motor: str | dict[str, Any]) -> Motor:
     """Return a motor of the library by its name, or one described by a table.
 
@@ -227,5 +232,5 @@ def counts_of(encoder: str | float) -> float:
     if not isinstance(encoder, str):
         return float(encoder)
     if encoder not in _content()["encoders"]:
-        raise unknown("encoder", encoder, _content()["encoders"])
+        raise unknown("encoder", encoder, encoder_names())
     return validated(Encoder, _content()["encoders"][encoder], f"encoder {encoder}").counts

@@ -40,7 +40,10 @@ def program_positions(machine: Machine, setpoints: Setpoints) -> Floats:
     names = machine.kinematics.names
     for name in setpoints.axes:
         if name not in names:
-            raise InputError(f"the program moves axis {name!r}: machine {machine.name} has {', '.join(names)}")
+            raise InputError(
+                f"the program moves axis {name!r}: machine {machine.name} has {', '.join(names)}; run it on a machine "
+                f"with {name}, or leave {name} out of the program"
+            )
     if setpoints.axes == names:
         return setpoints.position
     begin = dict(zip("xyz", setpoints.requested.position(0.0)[0].tolist(), strict=True))

@@ -23,9 +23,7 @@ def servo_reason(settings: ServoSettings, machine: Machine, servo: Servo) -> str
     notched = not without_notches(settings.notch_frequency)
     # without notches the loops are derived so that they keep their margins without
     given = [
-        name
-        for name in LOOP_GAINS
-        if getattr(settings, name) is not None and (notched or not name.startswith("notch"))
+        name for name in LOOP_GAINS if getattr(settings, name) is not None and (notched or not name.startswith("notch"))
     ]
     if given:
         return f"{', '.join(given)} as given"

@@ -22,7 +22,7 @@ from gantrysim.machine.models import builtin_models
 Content = dict[str, Any]  # of a job file
 _SHOWN = 200  # characters of an option
 
-LIST_OF_KEYS = "all keys: gantrysim info keys, docs/job-file.md"
+LIST_OF_KEYS = "all keys: gantrysim info keys"
 
 # the tables of a job file besides the program's
 TABLES: dict[str, Any] = {

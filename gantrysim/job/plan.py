@@ -183,6 +183,16 @@ def _checked_sums(machine: Machine, setpoints: Setpoints) -> _Sums:
         raise
 
 
+def glue_note(plan: Plan) -> str | None:
+    """Return a note where a program lays no glue at all; None where it lays some."""
+    if plan.glue > 0:
+        return None
+    return (
+        "no glue is laid: nothing in the program switches the valve on, by the keys of [program.dispense] and those of "
+        "its controller"
+    )
+
+
 def speed_note(plan: Plan, speed: float) -> str | None:
     """Return a note where glue is not laid at the speed that a program is run at; None where it is.
 

@@ -59,8 +59,15 @@ class Margins:
         if self == NO_LOOP:
             return "without a loop"
         if not self.stable:
-            return "unstable" + (f", stable with its gains times {self.gain:.2g}" if self.gain > 0 else "")
+            # rounded down, so that the factor that is shown makes it stable
+            return "unstable" + (f", stable with its gains times {_rounded_down(self.gain):g}" if self.gain > 0 else "")
         return f"gain {self.gain:.3g}, phase {self.phase:.0f} deg, crossover {self.crossover:.3g} Hz"
+
+
+def _rounded_down(factor: float) -> float:
+    """Return a positive factor rounded down to two significant digits."""
+    unit = 10.0 ** (math.floor(math.log10(factor)) - 1)
+    return math.floor(factor / unit) * unit
 
 
 NO_LOOP = Margins(math.inf, 0.0, 180.0, math.inf, 1.0, 0.0, stable=True, together=math.inf)  # nothing is fed back

@@ -9,6 +9,7 @@ from typer.core import TyperGroup
 from gantrysim import InputError, Job
 from gantrysim.cli import terminal
 from gantrysim.cli.main import app
+from gantrysim.design.library import encoder_names, motor_names
 from gantrysim.job.key_list import sections
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.programs import PROGRAMS
@@ -53,7 +54,7 @@ def test_an_unknown_key_has_the_three_nearest_and_where_all_are(tmp_path):
         Job.load("an225", ["dispenser.closng=1"])
     text = str(caught.value)
     assert text.startswith("unknown key 'dispenser.closng': did you mean dispenser.closing, ")
-    assert text.endswith("? all keys: gantrysim info keys, docs/job-file.md")
+    assert text.endswith("? all keys: gantrysim info keys")
     assert len(text.split("did you mean ")[1].split("?")[0].replace(" or ", ", ").split(", ")) == 3
     file = tmp_path / "mine.toml"
     file.write_text('name = "a"\n[program]\ncontroller = "softmc.Program"\n[servo]\ndampng = 1\n')
@@ -114,3 +115,13 @@ def test_an_unknown_name_has_the_nearest(gantrysim_command):
 def test_names_are_of_one_kind_each():
     keys = {key.name for table in sections().values() for key in table}
     assert not keys & {*builtin_jobs(), *PROGRAMS}
+
+
+def test_info_lists_the_motors_and_encoders_that_a_table_may_name(gantrysim_command):
+    status, printed, _ = gantrysim_command("info", "motors")
+    assert status == 0
+    text = joined(printed)
+    assert all(name in text for name in (*motor_names(), *encoder_names()))
+    # the catalogue's values of one motor: 24 V, 0.177 N·m, 30 A, 142 g·cm²
+    row = next(line for line in printed.splitlines() if "maxon-re40-24 " in line)
+    assert [float(number) for number in re.findall(r"\d+\.?\d*", row.split("brushed")[1])] == [24, 0.177, 30, 0.142]

@@ -13,7 +13,7 @@ from support.runs import PERIOD, plain, ramp, turn, turned, turntable
 BAD = {
     "unknown axis": (
         lambda m: {"setpoints": dataclasses.replace(ramp(50.0), axes=("x", "w"))},
-        "moves axis 'w'.*has x, y",
+        "moves axis 'w'.*has x, y; run it on a machine with w, or leave w out",
     ),
     "travel": (
         lambda m: {"setpoints": ramp(50.0, 240.0)},

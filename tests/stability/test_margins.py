@@ -444,6 +444,8 @@ def test_an_unstable_axis_gives_the_factor_that_stabilises_it(xy):
     assert found[1].gain == pytest.approx(0.5, rel=MARGIN)
     assert (found[1].stable, found[1].phase, found[1].delay, found[1].sensitivity) == (False, 0, 0, math.inf)
     assert str(found[1]) == "unstable, stable with its gains times 0.5"
+    # a factor just below 1 is not shown as 1, which would be no advice
+    assert str(dataclasses.replace(found[1], gain=0.9996)) == "unstable, stable with its gains times 0.99"
 
 
 def test_axes_that_move_each_other_are_stable_or_not_together():
