@@ -1,6 +1,6 @@
-"""Draw the pictures of README and docs/: machines, films, plots, a run's page, studies; all, or the parts named.
+"""Draw the pictures of README and docs/: machines, films, plots, a run's page, studies, how-to pages; all, or some.
 
-python scripts/pictures.py [machines] [films] [plots] [page] [studies]
+python scripts/pictures.py [machines] [films] [plots] [page] [studies] [how_to] [NAME OF A PLOT OF A PAGE]
 """
 
 import itertools
@@ -16,15 +16,19 @@ from PIL import Image
 from gantrysim import Bead, Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.plots import save_plots
+from gantrysim.plots.style import sheet
 from gantrysim.render import Film, Renderer, Take
 from gantrysim.study.laws import LawsStudy
 from gantrysim.study.loop import LoopStudy
 from gantrysim.study.run import run_study
 from gantrysim.tuning import TuningStudy
 
+from page_plots import PAGE_PLOTS, titled_block
+
 FOLDER = Path(__file__).parent.parent / "docs" / "pictures"
 FIRST = "an225"  # job of the README
 JOBS = ("an225-3d", "delta-arc", "fanuc-conical", "fanuc-spiral", "softmc-arc", "softmc-helical", "stage-outline")
+SEAL = Path(__file__).parent.parent / "examples" / "seal.ngc"  # of the pages of start
 COMPARED = (1.0, 0.01)  # periods of the program loop [s]
 PLOTS = ("budget", "plan", "spacing", "bead")
 LARGE, SMALL, MOVING = (960, 720), (640, 480), (560, 420)
@@ -141,8 +145,40 @@ def studies() -> None:
             save(Image.open(Path(scratch) / "plots" / f"{plot}.png"), picture_name)
 
 
-PARTS = {part.__name__: part for part in (machines, films, plots, page, studies)}
+def draw_page_plot(name: str) -> None:
+    draw, width, height = PAGE_PLOTS[name]
+    with tempfile.TemporaryDirectory() as scratch, sheet(width, height) as figure:
+        draw(figure)
+        picture = Path(scratch) / "plot.png"
+        figure.savefig(picture)
+        save(Image.open(picture), name)
+
+
+def how_to() -> None:
+    for name in PAGE_PLOTS:
+        draw_page_plot(name)
+    own_part()
+    own_controller()
+
+
+def own_part() -> None:
+    last_frame([take(Job.load(SEAL))], SMALL, "start-seal")
+
+
+def own_controller() -> None:
+    """The bead of the job that a page shows with its controller."""
+    with tempfile.TemporaryDirectory() as scratch:
+        for file in ("wave.py", "wave.toml"):
+            (Path(scratch) / file).write_text(titled_block("how-to/write-a-controller.md", file), encoding="utf-8")
+        job = Job.load(Path(scratch) / "wave.toml", allow_code=True)
+        last_frame([take(job)], SMALL, "how-to-controller")
+
+
+PARTS = {part.__name__: part for part in (machines, films, plots, page, studies, how_to, own_part, own_controller)}
 
 FOLDER.mkdir(exist_ok=True)
 for part_name in sys.argv[1:] or PARTS:
-    PARTS[part_name]()
+    if part_name in PAGE_PLOTS:
+        draw_page_plot(part_name)
+    else:
+        PARTS[part_name]()

@@ -1,0 +1,67 @@
+"""Write docs/start/notebook.md: the notebook of the examples with what its cells print and show."""
+
+import ast
+import io
+import json
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+
+ROOT = Path(__file__).parent.parent
+NOTEBOOK = ROOT / "examples" / "first_run.ipynb"
+PAGE = ROOT / "docs" / "start" / "notebook.md"
+PICTURES = ROOT / "docs" / "pictures"
+COLOURS = 128  # of a picture
+WIDTH = 1000  # of a picture [pixels]
+NOTE = (
+    "This page is the notebook `examples/first_run.ipynb` with its outputs, written by `python scripts/notebook_page.py`."
+)
+
+
+def value_of(source: str, names: dict[str, Any]) -> tuple[Any, str]:
+    """Run a cell; return the value of its last line, if that is an expression, and what it printed."""
+    tree = ast.parse(source)
+    last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+    printed = io.StringIO()
+    with redirect_stdout(printed):
+        exec(compile(tree, "cell", "exec"), names)
+        value = eval(compile(ast.Expression(last.value), "cell", "eval"), names) if last else None
+    return value, printed.getvalue()
+
+
+def shown(value: Any, picture: str) -> str:
+    """Return a value as a notebook shows it: a picture, a table in HTML, or its text."""
+    if hasattr(value, "_repr_png_"):
+        image = Image.open(io.BytesIO(value._repr_png_())).convert("RGB")
+        image = image.resize((WIDTH, round(WIDTH * image.height / image.width)), Image.Resampling.LANCZOS)
+        image.quantize(COLOURS, dither=Image.Dither.NONE).save(PICTURES / picture, optimize=True)
+        return f"![{picture.removesuffix('.png')}](../pictures/{picture})\n"
+    if hasattr(value, "_repr_html_"):
+        return f"{value._repr_html_()}\n"
+    return f"```text\n{value!r}\n```\n"
+
+
+def page() -> str:
+    """Return the page; its pictures are written beside those of the other pages."""
+    names: dict[str, Any] = {}
+    parts = []
+    cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
+    for number, cell in enumerate(cells):
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            parts.append(f"{source}\n")
+            continue
+        parts.append(f"```python\n{source}\n```\n")
+        value, printed = value_of(source, names)
+        if printed:
+            parts.append(f"```text\n{printed}```\n")
+        if value is not None:
+            parts.append(shown(value, f"notebook-{number}.png"))
+    title, *others = parts
+    return "\n".join([title, f"{NOTE}\n", *others])
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

@@ -1,0 +1,241 @@
+"""The plots of the how-to pages, each a function that draws one on an empty figure; scripts/pictures.py saves them."""
+
+import csv
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyBboxPatch
+
+import gantrysim as gs
+from gantrysim.bead import Bead
+from gantrysim.compare.assignment import Assignment
+from gantrysim.compare.comparison import Comparison
+from gantrysim.compare.measured import Trace
+from gantrysim.machine.perturbation import Perturbation
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.plots.style import COLOURS, INK, UM, thinned
+from gantrysim.study.machine import MachineStudy
+from gantrysim.study.run import run_study
+from gantrysim.study.speed import SpeedStudy
+from gantrysim.tables.reading import read_table
+from gantrysim.tuning import TuningStudy
+
+ROOT = Path(__file__).parent.parent
+BEFORE, AFTER, THIRD, FOURTH = COLOURS["fault"], COLOURS["servo"], COLOURS["program"], COLOURS["structure"]
+GLUE = {"dispenser.flow": 0.0, "dispenser.area": 3.0}  # of fanuc-spiral, in proportion to the speed
+LEADS = {"dispenser.start_lead": 0.012, "dispenser.stop_lead": 0.012}
+
+
+def titled_block(page: str, title: str) -> str:
+    """Return the file that a page shows under a title."""
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    return text.partition(f'title="{title}"\n')[2].partition("```\n")[0]
+
+
+def error_along(axes, run, label: str, colour: str) -> None:
+    """Draw the distance of the nozzle from the path over the length of the path."""
+    nozzle = Analysis(run).nozzle
+    largest = UM * nozzle.distance.max()
+    text = f"{label}: at most {largest:.0f} µm"
+    axes.plot(*thinned(nozzle.s, UM * nozzle.distance), color=colour, lw=1.3, label=text)
+
+
+def label_error(axes) -> None:
+    axes.set(xlabel="distance along the path [mm]", ylabel="contour error [µm]", ylim=(0, None))
+    axes.margins(x=0.01)
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
+
+
+def verdict(figure: Figure) -> None:
+    """Draw the share of its limit that every check uses."""
+    job = gs.Job.load("fanuc-spiral")
+    checks = [(row.name, check) for row in gs.Verdict.of(job, job.run()).rows for check in row.checks]
+    axes = figure.add_subplot()
+    colours = {"pass": COLOURS["structure"], "warn": COLOURS["program"], "fail": COLOURS["fault"]}
+    shares = [100 * check.usage for _, check in checks]
+    places = np.arange(len(checks))
+    axes.barh(places, shares, color=[colours[check.state] for _, check in checks], height=0.65)
+    axes.set_yticks(places, [f"{row}: {check.quantity}" for row, check in checks])
+    axes.invert_yaxis()
+    for limit, name in ((80, "warn"), (100, "fail")):
+        axes.axvline(limit, color=INK, lw=1.2, ls="--")
+        axes.annotate(name, (limit, -0.9), xytext=(3, 0), textcoords="offset points", va="center", annotation_clip=False)
+    axes.grid(axis="y", visible=False)
+    axes.set(xlabel="share of the limit that is used [%]", xlim=(0, 1.08 * max(shares)))
+
+
+def friction(figure: Figure) -> None:
+    axes = figure.add_subplot()
+    job = gs.Job.load("delta-arc")
+    error_along(axes, job.run(), "PID", BEFORE)
+    error_along(axes, job.changed({"servo.law": ["pid", "friction"]}).run(), "PID and friction", AFTER)
+    label_error(axes)
+
+
+def flow(figure: Figure) -> None:
+    """Draw the width of the bead at the start, on the way and at the stop, after each of the three steps."""
+    job = gs.Job.load("fanuc-spiral")
+    compensated = {**GLUE, "dispenser.advance": 0.04}
+    steps = (
+        ("fixed flow", {}, BEFORE),
+        ("flow by speed", GLUE, THIRD),
+        ("lag compensated", compensated, FOURTH),
+        ("with leads", {**compensated, **LEADS}, AFTER),
+    )
+    panels = figure.subplots(1, 3, sharey=True, width_ratios=(1, 1.4, 1))
+    for label, changes, colour in steps:
+        changed = job.changed(changes)
+        bead = Bead(changed.run(), changed.bead)
+        dispensed = bead.length[bead.run.dispense]
+        begin = dispensed[0]
+        end = dispensed[-1] - begin
+        for panel in panels:
+            panel.plot(bead.place - begin, bead.width, color=colour, lw=1.5, label=label)
+    nominal = float(bead.nominal_section.width[0])
+    parts = (("start", (-3, 22)), ("on the way", (0, end)), ("stop", (end - 20, end + 5)))
+    for panel, (title, limits) in zip(panels, parts, strict=True):
+        panel.axhspan(0.9 * nominal, 1.1 * nominal, color=COLOURS["requested"], alpha=0.2, lw=0)
+        panel.set(xlim=limits, title=title, xlabel="along the bead [mm]")
+    panels[0].set(ylabel="width of the bead [mm]", ylim=(0, 6.9))
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+
+
+def speed(figure: Figure) -> None:
+    """Draw the closest limit over the speed, from the runs of the study."""
+    study = SpeedStudy(gs.Job.load("softmc-arc", ["dispenser.advance=0.025", "servo.law=pd"]))
+    with tempfile.TemporaryDirectory() as folder:
+        run_study(study, Path(folder))
+        with (Path(folder) / "study.csv").open(encoding="utf-8", newline="") as stream:
+            rows = [row for row in csv.DictReader(stream) if row["status"] == "ok"]
+    speeds = np.array([float(row["speed_mm_s"]) for row in rows])
+    limits = ("path", "stability", "machine")
+    usage = np.array([max(float(row[f"{name}_limit_use_percent"]) for name in limits) for row in rows])
+    order = speeds.argsort()
+    axes = figure.add_subplot()
+    axes.plot(speeds[order], usage[order], color=COLOURS["requested"], lw=1.2)
+    within = usage <= 100
+    axes.plot(speeds[within], usage[within], "o", color=FOURTH, label="within the tolerance")
+    axes.plot(speeds[~within], usage[~within], "x", mew=2, color=BEFORE, label="out of tolerance")
+    axes.axhline(100, color=INK, lw=1.2, ls="--")
+    axes.set(xlabel="programmed speed [mm/s]", ylabel="closest limit, used [%]", ylim=(0, 250), xlim=(0, 600))
+    axes.legend()
+
+
+@cache
+def measured_beside_simulated() -> Comparison:
+    """Compare a trace of a machine with more friction and another load with the simulation of the nominal one."""
+    job = gs.Job.load(ROOT / "examples" / "seal.ngc")
+    run = job.run()
+    machine = job.built_machine
+    other = job.run(machine=machine.perturbed(Perturbation(friction=1.5, payload=0.5)))
+    rng = np.random.default_rng(1)
+    noise = 0.5  # [µm]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "trace.csv"
+        nozzle = UM * other.nozzle[:, :2] + rng.normal(0, noise, (len(other.time), 2))
+        np.savetxt(file, np.column_stack([UM * other.time, nozzle]), delimiter=",", header="t,px,py", comments="")
+        given = Assignment.parse("time=t[ms],x=px[um],y=py[um]")
+        trace = Trace.of(read_table(file, given.blocks), given, run)
+    return Comparison.of(trace, run, machine, ("time", "offset"))
+
+
+def measured(figure: Figure) -> None:
+    """Draw the error along the path, measured and simulated, and what the model does not explain."""
+    comparison = measured_beside_simulated()
+    upper, lower = figure.subplots(2, sharex=True, height_ratios=(2, 1))
+    for budget, label, colour in (
+        (comparison.measured, "measured", BEFORE),
+        (comparison.simulated, "simulated", AFTER),
+    ):
+        s = budget.analysis.nozzle.s
+        upper.plot(*thinned(s, UM * budget.contour.lateral), color=colour, lw=1.1, label=label)
+    s = comparison.measured.analysis.nozzle.s
+    lower.plot(*thinned(s, UM * comparison.difference["contour"][:, 0]), color=FOURTH, lw=1.1)
+    upper.set(ylabel="error [µm]")
+    upper.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
+    lower.set(ylabel="difference [µm]", xlabel="distance along the path [mm]")
+
+
+def gains(figure: Figure) -> None:
+    """Draw where the gains of each controller act: before the drive's torque, or before its speed."""
+    axes = figure.add_subplot()
+    axes.set(xlim=(0, 10), ylim=(0.2, 4.1))
+    axes.axis("off")
+    rows = (
+        (3.1, "torque drive", "PID", "P, I, D: torque per error\n[N·m/mm, DAC per edge]", "torque"),
+        (1.1, "velocity drive", "position loop", "KPP, 1825: speed per error\n[1/s, 0.01/s]", "speed"),
+    )
+    for height, title, loop, words, sent in rows:
+        axes.text(0.05, height + 0.55, title, weight="bold", va="bottom")
+        boxes = ((0.1, "demand\n− encoder"), (2.6, loop), (5.6, "drive"), (8.1, "motor"))
+        for left, text in boxes:
+            shape = FancyBboxPatch(
+                (left, height - 0.35), 1.7, 0.7, boxstyle="round,pad=0.04", fc="#eef2f6", ec=INK, lw=1.1
+            )
+            axes.add_patch(shape)
+            axes.text(left + 0.85, height, text, ha="center", va="center")
+        for begin, end, text in ((1.85, 2.55, "error"), (4.35, 5.55, sent), (7.35, 8.05, "current")):
+            axes.annotate("", (end, height), (begin, height), arrowprops={"arrowstyle": "->", "color": INK})
+            axes.text(0.5 * (begin + end), height + 0.08, text, ha="center", va="bottom", fontsize=9)
+        axes.text(3.45, height - 0.5, words, ha="center", va="top", color=AFTER, fontsize=9)
+    axes.text(6.45, 0.6, "KVP, KVI: torque per\nspeed error, in the drive", ha="center", va="top", color=AFTER, fontsize=9)
+
+
+def cluster(figure: Figure) -> None:
+    """Draw the largest contour error of many machines of one build."""
+    study = MachineStudy(gs.Job.load("fanuc-spiral"), samples=64, tolerance=55.0)
+    with tempfile.TemporaryDirectory() as folder:
+        run_study(study, Path(folder))
+        with (Path(folder) / "study.csv").open(encoding="utf-8", newline="") as stream:
+            rows = [row for row in csv.DictReader(stream) if row["status"] == "ok"]
+    largest = np.array([float(row["contour_max_um"]) for row in rows])
+    axes = figure.add_subplot()
+    edges = np.linspace(largest.min(), largest.max(), 17)
+    axes.hist(largest[largest <= 55], edges, color=FOURTH, label="within the tolerance")
+    axes.hist(largest[largest > 55], edges, color=BEFORE, label="out of tolerance")
+    axes.axvline(55, color=INK, lw=1.2, ls="--")
+    axes.set(xlabel="largest contour error of a machine [µm]", ylabel="machines")
+    axes.legend()
+
+
+def law(figure: Figure) -> None:
+    """Draw the contour error with the law of the page, and with the servo's own."""
+    axes = figure.add_subplot()
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "flip.py"
+        file.write_text(titled_block("how-to/write-a-law.md", "flip.py"), encoding="utf-8")
+        job = gs.Job.load("softmc-arc")
+        error_along(axes, job.run(), "pid", BEFORE)
+        changed = gs.Job.load("softmc-arc", [f'servo.law="{file}:pid"'], allow_code=True)
+        error_along(axes, changed.run(), "flip.py:pid", AFTER)
+    label_error(axes)
+
+
+def tune(figure: Figure) -> None:
+    """Draw the contour error with derived and with tuned gains."""
+    job = gs.Job.load("softmc-arc", ["dispenser.advance=0.025"])
+    study = TuningStudy(job, budget=60, robust=2, unseen=4, seed=1)
+    with tempfile.TemporaryDirectory() as folder:
+        rows = run_study(study, Path(folder)).rows
+    axes = figure.add_subplot()
+    error_along(axes, job.run(), "derived gains", BEFORE)
+    error_along(axes, study.run(study.history(rows).best.servo), "tuned gains", AFTER)
+    label_error(axes)
+
+
+# name of the picture: what draws it, and its width and height [inch]
+PAGE_PLOTS: dict[str, tuple[Callable[[Figure], None], float, float]] = {
+    "how-to-verdict": (verdict, 7.2, 3.6),
+    "how-to-friction": (friction, 7.2, 3.2),
+    "how-to-flow": (flow, 7.2, 3.4),
+    "how-to-speed": (speed, 7.2, 3.2),
+    "how-to-measured": (measured, 7.2, 4.0),
+    "how-to-gains": (gains, 7.2, 3.6),
+    "how-to-cluster": (cluster, 7.2, 3.0),
+    "how-to-law": (law, 7.2, 3.2),
+    "how-to-tune": (tune, 7.2, 3.2),
+}
