@@ -15,9 +15,7 @@ PAGE = ROOT / "docs" / "start" / "notebook.md"
 PICTURES = ROOT / "docs" / "pictures"
 COLOURS = 128  # of a picture
 WIDTH = 1000  # of a picture [pixels]
-NOTE = (
-    "This page is the notebook `examples/first_run.ipynb` with its outputs, written by `python scripts/notebook_page.py`."
-)
+NOTE = """This page is the notebook `examples/first_run.ipynb` with its outputs. `python scripts/notebook_page.py` writes it."""
 
 
 def value_of(source: str, names: dict[str, Any]) -> tuple[Any, str]:

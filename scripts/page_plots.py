@@ -3,14 +3,15 @@
 import csv
 import tempfile
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
 import gantrysim as gs
+from gantrysim.base.arrays import Floats
 from gantrysim.bead import Bead
 from gantrysim.compare.assignment import Assignment
 from gantrysim.compare.comparison import Comparison
@@ -63,7 +64,9 @@ def verdict(figure: Figure) -> None:
     axes.invert_yaxis()
     for limit, name in ((80, "warn"), (100, "fail")):
         axes.axvline(limit, color=INK, lw=1.2, ls="--")
-        axes.annotate(name, (limit, -0.9), xytext=(3, 0), textcoords="offset points", va="center", annotation_clip=False)
+        axes.annotate(
+            name, (limit, -0.9), xytext=(3, 0), textcoords="offset points", va="center", annotation_clip=False
+        )
     axes.grid(axis="y", visible=False)
     axes.set(xlabel="share of the limit that is used [%]", xlim=(0, 1.08 * max(shares)))
 
@@ -125,27 +128,25 @@ def speed(figure: Figure) -> None:
     axes.legend()
 
 
-@cache
-def measured_beside_simulated() -> Comparison:
-    """Compare a trace of a machine with more friction and another load with the simulation of the nominal one."""
+def seal_beside_another(perturbation: Perturbation, columns: Callable[[gs.Run], dict[str, Floats]]) -> Comparison:
+    """Compare columns of a run of the seal on a machine that differs, in µm, with the simulation of the nominal one."""
     job = gs.Job.load(ROOT / "examples" / "seal.ngc")
     run = job.run()
     machine = job.built_machine
-    other = job.run(machine=machine.perturbed(Perturbation(friction=1.5, payload=0.5)))
-    rng = np.random.default_rng(1)
-    noise = 0.5  # [µm]
+    other = job.run(machine=machine.perturbed(perturbation))
+    log = {"time": UM * other.time, **columns(other)}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "trace.csv"
-        nozzle = UM * other.nozzle[:, :2] + rng.normal(0, noise, (len(other.time), 2))
-        np.savetxt(file, np.column_stack([UM * other.time, nozzle]), delimiter=",", header="t,px,py", comments="")
-        given = Assignment.parse("time=t[ms],x=px[um],y=py[um]")
+        heads = [name.replace(".", "_") for name in log]
+        np.savetxt(file, np.column_stack(list(log.values())), delimiter=",", header=",".join(heads), comments="")
+        units = [f"{name}={head}[{'ms' if name == 'time' else 'um'}]" for name, head in zip(log, heads, strict=True)]
+        given = Assignment.parse(",".join(units))
         trace = Trace.of(read_table(file, given.blocks), given, run)
     return Comparison.of(trace, run, machine, ("time", "offset"))
 
 
-def measured(figure: Figure) -> None:
+def draw_comparison(figure: Figure, comparison: Comparison) -> None:
     """Draw the error along the path, measured and simulated, and what the model does not explain."""
-    comparison = measured_beside_simulated()
     upper, lower = figure.subplots(2, sharex=True, height_ratios=(2, 1))
     for budget, label, colour in (
         (comparison.measured, "measured", BEFORE),
@@ -158,6 +159,23 @@ def measured(figure: Figure) -> None:
     upper.set(ylabel="error [µm]")
     upper.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
     lower.set(ylabel="difference [µm]", xlabel="distance along the path [mm]")
+
+
+def measured_nozzle(figure: Figure) -> None:
+    def columns(run: gs.Run) -> dict[str, Floats]:
+        noise = np.random.default_rng(1).normal(0, 0.5, (len(run.time), 2))
+        return dict(zip("xy", (UM * run.nozzle[:, :2] + noise).T, strict=True))
+
+    draw_comparison(figure, seal_beside_another(Perturbation(friction=1.5, payload=0.5), columns))
+
+
+def measured_axes(figure: Figure) -> None:
+    def columns(run: gs.Run) -> dict[str, Floats]:
+        axes = run.axes
+        commanded = {f"commanded.{axis}": UM * run.commanded[:, k] for k, axis in enumerate(axes)}
+        return {**commanded, **{f"encoder.{axis}": UM * run.encoder[:, k] for k, axis in enumerate(axes)}}
+
+    draw_comparison(figure, seal_beside_another(Perturbation(friction=2.0), columns))
 
 
 def gains(figure: Figure) -> None:
@@ -182,22 +200,25 @@ def gains(figure: Figure) -> None:
             axes.annotate("", (end, height), (begin, height), arrowprops={"arrowstyle": "->", "color": INK})
             axes.text(0.5 * (begin + end), height + 0.08, text, ha="center", va="bottom", fontsize=9)
         axes.text(3.45, height - 0.5, words, ha="center", va="top", color=AFTER, fontsize=9)
-    axes.text(6.45, 0.6, "KVP, KVI: torque per\nspeed error, in the drive", ha="center", va="top", color=AFTER, fontsize=9)
+    axes.text(
+        6.45, 0.6, "KVP, KVI: torque per\nspeed error, in the drive", ha="center", va="top", color=AFTER, fontsize=9
+    )
 
 
 def cluster(figure: Figure) -> None:
     """Draw the largest contour error of many machines of one build."""
-    study = MachineStudy(gs.Job.load("fanuc-spiral"), samples=64, tolerance=55.0)
+    limit = 55.0  # [µm]
+    study = MachineStudy(gs.Job.load("fanuc-spiral"), samples=64, tolerance=limit)
     with tempfile.TemporaryDirectory() as folder:
         run_study(study, Path(folder))
         with (Path(folder) / "study.csv").open(encoding="utf-8", newline="") as stream:
             rows = [row for row in csv.DictReader(stream) if row["status"] == "ok"]
     largest = np.array([float(row["contour_max_um"]) for row in rows])
     axes = figure.add_subplot()
-    edges = np.linspace(largest.min(), largest.max(), 17)
-    axes.hist(largest[largest <= 55], edges, color=FOURTH, label="within the tolerance")
-    axes.hist(largest[largest > 55], edges, color=BEFORE, label="out of tolerance")
-    axes.axvline(55, color=INK, lw=1.2, ls="--")
+    edges = np.arange(limit - 25, limit + 30, 2.5)
+    axes.hist(largest[largest <= limit], edges, color=FOURTH, label="within the tolerance")
+    axes.hist(largest[largest > limit], edges, color=BEFORE, label="out of tolerance")
+    axes.axvline(limit, color=INK, lw=1.2, ls="--")
     axes.set(xlabel="largest contour error of a machine [µm]", ylabel="machines")
     axes.legend()
 
@@ -215,10 +236,34 @@ def law(figure: Figure) -> None:
     label_error(axes)
 
 
+def agent(figure: Figure) -> None:
+    """Draw the error of the bead's width over an episode, with the agent of the example and without."""
+    code = (ROOT / "examples" / "train_agent.py").read_text(encoding="utf-8")
+    names: dict[str, Any] = {}
+    exec(code.partition("\ndef mean_return")[0], names)  # the training
+    axes = figure.add_subplot()
+    policies = (
+        ("pressure left alone", BEFORE, lambda _: np.zeros(1, np.float32)),
+        ("agent", AFTER, lambda seen: names["agent"].predict(seen, deterministic=True)[0]),
+    )
+    for label, colour, policy in policies:
+        environment = names["gymnasium"].make(names["TASK"])
+        observation, _ = environment.reset(seed=1003)
+        errors = []
+        done = False
+        while not done:
+            observation, _, terminated, truncated, info = environment.step(policy(observation))
+            errors.append(100 * info["width_rms"])
+            done = terminated or truncated
+        axes.plot(0.1 * np.arange(1, len(errors) + 1), errors, color=colour, lw=1.4, label=label)
+    axes.set(xlabel="time [s]", ylabel="error of the width, rms [%]", ylim=(0, None))
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
+
+
 def tune(figure: Figure) -> None:
     """Draw the contour error with derived and with tuned gains."""
-    job = gs.Job.load("softmc-arc", ["dispenser.advance=0.025"])
-    study = TuningStudy(job, budget=60, robust=2, unseen=4, seed=1)
+    job = gs.Job.load("softmc-arc")
+    study = TuningStudy(job, budget=40)
     with tempfile.TemporaryDirectory() as folder:
         rows = run_study(study, Path(folder)).rows
     axes = figure.add_subplot()
@@ -233,9 +278,11 @@ PAGE_PLOTS: dict[str, tuple[Callable[[Figure], None], float, float]] = {
     "how-to-friction": (friction, 7.2, 3.2),
     "how-to-flow": (flow, 7.2, 3.4),
     "how-to-speed": (speed, 7.2, 3.2),
-    "how-to-measured": (measured, 7.2, 4.0),
+    "how-to-measured": (measured_nozzle, 7.2, 4.0),
+    "start-trace": (measured_axes, 7.2, 4.0),
     "how-to-gains": (gains, 7.2, 3.6),
     "how-to-cluster": (cluster, 7.2, 3.0),
     "how-to-law": (law, 7.2, 3.2),
+    "how-to-agent": (agent, 7.2, 3.0),
     "how-to-tune": (tune, 7.2, 3.2),
 }

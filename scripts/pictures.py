@@ -1,6 +1,7 @@
 """Draw the pictures of README and docs/: machines, films, plots, a run's page, studies, how-to pages; all, or some.
 
-python scripts/pictures.py [machines] [films] [plots] [page] [studies] [how_to] [NAME OF A PLOT OF A PAGE]
+python scripts/pictures.py [machines] [films] [plots] [page] [studies] [how_to] [own_part] [own_machine]
+    [own_controller] [NAME OF A PLOT OF A PAGE]
 """
 
 import itertools
@@ -11,6 +12,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from page_plots import PAGE_PLOTS, titled_block
 from PIL import Image
 
 from gantrysim import Bead, Job
@@ -22,8 +24,6 @@ from gantrysim.study.laws import LawsStudy
 from gantrysim.study.loop import LoopStudy
 from gantrysim.study.run import run_study
 from gantrysim.tuning import TuningStudy
-
-from page_plots import PAGE_PLOTS, titled_block
 
 FOLDER = Path(__file__).parent.parent / "docs" / "pictures"
 FIRST = "an225"  # job of the README
@@ -91,13 +91,16 @@ def hold_last_frame(file: Path) -> None:
     file.write_bytes(content)
 
 
+def draw_machine(job: Job, name: str) -> None:
+    run = job.run()
+    with Renderer(job.built_machine, run, "overview", (FINER * SMALL[0], FINER * SMALL[1]), job.bead) as renderer:
+        picture = Image.fromarray(renderer.frame(int(SHARE * len(run.time))))
+        save(picture.resize(SMALL, SMOOTH, machine_box(renderer)), name)
+
+
 def machines() -> None:
     for name in JOBS:
-        job = Job.load(name)
-        run = job.run()
-        with Renderer(job.built_machine, run, "overview", (FINER * SMALL[0], FINER * SMALL[1]), job.bead) as renderer:
-            picture = Image.fromarray(renderer.frame(int(SHARE * len(run.time))))
-            save(picture.resize(SMALL, SMOOTH, machine_box(renderer)), name)
+        draw_machine(Job.load(name), name)
 
 
 def films() -> None:
@@ -157,12 +160,18 @@ def draw_page_plot(name: str) -> None:
 def how_to() -> None:
     for name in PAGE_PLOTS:
         draw_page_plot(name)
-    own_part()
-    own_controller()
 
 
 def own_part() -> None:
     last_frame([take(Job.load(SEAL))], SMALL, "start-seal")
+
+
+def own_machine() -> None:
+    """The machine of the table that a page shows."""
+    with tempfile.TemporaryDirectory() as scratch:
+        table = Path(scratch) / "gantry.toml"
+        table.write_text(titled_block("start/own-machine.md", "gantry.toml"), encoding="utf-8")
+        draw_machine(Job.load(FIRST, [f'machine="{table}"']), "start-machine")
 
 
 def own_controller() -> None:
@@ -174,7 +183,10 @@ def own_controller() -> None:
         last_frame([take(job)], SMALL, "how-to-controller")
 
 
-PARTS = {part.__name__: part for part in (machines, films, plots, page, studies, how_to, own_part, own_controller)}
+PARTS = {
+    part.__name__: part
+    for part in (machines, films, plots, page, studies, how_to, own_part, own_machine, own_controller)
+}
 
 FOLDER.mkdir(exist_ok=True)
 for part_name in sys.argv[1:] or PARTS:

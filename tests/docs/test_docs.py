@@ -30,6 +30,7 @@ README, TUTORIAL, CONTROLLERS = PAGES["README.md"], PAGES["tutorial.md"], PAGES[
 # jobs that show a language, without a picture
 EXAMPLES = ("linuxcnc-flanges", "slicer-square", "softmc-basic", "svg-gasket", "trio-basic")
 
+
 def row_of(page, *cells):
     """The numbers of a page's table row that begins with these cells."""
     row = re.search(rf"^\| {re.escape(' | '.join(cells))} \|(.*)\|$", page, flags=re.MULTILINE)

@@ -10,7 +10,7 @@ from support.pages import ROOT, assert_printed, blocks_of, examples, read_pages
 
 PAGES = {name: page for name, page in read_pages().items() if name.startswith(("start/", "how-to/"))}
 # pages whose commands search, train or build for minutes
-LONG = ()
+LONG = ("how-to/run-a-sweep-on-a-cluster.md", "how-to/train-an-agent.md", "how-to/tune.md")
 NO_FILM = "--no-video"  # films take most of the time of a run
 WIDTH = "100"  # of the terminal whose lines are shown [columns]
 COMMAND = f"import os; os.environ['COLUMNS'] = '{WIDTH}'; from gantrysim.cli.start import main; main()"

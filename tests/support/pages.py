@@ -109,7 +109,9 @@ def _same(shown, printed):
     if NUMBER.sub("#", shown) != NUMBER.sub("#", printed):
         return False
     numbers = zip(NUMBER.findall(shown), NUMBER.findall(printed), strict=True)
-    return all(_value(other) == pytest.approx(_value(number), rel=SHOWN, abs=_step(number)) for number, other in numbers)
+    return all(
+        _value(other) == pytest.approx(_value(number), rel=SHOWN, abs=_step(number)) for number, other in numbers
+    )
 
 
 def _value(number):
