@@ -9,12 +9,70 @@ PAGE = Path(__file__).parent.parent / "docs" / "job-file.md"
 
 HEAD = """# Job file
 
-A job describes a run completely, in TOML. `gantrysim run JOB` takes a built-in job or a file; `--set KEY=VALUE` changes
-a value, by its full key (`--set servo.damping=0.7`) or by its last part where that is unique (`--set damping=0.7`).
-`job.toml` in every output folder holds all keys with the values that were used. Lengths are in mm, angles in deg, times
-in s. The [tutorial](tutorial.md) has an example; `python scripts/job_file_page.py` writes this page from the code, and
-`gantrysim info keys` prints it; `gantrysim info servo.damping` prints one key.
+A job describes a run completely, in TOML: machine, program, servo, dispenser, tolerances. `gantrysim run JOB` takes a
+built-in job or a file. Lengths are in mm, angles in deg, times in s.
+
+## The ten keys you need
+
+Every other key has a default that is right for a first run. This job uses the ten:
 """
+
+EXAMPLE = """
+```toml
+name = "bracket"
+machine = "xyz"
+
+[program]
+controller = "linuxcnc.Program"
+file = "part.ngc"
+
+[tolerance]
+path_max = 0.1
+bead_width = 15.0
+
+[dispenser]
+area = 1.0
+dead_time = 0.005
+opening = 0.02
+closing = 0.02
+advance = 0.02
+
+[servo]
+law = ["pid", "friction"]
+
+[geometry]
+accuracy = "C7"
+```
+"""
+
+# each of the ten: what to think of
+TEN = {
+    "machine": "a built-in machine, your table of data-sheet values, or an MJCF file",
+    "program": "`controller` and its arguments, such as `file`: the program in its own language",
+    "tolerance.path_max": "largest distance from the path that the part admits; default: a tenth of the needle",
+    "tolerance.bead_width": "deviation of the width that the part admits; default: 10 %",
+    "dispenser.area": "section of the bead where a pump or regulator follows the speed; `dispenser.flow` for one that does not",
+    "dispenser.dead_time": "from the data sheet of the valve, or from a film of its start",
+    "dispenser.opening": "how fast the flow rises; `dispenser.closing`: how fast it falls",
+    "dispenser.advance": "set it to the time constant, if the controller can compensate the lag",
+    "servo.law": "what your controller does besides PID, such as friction compensation",
+    "geometry.accuracy": "class of screws and guides; without one they are perfect",
+}
+
+AFTER_TEN = """
+On the command line `--set KEY=VALUE` changes a key for one run, by its full name (`--set servo.damping=0.7`) or by its
+last part where that is unique (`--set damping=0.7`). `job.toml` in every output folder holds all keys with the values
+that were used. `gantrysim info servo.damping` prints one key, `gantrysim info keys` all.
+
+All keys follow, by table; `python scripts/job_file_page.py` writes this page from the code.
+"""
+
+
+def ten_keys() -> str:
+    """Return the table of the ten keys, with their defaults from the code."""
+    keys = {key.name: key for section_keys in sections().values() for key in section_keys}
+    rows = [f"| `{name}` | {keys[name].default} | {meaning} |\n" for name, meaning in TEN.items()]
+    return "\n| key | default | meaning |\n| --- | --- | --- |\n" + "".join(rows)
 
 
 def section(title: str, keys: Iterable[Key]) -> str:
@@ -26,7 +84,7 @@ def section(title: str, keys: Iterable[Key]) -> str:
 
 def page() -> str:
     """Return the page."""
-    return HEAD + "".join(section(title, keys) for title, keys in sections().items())
+    return HEAD + EXAMPLE + ten_keys() + AFTER_TEN + "".join(section(title, keys) for title, keys in sections().items())
 
 
 if __name__ == "__main__":
