@@ -15,7 +15,7 @@ PAGE = ROOT / "docs" / "start" / "notebook.md"
 PICTURES = ROOT / "docs" / "pictures"
 COLOURS = 128  # of a picture
 WIDTH = 1000  # of a picture [pixels]
-NOTE = """This page is the notebook `examples/first_run.ipynb` with its outputs. `python scripts/notebook_page.py` writes it."""
+NOTE = "`python scripts/notebook_page.py` wrote this page from the notebook `examples/first_run.ipynb`."
 
 
 def value_of(source: str, names: dict[str, Any]) -> tuple[Any, str]:
@@ -29,20 +29,20 @@ def value_of(source: str, names: dict[str, Any]) -> tuple[Any, str]:
     return value, printed.getvalue()
 
 
-def shown(value: Any, picture: str) -> str:
-    """Return a value as a notebook shows it: a picture, a table in HTML, or its text."""
+def shown(value: Any, picture: Path) -> str:
+    """Return a value as a notebook shows it: a picture, which is written, a table in HTML, or its text."""
     if hasattr(value, "_repr_png_"):
         image = Image.open(io.BytesIO(value._repr_png_())).convert("RGB")
         image = image.resize((WIDTH, round(WIDTH * image.height / image.width)), Image.Resampling.LANCZOS)
-        image.quantize(COLOURS, dither=Image.Dither.NONE).save(PICTURES / picture, optimize=True)
-        return f"![{picture.removesuffix('.png')}](../pictures/{picture})\n"
+        image.quantize(COLOURS, dither=Image.Dither.NONE).save(picture, optimize=True)
+        return f"![Plan and error budget of the run](../pictures/{picture.name})\n"
     if hasattr(value, "_repr_html_"):
         return f"{value._repr_html_()}\n"
     return f"```text\n{value!r}\n```\n"
 
 
-def page() -> str:
-    """Return the page; its pictures are written beside those of the other pages."""
+def page(folder: Path) -> str:
+    """Return the page; its pictures are written into a folder."""
     names: dict[str, Any] = {}
     parts = []
     cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
@@ -56,10 +56,10 @@ def page() -> str:
         if printed:
             parts.append(f"```text\n{printed}```\n")
         if value is not None:
-            parts.append(shown(value, f"notebook-{number}.png"))
+            parts.append(shown(value, folder / f"notebook-{number}.png"))
     title, *others = parts
     return "\n".join([title, f"{NOTE}\n", *others])
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
+    PAGE.write_text(page(PICTURES), encoding="utf-8")

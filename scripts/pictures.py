@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from page_plots import PAGE_PLOTS, titled_block
 from PIL import Image
+from theory_plots import THEORY_PLOTS
 
 from gantrysim import Bead, Job
 from gantrysim.metrics.analysis import Analysis
@@ -30,6 +31,7 @@ FIRST = "an225"  # job of the README
 JOBS = ("an225-3d", "delta-arc", "fanuc-conical", "fanuc-spiral", "softmc-arc", "softmc-helical", "stage-outline")
 SEAL = Path(__file__).parent.parent / "examples" / "seal.ngc"  # of the pages of start
 COMPARED = (1.0, 0.01)  # periods of the program loop [s]
+ALL_PLOTS = {**PAGE_PLOTS, **THEORY_PLOTS}
 PLOTS = ("budget", "plan", "spacing", "bead")
 LARGE, SMALL, MOVING = (960, 720), (640, 480), (560, 420)
 RATE, SPEED, HELD = 10, 2.5, 3.0  # of the moving picture: frames per second, speed, and time at its end [s]
@@ -149,7 +151,7 @@ def studies() -> None:
 
 
 def draw_page_plot(name: str) -> None:
-    draw, width, height = PAGE_PLOTS[name]
+    draw, width, height = ALL_PLOTS[name]
     with tempfile.TemporaryDirectory() as scratch, sheet(width, height) as figure:
         draw(figure)
         picture = Path(scratch) / "plot.png"
@@ -158,7 +160,7 @@ def draw_page_plot(name: str) -> None:
 
 
 def how_to() -> None:
-    for name in PAGE_PLOTS:
+    for name in ALL_PLOTS:
         draw_page_plot(name)
 
 
@@ -190,7 +192,7 @@ PARTS = {
 
 FOLDER.mkdir(exist_ok=True)
 for part_name in sys.argv[1:] or PARTS:
-    if part_name in PAGE_PLOTS:
+    if part_name in ALL_PLOTS:
         draw_page_plot(part_name)
     else:
         PARTS[part_name]()

@@ -72,6 +72,11 @@ RIGID_DEFAULTS = {
 }
 
 
+def pytest_configure(config):
+    marker = "validates(what, against, tolerance): a row of docs/validation.md; scripts/validation_page.py writes them"
+    config.addinivalue_line("markers", marker)
+
+
 @pytest.fixture
 def rigid(tmp_path: Path) -> Callable[..., Machine]:
     """A rigid two-axis machine without friction but viscous; keywords replace RIGID_DEFAULTS."""

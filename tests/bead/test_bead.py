@@ -53,6 +53,11 @@ def across(shape):
     )
 
 
+@pytest.mark.validates(
+    "area and end of a bead's section under a needle",
+    "quadrature",
+    "1e-9 relative",
+)
 @settings(deadline=None)
 @given(areas, gaps, angles, faces)
 def test_a_section_holds_its_area_between_its_height_and_its_width(area, gap, angle, face):
@@ -169,6 +174,11 @@ def test_half_a_body_of_a_half_disc_is_a_quarter_of_a_ball():
     assert section(area, contact_angle=90.0).half_body()[0] == pytest.approx(np.pi * 1.5**3 / 3, rel=1e-3)
 
 
+@pytest.mark.validates(
+    "width of a bead laid at constant flow and speed",
+    "constant",
+    "1e-3 relative",
+)
 @pytest.mark.parametrize("path", [line(), spiral(8.0)], ids=["line", "spiral"])
 @pytest.mark.parametrize("squashed", [True, False])
 @pytest.mark.parametrize("face", [0.82, PLATE])

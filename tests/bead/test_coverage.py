@@ -51,6 +51,11 @@ def share_between(bead, offset, along, across, pitch):
     return float(bead.map.wet_share(points, 0).mean())
 
 
+@pytest.mark.validates(
+    "coverage of parallel straight beads",
+    "width / pitch, at most 1",
+    "0.2 % of the area",
+)
 @pytest.mark.parametrize("cell", [0.1, 0.25, 0.5, 1.0, 1.5])
 @pytest.mark.parametrize("ratio", [0.5, 0.7, 0.85, 0.9, 0.93, 0.96, 0.99, 1.0, 1.04, 1.1])
 def test_parallel_beads_cover_the_share_of_their_width_in_the_pitch(ratio, cell):

@@ -40,6 +40,11 @@ def wet_widths(bead, place, direction, reach):
     return width
 
 
+@pytest.mark.validates(
+    "volume on the height map",
+    "integral of the flow",
+    "1e-6 relative",
+)
 @settings(max_examples=40, deadline=None)
 @given(
     st.integers(0, 2**32 - 1),
@@ -78,6 +83,11 @@ def test_the_section_on_the_map_is_that_of_the_bead(angle, squashed):
     assert heights[inner] == pytest.approx(expected[inner], abs=SHAPE * GAP)
 
 
+@pytest.mark.validates(
+    "groove of a needle on the height map",
+    "closed form of the section",
+    "0.012 mm",
+)
 @pytest.mark.parametrize("angle", [0.0, 0.4, 0.785])
 @pytest.mark.parametrize("cell", [0.05, 0.25])
 def test_a_groove_on_the_map_is_as_wide_as_the_face_and_as_low_as_the_needle(angle, cell):

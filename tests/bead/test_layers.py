@@ -65,6 +65,11 @@ def height_opposite(bead):
     return float(bead.map.at([[-RADIUS, 0.0]])[0])
 
 
+@pytest.mark.validates(
+    "glue of rings stacked above each other",
+    "volume of each ring",
+    "0.5 %",
+)
 @pytest.mark.parametrize("step", [GAP, 2.0, 21.5])
 def test_stacked_rings_are_layers_each_as_high_as_one_ring(step):
     count = 4

@@ -51,6 +51,11 @@ def drawn(mesh):
     return rings[straight]
 
 
+@pytest.mark.validates(
+    "bead mesh, every stretch, at any time",
+    "volume of glue",
+    "2 % or 0.8 mm³",
+)
 @pytest.mark.parametrize("tick_share", [0.0, 0.003, 0.01, 0.3, 0.7, 1.0])
 @pytest.mark.parametrize("stretches", [[(0, 1)], [(0.1, 0.2), (0.205, 0.208), (0.4, 0.4005), (0.6, 0.9)]])
 def test_the_mesh_holds_the_glue_that_is_laid(run, stretches, tick_share):

@@ -43,6 +43,11 @@ def logged(run, link, rate, late=0.0, moved=0.0, turn=0.0, noise=0.0, seed=1):
     return at + late, positions + moved + np.random.default_rng(seed).normal(scale=noise, size=positions.shape)
 
 
+@pytest.mark.validates(
+    "a trace shifted, moved, turned, resampled, with noise",
+    "what was done to it",
+    "0.1 of a sample, 0.1 µm, 0.001 deg",
+)
 @given(
     late=st.floats(-5, 5),
     x=st.floats(-300, 300),
@@ -62,6 +67,11 @@ def test_shift_offset_and_turn_are_found_again(run, late, x, rate, turn, link):
     assert found.residual == pytest.approx(1e-3, rel=0.1)
 
 
+@pytest.mark.validates(
+    "what the model does not explain of it",
+    "the noise",
+    "2 %",
+)
 @pytest.mark.parametrize("turn", [0.0, 25.0])
 def test_noise_on_the_nozzle_is_all_that_the_model_does_not_explain(run, turn):
     sigma = 2e-3

@@ -41,6 +41,11 @@ def integrated(radius, turns, rise=0.0):
     return phi[1] / 3 * (f[0] + f[-1] + 4 * f[1::2].sum() + 2 * f[2:-1:2].sum())
 
 
+@pytest.mark.validates(
+    "spirals, cones and arcs of FANUC: end points, lengths, turns",
+    "table of the specification",
+    "its last digit",
+)
 @pytest.mark.parametrize(
     ("words", "turns", "radius", "flat", "space"),
     [

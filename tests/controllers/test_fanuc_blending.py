@@ -120,6 +120,11 @@ def contours(draw):
     return tuple(blocks)
 
 
+@pytest.mark.validates(
+    "acceleration of the axes over random programs",
+    "the declared limits",
+    "5e-3 relative",
+)
 @given(contours(), st.floats(200, 5000), st.integers(2, 60))
 @settings(max_examples=80, deadline=None)
 def test_axes_keep_to_their_limits_over_random_contours(blocks, acceleration, window):

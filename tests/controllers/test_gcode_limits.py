@@ -71,6 +71,11 @@ def junction_planned(points, feed, acceleration, corner_speed):
     return float(((2 * v - first - last) / acceleration + cruise / v).sum())
 
 
+@pytest.mark.validates(
+    "time of random G-code paths",
+    "a planner by junction deviation",
+    "1e-4 relative",
+)
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_random_paths_take_the_time_of_a_planner_by_junction_deviation(seed):
     random = np.random.default_rng(seed)

@@ -39,6 +39,11 @@ def deviation(controller):
     return controller.requested.follow(np.column_stack([s, np.zeros((len(s), 3 - s.shape[1]))])).distance.max()
 
 
+@pytest.mark.validates(
+    "time of a line from rest to rest",
+    "closed form",
+    "1e-6 relative",
+)
 @pytest.mark.parametrize(("length", "feed"), [(100, 3000), (2, 3000), (0.01, 60000)])
 def test_a_line_takes_the_time_of_a_trapezoid(length, feed):
     v = feed / 60

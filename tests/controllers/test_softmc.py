@@ -65,6 +65,11 @@ def test_eight_half_circles_make_a_spiral_of_two_centres(k, centre, radius, mid,
     assert program.legs[k - 1].path.end[:3] == pytest.approx(end, abs=POSITION)
 
 
+@pytest.mark.validates(
+    "spiral of half circles of softMC: length and time",
+    "table of the specification",
+    "its last digit",
+)
 def test_length_and_time_of_the_eight_half_circles():
     program = spiral()
     flat = sum(piece.radius[0] * abs(piece.angle) for piece in program.requested.pieces)

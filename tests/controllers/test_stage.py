@@ -30,6 +30,11 @@ from support.outlines import (
 )
 
 
+@pytest.mark.validates(
+    "outline on the rotary stage: perimeter, times, speeds",
+    "table of the specification",
+    "its last digit",
+)
 def test_the_notes_perimeter_times_and_speeds():
     trace = OutlineTrace()
     assert trace.requested.length == pytest.approx(302.8319, abs=TABLE)

@@ -107,6 +107,11 @@ def trace_of(spiral, period=0.001):
     return np.column_stack([position, np.zeros(len(position))])
 
 
+@pytest.mark.validates(
+    "spiral of the loop method: end point, time, length, passes",
+    "table of AN-225",
+    "its digits",
+)
 def test_the_notes_first_table():
     spiral = note()
     assert spiral.radius == 60

@@ -49,6 +49,11 @@ def built(job):
         assume(False)
 
 
+@pytest.mark.validates(
+    "Move Spiral with the limits of the controller",
+    "a controller stepped tick by tick",
+    "1e-9 mm",
+)
 @given(jobs(accelerated=False))
 @settings(max_examples=25, deadline=None)
 def test_setpoints_agree_with_the_stepped_controller_without_accel(job):
@@ -356,6 +361,11 @@ def test_interpreter_time_adds_to_the_truncated_wait():
     assert abs(end_of(spiral).real - 40) < 0.5 * min(lone, both)
 
 
+@pytest.mark.validates(
+    "path speed where no limit bites",
+    "the command",
+    "1e-6 relative",
+)
 @given(jobs(accelerated=False))
 @settings(max_examples=40, deadline=None)
 def test_path_speed_of_the_setpoints_is_constant_where_no_limit_bites(job):

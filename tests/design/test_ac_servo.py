@@ -100,6 +100,11 @@ def started():
     return sheet, load, three_phases(sheet, 100.0, load, 0.05)
 
 
+@pytest.mark.validates(
+    "AC servo motor: speed, torque, heat, power",
+    "three phases, solved one by one",
+    "1e-6 relative",
+)
 def test_the_phases_of_a_motor_move_as_its_equivalent_dc_motor(started):
     sheet, load, (times, speed, torque, currents, power) = started
     motor = motor_of({**sheet, "sources": {}})

@@ -126,6 +126,11 @@ def motor_mass(drive):
     return (rotor + turning) * (2e3 * math.pi / turn) ** 2
 
 
+@pytest.mark.validates(
+    "modes of a machine from a table",
+    "matrices set up by hand",
+    "1e-5 relative",
+)
 @pytest.mark.parametrize("name", ["belt-gantry", "stepper"])
 def test_modes_of_axes_in_series(machines, name):
     """sqrt(k / m2) with the motor locked, sqrt(k (1/m1 + 1/m2)) with it free."""

@@ -40,6 +40,11 @@ def test_there_is_no_flow_by_default_or_without_a_command():
     np.testing.assert_array_equal(flows(Dispenser(flow=FLOW), command()), FLOW * command())
 
 
+@pytest.mark.validates(
+    "flow after dead time and lag",
+    "closed form",
+    "1e-12 relative",
+)
 @pytest.mark.parametrize("dead_time", [0.0, 0.005, 0.0123456])
 def test_a_step_has_a_first_order_response_with_one_time_constant_per_direction(dead_time):
     """Volume: the integral of Q (1 - exp(-t / T)) from the opening, of Q exp(-t / T) from the closing."""

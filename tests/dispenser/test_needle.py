@@ -39,6 +39,11 @@ def integrated(needle, pressure):
     return 1e9 * (np.pi * plug**2 * velocity(plug) + sheared)
 
 
+@pytest.mark.validates(
+    "flow of a Herschel-Bulkley glue through a needle",
+    "integral of the velocity profile",
+    "1e-6 relative",
+)
 @pytest.mark.parametrize("needle", [BINGHAM, HERSCHEL_BULKLEY, Needle("25G", 12.7, 5.0, 1.3, 40.0)])
 @pytest.mark.parametrize("ratio", [1.05, 1.5, 4.0, 50.0])
 def test_the_flow_is_the_integral_of_the_velocitys_profile(needle, ratio):
@@ -46,6 +51,11 @@ def test_the_flow_is_the_integral_of_the_velocitys_profile(needle, ratio):
     assert needle.flow(pressure) == pytest.approx(integrated(needle, pressure), rel=QUADRATURE)
 
 
+@pytest.mark.validates(
+    "flow of a Bingham glue through a needle",
+    "law of Buckingham and Reiner",
+    "1e-9 relative",
+)
 @settings(deadline=None)
 @given(bores, lengths, consistencies, stresses, st.floats(1.0, 1e3))
 def test_a_bingham_glue_flows_by_buckingham_and_reiner(bore, length, viscosity, stress, ratio):

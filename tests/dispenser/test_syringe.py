@@ -35,6 +35,11 @@ def pulse(syringe, needle=NEEDLE, pressure=PRESSURE, on=ON, **dispenser):
     return made.flows(command, np.zeros(command.size), PERIOD)
 
 
+@pytest.mark.validates(
+    "pressure of a syringe's air through a valve",
+    "integral of the law of ISO 6358",
+    "1e-6 relative",
+)
 @settings(deadline=None)
 @given(pressures, pressures, ratios, st.floats(0.0, 1.0))
 def test_air_flows_by_iso_6358(pressure, supply, ratio, share):
@@ -94,6 +99,11 @@ def test_the_default_conductance_is_that_of_its_hose():
     )  # and 1 ml above the glue
 
 
+@pytest.mark.validates(
+    "glue of a pulse from a syringe",
+    "integration of the air's mass in steps of 2 µs",
+    "2e-4 relative",
+)
 @pytest.mark.parametrize("lags", [{}, {"opening": 0.01, "closing": 0.02}], ids=["none", "lags"])
 @pytest.mark.parametrize(
     "syringe", [Syringe(), Syringe(fill=0.1), Syringe(volume=1.0, dead_volume=0.2, conductance=0.05)]

@@ -240,6 +240,47 @@ def test_the_job_file_s_page_is_up_to_date():
     assert page() == PAGES["job-file.md"], "run python scripts/job_file_page.py"
 
 
+def test_the_tables_of_validation_are_up_to_date():
+    page = runpy.run_path(str(ROOT / "scripts" / "validation_page.py"))["page"]
+    assert page() == PAGES["validation.md"], "run python scripts/validation_page.py"
+    assert PAGES["validation.md"].count("| `tests/") > 60
+
+
+def test_a_tolerance_that_no_test_holds_is_refused(tmp_path, monkeypatch):
+    names = runpy.run_path(str(ROOT / "scripts" / "validation_page.py"))
+    monkeypatch.setitem(names["marked"].__globals__, "ROOT", tmp_path)
+    file = tmp_path / "test_length.py"
+    text = '@pytest.mark.validates("length", "ruler", "{}")\ndef test_it():\n    assert abs(length - 3.0) < 2e-4\n'
+    file.write_text(text.format("0.2 µm"), encoding="utf-8")
+    assert [comparison.tolerance for comparison in names["marked"](file)] == ["0.2 µm"]
+    file.write_text(text.format("0.1 µm"), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"'length': no 0\.1 in the module"):
+        list(names["marked"](file))
+
+
+def test_the_notebook_is_shown_with_its_outputs_and_kept_without(tmp_path):
+    page = runpy.run_path(str(ROOT / "scripts" / "notebook_page.py"))["page"]
+    assert_printed(PAGES["start/notebook.md"], page(tmp_path))
+    assert [file.name for file in tmp_path.iterdir()] == ["notebook-5.png"]
+    cells = json.loads((ROOT / "examples" / "first_run.ipynb").read_text(encoding="utf-8"))["cells"]
+    assert not any(cell.get("outputs") or cell.get("execution_count") for cell in cells)
+
+
+def test_the_ten_keys_are_those_of_their_example(tmp_path):
+    names = runpy.run_path(str(ROOT / "scripts" / "job_file_page.py"))
+    (example,) = blocks(PAGES["job-file.md"], "toml")
+    (tmp_path / "part.ngc").write_text("G21 G90\nG1 X40 F1200\nM30\n", encoding="utf-8")
+    (tmp_path / "bracket.toml").write_text(example, encoding="utf-8")
+    job = Job.load(tmp_path / "bracket.toml")
+    assert job.setpoints.duration > 0
+    assert len(names["TEN"]) == 10
+    table = tomllib.loads(example)
+    for key in names["TEN"]:
+        place = table
+        for part in key.split("."):
+            place = place[part]
+
+
 RATIOS = (
     "engine", "servo", "converged_cost", "batch", "vector_env", "scalar_env", "import_time", "frame_growth",
     "frame_cost", "bead_cost", "first_run", "verdict", "page", "film", "setpoints", "analysis",

@@ -60,6 +60,11 @@ def various(xy, servo):
     return machines, servos, setpoints, alone
 
 
+@pytest.mark.validates(
+    "a batch on any number of threads",
+    "one run at a time",
+    "every bit",
+)
 @pytest.mark.parametrize("threads", [1, 2, 3, 7])
 def test_a_batch_is_the_same_to_the_last_bit_as_one_at_a_time(various, threads):
     *each, alone = various

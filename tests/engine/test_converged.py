@@ -85,6 +85,11 @@ def allowed(key: str, value: float, scatter: float, job: Job) -> float:
     return max(relative * abs(value), least, STEADY * scatter)
 
 
+@pytest.mark.validates(
+    "every figure of every job at the default physics step",
+    "the job at 12.5 µs, means over 16 runs",
+    "1 % or 0.3 µm",
+)
 @pytest.mark.soak
 @pytest.mark.parametrize("name", builtin_jobs())
 def test_every_figure_of_a_job_is_that_of_fine_steps(name):

@@ -54,6 +54,11 @@ def noise(seed=0, **given):
     return run.encoder - run.motor
 
 
+@pytest.mark.validates(
+    "encoder noise: variance and fourth moment",
+    "white normal noise",
+    "5 standard deviations of the estimate",
+)
 def test_noise_has_its_rms_and_is_normal():
     """Five standard deviations of the estimates: of the variance 2/n, of the fourth moment 96/n."""
     scaled = noise() / RMS
@@ -84,6 +89,11 @@ def test_a_batch_has_the_noise_of_runs_alone(xy):
         np.testing.assert_array_equal(run.encoder, simulate(xy, servo, setpoints).encoder)
 
 
+@pytest.mark.validates(
+    "interpolation error of an encoder",
+    "its sines",
+    "1e-12 mm",
+)
 def test_interpolation_error_has_its_amplitudes_and_periods(xy):
     once, twice, period, speed = 3e-3, 1e-3, 0.5, 50.0
     servo = plain(xy, interpolation_error=once, interpolation_error_twice=twice, signal_period=period)
@@ -185,6 +195,11 @@ def stepped(machine, torque, bandwidth, period=2.5e-4, ticks=20):
     return simulate(machine, servo, still(machine, ticks, period), law=lambda tick: [torque, 0.0])
 
 
+@pytest.mark.validates(
+    "step of a current loop",
+    "exponential",
+    "1e-9 relative",
+)
 @pytest.mark.parametrize("bandwidth", [100.0, 400.0, 1500.0])
 def test_torque_follows_a_step_of_its_demand_with_the_bandwidth(xy, bandwidth):
     run = stepped(xy, 0.05, bandwidth)

@@ -89,6 +89,11 @@ VARIANTS = {
 }
 
 
+@pytest.mark.validates(
+    "servo and axis",
+    "independent simulation with the same integrator",
+    "1e-9 mm",
+)
 @pytest.mark.parametrize("gains", VARIANTS.values(), ids=VARIANTS.keys())
 def test_engine_equals_an_independent_simulation_of_servo_and_axis(rigid, gains):
     machine = rigid()
@@ -121,6 +126,11 @@ def steady_circle(machine, servo, circle, speed, radius, step):
     return (run.commanded - run.encoder)[last], (speed / radius) * run.time[last]
 
 
+@pytest.mark.validates(
+    "following error on a circle",
+    "z-transform of the sampled loop",
+    "1e-8 mm",
+)
 @pytest.mark.parametrize("feedforward", [0.0, 1.0])
 def test_following_error_on_a_circle_is_that_of_the_discrete_linear_model(rigid, circle, feedforward):
     machine, speed, radius = rigid(), 100.0, 20.0
@@ -139,6 +149,11 @@ def test_following_error_on_a_circle_is_that_of_the_discrete_linear_model(rigid,
         np.testing.assert_allclose(error[:, a], expected, rtol=0, atol=1e-8)
 
 
+@pytest.mark.validates(
+    "physics step of 0.25 ms on a circle",
+    "exact sampled plant",
+    "0.05 % of the following error",
+)
 @pytest.mark.parametrize(("viscous", "order"), [(0.0, 2), (12.0, 1)])
 def test_circle_converges_to_the_exact_sampled_plant_with_the_physics_step(rigid, circle, viscous, order):
     """At second order, but for MuJoCo's viscous friction, which is implicit: a share h d / m of it, at first order."""
@@ -158,6 +173,11 @@ def test_circle_converges_to_the_exact_sampled_plant_with_the_physics_step(rigid
     assert gaps[1] < 5e-4 * radius * abs(response)  # the default step
 
 
+@pytest.mark.validates(
+    "steady error at constant speed",
+    "viscous torque / kp",
+    "1e-6 relative",
+)
 @pytest.mark.parametrize("speed", [20.0, 100.0, 400.0])
 def test_steady_ramp_error_is_the_viscous_torque_over_the_gain(rigid, speed):
     machine = rigid()

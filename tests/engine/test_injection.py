@@ -67,6 +67,11 @@ def test_an_axis_with_an_open_winding_and_without_friction_coasts_at_its_speed(f
     assert np.abs(run.current[:K, 0]).max() > 0
 
 
+@pytest.mark.validates(
+    "coasting of an axis with an open winding",
+    "energy, m v² / 2 F",
+    "5e-4 relative",
+)
 @pytest.mark.parametrize("inductance", [3e-4, 0.0])
 @pytest.mark.parametrize("friction", [3.0, 10.0])
 def test_an_axis_with_an_open_winding_and_dry_friction_coasts_to_rest_within_the_distance_of_its_energy(
@@ -156,6 +161,11 @@ def test_a_tight_spot_lets_go_again(rigid):
     assert abs(lag[-1]) < 0.1 * lag[K + 300]
 
 
+@pytest.mark.validates(
+    "a slipped encoder",
+    "its counts",
+    "1e-9 mm",
+)
 @pytest.mark.parametrize("counts", [250, -70])
 def test_a_slipped_encoder_leaves_the_load_off_by_its_counts_and_no_following_error(rigid, counts):
     run = moved(rigid(), EncoderSlip(time=AT, axis="x", counts=counts), settle=0.5)
@@ -264,6 +274,11 @@ def volume(run):
     return run.flow[:-1].sum() * run.period
 
 
+@pytest.mark.validates(
+    "glue lost in a clogged nozzle",
+    "integral in closed form",
+    "1e-9 relative",
+)
 @pytest.mark.parametrize(("begin", "duration"), [(AT, 0.2), (0.30037, 0.12345), (0.5, math.inf)])
 @pytest.mark.parametrize("share", [0.0, 0.3])
 def test_a_clogged_nozzle_loses_its_share_of_the_flow_over_its_time(rigid, begin, duration, share):

@@ -140,6 +140,11 @@ def test_a_stepper_of_a_table_is_driven_in_open_loop_without_gains(made):
     assert as_before.per_axis("feedback") == ("motor", "motor")
 
 
+@pytest.mark.validates(
+    "a stepper's small oscillations",
+    "rotor and field",
+    "0.1 %",
+)
 @pytest.mark.parametrize("detent", [0.0, 0.01])
 def test_small_oscillations_have_the_frequency_of_rotor_and_field(made, detent):
     """sqrt(p T / J) of a rigid axis, at a full step with 4 times the detent torque; here with the load's spring."""

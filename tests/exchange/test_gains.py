@@ -81,6 +81,11 @@ def test_trio_s_own_law_gives_the_servo_s_torque_in_dac_units(xy, servo):
         assert torque == pytest.approx(servo_torque(plain, a, commanded, measured), rel=1e-10, abs=1e-12)
 
 
+@pytest.mark.validates(
+    "gains in a controller's words: torque of its own law",
+    "the servo's law, stepped in the test",
+    "1e-9 relative",
+)
 @pytest.mark.parametrize("name", ["linuxcnc", "linuxcnc-ini"])
 def test_linuxcnc_s_own_law_gives_the_servo_s_torque(xy, servo, name):
     keys = ("Pgain", "Igain", "Dgain") if name == "linuxcnc" else ("P", "I", "D")
@@ -121,6 +126,11 @@ built = cache(partial(Machine, "xy"))
 gains = st.floats(-10, 10).map(lambda x: round(x, 6))
 
 
+@pytest.mark.validates(
+    "gains exported and read back: torque",
+    "that of the gains before",
+    "1e-12 of the largest",
+)
 @pytest.mark.parametrize("name", ["trio", "linuxcnc", "linuxcnc-ini", "softmc"])
 @given(values=st.lists(gains, min_size=10, max_size=10))
 @settings(max_examples=25)
@@ -350,6 +360,11 @@ def left_swinging(amplitudes, times, frequency, damping):
     return math.hypot(*sums)
 
 
+@pytest.mark.validates(
+    "input shapers for Klipper",
+    "oscillator after impulses",
+    "1e-9",
+)
 @given(frequency=st.floats(5, 500), damping=st.floats(0, 0.3), kind=st.sampled_from(SHAPERS))
 def test_shapers_leave_the_mode_at_rest(frequency, damping, kind):
     amplitudes, times = pulses(kind, frequency, damping)

@@ -128,6 +128,11 @@ def test_a_drive_of_another_machine_is_told_by_the_ratio():
     assert "times that of the machine's table: must be 0.5 to 2 times" in "\n".join(found.notes)
 
 
+@pytest.mark.validates(
+    "random logs with seven laws of friction",
+    'the truth, unless "not identified"',
+    "at most 5 % outside of their 95 % interval, none by twice",
+)
 @pytest.mark.soak
 def test_random_logs_are_never_confidently_wrong(record_property):
     """Of identified values at most one in twenty misses its 95 % interval, and none by twice."""

@@ -172,6 +172,11 @@ def test_the_model_of_an_axis_is_that_of_its_mjcf(machine):
     assert own.static == pytest.approx(0.0227)
 
 
+@pytest.mark.validates(
+    "values identified from a log",
+    "independent integration that made the log",
+    "5 %",
+)
 def test_an_independent_integration_is_identified(machine, setpoints):
     plant = plant_of(machine)
     found = identify(machine, plant_log(machine, setpoints, plant))

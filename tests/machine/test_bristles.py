@@ -34,6 +34,11 @@ def pole(step, damped=True):
 EXACT = max(np.roots([INERTIA, DAMPING, STIFFNESS]), key=lambda root: root.imag)
 
 
+@pytest.mark.validates(
+    "a motor standing on the bristles of its friction",
+    "spring and damper",
+    "3 % of the damping, 2 % of the frequency",
+)
 @pytest.mark.parametrize("step", [2.5e-4, 1.25e-4, 2.5e-5])
 def test_a_standing_motor_swings_on_its_bristles_as_a_spring_and_damper(step):
     assert pole(step).real == pytest.approx(EXACT.real, rel=0.03 * step / 2.5e-4)

@@ -70,6 +70,11 @@ def test_at_home_the_nozzle_is_over_the_middle_at_426_mm(delta):
     assert pytest.approx(450.0, abs=0.1) == ROD
 
 
+@pytest.mark.validates(
+    "kinematics of the delta robot, forward and inverse",
+    "each other",
+    "1e-9 mm or deg",
+)
 @settings(max_examples=200, deadline=None)
 @given(position=POSITION)
 def test_inverse_and_forward_kinematics_undo_each_other(delta, position):

@@ -155,6 +155,11 @@ def test_the_bridge_racks_at_a_reversal(xy):
     assert found[101:] == pytest.approx(0.02 * np.minimum(back / PRESLIDING, 1), abs=1e-9)
 
 
+@pytest.mark.validates(
+    "sag of the bridge",
+    "beam on two supports",
+    "1e-12 mm",
+)
 def test_the_bridge_sags_as_a_beam_on_two_supports(xy):
     x = np.linspace(-HALF, HALF, 301)
     found = shift(xy, columns(x, 30.0), Geometry(sag=0.012))[:, 2]

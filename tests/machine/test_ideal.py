@@ -59,6 +59,11 @@ def test_perturbations_are_kept(xy, remove):
     assert machine.digest == remove(xy).perturbed(Perturbation(payload=0.5, motor_constant=(1.1, 1.2))).digest
 
 
+@pytest.mark.validates(
+    "inertia of every axis without compliance",
+    "masses and rotor",
+    "1e-9 relative",
+)
 @pytest.mark.parametrize("name", builtin_models())
 def test_without_compliance_every_axis_moves_the_same_inertia(name):
     machine = Machine(name)

@@ -50,6 +50,11 @@ def axis_dofs(machine):
     return [int(machine.model.joint(name).dofadr[0]) for name in machine.axis_names]
 
 
+@pytest.mark.validates(
+    "no-load speed",
+    "motor theory",
+    "1e-9 relative",
+)
 @pytest.mark.parametrize(("name", "axis"), AXES)
 def test_no_load_speed_is_the_bus_voltage_over_the_motor_constant(name, axis):
     machine, model = Machine(name), frictionless(name)
@@ -65,6 +70,11 @@ def test_no_load_speed_is_the_bus_voltage_over_the_motor_constant(name, axis):
     assert machine.axes[a].speed_limit <= machine.axes[a].no_load_speed
 
 
+@pytest.mark.validates(
+    "stall force",
+    "motor theory",
+    "1e-9 relative",
+)
 @pytest.mark.parametrize("name", MACHINES)
 def test_stall_force_is_peak_torque_through_the_gear(name):
     machine, model = Machine(name), frictionless(name)
@@ -229,6 +239,11 @@ JOBS = {
 }
 
 
+@pytest.mark.validates(
+    "electrical energy over a motion",
+    "work and losses",
+    "1.2 %",
+)
 @pytest.mark.parametrize("name", JOBS)
 def test_electrical_energy_is_mechanical_work_and_losses(name):
     machine, setpoints, gaps = Machine(name), JOBS[name](), []

@@ -87,6 +87,11 @@ def test_a_lag_along_the_path_is_no_error_normal_to_it():
 
 
 @pytest.mark.parametrize("lag", [0.1, 0.2, 0.8])
+@pytest.mark.validates(
+    "a part of the budget",
+    "displacement along the normal, second order curvature × lag² / 2",
+    "2 % of it",
+)
 def test_the_remainder_of_the_linear_identity_is_of_second_order(lag):
     """Off a circle of radius R along the tangent by l a point lies R - sqrt(R^2 + l^2) to the left: -kappa l^2 / 2."""
     s = inner(CIRCLE)
@@ -116,6 +121,11 @@ def test_a_part_is_the_displacement_along_the_normal_but_for_second_order(direct
     assert np.all(remainders[1] <= 0.3 * remainders[0] + EXACT)  # a quarter, but for the third order
 
 
+@pytest.mark.validates(
+    "sum of the parts of the error budget, every job",
+    "contour error",
+    "1e-12 mm",
+)
 @pytest.mark.parametrize("name", builtin_jobs())
 def test_the_parts_of_every_job_add_up(name):
     run = job_run(name)
@@ -143,6 +153,11 @@ def test_the_parts_of_every_job_add_up(name):
         assert values.parts["encoder"].rms == pytest.approx(1e-3 / math.sqrt(12), rel=0.6)
 
 
+@pytest.mark.validates(
+    "encoder part of ideal and of real links",
+    "0; counts / √12",
+    "exact; 10 %",
+)
 def test_ideal_links_have_zero_parts_and_real_ones_do_not(rigid, xy):
     continuous, stepped = MoveSpiral(120, 4, 10, 100, loop_period=0), MoveSpiral(120, 4, 10, 100)
     machine = rigid()
@@ -168,6 +183,11 @@ def test_ideal_links_have_zero_parts_and_real_ones_do_not(rigid, xy):
         assert not followed[link].size.any()
 
 
+@pytest.mark.validates(
+    "structure part on a circle",
+    "centrifugal force / stiffness",
+    "1 %",
+)
 def test_structure_is_the_centrifugal_deflection_behind_the_motors(xy):
     """On a circle of radius R every axis' load is pushed outward by m v^2 / (R k) of the normal's share along it."""
     radius, speed = 40.0, 600.0

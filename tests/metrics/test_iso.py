@@ -66,6 +66,11 @@ def test_even_lobes_have_the_double_amplitude(lobes):
     assert minimum_zone(points).width == pytest.approx(0.004, abs=1e-6)
 
 
+@pytest.mark.validates(
+    "circular deviation (minimum zone)",
+    "search on a refined grid",
+    "1e-8 mm",
+)
 @settings(max_examples=15, deadline=None)
 @given(
     st.integers(0, 2**32 - 1),

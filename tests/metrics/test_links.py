@@ -65,6 +65,11 @@ def steps_apart(seed):
     return differ
 
 
+@pytest.mark.validates(
+    "a link of the budget at corners of random programs",
+    "distance of its two points: never larger",
+    "1e-6 mm",
+)
 @pytest.mark.parametrize("seed", CORNERED_SEEDS)
 def test_links_of_random_programs_are_displacements_at_any_step(seed):
     """Polylines, arcs, rests and reversals on three controllers, without friction, which alone scatters."""

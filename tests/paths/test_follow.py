@@ -71,6 +71,11 @@ def paths(draw):
         assume(False)
 
 
+@pytest.mark.validates(
+    "feet of a trace on chains with inner angles of 0 to 180 deg",
+    "the progress it was made with",
+    "1e-9 mm",
+)
 @given(paths(), st.floats(0.02, 0.3), st.lists(st.floats(0, 1), max_size=3))
 @settings(max_examples=100)
 def test_a_trace_on_its_path_is_followed_as_it_was_made(path, step, rests):

@@ -118,6 +118,11 @@ def test_every_normal_of_an_involute_touches_its_base_circle(spiral, fraction):
     assert 1 / abs(path.curvature(s)[0]) == pytest.approx(spiral[0] - a * phi, abs=POSITION)
 
 
+@pytest.mark.validates(
+    "pitch of the continuous spiral along its normal",
+    "involute of a circle",
+    "1e-9 mm",
+)
 @given(spirals(), st.floats(0, 1))
 @settings(max_examples=50, deadline=None)
 def test_normal_pitch_of_an_involute_is_exactly_the_pitch(spiral, fraction):

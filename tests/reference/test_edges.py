@@ -156,6 +156,11 @@ def reported(name, servo, axis):
     return margins_of(machine_of(name), servo)[axis].gain
 
 
+@pytest.mark.validates(
+    "gain margin of every axis of every machine",
+    "growth of a kick",
+    "3 %",
+)
 @pytest.mark.parametrize(("name", "axis"), suite_runs(CASES, 0, 4, 7, 10), ids=NAMES)
 def test_a_kick_keeps_its_size_at_the_gain_margin(name, axis):
     servo = servo_of(name)

@@ -69,6 +69,11 @@ def agrees(other):
     return within((contour(run.nozzle[:, :2]), torques_of(run)), other, *AGREES)
 
 
+@pytest.mark.validates(
+    "the rotary stage in steps of 12.5 µs",
+    "independent simulation of table and slides",
+    "0.02 µm rms, 0.2 µm max",
+)
 def test_contour_error_and_torque_on_the_table_are_the_references():
     assert agrees(reference())
 

@@ -128,12 +128,22 @@ def test_distances_from_the_sampled_path_are_those_of_the_follower(name):
     assert np.abs(contour(name, run.nozzle[:, :2])) == pytest.approx(Analysis(run).nozzle.distance, abs=CHORDS)
 
 
+@pytest.mark.validates(
+    "whole jobs with exact encoders, contour error",
+    "independent two-mass simulation, no code shared",
+    "0.1 µm rms, 0.5 µm max",
+)
 @pytest.mark.parametrize("name", JOBS)
 def test_with_an_exact_encoder_contour_error_and_torque_are_the_references(name):
     servo = exact(job_of(name).built_servo)
     assert within(engine(name, servo), reference(name, servo), EXACT, EXACT_TORQUE)
 
 
+@pytest.mark.validates(
+    "the same in steps of 12.5 µs",
+    "the same",
+    "0.005 µm rms, 0.05 µm max",
+)
 @pytest.mark.parametrize("name", suite_runs(JOBS, 1))
 def test_in_fine_steps_they_agree_much_more_closely(name):
     assert within(fine(name), reference(name, stiff(name)), EXACT_FINE, EXACT_FINE_TORQUE)
@@ -146,6 +156,11 @@ def test_counts_amplify_a_shift_far_below_a_count_and_an_exact_encoder_does_not(
         assert (found[0] > AMPLIFIED) if servo.drives[0].resolution else (found[1] < CONVERGED)
 
 
+@pytest.mark.validates(
+    "whole jobs with counts, mean over 8 encoder zeros",
+    "the same",
+    "0.5 µm rms, 1 µm max",
+)
 @pytest.mark.parametrize("name", suite_runs(["an225", "fanuc-spiral"], 0))
 def test_with_counts_contour_error_and_torque_are_the_references(name):
     servo = job_of(name).built_servo

@@ -39,6 +39,11 @@ def derived(name, period=1e-3, frequency=None, damping=1.0, integral_time=math.i
     return loop(LoopTask(machine(name).axes, period, Lags(delay), damping, integral_time), frequency)
 
 
+@pytest.mark.validates(
+    "gain margin and peak of abs(S) of derived gains, servo periods of 0.25 to 4 ms",
+    "the limits of the design",
+    "at least 2; at most 2",
+)
 @settings(max_examples=30, deadline=None)
 @given(name=st.sampled_from(MACHINES), period=st.floats(FASTEST, SLOWEST), share=st.sampled_from([0.0, 0.3, 1.0]))
 @example(name="stage", period=SLOWEST, share=0.0)

@@ -47,6 +47,11 @@ def check(machine, changed):
         near(getattr(measured.spacing, name) - asked, getattr(arcs.spacings, name) - asked)
 
 
+@pytest.mark.validates(
+    "program error and spacing for loop periods of 0.2 ms to 2 s",
+    "stepped arcs in closed form",
+    "1 % or 0.1 µm",
+)
 @pytest.mark.parametrize("period", [2e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 2.0])
 def test_loop_periods_of_four_decades(xy, period):
     check(xy, {"loop_period": period})
