@@ -131,7 +131,7 @@ def test_a_drive_of_another_machine_is_told_by_the_ratio():
 @pytest.mark.validates(
     "random logs with seven laws of friction",
     'the truth, unless "not identified"',
-    "at most 5 % outside of their 95 % interval, none by twice",
+    "at most 5 % outside of their interval, none by twice",
 )
 @pytest.mark.soak
 def test_random_logs_are_never_confidently_wrong(record_property):

@@ -4,6 +4,7 @@ import ast
 import builtins
 import re
 import textwrap
+from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
@@ -40,7 +41,7 @@ def blocks_of(page):
     """Return the fenced blocks of a page in their order, without those that are outputs of others."""
     places = list(FENCED.finditer(page))
     found = []
-    for place, following in zip(places, [*places[1:], None], strict=True):
+    for place, following in zip_longest(places, places[1:]):
         language, title, text = place[1], place[2] or "", place[3]
         if language == "text":
             continue
