@@ -13,7 +13,6 @@ ROOT = Path(__file__).parent.parent
 NOTEBOOK = ROOT / "examples" / "first_run.ipynb"
 PAGE = ROOT / "docs" / "start" / "notebook.md"
 PICTURES = ROOT / "docs" / "pictures"
-COLOURS = 128  # of a picture
 WIDTH = 1000  # of a picture [pixels]
 NOTE = "`python scripts/notebook_page.py` wrote this page from the notebook `examples/first_run.ipynb`."
 
@@ -34,7 +33,7 @@ def shown(value: Any, picture: Path) -> str:
     if hasattr(value, "_repr_png_"):
         image = Image.open(io.BytesIO(value._repr_png_())).convert("RGB")
         image = image.resize((WIDTH, round(WIDTH * image.height / image.width)), Image.Resampling.LANCZOS)
-        image.quantize(COLOURS, dither=Image.Dither.NONE).save(picture, optimize=True)
+        image.save(picture, optimize=True)
         return f"![Plan and error budget of the run](../pictures/{picture.name})\n"
     if hasattr(value, "_repr_html_"):
         return f"{value._repr_html_()}\n"

@@ -74,13 +74,13 @@ def budget(figure: Figure) -> None:
     axes.plot(radius * np.cos(angles), radius * np.sin(angles), color=COLOURS["requested"], lw=2)
     axes.annotate("requested path", radius * np.array([np.cos(angles[6]), np.sin(angles[6])]), (8, 4), **POINTS)
     points = (
-        ("command", 76, 0.35, COLOURS["program"], (8, 2)),
-        ("encoder", 88, 1.5, COLOURS["servo"], (8, 6)),
-        ("motor", 95, 1.15, COLOURS["encoder"], (-6, 10)),
-        ("nozzle", 106, 1.9, INK, (-10, 8)),
+        ("command", 76, 0.35, COLOURS["program"], (8, 2), "program", (-32, -6)),
+        ("encoder", 88, 1.5, COLOURS["servo"], (8, 6), "servo", (26, 6)),
+        ("motor", 95, 1.15, COLOURS["encoder"], (-6, 10), "encoder", (8, 14)),
+        ("nozzle", 106, 1.9, INK, (-10, 8), "structure", (-4, -18)),
     )
     last = None
-    for name, angle, offset, colour, shift in points:
+    for name, angle, offset, colour, shift, link, place in points:
         direction = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
         foot = radius * direction
         point = (radius + offset) * direction
@@ -88,11 +88,13 @@ def budget(figure: Figure) -> None:
         axes.plot(*foot, "o", ms=4, color=COLOURS["requested"])
         axes.plot(*point, "o", ms=7, color=colour)
         axes.annotate(name, point, shift, ha="left" if shift[0] > 0 else "right", **POINTS)
-        if last is not None:
-            axes.annotate("", point, last, arrowprops={"arrowstyle": "->", "color": INK, "lw": 1.0})
+        start = foot if last is None else last
+        axes.annotate("", point, start, arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.6})
+        middle = 0.5 * (start + point)
+        axes.annotate(link, middle, place, color=colour, weight="bold", ha="center", **POINTS)
         last = point
     axes.set_aspect("equal")
-    axes.set(xlim=(-6.2, 7.2), ylim=(7.3, 12.6))
+    axes.set(xlim=(-6.2, 7.2), ylim=(7.5, 12.6))
     axes.axis("off")
 
 
@@ -130,7 +132,7 @@ def identified(figure: Figure) -> None:
         (nominal, "model before", "--", COLOURS["requested"]),
         (real, "machine of the log", "-", THIRD),
     ):
-        stick = (axis.static - axis.coulomb) * np.exp(-((speed / axis.stribeck) ** 2))
+        stick = (axis.friction.static - axis.coulomb) * np.exp(-((speed / axis.friction.speed) ** 2))
         axes.semilogx(
             speed, 1e3 * (axis.coulomb + stick + axis.viscous * speed), style, color=colour, lw=3, label=label
         )
@@ -144,7 +146,7 @@ def identified(figure: Figure) -> None:
 THEORY_PLOTS: dict[str, tuple[Callable[[Figure], None], float, float]] = {
     "theory-involute": (involute, 7.2, 3.4),
     "theory-servo": (margins, 7.2, 3.4),
-    "theory-budget": (budget, 7.2, 3.2),
-    "theory-bead": (sections, 7.2, 2.4),
+    "theory-budget": (budget, 7.2, 2.8),
+    "theory-bead": (sections, 7.2, 1.7),
     "theory-identification": (identified, 7.2, 3.2),
 }

@@ -18,7 +18,7 @@ from gantrysim.job.loading import builtin_jobs
 from gantrysim.record.setpoints import Setpoints
 
 ROOT = Path(__file__).parent.parent
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "command.md").read_text(encoding="utf-8")
 
 TICKS = 200
 LOADED = """
@@ -88,11 +88,8 @@ loop_period = 0.02
 [dispenser]
 flow = 100
 """
-COMMANDS = [
-    line.partition("#")[0].strip()
-    for line in README.partition("## The command")[2].split("```")[1].strip().splitlines()
-]
-# what stands in the README's commands, and in ours instead
+COMMANDS = [line.partition("#")[0].strip() for line in PAGE.split("```")[1].strip().splitlines()]
+# what stands in the page's commands, and in ours instead
 OURS = {"an225": "my-job.toml", "fanuc-spiral": "my-job.toml", "out/an225": "out/mine"}
 QUICK = {
     "gantrysim run trio-basic --repeat 16": "--no-video --no-report --no-improve",
@@ -132,7 +129,7 @@ def folder(fresh, tmp_path_factory):
 
 
 @pytest.mark.parametrize("line", COMMANDS)
-def test_the_readme_s_commands_on_files_of_one_s_own(fresh, folder, line):
+def test_the_page_s_commands_on_files_of_one_s_own(fresh, folder, line):
     words = [OURS.get(word, word) for word in shlex.split(line)[1:]]
     done = fresh.command(folder, *words, *QUICK.get(line, "").split())
     if words[0] == "view" and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
@@ -143,5 +140,5 @@ def test_the_readme_s_commands_on_files_of_one_s_own(fresh, folder, line):
     assert done.output
 
 
-def test_every_quick_option_belongs_to_a_command_of_the_readme():
+def test_every_quick_option_belongs_to_a_command_of_the_page():
     assert QUICK.keys() <= set(COMMANDS)

@@ -584,11 +584,6 @@ def test_an_environment_task_is_a_file_and_its_line(fresh, tmp_path):
     assert without < 1.5 * nominal < 0  # a reward is a loss: without feed-forward the nozzle cuts the turns
 
 
-def test_the_readme_names_every_room():
-    missing = [room for room in ROOMS - {"jobs"} if f"[`{room}/`](gantrysim/{room})" not in PAGES["README.md"]]
-    assert missing == []
-
-
 def test_hooks_are_local_and_those_of_the_check():
     """A hook from elsewhere would bring another version of the tools, and needs the network."""
     text = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
