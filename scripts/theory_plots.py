@@ -124,13 +124,13 @@ def identified(figure: Figure) -> None:
     x = gs.Setpoints(0.001, ("x",), moves.position[:, :1], moves.dispense, moves.requested)
     log = Log.of(gs.simulate(true, gs.Servo.derive(machine.axes, 0.001), x))
     log = Log(("x",), log.period, log.position[:, :1], log.torque[:, :1], held=True)
-    values = {value.name: value.value for value in identify(machine, log).values}
+    fitted = fitted_machine(identify(machine, log)).axes[0]
     speed = np.geomspace(0.05, 300, 400)
     axes = figure.add_subplot()
-    nominal, real = machine.axes[0], true.axes[0]
-    for axis, label, style, colour in (
-        (nominal, "model before", "--", COLOURS["requested"]),
-        (real, "machine of the log", "-", THIRD),
+    for axis, label, style, colour, width in (
+        (machine.axes[0], "model before", "--", COLOURS["requested"], 2),
+        (true.axes[0], "machine of the log", "-", THIRD, 4),
+        (fitted, "fitted", "-", AFTER, 1.4),
     ):
         stick = (axis.friction.static - axis.coulomb) * np.exp(-((speed / axis.friction.speed) ** 2))
         axes.semilogx(
