@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 import gantrysim as gs
 from gantrysim.bead.section import Section
 from gantrysim.controllers.trio import Basic, MoveSpiral
+from gantrysim.identify.fitted import fitted_machine
 from gantrysim.identify.identification import identify
 from gantrysim.identify.log import Log
 from gantrysim.identify.plan import excitation
@@ -74,9 +75,9 @@ def budget(figure: Figure) -> None:
     axes.plot(radius * np.cos(angles), radius * np.sin(angles), color=COLOURS["requested"], lw=2)
     axes.annotate("requested path", radius * np.array([np.cos(angles[6]), np.sin(angles[6])]), (8, 4), **POINTS)
     points = (
-        ("command", 76, 0.35, COLOURS["program"], (8, 2), "program", (-32, -6)),
-        ("encoder", 88, 1.5, COLOURS["servo"], (8, 6), "servo", (26, 6)),
-        ("motor", 95, 1.15, COLOURS["encoder"], (-6, 10), "encoder", (8, 14)),
+        ("command", 76, 0.35, COLOURS["program"], (8, 2), "program", (-34, 6)),
+        ("encoder", 88, 1.5, COLOURS["servo"], (10, -2), "servo", (26, 6)),
+        ("motor", 95, 1.15, COLOURS["encoder"], (-8, -6), "encoder", (-2, 10)),
         ("nozzle", 106, 1.9, INK, (-10, 8), "structure", (-4, -18)),
     )
     last = None
@@ -133,11 +134,8 @@ def identified(figure: Figure) -> None:
         (fitted, "fitted", "-", AFTER, 1.4),
     ):
         stick = (axis.friction.static - axis.coulomb) * np.exp(-((speed / axis.friction.speed) ** 2))
-        axes.semilogx(
-            speed, 1e3 * (axis.coulomb + stick + axis.viscous * speed), style, color=colour, lw=3, label=label
-        )
-    fitted = values["coulomb"] + values["viscous"] * speed
-    axes.semilogx(speed, 1e3 * fitted, color=AFTER, lw=1.4, label="fitted: Coulomb and viscous")
+        torque = axis.coulomb + stick + axis.viscous * speed
+        axes.semilogx(speed, 1e3 * torque, style, color=colour, lw=width, label=label)
     axes.set(xlabel="speed [mm/s]", ylabel="friction [mN·m]", ylim=(0, None))
     axes.legend()
 

@@ -208,7 +208,7 @@ def test_the_tutorial_s_job_runs(tmp_path):
 
 @pytest.mark.parametrize("name", PAGES)
 def test_commands_have_the_arguments_that_are_shown(name):
-    lines = [line for block in blocks(PAGES[name], "") for line in block.splitlines()]
+    lines = [line for block in blocks(PAGES[name], "") for line in block.replace("\\\n", " ").splitlines()]
     prose = re.sub(r"^```.*?^```", "", PAGES[name], flags=re.DOTALL | re.MULTILINE)
     lines += re.findall(r"`(gantrysim \w+ [^`]+)`", prose)  # one alone names the command
     root = typer.main.get_command(app)

@@ -19,7 +19,7 @@ FAILED = 4  # exit status of --fail-on
 
 def commands(text):
     """The commands of a block: their words, without the remark behind them."""
-    words = [shlex.split(line, comments=True) for line in text.splitlines()]
+    words = [shlex.split(line, comments=True) for line in text.replace("\\\n", " ").splitlines()]
     return [line[1:] for line in words if line[:1] == ["gantrysim"]]
 
 
