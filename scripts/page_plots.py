@@ -64,8 +64,9 @@ def verdict(figure: Figure) -> None:
     axes.invert_yaxis()
     for limit, name in ((80, "warn"), (100, "fail")):
         axes.axvline(limit, color=INK, lw=1.2, ls="--")
+        side, shift = ("right", -3) if name == "warn" else ("left", 3)
         axes.annotate(
-            name, (limit, -0.9), xytext=(3, 0), textcoords="offset points", va="center", annotation_clip=False
+            name, (limit, -0.9), (shift, 0), textcoords="offset points", ha=side, va="center", annotation_clip=False
         )
     axes.grid(axis="y", visible=False)
     axes.set(xlabel="share of the limit that is used [%]", xlim=(0, 1.08 * max(shares)))

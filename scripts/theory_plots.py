@@ -120,9 +120,10 @@ def sections(figure: Figure) -> None:
 def identified(figure: Figure) -> None:
     """Draw the friction of an axis: of the nominal model, of the machine that made the log, and as fitted."""
     machine = gs.Machine("xy")
-    true = machine.perturbed(Perturbation(friction=1.3))
+    true = machine.perturbed(Perturbation(friction=1.3, payload=0.3))
     moves = Basic(excitation(machine, "trio")[0]).setpoints(0.001)
-    x = gs.Setpoints(0.001, ("x",), moves.position[:, :1], moves.dispense, moves.requested)
+    moves_of_x = slice(4000)  # the program moves one axis after the other
+    x = gs.Setpoints(0.001, ("x",), moves.position[moves_of_x, :1], moves.dispense[moves_of_x], moves.requested)
     log = Log.of(gs.simulate(true, gs.Servo.derive(machine.axes, 0.001), x))
     log = Log(("x",), log.period, log.position[:, :1], log.torque[:, :1], held=True)
     fitted = fitted_machine(identify(machine, log)).axes[0]
