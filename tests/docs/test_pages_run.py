@@ -8,7 +8,10 @@ import pytest
 
 from support.pages import ROOT, assert_printed, blocks_of, examples, read_pages
 
-PAGES = {name: page for name, page in read_pages().items() if name.startswith(("start/", "how-to/"))}
+NOTEBOOK = "start/notebook.md"  # which another test runs as a whole
+PAGES = {
+    name: page for name, page in read_pages().items() if name.startswith(("start/", "how-to/")) and name != NOTEBOOK
+}
 # pages whose commands search, train or build for minutes
 LONG = ("how-to/run-a-sweep-on-a-cluster.md", "how-to/train-an-agent.md", "how-to/tune.md")
 NO_FILM = "--no-video"  # films take most of the time of a run
@@ -19,16 +22,23 @@ FAILED = 4  # exit status of --fail-on
 
 
 def commands(text):
-    """The commands of a block: their words, without the remark behind them."""
-    words = [shlex.split(line, comments=True) for line in text.replace("\\\n", " ").splitlines()]
-    return [line[1:] for line in words if line[:1] == ["gantrysim"] and not any(ADDRESS in word for word in line)]
+    """The commands of a block that a test can run: their words, without the remark behind them."""
+    lines = [shlex.split(line, comments=True) for line in text.replace("\\\n", " ").splitlines()]
+    runnable = [
+        words for words in lines if words[:1] == ["gantrysim"] or (words[1:] and words[1].startswith("examples/"))
+    ]
+    return [words for words in runnable if not any(ADDRESS in word for word in words)]
 
 
-def printed_by(arguments, fresh, folder):
-    """What a command prints in a fresh process."""
+def printed_by(command, fresh, folder):
+    """What a command, or an example, prints in a fresh process."""
+    program, *arguments = command
     if arguments[0] == "run" and NO_FILM not in arguments:
         arguments = [*arguments, NO_FILM]
-    done = fresh.run(COMMAND, folder, *arguments)
+    if program == "gantrysim":
+        done = fresh.run(COMMAND, folder, *arguments)
+    else:
+        done = fresh.run((ROOT / arguments[0]).read_text(encoding="utf-8"), folder, *arguments[1:])
     assert done.status in (0, FAILED), done.error + done.output
     return done.output + done.error
 
@@ -49,7 +59,7 @@ def test_a_page_s_code_prints_what_it_shows(name, fresh, tmp_path):
             assert (done.status, done.error) == (0, ""), block.text
             assert_printed(block.output, done.output)
         else:
-            printed = "".join(printed_by(arguments, fresh, tmp_path) for arguments in commands(block.text))
+            printed = "".join(printed_by(command, fresh, tmp_path) for command in commands(block.text))
             assert_printed(block.output, printed)
 
 

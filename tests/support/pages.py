@@ -4,7 +4,6 @@ import ast
 import builtins
 import re
 import textwrap
-from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
@@ -34,19 +33,18 @@ class Block(NamedTuple):
     language: str
     title: str  # name of the file that it is, or ""
     text: str
-    output: str  # what it prints, if the page shows that in a block of text below, else ""
+    output: str  # what it prints, as far as blocks of text below show it, with an ellipsis between them
 
 
 def blocks_of(page):
-    """Return the fenced blocks of a page in their order, without those that are outputs of others."""
-    places = list(FENCED.finditer(page))
+    """Return the fenced blocks of a page in their order; blocks of text are the output of the block before them."""
     found = []
-    for place, following in zip_longest(places, places[1:]):
-        language, title, text = place[1], place[2] or "", place[3]
-        if language == "text":
-            continue
-        shown = following is not None and following[1] == "text" and not page[place.end() : following.start()].strip()
-        found.append(Block(language, title, textwrap.dedent(text), following[3] if shown else ""))
+    for language, title, text in FENCED.findall(page):
+        if language == "text" and found:
+            output = "".join([found[-1].output, LEFT_OUT, "\n", text])
+            found[-1] = found[-1]._replace(output=output)
+        else:
+            found.append(Block(language, title, textwrap.dedent(text), ""))
     return found
 
 
@@ -122,5 +120,6 @@ def _value(number):
 
 def _step(number):
     """Return what a number may differ by: half a micrometre, where tenths of one are shown, else its last digit."""
-    places = len(number.partition(".")[2].partition("e")[0])
-    return SHOWN_LEAST if places == 1 else 10.0**-places
+    digits, _, exponent = number.partition("e")
+    places = len(digits.partition(".")[2])
+    return SHOWN_LEAST if places == 1 and not exponent else 10.0 ** (int(exponent or 0) - places)
