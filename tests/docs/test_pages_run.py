@@ -14,7 +14,7 @@ PAGES = {
 }
 # pages whose commands search, train or build for minutes
 LONG = ("how-to/run-a-sweep-on-a-cluster.md", "how-to/train-an-agent.md", "how-to/tune.md")
-NO_FILM = "--no-video"  # films take most of the time of a run
+SHORTER = ("--no-video", "--no-report")  # film and report take most of the time of a run
 WIDTH = "100"  # of the terminal whose lines are shown [columns]
 COMMAND = f"import os; os.environ['COLUMNS'] = '{WIDTH}'; from gantrysim.cli.start import main; main()"
 ADDRESS = "tcp://"  # of computers that the test has not
@@ -33,8 +33,8 @@ def commands(text):
 def printed_by(command, fresh, folder):
     """What a command, or an example, prints in a fresh process."""
     program, *arguments = command
-    if arguments[0] == "run" and NO_FILM not in arguments:
-        arguments = [*arguments, NO_FILM]
+    if arguments[0] == "run":
+        arguments = [*arguments, *(option for option in SHORTER if option not in arguments)]
     if program == "gantrysim":
         done = fresh.run(COMMAND, folder, *arguments)
     else:
