@@ -105,6 +105,27 @@ def synthetic(case, knee=130.0, fault=350.0):
     return {"status": OK, **row}
 
 
+def resonant(case):
+    """An error that is large between 40 and 70 mm/s, where a mode is excited, and above 250 mm/s."""
+    row = synthetic(case, knee=250.0)
+    shaken = 40 < row.get("speed_mean_mm_s", 0.0) < 70  # a fault has no values
+    return row | ({"contour_max_um": 90.0} if shaken else {})
+
+
+def test_a_programmed_speed_beyond_a_resonance_is_kept(tmp_path):
+    study = SpeedStudy(Job.load("an225"), 50.0, measure=resonant)
+    outcome = run_study(study, tmp_path / "out", workers=1)
+    found = answer({row["speed_mm_s"]: study.criterion.within(row) for row in outcome.rows})
+    assert found.fastest <= 40 < found.above
+    assert 100 in found.islands
+    assert outcome.report.answer == (
+        "Keep the programmed speed: 100 mm/s keeps the tolerance of 50 µm (largest contour error), and the fastest "
+        f"speed tried that does is {max(found.islands):g} mm/s; but slower is not always better: from "
+        f"{found.fastest:g} mm/s down every speed tried keeps the tolerance of 50 µm (largest contour error), "
+        f"{found.above:g} mm/s does not (largest contour error 90 µm, at most 50 µm)."
+    )
+
+
 def test_the_study_reports_a_known_limit(tmp_path):
     study = SpeedStudy(Job.load("an225"), 50.0, measure=synthetic)
     outcome = run_study(study, tmp_path / "out", workers=1)

@@ -29,6 +29,8 @@ def speed_answer(study: SpeedStudy, rows: list[Row], good: list[Row], result: Sp
             f"No speed tried, {tried}, keeps {limit}: {speed_of(nearest):g} mm/s comes nearest "
             f"({criterion.failure(nearest)}), so speed is not the lever; {improve_command(study.job)} tries the others."
         )
+    if study.programmed_speed in result.islands:
+        return _answer_between(study, by_speed, limit, result)
     saturation = saturation_of(good)
     speed = result.fastest if saturation is None else min(result.fastest, saturation.speed)
     shortest = ""
@@ -41,7 +43,25 @@ def speed_answer(study: SpeedStudy, rows: list[Row], good: list[Row], result: Sp
     return (
         f"{_change(study, speed)}: {result.fastest:g} mm/s, {ratio:.3g} times the programmed "
         f"{study.programmed_speed:g} mm/s, is the fastest speed that keeps {limit}; {result.above:g} mm/s does not "
-        f"({criterion.failure(by_speed[result.above])}){remark}."
+        f"({criterion.failure(by_speed[result.above])}){_again(result)}{remark}."
+    )
+
+
+def _again(result: SpeedAnswer) -> str:
+    """Return which faster speeds keep the limits again, in words; empty where none does."""
+    if not result.islands:
+        return ""
+    return f", though {', '.join(f'{speed:g}' for speed in result.islands)} mm/s do again"
+
+
+def _answer_between(study: SpeedStudy, by_speed: dict[float, Row], limit: str, result: SpeedAnswer) -> str:
+    """Return the answer where the programmed speed keeps the limits and a slower one does not."""
+    assert result.above is not None  # as there are faster speeds that keep the limits
+    failure = study.criterion.failure(by_speed[result.above])
+    return (
+        f"Keep the programmed speed: {study.programmed_speed:g} mm/s keeps {limit}, and the fastest speed tried that "
+        f"does is {max(result.islands):g} mm/s; but slower is not always better: from {result.fastest:g} mm/s down "
+        f"every speed tried keeps {limit}, {result.above:g} mm/s does not ({failure})."
     )
 
 
