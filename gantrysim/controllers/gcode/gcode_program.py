@@ -42,11 +42,13 @@ class Library:
     Attributes:
         subprograms: texts by name.
         tools: lengths by number [mm].
+        diameters: of tools by number [mm].
         parameters: values by name.
     """
 
     subprograms: dict[str, str] = field(default_factory=dict)
     tools: dict[int, float] = field(default_factory=dict)
+    diameters: dict[int, float] = field(default_factory=dict)
     parameters: dict[str, float] = field(default_factory=dict)
 
 
@@ -113,6 +115,7 @@ class GCode(Controller):
             path_mode=self.path_mode,
             skip_axes=self.skip_axes,
             tools=library.tools,
+            diameters=library.diameters,
             parameters=library.parameters,
         )
         return interpret(text, self.start, setup)
@@ -229,6 +232,12 @@ class GCode(Controller):
             f"#<{name}> is a feed of the machine that was not given: {UNSTATED_FEED:g} mm/min (parameters)."
             for name in self.program.assumed_feeds
         ]
+        if self.program.without_diameter:
+            tools = ", ".join(map(str, self.program.without_diameter))
+            notes.append(
+                f"Cutter compensation with tool {tools}, whose diameter was not given: 0 mm, so that the path is the "
+                "programmed one (tool_diameters)."
+            )
         if self.program.ignored:
             words = ", ".join(f"{word} ({count})" for word, count in sorted(self.program.ignored.items()))
             notes.append(f"Words without an effect on the path: {words}.")

@@ -27,6 +27,7 @@ class Interpreted:
         limits: to which the moves refer.
         assumed_feeds: names of the machine's feeds that the program reads and that nobody gave.
         subroutines: names of those that the text holds.
+        without_diameter: tools of cutter compensation whose diameter nobody gave.
     """
 
     start: tuple[float, float, float]
@@ -36,6 +37,7 @@ class Interpreted:
     limits: tuple[MotionLimits, ...] = (MotionLimits(),)
     assumed_feeds: tuple[str, ...] = ()
     subroutines: tuple[str, ...] = ()
+    without_diameter: tuple[int, ...] = ()
 
     @property
     def without_moves(self) -> str:
@@ -86,4 +88,5 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
         limits=tuple(state.limits.rows),
         assumed_feeds=tuple(sorted(state.assumed_feeds)),
         subroutines=subroutines,
+        without_diameter=tuple(sorted(state.tools.without_diameter)),
     )

@@ -16,8 +16,8 @@ class Program(GCode):
     """A program in LinuxCNC's dialect of G-code.
 
     Lines, arcs, splines, dwells and canned cycles, coordinate systems and tool lengths, subroutines, branches and loops
-    by O words, numbered and named parameters, and expressions; docs/g-code.md lists the words. Cutter compensation,
-    lathe cycles, probing, NURBS and motion synchronised with the spindle are refused by name.
+    by O words, cutter compensation, numbered and named parameters, and expressions; docs/g-code.md lists the words.
+    Lathe cycles, probing and motion synchronised with the spindle are refused by name.
 
     In G64 corners between straight moves are rounded by arcs within the tolerance P; without P an arc takes at most
     half of each move. Lines within Q of a longer one are merged. Elsewhere the velocity may jump by acceleration x
@@ -39,6 +39,7 @@ class Program(GCode):
             they are refused.
         subprograms: texts of subroutines in files of their own, by file name without its suffix.
         tool_lengths: by the number H, as {"1": 50.0}; 0 for others [mm].
+        tool_diameters: for cutter compensation, by the number D, as {"1": 0.8}; 0, with a note, for others [mm].
         parameters: values of named parameters that the machine provides, as {"_hal[feed]": 900.0}.
         max_steps: most lines that may run.
         axis_speeds: largest speeds of x, y and z in all moves; where a job gives none and the program exceeds them,
@@ -53,22 +54,25 @@ class Program(GCode):
 
     subprograms: dict[str, str] = field(default_factory=dict)
     tool_lengths: dict[str, float] = field(default_factory=dict)
+    tool_diameters: dict[str, float] = field(default_factory=dict)
     parameters: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for number, length in self.tool_lengths.items():
-            if not number.isdigit():
-                raise InputError(f"tool_lengths {number!r}: must be the number of a tool")
-            finite(f"tool_lengths {number}", length, "mm")
-        for name, value in self.parameters.items():
-            finite(f"parameters {name}", value)
+        for name in ("tool_lengths", "tool_diameters"):
+            for number, size in getattr(self, name).items():
+                if not number.isdigit():
+                    raise InputError(f"{name} {number!r}: must be the number of a tool")
+                finite(f"{name} {number}", size, "mm")
+        for parameter, value in self.parameters.items():
+            finite(f"parameters {parameter}", value)
 
     @property
     def _library(self) -> Library:
         return Library(
             {name.lower(): text for name, text in self.subprograms.items()},
             {int(number): length for number, length in self.tool_lengths.items()},
+            {int(number): diameter for number, diameter in self.tool_diameters.items()},
             {name.strip("#<>").lower(): value for name, value in self.parameters.items()},
         )
 

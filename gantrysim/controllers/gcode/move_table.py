@@ -97,6 +97,14 @@ class MoveTable:
         if len(self._numbers) > _MOST * WIDTH:
             raise InputError(f"more than {_MOST} moves")
 
+    def row(self, index: int) -> MoveRow:
+        """Return a move that was added."""
+        return MoveRow(*self._numbers[index * WIDTH : (index + 1) * WIDTH])
+
+    def change(self, index: int, move: MoveRow) -> None:
+        """Replace a move that was added."""
+        self._numbers[index * WIDTH : (index + 1) * WIDTH] = array("d", move)
+
     @property
     def table(self) -> Floats:
         """The rows, (m, WIDTH)."""

@@ -8,9 +8,11 @@ from dataclasses import dataclass, field, replace
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.coordinate_systems import CoordinateSystems
+from gantrysim.controllers.gcode.cutter_compensation import CutterCompensation
 from gantrysim.controllers.gcode.dialects import Dispense, GCodeDialect
 from gantrysim.controllers.gcode.limits_in_force import LimitsInForce
 from gantrysim.controllers.gcode.move_table import DWELL, EXACT_STOP, LINE, MoveRow, MoveTable
+from gantrysim.controllers.gcode.tools import Tools
 
 FARTHEST = 1e7  # of a coordinate [mm]
 UNSTATED_FEED = 1500.0  # of printers' firmware before the first F, Klipper's [mm/min]
@@ -28,6 +30,7 @@ class ProgramSetup:
         path_mode: initial mode of corners, as of `MoveTable` [mm].
         skip_axes: letters of axes that the machine lacks, which are counted and skipped.
         tools: lengths of tools by number [mm].
+        diameters: of tools by number [mm].
         parameters: values that the machine provides, by name.
     """
 
@@ -37,6 +40,7 @@ class ProgramSetup:
     path_mode: float
     skip_axes: str = ""
     tools: dict[int, float] = field(default_factory=dict)
+    diameters: dict[int, float] = field(default_factory=dict)
     parameters: dict[str, float] = field(default_factory=dict)
 
 
@@ -136,6 +140,8 @@ class ProgramState:
         without_feed: moves of printers' firmware before the first F.
         assumed_feeds: names of the machine's feeds that the program reads and that nobody gave.
         limits: that the program sets.
+        compensation: adds the moves, beside their paths where the program asks for it.
+        tools: of the machine.
     """
 
     def __init__(self, moves: MoveTable, setup: ProgramSetup) -> None:
@@ -158,6 +164,8 @@ class ProgramState:
         self.without_feed = 0
         self.assumed_feeds: set[str] = set()
         self.limits = LimitsInForce()
+        self.compensation = CutterCompensation(moves)
+        self.tools = Tools(dict(setup.diameters))
         self._saved: dict[int, _Saved] = {}  # by the depth of calls
         self._restored: set[int] = set()  # depths at whose end the saved modes come back
 
@@ -213,22 +221,24 @@ class ProgramState:
         """Add a rapid move to a place of the machine [mm]."""
         self._line_to(end, 0.0, 0.0, self.lays_glue(False, 0.0))
 
+    def add(self, move: MoveRow) -> None:
+        """Add a programmed move, beside its path under cutter compensation, and go to its end."""
+        self.compensation.add(move, self.frames.here)
+        self.frames.here = [move.x, move.y, move.z]
+
     def _line_to(self, end: list[float], feed: float, fed: float, glue: bool) -> None:
         if not max(map(abs, end)) <= FARTHEST:
             raise InputError(f"end at {[round(v, 3) for v in end]} mm: must be within {FARTHEST:g} mm")
         modes = self.modes
         x, y, z = end
         limits = self.limits.index(fed > 0)
-        self.moves.add(
-            MoveRow(LINE, x, y, z, 0.0, 0.0, 0, 0.0, feed, modes.path, modes.naive, glue, self.line, fed, limits)
-        )
-        self.frames.here = end
+        self.add(MoveRow(LINE, x, y, z, 0.0, 0.0, 0, 0.0, feed, modes.path, modes.naive, glue, self.line, fed, limits))
 
     def pause(self, time: float, *, at_work: bool = False) -> None:
         """Add a dwell [s], with glue where moves at feed lay it and the needle is at work."""
         glue = self.lays_glue(at_work, 0.0)
         x, y, z = self.frames.here
-        self.moves.add(MoveRow(DWELL, x, y, z, 0.0, 0.0, 0, 0.0, time, EXACT_STOP, 0.0, glue, self.line, 0.0))
+        self.add(MoveRow(DWELL, x, y, z, 0.0, 0.0, 0, 0.0, time, EXACT_STOP, 0.0, glue, self.line, 0.0))
 
     def save_modes(self, restored: bool) -> None:
         """Save the modes, and have them come back at the subroutine's end or not."""

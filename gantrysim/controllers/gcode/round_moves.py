@@ -62,7 +62,7 @@ def add_arc(state: ProgramState, block: WordBlock, clockwise: bool) -> None:
     if not max(*map(abs, end), *map(abs, placed)) <= FARTHEST:
         raise InputError(f"arc to {[round(c, 3) for c in end]} mm: must be within {FARTHEST:g} mm")
     x, y, z = end
-    state.moves.add(
+    state.add(
         MoveRow(
             kind=ARC,
             x=x,
@@ -81,7 +81,6 @@ def add_arc(state: ProgramState, block: WordBlock, clockwise: bool) -> None:
             limits=state.limits.index(block.fed > 0),
         )
     )
-    frames.here = end
 
 
 def _arc(state: ProgramState, block: WordBlock, ends: tuple[complex, complex], clockwise: bool, turns: int) -> _Arc:

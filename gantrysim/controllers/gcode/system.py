@@ -26,6 +26,12 @@ _NAMED: dict[str, Callable[[ProgramState], float]] = {
 }
 
 
+_OF_TOOLS: dict[float | str, Callable[[ProgramState], float]] = {
+    5400: lambda state: float(state.tools.in_spindle),
+    5410: lambda state: state.tools.diameters.get(state.tools.in_spindle, 0.0) / state.frames.unit,
+    "_current_tool": lambda state: float(state.tools.in_spindle),
+    "_selected_tool": lambda state: float(state.tools.selected),
+}
 _MACHINE = ("_hal[", "_ini[")  # a pin of the machine's hardware layer, a value of its configuration
 
 
@@ -45,4 +51,6 @@ def provided(state: ProgramState, key: float | str) -> float | None:
                 raise InputError(f"#<{key}> is a value of the machine: must be given in parameters, by that name")
             state.assumed_feeds.add(key)
             return UNSTATED_FEED / state.frames.unit
+    if key in _OF_TOOLS:
+        return _OF_TOOLS[key](state)
     return state.frames.shown(key)

@@ -9,6 +9,11 @@ from gantrysim.controllers.gcode.codes import CODES, Code, Kind
 from gantrysim.controllers.gcode.lines import FirmwareCommand, Words
 from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 
+# codes that change what the offset path refers to
+_NOT_COMPENSATED = frozenset(
+    "G28 G30 G43 G43.1 G43.2 G49 G52 G53 G54 G55 G56 G57 G58 G59 G59.1 G59.2 G59.3 G92 G92.1 G92.2 G92.3 "
+    "G5 G5.1 G5.2 G6.2 G73 G74 G81 G82 G83 G84 G85 G86 G89".split()
+)
 _MOST_NAMES = 1000  # of codes, in memory: a program may have any number of unknown ones
 
 
@@ -45,6 +50,8 @@ class Interpreter:
             else:
                 block.values[letter] = value
         block.values.pop("N", None)
+        if "T" in block.values:
+            self._state.tools.selected = int(block.values["T"])
         if auxiliary:
             for number in auxiliary:
                 self._apply_auxiliary(number, block)
@@ -96,6 +103,8 @@ class Interpreter:
         action: Code | None = None
         moves = False
         for name in codes:
+            if state.compensation.is_on and name in _NOT_COMPENSATED:
+                raise InputError(f"{name} under cutter compensation: must follow G40")
             code = self._codes.get(name)
             if code is None or code.handler is None:
                 self._ignore(name, code, block)

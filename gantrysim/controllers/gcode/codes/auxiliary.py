@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, auxiliary, without_effect
 from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 
@@ -70,9 +71,10 @@ def m5(state: ProgramState, block: WordBlock) -> None:
     """Spindle off."""
 
 
-@without_effect(_LINUXCNC)
+@auxiliary(_LINUXCNC)
 def m6(state: ProgramState, block: WordBlock) -> None:
-    """Change of the tool."""
+    """Change to the tool T: no motion, but its diameter and length are those in force."""
+    _put_in_spindle(state, state.tools.selected, "M6")
 
 
 @without_effect(_LINUXCNC)
@@ -130,9 +132,18 @@ def m60(state: ProgramState, block: WordBlock) -> None:
     """Pause for a change of the pallet."""
 
 
-@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
+@auxiliary(_LINUXCNC)
 def m61(state: ProgramState, block: WordBlock) -> None:
-    """Number of the tool."""
+    """Number Q of the tool in the spindle."""
+    _put_in_spindle(state, int(block.values.get("Q", 0)), "M61")
+    block.drop(_OUTPUT_WORDS)
+
+
+def _put_in_spindle(state: ProgramState, tool: int, name: str) -> None:
+    if state.compensation.is_on:
+        raise InputError(f"{name} under cutter compensation: must follow G40")
+    state.tools.in_spindle = tool
+    state.ignored[name] += 1
 
 
 @without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)

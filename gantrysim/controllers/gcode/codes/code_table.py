@@ -137,22 +137,26 @@ def without_effect(dialects: Dialects = ALL, takes: str = "", names: Iterable[st
     return add
 
 
-def refused(subject: str, advice: str = "", dialects: Dialects = ALL) -> Decorator:
+def refused(subject: str, advice: str = "", dialects: Dialects = ALL, names: Iterable[str] = ()) -> Decorator:
     """Add a code that is refused; the function is not called.
 
     Args:
         subject: that is not simulated, for the message.
         advice: what to do instead.
         dialects: that have the code.
+        names: of a family of codes; by default that of the function.
     """
 
-    def add(handler: Handler) -> Handler:
-        name, meaning = _described(handler)
-
+    def refusal(name: str) -> Handler:
         def refuse(state: ProgramState, block: WordBlock) -> None:
             raise InputError(f"{name}: {subject} is not simulated{advice}")
 
-        _added(dialects, Code(name, _kind(name), meaning, refuse))
+        return refuse
+
+    def add(handler: Handler) -> Handler:
+        function_name, meaning = _described(handler)
+        for name in names or (function_name,):
+            _added(dialects, Code(name, _kind(name), meaning, refusal(name)))
         return handler
 
     return add

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, refused, setting, without_effect
+from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, setting, without_effect
 from gantrysim.controllers.gcode.coordinate_systems import INCH
 from gantrysim.controllers.gcode.move_table import EXACT_PATH, EXACT_STOP
 from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
@@ -26,19 +26,25 @@ def g8(state: ProgramState, block: WordBlock) -> None:
 @setting("plane")
 def g17(state: ProgramState, block: WordBlock) -> None:
     """Arcs in the XY plane."""
-    state.modes.plane = 0
+    _choose_plane(state, 0)
 
 
 @setting("plane")
 def g18(state: ProgramState, block: WordBlock) -> None:
     """Arcs in the ZX plane."""
-    state.modes.plane = 1
+    _choose_plane(state, 1)
 
 
 @setting("plane")
 def g19(state: ProgramState, block: WordBlock) -> None:
     """Arcs in the YZ plane."""
-    state.modes.plane = 2
+    _choose_plane(state, 2)
+
+
+def _choose_plane(state: ProgramState, plane: int) -> None:
+    if plane != state.modes.plane and state.compensation.is_on:
+        raise InputError(f"G{17 + plane} under cutter compensation in G{17 + state.modes.plane}: must follow G40")
+    state.modes.plane = plane
 
 
 @setting("units")
@@ -53,37 +59,9 @@ def g21(state: ProgramState, block: WordBlock) -> None:
     state.frames.unit = 1.0
 
 
-@setting("cutter compensation")
-def g40(state: ProgramState, block: WordBlock) -> None:
-    """Cutter compensation off, as it always is."""
-
-
-_PROGRAM_THE_PATH = "; program the nozzle's path"
-
-
-@refused("cutter compensation", _PROGRAM_THE_PATH)
-def g41(state: ProgramState, block: WordBlock) -> None:
-    """Cutter compensation on the left."""
-
-
-@refused("cutter compensation", _PROGRAM_THE_PATH)
-def g41_1(state: ProgramState, block: WordBlock) -> None:
-    """Cutter compensation on the left, of a given diameter."""
-
-
-@refused("cutter compensation", _PROGRAM_THE_PATH)
-def g42(state: ProgramState, block: WordBlock) -> None:
-    """Cutter compensation on the right."""
-
-
-@refused("cutter compensation", _PROGRAM_THE_PATH)
-def g42_1(state: ProgramState, block: WordBlock) -> None:
-    """Cutter compensation on the right, of a given diameter."""
-
-
 @setting("tool length")
 def g43(state: ProgramState, block: WordBlock) -> None:
-    """Tool length of the tool H."""
+    """Tool length of the tool H, by default of the one in the spindle."""
     state.frames.tool = _length_of_tool(state, block)
 
 
@@ -96,7 +74,7 @@ def g43_1(state: ProgramState, block: WordBlock) -> None:
 
 @setting("tool length")
 def g43_2(state: ProgramState, block: WordBlock) -> None:
-    """Tool length of the tool H, added to that in force."""
+    """Tool length of the tool H, by default of the one in the spindle, added to that in force."""
     state.frames.tool = _length_of_tool(state, block) + state.frames.tool
 
 
@@ -107,7 +85,7 @@ def g49(state: ProgramState, block: WordBlock) -> None:
 
 
 def _length_of_tool(state: ProgramState, block: WordBlock) -> float:
-    return state.frames.tools.get(int(block.values.pop("H", 0)), 0.0)
+    return state.frames.tools.get(int(block.values.pop("H", state.tools.in_spindle)), 0.0)
 
 
 @setting("corners")

@@ -12,14 +12,17 @@ _TABLE_WORDS = "XYZABCUVWRIJQ"  # of a tool's table, of which only Z matters
 
 @action((LINUXCNC,))
 def g10(state: ProgramState, block: WordBlock) -> None:
-    """Set what L says: the length of a tool, L1, or a coordinate system, L2 and L20."""
+    """Set what L says: the length Z and radius R of a tool, L1, or a coordinate system, L2 and L20."""
     frames = state.frames
     kind = block.values.pop("L", None)
     number = block.values.pop("P", 0.0)
     if kind in (2, 20):
         frames.set_offset(number, block.values, current=kind == 20)
     elif kind == 1:
-        frames.tools[int(number)] = frames.unit * block.values.pop("Z", 0.0)
+        if "Z" in block.values:
+            frames.tools[int(number)] = frames.unit * block.values.pop("Z")
+        if "R" in block.values:
+            state.tools.diameters[int(number)] = 2 * frames.unit * block.values.pop("R")
         block.drop(_TABLE_WORDS)
     elif kind in (0, 10, 11):
         state.ignored[f"G10 L{kind:g}"] += 1
