@@ -15,7 +15,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.move_table import ARC, DWELL, END, PLANES, MoveRow, MoveTable
 from gantrysim.controllers.gcode.plane_moves import PlaneMove, meeting
 
-_STRAIGHT_ON = 0.01  # corner that is none, LinuxCNC's [rad]
+_STRAIGHT_ON = 0.05  # corner that is none, LinuxCNC's [rad]
 _NAMES = "xyz"
 _TURNED = 1e-6  # angle of an arc that is left [rad]
 
@@ -192,7 +192,9 @@ class CutterCompensation:
         place = meeting(last.beside, beside)
         if place is None or _exceeds(beside, beside.onward(place)):
             raise self._no_room("move")
-        if not last.is_entry and _exceeds(last.beside, last.beside.back(place)):
+        # the straight move in which compensation begins leads beside its own path in any case
+        enters = last.is_entry and last.beside.centre is None
+        if not enters and _exceeds(last.beside, last.beside.back(place)):
             raise self._no_room("move before")
         self._moves_end(last.beside.until(place), last.row)
         return beside.without(place)

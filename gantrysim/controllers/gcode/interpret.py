@@ -74,6 +74,8 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
             state.depth = flow.depth
             if not interpreter.run(line):
                 break
+        if state.curve is not None:
+            raise InputError(f"{state.curve.name}: the program ends before the curve does")
     except InputError as error:
         kind = AxisError if isinstance(error, AxisError) else InputError
         raise kind(f"{flow.where}: {error}") from None

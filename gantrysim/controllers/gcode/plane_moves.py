@@ -83,9 +83,9 @@ class PlaneMove:
         return 0.0 if _FULL - way < _SMALLEST else way
 
     def begun_at(self, place: complex) -> PlaneMove:
-        """Return the move from another place, which lies near its start for an arc."""
+        """Return the move from a place near its start, at the end of a move that passes almost straight into it."""
         if self.centre is None:
-            return replace(self, start=place)
+            return self
         later = cmath.phase((place - self.centre) / (self.start - self.centre))
         return replace(self, start=place, angle=self.angle - later)
 
@@ -114,7 +114,9 @@ def meeting(before: PlaneMove, after: PlaneMove) -> complex | None:
         for place in _crossings(before, after)
         if before.back(place) > -_SMALLEST and after.onward(place) > -_SMALLEST
     ]
-    return min(places, key=lambda place: _cut(before, before.back(place)) + _cut(after, after.onward(place)), default=None)
+    return min(
+        places, key=lambda place: _cut(before, before.back(place)) + _cut(after, after.onward(place)), default=None
+    )
 
 
 def _cut(move: PlaneMove, way: float) -> float:
@@ -134,7 +136,9 @@ def _crossings(first: PlaneMove, second: PlaneMove) -> Iterator[complex]:
     elif second.centre is None:
         yield from _line_and_circle(second, first)
     else:
-        yield from _circles(first.centre, abs(first.end - first.centre), second.centre, abs(second.start - second.centre))
+        yield from _circles(
+            first.centre, abs(first.end - first.centre), second.centre, abs(second.start - second.centre)
+        )
 
 
 def _line_and_circle(line: PlaneMove, arc: PlaneMove) -> Iterator[complex]:

@@ -117,6 +117,30 @@ class CycleSeries:
     words: dict[str, float] = field(default_factory=dict)
 
 
+@dataclass
+class OpenCurve:
+    """A NURBS whose control points are being read, as x + iy of the plane's axes.
+
+    Attributes:
+        name: code of its control points.
+        order: one more than its degree.
+        points: control points [mm].
+        weights: of the points.
+        knots: of its own.
+    """
+
+    name: str
+    order: int
+    points: list[complex] = field(default_factory=list)
+    weights: list[float] = field(default_factory=list)
+    knots: list[float] = field(default_factory=list)
+
+    def add(self, point: complex, weight: float) -> None:
+        """Add a control point."""
+        self.points.append(point)
+        self.weights.append(weight)
+
+
 class ProgramState:
     """The state of a program that runs.
 
@@ -136,6 +160,7 @@ class ProgramState:
         depth: of the calls of subroutines.
         ignored: words without an effect on the path, and how often they were met.
         cycle: series of canned cycles; None after other motions.
+        curve: NURBS whose control points are being read.
         retracts_to_r: whether canned cycles end at R (G99).
         without_feed: moves of printers' firmware before the first F.
         assumed_feeds: names of the machine's feeds that the program reads and that nobody gave.
@@ -157,6 +182,7 @@ class ProgramState:
         self.relative_extruder = False
         self.spline_control: complex | None = None
         self.cycle: CycleSeries | None = None
+        self.curve: OpenCurve | None = None
         self.retracts_to_r = False
         self.line = 0
         self.depth = 0

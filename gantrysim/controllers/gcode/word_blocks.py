@@ -111,6 +111,7 @@ class Interpreter:
             elif code.kind is Kind.MOTION:
                 if moves and name == "G80":  # it ends a cycle, not the motion that stands beside it
                     continue
+                self._check_curve(name)
                 state.motion = name
                 moves = True
                 if not code.is_cycle:
@@ -135,6 +136,13 @@ class Interpreter:
             self._move(block)
         if block.values:
             self._ignore_words(block)
+
+    def _check_curve(self, motion: str) -> None:
+        """Check that no other motion begins between the control points of a NURBS."""
+        curve = self._state.curve
+        if curve is not None and curve.name != motion:
+            end = "G5.3" if curve.name == "G5.2" else f"{curve.order} equal knots"
+            raise InputError(f"{motion} among the control points of {curve.name}: must follow {end}")
 
     def _ignore(self, name: str, code: Code | None, block: WordBlock) -> None:
         """Count a G code without an effect on the path."""

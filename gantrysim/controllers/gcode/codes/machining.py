@@ -1,4 +1,4 @@
-"""Codes that are not simulated: probing, threads, NURBS, lathe cycles, and in printers' firmware milling cycles."""
+"""Codes that are not simulated: probing, threads, lathe cycles, and in printers' firmware milling cycles."""
 
 from __future__ import annotations
 
@@ -8,32 +8,11 @@ from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 _CYCLE = "milling cycle"
 _LATHE = "lathe cycle"
 _PROBING = "probing"
-_NURBS = "NURBS"
 
 
 @refused("spline", dialects=(SLICER,))
 def g5(state: ProgramState, block: WordBlock) -> None:
     """Spline."""
-
-
-@refused(_NURBS, dialects=(LINUXCNC,))
-def g5_2(state: ProgramState, block: WordBlock) -> None:
-    """Control point of a NURBS."""
-
-
-@refused(_NURBS, dialects=(LINUXCNC,))
-def g5_3(state: ProgramState, block: WordBlock) -> None:
-    """End of a NURBS."""
-
-
-@refused(_NURBS, dialects=(LINUXCNC,))
-def g6_2(state: ProgramState, block: WordBlock) -> None:
-    """Control point of a NURBS of given knots."""
-
-
-@refused(_NURBS, dialects=(LINUXCNC,))
-def g6_3(state: ProgramState, block: WordBlock) -> None:
-    """End of a NURBS of given knots."""
 
 
 @refused("motion synchronised with the spindle", dialects=(LINUXCNC,))

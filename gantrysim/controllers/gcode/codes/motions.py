@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, action, motion
+from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, action, motion, setting
+
+from gantrysim.controllers.gcode.nurbs import add_knot, add_uniform_point, end_uniform
 from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 from gantrysim.controllers.gcode.round_moves import add_arc
 from gantrysim.controllers.gcode.splines import add_cubic, add_quadratic
@@ -52,6 +54,24 @@ def g5(state: ProgramState, block: WordBlock) -> None:
 def g5_1(state: ProgramState, block: WordBlock) -> None:
     """Quadratic spline; I J is the control point, from the start."""
     add_quadratic(state, block)
+
+
+@motion(moved_by="PL", dialects=(LINUXCNC,))
+def g5_2(state: ProgramState, block: WordBlock) -> None:
+    """Control point of a NURBS that begins where the nozzle is; P is its weight, L the order of the curve."""
+    add_uniform_point(state, block)
+
+
+@setting("motion", (LINUXCNC,))
+def g5_3(state: ProgramState, block: WordBlock) -> None:
+    """The NURBS of the control points of G5.2."""
+    end_uniform(state)
+
+
+@motion(moved_by="KRPQ", dialects=(LINUXCNC,))
+def g6_2(state: ProgramState, block: WordBlock) -> None:
+    """Control point of a NURBS; P is the order of the curve, R the weight, K the knot."""
+    add_knot(state, block)
 
 
 @action(shares_words=True)
