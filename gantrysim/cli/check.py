@@ -16,6 +16,7 @@ from gantrysim.cli.options import (
     Settings,
     Speed,
     StopAfter,
+    ZDown,
     placement,
     with_stop,
 )
@@ -34,6 +35,7 @@ def check(
     origin: At = None,
     rotate: Rotate = None,
     scale: Scale = None,
+    z_down: ZDown = None,
     stop_after: StopAfter = None,
     allow_code: AllowCode = False,
 ) -> None:
@@ -54,7 +56,7 @@ def check(
             with_stop(settings, stop_after),
             model,
             controller=controller,
-            placement=placement(origin, rotate, scale),
+            placement=placement(origin, rotate, scale, z_down),
             speed=speed,
             allow_code=allow_code,
         )

@@ -19,6 +19,7 @@ from gantrysim.cli.options import (
     Settings,
     Speed,
     StopAfter,
+    ZDown,
     placement,
     with_stop,
 )
@@ -66,6 +67,7 @@ def improve(
     origin: At = None,
     rotate: Rotate = None,
     scale: Scale = None,
+    z_down: ZDown = None,
     stop_after: StopAfter = None,
     apply: Apply = None,
     out: Out = None,
@@ -99,7 +101,7 @@ def improve(
         model,
         servo,
         controller=controller,
-        placement=placement(origin, rotate, scale),
+        placement=placement(origin, rotate, scale, z_down),
         speed=speed,
         allow_code=allow_code,
     )

@@ -34,6 +34,9 @@ At = Annotated[
 ]
 Rotate = Annotated[float | None, typer.Option(help="Turn of the program about its origin \\[deg].")]
 Scale = Annotated[float | None, typer.Option(help="Factor on the program's lengths.")]
+ZDown = Annotated[
+    bool | None, typer.Option("--z-down", help="Take the program's heights as depths, positive downwards.")
+]
 StopAfter = Annotated[
     float | None,
     typer.Option(
@@ -81,7 +84,9 @@ def with_stop(settings: list[str] | None, stop_after: float | None) -> list[str]
     return [*(settings or ()), *stop]
 
 
-def placement(origin: str | None, rotate: float | None, scale: float | None) -> dict[str, float]:
+def placement(
+    origin: str | None, rotate: float | None, scale: float | None, z_down: bool | None = None
+) -> dict[str, float]:
     """Return the attributes of a `Placement` that are given."""
     given: dict[str, float] = {}
     if origin is not None:
@@ -90,5 +95,6 @@ def placement(origin: str | None, rotate: float | None, scale: float | None) -> 
             given["x"], given["y"], given["z"] = place("--at", parts)
         else:
             given["x"], given["y"] = point("--at", parts)
-    given |= {name: value for name, value in (("rotate", rotate), ("scale", scale)) if value is not None}
+    others = (("rotate", rotate), ("scale", scale), ("z_down", z_down))
+    given |= {name: value for name, value in others if value is not None}
     return given

@@ -23,6 +23,7 @@ class Placement:
         rotate: counter-clockwise turn about the origin [deg].
         scale: factor on all lengths of the program.
         z: height of the program's origin in the work frame [mm].
+        z_down: whether the program's heights are depths, positive downwards; x, y and its turns stay as they are.
     """
 
     x: float = 0.0
@@ -30,6 +31,7 @@ class Placement:
     rotate: float = 0.0
     scale: float = 1.0
     z: float = 0.0
+    z_down: bool = False
 
     def __post_init__(self) -> None:
         for name, unit in (("x", "mm"), ("y", "mm"), ("z", "mm"), ("rotate", "deg")):
@@ -46,8 +48,13 @@ class Placement:
         shift = np.array([self.x, self.y, self.z])
         return self.direction(points) + shift
 
+    @property
+    def upward(self) -> float:
+        """Direction in which the program's z rises on the work: 1, or -1 for depths, which mirror its planes."""
+        return -1.0 if self.z_down else 1.0
+
     @cached_property
     def _turn(self) -> Floats:
         angle = math.radians(self.rotate)
         c, s = (round(f(angle), 15) for f in (math.cos, math.sin))  # quarter turns are exact
-        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, self.upward]])

@@ -98,7 +98,9 @@ def place(content: Content, placement: Mapping[str, float], known: Sequence[str]
         key = f"program.placement.{name}"
         if key not in known:
             controller = content.get("program", {}).get("controller")
-            raise InputError(f"--at, --rotate, --scale: a program of {controller} cannot be placed on the work")
+            raise InputError(
+                f"--at, --rotate, --scale, --z-down: a program of {controller} cannot be placed on the work"
+            )
         change(content, key, value, known)
 
 

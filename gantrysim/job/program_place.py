@@ -192,9 +192,10 @@ def _raised(controller: Controller, rise: float) -> dict[str, Any]:
     """Return the changes that raise a program; a start below its lowest bead is raised to that."""
     changes: dict[str, Any] = {"program.placement.z": rise}
     start = getattr(controller, "start", None)
-    scale = controller.placement.scale  # type: ignore[attr-defined]  # of those that can be placed
-    if start is not None and len(start) > _Z and scale * start[_Z] < -rise:
-        changes["program.start"] = [*start[:_Z], -rise / scale, *start[_Z + 1 :]]
+    placement = controller.placement  # type: ignore[attr-defined]  # of those that can be placed
+    upward = placement.scale * placement.upward
+    if start is not None and len(start) > _Z and upward * start[_Z] < -rise:
+        changes["program.start"] = [*start[:_Z], -rise / upward, *start[_Z + 1 :]]
     return changes
 
 

@@ -135,6 +135,6 @@ def _piece(piece: Line | Coil | None, placement: Placement) -> Line | Coil | Non
         piece,
         centre=_point(piece.centre, placement),
         radius=(scale * first, scale * last),
-        rise=scale * piece.rise,
+        rise=scale * placement.upward * piece.rise,  # along u x v, which a mirrored frame turns round
         frame=(u, v),
     )

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.move_table import ARC, DWELL, END, PLANES, MoveRow, MoveTable
-from gantrysim.controllers.gcode.plane_moves import PlaneMove, meeting
+from gantrysim.paths.plane_moves import PlaneMove, meeting
 
 _STRAIGHT_ON = 0.05  # corner that is none, LinuxCNC's [rad]
 _NAMES = "xyz"
@@ -93,8 +93,8 @@ class CutterCompensation:
             return
         if programmed.turns_towards(self._offset) and programmed.smallest_radius <= abs(self._offset):
             raise InputError(
-                f"radius = {programmed.smallest_radius:.6g} mm: must be greater than the offset of cutter compensation, "
-                f"{abs(self._offset):.6g} mm"
+                f"radius = {programmed.smallest_radius:.6g} mm: must be greater than the offset of "
+                f"cutter compensation, {abs(self._offset):.6g} mm"
             )
         if self._last is None:
             self._enter(move, programmed)

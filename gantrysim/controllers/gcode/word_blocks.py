@@ -9,11 +9,10 @@ from gantrysim.controllers.gcode.codes import CODES, Code, Kind
 from gantrysim.controllers.gcode.lines import FirmwareCommand, Words
 from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 
-# codes that change what the offset path refers to
-_NOT_COMPENSATED = frozenset(
-    "G28 G30 G43 G43.1 G43.2 G49 G52 G53 G54 G55 G56 G57 G58 G59 G59.1 G59.2 G59.3 G92 G92.1 G92.2 G92.3 "
-    "G5 G5.1 G5.2 G6.2 G73 G74 G81 G82 G83 G84 G85 G86 G89".split()
-)
+# what cutter compensation allows; all else would change what the offset path refers to
+_OFFSET_MOTIONS = {"G0", "G1", "G2", "G3", "G80"}
+_OFFSET_ACTIONS = {"G4", "G10", "G28.1", "G30.1"}
+_ORIGINS = {"tool length", "coordinate system", "shift", "machine coordinates"}
 _MOST_NAMES = 1000  # of codes, in memory: a program may have any number of unknown ones
 
 
@@ -103,12 +102,13 @@ class Interpreter:
         action: Code | None = None
         moves = False
         for name in codes:
-            if state.compensation.is_on and name in _NOT_COMPENSATED:
-                raise InputError(f"{name} under cutter compensation: must follow G40")
             code = self._codes.get(name)
             if code is None or code.handler is None:
                 self._ignore(name, code, block)
-            elif code.kind is Kind.MOTION:
+                continue
+            if state.compensation.is_on and _needs_plain_path(code):
+                raise InputError(f"{name} under cutter compensation: must follow G40")
+            if code.kind is Kind.MOTION:
                 if moves and name == "G80":  # it ends a cycle, not the motion that stands beside it
                     continue
                 self._check_curve(name)
@@ -198,6 +198,17 @@ class Interpreter:
         if not state.frames.absolute:
             return value == 0
         return value == 0
+
+
+def _needs_plain_path(code: Code) -> bool:
+    """Return whether a code is refused under cutter compensation."""
+    match code.kind:
+        case Kind.MOTION:
+            return code.name not in _OFFSET_MOTIONS
+        case Kind.ACTION:
+            return code.name not in _OFFSET_ACTIONS
+        case _:
+            return code.group in _ORIGINS
 
 
 @lru_cache(_MOST_NAMES)

@@ -88,7 +88,7 @@ def placed(path: Segment, placement: Placement) -> Segment:
             piece,
             centre=vector(placement.point(piece.centre)),
             radius=(scale * radius[0], scale * radius[1]),
-            rise=scale * piece.rise,
+            rise=scale * placement.upward * piece.rise,  # along u x v, which a mirrored frame turns round
         )
         if piece.frame == XY:
             return Segment(replace(turned, begin=piece.begin + math.radians(placement.rotate)), end)

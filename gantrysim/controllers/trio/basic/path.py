@@ -112,7 +112,7 @@ def _coil(arc: Arc, columns: list[int], start: list[float], placement: Placement
     for column, offset in zip(columns[:2], arc.centre, strict=True):
         centre[column] += offset
     angle = -arc.angle if arc.clockwise else arc.angle
-    rise = 0.0 if arc.rise is None else arc.rise * float(np.cross(u, v)[columns[2]])
+    rise = 0.0 if arc.rise is None else arc.rise * placement.upward * float(np.cross(u, v)[columns[2]])
     frame = [vector(direction) for direction in placement.direction([u, v])]
     return Coil(vector(placement.point(centre)), (arc.radius, arc.radius), arc.begin, angle, rise, (frame[0], frame[1]))
 
