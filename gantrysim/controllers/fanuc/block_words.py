@@ -11,6 +11,7 @@ from gantrysim.controllers.fanuc.alarm import Alarm, BlockSource
 
 COMMENT = r"\([^)]*\)?"
 LETTERS = "ABCDFGHIJKLMNOPQRSTXYZ"
+CORNERS = (",R", ",C")  # words of the corner at a motion's end
 _SHOWN = 20  # characters of a number in a message
 _NUMBER = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _DIGITS = 8
@@ -71,6 +72,13 @@ def words_of(text: str, name: str, line: int) -> Words:
         if letter.isspace():
             position += 1
             continue
+        comma = ""
+        if letter == ",":
+            comma = letter
+            position += 1
+            letter = text[position : position + 1]
+            if comma + letter not in CORNERS:
+                raise fail(9, f"{text[position - 1 : position + _SHOWN]!r}: a comma must stand before R or C")
         _check_address(text, position, fail)
         number = _NUMBER.match(text, position + 1)
         if not number:
@@ -89,9 +97,9 @@ def words_of(text: str, name: str, line: int) -> Words:
         elif letter == "M":
             auxiliary.append(value)
         elif letter not in "NO":
-            if letter in values:
-                raise fail(9, f"address {letter} is given twice in the block")
-            values[letter] = value
+            if comma + letter in values:
+                raise fail(9, f"address {comma}{letter} is given twice in the block")
+            values[comma + letter] = value
     return Words(name, line, tuple(codes), tuple(auxiliary), values)
 
 

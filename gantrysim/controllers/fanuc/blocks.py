@@ -27,6 +27,8 @@ class Motion:
         plane: "xy" (G17), "zx" (G18) or "yz" (G19).
         exact_stop: whether to stop at the end (G61).
         dispense: whether glue is laid; by default in all motions except rapid ones.
+        rounding: radius of the corner to the next motion, `,R`; 0 for none [mm].
+        chamfer: of the corner to the next motion, `,C`, from the corner along both; 0 for none [mm].
     """
 
     end: End = ()
@@ -35,8 +37,14 @@ class Motion:
     plane: Plane = "xy"
     exact_stop: bool = False
     dispense: bool | None = None
+    rounding: float = 0.0
+    chamfer: float = 0.0
 
     def __post_init__(self) -> None:
+        at_least("rounding", self.rounding, 0, "mm")
+        at_least("chamfer", self.chamfer, 0, "mm")
+        if self.rounding and self.chamfer:
+            raise InputError(f"rounding = {self.rounding:g} mm with a chamfer: must be one of them")
         end = tuple(self.end)
         if len(end) > 3:
             raise InputError(f"end of {len(end)} numbers: must be at most three, x, y, z")

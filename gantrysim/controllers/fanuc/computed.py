@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.fanuc.alarm import BlockSource
-from gantrysim.controllers.fanuc.block_words import LETTERS, Words
+from gantrysim.controllers.fanuc.block_words import CORNERS, LETTERS, Words
 from gantrysim.controllers.macro.grammar import FUNCTIONS, OPERATORS, Grammar, rounded_from_zero, rounded_to_zero
 from gantrysim.controllers.macro.scanner import Scanner
 from gantrysim.controllers.macro.variables import Parameters
@@ -46,7 +46,10 @@ def _numbers(text: str, source: BlockSource, variables: Parameters) -> Iterator[
     """The letters of a block and their values, without those of variables that were never set."""
     scanner = Scanner(text, GRAMMAR)
     while scanner.remaining:
-        letter = scanner.remaining[0]
+        comma = "," if scanner.take(",") else ""
+        letter = scanner.remaining[:1]
+        if comma and comma + letter not in CORNERS:
+            raise source.fail(9, f"',{letter}': a comma must stand before R or C")
         if letter not in LETTERS + _ARGUMENT_LETTERS:
             raise source.fail(9, f"address {letter!r}: must be one of {', '.join(LETTERS)}")
         scanner.take(letter)
@@ -58,4 +61,4 @@ def _numbers(text: str, source: BlockSource, variables: Parameters) -> Iterator[
         number = value(variables)
         if not math.isfinite(number):
             raise InputError(f"{letter} = {number:g}: must be finite")
-        yield letter, number
+        yield comma + letter, number

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from gantrysim.controllers.fanuc.block_words import Words
 from gantrysim.controllers.fanuc.blocks import Plane
+from gantrysim.controllers.fanuc.program_turn import ProgramTurn
 from gantrysim.paths.pieces import Vector
 
 ENDS = "XYZ"
@@ -25,6 +26,7 @@ class ModalState:
         system: index of the coordinate system in force.
         systems: zero of each coordinate system [mm].
         shift: of G52 and G92 [mm].
+        turn: mirror image and rotation of the program.
         contoured: whether the program switches the look-ahead, by G05.1 or G08.
         look_ahead: whether it is on.
         angle: of the rotary axis [deg].
@@ -50,6 +52,7 @@ class ModalState:
     system: int = 0
     systems: list[list[float]] = field(default_factory=lambda: [[0.0] * 3 for _ in range(SYSTEMS)])
     shift: list[float] = field(default_factory=lambda: [0.0] * 3)
+    turn: ProgramTurn = field(default_factory=ProgramTurn)
     contoured: bool = False
     look_ahead: bool = False
     angle: float = 0.0
@@ -82,8 +85,7 @@ class ModalState:
         if isinstance(key, str):
             return None
         if 5001 <= key <= 5003:
-            axis = int(key) - 5001
-            return (self.here[axis] - self.zero(axis)) / self.unit
+            return self.turn.programmed(self.program_place)[int(key) - 5001] / self.unit
         if 5041 <= key <= 5043:
             return self.here[int(key) - 5041] / self.unit
         return None
@@ -91,6 +93,26 @@ class ModalState:
     def zero(self, axis: int) -> float:
         """Return the position of the program's zero [mm]."""
         return self.systems[self.system][axis] + self.shift[axis]
+
+    @property
+    def program_place(self) -> list[float]:
+        """Position from the program's zero [mm]."""
+        return [here - self.zero(axis) for axis, here in enumerate(self.here)]
+
+    def ends(self, values: list[float | None]) -> list[float | None]:
+        """Return where the words X, Y and Z of a block lead [mm]; None for an axis that stays."""
+        if self.turn.is_plain:
+            return [self.end(value, axis) for axis, value in enumerate(values)]
+        place = self.turn.programmed(self.program_place)
+        for axis, value in enumerate(values):
+            if value is not None:
+                place[axis] = value if self.absolute else place[axis] + value
+        moves = [value is not None for value in values]
+        turns = any(moved and self.turn.covers(axis) for axis, moved in enumerate(moves))
+        return [
+            value + self.zero(axis) if moves[axis] or (turns and self.turn.covers(axis)) else None
+            for axis, value in enumerate(self.turn.place(place))
+        ]
 
     def end(self, value: float | None, axis: int) -> float | None:
         """Return where a word of an axis leads [mm]; None without one."""

@@ -17,6 +17,7 @@ from gantrysim.base.errors import InputError, at_least, finite, place, positive,
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
 from gantrysim.controllers.fanuc.compensation import compensated
+from gantrysim.controllers.fanuc.corners import cornered
 from gantrysim.controllers.fanuc.feed_clamp import Clamp, Feeding
 from gantrysim.controllers.fanuc.legs import PathLeg, legs_of, placed
 from gantrysim.controllers.fanuc.notes import notes_of
@@ -162,7 +163,7 @@ class Program(Controller):
             blocks = tuple(SourceBlock(f"block {k}", 0, _block(item, k)) for k, item in enumerate(self.program, 1))
         legs = legs_of(blocks, self.start, self.rapid, self.end_point_tolerance, self.radius_tolerance)
         whole("max_steps", self.max_steps, 1)
-        return tuple(placed(compensated(legs), self.placement))
+        return tuple(placed(compensated(cornered(legs)), self.placement))
 
     @cached_property
     def requested(self) -> Chain:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gantrysim.controllers.fanuc.alarm import BlockSource
-from gantrysim.controllers.fanuc.block_words import COMMENT, Words
+from gantrysim.controllers.fanuc.block_words import COMMENT, CORNERS, Words
 from gantrysim.controllers.fanuc.blocks import Block
 from gantrysim.controllers.fanuc.codes import ACTIONS, AUXILIARY, CENTRES, MOTIONS, SETTINGS, g_codes
 from gantrysim.controllers.fanuc.modal_state import ENDS, ModalState
@@ -20,6 +20,8 @@ from gantrysim.paths.pieces import Vector
 
 SPEEDS = SpeedWords(word=r"\bF|(?<=[0-9.\s])F", comment=COMMENT, key="feed")
 _LENGTHS = set("XYZIJKQR")
+# codes that change what a mirror image or a turn refers to
+_PLAIN_ONLY = {"G17", "G18", "G19", "G28", "G52", "G54", "G55", "G56", "G57", "G58", "G59", "G92"}
 # words of which a look at the whole text tells whether it switches something; without them it is on
 _SWITCHES_GLUE = r"M\s*0*[35](?![0-9])"
 _SWITCHES_LOOK_AHEAD = r"G\s*0*(?:5\.1|8)(?![0-9.])"
@@ -88,7 +90,7 @@ def _run(state: ModalState, words: Words) -> list[Block]:
             raise words.fail(11, f"F = {state.feed:g}: must be greater than 0")
     for letter in "ST":  # of the spindle and the tool
         values.pop(letter, None)
-    if not values.keys() & {*ENDS, *CENTRES, "Q", "L", "R", state.rotary}:
+    if not values.keys() & {*ENDS, *CENTRES, "Q", "L", "R", *CORNERS, state.rotary}:
         if values:
             raise words.fail(9, f"address {next(iter(values))} is not used in this block")
         return []
@@ -98,6 +100,8 @@ def _run(state: ModalState, words: Words) -> list[Block]:
 def _set_modes(state: ModalState, words: Words) -> None:
     state.in_machine = False
     for name, code in zip(words.g_names, words.codes, strict=True):
+        if name in _PLAIN_ONLY and not state.turn.is_plain:
+            raise words.fail(10, f"{name} in G51.1 or G68: must follow G50.1 and G69")
         if name in MOTIONS:
             state.motion = name
         elif name in SETTINGS:
@@ -127,7 +131,7 @@ def _motion(state: ModalState, words: Words) -> Block:
             raise words.fail(10, "G53 must be with G00 or G01")
         end = coordinates
     else:
-        end = [state.end(value, axis) for axis, value in enumerate(coordinates)]
+        end = state.ends(coordinates)
     rotary = values.pop(state.rotary, None)
     if rotary is not None:
         state.angle = rotary if state.absolute else state.angle + rotary
@@ -135,9 +139,11 @@ def _motion(state: ModalState, words: Words) -> Block:
     arguments: dict[str, Any] = {
         "end": tuple(end),
         "rotary": rotary,
-        "compensation": state.side * state.offset,
+        "compensation": state.side * state.turn.sense(state.plane) * state.offset,
         "plane": state.plane,
         "exact_stop": state.exact_stop or state.halting,
+        "rounding": _corner(state, words, ",R"),
+        "chamfer": _corner(state, words, ",C"),
         "dispense": state.glue if state.governed else None,
     }
     block = MOTIONS[state.motion](state, words, arguments)
@@ -145,3 +151,13 @@ def _motion(state: ModalState, words: Words) -> Block:
         raise words.fail(9, f"address {next(iter(values))} is not used in {state.motion}")
     state.here = [there if there is not None else here for there, here in zip(end, state.here, strict=True)]
     return block
+
+
+def _corner(state: ModalState, words: Words, word: str) -> float:
+    """Take the size of the corner at a motion's end; 0 without [mm]."""
+    size = words.values.pop(word, 0.0) * state.unit
+    if size and state.motion == "G00":
+        raise words.fail(50, f"{word} in G00: must be in G01, G02 or G03")
+    if size < 0:
+        raise words.fail(9, f"{word} = {size:g} mm: must be at least 0 mm")
+    return size

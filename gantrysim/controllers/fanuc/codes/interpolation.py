@@ -47,7 +47,11 @@ def _round(state: ModalState, words: Words, arguments: dict[str, Any]) -> Block:
     change = values.pop("Q", None)
     turns = values.pop("L", None)
     radius = values.pop("R", None)
-    centre = (i or 0.0, j or 0.0)
+    arm = state.turn.direction(complex(i or 0.0, j or 0.0), state.plane)
+    centre = (arm.real, arm.imag)
+    arguments["clockwise"] = arguments["clockwise"] == (state.turn.sense(state.plane) > 0)
+    if height_per_turn is not None:
+        height_per_turn *= state.turn.sign(across)
     climbs = height_per_turn is not None and arguments["end"][across] is not None
     if change is None and turns is None and not climbs:
         if height_per_turn is not None:
