@@ -18,7 +18,7 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.job.code import CONTROLLER, absolute_value
 from gantrysim.job.overrides import LIST_OF_KEYS
 from gantrysim.job.programs import program_class, reader, suffixes
-from gantrysim.job.recognition import LINUXCNC, SHARED_SUFFIXES, Recognised, is_gcode, recognised
+from gantrysim.job.recognition import FANUC, LINUXCNC, SHARED_SUFFIXES, Recognised, is_gcode, recognised
 from gantrysim.job.settings import ServoSettings
 from gantrysim.job.subprogram_files import subprogram_files
 
@@ -145,7 +145,7 @@ def _program(
         text = program_class(name).with_files(text, path.parent)
         if dialect is not None and suffix in suffixes() and name == reader(suffix):
             dialect = None  # as the suffix has it
-    if name == LINUXCNC and "subprograms" not in arguments:
+    if name in (LINUXCNC, FANUC) and "subprograms" not in arguments:
         beside = subprogram_files(text, path.parent)
         if beside:
             arguments["subprograms"] = beside

@@ -7,9 +7,10 @@ from pathlib import Path
 
 from gantrysim.base.toml_files import read_text
 
-_CALL = re.compile(r"\bO\s*(?:<([^<>\n]+)>|(\d+))\s*CALL|\bM\s*98\s*P\s*(\d+)", re.IGNORECASE)
+_CALL = re.compile(r"\bO\s*(?:<([^<>\n]+)>|(\d+))\s*CALL|(?:\bM\s*98|\bG\s*65)[^\n;(]*?P\s*(\d+)", re.IGNORECASE)
+_LONGEST_NUMBER = 4  # digits of a program's number; those before are repetitions
 _COMMENT = re.compile(r"\([^()\n]*\)|;.*")
-_SUFFIXES = (".ngc", ".nc", ".tap")
+_SUFFIXES = (".ngc", ".nc", ".tap", ".cnc", ".eia", ".txt", ".mpf", "")
 _MOST = 200  # files
 
 
@@ -35,10 +36,12 @@ def subprogram_files(text: str, folder: Path) -> dict[str, str]:
 
 
 def _called(text: str) -> set[str]:
-    """Return the names that O words call and the numbers that M98 does."""
-    if "98" not in text and "call" not in text.lower():
+    """Return the names that O words call and the numbers that M98 and G65 do."""
+    if "98" not in text and "65" not in text and "call" not in text.lower():
         return set()
-    return {"".join(match).strip().lower() for match in _CALL.findall(_COMMENT.sub("", text))}
+    names = {"".join(match).strip().lower() for match in _CALL.findall(_COMMENT.sub("", text))}
+    # FANUC puts the repetitions before the number
+    return names | {name[-_LONGEST_NUMBER:].lstrip("0") or "0" for name in names if name.isdigit()}
 
 
 def _file(name: str, folder: Path) -> Path | None:

@@ -11,6 +11,7 @@ from gantrysim.controllers.fanuc.alarm import Alarm, BlockSource
 
 COMMENT = r"\([^)]*\)?"
 LETTERS = "ABCDFGHIJKLMNOPQRSTXYZ"
+OF_FILE = " of "  # between the name of a block and that of its file
 CORNERS = (",R", ",C")  # words of the corner at a motion's end
 _SHOWN = 20  # characters of a number in a message
 _NUMBER = re.compile(r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
@@ -52,6 +53,12 @@ def _code_name(letter: str, code: float) -> str:
     return f"{letter}{int(code):02}" if code.is_integer() else f"{letter}{code:04}"
 
 
+def labelled(name: str, label: str) -> str:
+    """Return the name of a block that has a number: that, with the file of subprograms in which the block stands."""
+    _, of, file = name.partition(OF_FILE)
+    return f"N{label[:_SHOWN]}{of}{file}"
+
+
 def words_of(text: str, name: str, line: int) -> Words:
     """Return a block of letters and numbers.
 
@@ -60,7 +67,7 @@ def words_of(text: str, name: str, line: int) -> Words:
     """
     label = re.match(r"N\s*([0-9]+)", text)
     if label:
-        name = f"N{label[1][:_SHOWN]}"
+        name = labelled(name, label[1])
     codes: list[float] = []
     auxiliary: list[float] = []
     values: dict[str, float] = {}

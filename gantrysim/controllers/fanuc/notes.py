@@ -25,7 +25,9 @@ def notes_of(legs: Sequence[PathLeg], path: Chain, blend_time: float, accelerati
     halting = sum(leg.source.halting for leg in moving)
     notes = []
     if idle:
-        notes.append(f"{idle} motions in G41 or G42 have no D or an offset of 0: they follow the programmed path.")
+        notes.append(
+            f"{idle} motions in G41 or G42 have no D or an offset of 0: they follow the programmed path (offsets)."
+        )
     if math.isinf(acceleration) and not blend_time:
         return tuple(notes)
     if halting:

@@ -42,10 +42,12 @@ class _Part:
         duration: [s].
         sample: from times since its start, (n,), to x, y, z and the rotary axis, (n, 4), and whether glue is laid,
             (n,).
+        lines: from those times to the lines of the text that run, 0 for those of another file, (n,).
     """
 
     duration: float
     sample: Callable[[Floats], tuple[Floats, NDArray[np.bool_]]]
+    lines: Callable[[Floats], NDArray[np.intp]]
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,7 @@ class Program(Controller):
         block_skip: whether blocks that begin with a slash are skipped.
         placement: of the program on the work; it also places `start`.
         max_steps: most blocks of a text that may run.
+        subprograms: texts of subprograms in files of their own, by file name without its suffix, as O1000.
 
     Raises:
         Alarm: a block that the controller refuses, with number, title, block and line.
@@ -119,6 +122,7 @@ class Program(Controller):
     block_skip: bool = False
     placement: Placement = field(default_factory=Placement)
     max_steps: int = 1_000_000
+    subprograms: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.program, str):
@@ -158,7 +162,15 @@ class Program(Controller):
     def legs(self) -> tuple[PathLeg, ...]:
         """The motions of the blocks."""
         if isinstance(self.program, str):
-            blocks = read(self.program, self.start, self.offsets, self.rotary_word, self.block_skip, self.max_steps)
+            blocks = read(
+                self.program,
+                self.start,
+                self.offsets,
+                self.rotary_word,
+                self.block_skip,
+                self.max_steps,
+                self.subprograms,
+            )
         else:
             blocks = tuple(SourceBlock(f"block {k}", 0, _block(item, k)) for k, item in enumerate(self.program, 1))
         legs = legs_of(blocks, self.start, self.rapid, self.end_point_tolerance, self.radius_tolerance)
@@ -207,6 +219,21 @@ class Program(Controller):
     def duration(self) -> float:
         return sum(part.duration for part in self._parts) + self.blend_time
 
+    def line_at(self, time: float) -> int | None:
+        """Return the line of the text that runs at a time [s]; the moving average delays it by half of its time."""
+        return int(self.lines_at(np.array([time]))[0]) or None
+
+    def lines_at(self, times: Floats) -> NDArray[np.intp]:
+        """As `Controller.lines_at`."""
+        begun = np.concatenate([[0.0], np.cumsum([part.duration for part in self._parts])])
+        time = np.clip(times - 0.5 * self.blend_time, 0.0, begun[-1])
+        which = np.clip(np.searchsorted(begun, time, side="right") - 1, 0, len(self._parts) - 1)
+        lines = np.zeros(time.shape, np.intp)
+        for k in np.unique(which).tolist():
+            chosen = which == k
+            lines[chosen] = self._parts[k].lines(time[chosen] - begun[k])
+        return lines
+
     @property
     def notes(self) -> tuple[str, ...]:
         return notes_of(self.legs, self.requested, self.blend_time, self.acceleration)
@@ -254,16 +281,23 @@ def _stretch(legs: list[PathLeg], feeding: Feeding, begun: float) -> _Part:
     profile = Planner(legs, chain, feeding).profile(begun)
     rotary = np.array([leg.rotary for leg in legs])
     glue = np.array([leg.dispense for leg in legs])
+    source = np.array([leg.source.line for leg in legs], np.intp)
+
+    def index(s: Floats) -> NDArray[np.intp]:
+        return np.clip(np.searchsorted(chain.ends, s, side="right"), 0, len(legs) - 1)
+
+    def lines(t: Floats) -> NDArray[np.intp]:
+        return source[index(profile.position(t))]
 
     def sample(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         s = profile.position(t)
-        k = np.clip(np.searchsorted(chain.ends, s, side="right"), 0, len(legs) - 1)
+        k = index(s)
         angle = rotary[k, 0]
         if np.ptp(rotary):
             angle = angle + chain.progress(s)[1] * np.diff(rotary, axis=1)[k, 0]
         return np.column_stack([chain.position(s), angle]), glue[k]
 
-    return _Part(profile.duration, sample)
+    return _Part(profile.duration, sample, lines)
 
 
 def _in_place(leg: PathLeg, here: Vector, feeding: Feeding) -> _Part:
@@ -281,7 +315,10 @@ def _in_place(leg: PathLeg, here: Vector, feeding: Feeding) -> _Part:
         angle = first + math.copysign(1.0, last - first) * turned
         return np.column_stack([np.tile(here, (t.size, 1)), angle]), np.full(t.shape, leg.dispense)
 
-    return _Part(leg.dwell if profile is None else profile.duration, sample)
+    def lines(t: Floats) -> NDArray[np.intp]:
+        return np.full(t.shape, leg.source.line, np.intp)
+
+    return _Part(leg.dwell if profile is None else profile.duration, sample, lines)
 
 
 def _averaged(place: Floats, dispense: NDArray[np.bool_], window: int) -> tuple[Floats, NDArray[np.bool_]]:

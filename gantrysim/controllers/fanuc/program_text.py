@@ -45,7 +45,13 @@ class SourceBlock(BlockSource):
 
 
 def read(
-    text: str, start: Vector, offsets: Mapping[str, float], rotary: str, skip: bool, steps: int
+    text: str,
+    start: Vector,
+    offsets: Mapping[str, float],
+    rotary: str,
+    skip: bool,
+    steps: int,
+    subprograms: Mapping[str, str],
 ) -> tuple[SourceBlock, ...]:
     """Return the motions of a program.
 
@@ -56,12 +62,13 @@ def read(
         rotary: letter of the rotary axis.
         skip: whether blocks that begin with a slash are skipped.
         steps: most blocks that may run.
+        subprograms: texts in files of their own, by file name without its suffix.
 
     Raises:
         Alarm: an invalid word, or invalid combination of words.
     """
     state = ModalState(list(start), offsets, rotary, start)
-    sequence = Sequence(text, skip, steps, state.provided)
+    sequence = Sequence(text, skip, steps, state.provided, subprograms)
     state.governed = sequence.has(_SWITCHES_GLUE)
     state.contoured = sequence.has(_SWITCHES_LOOK_AHEAD)
     return tuple(
@@ -118,9 +125,9 @@ def _set_modes(state: ModalState, words: Words) -> None:
 
 def _motion(state: ModalState, words: Words) -> Block:
     """Return the motion in force, with the words of a block, and move to its end."""
-    if state.side and state.offset_number not in {"0", *state.offsets}:
-        # without compensation D may be anything, as in T1 D1 M06
-        known = ", ".join(sorted(state.offsets)) or "none"
+    if state.side and state.offsets and state.offset_number not in {"0", *state.offsets}:
+        # without compensation D may be anything, as in T1 D1 M06; without any offset given, all are 0, with a note
+        known = ", ".join(sorted(state.offsets))
         raise words.fail(9, f"D{state.offset_number}: must be one of the program's offsets, {known}")
     values = words.values
     for letter in _LENGTHS & values.keys():

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.fanuc.alarm import Alarm, BlockSource
-from gantrysim.controllers.fanuc.block_words import COMMENT, Words, words_of
+from gantrysim.controllers.fanuc.block_words import COMMENT, OF_FILE, Words, labelled, words_of
 from gantrysim.controllers.fanuc.computed import GRAMMAR, computed_words
 from gantrysim.controllers.macro.order import END, Flow, FlowRefusal
 from gantrysim.controllers.macro.scanner import Scanner
@@ -25,6 +25,7 @@ _MOST_DIGITS = 20  # of a block's or program's number
 _MACRO = re.compile(r"[#\[=]|^(?:N\s*[0-9]+\s*)?(?:IF|WHILE|GOTO|DO|END|G\s*0*65(?![0-9.]))")
 _LABEL = re.compile(r"N\s*([0-9]+)")
 _PROGRAM = re.compile(r"(?:N[0-9]+)?O([0-9]+)")
+_FILE_NUMBER = re.compile(r"O?([0-9]+)", re.IGNORECASE)
 _LOOP = re.compile(r"(DO|END)([1-3])$")
 # letters of a call's arguments and their variables
 _ARGUMENTS = dict(zip("ABCIJKDEFHMQRSTUVWXYZ", (1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 13, *range(17, 27)), strict=True))
@@ -67,12 +68,31 @@ class Sequence(Flow[Words]):
         skip: whether blocks that begin with a slash are skipped.
         most_steps: blocks that may run.
         system: variables that the controller provides.
+        subprograms: texts in files of their own, by file name without its suffix.
     """
 
-    def __init__(self, text: str, skip: bool, most_steps: int, system: System) -> None:
+    def __init__(
+        self, text: str, skip: bool, most_steps: int, system: System, subprograms: Mapping[str, str] | None = None
+    ) -> None:
         super().__init__(Parameters(system, _NUMBERING), most_steps, "blocks")
         self._blocks: list[_ProgramBlock] = []
         self._programs: dict[int, int] = {}  # first blocks, by number
+        self._add_blocks(text, skip)
+        for name, written in (subprograms or {}).items():
+            self._add_file(name, written, skip)
+        self._starts = sorted({0, *self._programs.values()})
+        self._source: BlockSource = BlockSource("block 1", 0)
+        self._mark_labels()
+
+    def _add_blocks(self, text: str, skip: bool, file: str = "") -> None:
+        """Add the blocks of a text.
+
+        Args:
+            text: of the program, or of a file of subprograms.
+            skip: whether blocks that begin with a slash are skipped.
+            file: name of a file of subprograms, in whose blocks the lines of the program do not run.
+        """
+        first = len(self._blocks)
         for line, written in enumerate(text.splitlines(), 1):
             for part in re.sub(COMMENT, " ", written).split(";"):
                 plain = part.strip().upper()
@@ -85,10 +105,22 @@ class Sequence(Flow[Words]):
                 program = _PROGRAM.match("".join(plain.split()))
                 if program:
                     self._programs.setdefault(_numbered(program[1]), len(self._blocks))
-                self._blocks.append(_ProgramBlock(f"block {len(self._blocks) + 1}", line, plain))
-        self._starts = sorted({0, *self._programs.values()})
-        self._source: BlockSource = BlockSource("block 1", 0)
-        self._mark_labels()
+                name = f"block {len(self._blocks) - first + 1}"
+                place = f"{OF_FILE}{file}, line {line}" if file else ""
+                self._blocks.append(_ProgramBlock(name + place, 0 if file else line, plain))
+
+    def _add_file(self, name: str, text: str, skip: bool) -> None:
+        """Add a file of subprograms; one that does not begin with its number has that of its name."""
+        number = _FILE_NUMBER.fullmatch(name.strip())
+        first = len(self._blocks)
+        self._add_blocks(text, skip, name)
+        begins = len(self._blocks) > first and _PROGRAM.match("".join(self._blocks[first].text.split()))
+        if number and not begins:
+            # a call enters the block after the number
+            self._blocks.insert(first, _ProgramBlock(f"block 0{OF_FILE}{name}", 0, f"O{number[1]}"))
+            self._programs = {program: place + (place >= first) for program, place in self._programs.items()} | {
+                _numbered(number[1]): self._programs.get(_numbered(number[1]), first)
+            }
 
     def _mark_labels(self) -> None:
         """Note block numbers and the ends of loops, each in its program of the text."""
@@ -144,7 +176,7 @@ class Sequence(Flow[Words]):
             return self._called(words_of(block.text, block.name, block.line))
         label = _LABEL.match(block.text)
         compact = "".join(block.text[label.end() if label else 0 :].split())
-        self._source = BlockSource(f"N{label[1]}" if label else block.name, block.line)
+        self._source = BlockSource(labelled(block.name, label[1]) if label else block.name, block.line)
         for word, handler in _CONTROLS.items():
             if compact.startswith(word):
                 scanner = Scanner(compact, GRAMMAR)
