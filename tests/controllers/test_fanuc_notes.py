@@ -15,7 +15,9 @@ def notes(text, **arguments):
 @pytest.mark.parametrize("side", ["G41", "G42", "G41 D0", "G42 D00"])
 def test_compensation_without_an_offset(side):
     program = Program(f"{side}\n{MOVES}G40 Y0\nM05", offsets={"1": 3.0})
-    assert program.notes == ("4 motions in G41 or G42 have no D or an offset of 0: they follow the programmed path.",)
+    assert program.notes == (
+        "4 motions in G41 or G42 have no D or an offset of 0: they follow the programmed path (offsets).",
+    )
     plain = Program(f"{MOVES}G40 Y0\nM05")
     assert program.requested.length == plain.requested.length
 
@@ -30,7 +32,7 @@ def test_compensation_with_an_offset_is_no_matter_for_a_note():
 def test_an_offset_given_later_counts_from_there():
     text = "G41\nG01 X10 F600\nX20 D1\nX30\nG40 X40"
     assert notes(text, offsets={"1": 3.0}) == (
-        "1 motions in G41 or G42 have no D or an offset of 0: they follow the programmed path.",
+        "1 motions in G41 or G42 have no D or an offset of 0: they follow the programmed path (offsets).",
     )
 
 

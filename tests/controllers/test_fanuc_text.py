@@ -78,9 +78,8 @@ def test_blocks_after_the_end_do_not_move(end):
         ),
         (
             "G05 X1",
-            "010 IMPROPER G-CODE in block 1 (line 1): G5: must be one of G00, G01, G02, G03, G04, G05.1, G08, G10, "
-            "G17, G18, G19, G20, G21, G28, G40, G41, G42, G43, G44, G49, G52, G53, G54, G55, G56, G57, G58, G59, G61, "
-            "G64, G80, G90, G91, G92, G94",
+            "010 IMPROPER G-CODE in block 1 (line 1): G5: must be one of G00 to G04, G05.1, G08, G10, G17 to G21, "
+            "G28, G40 to G44, G49, G50.1, G51.1, G52 to G59, G61, G64, G68, G69, G80, G90 to G92, G94",
         ),
         (
             "G01 X10",

@@ -12,7 +12,7 @@ from typing import Any
 from gantrysim.controllers.fanuc.alarm import BlockSource
 from gantrysim.controllers.fanuc.block_words import COMMENT, CORNERS, Words
 from gantrysim.controllers.fanuc.blocks import Block
-from gantrysim.controllers.fanuc.codes import ACTIONS, AUXILIARY, CENTRES, MOTIONS, SETTINGS, g_codes
+from gantrysim.controllers.fanuc.codes import ACTIONS, AUXILIARY, CENTRES, MOTIONS, SETTINGS, g_codes_in_short
 from gantrysim.controllers.fanuc.modal_state import ENDS, ModalState
 from gantrysim.controllers.fanuc.sequence import Sequence
 from gantrysim.controllers.speeds import SpeedWords
@@ -114,7 +114,7 @@ def _set_modes(state: ModalState, words: Words) -> None:
         elif name in SETTINGS:
             SETTINGS[name](state, words)
         elif name not in ACTIONS:
-            raise words.fail(10, f"G{code:g}: must be one of {', '.join(g_codes())}")
+            raise words.fail(10, f"G{code:g}: must be one of {g_codes_in_short()}")
     if "D" in words.values:
         state.offset_number = f"{words.values.pop('D'):g}"
         state.offset = float(state.offsets.get(state.offset_number, 0.0))

@@ -17,6 +17,8 @@ Setting = Callable[[ModalState, Words], None]
 Action = Callable[[ModalState, Words], list[Block]]
 Motion = Callable[[ModalState, Words, dict[str, Any]], Block]  # with the arguments that all motions have
 
+_SHORTEST_RANGE = 2  # codes that are listed one by one
+
 # by the name of the code
 SETTINGS: dict[str, Setting] = {}  # applied where they stand among the codes of their block
 ACTIONS: dict[str, Action] = {}  # carried out once, with the words of their block
@@ -56,3 +58,16 @@ def auxiliary(handler: Setting) -> Setting:
 def g_codes() -> list[str]:
     """Return the names of all G codes, ascending."""
     return sorted({*SETTINGS, *ACTIONS, *MOTIONS}, key=lambda name: float(name[1:]))
+
+
+def g_codes_in_short() -> str:
+    """Return the names of all G codes with a range for three or more consecutive ones, as "G00 to G04, G05.1"."""
+    runs: list[list[str]] = []
+    for name in g_codes():
+        follows = runs and float(name[1:]) == float(runs[-1][-1][1:]) + 1
+        if follows:
+            runs[-1].append(name)
+        else:
+            runs.append([name])
+    short = [f"{run[0]} to {run[-1]}" if len(run) > _SHORTEST_RANGE else ", ".join(run) for run in runs]
+    return ", ".join(short)
