@@ -117,8 +117,6 @@ class Drawing(Controller):
             positive(name, getattr(self, name), "mm/s", FASTEST)
         positive("chord_tolerance", self.chord_tolerance, "mm")
         finite("height", self.height, "mm")
-        if self.placement.z_down:
-            raise InputError("placement.z_down: a drawing is flat, and the heads of a table name its depths, z_down")
         lengths = [(name, "mm") for name in ("lift", "join_tolerance", "corner_tolerance")]
         for name, unit in (*lengths, ("corner_speed", "mm/s")):
             at_least(name, getattr(self, name), 0, unit)

@@ -24,6 +24,10 @@ _FANUC_WORDS = re.compile(
     r"^\s*/?\s*(?:N\s*\d+\s*)?(?:WHILE\s*\[.*\]\s*DO\s*\d|GOTO\s*[\d#\[]|IF\s*\[.*\]\s*(?:GOTO|THEN))",
     re.IGNORECASE | re.MULTILINE,
 )
+_FANUC_CODES = re.compile(
+    r"^\s*/?\s*(?:N\s*\d+\s*)?[^(;\n]*?(?:(?<![A-Z_])G\s*0*(?:50\.1|51\.1|65|68|69)(?![\d.])|,\s*[RC]\s*[\d.#\[])",
+    re.IGNORECASE | re.MULTILINE,
+)
 _FED = re.compile(r"^\s*(?:N\s*\d+\s*)?G\s*\d[^(;\n]*?[\s\d.]E\s*[-+]?[\d.]", re.IGNORECASE | re.MULTILINE)
 _FIRMWARE = re.compile(
     r"^\s*(?:M\s*(?:82|83|104|109|140|190|204|205|207|208|221|900)(?!\d)|[A-Z]+_[A-Z_]+(?:\s|$))",
@@ -58,6 +62,8 @@ def recognised(text: str) -> Recognised:
         return Recognised(FANUC, "it begins with an O number")
     if _FANUC_WORDS.search(head):
         return Recognised(FANUC, "it has WHILE, IF or GOTO without O words")
+    if _FANUC_CODES.search(head):
+        return Recognised(FANUC, "it has words of FANUC's alone, as G65, G68, G51.1 or ,R")
     if _FED.search(head):
         return Recognised(SLICER, "its moves feed material by E")
     if _FIRMWARE.search(head):

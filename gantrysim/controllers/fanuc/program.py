@@ -21,33 +21,17 @@ from gantrysim.controllers.fanuc.corners import cornered
 from gantrysim.controllers.fanuc.feed_clamp import Clamp, Feeding
 from gantrysim.controllers.fanuc.legs import PathLeg, legs_of, placed
 from gantrysim.controllers.fanuc.notes import notes_of
-from gantrysim.controllers.fanuc.program_text import SPEEDS, SourceBlock, read
-from gantrysim.controllers.fanuc.speed import PER_MINUTE, Planner
+from gantrysim.controllers.fanuc.parts import Part, averaged, in_place, stretch
+from gantrysim.controllers.fanuc.program_text import SPEEDS, ProgramSource, SourceBlock, read
+from gantrysim.controllers.fanuc.speed import PER_MINUTE
 from gantrysim.controllers.placement import Placement
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Vector, vector
-from gantrysim.paths.profile import Constant, PointToPoint, Profile
 from gantrysim.record.setpoints import Setpoints, ticks
 
 _LONGEST_BLEND = 10.0  # [s]
 _WORDS = "ABC"
 _LINEAR = "xyz"
-
-
-@dataclass(frozen=True)
-class _Part:
-    """A part of the program: motions without a stop, the rotary axis alone, or a stop.
-
-    Attributes:
-        duration: [s].
-        sample: from times since its start, (n,), to x, y, z and the rotary axis, (n, 4), and whether glue is laid,
-            (n,).
-        lines: from those times to the lines of the text that run, 0 for those of another file, (n,).
-    """
-
-    duration: float
-    sample: Callable[[Floats], tuple[Floats, NDArray[np.bool_]]]
-    lines: Callable[[Floats], NDArray[np.intp]]
 
 
 @dataclass(frozen=True)
@@ -162,15 +146,8 @@ class Program(Controller):
     def legs(self) -> tuple[PathLeg, ...]:
         """The motions of the blocks."""
         if isinstance(self.program, str):
-            blocks = read(
-                self.program,
-                self.start,
-                self.offsets,
-                self.rotary_word,
-                self.block_skip,
-                self.max_steps,
-                self.subprograms,
-            )
+            source = ProgramSource(self.program, self.subprograms, self.block_skip, self.max_steps)
+            blocks = read(source, self.start, self.offsets, self.rotary_word)
         else:
             blocks = tuple(SourceBlock(f"block {k}", 0, _block(item, k)) for k, item in enumerate(self.program, 1))
         legs = legs_of(blocks, self.start, self.rapid, self.end_point_tolerance, self.radius_tolerance)
@@ -190,17 +167,14 @@ class Program(Controller):
         return ("x", "y", *(() if flat else ("z",)), *((self.rotary_axis,) if turns else ()))
 
     @cached_property
-    def _parts(self) -> tuple[_Part, ...]:
+    def _parts(self) -> tuple[Part, ...]:
         feeding = Feeding(**{item.name: getattr(self, item.name) for item in fields(Feeding)})
-        parts: list[_Part] = []
+        parts: list[Part] = []
         here: Vector = vector(self.placement.point(self.start))
         begun = 0.0
         for moving, group in groupby(self._with_holds(), key=lambda leg: leg.piece is not None):
             legs = list(group)
-            if moving:
-                group_parts = [_stretch(legs, feeding, begun)]
-            else:
-                group_parts = [_in_place(leg, here, feeding) for leg in legs]
+            group_parts = [stretch(legs, feeding, begun)] if moving else [in_place(leg, here, feeding) for leg in legs]
             parts += group_parts
             begun += sum(part.duration for part in group_parts)
             x, y, z, _ = parts[-1].sample(np.array([parts[-1].duration]))[0][0].tolist()
@@ -264,7 +238,7 @@ class Program(Controller):
             chosen = which == k
             place[chosen], dispense[chosen] = part.sample(time[chosen] - begun[k])
         if self.blend_time > 0:
-            place, dispense = _averaged(place, dispense, round(self.blend_time / period))
+            place, dispense = averaged(place, dispense, round(self.blend_time / period))
         columns = {"x": 0, "y": 1, "z": 2, self.rotary_axis: 3}
         position = place[:, [columns[name] for name in self.axes]]
         return Setpoints(period, self.axes, position, dispense, self.requested)
@@ -274,59 +248,3 @@ def _block(item: object, k: int) -> Block:
     if not isinstance(item, Rapid | Line | Arc | Spiral | Dwell):
         raise InputError(f"block {k} = {item!r}: must be a Rapid, Line, Arc, Spiral or Dwell")
     return item
-
-
-def _stretch(legs: list[PathLeg], feeding: Feeding, begun: float) -> _Part:
-    chain = Chain(leg.piece for leg in legs if leg.piece is not None)
-    profile = Planner(legs, chain, feeding).profile(begun)
-    rotary = np.array([leg.rotary for leg in legs])
-    glue = np.array([leg.dispense for leg in legs])
-    source = np.array([leg.source.line for leg in legs], np.intp)
-
-    def index(s: Floats) -> NDArray[np.intp]:
-        return np.clip(np.searchsorted(chain.ends, s, side="right"), 0, len(legs) - 1)
-
-    def lines(t: Floats) -> NDArray[np.intp]:
-        return source[index(profile.position(t))]
-
-    def sample(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        s = profile.position(t)
-        k = index(s)
-        angle = rotary[k, 0]
-        if np.ptp(rotary):
-            angle = angle + chain.progress(s)[1] * np.diff(rotary, axis=1)[k, 0]
-        return np.column_stack([chain.position(s), angle]), glue[k]
-
-    return _Part(profile.duration, sample, lines)
-
-
-def _in_place(leg: PathLeg, here: Vector, feeding: Feeding) -> _Part:
-    """A stop, or a motion of the rotary axis alone."""
-    first, last = leg.rotary
-    speed = min(leg.feed, feeding.rotary_velocity)
-    profile: Profile | None = None
-    if first != last and math.isfinite(feeding.rotary_acceleration):
-        profile = PointToPoint(abs(last - first), speed, feeding.rotary_acceleration)
-    elif first != last:
-        profile = Constant(abs(last - first), speed)
-
-    def sample(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        turned = np.zeros(t.shape) if profile is None else profile.position(t)
-        angle = first + math.copysign(1.0, last - first) * turned
-        return np.column_stack([np.tile(here, (t.size, 1)), angle]), np.full(t.shape, leg.dispense)
-
-    def lines(t: Floats) -> NDArray[np.intp]:
-        return np.full(t.shape, leg.source.line, np.intp)
-
-    return _Part(leg.dwell if profile is None else profile.duration, sample, lines)
-
-
-def _averaged(place: Floats, dispense: NDArray[np.bool_], window: int) -> tuple[Floats, NDArray[np.bool_]]:
-    """Moving average over `window` ticks, by which it is longer; the dispenser is delayed by half of them."""
-    padded = np.concatenate([np.repeat(place[:1], window, axis=0), place, np.repeat(place[-1:], window, axis=0)])
-    origin = padded[0].copy()
-    summed = np.cumsum(padded - origin, axis=0)  # small numbers: sums of large ones would lose digits
-    mean = origin + (summed[window:] - summed[:-window]) / window
-    late = np.zeros(len(mean), bool)
-    late[window // 2 : window // 2 + len(dispense)] = dispense
-    return mean, late

@@ -14,6 +14,7 @@ from gantrysim.controllers.fanuc.block_words import COMMENT, CORNERS, Words
 from gantrysim.controllers.fanuc.blocks import Block
 from gantrysim.controllers.fanuc.codes import ACTIONS, AUXILIARY, CENTRES, MOTIONS, SETTINGS, g_codes_in_short
 from gantrysim.controllers.fanuc.modal_state import ENDS, ModalState
+from gantrysim.controllers.fanuc.program_blocks import ProgramSource
 from gantrysim.controllers.fanuc.sequence import Sequence
 from gantrysim.controllers.speeds import SpeedWords
 from gantrysim.paths.pieces import Vector
@@ -44,31 +45,20 @@ class SourceBlock(BlockSource):
     continuous: bool = False
 
 
-def read(
-    text: str,
-    start: Vector,
-    offsets: Mapping[str, float],
-    rotary: str,
-    skip: bool,
-    steps: int,
-    subprograms: Mapping[str, str],
-) -> tuple[SourceBlock, ...]:
+def read(source: ProgramSource, start: Vector, offsets: Mapping[str, float], rotary: str) -> tuple[SourceBlock, ...]:
     """Return the motions of a program.
 
     Args:
-        text: the program.
+        source: texts, and how they are read.
         start: initial position [mm].
         offsets: cutter compensation by its number D [mm].
         rotary: letter of the rotary axis.
-        skip: whether blocks that begin with a slash are skipped.
-        steps: most blocks that may run.
-        subprograms: texts in files of their own, by file name without its suffix.
 
     Raises:
         Alarm: an invalid word, or invalid combination of words.
     """
     state = ModalState(list(start), offsets, rotary, start)
-    sequence = Sequence(text, skip, steps, state.provided, subprograms)
+    sequence = Sequence(source, state.provided)
     state.governed = sequence.has(_SWITCHES_GLUE)
     state.contoured = sequence.has(_SWITCHES_LOOK_AHEAD)
     return tuple(

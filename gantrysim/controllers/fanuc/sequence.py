@@ -7,25 +7,22 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
-from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable
 from typing import TypeVar
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.fanuc.alarm import Alarm, BlockSource
-from gantrysim.controllers.fanuc.block_words import COMMENT, OF_FILE, Words, labelled, words_of
+from gantrysim.controllers.fanuc.block_words import Words, labelled, words_of
 from gantrysim.controllers.fanuc.computed import GRAMMAR, computed_words
+from gantrysim.controllers.fanuc.program_blocks import MOST_DIGITS, ProgramBlock, ProgramBlocks, ProgramSource, numbered
 from gantrysim.controllers.macro.order import END, Flow, FlowRefusal
 from gantrysim.controllers.macro.scanner import Scanner
 from gantrysim.controllers.macro.variables import LocalParameters, Numbering, Parameters, System
 
 _NUMBERING = Numbering(local=33, highest=9999)
 _ALARMS = {FlowRefusal.STEPS: 114, FlowRefusal.DEPTH: 77, FlowRefusal.UNMATCHED: 124}
-_MOST_DIGITS = 20  # of a block's or program's number
 _MACRO = re.compile(r"[#\[=]|^(?:N\s*[0-9]+\s*)?(?:IF|WHILE|GOTO|DO|END|G\s*0*65(?![0-9.]))")
 _LABEL = re.compile(r"N\s*([0-9]+)")
-_PROGRAM = re.compile(r"(?:N[0-9]+)?O([0-9]+)")
-_FILE_NUMBER = re.compile(r"O?([0-9]+)", re.IGNORECASE)
 _LOOP = re.compile(r"(DO|END)([1-3])$")
 # letters of a call's arguments and their variables
 _ARGUMENTS = dict(zip("ABCIJKDEFHMQRSTUVWXYZ", (1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 13, *range(17, 27)), strict=True))
@@ -55,79 +52,29 @@ def call(handler: CallHandler) -> CallHandler:
     return handler
 
 
-@dataclass(frozen=True)
-class _ProgramBlock(BlockSource):
-    text: str
-
-
 class Sequence(Flow[Words]):
     """Runs the blocks of a text in their order.
 
     Args:
-        text: the program and its subprograms.
-        skip: whether blocks that begin with a slash are skipped.
-        most_steps: blocks that may run.
+        source: texts, and how they are read.
         system: variables that the controller provides.
-        subprograms: texts in files of their own, by file name without its suffix.
     """
 
-    def __init__(
-        self, text: str, skip: bool, most_steps: int, system: System, subprograms: Mapping[str, str] | None = None
-    ) -> None:
-        super().__init__(Parameters(system, _NUMBERING), most_steps, "blocks")
-        self._blocks: list[_ProgramBlock] = []
-        self._programs: dict[int, int] = {}  # first blocks, by number
-        self._add_blocks(text, skip)
-        for name, written in (subprograms or {}).items():
-            self._add_file(name, written, skip)
+    def __init__(self, source: ProgramSource, system: System) -> None:
+        super().__init__(Parameters(system, _NUMBERING), source.most_steps, "blocks")
+        text = ProgramBlocks(source)
+        self._blocks = text.blocks
+        self._programs = text.programs
         self._starts = sorted({0, *self._programs.values()})
         self._source: BlockSource = BlockSource("block 1", 0)
         self._mark_labels()
-
-    def _add_blocks(self, text: str, skip: bool, file: str = "") -> None:
-        """Add the blocks of a text.
-
-        Args:
-            text: of the program, or of a file of subprograms.
-            skip: whether blocks that begin with a slash are skipped.
-            file: name of a file of subprograms, in whose blocks the lines of the program do not run.
-        """
-        first = len(self._blocks)
-        for line, written in enumerate(text.splitlines(), 1):
-            for part in re.sub(COMMENT, " ", written).split(";"):
-                plain = part.strip().upper()
-                if not plain or plain.startswith("%"):
-                    continue
-                if plain.startswith("/"):
-                    if skip:
-                        continue
-                    plain = plain[1:].lstrip()
-                program = _PROGRAM.match("".join(plain.split()))
-                if program:
-                    self._programs.setdefault(_numbered(program[1]), len(self._blocks))
-                name = f"block {len(self._blocks) - first + 1}"
-                place = f"{OF_FILE}{file}, line {line}" if file else ""
-                self._blocks.append(_ProgramBlock(name + place, 0 if file else line, plain))
-
-    def _add_file(self, name: str, text: str, skip: bool) -> None:
-        """Add a file of subprograms; one that does not begin with its number has that of its name."""
-        number = _FILE_NUMBER.fullmatch(name.strip())
-        first = len(self._blocks)
-        self._add_blocks(text, skip, name)
-        begins = len(self._blocks) > first and _PROGRAM.match("".join(self._blocks[first].text.split()))
-        if number and not begins:
-            # a call enters the block after the number
-            self._blocks.insert(first, _ProgramBlock(f"block 0{OF_FILE}{name}", 0, f"O{number[1]}"))
-            self._programs = {program: place + (place >= first) for program, place in self._programs.items()} | {
-                _numbered(number[1]): self._programs.get(_numbered(number[1]), first)
-            }
 
     def _mark_labels(self) -> None:
         """Note block numbers and the ends of loops, each in its program of the text."""
         for place, block in enumerate(self._blocks):
             label = _LABEL.match(block.text)
-            if label and len(label[1]) <= _MOST_DIGITS:
-                self.places.mark((self._program_at(place), _numbered(label[1])), "N", place)
+            if label and len(label[1]) <= MOST_DIGITS:
+                self.places.mark((self._program_at(place), numbered(label[1])), "N", place)
             loop = _LOOP.search("".join(block.text.split()))
             if loop:
                 self.places.mark((self._program_at(place), loop[2]), loop[1], place)
@@ -171,7 +118,7 @@ class Sequence(Flow[Words]):
             following = END
         return following, words if words.names or words.values else None
 
-    def _executed(self, block: _ProgramBlock) -> Executed:
+    def _executed(self, block: ProgramBlock) -> Executed:
         if not _MACRO.search(block.text):
             return self._called(words_of(block.text, block.name, block.line))
         label = _LABEL.match(block.text)
@@ -301,8 +248,3 @@ class Sequence(Flow[Words]):
 
 def _is_loop(digit: str) -> bool:
     return re.fullmatch("[1-3]", digit) is not None
-
-
-def _numbered(digits: str) -> int:
-    """Return the number of a block or program; one of more digits than Python reads is that of no other."""
-    return int(digits) if len(digits) <= _MOST_DIGITS else -1

@@ -186,7 +186,10 @@ class Interpreter:
             return
         letter, value = next(iter(block.values.items()))
         if letter in "ABCUVW":
-            raise AxisError(f"{letter}: the machine has the axes x, y, z; skip_axes = {letter!r} skips the word")
+            raise AxisError(
+                f"{letter}{value:g} moves an axis that a program of {self._dialect.name} cannot have here: "
+                f"must be x, y or z; skip_axes = {letter!r} skips the word"
+            )
         if not self._dialect.lenient:
             raise InputError(f"{letter}{value:g}: is not used in this block")
         state.ignored[letter] += 1

@@ -1,0 +1,91 @@
+"""The parts of a program between its stops: what they command at every time, and for how long."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base.arrays import Floats
+from gantrysim.controllers.fanuc.feed_clamp import Feeding
+from gantrysim.controllers.fanuc.legs import PathLeg
+from gantrysim.controllers.fanuc.speed import Planner
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.pieces import Vector
+from gantrysim.paths.profile import Constant, PointToPoint, Profile
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of the program: motions without a stop, the rotary axis alone, or a stop.
+
+    Attributes:
+        duration: [s].
+        sample: from times since its start, (n,), to x, y, z and the rotary axis, (n, 4), and whether glue is laid,
+            (n,).
+        lines: from those times to the lines of the text that run, 0 for those of another file, (n,).
+    """
+
+    duration: float
+    sample: Callable[[Floats], tuple[Floats, NDArray[np.bool_]]]
+    lines: Callable[[Floats], NDArray[np.intp]]
+
+
+def stretch(legs: list[PathLeg], feeding: Feeding, begun: float) -> Part:
+    """Return motions without a stop between them, from the time at which they begin [s]."""
+    chain = Chain(leg.piece for leg in legs if leg.piece is not None)
+    profile = Planner(legs, chain, feeding).profile(begun)
+    rotary = np.array([leg.rotary for leg in legs])
+    glue = np.array([leg.dispense for leg in legs])
+    source = np.array([leg.source.line for leg in legs], np.intp)
+
+    def index(s: Floats) -> NDArray[np.intp]:
+        return np.clip(np.searchsorted(chain.ends, s, side="right"), 0, len(legs) - 1)
+
+    def lines(t: Floats) -> NDArray[np.intp]:
+        return source[index(profile.position(t))]
+
+    def sample(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+        s = profile.position(t)
+        k = index(s)
+        angle = rotary[k, 0]
+        if np.ptp(rotary):
+            angle = angle + chain.progress(s)[1] * np.diff(rotary, axis=1)[k, 0]
+        return np.column_stack([chain.position(s), angle]), glue[k]
+
+    return Part(profile.duration, sample, lines)
+
+
+def in_place(leg: PathLeg, here: Vector, feeding: Feeding) -> Part:
+    """A stop, or a motion of the rotary axis alone."""
+    first, last = leg.rotary
+    speed = min(leg.feed, feeding.rotary_velocity)
+    profile: Profile | None = None
+    if first != last and math.isfinite(feeding.rotary_acceleration):
+        profile = PointToPoint(abs(last - first), speed, feeding.rotary_acceleration)
+    elif first != last:
+        profile = Constant(abs(last - first), speed)
+
+    def sample(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+        turned = np.zeros(t.shape) if profile is None else profile.position(t)
+        angle = first + math.copysign(1.0, last - first) * turned
+        return np.column_stack([np.tile(here, (t.size, 1)), angle]), np.full(t.shape, leg.dispense)
+
+    def lines(t: Floats) -> NDArray[np.intp]:
+        return np.full(t.shape, leg.source.line, np.intp)
+
+    return Part(leg.dwell if profile is None else profile.duration, sample, lines)
+
+
+def averaged(place: Floats, dispense: NDArray[np.bool_], window: int) -> tuple[Floats, NDArray[np.bool_]]:
+    """Moving average over `window` ticks, by which it is longer; the dispenser is delayed by half of them."""
+    padded = np.concatenate([np.repeat(place[:1], window, axis=0), place, np.repeat(place[-1:], window, axis=0)])
+    origin = padded[0].copy()
+    summed = np.cumsum(padded - origin, axis=0)  # small numbers: sums of large ones would lose digits
+    mean = origin + (summed[window:] - summed[:-window]) / window
+    late = np.zeros(len(mean), bool)
+    late[window // 2 : window // 2 + len(dispense)] = dispense
+    return mean, late
