@@ -1,5 +1,6 @@
 """A program file as it is: its dialect by its content, its subprograms beside it, its place on an open machine."""
 
+import numpy as np
 import pytest
 
 from gantrysim import InputError, Job
@@ -9,7 +10,13 @@ PLAIN = "G21 G90\nG0 X10 Y5\nG1 X30 F600\nM2\n"
 DIALECTS = {
     "linuxcnc.Program": (PLAIN, "$H\n$30=1000\n?\n(laser)\n" + PLAIN, "o100 while [#1 LT 3]\nG1 X#1 F100\n"),
     "slicer.Program": ("G28\nG1 X10 E0.5 F1200\nG1 Y10 E1\n", "M82\nG1 X3 F100\nG1 Y4\n", "G92 E0\nG1 X2\nG1 X3\n"),
-    "fanuc.Program": ("%\nO1000\nG01 X5 F60\n%\n", "WHILE[#1LT3]DO1\nG01X#1F60\n#1=#1+1\nEND1\n", "O1(pad)\nG0X1\n"),
+    "fanuc.Program": (
+        "%\nO1000\nG01 X5 F60\n%\n",
+        "WHILE[#1LT3]DO1\nG01X#1F60\n#1=#1+1\nEND1\n",
+        "O1(pad)\nG0X1\n",
+        "G0X1\nG01X9F9,R2\nY9\n",
+        "G68X1R9\nG0X3\n",
+    ),
 }
 
 
@@ -53,6 +60,44 @@ def test_subprograms_in_files_beside_the_program(tmp_path):
     assert sorted(job.program["subprograms"]) == ["leg", "turn"]
     with pytest.raises(InputError, match=r"unknown subprogram '\.\./leg'"):
         Job.load(file_of(tmp_path, "o<../leg> call\nM2\n")).plan()
+
+
+def test_subprograms_of_fanuc_in_files_beside_the_program(tmp_path):
+    file_of(tmp_path, "G91 G01 X5\nM98 P32\nM99\n", "O1000.nc")  # its number is that of its name
+    file_of(tmp_path, "%\nO0032 (side)\nG91 G01 Y2\nM99\n%\n", "32.nc")
+    file = file_of(tmp_path, "O1\nG90 G01 X10 F600\nM98 P31000\nM30\n", "part.nc")
+    job = Job.load(file)
+    assert sorted(job.program["subprograms"]) == ["1000", "32"]
+    path = job.controller.requested
+    assert path.position(path.length)[0] == pytest.approx([25, 6, 0])
+    lines = job.controller.lines_at(np.array([0.5, 1.2]))  # 10 mm at 10 mm/s, then in a file of its own
+    assert lines.tolist() == [2, 0]
+    file_of(tmp_path, "G91 G01 X5\nN7 Y3 Q1\nM99\n", "O1000.nc")
+    with pytest.raises(InputError, match=r"in block N7 of 1000, line 2: address Q is not used in G01"):
+        Job.load(file)
+
+
+def test_a_travel_error_of_fanuc_names_its_line(tmp_path):
+    file = file_of(tmp_path, "O1\nG01 X10 F6000\nY5\nX400\nY0\n", "part.nc")
+    with pytest.raises(InputError, match=r"line 4: x = 400 mm at t = .*it leaves it at"):
+        Job.load(file, machine="xy").plan()
+
+
+@pytest.mark.parametrize("controller", ["linuxcnc.Program", "fanuc.Program"])
+@pytest.mark.parametrize("plane", ["G17", "G18", "G19"])
+def test_depths_are_mirrored_heights(plane, controller, tmp_path):
+    arc = {"G17": "X50 Y10 Z{2} I10 J0", "G18": "X50 Z{3} I10 K0 Y4", "G19": "Y30 Z{3} J10 K0 X4"}[plane]
+    text = "G90 G0 X30 Y10 Z{-5}\nG1 Z{3} F600\n" + f"{plane} G2 {arc}\nG1 X20 Z{{4}}\nG0 Z{{-5}}\nM30\n"
+    turned = {"G18": ("G2", "G3"), "G19": ("G2", "G3")}.get(plane, ("G2", "G2"))
+    up = text.replace(*turned)
+    for depth in ("-5", "2", "3", "4"):
+        up = up.replace(f"{{{depth}}}", str(-int(depth)))
+    down = text.replace("{", "").replace("}", "")
+    mirrored = Job.load(file_of(tmp_path, down, "down.nc"), controller=controller, placement={"z_down": True})
+    plain = Job.load(file_of(tmp_path, up, "up.nc"), controller=controller)
+    np.testing.assert_allclose(mirrored.setpoints.position, plain.setpoints.position, atol=1e-9)
+    # the lowest bead lies on the work: about 4 mm deep, or on an arc deeper
+    assert mirrored.program["placement"]["z"] == plain.program["placement"]["z"] > 3.9
 
 
 @pytest.mark.parametrize(
