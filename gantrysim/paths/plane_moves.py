@@ -136,9 +136,7 @@ def _crossings(first: PlaneMove, second: PlaneMove) -> Iterator[complex]:
     elif second.centre is None:
         yield from _line_and_circle(second, first)
     else:
-        yield from _circles(
-            first.centre, abs(first.end - first.centre), second.centre, abs(second.start - second.centre)
-        )
+        yield from _circles(first.centre, abs(first.end - first.centre), second.centre, abs(second.end - second.centre))
 
 
 def _line_and_circle(line: PlaneMove, arc: PlaneMove) -> Iterator[complex]:

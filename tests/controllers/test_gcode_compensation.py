@@ -116,6 +116,14 @@ def test_what_follows_across_the_plane_and_dwells_stay_at_the_cut_corner():
     np.testing.assert_allclose(table[6, END : END + 3], (19, -20, 0), atol=1e-12)
 
 
+def test_after_compensation_a_height_move_returns_to_the_path_but_not_after_a_change_of_the_tool():
+    text = "F600\nG0 X-9\nG42.1 D2\nG1 X0\nX20\nG40\n{}G0 Z5\nM2"
+    for change, place in (("", (20, 0, 5)), ("T2 M6\n", (20, -1, 5))):
+        np.testing.assert_allclose(
+            Program(text=text.format(change)).program.moves[-1, END : END + 3], place, atol=1e-12
+        )
+
+
 def test_the_radius_is_that_of_the_tool():
     body = "G1 X0\nX20\nY20\nG40 X40"
     given = Program(text=f"F600\nG0 X-9\nG41.1 D6\n{body}").program.moves

@@ -14,7 +14,8 @@ from itertools import pairwise
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.move_table import PLANES
-from gantrysim.controllers.gcode.program_state import OpenCurve, ProgramState, WordBlock
+from gantrysim.controllers.gcode.open_curve import OpenCurve
+from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 
 _CHORD = 1e-3  # largest distance of a chord from its curve [mm]
 _MOST_HALVES = 24

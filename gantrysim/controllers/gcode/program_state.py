@@ -12,6 +12,7 @@ from gantrysim.controllers.gcode.cutter_compensation import CutterCompensation
 from gantrysim.controllers.gcode.dialects import Dispense, GCodeDialect
 from gantrysim.controllers.gcode.limits_in_force import LimitsInForce
 from gantrysim.controllers.gcode.move_table import DWELL, EXACT_STOP, LINE, MoveRow, MoveTable
+from gantrysim.controllers.gcode.open_curve import OpenCurve
 from gantrysim.controllers.gcode.tools import Tools
 
 FARTHEST = 1e7  # of a coordinate [mm]
@@ -115,30 +116,6 @@ class CycleSeries:
     level: float
     name: str = ""
     words: dict[str, float] = field(default_factory=dict)
-
-
-@dataclass
-class OpenCurve:
-    """A NURBS whose control points are being read, as x + iy of the plane's axes.
-
-    Attributes:
-        name: code of its control points.
-        order: one more than its degree.
-        points: control points [mm].
-        weights: of the points.
-        knots: of its own.
-    """
-
-    name: str
-    order: int
-    points: list[complex] = field(default_factory=list)
-    weights: list[float] = field(default_factory=list)
-    knots: list[float] = field(default_factory=list)
-
-    def add(self, point: complex, weight: float) -> None:
-        """Add a control point."""
-        self.points.append(point)
-        self.weights.append(weight)
 
 
 class ProgramState:
@@ -251,6 +228,12 @@ class ProgramState:
         """Add a programmed move, beside its path under cutter compensation, and go to its end."""
         self.compensation.add(move, self.frames.here)
         self.frames.here = [move.x, move.y, move.z]
+
+    def take_place(self) -> None:
+        """Take the nozzle's place as the programmed one: after cutter compensation it is beside that."""
+        if len(self.moves):
+            last = self.moves.row(len(self.moves) - 1)
+            self.frames.here = [last.x, last.y, last.z]
 
     def _line_to(self, end: list[float], feed: float, fed: float, glue: bool) -> None:
         if not max(map(abs, end)) <= FARTHEST:

@@ -75,6 +75,7 @@ def m5(state: ProgramState, block: WordBlock) -> None:
 def m6(state: ProgramState, block: WordBlock) -> None:
     """Change to the tool T: no motion, but its diameter and length are those in force."""
     _put_in_spindle(state, state.tools.selected, "M6")
+    state.take_place()
 
 
 @without_effect(_LINUXCNC)
