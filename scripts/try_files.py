@@ -6,13 +6,15 @@ Every file is loaded and planned as `gantrysim check FILE` does, with nothing el
 files by their kind, which follows from path and text alone, whether they run or not:
 
 - error test: a word of the path is bad, fail, error or invalid, so that a refusal is expected
-- not G-code: fewer than half of its lines are blocks of G-code, or none of them moves
+- not G-code: fewer than half of its lines are blocks of G-code, or characters outside comments that no controller reads
+  (a sender's own format)
 - own words: for a machine whose configuration defines words (remap in the path, or G and M codes that are neither
   LinuxCNC's nor a printer's nor FANUC's)
 - lathe: lathe in the path, or diameters, threads and lathe cycles (G7, G33, G70 to G72.2, G76)
 - NURBS: curves of G5.2 or G6.2
+- other axes: a word of A, B, C, U, V or W that is not 0, in a dialect where it moves an axis
 - subroutine: without subroutines of its text no word of X, Y or Z is left, nor a call
-- ordinary: all others, among them files that need a probe, another axis or a subroutine that is missing
+- ordinary: all others, among them files that need a probe or a subroutine that is missing
 
 The second table lists the reasons for which ordinary files are refused, most frequent first, then those of the other
 kinds; numbers and names in a reason are replaced, so that alike ones are counted together.
@@ -35,19 +37,20 @@ from gantrysim.base.errors import GantryError, text_of
 from gantrysim.controllers.fanuc.codes import g_codes
 from gantrysim.controllers.gcode.codes import CODES
 from gantrysim.job.job import Job
-from gantrysim.job.recognition import FANUC, LINUXCNC, is_gcode, recognised
+from gantrysim.job.recognition import FANUC, LINUXCNC, SLICER, is_gcode, recognised
 
 SUFFIXES = (".ngc", ".nc", ".gcode", ".g", ".gco", ".cnc", ".tap", ".mpf")
 LIMIT = 60  # of a file [s]
 RUNS = "runs"
 WIDEST = 110  # characters of a reason
 ORDINARY = "ordinary"
-KINDS = (ORDINARY, "NURBS", "lathe", "own words", "subroutine", "error test", "not G-code")
+KINDS = (ORDINARY, "NURBS", "other axes", "lathe", "own words", "subroutine", "error test", "not G-code")
 COMMENT = re.compile(r"\([^()\n]*\)|;.*")
 ERROR_TEST = re.compile(r"(?<![a-z])(?:bad|fail|error|invalid)(?![a-z])")
 CODE = re.compile(r"(?<![A-Z_<#])([GM])\s*0*(\d+(?:\.\d)?)(?![\d.])", re.IGNORECASE)
 LATHE_CODES = {"G7", "G33", "G70", "G71", "G71.1", "G71.2", "G72", "G72.1", "G72.2", "G76"}
 NURBS_CODES = {"G5.2", "G6.2"}
+OTHER_AXIS = re.compile(r"(?<![A-Z_<#\[])[ABCUVW]\s*(?:[#\[]|[-+]?(?!0*\.?0*(?![\d.]))[\d.])", re.IGNORECASE)
 SUBROUTINE = re.compile(
     r"^\s*O\s*(<[^>\n]*>|\d+)\s*SUB\b.*?^\s*O\s*\1\s*ENDSUB", re.IGNORECASE | re.MULTILINE | re.DOTALL
 )
@@ -94,8 +97,10 @@ def kind_of(file: Path, folder: Path) -> str:
     text = COMMENT.sub("", file.read_text(errors="replace"))
     if ERROR_TEST.search(path):
         return "error test"
+    if not text.isascii() or (not is_gcode(text) and MOVING.search(text)):
+        return "not G-code"
     if not is_gcode(text):
-        return "not G-code" if MOVING.search(text) else "subroutine"
+        return "subroutine"
     codes = {f"{letter.upper()}{number}" for letter, number in CODE.findall(text)}
     dialect = recognised(text).controller
     known = {*CODES["LinuxCNC"], *CODES["slicer"], "M98", "M99"}
@@ -109,6 +114,8 @@ def kind_of(file: Path, folder: Path) -> str:
         return "NURBS"
     if not MOVING.search(SUBROUTINE.sub("", text)):
         return "subroutine"
+    if dialect != SLICER and OTHER_AXIS.search(text):
+        return "other axes"
     return ORDINARY
 
 
