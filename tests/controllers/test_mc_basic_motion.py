@@ -294,12 +294,13 @@ def test_the_speed_changes_by_the_override():
     turn=st.floats(-360, 360),
     scale=st.floats(0.2, 5),
     plane=st.integers(0, 2),
+    z_down=st.booleans(),
 )
-def test_a_placement_moves_every_setpoint(x, y, turn, scale, plane):
+def test_a_placement_moves_every_setpoint(x, y, turn, scale, plane, z_down):
     text = "move {5, 1, 2}\nmove {7, 3, 1}\n" \
         f"circle angle = 200 circlecenter = {{1, 2, 3}} circleplane = {plane}\n" \
         "circle circlepoint = {0, 9, 4} targetpoint = {4, 2, 8}"  # fmt: skip
-    placement = Placement(x, y, turn, scale)
+    placement = Placement(x, y, turn, scale, z_down=z_down)
     plain, placed = Basic(text), Basic(text, placement=placement)
     for ours, theirs in zip(legs(placed), legs(plain), strict=True):
         np.testing.assert_allclose(ours.path.end[:3], placement.point(theirs.path.end[:3]), atol=1e-9)
