@@ -125,6 +125,8 @@ def place_changes(job: JobContent, machine: Machine, controller: Controller, ope
         return {}
     setpoints = controller.setpoints(job.servo.period)
     travel = {axis.name: axis.travel for axis in machine.plain_axes}
+    if not set(setpoints.axes) <= set(travel):
+        return {}  # the plan names the axis that the machine lacks
     box = _box(setpoints)
     changes: dict[str, Any] = {}
     if open_place.height and "z" in box:

@@ -83,6 +83,12 @@ def test_a_travel_error_of_fanuc_names_its_line(tmp_path):
         Job.load(file, machine="xy").plan()
 
 
+def test_a_machine_that_lacks_an_axis_of_the_program_is_named(tmp_path):
+    file = file_of(tmp_path, PLAIN.replace("X30", "X30 Z2"))
+    with pytest.raises(InputError, match=r"the program moves axis .z.: machine xy has x, y"):
+        Job.load(file, machine="xy").plan()
+
+
 def test_depths_are_laid_on_the_work(tmp_path):
     text = "G90 G0 X30 Z-5\nG1 Z3 F600\nX50 Z4\nX60\nG0 Z-5\nM30\n"
     job = Job.load(file_of(tmp_path, text), placement={"z_down": True})
