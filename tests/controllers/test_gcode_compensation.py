@@ -124,6 +124,14 @@ def test_after_compensation_a_height_move_returns_to_the_path_but_not_after_a_ch
         )
 
 
+def test_a_dwell_after_compensation_does_not_hide_the_way_back():
+    text = "F600 G61\nG0 X-9\nG42.1 D2\nG1 X0\nX20\nG40\n{}G1 X20 Y0\nX30\nM2"
+    with_dwell = Program(text=text.format("G4 P1\n"))
+    plain = Program(text=text.format(""))
+    assert with_dwell.requested.length == pytest.approx(plain.requested.length, abs=1e-12)
+    assert with_dwell.duration == pytest.approx(plain.duration + 1, abs=0.1)
+
+
 def test_the_radius_is_that_of_the_tool():
     body = "G1 X0\nX20\nY20\nG40 X40"
     given = Program(text=f"F600\nG0 X-9\nG41.1 D6\n{body}").program.moves
@@ -171,6 +179,7 @@ def test_d_without_compensation_and_a_negative_diameter():
         ("G41.1 D6\nG28", r"line 3: G28 under cutter compensation: must follow G40"),
         ("G41.1 D6\nG81 X1 R1 Z0", r"line 3: G81 under cutter compensation: must follow G40"),
         ("G41.1 D6\nT2 M6", r"line 3: M6 under cutter compensation: must follow G40"),
+        ("G5 X9 Y9 I1 J1 P1 Q1\nG41.1 D6\nX20 Y20 I1 J1 P1 Q1", r"line 4: G5 under cutter compensation: must follow"),
         ("G41.1", r"line 2: G41.1: must have a diameter D"),
         ("G41 D1.5", r"line 2: D1.5: must be the number of a tool"),
     ],

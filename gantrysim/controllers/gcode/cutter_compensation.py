@@ -46,17 +46,12 @@ class CutterCompensation:
         self._offset = 0.0  # positive to the left [mm]
         self._plane = 0
         self._last: _Last | None = None
-        self._leaves = False
+        self._leaves = False  # whether the nozzle is still beside the path, which a straight move ends
 
     @property
     def is_on(self) -> bool:
         """Whether moves are offset."""
         return self._offset != 0
-
-    @property
-    def leaves(self) -> bool:
-        """Whether the nozzle is still beside the path, which only a straight move ends."""
-        return self._leaves
 
     def begin(self, offset: float, plane: int) -> None:
         """Offset the moves that follow.
@@ -84,6 +79,9 @@ class CutterCompensation:
         if not self._offset:
             if self._leaves and move.kind == ARC:
                 raise InputError("arc after cutter compensation has ended: must follow a straight move")
+            if self._leaves and move.kind == DWELL:
+                last = self._moves.row(len(self._moves) - 1)
+                move = move._replace(x=last.x, y=last.y, z=last.z)
             self._leaves = self._leaves and move.kind == DWELL
             self._moves.add(move)
             return

@@ -227,7 +227,7 @@ class ProgramState:
     def add(self, move: MoveRow) -> None:
         """Add a programmed move, beside its path under cutter compensation, and go to its end."""
         self.compensation.add(move, self.frames.here)
-        self.frames.here = [move.x, move.y, move.z]
+        self.frames.here = [move.x, move.y, move.z]  # as programmed
 
     def take_place(self) -> None:
         """Take the nozzle's place as the programmed one: after cutter compensation it is beside that."""

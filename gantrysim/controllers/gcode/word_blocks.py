@@ -106,8 +106,7 @@ class Interpreter:
             if code is None or code.handler is None:
                 self._ignore(name, code, block)
                 continue
-            if state.compensation.is_on and _needs_plain_path(code):
-                raise InputError(f"{name} under cutter compensation: must follow G40")
+            self._check_compensation(code)
             if code.kind is Kind.MOTION:
                 if moves and name == "G80":  # it ends a cycle, not the motion that stands beside it
                     continue
@@ -137,6 +136,11 @@ class Interpreter:
         if block.values:
             self._ignore_words(block)
 
+    def _check_compensation(self, code: Code) -> None:
+        """Check that a code does not change what the path of cutter compensation refers to."""
+        if self._state.compensation.is_on and _needs_plain_path(code):
+            raise InputError(f"{code.name} under cutter compensation: must follow G40")
+
     def _check_curve(self, motion: str) -> None:
         """Check that no other motion begins between the control points of a NURBS."""
         curve = self._state.curve
@@ -165,6 +169,7 @@ class Interpreter:
                 feed = state.feed_per_minute
                 state.pause(abs(block.fed) / feed if feed else 0.0)
             return
+        self._check_compensation(code)
         if block.in_machine and not code.straight:
             raise InputError("G53: must be with G0 or G1")
         assert code.handler is not None
