@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from gantrysim.base.errors import InputError
+from gantrysim.base.extras import extra
 
 if TYPE_CHECKING:
     import pandas
@@ -22,8 +22,6 @@ def pandas_frame(method: str, columns: Mapping[str, Any], index: Sequence[str] |
     Raises:
         InputError: pandas is not installed.
     """
-    try:
+    with extra("tables", method):
         import pandas
-    except ImportError:
-        raise InputError(f"{method}: pandas is not installed: pip install 'gantrysim[tables]'") from None
     return pandas.DataFrame(dict(columns), index=index)

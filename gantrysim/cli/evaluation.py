@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from gantrysim.base import memory
 from gantrysim.base.errors import text_of
+from gantrysim.base.extras import MissingPackageError
 from gantrysim.bead import Bead
 from gantrysim.cli.tables import causes_table, links_table, losses_table, outcome_table, scatter_table, verdict_table
 from gantrysim.cli.terminal import count_bar, say, share_bar, show, stage, warn
@@ -153,12 +154,13 @@ class Evaluation:
 
     def _film(self, folder: Path) -> None:
         from gantrysim.render import NoOpenGLError, save_video
-        from gantrysim.render.encoding import NoEncoderError
+        from gantrysim.render.encoding import NoEncoderError, encoder_file
 
         results = self.results
         job = results.job
         with self._optional("video", folder), share_bar("film", self._go_on) as advance:
             try:
+                encoder_file()  # before the film is prepared, which takes a second
                 save_video(
                     results.machine,
                     self._record,
@@ -168,7 +170,7 @@ class Evaluation:
                     verdict=results.verdict.headline,
                     progress=advance,
                 )
-            except (NoOpenGLError, NoEncoderError) as error:
+            except (NoOpenGLError, NoEncoderError, MissingPackageError) as error:
                 warn(f"no video: {error}")
 
     def _find_losses(self) -> None:

@@ -18,7 +18,7 @@ from gantrysim.dispenser.syringe import Syringe
 from gantrysim.job.defaults import INTEGRAL_TIME
 from gantrysim.job.job import Job
 from gantrysim.job.key_list import Key, sections
-from gantrysim.job.loading import builtin_jobs, job_text
+from gantrysim.job.loading import builtin_jobs, job_text, read_job
 from gantrysim.job.programs import PROGRAMS, described
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.machine import Machine
@@ -69,9 +69,9 @@ def jobs_table() -> Table:
     """Return the built-in jobs, described by the comments of their files."""
     table = _table("built-in jobs", ("job", "machine", "controller", "description"))
     for name in builtin_jobs():
-        job = Job.load(name)
+        content = read_job(name).content  # not the job itself, which may need packages that are not installed
         comment = [line.removeprefix("#").strip() for line in job_text(name).splitlines() if line.startswith("#")]
-        table.add_row(name, job.machine, str(job.program["controller"]), escape(" ".join(comment)))
+        table.add_row(name, content["machine"], content["program"]["controller"], escape(" ".join(comment)))
     return table
 
 

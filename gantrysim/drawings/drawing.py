@@ -178,9 +178,11 @@ class Drawing(Controller):
         if names is None:
             return [True] * len(self.sheet.strokes)
         present: set[str] = set().union(*(stroke.names for stroke in self.sheet.strokes))
+        has_colours = any(name.startswith("#") for name in present)
         wanted: set[str] = set()
         for name in names:
-            matching = {name.lower(), hex_of(name)} & present
+            spellings = {name.lower(), hex_of(name)} if has_colours else {name.lower()}
+            matching = spellings & present
             if not matching:
                 raise unknown(f"{key}: layer or colour", name, sorted(present)[:_SHOWN])
             wanted |= matching

@@ -15,6 +15,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
+from gantrysim.base.extras import extra
 from gantrysim.drawings.shapes import Ellipse, Segment, Shape, Sheet, Spline, Stroke, bulged, point
 
 BINARY = "AutoCAD Binary DXF"
@@ -67,7 +68,8 @@ def read_dxf(text: str, unit: float | None, dots: bool) -> Sheet:
     Raises:
         InputError: a drawing that is binary, malformed or too large.
     """
-    import ezdxf
+    with extra("drawings", "dxf"):
+        import ezdxf
 
     if text.startswith(BINARY):
         raise InputError("dxf: binary: must be saved as an ASCII DXF")

@@ -6,6 +6,7 @@ import re
 from functools import lru_cache
 from itertools import pairwise
 
+from gantrysim.base.extras import extra
 from gantrysim.drawings.dxf import BINARY, read_dxf
 from gantrysim.drawings.points import read_points
 from gantrysim.drawings.shapes import Sheet
@@ -41,11 +42,12 @@ def read_sheet(kind: str, text: str, unit: str, curve: str, dots: bool) -> Sheet
 
 def hex_of(name: str) -> str:
     """Return a colour of CSS as "#rrggbb", any other name unchanged."""
-    from svgelements import Color
-
     # not words of a to f alone, which svgelements takes for hexadecimal digits
     if not re.fullmatch(r"#([0-9a-fA-F]{3}){1,2}|[a-fA-F]*[g-zG-Z][a-zA-Z]*", name):
         return name
+    with extra("drawings", f"layer or colour {name}"):
+        from svgelements import Color
+
     try:
         colour = Color(name)
     except ValueError:

@@ -13,6 +13,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
+from gantrysim.base.extras import extra
 from gantrysim.drawings.shapes import Ellipse, Segment, Shape, Sheet, Stroke, bezier, point
 
 _SPACE = "{http://www.w3.org/2000/svg}"
@@ -39,7 +40,8 @@ def read_svg(text: str, unit: float | None) -> Sheet:
     Raises:
         InputError: a document that is malformed or too large.
     """
-    import svgelements
+    with extra("drawings", "svg"):
+        import svgelements
 
     try:
         root = ElementTree.fromstring(text.strip())

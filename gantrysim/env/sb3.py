@@ -6,15 +6,19 @@ import time
 from collections.abc import Sequence
 from typing import Any, cast
 
-import gymnasium
 import numpy as np
-from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
-from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import VecEnv
 
 from gantrysim.base.errors import InputError
-from gantrysim.env.vector import PathVectorEnv
+from gantrysim.base.extras import extra
+
+with extra("rl", "gantrysim.env.sb3"):
+    import gymnasium
+    from gymnasium.vector import AutoresetMode
+    from stable_baselines3.common.monitor import Monitor
+    from stable_baselines3.common.vec_env import VecEnv
+
+    from gantrysim.env.vector import PathVectorEnv
 
 
 class SB3VecEnv(VecEnv):

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.errors import InputError, expanded, unknown
+from gantrysim.base.extras import extra
 from gantrysim.base.files import check_whole, replaced
 from gantrysim.record.named_columns import columns, description
 from gantrysim.record.run import Run
@@ -126,10 +127,5 @@ def _numbers(column: NDArray[Any]) -> NDArray[Any]:
 
 
 def _library(name: str, kind: str) -> Any:
-    try:
+    with extra("tables", f"--format {kind}", "or choose csv or mat"):
         return import_module(name)
-    except ImportError:
-        raise InputError(
-            f"--format {kind}: {name.partition('.')[0]} is not installed: pip install 'gantrysim[tables]', or choose "
-            "csv or mat"
-        ) from None

@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from gantrysim.base.display import Shown, table_html
-from gantrysim.base.errors import InputError
+from gantrysim.base.extras import extra
 from gantrysim.base.quantity import NOTHING
 from gantrysim.job.job import Job
 from gantrysim.remedy.bound import bound_of
@@ -182,10 +182,8 @@ class Improvement(Shown):
         Raises:
             InputError: pandas is not installed.
         """
-        try:
+        with extra("tables", "Improvement.to_frame"):
             import pandas
-        except ImportError:
-            raise InputError("Improvement.to_frame: pandas is not installed: pip install 'gantrysim[tables]'") from None
         records = [_record(trial, combined=False) for trial in self.trials]
         records += [_record(trial, combined=True) for trial in self.combination]
         return pandas.DataFrame(records)

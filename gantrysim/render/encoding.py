@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gantrysim.base.errors import GantryError, InputError, positive, text_of
+from gantrysim.base.extras import extra
 from gantrysim.base.files import replaced
 
 Picture = NDArray[np.uint8]
@@ -82,6 +83,7 @@ def film_writer(
 
     Raises:
         InputError: a file that cannot be written, or an odd size of an MP4.
+        MissingPackageError: imageio-ffmpeg is not installed.
         NoEncoderError: no ffmpeg.
     """
     suffix = suffix_of(file, FILMS)
@@ -95,7 +97,7 @@ def film_writer(
             colours = _palette(samples())
             colours.save(palette)
             options = ["-i", str(palette), *_GIF_OPTIONS.split()]
-        command = [_encoder(), "-y", "-v", "error", *_frames(fps, size), *options, str(partial)]
+        command = [encoder_file(), "-y", "-v", "error", *_frames(fps, size), *options, str(partial)]
         # imageio_ffmpeg.write_frames ignores the exit status: a film that a full disk cuts off would pass as whole
         # a new session keeps Ctrl-C away from it; with Python's ignored signals it reports a limit on file sizes
         encoder = subprocess.Popen(
@@ -146,17 +148,18 @@ class NoEncoderError(GantryError, RuntimeError):
     """No ffmpeg that encodes films."""
 
 
-def _encoder() -> str:
+def encoder_file() -> str:
     """Return the file of ffmpeg.
 
     Raises:
+        MissingPackageError: imageio-ffmpeg is not installed.
         NoEncoderError: there is none that can be run.
     """
-    try:
+    with extra("film", "no encoder"):
         from imageio_ffmpeg import get_ffmpeg_exe
-
+    try:
         file = get_ffmpeg_exe()
-    except (ImportError, RuntimeError) as error:
+    except RuntimeError as error:
         raise NoEncoderError(f"no encoder: {text_of(error)}: reinstall imageio-ffmpeg") from None
     if shutil.which(file) is None:
         raise NoEncoderError(f"no encoder: {file} cannot be run: reinstall imageio-ffmpeg or unset IMAGEIO_FFMPEG_EXE")

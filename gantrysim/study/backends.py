@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from gantrysim.base.errors import InputError, unknown
+from gantrysim.base.extras import extra
 
 _DASK = "dask"
 
@@ -29,10 +30,8 @@ def on_backend(name: str | None) -> Iterator[None]:
     if kind == _DASK:
         if not address:
             raise InputError(f"--backend {name}: must be dask=ADDRESS, as in dask=tcp://10.0.0.1:8786")
-        try:
+        with extra("dask", f"--backend {name}"):
             from gantrysim.study.cluster import on_cluster
-        except ModuleNotFoundError as error:
-            raise InputError(f"--backend {name}: needs {error.name}: pip install 'gantrysim[dask]'") from None
         with on_cluster(address):
             yield
         return

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.errors import InputError
+from gantrysim.base.extras import extra
 from gantrysim.tables.column_table import ColumnTable
 from gantrysim.tables.units import SUFFIXES
 
@@ -34,12 +35,8 @@ def binary_reader(head: bytes) -> Callable[[Path, str], ColumnTable] | None:
 
 
 def _library(name: str, label: str) -> Any:
-    try:
+    with extra("tables", label):
         return import_module(name)
-    except ImportError:
-        raise InputError(
-            f"{label}: {name.partition('.')[0]} is not installed, which reads it: pip install 'gantrysim[tables]'"
-        ) from None
 
 
 def _table(label: str, content: Mapping[str, NDArray[Any]]) -> ColumnTable:
