@@ -17,8 +17,9 @@ def when_imported(name: str, action: Callable[[ModuleType], object]) -> None:
         name: of a module, such as "gymnasium".
         action: called once.
     """
-    if name in sys.modules:
-        action(sys.modules[name])
+    module = sys.modules.get(name)  # None where the import of the module is blocked
+    if module is not None:
+        action(module)
     else:
         sys.meta_path.insert(0, _Finder(name, action))
 
