@@ -1,20 +1,50 @@
-"""What is built from the sources holds all that a user needs."""
+"""What is built from the sources holds all that a user needs, and runs where it is installed."""
 
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
 import tarfile
+import tomllib
 import zipfile
+from contextlib import suppress
+from importlib.metadata import Distribution
 from pathlib import Path
 
 import pytest
 from flit_core import buildapi
+from packaging.requirements import Requirement
+from packaging.version import Version
 
 import gantrysim
+from gantrysim.job.loading import builtin_jobs
 
 ROOT = Path(__file__).parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+SUMMARY = "summary.json"
+RUN = ("run", "an225", "--set", "turns=1", "--set", "loop_period=0.005")
+RESULTS_ALONE = ("--no-video", "--no-report", "--no-causes", "--no-improve")
+LOADED = """
+import sys
+import gantrysim as gs
+print(gs.__file__)
+for name in sys.argv[1:]:
+    print(gs.Job.load(name).name)
+"""
 
 
-@pytest.fixture
-def at_root(monkeypatch):
-    monkeypatch.chdir(ROOT)
+@pytest.fixture(scope="module")
+def archives(tmp_path_factory):
+    """The wheel and the sdist, by these names."""
+    folder = tmp_path_factory.mktemp("archives")
+    with pytest.MonkeyPatch.context() as context:
+        context.chdir(ROOT)
+        return {
+            "wheel": folder / buildapi.build_wheel(str(folder)),
+            "sdist": folder / buildapi.build_sdist(str(folder)),
+        }
 
 
 def needed():
@@ -23,23 +53,118 @@ def needed():
     return {path.relative_to(ROOT).as_posix() for path in files}
 
 
-def test_the_wheel_holds_the_package_once(at_root, tmp_path):
-    name = buildapi.build_wheel(str(tmp_path))
-    assert name.startswith(f"gantrysim-{gantrysim.__version__}-py3")
-    with zipfile.ZipFile(tmp_path / name) as wheel:
+def test_the_wheel_holds_the_package_once(archives):
+    assert archives["wheel"].name.startswith(f"gantrysim-{gantrysim.__version__}-py3")
+    with zipfile.ZipFile(archives["wheel"]) as wheel:
         names = wheel.namelist()
     assert {name for name in names if ".dist-info/" not in name} == needed()
     assert {"gantrysim/models/xy.xml", "gantrysim/models/parts/scene.xml", "gantrysim/jobs/an225.toml"} <= set(names)
+    assert {"gantrysim/py.typed", "gantrysim/__init__.pyi"} <= set(names)
     assert any(name.endswith("entry_points.txt") for name in names)
 
 
-def test_the_sdist_holds_sources_tests_and_scripts(at_root, tmp_path):
-    name = buildapi.build_sdist(str(tmp_path))
-    with tarfile.open(tmp_path / name) as sdist:
+def test_the_sdist_holds_sources_tests_and_scripts(archives):
+    with tarfile.open(archives["sdist"]) as sdist:
         names = {member.name.partition("/")[2] for member in sdist.getmembers()}
     assert needed() <= names
     assert {"pyproject.toml", "README.md", "LICENSE", "scripts/demo.sh", "tests/test_package.py"} <= names
-    assert {".ci/run", ".pre-commit-config.yaml", "CONTRIBUTING.md"} <= names
+    assert {".ci/run", ".pre-commit-config.yaml", "CONTRIBUTING.md", "constraints-minimum.txt"} <= names
+
+
+def installed(archive, folder):
+    """Install an archive with pip into a folder, without the network; give it the compiled code of equal sources."""
+    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-index", "--no-deps", "--no-build-isolation"]
+    environment = os.environ | {"PIP_DISABLE_PIP_VERSION_CHECK": "1", "PYTHONPATH": ""}
+    subprocess.run([*command, "--no-compile", "--target", folder, archive], check=True, env=environment)
+    for source in (ROOT / "gantrysim").rglob("*.py"):
+        target = folder / source.relative_to(ROOT)
+        # numba takes compiled code for that of a source by its time and size
+        times = source.stat()
+        os.utime(target, ns=(times.st_atime_ns, times.st_mtime_ns))
+        for compiled in source.parent.glob(f"__pycache__/{source.stem}.*.nb[ic]"):
+            target.parent.joinpath("__pycache__").mkdir(exist_ok=True)
+            with suppress(FileNotFoundError):  # written by another test under a passing name
+                shutil.copy2(compiled, target.parent / "__pycache__" / compiled.name)
+    return folder
+
+
+def contents(folder):
+    """The files of the package in a folder, without compiled code."""
+    files = [path for path in (folder / "gantrysim").rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+def test_wheel_and_sdist_install_the_same_package_which_runs_a_job(archives, tmp_path):
+    folder, of_wheel = (installed(archives[kind], tmp_path / kind) for kind in ("sdist", "wheel"))
+    assert {path.name for path in folder.iterdir()} == {
+        "bin",
+        "gantrysim",
+        f"gantrysim-{gantrysim.__version__}.dist-info",
+    }
+    assert contents(folder) == contents(of_wheel)
+    assert set(contents(folder)) == needed()
+    work = tmp_path / "elsewhere"
+    work.mkdir()
+    environment = os.environ | {"PYTHONPATH": str(folder)}
+
+    def output(*command):
+        done = subprocess.run(command, cwd=work, env=environment, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
+        return done.stdout
+
+    command = folder / "bin" / "gantrysim"
+    assert output(command, "--version") == f"{gantrysim.__version__}\n"
+    file, *jobs = output(sys.executable, "-c", LOADED, *builtin_jobs()).splitlines()
+    assert Path(file).parent == folder / "gantrysim"
+    assert jobs == builtin_jobs()
+    assert "Contour error: " in output(command, *RUN, "--out", "out", *RESULTS_ALONE)
+    summary = json.loads((work / "out" / SUMMARY).read_text(encoding="utf-8"))
+    assert summary["versions"]["gantrysim"] == gantrysim.__version__
+
+
+def test_the_metadata_name_python_and_packages(archives, tmp_path):
+    with zipfile.ZipFile(archives["wheel"]) as wheel:
+        wheel.extractall(tmp_path)
+    metadata = Distribution.at(next(tmp_path.glob("*.dist-info"))).metadata
+    assert metadata["Version"] == gantrysim.__version__
+    assert metadata["Requires-Python"] == PROJECT["requires-python"]
+    oldest = f"Programming Language :: Python :: {PROJECT['requires-python'].removeprefix('>=')}"
+    assert oldest in metadata.get_all("Classifier")
+
+
+def test_the_version_is_stated_once():
+    stated = [
+        file.relative_to(ROOT).as_posix()
+        for file in [ROOT / "pyproject.toml", ROOT / "CITATION.cff", *(ROOT / "gantrysim").rglob("*.py")]
+        if re.search(
+            rf"\b(?:version|__version__)\W+{re.escape(gantrysim.__version__)}\b", file.read_text(encoding="utf-8")
+        )
+    ]
+    assert stated == ["gantrysim/__init__.py"]
+
+
+def test_the_lowest_versions_are_those_that_are_tried():
+    """The bound of every package of the user's is a version of the file that `scripts/minimum.sh` installs."""
+    lines = (ROOT / "constraints-minimum.txt").read_text(encoding="utf-8").splitlines()
+    tried = dict(line.split("==") for line in lines if not line.startswith("#"))
+    extras = PROJECT["optional-dependencies"]
+    names = [name for name in extras if name not in ("all", "docs", "test")]
+    stated = {}
+    for text in [*PROJECT["dependencies"], *(text for name in names for text in extras[name])]:
+        requirement = Requirement(text)
+        if requirement.name != "gantrysim":
+            (bound,) = requirement.specifier
+            assert bound.operator == ">="
+            stated[requirement.name] = Version(bound.version)
+    assert {name: Version(version) for name, version in tried.items()} == stated
+
+
+@pytest.mark.parametrize("name", ["constraints.txt", "constraints-minimum.txt"])
+def test_constraints_are_names_and_numbers_alone(name):
+    lines = (ROOT / name).read_text(encoding="utf-8").splitlines()
+    assert len(lines) > 20
+    assert [line for line in lines if not re.fullmatch(r"# .*|[\w.-]+==[\w.]+", line)] == []
+    assert not any("://" in line for line in lines)
 
 
 def test_the_links_at_the_top_lead_into_the_package():
@@ -52,3 +177,12 @@ def test_every_public_name_can_be_imported():
     for name in gantrysim.__all__:
         getattr(gantrysim, name)
     assert {"Job", "Machine", "Run", "Servo", "Tick"} <= set(gantrysim.__all__)
+
+
+def test_the_reference_lists_every_public_name_once():
+    """Its page states that these names stay."""
+    page = (ROOT / "docs" / "api" / "index.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| \[.*?\) \| (.*) \|$", page, flags=re.MULTILINE)
+    listed = [name for row in rows for name in re.findall(r"`(\w+)`", row)]
+    errors = re.findall(r"`gs\.(\w+Error)`", page)
+    assert sorted(listed + errors) == sorted(gantrysim.__all__)
