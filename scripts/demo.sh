@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # From a fresh machine to figures, plots and a video: sets up .venv and runs the main job into out/an225/.
 set -euo pipefail
-source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
+source "$(dirname "${BASH_SOURCE[0]}")/setup.sh" drawings,film
 
 gantrysim run an225 --out "$root/out/an225"
 echo "report: $root/out/an225/report.html"

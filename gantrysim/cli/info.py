@@ -16,7 +16,6 @@ from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.dispenser.needle import Needle
 from gantrysim.dispenser.syringe import Syringe
 from gantrysim.job.defaults import INTEGRAL_TIME
-from gantrysim.job.job import Job
 from gantrysim.job.key_list import Key, sections
 from gantrysim.job.loading import builtin_jobs, job_text, read_job
 from gantrysim.job.programs import PROGRAMS, described

@@ -15,7 +15,7 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
 from gantrysim.drawings.planning import Paused, planned
 from gantrysim.drawings.point_table import with_speeds
-from gantrysim.drawings.reading import hex_of, kind_of, read_sheet
+from gantrysim.drawings.reading import kind_of, matches, read_sheet
 from gantrysim.drawings.routing import Manner, Route, routed
 from gantrysim.drawings.shapes import FASTEST, Sheet, Stroke, checked
 from gantrysim.drawings.units import millimetres
@@ -178,11 +178,9 @@ class Drawing(Controller):
         if names is None:
             return [True] * len(self.sheet.strokes)
         present: set[str] = set().union(*(stroke.names for stroke in self.sheet.strokes))
-        has_colours = any(name.startswith("#") for name in present)
         wanted: set[str] = set()
         for name in names:
-            spellings = {name.lower(), hex_of(name)} if has_colours else {name.lower()}
-            matching = spellings & present
+            matching = matches(name, present)
             if not matching:
                 raise unknown(f"{key}: layer or colour", name, sorted(present)[:_SHOWN])
             wanted |= matching

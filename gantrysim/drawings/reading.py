@@ -40,7 +40,15 @@ def read_sheet(kind: str, text: str, unit: str, curve: str, dots: bool) -> Sheet
     return read_points(text, length, curve, dots)
 
 
-def hex_of(name: str) -> str:
+def matches(name: str, present: set[str]) -> set[str]:
+    """Return the names in a drawing, layers and colours as "#rrggbb", that a layer or a colour of CSS means."""
+    spellings = {name.lower()}
+    if any(other.startswith("#") for other in present):
+        spellings.add(_hex_of(name))
+    return spellings & present
+
+
+def _hex_of(name: str) -> str:
     """Return a colour of CSS as "#rrggbb", any other name unchanged."""
     # not words of a to f alone, which svgelements takes for hexadecimal digits
     if not re.fullmatch(r"#([0-9a-fA-F]{3}){1,2}|[a-fA-F]*[g-zG-Z][a-zA-Z]*", name):

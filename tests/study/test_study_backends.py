@@ -48,7 +48,7 @@ def test_an_unknown_backend_is_refused(name, text):
 def test_without_dask_the_error_names_the_package_to_install(monkeypatch):
     monkeypatch.delitem(sys.modules, "gantrysim.study.cluster", raising=False)
     monkeypatch.setitem(sys.modules, "distributed", None)
-    text = r"^--backend dask=tcp://a:1: needs distributed: pip install 'gantrysim\[dask\]'$"
+    text = r'^--backend dask=tcp://a:1: distributed is not installed: pip install "gantrysim\[dask\]"$'
     with pytest.raises(InputError, match=text), on_backend("dask=tcp://a:1"):
         pass
 
