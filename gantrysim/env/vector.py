@@ -150,8 +150,9 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
 
     def close_extras(self, **_kwargs: Any) -> None:
         """Free the renderer, and draw no more episodes."""
-        self._frames.close()
-        self._episodes.close()
+        if hasattr(self, "_frames"):  # Gymnasium before 1.4 also closes what its constructor has refused
+            self._frames.close()
+            self._episodes.close()
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         if seed is None:
