@@ -160,7 +160,7 @@ class Evaluation:
         job = results.job
         with self._optional("video", folder), share_bar("film", self._go_on) as advance:
             try:
-                encoder_file()  # before the film is prepared, which takes a second
+                encoder_file()  # before a film is prepared that cannot be written
                 save_video(
                     results.machine,
                     self._record,
