@@ -9,12 +9,14 @@ from typing import Any, TypeVar
 import numba
 from numba.core.event import Listener, register
 
+from gantrysim.base import pipeline
+
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def jit(function: _Function) -> _Function:
     """Compile a function and cache the result on disk, or in memory alone where no folder can be written."""
-    return cached(numba.njit, error_model="numpy")(function)
+    return cached(numba.njit, error_model="numpy", no_cfunc_wrapper=True, pipeline_class=pipeline.WHOLE)(function)
 
 
 def cached(compiler: Callable[..., Any], *signature: Any, **options: Any) -> Callable[[_Function], _Function]:
@@ -83,4 +85,6 @@ def inner_jit(function: _Function) -> _Function:
     It has no wrapper to be called from Python, whose compilation takes an eighth of the time: a call from Python ends
     the process.
     """
-    return numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    return numba.njit(
+        error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=pipeline.PART
+    )(function)

@@ -1,4 +1,4 @@
-"""Compiled functions for the share of each cell that glue wets, which resolves gaps narrower than a cell.
+"""The share of each cell that glue wets, which resolves gaps narrower than a cell.
 
 The footprint of a pass is the strip as wide as the bead about the trace. Its edge is blurred by a hat two cells wide,
 as glue is shared among cells: the footprints of two strips side by side then add up to 1 at every cell between them.
@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import jit
+from gantrysim.base.jit import inner_jit, jit
 from gantrysim.bead.laying import hat_below
 
 
-@jit
 def footprint(shape: tuple[int, int], x: Floats, y: Floats, half: Floats, wet: Floats, ends: Floats) -> Floats:
     """Return the sum of the passes' footprints, clipped to 1, (ny, nx).
 
@@ -34,6 +33,22 @@ def footprint(shape: tuple[int, int], x: Floats, y: Floats, half: Floats, wet: F
     share = np.zeros(shape)
     present = np.zeros(shape)  # share of the pass that is over the cell
     last = np.full(shape, -2, np.int32)  # interval of the trace in which it was last over it
+    _pass_along(share, present, last, (x, y, half), wet, ends)
+    share += present
+    return np.minimum(share, 1.0, out=share)
+
+
+@jit
+def _pass_along(
+    share: Floats,
+    present: Floats,
+    last: NDArray[np.int32],
+    stations: tuple[Floats, Floats, Floats],
+    wet: Floats,
+    ends: Floats,
+) -> None:
+    """Add all passes; arguments as of `footprint`."""
+    x, y, half = stations
     for k in range(wet.size):
         if wet[k] > 0.0:
             start = (x[k], y[k], half[k])
@@ -43,10 +58,9 @@ def footprint(shape: tuple[int, int], x: Floats, y: Floats, half: Floats, wet: F
         # numbers two apart: each drop is a pass of its own
         point = (ends[k, 0], ends[k, 1], ends[k, 2])
         _pass_over(share, present, last, point, point, wet.size + 2 * k + 1)
-    return np.minimum(share + present, 1.0)
 
 
-@jit
+@inner_jit
 def _pass_over(
     share: Floats,
     present: Floats,
@@ -87,7 +101,6 @@ def _pass_over(
             last[j, i] = number
 
 
-@jit
 def wet_where_pushed(share: Floats, laid: Floats, pushed: Floats, ceiling: Floats) -> None:
     """Raise the shares of cells into which glue was pushed by how far it fills their room, see `pushing`.
 
@@ -97,9 +110,7 @@ def wet_where_pushed(share: Floats, laid: Floats, pushed: Floats, ceiling: Float
         pushed: height afterwards [mm].
         ceiling: height that the glue may have [mm].
     """
-    for j in range(share.shape[0]):
-        for i in range(share.shape[1]):
-            gain = pushed[j, i] - laid[j, i]
-            room = ceiling[j, i] - laid[j, i]
-            if gain > 0.0 and room > 0.0:
-                share[j, i] += (1.0 - share[j, i]) * min(gain / room, 1.0)
+    gain = pushed - laid
+    room = ceiling - laid
+    raised = (gain > 0.0) & (room > 0.0)
+    share[raised] += (1.0 - share[raised]) * np.minimum(gain[raised] / room[raised], 1.0)

@@ -1,4 +1,4 @@
-"""Compiled functions that lay glue on a grid, and mark where the needle's face passes.
+"""Glue laid on a grid, and where the needle's face passes; functions that go from cell to cell are compiled.
 
 Heights are volumes per cell, places are in cells.
 """
@@ -270,7 +270,7 @@ def cover(under: Floats, x: Floats, y: Floats, volume: Floats, radius: float) ->
                 under[j, i] = max(under[j, i], share)
 
 
-@jit
+@inner_jit
 def hat_below(t: float) -> float:
     """Share of a hat from -1 to 1 that lies below t."""
     if t <= 0.0:
@@ -278,7 +278,6 @@ def hat_below(t: float) -> float:
     return 1.0 - 0.5 * max(1.0 - t, 0.0) ** 2
 
 
-@jit
 def headroom(under: Floats, layer: Layer, gap: float, free: float) -> tuple[Floats, Floats]:
     """Return the height that glue may have in each cell, and how far its surface there rises with excess.
 
@@ -288,13 +287,8 @@ def headroom(under: Floats, layer: Layer, gap: float, free: float) -> tuple[Floa
         gap: the nozzle's height over cells without glue [mm].
         free: rise of a free surface, see `pushing.push_aside`.
     """
-    glue, moment, crest = layer
-    ceiling = np.empty(under.shape)
-    rise = np.empty(under.shape)
-    for j in range(under.shape[0]):
-        for i in range(under.shape[1]):
-            face = moment[j, i] / glue[j, i] if moment.size and glue[j, i] > 0.0 else gap
-            beside = 1.0 - under[j, i]
-            ceiling[j, i] = under[j, i] * face + beside * max(crest[j, i], face)
-            rise[j, i] = beside * free
-    return ceiling, rise
+    face = np.full(under.shape, gap)
+    if layer.moment.size:
+        np.divide(layer.moment, layer.glue, out=face, where=layer.glue > 0.0)
+    beside = 1.0 - under
+    return under * face + beside * np.maximum(layer.crest, face), beside * free

@@ -103,43 +103,52 @@ def cells_of(sections: Sections, needle: Needle) -> Cells:
     for k, (place, low) in enumerate(((sections.x, low_x), (sections.y, low_y))):
         boxes[:, 2 * k] = (place - reach - low) / size
         boxes[:, 2 * k + 1] = (place + reach - low) / size
-    first, section, highest = _entries(boxes, sections.top, columns, rows)
+    np.minimum(boxes[:, 1], columns - 1, out=boxes[:, 1])
+    np.minimum(boxes[:, 3], rows - 1, out=boxes[:, 3])
+    size_of_box = (boxes[:, 1] - boxes[:, 0] + 1).astype(np.int64) * (boxes[:, 3] - boxes[:, 2] + 1)
+    first = np.zeros(columns * rows + 1, np.int64)
+    section = np.empty(int(size_of_box.sum()), np.int32)
+    highest = np.full(columns * rows, -np.inf)
+    _sort(boxes, sections.top, columns, first, section, highest)
     return Cells(low_x, low_y, size, columns, rows, first, section, highest)
 
 
 @jit
-def _entries(
-    boxes: NDArray[np.int32], top: Floats, columns: int, rows: int
-) -> tuple[NDArray[np.int64], NDArray[np.int32], Floats]:
-    """Sort sections into the cells of their boxes.
+def _sort(
+    boxes: NDArray[np.int32],
+    top: Floats,
+    columns: int,
+    first: NDArray[np.int64],
+    section: NDArray[np.int32],
+    highest: Floats,
+) -> None:
+    """Sort sections into the cells of their boxes, by counting.
 
     Args:
         boxes: first and last column, first and last row of each section's cells, (r, 4).
         top: of the sections, (r,) [mm].
         columns: of the grid.
-        rows: of the grid.
-
-    Returns:
-        The fields `first`, `section` and `highest` of `Cells`.
+        first: zeros, into which this field of `Cells` is written.
+        section: into which this field is written.
+        highest: -inf, into which this field is written.
     """
-    first = np.zeros(columns * rows + 1, np.int64)
-    highest = np.full(columns * rows, -np.inf)
     for k in range(boxes.shape[0]):
-        for j in range(boxes[k, 2], min(boxes[k, 3], rows - 1) + 1):
-            for i in range(boxes[k, 0], min(boxes[k, 1], columns - 1) + 1):
+        for j in range(boxes[k, 2], boxes[k, 3] + 1):
+            for i in range(boxes[k, 0], boxes[k, 1] + 1):
                 cell = j * columns + i
-                first[cell + 1] += 1
+                first[cell] += 1
                 highest[cell] = max(highest[cell], top[k])
-    first = np.cumsum(first)
-    section = np.empty(first[-1], np.int32)
-    filled = first[:-1].copy()
-    for k in range(boxes.shape[0]):
-        for j in range(boxes[k, 2], min(boxes[k, 3], rows - 1) + 1):
-            for i in range(boxes[k, 0], min(boxes[k, 1], columns - 1) + 1):
+    # each cell counts down from its end, so that the sections go in from the last
+    total = 0
+    for cell in range(first.size):
+        total += first[cell]
+        first[cell] = total
+    for k in range(boxes.shape[0] - 1, -1, -1):
+        for j in range(boxes[k, 2], boxes[k, 3] + 1):
+            for i in range(boxes[k, 0], boxes[k, 1] + 1):
                 cell = j * columns + i
-                section[filled[cell]] = k
-                filled[cell] += 1
-    return first, section, highest
+                first[cell] -= 1
+                section[first[cell]] = k
 
 
 class _Position(NamedTuple):
@@ -159,13 +168,21 @@ class _Position(NamedTuple):
     high: float
 
 
-@jit
 def contacts(needle: Needle, sections: Sections, cells: Cells, closings: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """Return the depth of the face below tops at every tick, -inf without contact, (n,), and the sections touched."""
+    depth = np.full(needle.length.size, -np.inf)
+    touched = np.zeros(sections.place.size, np.bool_)
+    _search(needle, sections, cells, closings, depth, touched)
+    return depth, touched
+
+
+@jit
+def _search(
+    needle: Needle, sections: Sections, cells: Cells, closings: Floats, depth: Floats, touched: NDArray[np.bool_]
+) -> None:
+    """Search for contacts; depth and touched, as of `contacts`, are written."""
     nozzle = needle.nozzle
     length = needle.length
-    depth = np.full(length.size, -np.inf)
-    touched = np.zeros(sections.place.size, np.bool_)
     stretch = -1
     for k in range(1, length.size):
         while stretch + 1 < closings.shape[0] and closings[stretch + 1, 0] <= k:
@@ -194,7 +211,6 @@ def contacts(needle: Needle, sections: Sections, cells: Cells, closings: Floats)
             if on and not _axis_inside(position, needle, sections, cells):
                 continue
             depth[k] = max(depth[k], _touch(position, needle, sections, cells, touched))
-    return depth, touched
 
 
 @inner_jit

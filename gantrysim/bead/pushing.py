@@ -1,4 +1,4 @@
-"""Compiled functions that push glue on a grid aside under the needle's face."""
+"""Glue on a grid pushed aside under the needle's face: the sweeps over cells are compiled, the rest is NumPy's."""
 
 from __future__ import annotations
 
@@ -85,77 +85,65 @@ def _handed_on(height: Floats, ceiling: Floats, rise: Floats, ripple: float, swe
     return handed
 
 
-@jit
 def means(values: Floats, size: int, beyond: float) -> Floats:
     """Return means over blocks of `size` by `size` cells; incomplete ones are filled with `beyond`."""
     ny, nx = values.shape
-    sums = np.zeros((-(-ny // size), -(-nx // size)))
-    for row in range(sums.shape[0]):
-        for j in range(row * size, (row + 1) * size):
-            for column in range(sums.shape[1]):
-                for i in range(column * size, (column + 1) * size):
-                    sums[row, column] += values[j, i] if j < ny and i < nx else beyond
-    return sums / size**2
+    rows = -(-ny // size)
+    columns = -(-nx // size)
+    blocks = np.full((rows * size, columns * size), beyond)
+    blocks[:ny, :nx] = values
+    sums = np.zeros((rows, columns))
+    for j in range(size):
+        for i in range(size):
+            sums += blocks[j::size, i::size]
+    return np.asarray(sums / size**2)
 
 
-@jit
 def _coarser(values: Floats, edge: bool) -> Floats:
     """Means over two by two cells; beyond the rim they are filled with its values if `edge`, else with zeros."""
     ny, nx = values.shape
-    coarse = np.zeros(((ny + 1) // 2, (nx + 1) // 2))
-    for j in range(2 * coarse.shape[0]):
-        for i in range(2 * coarse.shape[1]):
-            if edge or (j < ny and i < nx):
-                coarse[j // 2, i // 2] += 0.25 * values[min(j, ny - 1), min(i, nx - 1)]
-    return coarse
+    quarters = 0.25 * np.pad(values, ((0, ny % 2), (0, nx % 2)), mode="edge" if edge else "constant")
+    upper = quarters[::2, ::2] + quarters[::2, 1::2]
+    return np.asarray(upper + quarters[1::2, ::2] + quarters[1::2, 1::2])
 
 
-@jit
 def _finer(values: Floats, ny: int, nx: int) -> Floats:
     """Interpolate values at the middles of (ny, nx) cells half as wide."""
-    fine = np.empty((ny, nx))
-    for j in range(ny):
-        q = j // 2
-        p = min(max(q + (1 if j % 2 else -1), 0), values.shape[0] - 1)
-        for i in range(nx):
-            m = i // 2
-            n = min(max(m + (1 if i % 2 else -1), 0), values.shape[1] - 1)
-            near = 0.75 * values[q, m] + 0.25 * values[p, m]
-            far = 0.75 * values[q, n] + 0.25 * values[p, n]
-            fine[j, i] = 0.75 * near + 0.25 * far
-    return fine
+    rows, beside_rows = _halves(ny, values.shape[0])
+    columns, beside_columns = _halves(nx, values.shape[1])
+    between = 0.75 * values[rows] + 0.25 * values[beside_rows]
+    return np.asarray(0.75 * between[:, columns] + 0.25 * between[:, beside_columns])
 
 
-@jit
+def _halves(count: int, coarse: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return which of the coarse cells in a row each half cell lies in, and beside which, (count,)."""
+    half = np.arange(count)
+    cell = half // 2
+    return cell, np.clip(cell + np.where(half % 2 == 1, 1, -1), 0, coarse - 1)
+
+
 def _hand_on(height: Floats, handed: Floats) -> None:
+    """Take from each cell what it hands on, and share it among the neighbours that it has."""
     ny, nx = height.shape
-    for j in range(ny):
-        for i in range(nx):
-            change = handed[j, i]
-            around = (j > 0) + (j < ny - 1) + (i > 0) + (i < nx - 1)
-            if change == 0.0:
-                continue
-            height[j, i] -= change
-            for p, q in ((j - 1, i), (j + 1, i), (j, i - 1), (j, i + 1)):
-                if 0 <= p < ny and 0 <= q < nx:
-                    height[p, q] += change / around
+    around = np.full((ny, nx), 4)
+    for rim in (around[0], around[-1], around[:, 0], around[:, -1]):
+        rim -= 1
+    share = handed / around
+    # in the order in which a pass over the rows reaches a cell, so that sums are rounded as they are there
+    height[1:] += share[:-1]
+    height[:, 1:] += share[:, :-1]
+    height -= handed
+    height[:, :-1] += share[:, 1:]
+    height[:-1] += share[1:]
 
 
-@jit
 def _to_push(surface: _Surface, ripple: float) -> tuple[_Queue, int]:
     """Return the cells above the ceiling or with u > 0, and their number."""
-    height, ceiling, _, handed = surface
-    ny, nx = height.shape
-    listed = np.zeros((ny, nx), np.bool_)
-    cells = np.empty(ny * nx, np.int32)
-    count = 0
-    for j in range(ny):
-        for i in range(nx):
-            if height[j, i] > ceiling[j, i] * (1.0 + ripple) or handed[j, i] > 0.0:
-                cells[count] = j * nx + i
-                listed[j, i] = True
-                count += 1
-    return _Queue(cells, listed), count
+    listed = (surface.height > surface.ceiling * (1.0 + ripple)) | (surface.handed > 0.0)
+    above = np.flatnonzero(listed)
+    cells = np.empty(listed.size, np.int32)
+    cells[: above.size] = above
+    return _Queue(cells, listed), above.size
 
 
 @jit

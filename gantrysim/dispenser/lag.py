@@ -51,7 +51,6 @@ class NeedleLaw(NamedTuple):
     b: float
 
 
-@jit
 def lagged_volumes(duration: Floats, request: Floats, lag: Lag, state: Floats) -> Floats:
     """Return the integrals of the first-order lag over pieces of constant request, (k,).
 
@@ -62,6 +61,13 @@ def lagged_volumes(duration: Floats, request: Floats, lag: Lag, state: Floats) -
         state: the lagged value before the first piece, (1,), replaced by that after the last.
     """
     volume = np.empty(duration.size)
+    _lag(duration, request, lag, state, volume)
+    return volume
+
+
+@jit
+def _lag(duration: Floats, request: Floats, lag: Lag, state: Floats, volume: Floats) -> None:
+    """Write the volumes; arguments as of `lagged_volumes`."""
     y = state[0]
     for k in range(duration.size):
         r = request[k]
@@ -75,7 +81,6 @@ def lagged_volumes(duration: Floats, request: Floats, lag: Lag, state: Floats) -
             volume[k] = r * h
             y = r
     state[0] = y
-    return volume
 
 
 @jit

@@ -84,15 +84,19 @@ def axis_positions(machine: Machine, setpoints: Setpoints, *, is_checked: bool =
         except UnreachableError as error:
             time = error.row * setpoints.period
             raise TimedError(f"{error}, at t = {time:.4g} s, on machine {machine.name}", time) from None
+    position = read_only(position)
     if is_checked:
         _check_bounds(machine, setpoints, position)
-    return read_only(position)
+    return position
 
 
 def _check_bounds(machine: Machine, setpoints: Setpoints, position: Floats) -> None:
     """Raise TimedError for a position out of the travel, at the time when it leaves it, or a speed above the limit."""
     kinematics = machine.kinematics
-    lowest, highest, fastest = _extremes(position)
+    lowest = np.zeros(position.shape[1], np.intp)
+    highest = np.zeros_like(lowest)
+    fastest = np.zeros_like(lowest)
+    _find_extremes(position, lowest, highest, fastest)
 
     def where(k: int) -> str:
         time = f"at t = {k * setpoints.period:.4g} s"
@@ -142,16 +146,15 @@ def axis_torques(machine: Machine, setpoints: Setpoints) -> Floats | None:
 
 
 @jit
-def _extremes(position: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """Return the rows of each axis' lowest and highest position, and of its fastest step to the next row, (axes,)."""
-    n, axes = position.shape
-    lowest = np.zeros(axes, np.intp)
-    highest = np.zeros(axes, np.intp)
-    fastest = np.zeros(axes, np.intp)
-    for a in range(axes):
-        low = high = position[0, a]
+def _find_extremes(
+    position: Floats, lowest: NDArray[np.intp], highest: NDArray[np.intp], fastest: NDArray[np.intp]
+) -> None:
+    """Write the rows of each axis' lowest and highest position, and of its fastest step to the next row, (axes,)."""
+    for a in range(position.shape[1]):
+        low = position[0, a]
+        high = low
         most = 0.0
-        for k in range(1, n):
+        for k in range(1, position.shape[0]):
             here = position[k, a]
             step = abs(here - position[k - 1, a])
             if here < low:
@@ -163,4 +166,3 @@ def _extremes(position: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp], NDA
             if step > most:
                 most = step
                 fastest[a] = k - 1
-    return lowest, highest, fastest

@@ -72,7 +72,13 @@ def _fill(columns: Floats, log: NDArray[np.void], drives: Floats) -> None:
     """
     n, axes = log.shape
     for a in range(axes):
-        gain, constant, resistance, bus, peak, lead, stepping = drives[a]
+        gain = drives[a, 0]
+        constant = drives[a, 1]
+        resistance = drives[a, 2]
+        bus = drives[a, 3]
+        peak = drives[a, 4]
+        lead = drives[a, 5]
+        stepping = drives[a, 6]
         for k in range(n):
             entry = log[k, a]
             wanted = gain * entry.demand  # about to be delivered
@@ -88,8 +94,12 @@ def _fill(columns: Floats, log: NDArray[np.void], drives: Floats) -> None:
             if stepping != 0.0:
                 demand = torque
                 volts = entry.demand
-            for row, value in enumerate((entry.encoder, entry.motor, demand, torque, amperes, volts)):
-                columns[row, a, k] = value
+            columns[0, a, k] = entry.encoder
+            columns[1, a, k] = entry.motor
+            columns[2, a, k] = demand
+            columns[3, a, k] = torque
+            columns[4, a, k] = amperes
+            columns[5, a, k] = volts
 
 
 @jit

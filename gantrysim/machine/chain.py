@@ -123,7 +123,9 @@ class Chain:
         """
         if self._linear is not None:
             points = np.empty((len(positions), 3))
-            _fill(points, positions, *self._linear)
+            seen = positions.view()  # read-only, as numba compiles a function for each kind of array
+            seen.flags.writeable = False
+            _fill(points, seen, *self._linear)
             return points
         q = positions / self._per_si
         points = np.broadcast_to(self._site, (len(q), 3))

@@ -140,14 +140,10 @@ def _none() -> Spacing:
     return Spacing(nothing, nothing, nothing, nothing, np.zeros((0, 2, 3)))
 
 
-@jit
 def forward(s: Floats) -> NDArray[np.bool_]:
     """Whether each arc length exceeds all before it, (n,)."""
-    ahead = np.empty(s.size, np.bool_)
-    furthest = -np.inf
-    for k in range(s.size):
-        ahead[k] = s[k] > furthest
-        furthest = max(furthest, s[k])
+    ahead = np.ones(s.size, np.bool_)
+    ahead[1:] = s[1:] > np.fmax.accumulate(s)[:-1]
     return ahead
 
 

@@ -20,6 +20,7 @@ from numba.core.ccallback import CFunc
 from numba.core.dispatcher import Dispatcher
 from numba.extending import _Intrinsic
 
+from gantrysim.base import pipeline
 from gantrysim.base.jit import inner_jit
 
 _OUTSIDE = ("numba", "numpy", "llvmlite", "math", "builtins", "typing")  # numba's cache has a key of its versions
@@ -44,7 +45,7 @@ def c_function(function: Callable[..., Any], result: Any, *arguments: Any) -> CF
         result: numba's type of its result.
         arguments: numba's types of its arguments.
     """
-    compiled = CFunc(function, (arguments, result), {}, {"error_model": "numpy"})
+    compiled = CFunc(function, (arguments, result), {}, {"error_model": "numpy"}, pipeline.WHOLE)
     with suppress(RuntimeError):  # there is no folder in which a cache can be written
         compiled._cache = _KeyedCache(function)
     compiled.compile()

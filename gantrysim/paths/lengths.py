@@ -27,8 +27,10 @@ def arc_length(r: ArrayLike, b: ArrayLike, c: ArrayLike, angle: ArrayLike) -> Fl
     With F(rho) = rho/2 sqrt(rho^2 + c^2) + c^2/2 asinh(rho/c) it is (F(r + b angle) - F(r)) / b. Where the radius
     hardly changes and that difference would cancel, Gauss-Legendre quadrature is used.
     """
-    values, shape = _together(r, b, c, angle)
-    return _arc_lengths(*values).reshape(shape)
+    (radius, growth, rise, turn), shape = _together(r, b, c, angle)
+    lengths = np.empty(radius.size)
+    _find_lengths(radius, growth, rise, turn, lengths)
+    return lengths.reshape(shape)
 
 
 def _together(*values: ArrayLike) -> tuple[list[Floats], tuple[int, ...]]:
@@ -43,9 +45,9 @@ def _length(r, b, c, angle):
     square = c * c
     if abs(b * angle) <= _EVEN * np.sqrt(middle * middle + square):
         total = 0.0
-        for node, weight in zip(_NODES, _WEIGHTS):  # noqa: B905  numba knows no strict
-            rho = middle + 0.5 * b * angle * node
-            total += weight * np.sqrt(rho * rho + square)  # faster than hypot
+        for i in range(_NODES.size):
+            rho = middle + 0.5 * b * angle * _NODES[i]
+            total += _WEIGHTS[i] * np.sqrt(rho * rho + square)  # faster than hypot
         return 0.5 * angle * total
     return (_antiderivative(r + b * angle, c) - _antiderivative(r, c)) / b
 
@@ -57,24 +59,26 @@ def _antiderivative(rho, c):
 
 
 @jit
-def _arc_lengths(r, b, c, angle):
-    lengths = np.empty(r.size)
+def _find_lengths(r, b, c, angle, lengths):
     for k in range(r.size):
         lengths[k] = _length(r[k], b[k], c[k], angle[k])
-    return lengths
 
 
-@jit
 def swept_along(r, b, c, s, most):
     """Return the angles from 0 to `most` at which the arc lengths are s, (n,), see `swept_angle` [rad]."""
     angles = np.empty(s.size)
+    _find_angles(r, b, c, s, most, angles)
+    return angles
+
+
+@jit
+def _find_angles(r, b, c, s, most, angles):
     rate = np.hypot(r, c)
     for k in range(s.size):
         if b * c == 0.0:
             angles[k] = _guess(rate, b, s[k], most)
         else:
             angles[k] = swept_angle(r, b, c, s[k], most)
-    return angles
 
 
 @inner_jit

@@ -39,6 +39,9 @@ class Minima(NamedTuple):
     distance: Floats
 
 
+_FIRST = np.int64(0)  # of NumPy's type, as numba compiles a function anew for a literal of Python's
+
+
 @inner_jit
 def square_distance(a, b):
     """Squared distance of two points."""
@@ -65,7 +68,7 @@ def nearest_entry(points, point, low, high):
 def first_near_entry(table, point):
     """Index of the first entry as near to a point as the nearest, within the table's spacing."""
     points = table.points
-    nearest = points[nearest_entry(points, point, 0, len(points) - 1)]
+    nearest = points[nearest_entry(points, point, _FIRST, len(points) - 1)]
     bound = np.sqrt(square_distance(nearest, point)) + table.spacing
     for i in range(len(points)):
         if square_distance(points[i], point) <= bound * bound:
@@ -119,7 +122,6 @@ def find_minima(points, point, low, high, minima):
     return count
 
 
-@jit
 def vertices(points, p, nearest):
     """Return the vertex of a parabola through the squared distances to three entries, in entries, (n,).
 
@@ -129,10 +131,15 @@ def vertices(points, p, nearest):
         nearest: index of the entry nearest to each point, (n,).
     """
     places = np.empty(len(p))
-    square = np.empty(3)
+    _find_vertices(points, p, nearest, places)
+    return places
+
+
+@jit
+def _find_vertices(points, p, nearest, places):
     for k in range(len(p)):
         middle = min(max(nearest[k], 1), len(points) - 2)
-        for i in range(3):
-            square[i] = square_distance(points[middle - 1 + i], p[k])
-        places[k] = middle + _vertex(square[0], square[1], square[2])
-    return places
+        before = square_distance(points[middle - 1], p[k])
+        square = square_distance(points[middle], p[k])
+        after = square_distance(points[middle + 1], p[k])
+        places[k] = middle + _vertex(before, square, after)

@@ -66,14 +66,41 @@ class Ends(NamedTuple):
     place: Floats
 
 
+class Buffers(NamedTuple):
+    """Arrays for the work on a point, made once.
+
+    Attributes:
+        cost, place: of the sequences extended to it, as of `Ends`.
+        minima: about it.
+    """
+
+    cost: Floats
+    place: Floats
+    minima: Minima
+
+
 @inner_jit
 def _range(values, count):
-    """Return the least and the largest of the first `count` values; quicker than the methods of a slice."""
-    least = largest = values[0]
+    """Return the least and the largest of the first `count` values."""
+    least = values[0]
+    largest = values[0]
     for i in range(1, count):
-        least = min(least, values[i])
-        largest = max(largest, values[i])
+        value = values[i]
+        if value < least:
+            least = value
+        if value > largest:
+            largest = value
     return least, largest
+
+
+@inner_jit
+def _least(values, count):
+    """Return the index of the least of the first `count` values."""
+    least = 0
+    for i in range(1, count):
+        if values[i] < values[least]:
+            least = i
+    return least
 
 
 @inner_jit
@@ -106,7 +133,7 @@ def _misfit(advance, step, length):
 
 
 @inner_jit
-def _extend(table, trace, sequences, ends):
+def _extend(table, trace, sequences, ends, buffers):
     """Extend the best sequences of feet from the first point of a trace to all others.
 
     Args:
@@ -114,13 +141,14 @@ def _extend(table, trace, sequences, ends):
         trace: the trace.
         sequences: of its points, the first row given, the others written.
         ends: of the sequences, updated.
+        buffers: for the work on a point.
     """
     points = table.points
     spacing = table.spacing
     last_entry = len(points) - 1
-    extended_cost = np.zeros(_BEAM)
-    extended_place = np.zeros(_BEAM)
-    minima = Minima(np.zeros(_CANDIDATES, np.int64), np.zeros(_CANDIDATES), np.zeros(_CANDIDATES))
+    extended_cost = buffers.cost
+    extended_place = buffers.place
+    minima = buffers.minima
     count = 0
     lowest = 0.0
     for k in range(1, len(trace.points)):
@@ -144,16 +172,21 @@ def _extend(table, trace, sequences, ends):
                         least = cost
                 least += _WEIGHT * minima.distance[c] * length
                 # where all slots are taken, the costliest sequence gives way
-                slot = count if count < _BEAM else int(np.argmax(extended_cost))
+                slot = count
                 if count < _BEAM:
                     count += 1
-                elif extended_cost[slot] <= least:
-                    continue
+                else:
+                    slot = 0
+                    for j in range(1, _BEAM):
+                        if extended_cost[j] > extended_cost[slot]:
+                            slot = j
+                    if extended_cost[slot] <= least:
+                        continue
                 extended_cost[slot] = least
                 extended_place[slot] = minima.place[c]
                 sequences.entry[k, slot] = minima.entry[c]
                 sequences.origin[k, slot] = best
-            lowest = _range(extended_cost, count)[0]
+            lowest = extended_cost[_least(extended_cost, count)]
             if lowest <= 0.5 * length:
                 break
         alive = 0
@@ -175,7 +208,6 @@ def _trace_back(sequences, slot, entries):
         slot = sequences.origin[k, slot]
 
 
-@jit
 def along(points, trace, travel, spacing, begin):
     """Return the index of the entry at the foot of every point of a trace, in the order of the motion, (n,).
 
@@ -196,19 +228,33 @@ def along(points, trace, travel, spacing, begin):
         begin: index at which the trace begins; -1 to search the whole table.
     """
     n = len(trace)
-    table = Table(points, spacing)
     sequences = Sequences(np.zeros((n, _BEAM), np.int32), np.zeros((n, _BEAM), np.int8), np.ones(n, np.int64))
-    ends = Ends(np.zeros(_BEAM), np.zeros(_BEAM))
-    sequences.entry[0, 0] = _start(table, trace[0], begin)
-    ends.place[0] = sequences.entry[0, 0]
-    _extend(table, Trace(trace, travel), sequences, ends)
     entries = np.empty(n, np.int64)
-    _trace_back(sequences, int(np.argmin(ends.cost[: sequences.candidates[n - 1]])), entries)
+    _along(Table(points, spacing), Trace(trace, travel), begin, sequences, _no_ends(), _buffers(), entries)
     return entries
 
 
+def _no_ends():
+    return Ends(np.zeros(_BEAM), np.zeros(_BEAM))
+
+
+def _buffers():
+    minima = Minima(np.zeros(_CANDIDATES, np.int64), np.zeros(_CANDIDATES), np.zeros(_CANDIDATES))
+    return Buffers(np.zeros(_BEAM), np.zeros(_BEAM), minima)
+
+
 @jit
-def _next_block(table, block, sequences, ends, entries, is_last):
+def _along(table, trace, begin, sequences, ends, buffers, entries):
+    """Write the entries at the feet of a trace, see `along`; arrays are made by the caller, as numba compiles that."""
+    first = _start(table, trace.points[0], begin)
+    sequences.entry[0, 0] = first
+    ends.place[0] = first
+    _extend(table, trace, sequences, ends, buffers)
+    _trace_back(sequences, _least(ends.cost, sequences.candidates[-1]), entries)
+
+
+@jit
+def _next_block(table, block, sequences, ends, buffers, entries, is_last):
     """Extend sequences by a block of a trace, and write what all of them have in common.
 
     Slices of arrays are made by the caller: numba compiles their checks of shapes for seconds.
@@ -219,6 +265,7 @@ def _next_block(table, block, sequences, ends, entries, is_last):
         sequences: of the points that are not decided and of the block, (u + k,), of which those of the block, from its
             second point on, are written.
         ends: of the sequences, updated.
+        buffers: for the work on a point.
         entries: of the same points, (u + k,), written as far as they are decided.
         is_last: whether the block is the last.
 
@@ -226,9 +273,8 @@ def _next_block(table, block, sequences, ends, entries, is_last):
         The number of decided points less one.
     """
     first = len(entries) - len(block.points)
-    _extend(
-        table, block, Sequences(sequences.entry[first:], sequences.origin[first:], sequences.candidates[first:]), ends
-    )
+    new = Sequences(sequences.entry[first:], sequences.origin[first:], sequences.candidates[first:])
+    _extend(table, block, new, ends, buffers)
     k = len(entries) - 1
     count = sequences.candidates[k]
     slots = np.zeros(_BEAM, np.int64)
@@ -278,7 +324,8 @@ def along_blocks(points, blocks, count, spacing, begin):
     decided = 0
     received = 0
     undecided = Sequences(np.zeros((1, _BEAM), np.int32), np.zeros((1, _BEAM), np.int8), np.ones(1, np.int64))
-    ends = Ends(np.zeros(_BEAM), np.zeros(_BEAM))
+    ends = _no_ends()
+    buffers = _buffers()
     first = along(points, trace[:1], travel[:1], spacing, begin)[0]
     undecided.entry[0, 0] = first
     ends.place[0] = first
@@ -286,7 +333,7 @@ def along_blocks(points, blocks, count, spacing, begin):
         received = decided + len(undecided.candidates) + len(trace) - 1
         sequences = _extended(undecided, len(trace) - 1)
         block = Trace(trace, travel)
-        k = _next_block(table, block, sequences, ends, entries[decided:received], received == count)
+        k = _next_block(table, block, sequences, ends, buffers, entries[decided:received], received == count)
         undecided = Sequences(sequences.entry[k:], sequences.origin[k:], sequences.candidates[k:])
         decided += k
         if received < count:

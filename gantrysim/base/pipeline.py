@@ -1,0 +1,175 @@
+"""A shorter way through numba's compiler for the functions of this package.
+
+Numba compiles every function by itself: it optimises its code and makes machine code of it, although a helper is called
+by other compiled functions alone, into which it is linked and optimised anew. Here a helper stays as LLVM code, what is
+called from outside is optimised once and as a whole, and passes for what these functions do not contain are left out.
+Floating-point numbers are the same: LLVM may not reorder their operations at any level.
+
+This relies on parts of numba that are not public, so it is used for those versions alone with which it is tested.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+from numba import _dynfunc
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder, Flags, _LowerResult
+from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.typed_passes import InlineOverloads, NativeLowering, NopythonRewrites
+from numba.core.untyped_passes import (
+    DeadBranchPrune,
+    FindLiterallyCalls,
+    InlineClosureLikes,
+    InlineInlinables,
+    LiteralPropagationSubPipelinePass,
+    LiteralUnroll,
+    MakeFunctionToJitFunction,
+    RewriteDynamicRaises,
+    WithLifting,
+)
+
+TESTED = ("0.68.",)
+
+# closures, comprehensions, `with`, arguments that may be None, literals, exceptions, whole-array expressions
+_LEFT_OUT = {
+    WithLifting,
+    InlineClosureLikes,
+    DeadBranchPrune,
+    RewriteDynamicRaises,
+    MakeFunctionToJitFunction,
+    InlineInlinables,
+    FindLiterallyCalls,
+    LiteralUnroll,
+    LiteralPropagationSubPipelinePass,
+    InlineOverloads,
+    NopythonRewrites,
+}
+_LOWERING_ALONE = ("no_cpython_wrapper", "no_cfunc_wrapper", "no_compile")
+
+
+class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """LLVM code of a helper, which is optimised where it is linked into its callers."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+class _WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """Code of a function with all that it calls, optimised once."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self) -> None:
+        manager, builder = self._codegen._module_pass_manager()
+        manager.run(self._final_module, builder)
+
+
+class _QuickFlags(Flags):  # type: ignore[misc]
+    """Numba's flags, compared without a list of all their values: numba looks them up at every operation."""
+
+    __slots__ = ()
+    _hash = hash(Flags())  # numba's covers the names alone
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is _QuickFlags and self._values == other._values:
+            return True
+        return bool(super().__eq__(other))
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _PartLowering(NativeLowering):  # type: ignore[misc]
+    _name = "part_lowering"
+
+    def run_pass(self, state: Any) -> bool:
+        state.library = _library(_PartLibrary, state)
+        for name in _LOWERING_ALONE:
+            setattr(state.flags, name, True)
+        super().run_pass(state)
+        result = state["cr"]
+        description = result.fndesc
+        # as numba's own context does, with no address: this function is not to be called from Python
+        entry = _dynfunc.make_function(
+            description.lookup_module(), description.qualname, "", 0, result.env, (state.library,)
+        )
+        state.targetctx.insert_user_function(entry, description, [state.library])
+        state.reload_init.extend(state.library._reload_init)
+        state["cr"] = _LowerResult(description, result.call_helper, cfunc=entry, env=result.env)
+        return True
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _WholeLowering(NativeLowering):  # type: ignore[misc]
+    _name = "whole_lowering"
+
+    def run_pass(self, state: Any) -> bool:
+        state.library = _library(_WholeLibrary, state)
+        for name, value in state.asked.items():
+            setattr(state.flags, name, value)
+        return bool(super().run_pass(state))
+
+
+def _library(kind: type, state: Any) -> Any:
+    library = kind(state.targetctx.codegen(), state.func_id.func_qualname)
+    library.enable_object_caching()
+    return library
+
+
+class _ShortCompiler(CompilerBase):  # type: ignore[misc]
+    """Numba's compiler with fewer passes, and with all where these do not compile a function."""
+
+    lowering: type
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        state = self.state
+        # All functions are typed with equal flags: numba compiles its own, such as max, anew for every set of them.
+        flags = _QuickFlags(state.flags)
+        state.asked = {name: getattr(flags, name) for name in _LOWERING_ALONE if flags.is_set(name)}
+        for name in state.asked:
+            flags.discard(name)
+        state.flags = flags
+
+    def define_pipelines(self) -> list[Any]:
+        return [self._passes(_LEFT_OUT), self._passes(set())]
+
+    def _passes(self, left_out: set[type]) -> Any:
+        manager = PassManager("short")
+        for step, description in DefaultPassBuilder.define_nopython_pipeline(self.state).passes:
+            if step not in left_out:
+                manager.add_pass(self.lowering if step is NativeLowering else step, description)
+        manager.finalize()
+        return manager
+
+
+class PartCompiler(_ShortCompiler):
+    """Compiler of a helper that compiled functions alone call."""
+
+    lowering = _PartLowering
+
+
+class WholeCompiler(_ShortCompiler):
+    """Compiler of a function that is called from Python or by its address."""
+
+    lowering = _WholeLowering
+
+
+def is_tested(version: str = numba.__version__) -> bool:
+    """Return whether the parts of numba on which this relies are as they were tested."""
+    return version.startswith(TESTED)
+
+
+PART: type = PartCompiler if is_tested() else Compiler
+WHOLE: type = WholeCompiler if is_tested() else Compiler
