@@ -26,6 +26,16 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
+def seen(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a read-only view of an array.
+
+    Numba compiles a function anew for arrays that are read-only and that are not: this makes them one kind.
+    """
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
 def spans(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
     """First index of every run of True, and the first after it, (k, 2)."""
     return np.flatnonzero(np.diff(mask, prepend=False, append=False)).reshape(-1, 2)
@@ -39,8 +49,9 @@ class LastCall(Generic[_Result]):
         self._last: tuple[tuple[NDArray[Any], ...], _Result] | None = None
 
     def __call__(self, *arrays: NDArray[Any]) -> _Result:
-        if self._last is not None and all(map(np.array_equal, self._last[0], arrays)):
-            return self._last[1]
+        last = self._last  # once, as another thread may replace it between the comparison and the return
+        if last is not None and all(map(np.array_equal, last[0], arrays)):
+            return last[1]
         result = self._function(*arrays)
         self._last = tuple(array.copy() for array in arrays), result
         return result

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, read_only
+from gantrysim.base.arrays import Floats, read_only, seen
 from gantrysim.base.columns import FileTable, blocks
 from gantrysim.base.jit import jit
 from gantrysim.dispenser.dispenser import Dispenser
@@ -155,7 +155,7 @@ def sent_columns(
         commanded = position[sent[ahead]] if waited else position[: sent.size][ahead]
         tip = machine.tip(commanded)
         count = block.stop - block.start
-        _fill_speeds(speed[block], tip, period)
+        _fill_speeds(speed[block], seen(tip), period)
         columns = {
             "time": np.arange(block.start, block.stop, dtype=np.float64) * period,
             "commanded": commanded[:count],
@@ -211,7 +211,7 @@ def dispensed_otherwise(run: Run, dispenser: Dispenser) -> Run:
             same needle.
     """
     speed = np.empty(len(run.time))
-    _fill_speeds(speed, run.commanded_tip, run.period)
+    _fill_speeds(speed, seen(run.commanded_tip), run.period)
     return run.replaced(
         flow=dispenser.flows(run.dispense, speed, run.period), flow_demand=dispenser.flow_demand(run.dispense, speed)
     )

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from gantrysim.base.arrays import Floats
+from gantrysim.base.arrays import Floats, seen
 from gantrysim.base.jit import jit
 
 _MM = 1e3  # per m
@@ -123,9 +123,7 @@ class Chain:
         """
         if self._linear is not None:
             points = np.empty((len(positions), 3))
-            seen = positions.view()  # read-only, as numba compiles a function for each kind of array
-            seen.flags.writeable = False
-            _fill(points, seen, *self._linear)
+            _fill(points, seen(positions), *self._linear)
             return points
         q = positions / self._per_si
         points = np.broadcast_to(self._site, (len(q), 3))

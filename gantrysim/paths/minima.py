@@ -39,7 +39,7 @@ class Minima(NamedTuple):
     distance: Floats
 
 
-_FIRST = np.int64(0)  # of NumPy's type, as numba compiles a function anew for a literal of Python's
+ZERO = np.int64(0)  # of NumPy's type, as numba compiles a function anew for a literal of Python's
 
 
 @inner_jit
@@ -68,7 +68,7 @@ def nearest_entry(points, point, low, high):
 def first_near_entry(table, point):
     """Index of the first entry as near to a point as the nearest, within the table's spacing."""
     points = table.points
-    nearest = points[nearest_entry(points, point, _FIRST, len(points) - 1)]
+    nearest = points[nearest_entry(points, point, ZERO, len(points) - 1)]
     bound = np.sqrt(square_distance(nearest, point)) + table.spacing
     for i in range(len(points)):
         if square_distance(points[i], point) <= bound * bound:

@@ -72,11 +72,13 @@ class Buffers(NamedTuple):
     Attributes:
         cost, place: of the sequences extended to it, as of `Ends`.
         minima: about it.
+        slots: of sequences on their way back.
     """
 
     cost: Floats
     place: Floats
     minima: Minima
+    slots: NDArray[np.int64]
 
 
 @inner_jit
@@ -103,7 +105,7 @@ def _least(values, count):
     return least
 
 
-@inner_jit
+@jit
 def _start(table, point, begin):
     """Return the index of the entry at the first foot of a trace that begins at a point; arguments as in `along`."""
     points = table.points
@@ -227,37 +229,32 @@ def along(points, trace, travel, spacing, begin):
         spacing: of the table [mm].
         begin: index at which the trace begins; -1 to search the whole table.
     """
-    n = len(trace)
-    sequences = Sequences(np.zeros((n, _BEAM), np.int32), np.zeros((n, _BEAM), np.int8), np.ones(n, np.int64))
-    entries = np.empty(n, np.int64)
-    _along(Table(points, spacing), Trace(trace, travel), begin, sequences, _no_ends(), _buffers(), entries)
+    table = Table(points, spacing)
+    sequences, ends = _begun(_start(table, trace[0], begin))
+    entries = np.empty(len(trace), np.int64)
+    _next_block(table, Trace(trace, travel), _extended(sequences, len(trace) - 1), ends, _buffers(), entries, True)
     return entries
 
 
-def _no_ends():
-    return Ends(np.zeros(_BEAM), np.zeros(_BEAM))
+def _begun(entry):
+    """Return the sequences of a single point, whose foot is at an entry, and their ends."""
+    sequences = Sequences(np.zeros((1, _BEAM), np.int32), np.zeros((1, _BEAM), np.int8), np.ones(1, np.int64))
+    ends = Ends(np.zeros(_BEAM), np.zeros(_BEAM))
+    sequences.entry[0, 0] = entry
+    ends.place[0] = entry
+    return sequences, ends
 
 
 def _buffers():
     minima = Minima(np.zeros(_CANDIDATES, np.int64), np.zeros(_CANDIDATES), np.zeros(_CANDIDATES))
-    return Buffers(np.zeros(_BEAM), np.zeros(_BEAM), minima)
-
-
-@jit
-def _along(table, trace, begin, sequences, ends, buffers, entries):
-    """Write the entries at the feet of a trace, see `along`; arrays are made by the caller, as numba compiles that."""
-    first = _start(table, trace.points[0], begin)
-    sequences.entry[0, 0] = first
-    ends.place[0] = first
-    _extend(table, trace, sequences, ends, buffers)
-    _trace_back(sequences, _least(ends.cost, sequences.candidates[-1]), entries)
+    return Buffers(np.zeros(_BEAM), np.zeros(_BEAM), minima, np.zeros(_BEAM, np.int64))
 
 
 @jit
 def _next_block(table, block, sequences, ends, buffers, entries, is_last):
     """Extend sequences by a block of a trace, and write what all of them have in common.
 
-    Slices of arrays are made by the caller: numba compiles their checks of shapes for seconds.
+    Arrays are made by the caller: numba would compile that too.
 
     Args:
         table: points along the path.
@@ -277,13 +274,11 @@ def _next_block(table, block, sequences, ends, buffers, entries, is_last):
     _extend(table, block, new, ends, buffers)
     k = len(entries) - 1
     count = sequences.candidates[k]
-    slots = np.zeros(_BEAM, np.int64)
-    best = 0
+    slots = buffers.slots
     for c in range(count):
         slots[c] = c
-        if ends.cost[c] < ends.cost[best]:
-            best = c
     if is_last:
+        best = _least(ends.cost, count)
         slots[0] = best
         count = 1
     least, largest = _range(slots, count)
@@ -323,12 +318,8 @@ def along_blocks(points, blocks, count, spacing, begin):
     entries = np.empty(count, np.int64)
     decided = 0
     received = 0
-    undecided = Sequences(np.zeros((1, _BEAM), np.int32), np.zeros((1, _BEAM), np.int8), np.ones(1, np.int64))
-    ends = _no_ends()
+    undecided, ends = _begun(_start(table, trace[0], begin))
     buffers = _buffers()
-    first = along(points, trace[:1], travel[:1], spacing, begin)[0]
-    undecided.entry[0, 0] = first
-    ends.place[0] = first
     while received < count:
         received = decided + len(undecided.candidates) + len(trace) - 1
         sequences = _extended(undecided, len(trace) - 1)

@@ -135,7 +135,9 @@ class Involute(Path):
     def position(self, s: ArrayLike) -> Floats:
         phi = self.phi(s)
         # not compiled: cosine and sine of another library round differently, which would be another path
-        return _points(phi, np.cos(phi), np.sin(phi), self._numbers)
+        points = np.empty((phi.size, 3))
+        _find_points(phi, np.cos(phi), np.sin(phi), self._numbers, points)
+        return points
 
     @cached_property
     def _numbers(self) -> _Numbers:
@@ -161,12 +163,11 @@ class Involute(Path):
 
 
 @jit
-def _points(phi: Floats, cosine: Floats, sine: Floats, numbers: _Numbers) -> Floats:
-    """Return the points of an involute at angles with these cosines and sines, (n, 3) [mm]."""
+def _find_points(phi: Floats, cosine: Floats, sine: Floats, numbers: _Numbers, points: Floats) -> None:
+    """Write the points of an involute at angles with these cosines and sines, (n, 3) [mm]."""
     radius = numbers.radius
     a = numbers.a
     c, d = numbers.direction
-    points = np.empty((phi.size, 3))
     for k in range(phi.size):
         rho = radius - a * phi[k]
         along = a - a * cosine[k] + rho * sine[k]
@@ -174,4 +175,3 @@ def _points(phi: Floats, cosine: Floats, sine: Floats, numbers: _Numbers) -> Flo
         points[k, 0] = numbers.start[0] + along * c - lateral * d
         points[k, 1] = numbers.start[1] + along * d + lateral * c
         points[k, 2] = numbers.rise * phi[k]
-    return points
