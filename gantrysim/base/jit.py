@@ -32,24 +32,52 @@ def cached(compiler: Callable[..., Any], *signature: Any, **options: Any) -> Cal
     return decorate
 
 
-class _Told(Listener):  # type: ignore[misc]
-    """Calls a function once, when numba first compiles what its cache lacks."""
+# what the compiled functions of a room compute
+_SUBJECTS = {
+    "bead": "the bead",
+    "controllers": "the program",
+    "dispenser": "the dispenser",
+    "engine": "the record",
+    "env": "the environment",
+    "identify": "the fit",
+    "machine": "the machine",
+    "metrics": "the errors",
+    "native": "the servo",
+    "paths": "the path",
+    "plots": "the plots",
+    "render": "the film",
+    "report": "the plots",
+    "servo": "the servo",
+}
 
-    def __init__(self, tell: Callable[[], None]) -> None:
-        self._tell: Callable[[], None] | None = tell
+
+class _Told(Listener):  # type: ignore[misc]
+    """Calls a function with what is compiled, when numba first compiles of each subject what its cache lacks."""
+
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        self._tell = tell
+        self._subjects: set[str] = set()
+        self._depth = 0
 
     def on_start(self, event: Any) -> None:
-        if self._tell is not None:
-            tell = self._tell
-            self._tell = None
-            tell()
+        if self._depth == 0:
+            subject = _subject(event.data["dispatcher"].py_func.__module__)
+            if subject not in self._subjects:
+                self._subjects.add(subject)
+                self._tell(subject)
+        self._depth += 1
 
     def on_end(self, event: Any) -> None:
-        pass
+        self._depth -= 1
 
 
-def tell_compiling(tell: Callable[[], None]) -> None:
-    """Call a function once, when numba first compiles what no cache holds."""
+def _subject(module: str) -> str:
+    package, _, rest = module.partition(".")
+    return _SUBJECTS.get(rest.partition(".")[0], "functions") if package == "gantrysim" else "your functions"
+
+
+def tell_compiling(tell: Callable[[str], None]) -> None:
+    """Call a function with what is compiled, such as "the servo", when numba first compiles what no cache holds."""
     register("numba:compile", _Told(tell))
 
 

@@ -12,7 +12,7 @@ from gantrysim.base.errors import InputError, shown
 
 Progress = Callable[[float], None] | bool | None  # what callers give
 
-COMPILING = "compiling for this machine, once: some 15 s"
+COMPILING = "compiling {}, once for this machine: some 7 s in all"
 
 _WIDTH = 30  # of the bar [characters]
 _Share = TypeVar("_Share", bound=Callable[[float], None])
@@ -74,13 +74,13 @@ def _bar(task: str, stream: TextIO) -> Iterator[Callable[[float], None]]:
 
 @cache
 def _announce_compiling() -> None:
-    """Print a line when numba first compiles in this process, which takes seconds."""
+    """Print a line when numba begins to compile in this process, which takes seconds, and with what."""
     from gantrysim.base.jit import tell_compiling  # slow to import
 
-    def announce() -> None:
+    def announce(subject: str) -> None:
         stream = _stream()
         if stream is not None:
-            stream.write(f"\r{COMPILING}\n")
+            stream.write(f"\r{COMPILING.format(subject)}\n")
             stream.flush()
 
     tell_compiling(announce)

@@ -134,11 +134,11 @@ def warn(text: str, kind: str = "") -> None:
 
 @cache
 def tell_compiling() -> None:
-    """Print a line to a terminal when numba first compiles in this process, which takes seconds."""
+    """Print a line to a terminal when numba begins to compile in this process, which takes seconds, and with what."""
 
-    def tell() -> None:
+    def tell(subject: str) -> None:
         if _messages.is_terminal:
-            warn(COMPILING)
+            warn(COMPILING.format(subject))
 
     when_imported("gantrysim.base.jit", lambda jit: jit.tell_compiling(tell))
 

@@ -14,7 +14,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import cached, inner_jit
 from gantrysim.native.pointers import floats, logs_at, octets
 from gantrysim.native.row import Log
-from gantrysim.paths.nearest import along
+from gantrysim.paths.nearest import along_compiled
 
 # a row of measurements, see `IntervalValues`: those of the path, then those of one axis after the other
 SHARED = ("contour_rms", "contour_max", "lateral", "speed", "heading", "curvature")
@@ -192,7 +192,7 @@ def _measure_path(path, tips, row, total):
     """
     points, spacing, foot = path
     laid = len(tips)
-    feet = along(points, tips, np.zeros(laid), spacing, max(foot, 0)) if laid else np.zeros(0, np.int64)
+    feet = along_compiled(points, tips, np.zeros(laid), spacing, max(foot, 0)) if laid else np.zeros(0, np.int64)
     square = 0.0
     largest = 0.0
     sideways = 0.0

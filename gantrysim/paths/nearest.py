@@ -4,81 +4,32 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import inner_jit, jit
 from gantrysim.paths.minima import Minima, Table, find_minima, first_near_entry, nearest_entry, square_distance
+from gantrysim.paths.sequences import (
+    BEAM,
+    CANDIDATES,
+    Buffers,
+    Ends,
+    Sequences,
+    Trace,
+    begun,
+    buffers_of_point,
+    extended,
+)
 
 # A foot advances by at most _REACH more than four times the point's step, and goes back by at most _BACK more than it
-# [mm]; of all sequences of feet up to a point, the best _BEAM are continued.
+# [mm].
 _REACH = 10.0
 _BACK = 1.0
-_BEAM = 8
 _AROUND = 12  # entries about the first foot that are searched for a nearer one
 _WEIGHT = 0.02  # of the distance from the path, per mm of the trace, against the difference in progress [1/mm]
 # Between two points with others left out between them the path may go with the trace, or leave that motion out: any
 # progress from the distance of the two to the length of the trace between them is likely, and that length the likelier.
 _LEFT_OUT = 0.1  # weight of the remaining length against a progress beyond either
 _ROUNDING = 1e-9  # of lengths [mm]
-_CANDIDATES = 1024  # minima about a point that are considered
-
-
-class Trace(NamedTuple):
-    """Points in the order of a motion.
-
-    Attributes:
-        points: (n, 3) [mm].
-        travel: length of the trace from the point before where others between them are left out, 0 elsewhere, (n,)
-            [mm].
-    """
-
-    points: Floats
-    travel: Floats
-
-
-class Sequences(NamedTuple):
-    """Sequences of feet that are continued at each point of a trace, as Viterbi's algorithm stores them.
-
-    Attributes:
-        entry: candidates of each point, (n, _BEAM).
-        origin: which candidate of the point before each of them follows, (n, _BEAM).
-        candidates: number of candidates of each point, (n,).
-    """
-
-    entry: NDArray[np.int32]
-    origin: NDArray[np.int8]
-    candidates: NDArray[np.int64]
-
-
-class Ends(NamedTuple):
-    """Ends of the sequences at the last point so far, one per candidate.
-
-    Attributes:
-        cost: of the sequence, above that of the best, (_BEAM,).
-        place: of the foot, in entries, (_BEAM,).
-    """
-
-    cost: Floats
-    place: Floats
-
-
-class Buffers(NamedTuple):
-    """Arrays for the work on a point, made once.
-
-    Attributes:
-        cost, place: of the sequences extended to it, as of `Ends`.
-        minima: about it.
-        slots: of sequences on their way back.
-    """
-
-    cost: Floats
-    place: Floats
-    minima: Minima
-    slots: NDArray[np.int64]
 
 
 @inner_jit
@@ -175,11 +126,11 @@ def _extend(table, trace, sequences, ends, buffers):
                 least += _WEIGHT * minima.distance[c] * length
                 # where all slots are taken, the costliest sequence gives way
                 slot = count
-                if count < _BEAM:
+                if count < BEAM:
                     count += 1
                 else:
                     slot = 0
-                    for j in range(1, _BEAM):
+                    for j in range(1, BEAM):
                         if extended_cost[j] > extended_cost[slot]:
                             slot = j
                     if extended_cost[slot] <= least:
@@ -230,24 +181,30 @@ def along(points, trace, travel, spacing, begin):
         begin: index at which the trace begins; -1 to search the whole table.
     """
     table = Table(points, spacing)
-    sequences, ends = _begun(_start(table, trace[0], begin))
+    sequences, ends = begun(_start(table, trace[0], begin))
     entries = np.empty(len(trace), np.int64)
-    _next_block(table, Trace(trace, travel), _extended(sequences, len(trace) - 1), ends, _buffers(), entries, True)
+    _next_block(
+        table, Trace(trace, travel), extended(sequences, len(trace) - 1), ends, buffers_of_point(), entries, True
+    )
     return entries
 
 
-def _begun(entry):
-    """Return the sequences of a single point, whose foot is at an entry, and their ends."""
-    sequences = Sequences(np.zeros((1, _BEAM), np.int32), np.zeros((1, _BEAM), np.int8), np.ones(1, np.int64))
-    ends = Ends(np.zeros(_BEAM), np.zeros(_BEAM))
-    sequences.entry[0, 0] = entry
-    ends.place[0] = entry
-    return sequences, ends
-
-
-def _buffers():
-    minima = Minima(np.zeros(_CANDIDATES, np.int64), np.zeros(_CANDIDATES), np.zeros(_CANDIDATES))
-    return Buffers(np.zeros(_BEAM), np.zeros(_BEAM), minima, np.zeros(_BEAM, np.int64))
+@inner_jit
+def along_compiled(points, trace, travel, spacing, begin):
+    """Return what `along` does, for compiled callers."""
+    n = len(trace)
+    sequences = Sequences(np.zeros((n, BEAM), np.int32), np.zeros((n, BEAM), np.int8), np.ones(n, np.int64))
+    ends = Ends(np.zeros(BEAM), np.zeros(BEAM))
+    minima = Minima(np.zeros(CANDIDATES, np.int64), np.zeros(CANDIDATES), np.zeros(CANDIDATES))
+    buffers = Buffers(np.zeros(BEAM), np.zeros(BEAM), minima, np.zeros(BEAM, np.int64))
+    table = Table(points, spacing)
+    first = _start(table, trace[0], begin)
+    sequences.entry[0, 0] = first
+    ends.place[0] = first
+    _extend(table, Trace(trace, travel), sequences, ends, buffers)
+    entries = np.empty(n, np.int64)
+    _trace_back(sequences, _least(ends.cost, sequences.candidates[n - 1]), entries)
+    return entries
 
 
 @jit
@@ -292,15 +249,6 @@ def _next_block(table, block, sequences, ends, buffers, entries, is_last):
     return k
 
 
-def _extended(sequences, count):
-    """Return sequences with room for further points, whose candidates are written later."""
-    return Sequences(
-        np.concatenate([sequences.entry, np.zeros((count, _BEAM), np.int32)]),
-        np.concatenate([sequences.origin, np.zeros((count, _BEAM), np.int8)]),
-        np.concatenate([sequences.candidates, np.ones(count, np.int64)]),
-    )
-
-
 def along_blocks(points, blocks, count, spacing, begin):
     """Return what `along` does, (n,), for a trace that is given block by block.
 
@@ -318,11 +266,11 @@ def along_blocks(points, blocks, count, spacing, begin):
     entries = np.empty(count, np.int64)
     decided = 0
     received = 0
-    undecided, ends = _begun(_start(table, trace[0], begin))
-    buffers = _buffers()
+    undecided, ends = begun(_start(table, trace[0], begin))
+    buffers = buffers_of_point()
     while received < count:
         received = decided + len(undecided.candidates) + len(trace) - 1
-        sequences = _extended(undecided, len(trace) - 1)
+        sequences = extended(undecided, len(trace) - 1)
         block = Trace(trace, travel)
         k = _next_block(table, block, sequences, ends, buffers, entries[decided:received], received == count)
         undecided = Sequences(sequences.entry[k:], sequences.origin[k:], sequences.candidates[k:])

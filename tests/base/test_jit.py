@@ -1,23 +1,38 @@
-"""Compilation is told once, and only where nothing is cached."""
+"""Compilation is told once for each subject, and only where nothing is cached."""
 
 import io
+import re
+import types
+from pathlib import Path
 
 import numba
 import pytest
 from rich.console import Console
 
+import gantrysim
 from gantrysim.base import jit
 from gantrysim.cli import terminal
 
 
-def test_compilation_is_told_once():
+def test_compilation_is_told_once_for_each_subject():
     told = []
-    jit.tell_compiling(lambda: told.append(1))
+    jit.tell_compiling(told.append)
     add = numba.njit(lambda a, b: a + b)
     assert not told
     assert add(1, 2) == 3
     assert add(1.0, 2.0) == 3.0  # compiled again, for other types
-    assert told == [1]
+    numba.njit(types.FunctionType((lambda a: a).__code__, {"__name__": "gantrysim.bead.laying"}))(1)
+    assert told == ["your functions", "the bead"]
+
+
+def test_every_room_with_compiled_functions_has_a_subject():
+    package = Path(gantrysim.__file__).parent
+    rooms = {
+        file.relative_to(package).parts[0]
+        for file in package.rglob("*.py")
+        if re.search(r"^@(inner_)?jit$", file.read_text(encoding="utf-8"), re.MULTILINE)
+    }
+    assert rooms and rooms <= jit._SUBJECTS.keys() | {"base"}
 
 
 @pytest.mark.parametrize("is_terminal", [True, False])
@@ -26,4 +41,4 @@ def test_the_command_tells_it_to_a_terminal_alone(monkeypatch, is_terminal):
     monkeypatch.setattr(terminal, "_messages", Console(file=stream, force_terminal=is_terminal))
     terminal.tell_compiling.__wrapped__()
     numba.njit(lambda a: a * 3)(2)
-    assert stream.getvalue().count("compiling for this machine, once") == int(is_terminal)
+    assert stream.getvalue().count("compiling your functions, once for this machine") == int(is_terminal)

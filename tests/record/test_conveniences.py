@@ -202,8 +202,8 @@ def test_compiling_is_announced_once(monkeypatch):
         with bars.shown_progress("simulate", True):
             pass
     (announce,) = announced
-    announce()
-    assert terminal.getvalue().endswith("\rcompiling for this machine, once: some 15 s\n")
+    announce("the servo")
+    assert terminal.getvalue().endswith("\rcompiling the servo, once for this machine: some 7 s in all\n")
 
 
 def test_a_bar_is_shown_in_the_output_of_a_notebook(xy, monkeypatch):
