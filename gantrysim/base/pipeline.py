@@ -124,6 +124,7 @@ class _WholeLowering(NativeLowering):  # type: ignore[misc]
 def _library(kind: type, state: Any) -> Any:
     library = kind(state.targetctx.codegen(), state.func_id.func_qualname)
     library.enable_object_caching()
+    state.status.fail_reason = None  # of the passes that were tried before
     return library
 
 

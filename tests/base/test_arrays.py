@@ -1,0 +1,54 @@
+"""A function that remembers its last result returns that of its own arguments, from any thread."""
+
+import threading
+
+import numpy as np
+
+from gantrysim.base.arrays import LastCall, seen
+
+
+def test_the_last_result_is_that_of_the_same_arguments():
+    calls = []
+    double = LastCall(lambda values: (calls.append(1), 2 * values)[1])
+    first = np.arange(3.0)
+    assert double(first) is double(first.copy())
+    first += 1.0
+    assert double(first).tolist() == [2.0, 4.0, 6.0]
+    assert len(calls) == 2
+
+
+def test_another_thread_does_not_replace_the_result_between_comparison_and_return():
+    rows = [np.full(50, float(value)) for value in range(2)]
+    remembered = LastCall(lambda values: values[:1].copy())
+    compare = np.array_equal
+    entered = threading.Event()
+    replaced = threading.Event()
+
+    def slow(left, right):
+        equal = compare(left, right)
+        if threading.current_thread() is not threading.main_thread():
+            entered.set()
+            assert replaced.wait(10.0)
+        return equal
+
+    remembered(rows[0])
+    results = []
+    thread = threading.Thread(target=lambda: results.append(float(remembered(rows[0])[0])))
+    try:
+        np.array_equal = slow
+        thread.start()
+        assert entered.wait(10.0)
+        remembered(rows[1])
+    finally:
+        np.array_equal = compare
+        replaced.set()
+        thread.join()
+    assert results == [0.0]
+
+
+def test_a_view_that_is_seen_cannot_be_written_to():
+    array = np.zeros(3)
+    view = seen(array)
+    assert view.base is array
+    assert not view.flags.writeable
+    assert array.flags.writeable

@@ -1,0 +1,86 @@
+"""The shorter way through numba's compiler gives the numbers of numba's own, and steps aside for untested versions."""
+
+import math
+import subprocess
+import sys
+
+import numba
+import numpy as np
+import pytest
+from numba.core.compiler import Flags
+
+from gantrysim.base import pipeline
+from gantrysim.base.jit import inner_jit, jit
+
+ROWS = np.random.default_rng(3).normal(size=(50, 3))
+
+
+@inner_jit
+def _length(row):
+    return math.sqrt(row[0] * row[0] + row[1] * row[1] + row[2] * row[2])
+
+
+@inner_jit
+def _mean(rows, weight):
+    total = 0.0
+    for k in range(rows.shape[0]):
+        total += weight * _length(rows[k]) / (k + 1)
+    return total
+
+
+def weighted(rows, weight):
+    highest = -np.inf
+    for k in range(rows.shape[0]):
+        highest = max(highest, abs(rows[k, 0]) ** 1.5)
+    return _mean(rows, weight) - highest
+
+
+def test_numbers_are_those_of_numbas_own_compiler():
+    own = numba.njit(error_model="numpy")(weighted)
+    assert jit(weighted)(ROWS, 0.3) == own(ROWS, 0.3)
+
+
+def test_a_helper_has_no_code_of_its_own():
+    jit(weighted)(ROWS, 0.3)
+    (helper,) = _length.overloads.values()
+    assert isinstance(helper.library, pipeline._PartLibrary)
+    assert helper.library.get_pointer_to_function(helper.fndesc.llvm_func_name) == 0
+
+
+def test_what_the_short_way_does_not_compile_takes_all_passes():
+    def scaled(values, factor):
+        if factor is None:
+            return len([value for value in values])  # noqa: C416
+        return factor * values[0]
+
+    compiled = jit(scaled)
+    assert compiled(np.arange(3.0), None) == 3
+    assert compiled(np.arange(1.0, 3.0), 4.0) == 4.0
+
+
+def test_flags_compare_as_numbas_own():
+    one = pipeline._QuickFlags()
+    other = pipeline._QuickFlags()
+    assert one == other == Flags()
+    assert hash(one) == hash(Flags())
+    other.release_gil = True
+    assert one != other
+    one.release_gil = True
+    assert one == other
+    assert hash(one) == hash(other)
+    one.nrt = False  # as is the default
+    assert one == other
+
+
+@pytest.mark.parametrize(("version", "tested"), [("0.68.1", True), ("0.67.0", False), ("0.69.0rc1", False)])
+def test_untested_versions_of_numba_compile_as_they_do(version, tested):
+    code = (
+        f"import numba; numba.__version__ = {version!r}\n"
+        "from gantrysim.base import pipeline, jit\n"
+        "print(pipeline.PART.__name__, pipeline.WHOLE.__name__)\n"
+        "double = jit.inner_jit(lambda a: 2.0 * a)\n"
+        "print(jit.jit(lambda a: double(a) + 1.0)(3.0))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    names = f"{pipeline.PartCompiler.__name__} {pipeline.WholeCompiler.__name__}" if tested else "Compiler Compiler"
+    assert done.stdout == f"{names}\n7.0\n"

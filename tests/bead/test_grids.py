@@ -1,0 +1,142 @@
+"""Computations over whole grids equal loops from cell to cell, to the last bit."""
+
+import numpy as np
+import pytest
+
+from gantrysim.bead import needle_contacts, pushing
+from gantrysim.bead.footprint import wet_where_pushed
+from gantrysim.bead.laying import Layer, headroom
+from gantrysim.metrics.spacing import forward
+
+SHAPES = [(17, 20), (18, 23), (33, 1), (1, 7), (2, 2)]
+
+
+def grids(seed, count, shape):
+    rng = np.random.default_rng(seed)
+    return [np.where(rng.random(shape) < 0.3, 0.0, rng.random(shape)) for _ in range(count)]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("size", [2, 3, 8])
+def test_means_over_blocks(shape, size):
+    (values,) = grids(1, 1, shape)
+    means = pushing.means(values, size, 0.7)
+    for (row, column), mean in np.ndenumerate(means):
+        total = 0.0
+        for j in range(row * size, (row + 1) * size):
+            for i in range(column * size, (column + 1) * size):
+                total += values[j, i] if j < shape[0] and i < shape[1] else 0.7
+        assert mean == total / size**2
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("edge", [False, True])
+def test_coarser_grids(shape, edge):
+    (values,) = grids(2, 1, shape)
+    ny, nx = shape
+    for (row, column), mean in np.ndenumerate(pushing._coarser(values, edge)):
+        total = 0.0
+        for j in (2 * row, 2 * row + 1):
+            for i in (2 * column, 2 * column + 1):
+                if edge or (j < ny and i < nx):
+                    total += 0.25 * values[min(j, ny - 1), min(i, nx - 1)]
+        assert mean == total
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_finer_grids(shape):
+    ny, nx = shape
+    (values,) = grids(3, 1, ((ny + 1) // 2, (nx + 1) // 2))
+    for (j, i), value in np.ndenumerate(pushing._finer(values, ny, nx)):
+        q, m = j // 2, i // 2
+        p = min(max(q + (1 if j % 2 else -1), 0), values.shape[0] - 1)
+        n = min(max(m + (1 if i % 2 else -1), 0), values.shape[1] - 1)
+        near = 0.75 * values[q, m] + 0.25 * values[p, m]
+        far = 0.75 * values[q, n] + 0.25 * values[p, n]
+        assert value == 0.75 * near + 0.25 * far
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_what_is_handed_on(shape):
+    height, handed = grids(4, 2, shape)
+    expected = height.copy()
+    ny, nx = shape
+    for j in range(ny):
+        for i in range(nx):
+            around = (j > 0) + (j < ny - 1) + (i > 0) + (i < nx - 1)
+            expected[j, i] -= handed[j, i]
+            for p, q in ((j - 1, i), (j + 1, i), (j, i - 1), (j, i + 1)):
+                if 0 <= p < ny and 0 <= q < nx:
+                    expected[p, q] += handed[j, i] / around
+    total = height.sum()
+    pushing._hand_on(height, handed)
+    assert np.array_equal(height, expected)
+    assert height.sum() == pytest.approx(total, rel=1e-12)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_cells_to_push(shape):
+    surface = pushing._Surface(*grids(5, 4, shape))
+    queue, count = pushing._to_push(surface, 0.02)
+    expected = [
+        j * shape[1] + i
+        for j in range(shape[0])
+        for i in range(shape[1])
+        if surface.height[j, i] > surface.ceiling[j, i] * 1.02 or surface.handed[j, i] > 0.0
+    ]
+    assert queue.cells[:count].tolist() == expected
+    assert queue.cells.size == queue.listed.size
+    assert np.flatnonzero(queue.listed).tolist() == expected
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_headroom(uneven):
+    shape = SHAPES[0]
+    under, glue, moment, crest = grids(6, 4, shape)
+    ceiling, rise = headroom(under, Layer(glue, moment if uneven else np.zeros((0, 0)), crest), 0.4, 0.1)
+    for j, i in np.ndindex(shape):
+        face = moment[j, i] / glue[j, i] if uneven and glue[j, i] > 0.0 else 0.4
+        beside = 1.0 - under[j, i]
+        assert ceiling[j, i] == under[j, i] * face + beside * max(crest[j, i], face)
+        assert rise[j, i] == beside * 0.1
+
+
+def test_shares_where_glue_was_pushed():
+    shape = SHAPES[0]
+    share, laid, pushed, ceiling = grids(7, 4, shape)
+    expected = share.copy()
+    for j, i in np.ndindex(shape):
+        gain = pushed[j, i] - laid[j, i]
+        room = ceiling[j, i] - laid[j, i]
+        if gain > 0.0 and room > 0.0:
+            expected[j, i] += (1.0 - expected[j, i]) * min(gain / room, 1.0)
+    wet_where_pushed(share, laid, pushed, ceiling)
+    assert np.array_equal(share, expected)
+
+
+def test_arc_lengths_ahead_of_all_before():
+    s = np.random.default_rng(8).integers(0, 50, 400) / 7.0
+    assert forward(s).tolist() == [all(value > before for before in s[:k]) for k, value in enumerate(s)]
+    assert forward(np.zeros(0)).size == 0
+
+
+def test_sections_are_sorted_into_the_cells_of_their_boxes():
+    rng = np.random.default_rng(9)
+    count = 40
+    x, y, half, top = rng.uniform(0.0, 30.0, (4, count))
+    half /= 6.0
+    one = np.ones(count)
+    sections = needle_contacts.Sections(one, x, y, one, one, one, top, one, one, one, one, half, thickness=0.2)
+    needle = needle_contacts.Needle(np.zeros((1, 3)), np.zeros(1), np.zeros(1, bool), 0.5, 1.0, 0.1)
+    cells = needle_contacts.cells_of(sections, needle)
+    reach = half + 0.7
+    assert cells.first[0] == 0
+    assert cells.first[-1] == cells.section.size
+    for cell in range(cells.columns * cells.rows):
+        low_x = cells.x + cells.size * (cell % cells.columns)
+        low_y = cells.y + cells.size * (cell // cells.columns)
+        meets = (x + reach >= low_x) & (x - reach < low_x + cells.size)
+        meets &= (y + reach >= low_y) & (y - reach < low_y + cells.size)
+        members = np.flatnonzero(meets)
+        assert cells.section[cells.first[cell] : cells.first[cell + 1]].tolist() == members.tolist()
+        assert cells.highest[cell] == (top[members].max() if members.size else -np.inf)
