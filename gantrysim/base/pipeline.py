@@ -69,10 +69,6 @@ class _WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
 
-    def _optimize_final_module(self) -> None:
-        manager, builder = self._codegen._module_pass_manager()
-        manager.run(self._final_module, builder)
-
 
 class _QuickFlags(Flags):  # type: ignore[misc]
     """Numba's flags, compared without a list of all their values: numba looks them up at every operation."""

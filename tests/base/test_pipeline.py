@@ -6,7 +6,6 @@ import sys
 
 import numba
 import numpy as np
-import pytest
 from numba.core.compiler import Flags
 
 from gantrysim.base import pipeline
@@ -72,15 +71,20 @@ def test_flags_compare_as_numbas_own():
     assert one == other
 
 
-@pytest.mark.parametrize(("version", "tested"), [("0.68.1", True), ("0.67.0", False), ("0.69.0rc1", False)])
-def test_untested_versions_of_numba_compile_as_they_do(version, tested):
+def test_versions_that_are_tested():
+    assert pipeline.is_tested("0.68.1")
+    assert not pipeline.is_tested("0.67.0")
+    assert not pipeline.is_tested("0.69.0rc1")
+    assert pipeline.is_tested() == (pipeline.PART is pipeline.PartCompiler)
+
+
+def test_an_untested_version_of_numba_compiles_as_it_does():
     code = (
-        f"import numba; numba.__version__ = {version!r}\n"
+        "import numba; numba.__version__ = '0.69.0'\n"
         "from gantrysim.base import pipeline, jit\n"
         "print(pipeline.PART.__name__, pipeline.WHOLE.__name__)\n"
         "double = jit.inner_jit(lambda a: 2.0 * a)\n"
         "print(jit.jit(lambda a: double(a) + 1.0)(3.0))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    names = f"{pipeline.PartCompiler.__name__} {pipeline.WholeCompiler.__name__}" if tested else "Compiler Compiler"
-    assert done.stdout == f"{names}\n7.0\n"
+    assert done.stdout == "Compiler Compiler\n7.0\n"
