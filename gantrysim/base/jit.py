@@ -72,8 +72,10 @@ class _Told(Listener):  # type: ignore[misc]
 
 
 def _subject(module: str) -> str:
-    package, _, rest = module.partition(".")
-    return _SUBJECTS.get(rest.partition(".")[0], "functions") if package == "gantrysim" else "your functions"
+    names = module.split(".")
+    if names[0] != "gantrysim":
+        return "your functions"
+    return _SUBJECTS.get(names[1], "functions")
 
 
 def tell_compiling(tell: Callable[[str], None]) -> None:

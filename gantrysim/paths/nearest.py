@@ -16,7 +16,6 @@ from gantrysim.paths.sequences import (
     Sequences,
     Trace,
     begun,
-    buffers_of_point,
     extended,
 )
 
@@ -86,19 +85,19 @@ def _misfit(advance, step, length):
 
 
 @inner_jit
-def _extend(table, trace, sequences, ends, buffers):
+def _extend(table, trace, sequences, buffers):
     """Extend the best sequences of feet from the first point of a trace to all others.
 
     Args:
         table: points along the path.
         trace: the trace.
         sequences: of its points, the first row given, the others written.
-        ends: of the sequences, updated.
-        buffers: for the work on a point.
+        buffers: with the ends of the sequences, which are updated.
     """
     points = table.points
     spacing = table.spacing
     last_entry = len(points) - 1
+    ends = buffers.ends
     extended_cost = buffers.cost
     extended_place = buffers.place
     minima = buffers.minima
@@ -181,11 +180,9 @@ def along(points, trace, travel, spacing, begin):
         begin: index at which the trace begins; -1 to search the whole table.
     """
     table = Table(points, spacing)
-    sequences, ends = begun(_start(table, trace[0], begin))
+    sequences, buffers = begun(_start(table, trace[0], begin))
     entries = np.empty(len(trace), np.int64)
-    _next_block(
-        table, Trace(trace, travel), extended(sequences, len(trace) - 1), ends, buffers_of_point(), entries, True
-    )
+    _next_block(table, Trace(trace, travel), extended(sequences, len(trace) - 1), buffers, entries, True)
     return entries
 
 
@@ -196,19 +193,19 @@ def along_compiled(points, trace, travel, spacing, begin):
     sequences = Sequences(np.zeros((n, BEAM), np.int32), np.zeros((n, BEAM), np.int8), np.ones(n, np.int64))
     ends = Ends(np.zeros(BEAM), np.zeros(BEAM))
     minima = Minima(np.zeros(CANDIDATES, np.int64), np.zeros(CANDIDATES), np.zeros(CANDIDATES))
-    buffers = Buffers(np.zeros(BEAM), np.zeros(BEAM), minima, np.zeros(BEAM, np.int64))
+    buffers = Buffers(ends, np.zeros(BEAM), np.zeros(BEAM), minima, np.zeros(BEAM, np.int64))
     table = Table(points, spacing)
     first = _start(table, trace[0], begin)
     sequences.entry[0, 0] = first
     ends.place[0] = first
-    _extend(table, Trace(trace, travel), sequences, ends, buffers)
+    _extend(table, Trace(trace, travel), sequences, buffers)
     entries = np.empty(n, np.int64)
     _trace_back(sequences, _least(ends.cost, sequences.candidates[n - 1]), entries)
     return entries
 
 
 @jit
-def _next_block(table, block, sequences, ends, buffers, entries, is_last):
+def _next_block(table, block, sequences, buffers, entries, is_last):
     """Extend sequences by a block of a trace, and write what all of them have in common.
 
     Arrays are made by the caller: numba would compile that too.
@@ -218,8 +215,7 @@ def _next_block(table, block, sequences, ends, buffers, entries, is_last):
         block: of the trace, after the last point of the block before, k + 1 points.
         sequences: of the points that are not decided and of the block, (u + k,), of which those of the block, from its
             second point on, are written.
-        ends: of the sequences, updated.
-        buffers: for the work on a point.
+        buffers: with the ends of the sequences, which are updated.
         entries: of the same points, (u + k,), written as far as they are decided.
         is_last: whether the block is the last.
 
@@ -228,14 +224,14 @@ def _next_block(table, block, sequences, ends, buffers, entries, is_last):
     """
     first = len(entries) - len(block.points)
     new = Sequences(sequences.entry[first:], sequences.origin[first:], sequences.candidates[first:])
-    _extend(table, block, new, ends, buffers)
+    _extend(table, block, new, buffers)
     k = len(entries) - 1
     count = sequences.candidates[k]
     slots = buffers.slots
     for c in range(count):
         slots[c] = c
     if is_last:
-        best = _least(ends.cost, count)
+        best = _least(buffers.ends.cost, count)
         slots[0] = best
         count = 1
     least, largest = _range(slots, count)
@@ -266,13 +262,12 @@ def along_blocks(points, blocks, count, spacing, begin):
     entries = np.empty(count, np.int64)
     decided = 0
     received = 0
-    undecided, ends = begun(_start(table, trace[0], begin))
-    buffers = buffers_of_point()
+    undecided, buffers = begun(_start(table, trace[0], begin))
     while received < count:
         received = decided + len(undecided.candidates) + len(trace) - 1
         sequences = extended(undecided, len(trace) - 1)
         block = Trace(trace, travel)
-        k = _next_block(table, block, sequences, ends, buffers, entries[decided:received], received == count)
+        k = _next_block(table, block, sequences, buffers, entries[decided:received], received == count)
         undecided = Sequences(sequences.entry[k:], sequences.origin[k:], sequences.candidates[k:])
         decided += k
         if received < count:

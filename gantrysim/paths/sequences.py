@@ -56,14 +56,16 @@ class Ends(NamedTuple):
 
 
 class Buffers(NamedTuple):
-    """Arrays for the work on a point, made once.
+    """Ends of the sequences, and arrays for the work on a point, made once.
 
     Attributes:
+        ends: of the sequences, updated from point to point.
         cost, place: of the sequences extended to it, as of `Ends`.
         minima: about it.
         slots: of sequences on their way back.
     """
 
+    ends: Ends
     cost: Floats
     place: Floats
     minima: Minima
@@ -71,12 +73,13 @@ class Buffers(NamedTuple):
 
 
 def begun(entry):
-    """Return the sequences of a single point, whose foot is at an entry, and their ends."""
+    """Return the sequences of a single point, whose foot is at an entry, and the buffers with their ends."""
     sequences = Sequences(np.zeros((1, BEAM), np.int32), np.zeros((1, BEAM), np.int8), np.ones(1, np.int64))
     ends = Ends(np.zeros(BEAM), np.zeros(BEAM))
     sequences.entry[0, 0] = entry
     ends.place[0] = entry
-    return sequences, ends
+    minima = Minima(np.zeros(CANDIDATES, np.int64), np.zeros(CANDIDATES), np.zeros(CANDIDATES))
+    return sequences, Buffers(ends, np.zeros(BEAM), np.zeros(BEAM), minima, np.zeros(BEAM, np.int64))
 
 
 def extended(sequences, count):
@@ -86,9 +89,3 @@ def extended(sequences, count):
         np.concatenate([sequences.origin, np.zeros((count, BEAM), np.int8)]),
         np.concatenate([sequences.candidates, np.ones(count, np.int64)]),
     )
-
-
-def buffers_of_point():
-    """Return arrays for the work on a point."""
-    minima = Minima(np.zeros(CANDIDATES, np.int64), np.zeros(CANDIDATES), np.zeros(CANDIDATES))
-    return Buffers(np.zeros(BEAM), np.zeros(BEAM), minima, np.zeros(BEAM, np.int64))
