@@ -7,8 +7,8 @@ import json
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from importlib.metadata import version
+from functools import cache, lru_cache
+from importlib import metadata
 from typing import Any, Literal, Self
 
 from gantrysim.base.errors import InputError
@@ -29,6 +29,7 @@ Row = dict[str, Value]
 Mode = Literal["simulated", "perfect follower"]
 
 OK = "ok"
+version = cache(metadata.version)  # which reads a file at every call
 _FAULT = "fault: "
 _REFUSED = "refused: "
 

@@ -6,7 +6,7 @@ import math
 import os
 import threading
 import warnings
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -21,6 +21,10 @@ Measure = Callable[[Case], Row]  # a function of a module, or a partial of one: 
 Progress = Callable[[int, int], None]  # called with the number of finished cases, and of all known by now
 
 _TOGETHER = 32  # maximum number of cases measured together, whose rows are kept only when all are finished
+# A lot costs some 10 ms of this process and of a cluster's scheduler. Of short cases that are many a worker takes as
+# many at once as this time allows [s], but no more than a share of its part of those that are still to come.
+_LOT_TIME = 2.0
+_LOT_SHARE = 1 / 8
 
 
 def run_cases(
@@ -39,7 +43,8 @@ def run_cases(
 
     Args:
         cases: to run.
-        ledger: open; every row is written to it as soon as it is finished.
+        ledger: open; every row is written to it as soon as its worker has finished the cases it took: a single one, or
+            of many short ones those of two seconds.
         workers: maximum number of processes, by default all cores or workers of the backend; never more than cores or
             cases.
         measure: from a case to its row of plain JSON values.
@@ -61,9 +66,9 @@ def run_cases(
             progress(total - len(missing), total)
 
     advance()
-    most = _TOGETHER if measure_together else 1  # a single case takes long compared with its transfer to the worker
+    lots = _equal_lots if measure_together else _timed_lots
     together = measure_together or partial(_one_by_one, measure)
-    finished = _finished(list(missing.values()), workers, together, most)
+    finished = _finished(list(missing.values()), workers, together, lots)
     try:
         for rows in finished:
             for key, row in rows:
@@ -96,10 +101,30 @@ def _one_by_one(measure: Measure, cases: Sequence[Case]) -> list[Row]:
     return [measure(case) for case in cases]
 
 
+class _Pace:
+    """Mean time that the finished cases took."""
+
+    def __init__(self) -> None:
+        self._cases = 0
+        self._seconds = 0.0
+
+    def add(self, cases: int, seconds: float) -> None:
+        """Add finished cases and the time of a worker that they took [s]."""
+        self._cases += cases
+        self._seconds += seconds
+
+    def cases_within(self, seconds: float) -> int:
+        """Return the number of cases that take so long [s], at least one; one while none is finished."""
+        return max(int(seconds * self._cases / self._seconds), 1) if self._seconds else 1
+
+
+Lots = Callable[[list[Case], int, _Pace], Iterable[list[Case]]]
+
+
 def _finished(
-    cases: list[Case], workers: int | None, measure: MeasureTogether, most: int
+    cases: list[Case], workers: int | None, measure: MeasureTogether, lots_of: Lots
 ) -> Generator[list[tuple[str, Row]], None, None]:
-    """Run cases in lots of at most `most`, and yield the keys and rows of each finished lot."""
+    """Run cases in lots, and yield the keys and rows of each finished lot."""
     if not cases:
         return
     # slow to import
@@ -116,7 +141,8 @@ def _finished(
     # a backend that ignores the number of workers, such as a cluster, is limited by the lots dispatched at once
     dispatched = workers if backend.effective_n_jobs(workers) > workers else "2 * n_jobs"
     origin = Origin.here(cases)
-    lots = _lots(cases, workers, most)
+    pace = _Pace()
+    lots = lots_of(cases, workers, pace)
     # a worker that has no case yet must end with this process too
     started: dict[str, Any] = {}
     if isinstance(backend, LokyBackend):
@@ -130,7 +156,9 @@ def _finished(
         try:
             with deferred(), blocked():  # for the workers started here; this process stops them
                 results = parallel(delayed(measured)(measure, lot, origin) for lot in lots)
-            yield from results
+            for rows, seconds in results:
+                pace.add(len(rows), seconds)
+                yield rows
         except KeyboardInterrupt:
             if results is not None:  # deferred: before a result was asked for, which would have ended it
                 _close(results)
@@ -141,8 +169,18 @@ def _finished(
             ) from None
 
 
-def _lots(cases: list[Case], workers: int, most: int) -> list[list[Case]]:
-    """Cut cases into lots of equal size within one, as many for every worker, none larger than `most`."""
-    lots = min(workers * math.ceil(len(cases) / (workers * most)), len(cases))
+def _timed_lots(cases: list[Case], workers: int, pace: _Pace) -> Iterator[list[Case]]:
+    """Yield lots of cases in their order: single ones at the begin and the end, and where they take long."""
+    begin = 0
+    while begin < len(cases):
+        most = int(_LOT_SHARE * (len(cases) - begin) / workers)
+        end = begin + max(min(pace.cases_within(_LOT_TIME), most), 1)
+        yield cases[begin:end]
+        begin = end
+
+
+def _equal_lots(cases: list[Case], workers: int, _pace: _Pace) -> list[list[Case]]:
+    """Cut cases into lots of equal size within one, as many for every worker, none larger than `_TOGETHER`."""
+    lots = min(workers * math.ceil(len(cases) / (workers * _TOGETHER)), len(cases))
     ends = [len(cases) * k // lots for k in range(lots + 1)]
     return [cases[begin:end] for begin, end in pairwise(ends)]

@@ -10,12 +10,14 @@ import json
 import multiprocessing
 import os
 import platform
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from typing import NamedTuple
 
 from gantrysim.base.errors import GantryError, InputError
 from gantrysim.report.summary import package_versions
@@ -55,18 +57,32 @@ class Origin:
         return cls(platform.node(), os.getpid(), _installed(), digests)
 
 
-def measured(measure: MeasureTogether, cases: Sequence[Case], origin: Origin) -> list[tuple[str, Row]]:
-    """Measure cases and return their keys and rows.
+class Measured(NamedTuple):
+    """Cases that a worker has measured.
+
+    Attributes:
+        rows: with the keys of their cases.
+        seconds: that it took [s].
+    """
+
+    rows: list[tuple[str, Row]]
+    seconds: float
+
+
+def measured(measure: MeasureTogether, cases: Sequence[Case], origin: Origin) -> Measured:
+    """Measure cases.
 
     Raises:
         WorkerError: this process differs from the study's in its versions or machines.
     """
+    begin = time.perf_counter()
     if not _started_by(origin) and (platform.node(), os.getpid()) != (origin.host, origin.process):  # started by others
         _check_installed(origin)
     _check_machines(cases, origin)
     # as read back from the ledger: tuples become lists, keys strings
     rows: list[Row] = json.loads(json.dumps(list(measure(cases)), allow_nan=False))
-    return [(case.key, row) for case, row in zip(cases, rows, strict=True)]
+    keys = [case.key for case in cases]
+    return Measured(list(zip(keys, rows, strict=True)), time.perf_counter() - begin)
 
 
 def _started_by(origin: Origin) -> bool:

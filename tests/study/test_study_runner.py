@@ -10,7 +10,7 @@ from itertools import pairwise
 import pytest
 
 from gantrysim import InputError, Job
-from gantrysim.study import Case, Ledger, StudyInterrupted, WorkerError, measure, run_cases, run_study
+from gantrysim.study import Case, Ledger, StudyInterrupted, WorkerError, measure, run_cases, run_study, runner
 
 from support.studies import PATIENCE, SHORT, Counted, Toy, cases_of, content
 
@@ -237,3 +237,27 @@ def test_a_study_s_cases_are_measured_together_where_it_can(job, tmp_path):
     assert rest.measure_together.sizes == [20, 1]
     assert (again.resumed, again.rows) == (20, outcome.rows)
     assert content(tmp_path / "broken") == content(tmp_path / "whole")
+
+
+def lots_of(cases, seconds):
+    """The lots that two workers take of cases of a length [s], one after the other."""
+    pace = runner._Pace()
+    for lot in runner._timed_lots(list(range(cases)), 2, pace):
+        yield lot
+        pace.add(len(lot), seconds * len(lot))
+
+
+def test_many_short_cases_are_taken_several_at_once_in_their_order():
+    lots = list(lots_of(1000, 0.05))
+    assert [case for lot in lots for case in lot] == list(range(1000))
+    sizes = [len(lot) for lot in lots]
+    assert sizes[0] == 1  # nobody knows yet how long they take
+    assert max(sizes) == int(runner._LOT_TIME / 0.05)
+    assert sizes == sizes[:1] + sorted(sizes[1:], reverse=True)  # fewer towards the end, for none to wait for the other
+    assert sizes[-8:] == [1] * 8
+    assert len(lots) < 1000 / 10
+
+
+@pytest.mark.parametrize(("cases", "seconds"), [(1000, 3.0), (15, 0.001)], ids=["long", "few"])
+def test_long_cases_and_few_are_taken_one_by_one(cases, seconds):
+    assert all(len(lot) == 1 for lot in lots_of(cases, seconds))

@@ -54,7 +54,7 @@ def elsewhere(cases, **changes):
 def test_cases_are_measured_for_a_study_elsewhere_with_the_same_versions_and_machine(job):
     cases = cases_of(job, (0.02, 0.03))
     keys = [case.key for case in cases]
-    assert measured(each, cases, elsewhere(cases)) == list(zip(keys, each(cases), strict=True))
+    assert measured(each, cases, elsewhere(cases)).rows == list(zip(keys, each(cases), strict=True))
 
 
 @pytest.mark.parametrize(
@@ -124,18 +124,19 @@ def test_another_machine_than_the_study_s_is_refused(model):
 
 def test_a_machine_whose_file_has_changed_is_built_again(model):
     cases = cases_of(Job.load("an225", SHORT, str(model(damping=20.0))))[:1]
-    expected, origin = measured(all_of, cases, elsewhere(cases)), elsewhere(cases)
+    expected = measured(all_of, cases, elsewhere(cases)).rows
+    origin = elsewhere(cases)
     model()
     forget_jobs()
-    assert measured(all_of, cases, elsewhere(cases)) != expected  # this process has the other one by now
+    assert measured(all_of, cases, elsewhere(cases)).rows != expected  # this process has the other one by now
     model(damping=20.0)
-    assert measured(all_of, cases, origin) == expected
+    assert measured(all_of, cases, origin).rows == expected
 
 
 def test_a_refused_machine_is_reported_by_its_cases(job):
     case = Case.of(job, {"machine": "xz"})
     assert Origin.here([case]).machines == (("xz", None),)
-    ((_, row),) = measured(all_of, [case], elsewhere([case]))
+    ((_, row),) = measured(all_of, [case], elsewhere([case])).rows
     assert row["status"].startswith("refused: unknown model 'xz'")
 
 
