@@ -40,7 +40,7 @@ from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.programs import build
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
-from gantrysim.native.callback import clock
+from gantrysim.native.timers import restart_timers, stop_timers
 from gantrysim.paths.kinds import kind_of, path_of
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.render import Film, Take
@@ -393,8 +393,12 @@ BENCHMARKS = {
 
 def measured(names: Iterable[str], rounds: int, *, untimed: bool) -> dict[str, float]:
     """Return ratios by their names, with or without MuJoCo's timers in bare MuJoCo."""
-    mujoco.set_mjcb_time(clock() if untimed else None)
-    return {name: BENCHMARKS[name].measure(rounds) for name in names}
+    clock = stop_timers() if untimed else None
+    try:
+        return {name: BENCHMARKS[name].measure(rounds) for name in names}
+    finally:
+        if untimed:
+            restart_timers(clock)
 
 
 if __name__ == "__main__":

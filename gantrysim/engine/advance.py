@@ -2,22 +2,71 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
+from typing import Protocol
 
 import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import GantryError
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.native.hook import installed, installed_law
+from gantrysim.native.row import MISSED, NOT_IN_MODEL
 from gantrysim.servo.laws.plain import PlainLaw
 
 CALLS = 50  # of the stepping function for a run that shows its progress, or more
+_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 MOST_STEPS = 20_000  # per call: some 0.1 s, for Ctrl-C not to wait longer
 
 
+class Steps(Protocol):
+    """What steps simulations, by number."""
+
+    def step(self, steps: int, numbers: Sequence[int]) -> None:
+        """Make a number of physics steps of some of them."""
+
+    def stops(self, numbers: Sequence[int]) -> NDArray[np.int64]:
+        """Return where the stops of their axes are, see `gantrysim.native.row`, (numbers,)."""
+
+    def with_state(self, numbers: Sequence[int]) -> list[int]:
+        """Return those whose drives or laws have a state."""
+
+    def states(self, numbers: Sequence[int]) -> Floats:
+        """Return copies of MuJoCo's states, (numbers, size)."""
+
+    def set_states(self, states: Floats, numbers: Sequence[int]) -> None:
+        """Set MuJoCo's states, and forget its warnings."""
+
+
+def step_or_take_back(simulated: Steps, runs: Mapping[int, Started], steps: int, numbers: Sequence[int]) -> None:
+    """Make physics steps of some simulations; where an axis reaches a stop that a model lacks, again with the stops."""
+    if (simulated.stops(numbers) == MISSED).any():
+        raise GantryError("the simulation was interrupted while it was taken back from a stop: begin it again")
+    without = np.asarray(numbers)[simulated.stops(numbers) == NOT_IN_MODEL].tolist()
+    states = simulated.states(without)
+    others = {number: runs[number].state() for number in simulated.with_state(without)}
+    missed: list[int] = []
+    try:
+        simulated.step(steps, numbers)
+    finally:
+        places = np.flatnonzero(simulated.stops(without) == MISSED).tolist()
+        missed = [without[place] for place in places]
+        if missed:
+            simulated.set_states(states[places], missed)
+        for number in missed:
+            runs[number].stop_at_stops()
+            if number in others:
+                runs[number].set_state(others[number])
+    if missed:
+        simulated.step(steps, missed)
+
+
 def advance(
-    step: Callable[[int, list[int]], None],
+    simulated: Steps,
     runs: Mapping[int, Started],
     steps: int | None = None,
     *,
@@ -30,11 +79,11 @@ def advance(
     It returns early where MuJoCo does not call the servo, which `Started.record` reports.
 
     Args:
-        step: makes a number of physics steps of some of the simulations; Ctrl-C takes effect between its calls.
+        simulated: what steps the simulations; Ctrl-C takes effect between its calls.
         runs: the simulations by number.
         steps: number of physics steps; by default as many as it takes.
         hook: context in which the servo is MuJoCo's control callback, by default that of the compiled law.
-        progress: called after every call of `step` with the number of setpoints that all simulations have sent.
+        progress: called after every call of MuJoCo with the number of setpoints that all simulations have sent.
     """
     most = MOST_STEPS
     if steps is None and progress is not None:
@@ -51,7 +100,7 @@ def advance(
             count = min(needed, most, *(runs[number].steps_of_model for number in running))
             for number in running:
                 runs[number].make_room(count)
-            step(count, running)
+            step_or_take_back(simulated, runs, count, running)
             if witness.steps == before:
                 return
             stepped += count
@@ -75,8 +124,34 @@ class Stepper:
         self, steps: int | None = None, law: PlainLaw | None = None, progress: Callable[[int], None] | None = None
     ) -> None:
         """Step until the run is done or has made a number of steps, with its servo's law or one in plain Python."""
-        hook = None if law is None else installed_law(self.data, law)
-        advance(self._step, {0: self.run}, steps, hook=hook, progress=progress)
+        hook = None
+        if law is not None:
+            hook = installed_law(self.data, law)
+            self.run.stop_at_stops()  # no step of it can be taken back
+        advance(self, {0: self.run}, steps, hook=hook, progress=progress)
 
-    def _step(self, steps: int, _: list[int]) -> None:
+    def step(self, steps: int, _: Sequence[int]) -> None:
+        """Make physics steps."""
         mujoco.mj_step(self.run.model, self.data, steps)
+
+    def stops(self, numbers: Sequence[int]) -> NDArray[np.int64]:
+        """Return where the stops of the axes are, or nothing where no number is given."""
+        return np.full(len(numbers), self.run.row["stops"], np.int64)
+
+    def with_state(self, numbers: Sequence[int]) -> list[int]:
+        """Return the numbers if the drives or laws have a state."""
+        return list(numbers) if self.run.has_state else []
+
+    def states(self, numbers: Sequence[int]) -> Floats:
+        """Return MuJoCo's state, or nothing where no number is given."""
+        size = mujoco.mj_stateSize(self.run.model, _STATE)
+        states = np.empty((len(numbers), size))
+        for state in states:
+            mujoco.mj_getState(self.run.model, self.data, state, _STATE)
+        return states
+
+    def set_states(self, states: Floats, _: Sequence[int]) -> None:
+        """Set MuJoCo's state, and forget its warnings."""
+        mujoco.mj_resetData(self.run.model, self.data)
+        for state in states:
+            mujoco.mj_setState(self.run.model, self.data, state, _STATE)

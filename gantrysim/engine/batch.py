@@ -12,19 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import GantryError, InputError, whole
+from gantrysim.base.errors import GantryError, whole
 from gantrysim.base.progress import Progress, shown_progress
 from gantrysim.controllers.controller import Controller
 from gantrysim.dispenser.dispenser import Dispenser
-from gantrysim.engine.advance import MOST_STEPS, advance
-from gantrysim.engine.arguments import check_argument
+from gantrysim.engine.advance import MOST_STEPS, advance, step_or_take_back
+from gantrysim.engine.batch_arguments import per_simulation, simulations_of
 from gantrysim.engine.learning import run_and_learn
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.faults import InjectedFault
 from gantrysim.machine.machine import Machine
 from gantrysim.native.hook import installed
-from gantrysim.native.row import OFFSETS, ROW, ROW_NUMBERS, Log
+from gantrysim.native.row import IN_MODEL, OFFSETS, ROW, ROW_NUMBERS, Log
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.servo import Servo
@@ -63,13 +63,13 @@ def simulate_batch(
         InputError: an argument of a wrong type, lists of different lengths, no simulation at all, or what `simulate`
             refuses, with the number of the simulation.
     """
-    simulations = _simulations(
+    simulations = simulations_of(
         machine=machine,
         servo=servo,
         setpoints=setpoints,
         physics_step=physics_step,
         dispenser=dispenser,
-        faults=_per_simulation(faults),
+        faults=per_simulation(faults),
     )
     total = sum(simulation.servo.laws.runs * len(simulation.position) for simulation in simulations)
     before = 0
@@ -96,49 +96,6 @@ def simulate_batch(
     with shown_progress("simulate", progress) as share_done:
         every = run_and_learn(simulations, run)
     return [started.record() for started in every]
-
-
-def _per_simulation(faults: Sequence[Any]) -> Any:
-    """Return the faults of all simulations as one value, those of each as a list."""
-    check_argument("faults", faults)
-    if not any(isinstance(item, list | tuple) for item in faults):
-        return _Faults(faults)
-    return [_Faults(item) if isinstance(item, list | tuple) else item for item in faults]
-
-
-class _Faults:
-    """The faults of a simulation, which as a sequence would be one value per simulation."""
-
-    def __init__(self, faults: Sequence[InjectedFault]) -> None:
-        self.faults = tuple(faults)
-
-
-def _simulations(**arguments: Any) -> list[Simulation]:
-    several: dict[str, list[Any]] = {}
-    for name, value in arguments.items():
-        if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim):
-            several[name] = list(value)
-        for number, item in enumerate(several.get(name, [value])):
-            given = item.faults if isinstance(item, _Faults) else item
-            if name in several:
-                check_argument(name, given, place=f"[{number}]")
-            else:
-                check_argument(name, given, alternative=", or a list, a tuple or an array of them")
-    lengths = {name: len(values) for name, values in several.items()}
-    if len(set(lengths.values())) > 1:
-        counts = ", ".join(f"{length} of {name}" for name, length in lengths.items())
-        raise InputError(f"a batch of {counts}: must be one for all, or as many of each")
-    count = min(lengths.values(), default=1)
-    if not count:
-        raise InputError("a batch of no simulation: must have at least one")
-    simulations = []
-    for k in range(count):
-        chosen = {name: several[name][k] if name in several else value for name, value in arguments.items()}
-        try:
-            simulations.append(Simulation.of(**{**chosen, "faults": chosen["faults"].faults}))
-        except InputError as error:
-            raise InputError(f"simulation {k} of the batch: {error}") from None
-    return simulations
 
 
 # of a servo's row: they belong to the process and to a simulation's own arrays, not to the state of a run
@@ -185,7 +142,11 @@ class Batch:
         self._qpos = self._batch.bind("qpos")
         self._userdata = self._batch.bind("userdata")
         self._sent, self._ticks, self._faults = map(self.field, ("index", "ticks", "fault"))
+        self._stops = self.field("stops")
         self._plain = np.zeros(places, bool)
+        self._later = np.zeros(places, bool)  # whether the model changes
+        self._stateful = np.zeros(places, bool)  # whether drives or laws have a state
+        self._stops_in_model = np.zeros(places, bool)  # of the simulation, before it reaches one
         self._models = [machine.physics] * places
         self._source = machine.source
         self._loaded: dict[int, Simulation] = {}
@@ -210,6 +171,9 @@ class Batch:
             self._loaded[place] = simulation  # kept alive before its row is armed with addresses of its arrays
             self.runs[place] = Started.of(simulation, self._qpos[place], self._userdata[place])
             self._plain[place] = self.runs[place].plain
+            self._later[place] = bool(simulation.later)
+            self._stateful[place] = self.runs[place].has_state
+            self._stops_in_model[place] = simulation.stops
 
     def moment(self, place: int) -> Moment:
         """Return a copy of the present moment of the simulation at a place.
@@ -267,17 +231,36 @@ class Batch:
             running = [place for place in stepped if not done[place]]
             if running:
                 with installed():
-                    self._batch.step(running, nstep=steps)
+                    step_or_take_back(self, self.runs, steps, running)
             return
-        advance(self._step, {place: self.runs[place] for place in stepped}, steps, progress=progress)
+        advance(self, {place: self.runs[place] for place in stepped}, steps, progress=progress)
 
-    def _step(self, steps: int, places: list[int]) -> None:
-        changed = {place: self.runs[place].model for place in places if self.runs[place].simulation.later}
+    def step(self, steps: int, numbers: Sequence[int]) -> None:
+        """Make physics steps of the simulations at some places."""
+        changing = self._later[numbers] | ((self._stops[numbers] == IN_MODEL) != self._stops_in_model[numbers])
+        changed = {place: self.runs[place].model for place in np.asarray(numbers)[changing].tolist()}
         if any(self._models[place] is not model for place, model in changed.items()):
             for place, model in changed.items():
                 self._models[place] = model
             self._batch.set_models(self._models)
-        self._batch.step(places, nstep=steps)
+        self._batch.step(numbers, nstep=steps)
+
+    def stops(self, numbers: Sequence[int]) -> NDArray[np.int64]:
+        """Return where the stops of the axes are at some places, see `gantrysim.native.row`, (places,)."""
+        return np.array(self._stops[numbers])
+
+    def with_state(self, numbers: Sequence[int]) -> list[int]:
+        """Return those of some places whose drives or laws have a state."""
+        return np.asarray(numbers, int)[self._stateful[numbers]].tolist()
+
+    def states(self, numbers: Sequence[int]) -> Floats:
+        """Return copies of MuJoCo's states at some places, (places, size)."""
+        return self._batch.state[numbers]
+
+    def set_states(self, states: Floats, numbers: Sequence[int]) -> None:
+        """Set MuJoCo's states at some places, and forget its warnings."""
+        self._batch.reset(numbers, stage=mujoco.mjtStage.mjSTAGE_NONE)
+        self._batch.state[numbers] = states
 
     def field(self, name: str) -> NDArray[Any]:
         """Return a field of all servos' rows, a live view of the state, (places,) and the field's own shape.

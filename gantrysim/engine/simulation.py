@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import mujoco
 import numpy as np
@@ -20,10 +20,12 @@ from gantrysim.engine.drives import drive_entries
 from gantrysim.engine.injection import NONE, Injection, faulted_models, injection
 from gantrysim.engine.laws import law_entries
 from gantrysim.engine.positions import axis_positions, axis_torques, check_supervision
+from gantrysim.engine.prepared import start_of
 from gantrysim.engine.recording import LogBook
 from gantrysim.faults import InjectedFault
 from gantrysim.faults.checks import check_faults
 from gantrysim.machine.machine import Machine
+from gantrysim.machine.stops import has_no_constraints_but_stops
 from gantrysim.machine.timing import delay_steps, substeps_of
 from gantrysim.native.row import Log
 from gantrysim.record.setpoints import Setpoints
@@ -45,6 +47,7 @@ class Simulation:
         position: the setpoints for all the machine's axes, (n, axes) [mm or deg].
         substeps: physics steps per servo period.
         model: the machine's, with the physics step; not to be changed.
+        stops: whether it has the stops of the axes; if not, see `gantrysim.machine.stops`.
         book: of the log that the servo writes.
         faults: faults on purpose.
         injection: those that act in the servo tick.
@@ -61,6 +64,7 @@ class Simulation:
     position: Floats
     substeps: int
     model: mujoco.MjModel
+    stops: bool
     book: LogBook
     faults: tuple[InjectedFault, ...] = ()
     injection: Injection = NONE
@@ -97,16 +101,15 @@ class Simulation:
                         f"law {law.name!r} on machine {machine.name}: its axes are not coordinates of its nozzle; "
                         "leave it out"
                     )
-        if servo.axes != len(machine.plain_axes):
-            raise InputError(f"servo has {servo.axes} axes: machine {machine.name} has {len(machine.plain_axes)}")
-        if abs(servo.period - setpoints.period) > 1e-12:
-            raise InputError(
-                f"setpoints' period = {setpoints.period:g} s: must be the servo period, {servo.period:g} s"
-            )
+        _check_servo(servo, machine, setpoints)
         substeps = substeps_of(machine, servo.period, physics_step, servo.inner_period)
         delay_steps(servo.delay, servo.period, substeps)
         _check_ticks(setpoints)
-        model = machine.stepping(servo.period / substeps, any(drive.current_bandwidth for drive in servo.drives))
+        voltage = any(drive.current_bandwidth for drive in servo.drives)
+        # a run that is to be taken back where an axis reaches a stop may not act on anything but its own state
+        own_state = not faults and servo.laws.user is None
+        stops = not (own_state and has_no_constraints_but_stops(machine.physics))
+        model = machine.stepping(servo.period / substeps, voltage, stops)
         drives = drive_entries(machine, servo, servo.period / substeps)
         torque = axis_torques(machine, setpoints)
         for law in servo.laws.added:
@@ -122,6 +125,7 @@ class Simulation:
             position,
             substeps,
             model,
+            stops,
             LogBook(machine, setpoints, position, dispenser, checked, drives),
             checked,
             injection(checked, machine, servo),
@@ -139,10 +143,29 @@ class Simulation:
             torque=torque,
         )
 
+    @cached_property
+    def start(self) -> tuple[Floats, Floats]:
+        """The machine's qpos at rest at the first setpoint, and the servo's row before it is armed."""
+        return start_of(self.machine, self.servo, self.setpoints, self.position, self.substeps)
+
+    @property
+    def model_with_stops(self) -> mujoco.MjModel:
+        """The machine's model with the physics step and the stops of its axes."""
+        voltage = any(drive.current_bandwidth for drive in self.servo.drives)
+        return self.machine.stepping(self.model.opt.timestep, voltage)
+
     @property
     def log(self) -> Log:
         """The log in memory."""
         return self.book.log
+
+
+def _check_servo(servo: Servo, machine: Machine, setpoints: Setpoints) -> None:
+    """Check that a servo has the machine's axes and the period of the setpoints."""
+    if servo.axes != len(machine.plain_axes):
+        raise InputError(f"servo has {servo.axes} axes: machine {machine.name} has {len(machine.plain_axes)}")
+    if abs(servo.period - setpoints.period) > 1e-12:
+        raise InputError(f"setpoints' period = {setpoints.period:g} s: must be the servo period, {servo.period:g} s")
 
 
 def _inverted(servo: Servo, position: Floats) -> Floats:

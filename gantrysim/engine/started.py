@@ -14,14 +14,12 @@ from gantrysim.base.errors import GantryError
 from gantrysim.engine.drives import drive_stages
 from gantrysim.engine.laws import law_stages
 from gantrysim.engine.simulation import Simulation
-from gantrysim.machine.timing import delay_steps
 from gantrysim.native.callback import magic
-from gantrysim.native.layout import offsets
 from gantrysim.native.row import (
     FAULTS,
+    IN_MODEL,
     NEVER,
-    OFFSETS,
-    OVERSPEED,
+    NOT_IN_MODEL,
     POSITION_ERROR,
     POSITION_ERROR_AT_REST,
     ROW,
@@ -33,7 +31,6 @@ from gantrysim.native.supervision import gate_stage, position_error_stage
 from gantrysim.native.user import CalledLaw
 from gantrysim.record.fault import Fault
 from gantrysim.record.run import Run
-from gantrysim.record.setpoints import periods
 from gantrysim.servo.laws.user import STATE, resolved
 
 
@@ -58,11 +55,12 @@ class Started:
     @classmethod
     def of(cls, simulation: Simulation, qpos: Floats, userdata: Floats) -> Started:
         """Write the start, at rest at the first setpoint, into a fresh state's qpos and userdata; arm the servo."""
-        qpos[:] = simulation.machine.to_qpos(simulation.position[0])
-        userdata[:ROW_NUMBERS] = 0.0
+        start, prepared = simulation.start
+        qpos[:] = start
+        userdata[:ROW_NUMBERS] = prepared
         row = userdata[:ROW_NUMBERS].view(ROW)[0]
-        _fill(simulation, row)
-        _supervise(simulation, row)
+        row["stops"] = IN_MODEL if simulation.stops else NOT_IN_MODEL
+        simulation.book.begin(row)
         drives = None if simulation.drives is None else simulation.drives.copy()
         if drives is not None:
             for name in ("start", "target", "next"):
@@ -101,11 +99,30 @@ class Started:
     def model(self) -> mujoco.MjModel:
         """The model of the next physics step."""
         steps = self.steps
-        model = self.simulation.model
+        model = self.simulation.model_with_stops if self.row["stops"] == IN_MODEL else self.simulation.model
         for begin, later in self.simulation.later:
             if begin <= steps:
                 model = later
         return model
+
+    def stop_at_stops(self) -> None:
+        """Step a model with the stops of the axes from now on."""
+        self.row["stops"] = IN_MODEL
+
+    @property
+    def has_state(self) -> bool:
+        """Whether steps change anything besides MuJoCo's state and the log."""
+        return self.drives is not None or self.laws is not None
+
+    def state(self) -> tuple[NDArray[np.void] | None, ...]:
+        """Return a copy of what steps change besides MuJoCo's state and the log."""
+        return tuple(None if part is None else part.copy() for part in (self.drives, self.laws))
+
+    def set_state(self, state: tuple[NDArray[np.void] | None, ...]) -> None:
+        """Restore `state`."""
+        for part, before in zip((self.drives, self.laws), state, strict=True):
+            if part is not None:
+                part[:] = before
 
     @property
     def steps_of_model(self) -> int:
@@ -187,40 +204,6 @@ class Started:
         return simulation.book.record(ticks, fault)
 
 
-def _fill(simulation: Simulation, row: np.void) -> None:
-    """Write the servo, its axes and the addresses."""
-    machine = simulation.machine
-    servo = simulation.servo
-    for name, field in OFFSETS.items():
-        row[name] = offsets()[field]
-    row["axes"] = servo.axes
-    row["ticks"] = len(simulation.position)
-    row["substeps"] = simulation.substeps
-    row["delay"] = delay_steps(servo.delay, servo.period, simulation.substeps)
-    row["setpoints"] = simulation.position.ctypes.data
-    simulation.book.begin(row)
-    row["nozzle"] = machine.nozzle
-    row["work"] = machine.work
-    row["period"] = servo.period
-    row["resolution"][: servo.axes] = [drive.resolution for drive in servo.drives]
-    row["following_error_limit"][: servo.axes] = servo.following_error_limit
-    row["gains"][: servo.axes] = servo.gains
-    row["notch"][: servo.axes] = servo.filters
-    # a demand beyond what the drive can give is clamped by the drive itself
-    peak = np.array([axis.peak_torque for axis in machine.plain_axes]) / machine.drive_gain
-    row["torque_limit"][: servo.axes] = np.minimum([drive.torque_limit for drive in servo.drives], peak)
-    for a, (axis, mode) in enumerate(zip(machine.plain_axes, servo.modes, strict=True)):
-        if mode != "torque":  # the drives limit torques themselves
-            row["torque_limit"][a] = axis.speed_limit if mode == "velocity" else np.inf
-    row["drive_gain"][: servo.axes] = machine.drive_gain
-    for a, (axis, address) in enumerate(zip(machine.plain_axes, machine.addresses, strict=True)):
-        for name in ("control", "output", "current"):
-            row[name][a] = getattr(address, name)
-        row["scale"][a] = axis.scale
-        row["speed_limit"][a] = axis.speed_limit
-        row["low"][a], row["high"][a] = axis.travel
-
-
 def _supervision_stages(simulation: Simulation) -> list[Stage]:
     """Return the stages of a motion controller that watches the position error, or waits for its axes to settle."""
     stages = []
@@ -229,20 +212,3 @@ def _supervision_stages(simulation: Simulation) -> list[Stage]:
     if simulation.setpoints.gates.size:
         stages.append(Stage("supervise", gate_stage()))
     return stages
-
-
-def _supervise(simulation: Simulation, row: np.void) -> None:
-    """Write the limits of the supervision."""
-    supervision = simulation.setpoints.supervision
-    gates = simulation.setpoints.gates
-    row["position_error"] = supervision.position_error
-    row["position_error_delay"] = supervision.position_error_delay
-    row["gates"] = gates.ctypes.data
-    row["gate_count"] = gates.size
-    row["settle_error"] = supervision.settle_error
-    row["settle_ticks"] = periods(supervision.settle_time, simulation.setpoints.period)
-    row["timeout_ticks"] = periods(supervision.settle_timeout, simulation.setpoints.period)
-    for a, axis in enumerate(simulation.machine.plain_axes):
-        row["linear"][a] = axis.unit == "mm"
-        if axis.unit == "mm":
-            row["speed_limit"][a] = min(axis.speed_limit, supervision.velocity_limit / OVERSPEED)

@@ -67,7 +67,9 @@ class DrawnAhead:
         return episodes
 
     def _draw(self, random: np.random.Generator) -> tuple[Episode, Any]:
-        return self._source.draw(random), random.bit_generator.state
+        episode = self._source.draw(random)
+        _ = episode.simulation.start  # computed here, for the thread that steps not to
+        return episode, random.bit_generator.state
 
     def close(self) -> None:
         """Draw no more."""

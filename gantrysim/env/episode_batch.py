@@ -267,10 +267,11 @@ class EpisodeBatch(ABC):
         for other in others:
             other.result()
         self._measured[measured_places] = self._ticks[measured_places]
-        for place, first, last in zip(
-            places, spans["first"][measured_places].tolist(), spans["last"][measured_places].tolist(), strict=True
-        ):
-            self._follow(place, first, last)
+        if type(self)._follow is not EpisodeBatch._follow:
+            firsts = spans["first"][measured_places].tolist()
+            lasts = spans["last"][measured_places].tolist()
+            for place, first, last in zip(places, firsts, lasts, strict=True):
+                self._follow(place, first, last)
 
     def _follow(self, place: int, first: int, last: int) -> None:  # noqa: B027  most tasks have nothing of the kind
         """Update what the task measures at a place beside the machine, from one tick to before another."""

@@ -150,33 +150,34 @@ def _measure_axes(log, ticks, setpoints, period, peak, row):
     for k in range(first, last):
         setpoint = log.tick[k].setpoint
         tip = log.tick[k].nozzle
-        if not np.isfinite(tip).all():
+        if not (np.isfinite(tip[0]) and np.isfinite(tip[1]) and np.isfinite(tip[2])):
             continue
         count += 1
         # at a switch of the dispenser torques differ for other reasons than ripple
         dispensing = k > 0 and dispense[setpoint] != 0 and dispense[log.tick[k - 1].setpoint] != 0
         pairs += dispensing
         for a in range(n):
-            column = row[_PATH_COLUMNS + _AXIS_COLUMNS * a : _PATH_COLUMNS + _AXIS_COLUMNS * (a + 1)]
+            column = _PATH_COLUMNS + _AXIS_COLUMNS * a
             error = position[setpoint, a] - log.axis[k, a].encoder
             demand = log.axis[k, a].demand
-            column[0] += error * error
-            column[1] = max(column[1], abs(error))
-            column[2] += error
-            column[3] = max(column[3], abs(demand))
+            row[column] += error * error
+            row[column + 1] = max(row[column + 1], abs(error))
+            row[column + 2] += error
+            row[column + 3] = max(row[column + 3], abs(demand))
             if dispensing:
                 change = demand - log.axis[k - 1, a].demand
-                column[4] += change * change
+                row[column + 4] += change * change
         way += _distance(tip, log.tick[k - 1].nozzle) if k > 0 else 0.0
         if dispense[setpoint] != 0:
-            tips[laid] = tip
+            for i in range(3):
+                tips[laid, i] = tip[i]
             laid += 1
     for a in range(n):
-        column = row[_PATH_COLUMNS + _AXIS_COLUMNS * a : _PATH_COLUMNS + _AXIS_COLUMNS * (a + 1)]
-        column[0] = np.sqrt(column[0] / max(count, 1))
-        column[2] /= max(count, 1)
-        column[3] /= peak[a]
-        column[4] = np.sqrt(0.5 * column[4] / max(pairs, 1)) / peak[a]
+        column = _PATH_COLUMNS + _AXIS_COLUMNS * a
+        row[column] = np.sqrt(row[column] / max(count, 1))
+        row[column + 2] /= max(count, 1)
+        row[column + 3] /= peak[a]
+        row[column + 4] = np.sqrt(0.5 * row[column + 4] / max(pairs, 1)) / peak[a]
     return tips[:laid], way / (max(count, 1) * period)
 
 

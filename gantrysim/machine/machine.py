@@ -119,7 +119,7 @@ class Machine:
         self.physics = physics
         self._axes: tuple[Axis, ...] | None = None
         self._model: mujoco.MjModel | None = None
-        self._stepping: dict[tuple[float, bool], mujoco.MjModel] = {}
+        self._stepping: dict[tuple[float, bool, bool], mujoco.MjModel] = {}
 
     def __repr__(self) -> str:
         return f"Machine({str(self.source)!r})"
@@ -256,16 +256,17 @@ class Machine:
             machine = machine.perturbed(perturbation)
         return machine
 
-    def stepping(self, timestep: float, voltage: bool = False) -> mujoco.MjModel:
+    def stepping(self, timestep: float, voltage: bool = False, stops: bool = True) -> mujoco.MjModel:
         """Return `physics` for steps of a length; the same object at every call, not to be changed.
 
         Args:
             timestep: length of a step [s].
             voltage: whether the bus voltage is the only limit of a dcmotor's control, as a current loop needs.
+            stops: whether with the stops of the axes and all other constraints, see `gantrysim.machine.stops`.
         """
-        key = timestep, voltage
+        key = timestep, voltage, stops
         if key not in self._stepping:
-            self._stepping[key] = stepping_model(self.physics, timestep, voltage)
+            self._stepping[key] = stepping_model(self.physics, *key)
         return self._stepping[key]
 
     def to_qpos(self, position: ArrayLike) -> Floats:

@@ -28,11 +28,15 @@ BRISTLE_DAMPING = 6
 _NEGLIGIBLE = 1e-30
 
 
-def stepping_model(model: mujoco.MjModel, timestep: float, voltage: bool) -> mujoco.MjModel:
+def stepping_model(model: mujoco.MjModel, timestep: float, voltage: bool, stops: bool) -> mujoco.MjModel:
     """Return a copy of a compiled model for steps of a length; arguments as of `Machine.stepping`."""
     model = copy.copy(model)
     model.opt.timestep = positive("physics step", timestep, "s")
     damp_bristles(model)
+    if not model.nplugin:  # a plugin may act on what it senses
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR  # the servo reads positions and currents itself
+    if not stops:
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     if voltage:
         model.actuator_ctrllimited[dcmotors(model)[:, 0] > 0] = False
     return model

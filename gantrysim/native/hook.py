@@ -16,10 +16,11 @@ import mujoco
 import numpy as np
 
 from gantrysim.base.errors import GantryError, InputError
-from gantrysim.native.callback import callback, clock, parts
+from gantrysim.native.callback import callback, parts
 from gantrysim.native.interrupts import Interrupts, called_by_c, careful
 from gantrysim.native.quiet import silence
 from gantrysim.native.row import ROW, ROW_NUMBERS
+from gantrysim.native.timers import restart_timers, stop_timers
 from gantrysim.servo.laws.plain import PlainLaw, Tick
 
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
@@ -27,10 +28,11 @@ _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 _POLL = 0.05  # how often a waiting thread checks for Ctrl-C [s]
 
 
-_changed = threading.Condition(threading.Lock())  # guards the three below
+_changed = threading.Condition(threading.Lock())  # guards the four below
 _users = 0  # number of installations of the compiled tick; -1: a law in plain Python, which is alone
 _previous: Any = None  # callback before the first of them
 _timed = False  # whether MuJoCo's timers have a clock of the caller's own, which stays
+_clock: int | None = None  # address of MuJoCo's own clock, while it is away
 _thread = threading.local()  # .depth: number of installations by this thread; .law: whether by a law in plain Python
 
 
@@ -121,7 +123,7 @@ class _Installation(AbstractContextManager[None]):
 
     def _take(self) -> None:
         """Install the callback, or wait a little for others to finish."""
-        global _users, _previous, _timed
+        global _users, _previous, _timed, _clock
         alone = self._raised is not None
         with _changed:
             if _users < 0 or (alone and _users):
@@ -132,7 +134,7 @@ class _Installation(AbstractContextManager[None]):
                 mujoco.set_mjcb_control(self._callback)
                 _timed = mujoco.get_mjcb_time() is not None
                 if not _timed:
-                    mujoco.set_mjcb_time(clock())
+                    _clock = stop_timers()
                 silence(1)  # the tick turns MuJoCo's warnings into faults
             _users = -1 if alone else _users + 1
             self._taken = True
@@ -154,7 +156,7 @@ class _Installation(AbstractContextManager[None]):
                 if not _users:
                     mujoco.set_mjcb_control(_previous)
                     if not _timed:
-                        mujoco.set_mjcb_time(None)  # MuJoCo's own clock
+                        restart_timers(_clock)
                     silence(-1)
                     _changed.notify_all()
         self._interrupts.release()

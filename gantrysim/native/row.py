@@ -94,8 +94,11 @@ _WHOLE = [
     "fault",  # index into FAULTS
     "fault_axis",
     "fault_tick",
+    "stops",  # one of the below
 ]
-_AXIS_WHOLE = ["control", "output", "current"]  # indices of ctrl, of actuator_length, and of act or -1
+# Where the stops of the axes are: in the model; not in it, and no axis has been at one; not in it, but missed
+IN_MODEL, NOT_IN_MODEL, MISSED = range(3)
+_AXIS_WHOLE = ["control", "output", "current", "joint"]  # indices of ctrl, actuator_length, act or -1, and qpos
 _AXIS_PARAMETERS = [
     "scale",  # axis travel per radian of the motor
     "drive_gain",  # torque that the drive gives per torque demanded
@@ -105,6 +108,8 @@ _AXIS_PARAMETERS = [
     "low",
     "high",
     "speed_limit",
+    "stop_low",  # position in qpos at which the joint is at a stop [SI]
+    "stop_high",
     "linear",  # 1 where the axis counts for the group's position error, 0 where not
 ]
 _AXIS_STATE = [

@@ -18,6 +18,8 @@ from gantrysim.native.row import (
     DIVERGED,
     FOLLOWING_ERROR,
     LARGEST_TORQUE,
+    MISSED,
+    NOT_IN_MODEL,
     OVERSPEED,
     OVERSPEEDING,
     OVERTRAVEL,
@@ -224,6 +226,16 @@ def command(data, userdata):
 
 
 @inner_jit
+def _watch_stops(data, row):
+    """Note where a joint is at a stop that the model lacks: from this step on the motion is wrong."""
+    position = vector(data, row.qpos_at)
+    for a in range(row.axes):
+        place = position[row.joint[a]]
+        if place - row.stop_low[a] < 0.0 or row.stop_high[a] - place < 0.0:
+            row.stops = MISSED
+
+
+@inner_jit
 def output(data, userdata):
     """Set the controls, with torque demands that are due at this step."""
     row = row_at(userdata)
@@ -240,6 +252,8 @@ def output(data, userdata):
         run_stages(data, row, userdata, DRIVE)
         run_stages(data, row, userdata, CURRENT)
         run_stages(data, row, userdata, VOLTAGE)
+    if row.stops == NOT_IN_MODEL:
+        _watch_stops(data, row)
     row.steps += 1
     row.phase += 1
     if row.phase == row.substeps:
