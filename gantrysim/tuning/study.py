@@ -126,6 +126,11 @@ class TuningStudy(Study):
         return self.budget + 2 * self.unseen
 
     @property
+    def leaders(self) -> tuple[Candidate, ...]:
+        """Successive best candidates of the search so far; the first is the start."""
+        return tuple(self._leaders)
+
+    @property
     def news(self) -> str:
         """The best metric so far."""
         if not self._leaders:
