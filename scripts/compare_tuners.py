@@ -33,6 +33,7 @@ from scipy.optimize import differential_evolution, minimize
 from gantrysim import Job
 from gantrysim.tuning import TuningStudy
 from gantrysim.tuning.candidates import Candidate
+from gantrysim.tuning.edge import MarginEdge
 from gantrysim.tuning.objective import RIPPLE, case_of, column, measure_together, trial_result
 from gantrysim.tuning.search import box, candidate_at
 from gantrysim.tuning.space import SEARCHED
@@ -63,7 +64,7 @@ CASES = (  # job and start of the comparison by CPU time; none is in that by run
 METRICS = {"an225": "servo_rms", "an225-3d": "servo_rms"}  # whose contour error is the program's, 425 µm
 STEP = 0.3  # of the first points around the start, for every method that has one
 WORSE = 10.0  # added to the logarithm of the metric for each rank below the first
-BEYOND = 0.3  # bound of rho of the others: above 0 it counts as 0, so that they reach the edge of the margin
+BEYOND = 0.3  # bound of rho of the others: the edge of the margin, at 0, is inside, and beyond it nothing is run
 UNLIMITED = 10**9  # runs, where CPU time is the limit
 FREE = 20  # evaluations without a run, for each run of the budget
 DOCS = Path(__file__).parent.parent / "docs"
@@ -135,14 +136,15 @@ class Objective:
         self.study, self.runs, self.space, self.free = study, runs, study.space, 0
         self.seconds = seconds  # limit of the CPU time, or None: runs count
         self.trace, self.made = [], 0  # (runs made or CPU time, metric of the best feasible gains)
-        self.start, self.bounds, self.guess = box(self.space, study.stability)
+        self.edge = MarginEdge(self.space, study.stability)
+        self.start, self.bounds = box(self.edge)
         self.bounds[: self.space.groups, 1] = BEYOND
         self.low, self.high = self.bounds.T
 
     def __call__(self, point):
         self.check()
         point = np.asarray(point, float)
-        candidate, self.guess = candidate_at(1, 1, self.space, self.study.stability, point, self.guess)
+        candidate = candidate_at(1, 1, self.edge, point)
         if candidate.excess > 0:
             self.free += 1
             if self.seconds is None and self.free > FREE * self.study.budget:

@@ -70,7 +70,7 @@ def tune(
     budget: Budget = 300,
     robust: Robust = 4,
     guards: Guards = 28,
-    batch: Batch = 4,
+    batch: Batch = 1,
     metric: Metric = "contour_rms",
     margin: Margin = 2.0,
     ripple: Ripple = 2.0,
@@ -88,8 +88,9 @@ def tune(
 ) -> None:
     """Find the servo gains that minimise a job's error on the worst of several perturbed machines.
 
-    A trust region starts at the best of the job's gains and those derived from the machine. Every candidate keeps the
-    margin on every axis and machine; candidates with too much torque ripple, or a fault, rank behind all others.
+    A simplex starts at the best of the job's gains, those derived from the machine, and the stiffest within the
+    margin. Every candidate keeps the margin on every axis and machine; candidates with too much torque ripple, or a
+    fault, rank behind all others.
     The result is written as tuned.toml, for gantrysim run --servo, with a report that compares start and tuned. An
     interrupted search resumes when rerun. --export trio adds tuned-trio.bas, for the controller; gains that it has no
     word for are not searched, and must be zero from the start.

@@ -10,7 +10,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.servo.servo import Servo
 
-BATCH = 4  # candidates of a round, unless it is the first one of a region
+BATCH = 1  # candidates of a round, unless a simplex begins or shrinks
 RANKS = {1: "feasible", 2: "torque ripple too high", 3: "margin too small", 4: "fault"}  # of candidates that are run
 
 
@@ -23,7 +23,7 @@ class SearchLimits:
         budget: maximum number of runs, at least 2 for each machine: the start and one candidate.
         ripple: largest torque ripple allowed, a share of the peak torque.
         seed: of the random numbers.
-        batch: number of candidates of a round.
+        batch: number of points of a simplex that are moved at once.
     """
 
     machines: int

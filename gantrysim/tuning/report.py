@@ -44,7 +44,7 @@ _AT_LIMIT = 0.98  # share of a limit from which it counts as reached
 _CHART = "path"  # the plot of start and tuned over one another
 _ENDED = {
     "budget": "budget used up",
-    "converged": "less than 0.2 % gained by six trust regions in succession",
+    "converged": "less than 0.2 % gained by three simplexes in succession",
     "no candidate": "no candidate kept the margin",
 }
 
@@ -85,7 +85,7 @@ def notes(study: TuningStudy, rows: list[Row]) -> list[str]:
     axes = "each axis by itself" if study.per_axis else "one factor for all axes"
     return [
         *remarks,
-        f"Trust region over {', '.join(study.space.gains)}, {axes}, seed {study.seed}: {history.runs} runs (budget "
+        f"Nelder-Mead over {', '.join(study.space.gains)}, {axes}, seed {study.seed}: {history.runs} runs (budget "
         f"{study.budget}) of {len(history.candidates)} candidates in {history.rounds} rounds; skipped, as no "
         f"frequency met the margin: {history.skipped}; ended: {_ENDED[history.ended]}.",
         f"{TUNED} holds the tuned servo, for gantrysim run --servo.",

@@ -1,4 +1,4 @@
-"""The points of every round of a search: first around the start, then from one trust region after another."""
+"""The points of every round of a search: the first ones, then one simplex after another around the best."""
 
 from __future__ import annotations
 
@@ -9,63 +9,53 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.tuning.candidates import Candidate, SearchLimits
-from gantrysim.tuning.region import Measured, TrustRegion
+from gantrysim.tuning.simplex import Simplex, Vertex
 
-_STEP = 0.3  # of the simplex
-_RANDOM = 4  # points among which a region begins that is not around the best one
+_STEP = 0.2  # of a new simplex
 _PROGRESS = 0.002  # share by which the metric must fall
-_IDLE = 6  # regions in succession without progress, after which there are no more rounds
+_IDLE = 3  # simplexes in succession without progress, after which there are no more rounds
 _LEAST = 1e-12  # of a metric or a torque ripple
-# a region this small is left if its metric is larger than the least by this share
-_SMALL = 0.1
-_HOPELESS = 0.2
 
 
 def rounds(
-    begin: Floats, bounds: Floats, natural: Floats, limits: SearchLimits, *, known: bool
+    first: Sequence[Floats], bounds: Floats, limits: SearchLimits
 ) -> Generator[list[Floats], Sequence[Candidate], None]:
     """Yield the points of a round, and receive all candidates considered so far, the round's last.
 
-    The first coordinates are rho, as in `gantrysim.tuning.search`, the others the shape.
-
     Args:
-        begin: the start, (d,).
+        first: points of the first round, (d,) each.
         bounds: of the coordinates, (d, 2).
-        natural: shape of the natural numbers, (shapes,).
         limits: of the search.
-        known: whether the start is the first of the candidates that are received, and need not be proposed.
     """
-    rng = np.random.default_rng(limits.seed)
-    low, high = bounds.T
-    groups = len(begin) - len(natural)
-    usual = np.concatenate([np.zeros(groups), natural])
-    edge = np.concatenate([np.zeros(groups), begin[groups:]])
-    first = [edge, usual] if known or np.array_equal(begin, edge) else [begin, edge, usual]
-    estimates = Estimates((yield first), limits)
-    centre = estimates.measured.points[estimates.best()]
-    steps = np.where(centre + _STEP <= high, _STEP, -_STEP)
-    estimates = Estimates((yield list(np.clip(centre + np.diag(steps), low, high))), limits)
+    signs = np.random.default_rng(limits.seed).choice([-1.0, 1.0], len(bounds))
+    estimates = Estimates((yield list(first)), limits)
     idle = 0
-    turn = 0
-    since = 0  # number of the first candidate that belongs to the present region
     while idle < _IDLE:
-        least = estimates.best()
-        if turn % 2:  # every other region begins elsewhere: the metric has more than one valley
-            since = len(estimates.keys)
-            points = rng.uniform(np.maximum(usual - 1, low), np.minimum(usual + 1, high), (_RANDOM, len(begin)))
-            points[:, :groups] = 0.0
-            estimates = Estimates((yield list(points)), limits)
-        else:
-            since = 0
-        region = TrustRegion(bounds, rng)
-        while not region.converged:
-            best = estimates.best(since)
-            estimates = Estimates((yield region.ask(estimates.measured, best, limits.batch)), limits)
-            region.adapt(improved=estimates.falls(best, estimates.best(since), _PROGRESS))
-            if region.radius < _SMALL and estimates.falls(estimates.best(since), estimates.best(), _HOPELESS):
-                break
-        idle = 0 if estimates.falls(least, estimates.best(), _PROGRESS) else idle + 1
-        turn += 1
+        start = estimates.best()
+        centre = estimates.points[start]
+        points = _around(centre, signs, bounds)
+        estimates = Estimates((yield points), limits)
+        count = len(estimates.keys)
+        vertices = [Vertex(centre, start)]
+        vertices += [Vertex(point, count - len(points) + k) for k, point in enumerate(points)]
+        descent = Simplex(vertices, bounds, limits.batch, estimates.keys).descend()
+        points = next(descent, [])
+        while points:
+            estimates = Estimates((yield points), limits)
+            try:
+                points = descent.send(estimates.keys)
+            except StopIteration:
+                points = []
+        idle = 0 if estimates.falls(start, estimates.best(), _PROGRESS) else idle + 1
+        signs = -signs  # a simplex may have collapsed: the next one begins on the other side
+
+
+def _around(centre: Floats, signs: Floats, bounds: Floats) -> list[Floats]:
+    """Return a point in the direction of each coordinate, (d,), on the other side where a bound is near."""
+    low, high = bounds.T
+    ahead = centre + _STEP * signs
+    steps = _STEP * np.where((low <= ahead) & (ahead <= high), signs, -signs)
+    return list(np.clip(centre + np.diag(steps), low, high))
 
 
 class Estimates:
@@ -75,7 +65,9 @@ class Estimates:
     to that of the same machines at the nearest candidate that was.
 
     Attributes:
-        measured: points and values of the candidates.
+        points: of the candidates, (n, d).
+        metric: logarithm of the metric, inf where there is none, (n,).
+        ripple: logarithm of the torque ripple over its limit, inf where there is none, (n,).
         keys: rank and amount, to be minimised; the amount of a feasible candidate is the logarithm of its metric.
     """
 
@@ -99,20 +91,20 @@ class Estimates:
                 # the same machines at the nearest candidate tell how much harder the others are
                 metric[k] *= near.metric / max(*(near.results[m].metric for m in candidate.results), _LEAST)
                 ripples[k] *= near.ripple / max(*(near.results[m].ripple for m in candidate.results), _LEAST)
-        log_metric = np.log(np.maximum(metric, _LEAST))
-        log_ripple = np.log(np.maximum(ripples / limits.ripple, _LEAST))
-        self.measured = Measured(points, log_metric, log_ripple)
+        self.points = points
+        self.metric = np.log(np.maximum(metric, _LEAST))
+        self.ripple = np.log(np.maximum(ripples / limits.ripple, _LEAST))
         self.keys = [self._key(candidate, k, limits.ripple) for k, candidate in enumerate(candidates)]
 
     def _key(self, candidate: Candidate, k: int, ripple: float) -> tuple[int, float]:
-        if not math.isfinite(self.measured.metric[k]):
+        if not math.isfinite(self.metric[k]):
             return candidate.order(ripple)
-        slack = float(self.measured.ripple[k])
-        return (2, slack) if slack > 0 else (1, float(self.measured.metric[k]))
+        slack = float(self.ripple[k])
+        return (2, slack) if slack > 0 else (1, float(self.metric[k]))
 
-    def best(self, since: int = 0) -> int:
-        """Return the number of the best candidate among those from number `since` on."""
-        return min(range(since, len(self.keys)), key=self.keys.__getitem__)
+    def best(self) -> int:
+        """Return the number of the best candidate."""
+        return min(range(len(self.keys)), key=self.keys.__getitem__)
 
     def falls(self, old: int, new: int, share: float) -> bool:
         """Return whether candidate `new` has a better rank than `old`, or a metric that is less by a share."""

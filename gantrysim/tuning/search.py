@@ -1,4 +1,4 @@
-"""The search: a trust region over shapes of the servo, each as fast as its margin admits.
+"""The search: simplexes over shapes of the servo, each as fast as its margin admits.
 
 Candidates are ranked, best first:
 
@@ -14,9 +14,9 @@ The first coordinates of a point are rho = log10(w / w_M) <= 0, where w_M is the
 this shape (see `gantrysim.tuning.space`) keep the margin. So every candidate keeps the margin, and the edge of the
 feasible region, at 0, is easily found; a shape that has no such frequency costs no run.
 
-The first round has the start, its shape at the edge, and the natural shape at the edge; the second a simplex around the
-best of these. From then on `gantrysim.tuning.region` proposes the points. When its region has become small, another
-begins: in turn around the best candidate, and around the best of some random points.
+The first round has shapes at the edge: those of the start, of the derived gains, and the stiffest one, which
+`gantrysim.tuning.edge` finds without a run. Then `gantrysim.tuning.simplex`
+descends from the best of these. When its simplex has become small, another one begins around the best candidate.
 
 A candidate is first run on one machine, the hardest for the best candidate so far: its metric over all machines is no
 less. Only one that would become the best is run on all others. For the others, that metric is estimated by the ratio
@@ -36,6 +36,7 @@ from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.servo import Servo
 from gantrysim.tuning.candidates import Candidate, SearchLimits, Trial, TrialResult
 from gantrysim.tuning.rounds import rounds
+from gantrysim.tuning.edge import MarginEdge
 from gantrysim.tuning.space import SearchSpace
 from gantrysim.tuning.stability import Fastest, Stability
 
@@ -178,11 +179,12 @@ def search(
     runs.candidates.append(start)
     yield from runs.on_all(start, range(limits.machines))
     runs.lead(start)
-    begin, bounds, guess = box(space, stability)
+    edge = MarginEdge(space, stability)
+    begin, bounds = box(edge)
     if start.excess <= 0 and _alike(space.start, space.servo(*space.begin)):
         start.point = begin
     considered = [start] if start.point.size else []
-    proposals = rounds(begin, bounds, space.natural, limits, known=bool(considered))
+    proposals = rounds(_first_points(edge, begin, start), bounds, limits)
     points = next(proposals)
     count = 0
     skipped = 0
@@ -191,7 +193,7 @@ def search(
         count += 1
         candidates = []
         for number, point in enumerate(points, 1):
-            candidate, guess = candidate_at(count, number, space, stability, point, guess)
+            candidate = candidate_at(count, number, edge, point)
             candidates.append(candidate)
         stable = [candidate for candidate in candidates if candidate.excess <= 0]
         skipped += len(candidates) - len(stable)
@@ -211,6 +213,15 @@ def search(
     return History(runs.candidates, runs.leaders, skipped, runs.count, count, ended)
 
 
+def _first_points(edge: MarginEdge, begin: Floats, start: Candidate) -> list[Floats]:
+    """Return the points of the first round: shapes at the edge of the margin, and the start if it was not run there."""
+    shapes = [begin[edge.space.groups :], edge.space.natural, edge.stiffest()]
+    edges = [np.concatenate([np.zeros(edge.space.groups), shape]) for shape in shapes]
+    if start.point.size or np.array_equal(begin, edges[0]):
+        return edges
+    return [begin, *edges]
+
+
 def _better(candidate: Candidate, leader: Candidate, ripple: float, share: float) -> bool:
     """Return whether a candidate, by the machines it was run on, is better than the leader by a share of its metric."""
     rank, amount = candidate.order(ripple)
@@ -225,34 +236,32 @@ def _alike(servo: Servo, other: Servo) -> bool:
     return all(np.allclose(servo.per_axis(name), other.per_axis(name), _ROUNDED) for name in GAIN_NAMES)
 
 
-def box(space: SearchSpace, stability: Stability) -> tuple[Floats, Floats, Fastest]:
-    """Return the start and the bounds of all coordinates, (n,) and (n, 2), and a guess of fastest loops."""
+def box(edge: MarginEdge) -> tuple[Floats, Floats]:
+    """Return the start and the bounds of all coordinates, (n,) and (n, 2)."""
+    space = edge.space
     frequencies, shape = space.begin
-    natural = Fastest(np.zeros(space.groups))
-    fastest = stability.fastest(space, shape, natural)
-    keeps = fastest.excess <= 0
-    rho = np.minimum(frequencies - fastest.frequencies, 0.0) if keeps else np.zeros(space.groups)
+    fastest = edge.fastest(shape)
+    rho = np.zeros(space.groups)
+    if fastest.excess <= 0:
+        rho = np.minimum(frequencies - fastest.frequencies, 0.0)
     bounds = np.concatenate([np.stack([rho + _RHO, np.zeros(space.groups)], axis=1), space.bounds])
-    return np.concatenate([rho, shape]), bounds, fastest if keeps else natural
+    return np.concatenate([rho, shape]), bounds
 
 
-def candidate_at(
-    count: int, number: int, space: SearchSpace, stability: Stability, point: Floats, guess: Fastest
-) -> tuple[Candidate, Fastest]:
-    """Return the candidate at a point, and the fastest loops of its shape as the next guess.
+def candidate_at(count: int, number: int, edge: MarginEdge, point: Floats) -> Candidate:
+    """Return the candidate at a point.
 
     Args:
         count: number of the round.
         number: within the round.
-        space: of the servos.
-        stability: whose margin is kept.
+        edge: of the margin that is kept.
         point: rho, at most 0, and shape.
-        guess: the fastest loops of another shape.
     """
+    space = edge.space
     rho = point[: space.groups]
     shape = point[space.groups :]
-    fastest = stability.fastest(space, shape, guess)
+    fastest = edge.fastest(shape)
     if fastest.excess > 0:
-        return Candidate(count, number, space.servo(fastest.frequencies, shape), fastest.excess, point=point), guess
+        return Candidate(count, number, space.servo(fastest.frequencies, shape), fastest.excess, point=point)
     servo = space.servo(fastest.frequencies + rho, shape)
-    return Candidate(count, number, servo, float(stability.excess(servo).max()), point=point), fastest
+    return Candidate(count, number, servo, float(edge.stability.excess(servo).max()), point=point)

@@ -41,7 +41,7 @@ _UNSEEN: dict[Phase, str] = {"start": "unseen, before", "tuned": "unseen, after"
 
 @dataclass(frozen=True)
 class TuningStudy(Study):
-    """The gains that minimise a metric of a job, found by a trust region.
+    """The gains that minimise a metric of a job, found by simplexes in the manner of Nelder and Mead.
 
     The metric is the largest over the job's own machine and perturbed ones, drawn from a Latin hypercube. The gains
 
@@ -59,7 +59,7 @@ class TuningStudy(Study):
         budget: maximum number of runs of the search.
         robust: number of perturbed machines besides the job's own.
         guards: number of perturbed machines on which the margin is kept too, without runs; none where robust is 0.
-        batch: number of candidates that are run side by side; more fill more cores, but waste some runs.
+        batch: number of points of a simplex that are moved side by side; more fill more cores, but need more runs.
         margin: least gain margin, in every direction.
         ripple: largest torque ripple [% of the peak torque]. The derived gains have 0.5 to 1.5 % in the built-in jobs,
             where beyond 2 % a little more gain makes the torque chatter.

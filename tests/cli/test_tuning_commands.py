@@ -38,7 +38,7 @@ def test_a_tuned_job_runs_with_the_tuned_servo(gantrysim_command, tmp_path, file
     assert out.startswith("Which gains minimise the rms contour error? Run with --servo tuned.toml: the rms contour")
     assert out.endswith("page: out/tune-circle/report.html")
     notes = tomllib.loads((tmp_path / "out" / "tune-circle" / "study.toml").read_text())["findings"]
-    searched = "Trust region over kp, ki, kd, velocity_ff, acceleration_ff, one factor for all axes, seed 1: "
+    searched = "Nelder-Mead over kp, ki, kd, velocity_ff, acceleration_ff, one factor for all axes, seed 1: "
     assert any(note.startswith(searched) for note in notes)
     tuned = tmp_path / "out" / "tune-circle" / TUNED
     run = ("run", file, "--servo", tuned, "--no-video", "--no-report", "--no-causes", "--no-improve", "--out")
@@ -91,7 +91,7 @@ def test_tuned_gains_in_the_words_of_a_controller_are_read_back(gantrysim_comman
     sayable = ("--set", "servo.acceleration_ff=0", "--set", "servo.notch_frequency=0")
     status, output, said = gantrysim_command("tune", file, *sayable, *few, "--export", "trio")
     assert status == 0
-    assert "Trust region over kp, ki, kd, velocity_ff, one factor" in (out / "study.toml").read_text()
+    assert "Nelder-Mead over kp, ki, kd, velocity_ff, one factor" in (out / "study.toml").read_text()
     words = out / "tuned-trio.bas"
     assert f"written to {words}" in " ".join(output.split())
     assert "note: assumed of trio: " in said
