@@ -26,7 +26,10 @@ Guards = Annotated[
     int, typer.Option(metavar="N", help="Machines besides these on which the margin is kept, without runs.")
 ]
 Batch = Annotated[
-    int, typer.Option(metavar="N", help="Candidates run side by side; more fill more cores, but waste some runs.")
+    int,
+    typer.Option(
+        metavar="N", help="Points of the simplex moved side by side; more fill more cores, but need more runs."
+    ),
 ]
 Metric = Annotated[
     str,

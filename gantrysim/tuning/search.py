@@ -35,10 +35,10 @@ from gantrysim.base.arrays import Floats
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.servo import Servo
 from gantrysim.tuning.candidates import Candidate, SearchLimits, Trial, TrialResult
-from gantrysim.tuning.rounds import rounds
 from gantrysim.tuning.edge import MarginEdge
+from gantrysim.tuning.rounds import rounds
 from gantrysim.tuning.space import SearchSpace
-from gantrysim.tuning.stability import Fastest, Stability
+from gantrysim.tuning.stability import Stability
 
 Ended = Literal["budget", "converged", "no candidate"]
 Phase = Literal["start", "tuned"]

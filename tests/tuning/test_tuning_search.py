@@ -251,10 +251,10 @@ def test_a_candidate_run_on_one_machine_is_estimated_by_the_nearest_run_on_all()
     fault = TrialResult(math.inf, math.inf, 1.0)
     all_of = [at(0.0, *two), at(1.0, *four), at(0.2, two[0]), at(0.9, two[0]), at(0.1, fault), at(0.0, excess=0.3)]
     own = Estimates(all_of, SearchLimits(machines=2, budget=100, ripple=RIPPLE, seed=1))
-    assert np.exp(own.measured.metric) == pytest.approx([3.0, 5.0, 3.0, 2.0, math.inf, math.inf])
-    assert RIPPLE * np.exp(own.measured.ripple) == pytest.approx([0.012, 0.001, 0.012, 0.004, math.inf, math.inf])
+    assert np.exp(own.metric) == pytest.approx([3.0, 5.0, 3.0, 2.0, math.inf, math.inf])
+    assert RIPPLE * np.exp(own.ripple) == pytest.approx([0.012, 0.001, 0.012, 0.004, math.inf, math.inf])
     assert [rank for rank, _ in own.keys] == [1, 1, 1, 1, 4, 5]
-    assert (own.best(), own.best(4)) == (3, 4)
+    assert own.best() == 3
     assert own.falls(0, 3, 0.1)
     assert not own.falls(0, 3, 0.5)  # log(3/2) is less
 
@@ -295,7 +295,7 @@ def test_the_search_ends_if_no_candidate_keeps_the_margin(stability):
     assert history.ended == "no candidate"
     assert history.best is history.start
     assert [len(lot) for lot in rounds] == [1]
-    assert history.skipped > 2 * history.rounds
+    assert history.skipped >= history.rounds > 1
 
 
 def test_few_candidates_are_run_on_more_than_the_hardest_machine(unconstrained):
