@@ -15,7 +15,7 @@ this shape (see `gantrysim.tuning.space`) keep the margin. So every candidate ke
 feasible region, at 0, is easily found; a shape that has no such frequency costs no run.
 
 The first round has shapes at the edge: those of the start, of the derived gains, and the stiffest one, which
-`gantrysim.tuning.edge` finds without a run. Then `gantrysim.tuning.simplex`
+`gantrysim.tuning.edge` finds without a run, the last two also without acceleration feed-forward. Then `gantrysim.tuning.simplex`
 descends from the best of these. When its simplex has become small, another one begins around the best candidate.
 
 A candidate is first run on one machine, the hardest for the best candidate so far: its metric over all machines is no
@@ -215,8 +215,11 @@ def search(
 
 def _first_points(edge: MarginEdge, begin: Floats, start: Candidate) -> list[Floats]:
     """Return the points of the first round: shapes at the edge of the margin, and the start if it was not run there."""
-    shapes = [begin[edge.space.groups :], edge.space.natural, edge.stiffest()]
-    edges = [np.concatenate([np.zeros(edge.space.groups), shape]) for shape in shapes]
+    space = edge.space
+    shapes = [begin[space.groups :], space.natural, edge.stiffest()]
+    if "a" in space.coordinates:  # the metric may have a valley there, far from that of the natural feed-forward
+        shapes += [np.concatenate([shape[: -space.groups], np.zeros(space.groups)]) for shape in shapes[1:]]
+    edges = [np.concatenate([np.zeros(space.groups), shape]) for shape in shapes]
     if start.point.size or np.array_equal(begin, edges[0]):
         return edges
     return [begin, *edges]
