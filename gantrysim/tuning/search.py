@@ -15,8 +15,9 @@ this shape (see `gantrysim.tuning.space`) keep the margin. So every candidate ke
 feasible region, at 0, is easily found; a shape that has no such frequency costs no run.
 
 The first round has shapes at the edge: those of the start, of the derived gains, and the stiffest one, which
-`gantrysim.tuning.edge` finds without a run, the last two also without acceleration feed-forward. Then `gantrysim.tuning.simplex`
-descends from the best of these. When its simplex has become small, another one begins around the best candidate.
+`gantrysim.tuning.edge` finds without a run; the last two also without acceleration feed-forward. A simplex descends
+from the best of these, see `gantrysim.tuning.simplex`. When it has become small, another one begins around the
+best candidate.
 
 A candidate is first run on one machine, the hardest for the best candidate so far: its metric over all machines is no
 less. Only one that would become the best is run on all others. For the others, that metric is estimated by the ratio

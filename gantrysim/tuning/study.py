@@ -68,6 +68,7 @@ class TuningStudy(Study):
         unseen: number of machines for the final check, whose runs the budget does not count.
         seed: of the random numbers.
         held: gains held at zero, see `SearchSpace`.
+        leaders: successive best candidates of the search so far; the first is the start.
     """
 
     law: str | None = None
@@ -85,7 +86,7 @@ class TuningStudy(Study):
     held: tuple[str, ...] = ()
     _runs: dict[Servo, Run] = field(init=False, repr=False, compare=False, default_factory=dict)
     _histories: list[tuple[list[Row], History]] = field(init=False, repr=False, compare=False, default_factory=list)
-    _leaders: list[Candidate] = field(init=False, repr=False, compare=False, default_factory=list)
+    leaders: list[Candidate] = field(init=False, repr=False, compare=False, default_factory=list)
 
     name = "tune"
     command = "tune"
@@ -104,8 +105,7 @@ class TuningStudy(Study):
         sensitivity_bound(self.margin)
         if (self.robust or self.unseen) and not any(asdict(self.spread).values()):
             raise InputError("spread: must be above 0 for at least one factor, or robust and unseen be 0")
-        least = 2 * (self.robust + 1)
-        if self.budget < least:
+        if self.budget < (least := 2 * (self.robust + 1)):
             raise InputError(f"budget = {self.budget}: must be at least {least}, start and one candidate per machine")
 
     @property
@@ -126,16 +126,11 @@ class TuningStudy(Study):
         return self.budget + 2 * self.unseen
 
     @property
-    def leaders(self) -> tuple[Candidate, ...]:
-        """Successive best candidates of the search so far; the first is the start."""
-        return tuple(self._leaders)
-
-    @property
     def news(self) -> str:
         """The best metric so far."""
-        if not self._leaders:
+        if not self.leaders:
             return ""
-        rank, metric = self._leaders[-1].order(0.01 * self.ripple)
+        rank, metric = self.leaders[-1].order(0.01 * self.ripple)
         return f"best {metric:.3g} µm" if rank == 1 else "none feasible yet"
 
     @property
@@ -222,7 +217,7 @@ class TuningStudy(Study):
             self.space,
             self.stability,
             SearchLimits(self.robust + 1, self.budget, 0.01 * self.ripple, self.seed, self.batch),
-            on_leader=self._leaders.append,
+            on_leader=self.leaders.append,
         )
         trials = next(trials_of_rounds)
         while True:

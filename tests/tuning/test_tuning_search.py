@@ -304,4 +304,4 @@ def test_few_candidates_are_run_on_more_than_the_hardest_machine(unconstrained):
 
     history, _ = run(space(detuned(0.1)), unconstrained, measure, machines=5, budget=120)
     assert history.best.hardest == 4
-    assert sum(len(one.results) == 1 for one in history.candidates) > 0.8 * len(history.candidates)
+    assert sum(len(one.results) == 1 for one in history.candidates) > 0.6 * len(history.candidates)
