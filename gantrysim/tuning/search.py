@@ -15,7 +15,7 @@ this shape (see `gantrysim.tuning.space`) keep the margin. So every candidate ke
 feasible region, at 0, is easily found; a shape that has no such frequency costs no run.
 
 The first round has shapes at the edge: those of the start, of the derived gains, and the stiffest one, which
-`gantrysim.tuning.edge` finds without a run; the last two also without acceleration feed-forward. A simplex descends
+`gantrysim.tuning.edge` finds without a run; the last two also with less acceleration feed-forward. A simplex descends
 from the best of these, see `gantrysim.tuning.simplex`. When it has become small, another one begins around the
 best candidate.
 
@@ -46,6 +46,7 @@ Phase = Literal["start", "tuned"]
 
 _RHO = -1.5  # lower bound of rho, relative to the start
 _CONFIRMED = 0.002  # share by which a candidate must be better on one machine to be run on the others
+_LESS = 0.5  # coordinate of a smaller acceleration feed-forward: a third of the inertia
 _ROUNDED = 1e-3  # relative difference of gains that counts as none
 
 
@@ -218,8 +219,8 @@ def _first_points(edge: MarginEdge, begin: Floats, start: Candidate) -> list[Flo
     """Return the points of the first round: shapes at the edge of the margin, and the start if it was not run there."""
     space = edge.space
     shapes = [begin[space.groups :], space.natural, edge.stiffest()]
-    if "a" in space.coordinates:  # the metric may have a valley there, far from that of the natural feed-forward
-        shapes += [np.concatenate([shape[: -space.groups], np.zeros(space.groups)]) for shape in shapes[1:]]
+    if "a" in space.coordinates:  # the metric may have another valley there
+        shapes += [np.concatenate([shape[: -space.groups], np.full(space.groups, _LESS)]) for shape in shapes[1:]]
     edges = [np.concatenate([np.zeros(space.groups), shape]) for shape in shapes]
     if start.point.size or np.array_equal(begin, edges[0]):
         return edges
