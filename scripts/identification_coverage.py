@@ -19,10 +19,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))  # the in
 from gantrysim import InputError
 from gantrysim.identify.identification import identify
 
-from support.friction_plants import LAWS
+from support.friction_plants import ALL_LAWS
 from support.identification_logs import MACHINE, random_log
 
-MODELLED = ("coulomb", "stribeck", "lugre")  # laws that the fitted model holds; another's structure is wrong
+MODELLED = ("coulomb", "stribeck", "lugre", "backlash")  # laws that the fitted model holds; another's structure is wrong
 HOLDS = ": the structure of the model holds"
 
 
@@ -50,7 +50,7 @@ class Outcome(NamedTuple):
 
 def outcome(seed: int) -> Outcome:
     """Return what the identification answers about the axis of this number."""
-    law = LAWS[seed % len(LAWS)]
+    law = ALL_LAWS[seed % len(ALL_LAWS)]
     log = random_log(seed, law, slip="")
     try:
         identification = identify(MACHINE, log.log)
@@ -90,7 +90,7 @@ def tables(outcomes: list[Outcome]) -> str:
         "| friction | axes | refused | inertia identified | with a wrong value | structure holds |",
         "|---|---|---|---|---|---|",
     ]
-    for law in LAWS:
+    for law in ALL_LAWS:
         axes = [axis for axis in outcomes if axis.law == law]
         refused = sum(bool(axis.error) for axis in axes)
         inertia = sum("inertia" in (*axis.covered, *axis.wrong) for axis in axes)

@@ -2,8 +2,9 @@
 
 motor x'' = gear (T - F) - b x' - k (x - y) - c (x' - y'),    load y'' = k (x - y) + c (x' - y'),    lag T' = demand - T
 
-F opposes the motion with the level of its law, and holds an axis at rest as long as it can. All is SI; torques and
-levels are at the motor shaft.
+F opposes the motion with the level of its law, and holds an axis at rest as long as it can. Cogging adds a torque that
+repeats over the travel; backlash lets the spring act only beyond half its gap, in contact. All is SI; torques and levels
+are at the motor shaft.
 """
 
 import math
@@ -13,10 +14,11 @@ import numba
 import numpy as np
 
 LAWS = ("coulomb", "stribeck", "lugre", "asymmetric", "position", "load", "quadratic")
+ALL_LAWS = (*LAWS, "cogging", "backlash")
 
 
 class FrictionPlant(NamedTuple):
-    """An axis and its friction; `law` is the place of the friction law's name in `LAWS`.
+    """An axis and its friction; `law` is the place of the friction law's name in `ALL_LAWS`.
 
     Attributes:
         motor, load: masses at the axis [kg].
@@ -28,11 +30,13 @@ class FrictionPlant(NamedTuple):
         ws: Stribeck speed [rad/s].
         s0, s1: stiffness [N·m/rad] and damping [N·m·s/rad] of the bristles of LuGre friction.
         strength: asymmetric: Fc is (1 ± strength) times as high by direction; position: amplitude of Fc over the
-            travel, of Fc; load: friction per motor torque; quadratic: friction at `fast` beside the others, of Fc.
-        length: of a period of friction over the travel [m].
+            travel, of Fc; load: friction per motor torque; quadratic: friction at `fast` beside the others, of Fc;
+            cogging: amplitude of its torque, of Fc.
+        length: of a period of friction or cogging over the travel [m].
         fast: speed at which the quadratic part reaches `strength` [rad/s].
         lag: electrical time constant [s].
         weight: constant torque [N·m].
+        gap: backlash between motor and load [m].
     """
 
     motor: float
@@ -52,6 +56,7 @@ class FrictionPlant(NamedTuple):
     fast: float = 150.0
     lag: float = 2.75e-4
     weight: float = 0.0
+    gap: float = 0.0
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -86,6 +91,7 @@ def drive(p, gains, commands, period, delay, count, limit, steps):
     v = u = z = torque = 0.0
     h = period / steps
     late = round(delay / period * steps)
+    half = 0.5 * p.gap
     for tick in range(len(commands)):
         measured = count * np.rint(x / count) if count > 0 else x
         error = commands[tick] - measured
@@ -100,7 +106,11 @@ def drive(p, gains, commands, period, delay, count, limit, steps):
         for step in range(steps):
             asked = held if step < late else demand
             torque += h * (asked - torque) / p.lag
-            spring = p.k * (x - y) + p.c * (v - u)
+            stretch = x - y
+            spring = 0.0
+            if abs(stretch) > half or half == 0.0:
+                spring = p.k * (stretch - min(max(stretch, -half), half)) + p.c * (v - u)
+            ripple = p.fc * p.strength * math.sin(2 * math.pi * x / p.length) if p.law == 7 else 0.0
             u += h * spring / p.load
             if p.law == 2:
                 w = p.gear * v
@@ -110,7 +120,7 @@ def drive(p, gains, commands, period, delay, count, limit, steps):
                 friction = p.s0 * z + p.s1 * slip
                 v += h * (p.gear * (torque + p.weight - friction) - p.b * v - spring) / p.motor
             else:
-                pushed = v + h * (p.gear * (torque + p.weight) - p.b * v - spring) / p.motor
+                pushed = v + h * (p.gear * (torque + p.weight - ripple) - p.b * v - spring) / p.motor
                 way = 1.0 if pushed > 0 else -1.0
                 most = h * p.gear * _level(p, p.gear * v, x, torque, way) / p.motor
                 v = 0.0 if abs(pushed) <= most else pushed - way * most

@@ -1,5 +1,6 @@
 """Random logs of an axis whose friction follows some law, with the truth, and with or without an error of the log."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from gantrysim.identify.log import Log
 from gantrysim.identify.model import model_of
 from gantrysim.identify.plan import excitation
 
-from support.friction_plants import LAWS, FrictionPlant, drive
+from support.friction_plants import ALL_LAWS, LAWS, FrictionPlant, drive
 
 MACHINE = Machine("xy")
 AXIS = 1
@@ -90,7 +91,7 @@ def random_log(seed, law=None, slip=None, noise=None, period=None):
         fc=coulomb,
         fs=coulomb * random.uniform(1, 1.6) if law in ("stribeck", "lugre") else coulomb,
         gear=1e3 / axis.scale,
-        law=LAWS.index(law),
+        law=ALL_LAWS.index(law),
         ws=3.1 * factor(3),
         s0=7.2 * factor(2),
         s1=0.01 * factor(1),
@@ -103,6 +104,12 @@ def random_log(seed, law=None, slip=None, noise=None, period=None):
     noise = drawn_noise if noise is None else noise
     count = float(random.choice([1e-7, 1e-6, 1e-6, 5e-6]))
     limit = 0.12 if slip == "saturated" else 0.906
+    # drawn last, so that the axes of the other laws stay as they are
+    if law == "cogging":
+        pitch = 2e-3 * math.pi * axis.scale / float(random.choice([1, 2, 4, 8]))  # of the screw, or of the motor's slots
+        plant = plant._replace(strength=random.uniform(0.05, 0.6), length=pitch)
+    if law == "backlash":
+        plant = plant._replace(gap=random.uniform(1e-5, 2e-5))
     servo = Servo.derive(MACHINE.axes, period)
     gains = tuple(
         1e3 * gain[AXIS]
@@ -127,6 +134,7 @@ def random_log(seed, law=None, slip=None, noise=None, period=None):
         "share": share,
         "stiffness": plant.k,
         "damping": plant.c,
+        "gap": 1e3 * plant.gap,
     }
     return TrueLog(Log(("y",), period, position[:, None], torque[:, None], held=True), truth, law, slip)
 
