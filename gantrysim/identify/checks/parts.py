@@ -7,24 +7,31 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from gantrysim.base.arrays import Floats
-from gantrysim.identify.result import AxisFit
 
 _SMOOTH = 0.004  # standard deviation of the filter of speed and torque that sort samples [s]
 
 
-def partitions(fit: AxisFit, period: float) -> dict[str, list[NDArray[np.bool_]]]:
-    """Return masks over all samples, (n,) each, by the quantity in which parts differ; samples at rest are in none."""
+def partitions(
+    position: Floats, torque: Floats, used: NDArray[np.bool_], period: float
+) -> dict[str, list[NDArray[np.bool_]]]:
+    """Return masks over all samples, (n,) each, by the quantity in which parts differ; samples at rest are in none.
+
+    Args:
+        position: (n,) [u].
+        torque: (n,) [N·m].
+        used: whether a sample is in motion, (n,) bool.
+        period: of the samples [s].
+    """
     width = max(_SMOOTH / period, 1.0)
-    speed = gaussian_filter1d(np.gradient(fit.position, period), width)
-    torque = np.abs(gaussian_filter1d(fit.torque, width))
-    time = np.arange(fit.used.size, dtype=np.float64)
-    used = fit.used
+    speed = gaussian_filter1d(np.gradient(position, period), width)
+    size = np.abs(gaussian_filter1d(torque, width))
+    time = np.arange(used.size, dtype=np.float64)
     return {
         "time": _as_many(time, used, 3),
         "direction": [used & (speed < 0), used & (speed >= 0)],
         "speed": _as_many(np.abs(speed), used, 3),
-        "position": _as_wide(fit.position, used, 4),
-        "torque": _as_many(torque, used, 3),
+        "position": _as_wide(position, used, 4),
+        "torque": _as_many(size, used, 3),
     }
 
 

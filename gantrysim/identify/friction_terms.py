@@ -1,0 +1,95 @@
+"""Terms of friction that a log may need beside viscous and Coulomb friction.
+
+With w the motor's speed, s its direction, x the position and T the torque at the motor:
+
+    square of the speed    w |w|
+    load                   |T| s
+    Stribeck               exp(-|w| / ws) s
+    position               sin(2 pi x / L) s, cos(2 pi x / L) s
+    cogging                sin(2 pi x / L), cos(2 pi x / L)
+
+All but the last scale the level of the friction; cogging is a torque of its own.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gantrysim.base.arrays import Floats
+
+SQUARE = "square"
+LOAD = "load"
+STRIBECK = "Stribeck"
+POSITION = "position"
+COGGING = "cogging"
+POSITIVE = (SQUARE, LOAD, STRIBECK)  # negative, they would drive the axis, or be another term
+
+
+class Motion(NamedTuple):
+    """Motion and torque of an axis at each sample, (n,) each.
+
+    Attributes:
+        position: [u].
+        speed: by central differences [u/s].
+        calm: the same, smoothed over a millisecond: counts of the encoder are coarse on slow moves [u/s].
+        direction: of the last motion, 1 or -1.
+        torque: of the motor [N·m].
+    """
+
+    position: Floats
+    speed: Floats
+    calm: Floats
+    direction: Floats
+    torque: Floats
+
+
+class Term(NamedTuple):
+    """A term of the friction.
+
+    Attributes:
+        kind: its name.
+        size: Stribeck speed [u/s] or period over the travel [u]; 0 of the others.
+    """
+
+    kind: str
+    size: float = 0.0
+
+    def levels(self, motion: Motion) -> list[Floats]:
+        """Return what the term's coefficients multiply: levels of friction without their direction, or torques."""
+        if self.kind == SQUARE:
+            return [motion.speed**2]
+        if self.kind == LOAD:
+            return [np.abs(motion.torque)]
+        if self.kind == STRIBECK:
+            return [np.exp(-np.abs(motion.calm) / self.size)]
+        phase = 2 * np.pi * motion.position / self.size
+        return [np.sin(phase), np.cos(phase)]
+
+    def torques(self, motion: Motion) -> list[Floats]:
+        """Return the torques against the motion that the term's coefficients multiply."""
+        if self.kind == COGGING:
+            return self.levels(motion)
+        return [motion.direction * level for level in self.levels(motion)]
+
+    def words(self, coefficients: Floats, coulomb: float, fastest: float, unit: str) -> str:
+        """Return the term in words.
+
+        Args:
+            coefficients: of the term.
+            coulomb: Coulomb friction beside it [N·m].
+            fastest: speed of the log's fast moves [u/s].
+            unit: of the position, u.
+        """
+        if self.kind == SQUARE:
+            share = coefficients[0] * fastest**2
+            return f"drag by the square of the speed, {share:.2g} N·m at {fastest:.3g} {unit}/s"
+        if self.kind == LOAD:
+            return f"friction by load, {100 * coefficients[0]:.2g} % of the motor's torque"
+        if self.kind == STRIBECK:
+            return f"Stribeck friction, {coefficients[0]:.2g} N·m more at rest, gone beyond {self.size:.2g} {unit}/s"
+        size = float(np.hypot(*coefficients))
+        if self.kind == COGGING:
+            return f"cogging of ± {size:.2g} N·m over every {self.size:.3g} {unit}"
+        return f"friction over the travel, ± {100 * size / max(coulomb, 1e-300):.2g} % every {self.size:.3g} {unit}"

@@ -1,0 +1,145 @@
+"""Regression of the motor's torque on the motion of a sliding axis, low-passed, with chosen terms of friction.
+
+    T = J a + j a' + h a'' + b v + Fc s + constant + terms
+
+a' and a'' take up a delay of the torque and the load's spring, so that friction is found before either is known. Torque
+and all terms pass one zero-phase low-pass. Slow errors of the torque weigh here as much as fast ones, where the fit of
+one-step predictions sees the fast ones alone.
+"""
+
+# ruff: noqa: N806 - matrices bear the letters of the equations
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from gantrysim.base.arrays import Floats
+from gantrysim.identify.friction_terms import Motion, Term
+from gantrysim.identify.model import AxisModel
+from gantrysim.identify.prediction import effective_torque
+
+WIDTH = 0.004  # standard deviation of the low-pass [s]
+NAMES = ("inertia", "jerk", "snap", "viscous", "coulomb", "offset")  # of the columns before those of the terms
+_CALM = 0.001  # the same of the speed that a Stribeck term sees [s]
+_MEMORY = 0.1  # length of a block of samples whose errors may be correlated [s]
+_STEPS = 8  # of the torque's course in a sample
+_MOVING = 0.02  # share of the highest speed from which an axis slides
+_SLIDING = 0.9  # share of the samples around one that must be in motion
+
+
+class Solution(NamedTuple):
+    """Coefficients of a regression.
+
+    Attributes:
+        values: of `NAMES`, then of the terms, (p,).
+        covariance: with the correlation of the remaining torque within blocks, (p, p).
+        remainder: torque that remains, (k,) [N·m].
+        basis: orthonormal columns of the regression, (k, p).
+        matrix: columns scaled to a largest value of 1, (k, p).
+        sizes: by which they were divided, (p,).
+    """
+
+    values: Floats
+    covariance: Floats
+    remainder: Floats
+    basis: Floats
+    matrix: Floats
+    sizes: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueRegression:
+    """Torque and motion of an axis where it slides.
+
+    Attributes:
+        period: of the samples [s].
+        motion: at each sample, (n,).
+        slides: whether a sample counts, (n,) bool.
+    """
+
+    period: float
+    motion: Motion
+    slides: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, model: AxisModel, period: float, position: Floats, torque: Floats, held: bool) -> TorqueRegression:
+        """Return the regression of a log.
+
+        Args:
+            model: whose lag and delay the torque has.
+            period: of the samples [s].
+            position: (n,) [u].
+            torque: (n,) [N·m].
+            held: whether the torque is a demand, held from sample to sample.
+        """
+        width = WIDTH / period
+        after = effective_torque(model, period, torque, _STEPS, held).mean(axis=1)
+        before = np.concatenate([after[:1], after[:-1]])
+        speed = np.gradient(position, period)
+        motion = Motion(
+            position=position,
+            speed=speed,
+            calm=gaussian_filter1d(speed, max(_CALM / period, 0.5)),
+            direction=_direction(position),
+            torque=0.5 * (before + after) - model.offset,
+        )
+        slow = np.abs(gaussian_filter1d(speed, width))
+        slides = gaussian_filter1d(1.0 * (slow > _MOVING * float(np.quantile(slow, 0.99))), width) > _SLIDING
+        edge = round(4 * width)  # where the filter reaches beyond the log
+        slides[:edge] = False
+        slides[-edge:] = False
+        return cls(period, motion, slides)
+
+    def low_passed(self, values: Floats) -> Floats:
+        """Return values at all samples low-passed, where the axis slides, (k,)."""
+        return np.asarray(gaussian_filter1d(values, WIDTH / self.period)[self.slides])
+
+    @cached_property
+    def torque(self) -> Floats:
+        """Low-passed torque, (k,) [N·m]."""
+        return self.low_passed(self.motion.torque)
+
+    @cached_property
+    def columns(self) -> Floats:
+        """Low-passed columns of `NAMES`, (k, 6)."""
+        speed = gaussian_filter1d(self.motion.speed, WIDTH / self.period)
+        acceleration = np.gradient(speed, self.period)
+        jerk = np.gradient(acceleration, self.period)
+        snap = np.gradient(jerk, self.period)
+        direction = self.low_passed(self.motion.direction)
+        derivatives = [values[self.slides] for values in (acceleration, jerk, snap, speed)]
+        return np.stack([*derivatives, direction, np.ones_like(direction)], axis=1)
+
+    def columns_of(self, term: Term) -> Floats:
+        """Return the low-passed columns of a term, (k, 1 or 2)."""
+        return np.stack([self.low_passed(torque) for torque in term.torques(self.motion)], axis=1)
+
+    def solved(self, terms: tuple[Term, ...]) -> Solution:
+        """Return the coefficients with some terms."""
+        A = np.concatenate([self.columns, *(self.columns_of(term) for term in terms)], axis=1)
+        sizes = np.maximum(np.abs(A).max(axis=0), 1e-300)
+        A = A / sizes
+        Q, R = np.linalg.qr(A)
+        values = np.linalg.lstsq(R, Q.T @ self.torque, rcond=None)[0]
+        remainder = self.torque - A @ values
+        covariance = np.linalg.pinv(A.T @ A) @ self._scores(A, remainder) @ np.linalg.pinv(A.T @ A)
+        return Solution(values / sizes, covariance / np.outer(sizes, sizes), remainder, Q, A, sizes)
+
+    def _scores(self, A: Floats, remainder: Floats) -> Floats:
+        """Return the sum of squares of the blocks' sums of A' r, which holds any correlation within a block."""
+        blocks = np.arange(0, len(remainder), max(round(_MEMORY / self.period), 1))
+        sums = np.add.reduceat(A * remainder[:, None], blocks, axis=0)
+        return np.asarray(sums.T @ sums)
+
+
+def _direction(position: Floats) -> Floats:
+    """Return the sign of the last step that is not zero, (n,); counts of the encoder stand still on slow moves."""
+    steps = np.diff(position, prepend=position[0])
+    last = np.maximum.accumulate(np.where(steps != 0, np.arange(steps.size), 0))
+    return np.asarray(np.sign(steps[last]))
