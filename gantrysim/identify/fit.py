@@ -14,10 +14,12 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
+from gantrysim.identify.friction_law import FrictionLaw, friction_law
 from gantrysim.identify.minimum import Minimum, PredictionError, refined
 from gantrysim.identify.model import AxisModel
+from gantrysim.identify.prediction import Course
 from gantrysim.identify.regression import in_motion, regression
-from gantrysim.identify.result import MODE, WHITE, AxisFit
+from gantrysim.identify.result import MODE, PARAMETERS, WHITE, AxisFit, Estimate
 from gantrysim.identify.whiteness import LAGS
 
 _STIFF = np.geomspace(0.4, 2.5, 13)  # grid of the start, of the nominal
@@ -73,34 +75,37 @@ def fit_axis(nominal: AxisModel, log: AxisLog, progress: Callable[[], None] = la
     Raises:
         InputError: a log without motion, or one whose inertia is not positive or far from the machine's.
     """
-    inertia, viscous, coulomb, offset = regression(log.position, log.torque, log.period)
+    inertia, viscous, coulomb, _ = regression(log.position, log.torque, log.period)
     if not inertia > 0:
         raise InputError(
             f"axis {log.axis}: inertia = {inertia:.3g} N·m·s²/{log.unit} by the log: must be greater than 0; check "
             "the columns of torque and position and their signs"
         )
     error = _error(log, progress)
+    law = friction_law(nominal, log.unit, log.period, error.position, error.torque, error.used, log.held)
+    error = replace(error, course=Course(law.level, law.ripple))
     scale = inertia / nominal.inertia
-    friction = max(coulomb, 1e-3 * float(np.std(error.torque)))
+    friction = max(law.estimates["coulomb"].value, 1e-3 * float(np.std(error.torque)))
     start = replace(
         nominal,
         inertia=inertia,
-        viscous=max(viscous, 0.0),
+        viscous=max(law.estimates["viscous"].value, 0.0),
         coulomb=friction,
         excess=friction * (nominal.excess / nominal.coulomb if nominal.coulomb > 0 else 0.0),
-        offset=offset,
+        offset=law.estimates["offset"].value,
         stiffness=nominal.stiffness * scale,
         damping=nominal.damping * scale,
     )
     best, without_mode = _fitted(error, start)
     if nominal.share and error.correlation(best) > WHITE:
         best = _with_gap(error, best, without_mode)
+    model, estimates = _with_law(best, law)
     return AxisFit(
         axis=log.axis,
         unit=log.unit,
         nominal=nominal,
-        model=best.model,
-        estimates=best.estimates(),
+        model=model,
+        estimates=estimates,
         noise=best.noise,
         expected=error.size,
         used=error.used,
@@ -111,7 +116,29 @@ def fit_axis(nominal: AxisModel, log: AxisLog, progress: Callable[[], None] = la
         torque=error.torque,
         held=log.held,
         sensitivity=best.sensitivity,
+        predicted=best.model,
+        law=law,
     )
+
+
+def _with_law(best: Minimum, law: FrictionLaw) -> tuple[AxisModel, dict[str, Estimate]]:
+    """Return model and estimates of a fit with the friction by the torque of the sliding axis.
+
+    The prediction of the next sample hardly sees a slow error of the torque, the regression does; static friction,
+    which holds an axis at rest, is the prediction's.
+    """
+    estimates = {**best.estimates(), **law.estimates}
+    coulomb = max(estimates["coulomb"].value, 0.0)
+    excess = max(best.model.static - coulomb, 0.0)
+    estimates["excess"] = replace(estimates["excess"], value=excess)
+    model = replace(
+        best.model,
+        viscous=max(estimates["viscous"].value, 0.0),
+        coulomb=coulomb,
+        excess=excess,
+        offset=estimates["offset"].value,
+    )
+    return model, {name: estimates[name] for name in PARAMETERS if name in estimates}
 
 
 def _error(log: AxisLog, progress: Callable[[], None]) -> PredictionError:

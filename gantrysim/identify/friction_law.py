@@ -6,8 +6,6 @@ part of the log left out.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +14,7 @@ from gantrysim.identify.checks.parts import partitions
 from gantrysim.identify.friction_choice import Candidate, chosen_terms
 from gantrysim.identify.friction_terms import COGGING, LOAD, Term
 from gantrysim.identify.model import AxisModel
-from gantrysim.identify.result import Estimate
+from gantrysim.identify.result import Estimate, FrictionLaw
 from gantrysim.identify.torque_regression import NAMES, Solution, TorqueRegression
 
 FRICTION = ("viscous", "coulomb", "offset")
@@ -27,29 +25,6 @@ _OFFSET = 0.01  # the same of the constant torque, of the Coulomb friction
 _LOAD = 0.03  # deviation of Coulomb friction beside a friction by load, which it resembles, of its value
 _SIGNIFICANT = 3.0  # standard deviations from which a change without a part of the log counts
 _FEWEST = 200  # samples of a part, and of what remains
-
-
-@dataclass(frozen=True, eq=False)
-class FrictionLaw:
-    """Friction by the torque of a sliding axis.
-
-    Attributes:
-        estimates: viscous and Coulomb friction and constant torque.
-        terms: chosen beside these.
-        words: a description of each term.
-        level: friction of the terms beside Coulomb friction, whatever the direction, (n,) [N·m].
-        ripple: torque of the terms against the motor, (n,) [N·m].
-        remainder: rms of the low-passed torque that remains [N·m].
-        size: rms of the low-passed torque [N·m].
-    """
-
-    estimates: dict[str, Estimate]
-    terms: tuple[Term, ...]
-    words: tuple[str, ...]
-    level: Floats
-    ripple: Floats
-    remainder: float
-    size: float
 
 
 def friction_law(

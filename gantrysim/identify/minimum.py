@@ -12,7 +12,7 @@ from scipy.optimize import least_squares, minimize
 
 from gantrysim.base.arrays import Floats
 from gantrysim.identify.model import AxisModel
-from gantrysim.identify.prediction import innovations
+from gantrysim.identify.prediction import Course, innovations
 from gantrysim.identify.result import CONFIDENCE, MODE, PARAMETERS, SYSTEMATIC, Estimate, Sensitivity
 from gantrysim.identify.whiteness import correlation, covariance_of
 
@@ -37,6 +37,7 @@ class PredictionError:
         used: whether a sample is in motion, (n,) bool.
         size: standard deviation of the position noise that the encoder's counts explain [u].
         progress: called with every evaluation.
+        course: of friction beside that of the model.
     """
 
     period: float
@@ -46,10 +47,13 @@ class PredictionError:
     used: NDArray[np.bool_]
     size: float
     progress: Callable[[], None]
+    course: Course | None = None
 
     def innovations(self, model: AxisModel, noise: float) -> Floats:
         """Return the innovations of all samples, (n,) [u]."""
-        return innovations(model, noise / self.size, self.period, self.position, self.torque, self.held)
+        return innovations(
+            model, noise / self.size, self.period, self.position, self.torque, self.held, self.course
+        )
 
     def residual(self, model: AxisModel, noise: float) -> Floats:
         """Return the innovations of the samples in motion over the position noise, (k,).

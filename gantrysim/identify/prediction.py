@@ -23,6 +23,7 @@ from gantrysim.identify.small import kalman_gain, sampled
 _SUBSTEP = 1.25e-4  # longest step of the friction [s]
 _MOST_SUBSTEPS = 16
 _LEAST_TORQUE = 1e-9  # of a friction, so that nothing divides by zero [N·m]
+_LEAST_SHARE = 0.05  # of Coulomb friction that a varying level leaves: no friction drives an axis
 
 
 class Predictor(NamedTuple):
@@ -54,6 +55,18 @@ class Friction(NamedTuple):
     scale: float
 
 
+class Course(NamedTuple):
+    """Friction that varies in the course of a log, at each sample (n,) [N·m].
+
+    Attributes:
+        level: added to Coulomb friction, whatever the direction.
+        ripple: torque against the motor, such as cogging.
+    """
+
+    level: Floats
+    ripple: Floats
+
+
 class Spring(NamedTuple):
     """Stiffness between motor and load [N·m/u], and backlash [u]."""
 
@@ -66,7 +79,15 @@ def substeps(period: float) -> int:
     return min(max(math.ceil(period / _SUBSTEP - 1e-9), 2), _MOST_SUBSTEPS)
 
 
-def innovations(model: AxisModel, noise: float, period: float, position: Floats, torque: Floats, held: bool) -> Floats:
+def innovations(
+    model: AxisModel,
+    noise: float,
+    period: float,
+    position: Floats,
+    torque: Floats,
+    held: bool,
+    course: Course | None = None,
+) -> Floats:
     """Return the differences between the measured positions and their prediction from all samples before, (n,) [u].
 
     Args:
@@ -76,6 +97,7 @@ def innovations(model: AxisModel, noise: float, period: float, position: Floats,
         position: measured, (n,) [u].
         torque: (n,) [N·m].
         held: whether a torque is held until the next sample, as a demand is; else it is linear in between.
+        course: of friction beside the model's; none without.
     """
     count = substeps(period)
     A, inputs = _linear(model)
@@ -92,7 +114,11 @@ def innovations(model: AxisModel, noise: float, period: float, position: Floats,
     predictor = Predictor(period / count, F, G, gain, free_gain)
     friction = Friction(model.coulomb, model.excess, model.stribeck, model.deflection, model.bristle_time, model.scale)
     means = effective_torque(model, period, torque, count, held)
-    return _predict(position, means, predictor, friction, Spring(model.stiffness, model.gap))
+    level = np.zeros(position.size)
+    if course is not None:
+        means = means - course.ripple[:, None]
+        level = course.level
+    return _predict(position, means, predictor, friction, Spring(model.stiffness, model.gap), level)
 
 
 def _linear(model: AxisModel) -> tuple[Floats, Floats]:
@@ -137,7 +163,9 @@ def _lagged(means: Floats, decay: float, steps: float) -> Floats:
 
 
 @jit
-def _predict(position: Floats, torque: Floats, predictor: Predictor, friction: Friction, spring: Spring) -> Floats:
+def _predict(
+    position: Floats, torque: Floats, predictor: Predictor, friction: Friction, spring: Spring, level: Floats
+) -> Floats:
     """Return the innovations, (n,) [u].
 
     Bristles and linear motion take turns, the bristles half a step ahead.
@@ -148,10 +176,11 @@ def _predict(position: Floats, torque: Floats, predictor: Predictor, friction: F
         predictor: of the linear motion.
         friction: of the motor.
         spring: between motor and load.
+        level: of friction added to Coulomb friction, (n,) [N·m].
     """
     step, F, G, gain, free_gain = predictor
     _, excess, stribeck, deflection, bristle_time, scale = friction
-    coulomb = max(friction.coulomb, _LEAST_TORQUE)
+    constant = max(friction.coulomb, _LEAST_TORQUE)
     stiffness = spring.stiffness
     gap = spring.gap
     n = F.shape[0]
@@ -159,14 +188,15 @@ def _predict(position: Floats, torque: Floats, predictor: Predictor, friction: F
     x = np.zeros(n)
     y = np.zeros(n)
     free_motion = np.zeros(n)
-    bristles = coulomb / deflection  # stiffness of the bristles [N·m/rad]
+    bristles = constant / deflection  # stiffness of the bristles [N·m/rad]
     z = 0.0
-    most = (coulomb + excess) / bristles  # stretch of the bristles that breaks away from rest
     for i in range(0, n, 2):
         x[i] = position[0]
     for tick in range(position.size):
         error = position[tick] - x[0]
         out[tick] = error
+        coulomb = max(constant + level[tick], _LEAST_SHARE * constant)
+        most = (coulomb + excess) / bristles  # stretch of the bristles that breaks away from rest
         correction = free_gain if n == 4 and abs(x[0] - x[2]) < 0.5 * gap else gain
         for i in range(n):
             x[i] += correction[i] * error

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
+from gantrysim.identify.friction_terms import Term
 from gantrysim.identify.model import AxisModel
 from gantrysim.identify.whiteness import correlation
 
@@ -82,6 +83,29 @@ class Sensitivity:
 
 
 @dataclass(frozen=True, eq=False)
+class FrictionLaw:
+    """Friction by the torque of a sliding axis.
+
+    Attributes:
+        estimates: viscous and Coulomb friction and constant torque.
+        terms: chosen beside these.
+        words: a description of each term.
+        level: friction of the terms beside Coulomb friction, whatever the direction, (n,) [N·m].
+        ripple: torque of the terms against the motor, (n,) [N·m].
+        remainder: rms of the low-passed torque that remains [N·m].
+        size: rms of the low-passed torque [N·m].
+    """
+
+    estimates: dict[str, Estimate]
+    terms: tuple[Term, ...]
+    words: tuple[str, ...]
+    level: Floats
+    ripple: Floats
+    remainder: float
+    size: float
+
+
+@dataclass(frozen=True, eq=False)
 class AxisFit:
     """The identification of an axis.
 
@@ -101,6 +125,8 @@ class AxisFit:
         torque: likewise, (n,) [N·m].
         held: whether the torque is a demand, held until the next sample.
         sensitivity: of the residual of the samples in motion to the parameters.
+        predicted: the model whose predictions the innovations are of; its friction is that of the predictions alone.
+        law: friction by the torque of the sliding axis.
     """
 
     axis: str
@@ -118,6 +144,8 @@ class AxisFit:
     torque: Floats
     held: bool
     sensitivity: Sensitivity
+    predicted: AxisModel
+    law: FrictionLaw
 
     @property
     def residual(self) -> Floats:

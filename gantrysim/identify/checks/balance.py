@@ -1,10 +1,10 @@
 """Check: torque must balance inertia and friction at low frequency too.
 
-The fit weighs every sample by how well it predicts the next one, so that a slow error of the torque, such as a friction
-of another law, hardly counts. Here torque, acceleration, speed and direction pass one zero-phase low-pass, and what the
-fitted model leaves of the torque is regressed on them: the test of J. Hausman (Econometrica 46, 1978) of two estimators
-that agree only where the model is right. What then remains is averaged over parts of the log: a friction that depends
-on place, load or speed otherwise than in the model shows as a mean of its own in each.
+The fit weighs every sample by how well it predicts the next one, so that a slow error of the torque hardly counts. Here
+torque, acceleration and the friction of the law that the log has chosen pass one zero-phase low-pass, and what remains
+of the torque is regressed on the acceleration: the test of J. Hausman (Econometrica 46, 1978) of two estimators of the
+inertia that agree only where the model is right. What then remains is averaged over parts of the log: a friction that
+depends on place, load or speed otherwise than in its law shows as a mean of its own in each.
 """
 
 # ruff: noqa: N803, N806 - matrices bear the letters of the equations
@@ -26,10 +26,8 @@ from gantrysim.identify.result import MODE, AxisFit
 from gantrysim.identify.whiteness import long_run_covariance
 
 CHECK = "torque balance"
-NAMES = ("inertia", "viscous", "coulomb", "offset")
-LARGEST = 0.1  # error of the friction from which its law counts as another one, of the Coulomb friction
-FROM_FRICTION = 0.03  # the same from which the mode is doubtful: the fit has bent it to the friction that it lacks
-SIGNIFICANT = 4.0  # standard deviations of that error
+LARGEST = 0.1  # torque that remains in a part of the log, from which the friction's law is another one, of the friction
+APART = 0.1  # Coulomb friction of the predictions less that of the law, from which the mode is doubtful, of the law's
 _WIDTH = 0.004  # standard deviation of the low-pass [s]
 _STEPS = 8  # of the torque's course in a sample
 _MOVING = 0.02  # share of the highest speed from which an axis slides
@@ -42,56 +40,39 @@ class Balance(NamedTuple):
     """Result of the balance.
 
     Attributes:
-        change: estimates of `NAMES` less those of the fit, (4,).
-        deviation: their standard deviations, (4,).
-        curved: changes of viscous and Coulomb friction where friction may grow with the square of the speed too, beyond
-            `SIGNIFICANT` deviations, (2,).
+        change: inertia of the balance less that of the fit [N·m·s²/u].
+        deviation: its standard deviation.
         parts: by partition, the largest mean friction that remains in a part, less two standard deviations [N·m].
     """
 
-    change: Floats
-    deviation: Floats
-    curved: Floats
+    change: float
+    deviation: float
     parts: dict[str, float]
 
 
 def check_balance(fit: AxisFit, period: float) -> Doubt:
-    """Return how far the balance's estimates are from the fit's, and whether the friction's law is another one."""
+    """Return how far the balance's inertia is from the fit's, and whether the friction's law is another one."""
     balance = torque_balance(fit, period)
     if balance is None:
         return Doubt({}, [Finding(CHECK, FRICTION, "too few samples slide to balance the torque")])
-    extra = {}
-    for name, change, deviation in zip(NAMES, balance.change, balance.deviation, strict=True):
-        extra[name] = float(np.sqrt(max(change**2 - deviation**2, 0.0)))
-    for name, change in zip(NAMES[1:3], balance.curved, strict=True):
-        extra[name] = float(np.hypot(extra[name], change))
+    extra = {"inertia": float(np.sqrt(max(balance.change**2 - balance.deviation**2, 0.0)))}
     largest = max(balance.parts, key=lambda name: balance.parts[name], default="")
     uneven = balance.parts.get(largest, 0.0)
-    extra["coulomb"] = float(np.hypot(extra["coulomb"], uneven))
-    extra["static"] = extra["coulomb"]  # their difference stands on the same friction
-    return Doubt(extra, _findings(fit, balance, largest, uneven))
+    extra["coulomb"] = uneven
+    extra["static"] = uneven  # their difference stands on the same friction
+    return Doubt(extra, _findings(fit, largest, uneven))
 
 
-def _findings(fit: AxisFit, balance: Balance, partition: str, uneven: float) -> list[Finding]:
+def _findings(fit: AxisFit, partition: str, uneven: float) -> list[Finding]:
     coulomb = fit.model.coulomb
-    change = float(balance.change[2])
-    deviation = float(balance.deviation[2])
+    predicted = fit.predicted.coulomb
     findings = []
-    if abs(change) > max(FROM_FRICTION * coulomb, SIGNIFICANT * deviation):
-        values = (*FRICTION, *MODE) if abs(change) > LARGEST * coulomb else MODE
-        bound = LARGEST if values != MODE else FROM_FRICTION
+    if abs(predicted - coulomb) > APART * coulomb:
         reason = (
-            f"the torque in steady motion gives a Coulomb friction of {coulomb + change:.3g} N·m, the fit "
-            f"{coulomb:.3g} N·m: must agree within {100 * bound:.0f} %"
+            f"the torque in steady motion gives a Coulomb friction of {coulomb:.3g} N·m, the predictions "
+            f"{predicted:.3g} N·m: must agree within {100 * APART:.0f} %"
         )
-        findings.append(Finding(CHECK, values, reason))
-    curved = float(balance.curved[1])
-    if curved > FROM_FRICTION * coulomb:
-        reason = (
-            f"the friction is no straight line over speed: with a square of it, Coulomb friction changes by "
-            f"{curved:.2g} N·m beside {coulomb:.3g} N·m, must be within {100 * FROM_FRICTION:.0f} %"
-        )
-        findings.append(Finding(CHECK, (*FRICTION, *MODE), reason))
+        findings.append(Finding(CHECK, ("static", *MODE), reason))
     if uneven > LARGEST * coulomb:
         reason = (
             f"the friction differs with {partition} by {uneven:.2g} N·m beside {coulomb:.3g} N·m: must be within "
@@ -110,8 +91,7 @@ def torque_balance(fit: AxisFit, period: float) -> Balance | None:
     speed = (fit.position[2:] - fit.position[:-2]) / (2 * period)
     slow = gaussian_filter1d(speed, width)
     direction = _direction(speed)
-    friction = model.viscous * speed + model.coulomb * direction
-    friction += model.excess * np.exp(-((slow / (model.scale * model.stribeck)) ** 2)) * direction
+    friction = model.viscous * speed + (model.coulomb + fit.law.level[1:-1]) * direction + fit.law.ripple[1:-1]
     smooth = _of_both_masses(model, gaussian_filter1d(acceleration, width), period)
     remains = gaussian_filter1d(torque - friction, width) - model.inertia * smooth
     chosen = gaussian_filter1d(1.0 * (np.abs(slow) > _MOVING * float(np.quantile(np.abs(slow), 0.99))), width)
@@ -123,12 +103,8 @@ def torque_balance(fit: AxisFit, period: float) -> Balance | None:
     columns = [smooth, slow, gaussian_filter1d(direction, width), np.ones_like(slow)]
     memory = round(_MEMORY * width)
     change, deviation, remainder = _regression(np.stack(columns, axis=1)[slides], remains[slides], memory)
-    square = gaussian_filter1d(speed * np.abs(speed), width)
-    with_square, scatter, _ = _regression(np.stack([*columns, square], axis=1)[slides], remains[slides], memory)
-    moved = (with_square[:4] - change)[1:3]
-    curved = np.sqrt(np.maximum(moved**2 - (SIGNIFICANT * scatter[1:3]) ** 2, 0.0))
     parts = _parts(fit, period, slides, remainder * direction[slides], memory)
-    return Balance(change, deviation, curved, parts)
+    return Balance(float(change[0]), float(deviation[0]), parts)
 
 
 def _regression(A: Floats, torque: Floats, memory: int) -> tuple[Floats, Floats, Floats]:
@@ -172,7 +148,7 @@ def _of_both_masses(model: AxisModel, acceleration: Floats, period: float) -> Fl
 def _parts(fit: AxisFit, period: float, slides: NDArray[np.bool_], friction: Floats, memory: int) -> dict[str, float]:
     """Return by partition the largest mean of a friction over a part, less two standard deviations [N·m]."""
     largest = {}
-    for name, masks in partitions(fit, period).items():
+    for name, masks in partitions(fit.position, fit.torque, fit.used, period).items():
         sizes = [0.0]
         for mask in masks:
             values = friction[mask[1:-1][slides]]

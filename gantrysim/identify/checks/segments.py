@@ -22,20 +22,22 @@ from gantrysim.identify.whiteness import covariance_of
 CHECK = "parts of the log"
 LARGEST = 0.1  # change of a value from which it is not identified, of the value
 SIGNIFICANT = 3.0  # standard deviations from which a change counts
-_NOT_REPORTED = ("offset", "excess")  # about zero on most machines; part of the static friction
+_NOT_JUDGED = ("viscous", "coulomb", "offset", "excess")  # reported by the torque, which has parts of its own; static
 _FEWEST = 200  # samples of a part, and of what remains
 
 
 def check_segments(fit: AxisFit, period: float) -> Doubt:
     """Return by how much each parameter moves without one part of the log, and which move too far."""
     moved = changes_without_a_part(fit, period)
+    for name in _NOT_JUDGED:
+        del moved[name]
     extra = {name: change for name, (change, _) in moved.items()}
     findings = []
     for name, (change, partition) in moved.items():
         value = abs(float(getattr(fit.model, name)))
         if name == "delay":
             value = max(value, period)  # of a delay of zero, every change is large
-        if change > LARGEST * value and name not in _NOT_REPORTED:
+        if change > LARGEST * value:
             share = f"{100 * change / value:.0f} %" if value else "all of its value"
             reason = (
                 f"{name} changes by {share} with a part of the log ({partition}) left out: must be within "
@@ -56,7 +58,7 @@ def changes_without_a_part(fit: AxisFit, period: float) -> dict[str, tuple[float
     names = (*sensitivity.names, "static")
     whole = _deviations(parameters, sensitivity.jacobian, sensitivity.residual)
     moved = dict.fromkeys(names, (0.0, ""))
-    for partition, masks in partitions(fit, period).items():
+    for partition, masks in partitions(fit.position, fit.torque, fit.used, period).items():
         for mask in masks:
             others = ~mask[fit.used]
             if min(others.sum(), (~others).sum()) < _FEWEST:
