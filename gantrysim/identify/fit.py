@@ -35,6 +35,7 @@ _CALM = 0.03  # torque noise of that start, of the torque's deviation
 _NOISE = 0.02  # torque noise of the first start, of the torque's deviation
 _GAIN = 25.0  # fall of n log(sum of squares) from which a gap counts
 _COARSE = 3e-3  # difference of the variables with a gap: contact makes the cost non-smooth
+_DEFLECTIONS = (0.03, 0.1, 0.3, 1.0, 3.0)  # of the bristles, of the table's: from no presliding to much
 _FEW = 6  # evaluations of a first fit
 _UNSEEN = 0.5  # half interval from which a mode or a gap is not seen, of its value
 
@@ -156,6 +157,8 @@ def _fitted(error: PredictionError, start: AxisModel) -> tuple[Minimum, AxisMode
     noise = _NOISE * float(np.std(error.torque))
     delayed = [replace(start, delay=k * 0.5 * error.period) for k in range(2 * _DELAYS + 1)]
     nearest = min(delayed, key=lambda model: error.cost(model, noise))
+    bristles = [replace(nearest, deflection=factor * nearest.deflection) for factor in _DEFLECTIONS]
+    nearest = min(bristles, key=lambda model: error.cost(model, noise))
     rigid = refined(error, nearest, noise, list(_RIGID), _FEW)
     if not start.resonance < _HELD / error.period:  # beyond half the rate, samples do not show the mode
         return refined(error, rigid.model, rigid.noise, list(_RIGID)), rigid.model

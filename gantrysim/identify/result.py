@@ -22,9 +22,9 @@ SYSTEMATIC = {
     "coulomb": 0.005,
     "static": 0.01,
     "delay": 0.003,
-    "share": 0.007,
-    "stiffness": 0.006,
-    "damping": 0.015,
+    "share": 0.015,
+    "stiffness": 0.012,
+    "damping": 0.05,
     "gap": 0.02,
 }
 MODE = ("share", "stiffness", "damping")
