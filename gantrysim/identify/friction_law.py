@@ -43,33 +43,42 @@ def friction_law(
     """
     regression = TorqueRegression.of(model, period, position, torque, held)
     terms, solution, others = chosen_terms(regression, model.scale * model.stribeck)
-    coefficients = solution.values[len(NAMES) :]
-    level = np.zeros(position.size)
-    ripple = np.zeros(position.size)
-    words = []
-    coulomb = float(solution.values[NAMES.index("coulomb")])
-    fastest = float(np.quantile(np.abs(regression.motion.calm), 0.99))
-    first = 0
-    for term in terms:
-        shapes = term.levels(regression.motion)
-        values = coefficients[first : first + len(shapes)]
-        first += len(shapes)
-        torques = np.sum([value * shape for value, shape in zip(values, shapes, strict=True)], axis=0)
-        if term.kind == COGGING:
-            ripple += torques
-        else:
-            level += torques
-        words.append(term.words(values, coulomb, fastest, unit))
+    level, ripple, words = _course(regression, terms, solution, unit)
     masks = partitions(position, torque, used, period)
+    unevenness = _unevenness(regression, solution, masks)
     return FrictionLaw(
         estimates=_estimates(terms, solution, others, _without_parts(regression, solution, masks)),
         terms=terms,
-        words=tuple(words),
+        words=words,
         level=level,
         ripple=ripple,
         remainder=float(np.sqrt(np.mean(solution.remainder**2))),
         size=float(np.sqrt(np.mean(regression.torque**2))),
+        unevenness=unevenness,
     )
+
+
+def _course(
+    regression: TorqueRegression, terms: tuple[Term, ...], solution: Solution, unit: str
+) -> tuple[Floats, Floats, tuple[str, ...]]:
+    """Return level and ripple of the terms at each sample, (n,) each, and the terms in words."""
+    motion = regression.motion
+    level = np.zeros(motion.position.size)
+    ripple = np.zeros(motion.position.size)
+    words = []
+    coulomb = float(solution.values[NAMES.index("coulomb")])
+    fastest = float(np.quantile(np.abs(motion.calm), 0.99))
+    first = len(NAMES)
+    for term in terms:
+        shapes = np.stack(term.levels(motion))
+        values = solution.values[first : first + len(shapes)]
+        first += len(shapes)
+        if term.kind == COGGING:
+            ripple += values @ shapes
+        else:
+            level += values @ shapes
+        words.append(term.words(values, coulomb, fastest, unit))
+    return level, ripple, tuple(words)
 
 
 def _estimates(
@@ -123,4 +132,23 @@ def _without_parts(
             counted = np.abs(change) * np.minimum(share, 1.0)
             counted = np.where(counted > _SIGNIFICANT * deviation, counted, 0.0)
             largest = np.maximum(largest, counted[: len(NAMES)])
+    return largest
+
+
+def _unevenness(
+    regression: TorqueRegression, solution: Solution, masks: dict[str, list[NDArray[np.bool_]]]
+) -> dict[str, float]:
+    """Return by partition the largest mean friction that remains in a part, less two standard deviations [N·m]."""
+    direction = regression.motion.direction[regression.slides]
+    friction = solution.remainder * direction
+    largest = {}
+    for name, parts in masks.items():
+        sizes = [0.0]
+        for part in parts:
+            inside = part[regression.slides]
+            if inside.sum() >= _FEWEST:
+                values = friction[inside]
+                deviation = np.sqrt(regression.variance_of_sum(values - values.mean())) / values.size
+                sizes.append(abs(float(values.mean())) - 2 * float(deviation))
+        largest[name] = max(sizes)
     return largest

@@ -94,6 +94,8 @@ class FrictionLaw:
         ripple: torque of the terms against the motor, (n,) [N·m].
         remainder: rms of the low-passed torque that remains [N·m].
         size: rms of the low-passed torque [N·m].
+        unevenness: by partition of the log, the largest mean friction that remains in a part, less two standard
+            deviations [N·m].
     """
 
     estimates: dict[str, Estimate]
@@ -103,6 +105,7 @@ class FrictionLaw:
     ripple: Floats
     remainder: float
     size: float
+    unevenness: dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)

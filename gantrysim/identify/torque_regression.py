@@ -128,13 +128,18 @@ class TorqueRegression:
         Q, R = np.linalg.qr(A)
         values = np.linalg.lstsq(R, Q.T @ self.torque, rcond=None)[0]
         remainder = self.torque - A @ values
-        covariance = np.linalg.pinv(A.T @ A) @ self._scores(A, remainder) @ np.linalg.pinv(A.T @ A)
+        inverse = np.linalg.pinv(A.T @ A)
+        covariance = inverse @ self._scores(A * remainder[:, None]) @ inverse
         return Solution(values / sizes, covariance / np.outer(sizes, sizes), remainder, Q, A, sizes)
 
-    def _scores(self, A: Floats, remainder: Floats) -> Floats:
-        """Return the sum of squares of the blocks' sums of A' r, which holds any correlation within a block."""
-        blocks = np.arange(0, len(remainder), max(round(_MEMORY / self.period), 1))
-        sums = np.add.reduceat(A * remainder[:, None], blocks, axis=0)
+    def variance_of_sum(self, values: Floats) -> float:
+        """Return the variance of the sum of values, (k,), whose mean is zero and which are correlated within blocks."""
+        return float(self._scores(values[:, None])[0, 0])
+
+    def _scores(self, scores: Floats) -> Floats:
+        """Return the sum of squares of the sums of scores, (k, p), over blocks, which holds a correlation within one."""
+        blocks = np.arange(0, len(scores), max(round(_MEMORY / self.period), 1))
+        sums = np.add.reduceat(scores, blocks, axis=0)
         return np.asarray(sums.T @ sums)
 
 

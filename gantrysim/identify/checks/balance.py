@@ -3,8 +3,8 @@
 The fit weighs every sample by how well it predicts the next one, so that a slow error of the torque hardly counts. Here
 torque, acceleration and the friction of the law that the log has chosen pass one zero-phase low-pass, and what remains
 of the torque is regressed on the acceleration: the test of J. Hausman (Econometrica 46, 1978) of two estimators of the
-inertia that agree only where the model is right. What then remains is averaged over parts of the log: a friction that
-depends on place, load or speed otherwise than in its law shows as a mean of its own in each.
+inertia that agree only where the model is right. What the law leaves of the torque is averaged over parts of the log: a
+friction that depends on place, load or speed otherwise than in its law shows as a mean of its own in each.
 """
 
 # ruff: noqa: N803, N806 - matrices bear the letters of the equations
@@ -14,12 +14,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from gantrysim.base.arrays import Floats
 from gantrysim.identify.checks.finding import FRICTION, Doubt, Finding
-from gantrysim.identify.checks.parts import partitions
 from gantrysim.identify.model import AxisModel
 from gantrysim.identify.prediction import effective_torque
 from gantrysim.identify.result import MODE, AxisFit
@@ -37,17 +35,10 @@ _MEMORY = 8  # correlation of what the low-pass leaves [widths]
 
 
 class Balance(NamedTuple):
-    """Result of the balance.
-
-    Attributes:
-        change: inertia of the balance less that of the fit [N·m·s²/u].
-        deviation: its standard deviation.
-        parts: by partition, the largest mean friction that remains in a part, less two standard deviations [N·m].
-    """
+    """Inertia of the balance less that of the fit, and its standard deviation [N·m·s²/u]."""
 
     change: float
     deviation: float
-    parts: dict[str, float]
 
 
 def check_balance(fit: AxisFit, period: float) -> Doubt:
@@ -55,12 +46,12 @@ def check_balance(fit: AxisFit, period: float) -> Doubt:
     balance = torque_balance(fit, period)
     if balance is None:
         return Doubt({}, [Finding(CHECK, FRICTION, "too few samples slide to balance the torque")])
-    extra = {"inertia": float(np.sqrt(max(balance.change**2 - balance.deviation**2, 0.0)))}
-    largest = max(balance.parts, key=lambda name: balance.parts[name], default="")
-    uneven = balance.parts.get(largest, 0.0)
-    extra["coulomb"] = uneven
-    extra["static"] = uneven  # their difference stands on the same friction
-    return Doubt(extra, _findings(fit, largest, uneven))
+    inertia = float(np.sqrt(max(balance.change**2 - balance.deviation**2, 0.0)))
+    unevenness = fit.law.unevenness
+    largest = max(unevenness, key=lambda name: unevenness[name])
+    uneven = unevenness[largest]
+    # static friction stands on the same level as Coulomb friction
+    return Doubt({"inertia": inertia, "coulomb": uneven, "static": uneven}, _findings(fit, largest, uneven))
 
 
 def _findings(fit: AxisFit, partition: str, uneven: float) -> list[Finding]:
@@ -102,19 +93,16 @@ def torque_balance(fit: AxisFit, period: float) -> Balance | None:
         return None
     columns = [smooth, slow, gaussian_filter1d(direction, width), np.ones_like(slow)]
     memory = round(_MEMORY * width)
-    change, deviation, remainder = _regression(np.stack(columns, axis=1)[slides], remains[slides], memory)
-    parts = _parts(fit, period, slides, remainder * direction[slides], memory)
-    return Balance(float(change[0]), float(deviation[0]), parts)
+    return _inertia(np.stack(columns, axis=1)[slides], remains[slides], memory)
 
 
-def _regression(A: Floats, torque: Floats, memory: int) -> tuple[Floats, Floats, Floats]:
-    """Return the coefficients of the columns in a torque, their standard deviations, and the remaining torque."""
+def _inertia(A: Floats, torque: Floats, memory: int) -> Balance:
+    """Return the coefficient of the first column in a torque, and its standard deviation."""
     size = np.abs(A).max(axis=0)
     A = A / size
     coefficients = np.linalg.lstsq(A, torque, rcond=None)[0]
-    remainder = torque - A @ coefficients
-    variance = np.diag(long_run_covariance(A, remainder, memory))
-    return coefficients / size, np.sqrt(np.maximum(variance, 0.0)) / size, remainder
+    variance = np.diag(long_run_covariance(A, torque - A @ coefficients, memory))
+    return Balance(float(coefficients[0] / size[0]), float(np.sqrt(max(variance[0], 0.0)) / size[0]))
 
 
 def _torque(fit: AxisFit, period: float) -> Floats:
@@ -144,16 +132,3 @@ def _of_both_masses(model: AxisModel, acceleration: Floats, period: float) -> Fl
     flexibility = model.inertia * model.share / model.stiffness
     return acceleration - model.share * flexibility * np.gradient(np.gradient(acceleration, period), period)
 
-
-def _parts(fit: AxisFit, period: float, slides: NDArray[np.bool_], friction: Floats, memory: int) -> dict[str, float]:
-    """Return by partition the largest mean of a friction over a part, less two standard deviations [N·m]."""
-    largest = {}
-    for name, masks in partitions(fit.position, fit.torque, fit.used, period).items():
-        sizes = [0.0]
-        for mask in masks:
-            values = friction[mask[1:-1][slides]]
-            if values.size >= _FEWEST:
-                variance = long_run_covariance(np.ones((values.size, 1)), values - values.mean(), memory)[0, 0]
-                sizes.append(abs(float(values.mean())) - 2 * float(np.sqrt(max(variance, 0.0))))
-        largest[name] = max(sizes)
-    return largest

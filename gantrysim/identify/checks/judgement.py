@@ -10,10 +10,12 @@ from gantrysim.identify.checks.clipping import check_clipping
 from gantrysim.identify.checks.counts import check_counts
 from gantrysim.identify.checks.finding import Doubt, Finding
 from gantrysim.identify.checks.plausible import check_plausible
+from gantrysim.identify.checks.residual import CHECK as RESIDUAL
 from gantrysim.identify.checks.residual import check_residual
 from gantrysim.identify.checks.sampling import check_rate
 from gantrysim.identify.checks.segments import check_segments
 from gantrysim.identify.checks.smoothing import check_smoothing
+from gantrysim.identify.friction_terms import LOAD
 from gantrysim.identify.result import KNOWN, AxisFit, Estimate
 
 # standard deviations that no log undercuts
@@ -21,6 +23,7 @@ _DELAY = 0.015  # of the period
 _OFFSET = 0.01  # of the Coulomb friction
 _EXCESS = 0.3  # of static over Coulomb friction: the Stribeck speed is that of the table, which nobody has measured
 _STATIC = 0.05  # of the static friction, of the Coulomb friction: encoder counts are coarse where it shows
+_DAMPING = 0.15  # of the damping, beside a friction by load: both answer to the mode's torque
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +79,7 @@ def judged(fit: AxisFit, period: float) -> Judgement:
         check_segments(fit, period),
         check_balance(fit, period),
     ]
-    if any(not finding.values for doubt in doubts for finding in doubt.findings):
+    if any(not finding.values or finding.check == RESIDUAL for doubt in doubts for finding in doubt.findings):
         # what a healthy log may show too is said only of a fit that is doubtful
         causes = [check_rate(fit, period), check_clipping(fit)]
         if not causes[0].findings:  # slow samples lack fast motion as a filter does
@@ -84,7 +87,16 @@ def judged(fit: AxisFit, period: float) -> Judgement:
         doubts = [*causes, *doubts]
     model = fit.model
     static = math.hypot(_EXCESS * model.excess, _STATIC * model.coulomb)
-    floors = Doubt({"delay": _DELAY * period, "offset": _OFFSET * model.coulomb, "static": static}, [])
+    loaded = any(term.kind == LOAD for term in fit.law.terms)
+    floors = Doubt(
+        {
+            "delay": _DELAY * period,
+            "offset": _OFFSET * model.coulomb,
+            "static": static,
+            "damping": _DAMPING * model.damping if loaded else 0.0,
+        },
+        [],
+    )
     estimates = {}
     for name, estimate in fit.estimates.items():
         added = [doubt.deviations.get(name, 0.0) for doubt in (*doubts, floors)]

@@ -3,6 +3,10 @@
 What the fitted model does not predict of the next position is noise where its structure is that of the axis. A residual
 many times the encoder's counts, a torque noise that is a large share of the torque, or a residual that its own past
 predicts, is motion which this torque has not made: another axis, another clock, a frozen encoder, a missing mode.
+
+Inertia and friction stand on the torque of the sliding axis too, which a wrong mode, a backlash or coarse counts at rest
+do not touch. Where that torque is balanced, a residual that is somewhat correlated forbids the values alone that rest
+on predictions.
 """
 
 from __future__ import annotations
@@ -10,13 +14,17 @@ from __future__ import annotations
 import numpy as np
 
 from gantrysim.identify.checks.finding import Doubt, Finding, NotIdentifiedError
-from gantrysim.identify.result import WHITE, AxisFit
+from gantrysim.identify.result import MODE, WHITE, AxisFit
 from gantrysim.identify.whiteness import correlation
 
 CHECK = "residual"
 LARGEST = 15.0  # of the residual, times the encoder's counts; ten times the counts' noise is coarse but harmless
 UNUSABLE = 100.0  # the same, from which the log is refused
 NOISE = 0.15  # largest fitted torque noise, of the torque's own deviation
+CORRELATED = 0.5  # correlation from which no value is identified
+NOISY = 0.5  # torque noise from which no value is identified, of the torque's own deviation
+BALANCED = 0.03  # largest rms of the low-passed torque that the friction's law and the acceleration leave, of the torque
+PREDICTED = ("static", "delay", *MODE, "gap")  # values that rest on predictions alone
 
 
 def check_residual(fit: AxisFit) -> Doubt:
@@ -36,14 +44,15 @@ def check_residual(fit: AxisFit) -> Doubt:
     if size > LARGEST:
         reason = f"the residual is {size:.0f} times the encoder's counts: must be at most {LARGEST:.0f}"
         findings.append(Finding(CHECK, (), reason))
+    balanced = fit.law.remainder < BALANCED * fit.law.size
     share = fit.noise / float(np.std(fit.torque))
     if share > NOISE:
         reason = (
             f"torque noise of {100 * share:.0f} % of the torque would explain it: must be at most {100 * NOISE:.0f} %"
         )
-        findings.append(Finding(CHECK, (), reason))
+        findings.append(Finding(CHECK, PREDICTED if balanced and share < NOISY else (), reason))
     colour = float(np.abs(correlation(fit.residual)).max())
     if colour > WHITE:
         reason = f"the residual is correlated by {colour:.2f}: must be at most {WHITE}"
-        findings.append(Finding(CHECK, (), reason))
+        findings.append(Finding(CHECK, PREDICTED if balanced and colour < CORRELATED else (), reason))
     return Doubt({}, findings)
