@@ -36,6 +36,11 @@ _NOISE = 0.02  # torque noise of the first start, of the torque's deviation
 _GAIN = 25.0  # fall of n log(sum of squares) from which a gap counts
 _COARSE = 3e-3  # difference of the variables with a gap: contact makes the cost non-smooth
 _DEFLECTIONS = (0.03, 0.1, 0.3, 1.0, 3.0)  # of the bristles, of the table's: from no presliding to much
+_LOWEST = 15.0  # frequency of a mode that the table does not have [Hz]
+_NEAREST = 0.9  # the highest, of the log's reach
+_FREQUENCIES = 16
+_ANY_SHARE = (0.1, 0.3, 0.6, 0.85)
+_DAMPING_RATIO = 0.03
 _FEW = 6  # evaluations of a first fit
 _UNSEEN = 0.5  # half interval from which a mode or a gap is not seen, of its value
 
@@ -98,6 +103,8 @@ def fit_axis(nominal: AxisModel, log: AxisLog, progress: Callable[[], None] = la
         damping=nominal.damping * scale,
     )
     best, without_mode = _fitted(error, start)
+    if error.correlation(best) > WHITE:
+        best = _with_another_mode(error, best, without_mode, (_HELD if log.held else _SAMPLED) / log.period)
     if nominal.share and error.correlation(best) > WHITE:
         best = _with_gap(error, best, without_mode)
     model, estimates = _with_law(best, law)
@@ -160,7 +167,7 @@ def _fitted(error: PredictionError, start: AxisModel) -> tuple[Minimum, AxisMode
     bristles = [replace(nearest, deflection=factor * nearest.deflection) for factor in _DEFLECTIONS]
     nearest = min(bristles, key=lambda model: error.cost(model, noise))
     rigid = refined(error, nearest, noise, list(_RIGID), _FEW)
-    if not start.resonance < _HELD / error.period:  # beyond half the rate, samples do not show the mode
+    if not start.resonance < _HELD / error.period:  # beyond half the rate, samples do not show the table's mode
         return refined(error, rigid.model, rigid.noise, list(_RIGID)), rigid.model
     grid = [
         replace(rigid.model, share=share * start.share, stiffness=factor * start.stiffness)
@@ -175,6 +182,33 @@ def _fitted(error: PredictionError, start: AxisModel) -> tuple[Minimum, AxisMode
         model = replace(swinging.model, share=start.share, stiffness=start.stiffness, damping=start.damping)
         return refined(error, model, swinging.noise, list(_RIGID)), model
     return swinging, rigid.model
+
+
+def _with_another_mode(error: PredictionError, best: Minimum, without_mode: AxisModel, highest: float) -> Minimum:
+    """Return the fit with a mode anywhere in the log's reach where that makes the residual white, else the best one.
+
+    The machine may have a mode that its table has elsewhere, beyond the log's rate, or not at all.
+
+    Args:
+        error: of the log.
+        best: the fit with the mode of the table, or near it.
+        without_mode: a model with the mode of the table.
+        highest: frequency up to which the log shows a mode [Hz].
+    """
+    grid = []
+    for frequency in np.geomspace(_LOWEST, _NEAREST * highest, _FREQUENCIES):
+        for share in _ANY_SHARE:
+            reduced = without_mode.inertia * share * (1 - share)
+            stiffness = reduced * (2 * math.pi * float(frequency)) ** 2
+            damping = 2 * _DAMPING_RATIO * math.sqrt(stiffness * reduced)
+            grid.append(replace(without_mode, share=share, stiffness=stiffness, damping=damping))
+    noise = _CALM * float(np.std(error.torque))  # the fitted one has taken the missing mode for noise
+    nearest = min(grid, key=lambda model: error.cost(model, noise))
+    other = refined(error, nearest, noise, [*_RIGID, *MODE])
+    seen = all(other.relative(name) < _UNSEEN for name in ("share", "stiffness"))
+    if seen and other.model.resonance < highest and error.correlation(other) < WHITE:
+        return other
+    return best
 
 
 def _with_gap(error: PredictionError, best: Minimum, without_mode: AxisModel) -> Minimum:

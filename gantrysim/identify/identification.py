@@ -111,7 +111,7 @@ class Identification:
             factor = PER_SI[fit.unit] ** 2 / fit.model.scale if name in _OF_THE_AXIS else 1.0
             low, high = estimate.interval
             reason = judgement.reason(name)
-            if name in MODE and not fit.shows_mode:
+            if name in (*MODE, "gap") and not fit.shows_mode:  # a backlash shows by the load behind it
                 reason = "beyond the log's rate"
             rows.append(
                 IdentifiedValue(

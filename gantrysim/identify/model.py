@@ -2,11 +2,11 @@
 
 With the motor at q, the load at p, d = q - p [u] and w the motor's speed, torques being at the motor shaft:
 
-    Jm q'' = T(t - delay) + offset - F - b q' - k slack(d) - c d'
-    Jl p'' =                                    k slack(d) + c d'
+    Jm q'' = T(t - delay) + offset - F - b q' - k slack(d) - c slack'(d)
+    Jl p'' =                                    k slack(d) + c slack'(d)
     F = s0 z + s1 z',    z' = w - s0 |w| z / g,    g = Fc + (Fs - Fc) exp(-(w / ws)²)
 
-slack(d) is d without the half gap of the backlash on its side.
+slack(d) is d without the half gap of the backlash on its side: within the gap neither spring nor damper acts.
 """
 
 # ruff: noqa: N806 - matrices bear the letters of the equations

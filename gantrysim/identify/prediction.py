@@ -68,9 +68,10 @@ class Course(NamedTuple):
 
 
 class Spring(NamedTuple):
-    """Stiffness between motor and load [N·m/u], and backlash [u]."""
+    """Stiffness [N·m/u] and damping [N·m·s/u] between motor and load, and backlash [u]."""
 
     stiffness: float
+    damping: float
     gap: float
 
 
@@ -118,7 +119,7 @@ def innovations(
     if course is not None:
         means = means - course.ripple[:, None]
         level = course.level
-    return _predict(position, means, predictor, friction, Spring(model.stiffness, model.gap), level)
+    return _predict(position, means, predictor, friction, Spring(model.stiffness, model.damping, model.gap), level)
 
 
 def _linear(model: AxisModel) -> tuple[Floats, Floats]:
@@ -181,8 +182,7 @@ def _predict(
     step, F, G, gain, free_gain = predictor
     _, excess, stribeck, deflection, bristle_time, scale = friction
     constant = max(friction.coulomb, _LEAST_TORQUE)
-    stiffness = spring.stiffness
-    gap = spring.gap
+    half = 0.5 * spring.gap
     n = F.shape[0]
     out = np.empty(position.size)
     x = np.zeros(n)
@@ -197,7 +197,7 @@ def _predict(
         out[tick] = error
         coulomb = max(constant + level[tick], _LEAST_SHARE * constant)
         most = (coulomb + excess) / bristles  # stretch of the bristles that breaks away from rest
-        correction = free_gain if n == 4 and abs(x[0] - x[2]) < 0.5 * gap else gain
+        correction = free_gain if n == 4 and abs(x[0] - x[2]) < half else gain
         for i in range(n):
             x[i] += correction[i] * error
         z = min(max(z + correction[0] * error / scale, -most), most)
@@ -206,8 +206,8 @@ def _predict(
             end, rate = _bristles(w, coulomb, excess, stribeck, bristles)
             z = end + (z - end) * math.exp(-step * rate)  # from the middle of the last step to that of this one
             back = 0.0
-            if gap > 0.0 and n == 4:
-                back = stiffness * min(max(x[0] - x[2], -0.5 * gap), 0.5 * gap)
+            if half > 0.0 and n == 4:
+                back = _slack(x[0] - x[2], x[1] - x[3], spring.stiffness, spring.damping, half)
             # speed and stretch in the middle of the step, from the force at its begin: bristle damping is strong
             force = torque[tick, j] - bristles * (z + bristle_time * (w - rate * z))
             for i in range(n):
@@ -216,13 +216,23 @@ def _predict(
                     free_motion[i] += F[i, k] * x[k]
                 y[i] = free_motion[i] + G[i, 0] * force + G[i, 1] * back
             w = 0.5 * (w + y[1] / scale)
-            if gap > 0.0 and n == 4:
-                back = stiffness * min(max(0.5 * (x[0] - x[2] + y[0] - y[2]), -0.5 * gap), 0.5 * gap)
+            if half > 0.0 and n == 4:
+                stretch = 0.5 * (x[0] - x[2] + y[0] - y[2])
+                rate = 0.5 * (x[1] - x[3] + y[1] - y[3])
+                back = _slack(stretch, rate, spring.stiffness, spring.damping, half)
             _, rate = _bristles(w, coulomb, excess, stribeck, bristles)
             force = torque[tick, j] - bristles * (z + bristle_time * (w - rate * z))
             for i in range(n):
                 x[i] = free_motion[i] + G[i, 0] * force + G[i, 1] * back
     return out
+
+
+@inner_jit
+def _slack(stretch: float, rate: float, stiffness: float, damping: float, half: float) -> float:
+    """Return what the spring and damper of the linear motion give too much: all within the gap, k half beyond."""
+    if abs(stretch) < half:
+        return stiffness * stretch + damping * rate
+    return stiffness * half if stretch > 0.0 else -stiffness * half
 
 
 @inner_jit

@@ -25,7 +25,7 @@ SYSTEMATIC = {
     "share": 0.015,
     "stiffness": 0.012,
     "damping": 0.05,
-    "gap": 0.02,
+    "gap": 0.07,
 }
 MODE = ("share", "stiffness", "damping")
 

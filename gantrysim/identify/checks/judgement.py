@@ -23,7 +23,8 @@ _DELAY = 0.015  # of the period
 _OFFSET = 0.01  # of the Coulomb friction
 _EXCESS = 0.3  # of static over Coulomb friction: the Stribeck speed is that of the table, which nobody has measured
 _STATIC = 0.05  # of the static friction, of the Coulomb friction: encoder counts are coarse where it shows
-_DAMPING = 0.15  # of the damping, beside a friction by load: both answer to the mode's torque
+_SHARE = 0.03  # of the load's share, beside a friction by load: both answer to the mode's torque
+_DAMPING = 0.15  # of the damping, likewise
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +94,7 @@ def judged(fit: AxisFit, period: float) -> Judgement:
             "delay": _DELAY * period,
             "offset": _OFFSET * model.coulomb,
             "static": static,
+            "share": _SHARE * model.share if loaded else 0.0,
             "damping": _DAMPING * model.damping if loaded else 0.0,
         },
         [],

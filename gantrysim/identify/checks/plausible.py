@@ -17,6 +17,7 @@ EXCESS_SEEN = (
     0.5  # largest half interval of static over Coulomb friction, of itself: else one has been taken for the other
 )
 LATEST = 10.0  # longest delay, in periods of the log
+WIDEST = 2.0  # deflection of the bristles that a gap must exceed, times: presliding looks like a smaller one
 EARLY = 0.1  # delay below zero that the torque between samples explains, of a period
 
 
@@ -55,6 +56,13 @@ def check_plausible(fit: AxisFit, period: float) -> Doubt:
             f"{100 * EXCESS_SEEN:.0f} %; the log does not show it"
         )
         findings.append(Finding(CHECK, ("static",), reason))
+    travel = model.deflection * model.scale
+    if "gap" in fit.estimates and model.gap < WIDEST * travel:
+        reason = (
+            f"backlash is {model.gap:.2g} {fit.unit}, presliding of the friction {travel:.2g} {fit.unit}: must be at "
+            f"least {WIDEST:g} times as wide to be told from it"
+        )
+        findings.append(Finding(CHECK, ("gap",), reason))
     if table.coulomb > 0 and not 1 / FRICTION_FAR <= model.coulomb / table.coulomb <= FRICTION_FAR:
         reason = (
             f"Coulomb friction is {model.coulomb / table.coulomb:.2g} times that of the machine's table: must be "

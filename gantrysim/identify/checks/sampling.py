@@ -38,7 +38,7 @@ def check_sampling(axis: Axis, position: Floats, period: float) -> None:
 
 def check_rate(fit: AxisFit, period: float) -> Doubt:
     """Return whether the mode of the machine's table is beyond the log's rate: likely cause of a doubtful fit."""
-    if not fit.nominal.share or fit.nominal.resonance < fit.highest:
+    if fit.shows_mode or not fit.nominal.share or fit.nominal.resonance < fit.highest:
         return Doubt({}, [])
     reason = (
         f"samples of {1e3 * period:g} ms show {fit.highest:.0f} Hz at most, the mode of the machine's table is at "
