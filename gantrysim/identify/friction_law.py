@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.identify.checks.parts import partitions
+from gantrysim.identify.parts import partitions
 from gantrysim.identify.friction_choice import Candidate, chosen_terms
 from gantrysim.identify.friction_terms import COGGING, LOAD, Term
 from gantrysim.identify.model import AxisModel

@@ -16,7 +16,7 @@ from gantrysim.identify.checks.sampling import check_rate
 from gantrysim.identify.checks.segments import check_segments
 from gantrysim.identify.checks.smoothing import check_smoothing
 from gantrysim.identify.friction_terms import LOAD
-from gantrysim.identify.result import KNOWN, AxisFit, Estimate
+from gantrysim.identify.result import KNOWN, KNOWN_DAMPING, AxisFit, Estimate
 
 # standard deviations that no log undercuts
 _DELAY = 0.015  # of the period
@@ -45,7 +45,8 @@ class Judgement:
         if checks:
             return ", ".join(dict.fromkeys(checks))
         low, high = self.estimates[name].interval
-        wide = 0.5 * (high - low) > KNOWN * abs(self.estimates[name].value)
+        bound = KNOWN_DAMPING if name == "damping" else KNOWN
+        wide = 0.5 * (high - low) > bound * abs(self.estimates[name].value)
         return "interval" if wide else ""
 
     def notes(self, axis: str) -> list[str]:

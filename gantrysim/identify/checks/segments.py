@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.identify.checks.finding import Doubt, Finding
-from gantrysim.identify.checks.parts import partitions
+from gantrysim.identify.parts import partitions
 from gantrysim.identify.result import AxisFit, Sensitivity
 from gantrysim.identify.whiteness import covariance_of
 

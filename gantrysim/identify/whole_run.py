@@ -1,0 +1,165 @@
+"""Check of the whole run: the fitted machine is simulated under the log's torque, and compared with the log.
+
+The engine drives the machine that is written by the torque of the log. A soft loop holds it to the measured positions,
+as an open one would drift away; the torque that the loop has to add is what the machine lacks. The nominal machine
+stands beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError
+from gantrysim.engine.simulate import simulate
+from gantrysim.identify.fitted import fitted_machine
+from gantrysim.identify.identification import Identification
+from gantrysim.identify.log import Log
+from gantrysim.machine.machine import Machine
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.pieces import Line
+from gantrysim.record.run import Run
+from gantrysim.record.setpoints import Setpoints
+from gantrysim.servo.servo import Servo
+
+LARGEST = 0.1  # rms of the torque that the loop adds, of the log's, up to which the machine repeats the run
+_FREQUENCY = 8.0  # natural frequency of the loop, below the strokes [Hz]
+_FAR = 1e3  # following error up to which the loop goes on [mm or deg]
+_WIDTH = 0.004  # standard deviation of the low-pass of the torques [s]
+_MOVING = 0.02  # share of the highest speed from which an axis moves
+_NO_PATH = Chain([Line(np.zeros(3), np.array([1.0, 0.0, 0.0]))])  # nothing is laid, so no path is compared
+
+
+@dataclass(frozen=True)
+class WholeRun:
+    """The whole run of an axis, simulated and logged.
+
+    Attributes:
+        axis: its name.
+        torque: rms of the log's low-passed torque [N·m].
+        fitted: rms of the torque that the fitted machine takes beside it [N·m].
+        nominal: the same of the nominal machine [N·m]; nan where it could not follow.
+        counts: rms of the fitted machine's distance from the measured positions [counts of the encoder].
+        missing: why it could not be simulated, empty where it was.
+        lacking: terms of the friction that no MJCF holds.
+    """
+
+    axis: str
+    torque: float = math.nan
+    fitted: float = math.nan
+    nominal: float = math.nan
+    counts: float = math.nan
+    missing: str = ""
+    lacking: tuple[str, ...] = ()
+
+    @property
+    def repeats(self) -> bool:
+        """Whether the fitted machine repeats the run."""
+        return self.fitted <= LARGEST * self.torque
+
+    @property
+    def sentence(self) -> str:
+        """Result in words."""
+        if self.missing:
+            return f"{self.axis}: whole run not simulated: {self.missing}"
+        text = (
+            f"{self.axis}: simulated over the whole run under the log's torque of {self.torque:.3g} N·m rms, the fitted "
+            f"machine takes {100 * self.fitted / self.torque:.2g} % more or less, {1e3 * self.fitted:.2g} mN·m rms, to "
+            f"stay within {self.counts:.2g} counts rms of the log"
+        )
+        if math.isfinite(self.nominal):
+            text += f"; the nominal machine takes {100 * self.nominal / self.torque:.2g} %"
+        if not self.repeats:
+            text += f"; must be at most {100 * LARGEST:.0f} %: the fitted machine does not repeat the run"
+        if self.lacking:
+            text += f"; the machine written does not have: {', '.join(self.lacking)}"
+        return text
+
+
+def whole_run(identification: Identification, log: Log) -> list[WholeRun]:
+    """Return how well the fitted machine repeats a log, by axis.
+
+    Args:
+        identification: of the log.
+        log: of its axes.
+    """
+    fits = identification.fits
+    try:
+        fitted = _simulated(fitted_machine(identification), identification, log)
+    except InputError as error:
+        return [WholeRun(fit.axis, missing=str(error)) for fit in fits]
+    try:
+        nominal = _simulated(identification.machine, identification, log)
+    except InputError:  # a machine far from the log may not be able to follow it
+        nominal = None
+    return [_compared(identification, log, column, fitted, nominal) for column in range(len(fits))]
+
+
+def _simulated(machine: Machine, identification: Identification, log: Log) -> Run:
+    """Return the run of a machine under the torque of a log.
+
+    Raises:
+        InputError: positions or speeds beyond the machine's, or a fault that ends the run.
+    """
+    loop = Servo.derive(
+        identification.machine.axes, log.period, frequency=_FREQUENCY, feedforward=0.0, following_error_limit=_FAR
+    )
+    setpoints = Setpoints(
+        log.period,
+        log.axes,
+        log.position,
+        np.zeros(len(log.position), bool),
+        _NO_PATH,
+        torque=_effective(identification, log),
+    )
+    run = simulate(machine, loop, setpoints)
+    if run.fault is not None:
+        raise InputError(f"{machine.name}: {run.fault}")
+    return run
+
+
+def _effective(identification: Identification, log: Log) -> Floats:
+    """Return the torque demands of a log with their delay, and constant torque that no MJCF holds, (n, axes) [N·m]."""
+    torques = []
+    index = np.arange(len(log.torque), dtype=np.float64)
+    for column, fit in enumerate(identification.fits):
+        # the engine's winding has a lag, which the measured torque of a motor has behind it
+        axis = identification.machine.axes[identification.machine.axis_names.index(fit.axis)]
+        late = fit.model.delay - (0.0 if log.held else axis.lag)
+        torques.append(np.interp(index - late / log.period, index, log.torque[:, column]) + fit.model.offset)
+    return np.stack(torques, axis=1)
+
+
+def _compared(
+    identification: Identification, log: Log, column: int, fitted: Run, nominal: Run | None
+) -> WholeRun:
+    fit = identification.fits[column]
+    index = identification.machine.axis_names.index(fit.axis)
+    measured = log.position[:, column]
+    width = _WIDTH / log.period
+    speed = np.abs(gaussian_filter1d(np.gradient(measured), width))
+    moving = speed > _MOVING * float(np.quantile(speed, 0.99))
+    effective = _effective(identification, log)[:, column]
+
+    def added(run: Run) -> float:
+        torque = np.asarray(run.demand)[:, index] - effective
+        return _rms(gaussian_filter1d(torque, width)[moving])
+
+    resolution = identification.machine.axes[index].resolution
+    distance = _rms((np.asarray(fitted.encoder)[:, index] - measured)[moving])
+    return WholeRun(
+        axis=fit.axis,
+        torque=_rms(gaussian_filter1d(log.torque[:, column], width)[moving]),
+        fitted=added(fitted),
+        nominal=math.nan if nominal is None else added(nominal),
+        counts=distance / resolution if resolution > 0 else math.nan,
+        lacking=fit.law.words,
+    )
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
