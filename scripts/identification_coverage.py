@@ -22,7 +22,12 @@ from gantrysim.identify.identification import identify
 from support.friction_plants import ALL_LAWS
 from support.identification_logs import MACHINE, random_log
 
-MODELLED = ("coulomb", "stribeck", "lugre", "backlash")  # laws that the fitted model holds; another's structure is wrong
+MODELLED = (
+    "coulomb",
+    "stribeck",
+    "lugre",
+    "backlash",
+)  # laws that the fitted model holds; another's structure is wrong
 HOLDS = ": the structure of the model holds"
 
 

@@ -40,7 +40,8 @@ def identify(
     """Fit inertia, friction, first mode and delay of a machine's axes to a log of their torque and position.
 
     With --plan, write the program of the moves to log. Else identified.toml gets the values with their 95 % confidence,
-    machine.xml the fitted machine for all other commands, and three plots what remains.
+    machine.xml the fitted machine for all other commands, and three plots what remains. The fitted machine is simulated
+    under the log's torque, and a line says what it lacks.
 
     A log that is spoiled, such as one of a frozen encoder or of a torque in another unit, is not identified: a line
     names the error.
@@ -87,6 +88,7 @@ def _identify(machine: Machine, file: Path, columns: dict[str, str], folder: Pat
     from gantrysim.identify.identification import identify as identified
     from gantrysim.identify.log import read_log
     from gantrysim.identify.output import values_table, write_all
+    from gantrysim.identify.whole_run import whole_run
 
     log = read_log(file, machine, columns)
     with interruptible() as go_on:
@@ -96,9 +98,10 @@ def _identify(machine: Machine, file: Path, columns: dict[str, str], folder: Pat
         except NotIdentifiedError as error:
             warn(str(error), "not identified")
             raise typer.Exit(NOT_IDENTIFIED) from None
-        names = write_all(identification, log, folder)
+        runs = whole_run(identification, log)
+        names = write_all(identification, log, folder, runs)
     show(values_table(identification))
-    for note in (*log.notes, *identification.notes):
+    for note in (*log.notes, *identification.notes, *(run.sentence for run in runs)):
         say(note, wrap=True)
     say(f"written to {folder}/: {', '.join(names)}")
     for line in identification.unidentified:

@@ -206,9 +206,20 @@ def _with_another_mode(error: PredictionError, best: Minimum, without_mode: Axis
     nearest = min(grid, key=lambda model: error.cost(model, noise))
     other = refined(error, nearest, noise, [*_RIGID, *MODE])
     seen = all(other.relative(name) < _UNSEEN for name in ("share", "stiffness"))
-    if seen and other.model.resonance < highest and error.correlation(other) < WHITE:
-        return other
-    return best
+    if not seen or not other.model.resonance < highest or error.correlation(other) > WHITE:
+        return best
+    # samples fold a mode beyond half their rate to below: the mode of the table must not explain the log as well
+    cost = min(best.cost, _cost_near_table(error, without_mode, noise))
+    return other if error.used.sum() * math.log(cost / other.cost) > _GAIN else best
+
+
+def _cost_near_table(error: PredictionError, model: AxisModel, noise: float) -> float:
+    """Return the cost of a fit with a mode near that of the table, even beyond the log's rate; inf without a mode."""
+    if not model.share:
+        return math.inf
+    grid = [replace(model, stiffness=factor * model.stiffness) for factor in _STIFF]
+    nearest = min(grid, key=lambda near: error.cost(near, noise))
+    return refined(error, nearest, noise, [*_RIGID, *MODE]).cost
 
 
 def _with_gap(error: PredictionError, best: Minimum, without_mode: AxisModel) -> Minimum:

@@ -1,4 +1,4 @@
-"""Chooses the terms of friction that a log needs, one after the other, by how much of the remaining torque they explain."""
+"""Chooses the terms of friction that a log needs, one by one, by the share of the remaining torque they explain."""
 
 from __future__ import annotations
 
@@ -38,9 +38,7 @@ class Candidate(NamedTuple):
     evidence: float
 
 
-def chosen_terms(
-    regression: TorqueRegression, stribeck: float
-) -> tuple[tuple[Term, ...], Solution, list[Candidate]]:
+def chosen_terms(regression: TorqueRegression, stribeck: float) -> tuple[tuple[Term, ...], Solution, list[Candidate]]:
     """Return the terms that a log needs, the regression with them, and the candidates that were not taken.
 
     Args:

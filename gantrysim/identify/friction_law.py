@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.identify.parts import partitions
 from gantrysim.identify.friction_choice import Candidate, chosen_terms
 from gantrysim.identify.friction_terms import COGGING, LOAD, Term
 from gantrysim.identify.model import AxisModel
+from gantrysim.identify.parts import partitions
 from gantrysim.identify.result import Estimate, FrictionLaw
 from gantrysim.identify.torque_regression import NAMES, Solution, TorqueRegression
 
 FRICTION = ("viscous", "coulomb", "offset")
 _SIGNS = {"viscous": 1.0, "coulomb": 1.0, "offset": -1.0}  # the model's constant torque drives, the regression's brakes
-_SCATTER = 1.5  # factor on deviations of the regression: blocks of a log are not as independent as a formula has it
+_SCATTER = 2.0  # factor on deviations of the regression: blocks of a log are not as independent as a formula has it
 _LEAST = {"viscous": 0.015, "coulomb": 0.01}  # deviation that no log undercuts, of the value
 _OFFSET = 0.01  # the same of the constant torque, of the Coulomb friction
 _LOAD = 0.03  # deviation of Coulomb friction beside a friction by load, which it resembles, of its value

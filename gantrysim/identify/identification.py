@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,6 +20,7 @@ from gantrysim.identify.checks.judgement import Judgement, judged
 from gantrysim.identify.checks.sampling import check_sampling
 from gantrysim.identify.checks.torque import check_torque
 from gantrysim.identify.checks.units import check_inertia, check_travel, inertia_ratio
+from gantrysim.identify.explained import explained_residual
 from gantrysim.identify.fit import AxisLog, fit_axis
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import AxisModel, model_of
@@ -28,6 +30,7 @@ from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.machine import Machine
 
 _SEGMENT = 256  # samples of a spectrum's segment
+_NO_PRESLIDING = 0.2  # deflection of the bristles below which there is none, of the table's
 _PEAK = 8.0  # of a residual's spectrum over its median, from which it is a mode's
 
 # reported values of an axis: name, unit of a slide, unit of a hinge; m and rad stand for the travel
@@ -134,6 +137,7 @@ class Identification:
         notes = []
         for fit, judgement in zip(self.fits, self.judgements, strict=True):
             notes += self._unseen(fit)
+            notes.append(friction_words(fit))
             notes += judgement.notes(fit.axis)
             notes.append(verdict(fit, self.period, doubted=bool(judgement.findings)))
         return notes
@@ -247,6 +251,16 @@ def _check_log(axis: Axis, table: AxisModel, log: AxisLog) -> None:
     check_encoder(axis, table, position, torque, log.period)
 
 
+def friction_words(fit: AxisFit) -> str:
+    """Return which friction the log has chosen, in a sentence."""
+    travel = fit.predicted.deflection * fit.predicted.scale
+    unit = "µm" if fit.unit == "mm" else "mdeg"
+    presliding = f"with presliding over {1e3 * travel:.2g} {unit}"
+    if fit.predicted.deflection < _NO_PRESLIDING * fit.nominal.deflection:
+        presliding = "without presliding"
+    return f"{fit.axis}: friction by the log: {', '.join(('Coulomb and viscous', *fit.law.words))}; {presliding}"
+
+
 def spectrum(fit: AxisFit, period: float) -> tuple[Floats, Floats]:
     """Return frequencies and power density of the residual, (k,) [Hz, u²/Hz]."""
     residual = fit.residual
@@ -263,9 +277,12 @@ def verdict(fit: AxisFit, period: float, *, doubted: bool) -> str:
         doubted: whether a check of the fit failed.
     """
     residual = fit.residual
-    size = float(np.std(residual)) / fit.expected
+    count = math.sqrt(12) * fit.expected
     coloured = float(np.abs(correlation(residual)).max())
-    text = f"{fit.axis}: the residual is {size:.1f} times that of the encoder's counts alone"
+    text = f"{fit.axis}: the residual is {float(np.std(residual)) / count:.2g} counts rms"
+    explained = explained_residual(fit, period)
+    if math.isfinite(explained):
+        text += f", counts and the torque's noise at rest explain {explained / count:.2g},"
     unit, factor = ("µm", 1e3) if fit.unit == "mm" else ("mdeg", 1e3)
     backlash = f"backlash of about {factor * fit.model.gap:.2g} {unit}" if "gap" in fit.estimates else ""
     if fit.holds:

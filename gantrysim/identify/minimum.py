@@ -51,9 +51,7 @@ class PredictionError:
 
     def innovations(self, model: AxisModel, noise: float) -> Floats:
         """Return the innovations of all samples, (n,) [u]."""
-        return innovations(
-            model, noise / self.size, self.period, self.position, self.torque, self.held, self.course
-        )
+        return innovations(model, noise / self.size, self.period, self.position, self.torque, self.held, self.course)
 
     def residual(self, model: AxisModel, noise: float) -> Floats:
         """Return the innovations of the samples in motion over the position noise, (k,).

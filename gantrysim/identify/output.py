@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from gantrysim.identify.fitted import fitted_machine, write_machine
 from gantrysim.identify.identification import Identification
 from gantrysim.identify.log import Log
 from gantrysim.identify.plots import draw_friction, draw_residuals, draw_response
+from gantrysim.identify.whole_run import WholeRun
 from gantrysim.report.folder import Output, output_folder
 
 VALUES = "identified.toml"
@@ -34,8 +37,9 @@ def values_table(identification: Identification) -> Table:
     """Return the fitted values with their intervals."""
     caption = (
         "inertia, viscous friction, stiffness and damping at the axis, other torques at the motor shaft; 95 % "
-        "confidence; not identified (interval): half the interval exceeds 15 % of the value; not identified otherwise: "
-        "the check named, see the notes; the machine written keeps the nominal value of what is not identified"
+        "confidence; not identified (interval): half the interval exceeds 15 % of the value, 40 % of a damping; not "
+        "identified otherwise: the check named, see the notes; the machine written keeps the nominal value of "
+        "what is not identified"
     )
     table = Table(title="identified", title_justify="left", caption=caption, caption_justify="left")
     table.add_column("axis", no_wrap=True)
@@ -60,8 +64,13 @@ def values_table(identification: Identification) -> Table:
     return table
 
 
-def content(identification: Identification) -> dict[str, Any]:
-    """Return the fitted values as tables of TOML, a table per axis."""
+def content(identification: Identification, runs: Sequence[WholeRun] = ()) -> dict[str, Any]:
+    """Return the fitted values as tables of TOML, a table per axis.
+
+    Args:
+        identification: of a log.
+        runs: of the fitted machine under the log's torque, by axis.
+    """
     axes: dict[str, Any] = {}
     for value in identification.values:
         axes.setdefault(value.axis, {})[value.name] = {
@@ -75,10 +84,17 @@ def content(identification: Identification) -> dict[str, Any]:
     for fit in identification.fits:
         if fit.model.share:
             axes[fit.axis]["mode"] = {"frequency": fit.model.resonance, "damping_ratio": fit.model.damping_ratio}
+    for run in runs:
+        if run.missing:
+            axes[run.axis]["whole_run"] = {"missing": run.missing}
+            continue
+        sizes = {"torque": run.torque, "fitted": run.fitted, "nominal": run.nominal, "counts": run.counts}
+        table = {name: size for name, size in sizes.items() if math.isfinite(size)}
+        axes[run.axis]["whole_run"] = {**table, "repeats": run.repeats}
     return {"machine": str(identification.machine.source), "notes": identification.notes, "axes": axes}
 
 
-def write_all(identification: Identification, log: Log, folder: Path) -> list[str]:
+def write_all(identification: Identification, log: Log, folder: Path, runs: Sequence[WholeRun] = ()) -> list[str]:
     """Write values, fitted machine and plots to a folder, replaced as a whole; return their names.
 
     Raises:
@@ -100,7 +116,7 @@ def write_all(identification: Identification, log: Log, folder: Path) -> list[st
         ),
     }
     with output_folder(folder, OUTPUT) as scratch:
-        (scratch / VALUES).write_text(tomli_w.dumps(content(identification)), encoding="utf-8")
+        (scratch / VALUES).write_text(tomli_w.dumps(content(identification, runs)), encoding="utf-8")
         write_machine(machine, scratch / MACHINE)
         for name, drawing in drawings.items():
             drawing.savefig(scratch / f"{name}.png")

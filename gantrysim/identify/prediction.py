@@ -122,6 +122,19 @@ def innovations(
     return _predict(position, means, predictor, friction, Spring(model.stiffness, model.damping, model.gap), level)
 
 
+def error_variance(model: AxisModel, noise: float, period: float) -> float:
+    """Return the variance of the innovations of a right model, for position noise of variance 1.
+
+    Args:
+        model: parameters of the axis.
+        noise: standard deviation of the torque noise per standard deviation of the position noise [N·m/u].
+        period: of the samples [s].
+    """
+    A, inputs = _linear(model)
+    gain = kalman_gain(*sampled(A, inputs, period), noise)
+    return 1 / max(1 - float(gain[0]), 1e-12)  # the first gain is P / (P + 1), the variance P + 1
+
+
 def _linear(model: AxisModel) -> tuple[Floats, Floats]:
     """Return the state matrix and the effects of the two torques side by side."""
     A, on_motor, on_load = model.matrices()

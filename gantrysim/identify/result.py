@@ -30,6 +30,7 @@ SYSTEMATIC = {
     "damping": 0.19,
     "gap": 0.07,
 }
+EDGE = 0.85  # of the log's reach, up to which it shows a mode
 MODE = ("share", "stiffness", "damping")
 
 # name, unit with u for mm or deg, of the fitted parameters in their order
@@ -160,8 +161,8 @@ class AxisFit:
 
     @property
     def shows_mode(self) -> bool:
-        """Whether the mode is fitted, and in the reach of the log."""
-        return "stiffness" in self.estimates and self.model.resonance < self.highest
+        """Whether the mode is fitted, and in the reach of the log; at its edge samples fold a faster one to there."""
+        return "stiffness" in self.estimates and self.model.resonance < EDGE * self.highest
 
     @property
     def holds(self) -> bool:

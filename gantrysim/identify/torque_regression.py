@@ -137,7 +137,7 @@ class TorqueRegression:
         return float(self._scores(values[:, None])[0, 0])
 
     def _scores(self, scores: Floats) -> Floats:
-        """Return the sum of squares of the sums of scores, (k, p), over blocks, which holds a correlation within one."""
+        """Return the sum of squares of sums of scores, (k, p), over blocks, which holds a correlation within one."""
         blocks = np.arange(0, len(scores), max(round(_MEMORY / self.period), 1))
         sums = np.add.reduceat(scores, blocks, axis=0)
         return np.asarray(sums.T @ sums)

@@ -31,7 +31,7 @@ _FREQUENCY = 8.0  # natural frequency of the loop, below the strokes [Hz]
 _FAR = 1e3  # following error up to which the loop goes on [mm or deg]
 _WIDTH = 0.004  # standard deviation of the low-pass of the torques [s]
 _MOVING = 0.02  # share of the highest speed from which an axis moves
-_NO_PATH = Chain([Line(np.zeros(3), np.array([1.0, 0.0, 0.0]))])  # nothing is laid, so no path is compared
+_NO_PATH = Chain([Line((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))])  # nothing is laid, so no path is compared
 
 
 @dataclass(frozen=True)
@@ -67,9 +67,9 @@ class WholeRun:
         if self.missing:
             return f"{self.axis}: whole run not simulated: {self.missing}"
         text = (
-            f"{self.axis}: simulated over the whole run under the log's torque of {self.torque:.3g} N·m rms, the fitted "
-            f"machine takes {100 * self.fitted / self.torque:.2g} % more or less, {1e3 * self.fitted:.2g} mN·m rms, to "
-            f"stay within {self.counts:.2g} counts rms of the log"
+            f"{self.axis}: simulated over the whole run under the log's torque of {self.torque:.3g} N·m rms, the "
+            f"fitted machine takes {100 * self.fitted / self.torque:.2g} % more or less, {1e3 * self.fitted:.2g} mN·m rms, "
+            f"to stay within {self.counts:.2g} counts rms of the log"
         )
         if math.isfinite(self.nominal):
             text += f"; the nominal machine takes {100 * self.nominal / self.torque:.2g} %"
@@ -134,9 +134,7 @@ def _effective(identification: Identification, log: Log) -> Floats:
     return np.stack(torques, axis=1)
 
 
-def _compared(
-    identification: Identification, log: Log, column: int, fitted: Run, nominal: Run | None
-) -> WholeRun:
+def _compared(identification: Identification, log: Log, column: int, fitted: Run, nominal: Run | None) -> WholeRun:
     fit = identification.fits[column]
     index = identification.machine.axis_names.index(fit.axis)
     measured = log.position[:, column]

@@ -3,7 +3,7 @@
 motor x'' = gear (T - F) - b x' - k (x - y) - c (x' - y'),    load y'' = k (x - y) + c (x' - y'),    lag T' = demand - T
 
 F opposes the motion with the level of its law, and holds an axis at rest as long as it can. Cogging adds a torque that
-repeats over the travel; backlash lets the spring act only beyond half its gap, in contact. All is SI; torques and levels
+repeats over the travel; with backlash, spring and damper act beyond half the gap alone. All is SI; torques and levels
 are at the motor shaft.
 """
 

@@ -106,7 +106,9 @@ def random_log(seed, law=None, slip=None, noise=None, period=None):
     limit = 0.12 if slip == "saturated" else 0.906
     # drawn last, so that the axes of the other laws stay as they are
     if law == "cogging":
-        pitch = 2e-3 * math.pi * axis.scale / float(random.choice([1, 2, 4, 8]))  # of the screw, or of the motor's slots
+        pitch = (
+            2e-3 * math.pi * axis.scale / float(random.choice([1, 2, 4, 8]))
+        )  # of the screw, or of the motor's slots
         plant = plant._replace(strength=random.uniform(0.05, 0.6), length=pitch)
     if law == "backlash":
         plant = plant._replace(gap=random.uniform(1e-5, 2e-5))

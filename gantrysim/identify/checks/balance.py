@@ -131,4 +131,3 @@ def _of_both_masses(model: AxisModel, acceleration: Floats, period: float) -> Fl
         return acceleration
     flexibility = model.inertia * model.share / model.stiffness
     return acceleration - model.share * flexibility * np.gradient(np.gradient(acceleration, period), period)
-

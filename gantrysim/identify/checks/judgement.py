@@ -23,8 +23,9 @@ _DELAY = 0.015  # of the period
 _OFFSET = 0.01  # of the Coulomb friction
 _EXCESS = 0.3  # of static over Coulomb friction: the Stribeck speed is that of the table, which nobody has measured
 _STATIC = 0.05  # of the static friction, of the Coulomb friction: encoder counts are coarse where it shows
-_SHARE = 0.03  # of the load's share, beside a friction by load: both answer to the mode's torque
-_DAMPING = 0.15  # of the damping, likewise
+# the same of the mode beside a friction of further terms, which bend its torque
+_MODE = {"share": 0.03, "stiffness": 0.02}
+_DAMPING = 0.15  # of the damping beside a friction by load
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +78,7 @@ def judged(fit: AxisFit, period: float) -> Judgement:
     doubts = [
         check_counts(fit, period),
         check_plausible(fit, period),
-        check_residual(fit),
+        check_residual(fit, period),
         check_segments(fit, period),
         check_balance(fit, period),
     ]
@@ -95,7 +96,7 @@ def judged(fit: AxisFit, period: float) -> Judgement:
             "delay": _DELAY * period,
             "offset": _OFFSET * model.coulomb,
             "static": static,
-            "share": _SHARE * model.share if loaded else 0.0,
+            **{name: part * getattr(model, name) for name, part in _MODE.items() if fit.law.terms},
             "damping": _DAMPING * model.damping if loaded else 0.0,
         },
         [],
