@@ -66,10 +66,11 @@ class WholeRun:
         """Result in words."""
         if self.missing:
             return f"{self.axis}: whole run not simulated: {self.missing}"
+        share = 100 * self.fitted / self.torque
         text = (
             f"{self.axis}: simulated over the whole run under the log's torque of {self.torque:.3g} N·m rms, the "
-            f"fitted machine takes {100 * self.fitted / self.torque:.2g} % more or less, {1e3 * self.fitted:.2g} mN·m rms, "
-            f"to stay within {self.counts:.2g} counts rms of the log"
+            f"fitted machine takes {share:.2g} % more or less, {1e3 * self.fitted:.2g} mN·m rms, to stay within "
+            f"{self.counts:.2g} counts rms of the log"
         )
         if math.isfinite(self.nominal):
             text += f"; the nominal machine takes {100 * self.nominal / self.torque:.2g} %"
