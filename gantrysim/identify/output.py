@@ -84,14 +84,13 @@ def content(identification: Identification, runs: Sequence[WholeRun] = ()) -> di
     for fit in identification.fits:
         if fit.model.share:
             axes[fit.axis]["mode"] = {"frequency": fit.model.resonance, "damping_ratio": fit.model.damping_ratio}
+    whole: dict[str, Any] = {}
     for run in runs:
-        if run.missing:
-            axes[run.axis]["whole_run"] = {"missing": run.missing}
-            continue
         sizes = {"torque": run.torque, "fitted": run.fitted, "nominal": run.nominal, "counts": run.counts}
         table = {name: size for name, size in sizes.items() if math.isfinite(size)}
-        axes[run.axis]["whole_run"] = {**table, "repeats": run.repeats}
-    return {"machine": str(identification.machine.source), "notes": identification.notes, "axes": axes}
+        whole[run.axis] = {"missing": run.missing} if run.missing else {**table, "repeats": run.repeats}
+    shown = {"machine": str(identification.machine.source), "notes": identification.notes, "axes": axes}
+    return {**shown, "whole_run": whole} if whole else shown
 
 
 def write_all(identification: Identification, log: Log, folder: Path, runs: Sequence[WholeRun] = ()) -> list[str]:
