@@ -51,7 +51,8 @@ def _again(result: SpeedAnswer) -> str:
     """Return which faster speeds keep the limits again, in words; empty where none does."""
     if not result.islands:
         return ""
-    return f", though {', '.join(f'{speed:g}' for speed in result.islands)} mm/s do again"
+    speeds = ", ".join(f"{speed:g}" for speed in result.islands)
+    return f", though {speeds} mm/s {'does' if len(result.islands) == 1 else 'do'} again"
 
 
 def _answer_between(study: SpeedStudy, by_speed: dict[float, Row], limit: str, result: SpeedAnswer) -> str:
