@@ -173,7 +173,7 @@ def own_machine() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         table = Path(scratch) / "gantry.toml"
         table.write_text(titled_block("start/own-machine.md", "gantry.toml"), encoding="utf-8")
-        draw_machine(Job.load(FIRST, [f'machine="{table}"']), "start-machine")
+        draw_machine(Job.load(SEAL, [f'machine="{table}"']), "start-machine")
 
 
 def own_controller() -> None:
