@@ -273,6 +273,34 @@ def tune(figure: Figure) -> None:
     label_error(axes)
 
 
+def improvement(figure: Figure) -> None:
+    """Draw the shares of the limits of path and glue that a job uses, with each lever at its best setting."""
+    result = gs.improve(gs.Job.load("delta-arc"))
+    bars = {"unchanged": shares_of(result.verdict)}
+    for trial in result.trials:
+        if trial.outcome.verdict is None:
+            continue
+        shares = shares_of(trial.outcome.verdict)
+        name = trial.lever.name
+        bars[name] = min(bars.get(name, shares), shares, key=sum)
+    bars["best combination"] = shares_of(result.improved)
+    axes = figure.add_subplot()
+    places = np.arange(len(bars))
+    for row, (name, shift, colour) in enumerate((("path", -0.2, AFTER), ("glue", 0.2, THIRD))):
+        axes.barh(places + shift, [both[row] for both in bars.values()], color=colour, height=0.36, label=name)
+    axes.set_yticks(places, list(bars))
+    axes.invert_yaxis()
+    axes.axvline(100, color=INK, lw=1.2, ls="--")
+    axes.grid(axis="y", visible=False)
+    axes.set(xlabel="share of the limit that is used [%]")
+    axes.legend(loc="lower right")
+
+
+def shares_of(verdict: gs.Verdict) -> tuple[float, ...]:
+    """Return the largest shares of the limits of path and glue [%]."""
+    return tuple(100 * max(check.usage for check in verdict[row].checks) for row in ("path", "glue"))
+
+
 # name of the picture: what draws it, and its width and height [inch]
 PAGE_PLOTS: dict[str, tuple[Callable[[Figure], None], float, float]] = {
     "how-to-verdict": (verdict, 7.2, 3.6),
@@ -285,5 +313,6 @@ PAGE_PLOTS: dict[str, tuple[Callable[[Figure], None], float, float]] = {
     "how-to-cluster": (cluster, 7.2, 3.0),
     "how-to-law": (law, 7.2, 3.2),
     "how-to-agent": (agent, 7.2, 3.0),
+    "how-to-improve": (improvement, 7.2, 4.6),
     "how-to-tune": (tune, 7.2, 3.2),
 }

@@ -89,7 +89,8 @@ class Improvement(Shown):
         heavy = [row.name for row in self.improved.rows if row_burden(row) > 0]
         worst = max(heavy, key=lambda name: row_burden(self.improved[name]))
         check = self.improved[worst].checks[0] if self.improved[worst].checks else self.improved[worst].remark
-        reach = "nothing meets the tolerance" if self.improved[worst].state == FAIL else "nothing leaves it a reserve"
+        fails = self.improved[worst].state == FAIL
+        reach = "nothing meets the tolerance" if fails else "no combination leaves a 20 % margin"
         return (
             f"{begin}; {reach}: {worst} remains, {check}. What forbids it is {bound_of(self.job, self.after, worst)}."
         )

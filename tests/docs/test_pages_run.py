@@ -70,4 +70,4 @@ def test_a_how_to_page_has_a_task_a_picture_and_is_short(name):
     assert title.startswith("# ")
     assert len(re.findall(r"^!\[", page, flags=re.MULTILINE)) == 1
     assert len(page.splitlines()) <= 100, "a how-to page shows one task on two screens"
-    assert "What next" in body
+    assert "Next steps" in body
