@@ -48,14 +48,14 @@ accuracy = "C7"
 # each of the ten: what to think of
 TEN = {
     "machine": "a built-in machine, your table of data-sheet values, or an MJCF file",
-    "program": "`controller` and its arguments, such as `file`: the program in its own language",
+    "program": "`program.controller`; `program.file`, the program in its own language; others below",
     "tolerance.path_max": "largest distance from the path [mm]; by default a tenth of the needle's outer diameter",
     "tolerance.bead_width": "deviation of the width that the part admits, by default 10 [%]",
     "dispenser.area": "section of the bead [mm²], where the flow follows the speed; `dispenser.flow` where it does not",
     "dispenser.dead_time": "from the data sheet of the valve, or from a film of its start [s]",
     "dispenser.opening": "time constant of the rising flow; `dispenser.closing`: of the falling flow [s]",
     "dispenser.advance": "the time constant, if the controller compensates the lag [s]",
-    "servo.law": "what your controller does besides PID, such as friction compensation",
+    "servo.law": 'a law, or a list as in `["pid", "friction"]`; your own as `["mine.py:pd", "friction"]`',
     "geometry.accuracy": "class of screws and guides; without one they are perfect",
 }
 

@@ -8,7 +8,7 @@ from pydantic import BaseModel
 
 from gantrysim.design.ac_servo import AcServo
 from gantrysim.design.accuracy import SCREWS
-from gantrysim.design.library import Motor, motor_names, motor_of
+from gantrysim.design.library import Motor, counts_of, encoder_names, motor_names, motor_of
 from gantrysim.design.table import Drive, Guides, MachineTable, Masses, Slide
 from gantrysim.design.transmission import Belt, Rack, Screw
 from gantrysim.design.urdf_table import UrdfAxis, UrdfNozzle, UrdfTable
@@ -17,8 +17,9 @@ PAGE = Path(__file__).parent.parent / "docs" / "machine-keys.md"
 
 HEAD = """# Keys of a machine's table
 
-[Machines from a table](machine-tables.md) says what becomes of them; `python scripts/machine_keys_page.py` writes this
-page from the code.
+[Machines from a table](machine-tables.md) explains how they are used, and
+[your own machine](start/own-machine.md) shows a complete table with a motor from a data sheet.
+`python scripts/machine_keys_page.py` writes this page from the code.
 """
 TABLES: tuple[tuple[str, type[BaseModel]], ...] = (
     ("The machine", MachineTable),
@@ -72,12 +73,14 @@ def page() -> str:
     for title, model in TABLES:
         text += f"\n## {title}\n\n| key | default | meaning |\n| --- | --- | --- |\n" + "\n".join(rows(model)) + "\n"
     text += (
-        "\n## Motors of the library\n\nNo-load speed and stall torque follow from the rest at the nominal voltage. "
-        "Sources of every number: `gantrysim/design/library.toml`. K and currents of an ac servo are those of its "
-        "equivalent DC motor, see [machines from a table](machine-tables.md).\n\n"
+        "\n## Motors of the library\n\nNo-load speed and stall torque follow from the other values, at the nominal "
+        "voltage. Sources of every number: `gantrysim/design/library.toml`. For an ac servo, K and the currents are "
+        "those of its equivalent DC motor, see [machines from a table](machine-tables.md).\n\n"
         "| motor | kind | V | K [N·m/A] | R [ohm] | no-load [rpm] | stall [N·m] | continuous [N·m] | peak [N·m] "
         "| rotor [1e-6 kg·m²] |\n" + "| --- " * 10 + "|\n" + "\n".join(motors()) + "\n"
     )
+    encoders = ", ".join(f"`{name}` {counts_of(name):g}" for name in encoder_names())
+    text += f"\n## Encoders of the library\n\nCounts per revolution, of incremental encoders all four edges: {encoders}.\n"
     classes = ", ".join(f"{name} {error:g}" for name, (error, _) in SCREWS.items())
     return text + f"\nAccuracy classes of screws, error over 300 mm of travel in µm, plus or minus: {classes}.\n"
 

@@ -47,9 +47,9 @@ class AcServo(Table):
     voltage_constant_rms: Positive | None = key(
         "rms back-EMF between two phases, instead of the torque constant or to check it [V/krpm]", None
     )
-    resistance_phase_to_phase: Positive | None = key("between two terminals [ohm]", None)
+    resistance_phase_to_phase: Positive | None = key("between two terminals; required, or that of a phase [ohm]", None)
     resistance_per_phase: Positive | None = key("of one phase in star, instead of phase to phase [ohm]", None)
-    inductance_phase_to_phase: NotNegative | None = key("between two terminals [H]", None)
+    inductance_phase_to_phase: NotNegative | None = key("between two terminals; required, or that of a phase [H]", None)
     inductance_per_phase: NotNegative | None = key("of one phase in star, instead of phase to phase [H]", None)
     rotor_inertia: Positive = key("[kg·m²]")
     continuous_torque: Positive = key("rated torque, or that at standstill [N·m]")

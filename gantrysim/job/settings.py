@@ -36,7 +36,10 @@ _TYPES: dict[str, Any] = {
 }
 _POSITION_GAINS = ("kp", "ki", "kd", "velocity_gain")  # beside which an integral term of another loop has no place
 _DEFAULTS = {"integral_time": INTEGRAL_TIME}  # of a job, where `Servo.derive` alone has another
-_NAMES_OF_LAWS = f"names of its laws: one of {', '.join(BASES)}, and any of {', '.join(ADDITIONS)}"
+_NAMES_OF_LAWS = (
+    f'law, or a list as in ["pid", "friction"]: one of {", ".join(BASES)} or your own as "mine.py:pd", then any of '
+    f"{', '.join(ADDITIONS)}"
+)
 
 
 def _keywords() -> dict[str, Any]:
