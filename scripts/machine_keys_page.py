@@ -80,7 +80,7 @@ def page() -> str:
         "| rotor [1e-6 kg·m²] |\n" + "| --- " * 10 + "|\n" + "\n".join(motors()) + "\n"
     )
     encoders = ", ".join(f"`{name}` {counts_of(name):g}" for name in encoder_names())
-    text += f"\n## Encoders of the library\n\nCounts per revolution, of incremental encoders all four edges: {encoders}.\n"
+    text += f"\n## Encoders of the library\n\nCounts per revolution, all four edges where incremental: {encoders}.\n"
     classes = ", ".join(f"{name} {error:g}" for name, (error, _) in SCREWS.items())
     return text + f"\nAccuracy classes of screws, error over 300 mm of travel in µm, plus or minus: {classes}.\n"
 
