@@ -14,14 +14,14 @@ PAGE = Path(__file__).parent.parent / "docs" / "values.md"
 
 HEAD = """# Values of a run
 
-Every value has one name, unit and meaning, in the terminal, in `report.html`, in `summary.json`, in the columns of
+Every value has the same name, unit and meaning in the terminal, in `report.html`, in `summary.json`, in the columns of
 studies and in Python; `python scripts/values_page.py` writes this page from the code. A value that rounds to zero is
-shown as 0, one that a run does not have as –, in `summary.json` as null.
+shown as 0; a value that a run does not have is shown as –, and is null in `summary.json`.
 
-In `summary.json` a value stands in its group under its key, as in `summary["errors"]["contour_rms_um"]`; rows of
-studies have the same keys, for errors, motion, bead width and volume error. A key is the value's name, the axis if it
-is of one, the statistic if it has several, and the unit. Below, x stands for the name of an axis; errors of a rotary
-axis are in mdeg. Python has the values in mm, s, deg and N·m, shares as ratios, read from
+In `summary.json` each value is in its group under its key, as in `summary["errors"]["contour_rms_um"]`; rows of
+studies have the same keys, for errors, motion, bead width and volume error. A key consists of the value's name, the
+axis if it belongs to one, the statistic if there are several, and the unit. Below, x stands for the name of an axis;
+errors of a rotary axis are in mdeg. In Python, values are in mm, s, deg and N·m, and shares are ratios, read from
 
 ```python
 import gantrysim as gs
@@ -34,22 +34,22 @@ bead = gs.Bead(run, job.bead)
 results = results_of(job, run, causes=False)
 ```
 
-## Words
+## Terms
 
-| word | meaning |
+| term | meaning |
 | --- | --- |
 | requested | of the program's exact path, speed or glue |
 | commanded | what the controller sends to the drives, a position per servo tick |
 | contour error | distance of the nozzle from the requested path |
 | program, servo, encoder, geometry, structure | links: parts of the contour error between two points of the chain |
-| following error | commanded less encoder position, of an axis or along the path |
-| lag | distance of the nozzle behind its command along the path, no part of the contour error |
+| following error | commanded minus encoder position, of an axis or along the path |
+| lag | distance of the nozzle behind its command along the path; not part of the contour error |
 | nominal bead | bead with the requested cross-section |
-| missing at start, excess at stop | glue that is missing or in excess there, as length of nominal bead |
-| clearance of turns | distance of the edges of neighbouring turns: a gap, or an overlap where it is negative |
+| missing at start, excess at stop | glue missing or in excess there, as a length of nominal bead |
+| clearance of turns | distance between the edges of neighbouring turns: a gap, or an overlap if negative |
 | rms, 95 %, max | root mean square, 95th percentile and maximum of the magnitude while the dispenser is on |
-| mean, std, min, max | over the ticks with the dispenser on, the places of the bead, or its starts and stops |
-| share | part of the mean square contour error; links' shares add up to 100 %, a negative one offsets others |
+| mean, std, min, max | over the ticks with the dispenser on, along the bead, or over its starts and stops |
+| share | part of the mean square contour error; links add up to 100 %, a negative share offsets others |
 """
 
 

@@ -105,13 +105,13 @@ class Bead(BeadTrace, Shown):
 
     @property
     def excess_at_stops(self) -> Floats:
-        """Volume in excess at the stops within the record, as length of the nominal section, (at most k,) [mm]."""
+        """Excess volume at the stops within the record, as length of the nominal section, (at most k,) [mm]."""
         stopped = self.stretches[:, 1] < len(self.run.time)
         return self._parts[stopped, 2] / self.nominal
 
     @property
     def total_volume(self) -> float:
-        """Volume laid [mm³]."""
+        """Volume dispensed [mm³]."""
         return float(self.volume[-1])
 
     @property
@@ -121,7 +121,7 @@ class Bead(BeadTrace, Shown):
 
     @property
     def volume_error_percent(self) -> float:
-        """Volume laid beyond the requested one, over the latter [%]."""
+        """Dispensed minus requested volume, relative to the latter [%]."""
         return 100 * (self.total_volume - self.requested_volume) / self.requested_volume
 
     @cached_property
@@ -143,7 +143,7 @@ class Bead(BeadTrace, Shown):
         return np.gradient(s) if s.size > 1 else np.zeros(s.size)
 
     def clearance(self) -> Floats:
-        """Return the distance of neighbouring turns less their mean width, at the analysis' spacing, (m,) [mm]."""
+        """Return the distance of neighbouring turns minus their mean width, at the analysis' spacing, (m,) [mm]."""
         spacing = self.analysis.spacing
         ticks = self.analysis.ticks
         s = self.analysis.nozzle.s

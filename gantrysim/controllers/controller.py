@@ -98,7 +98,7 @@ class Controller(ABC):
 
     @classmethod
     def loop_theory(cls, arguments: Mapping[str, Any]) -> LoopTheory | None:
-        """Return the closed forms of the errors that the program's loop makes, None for a program without a loop.
+        """Return the closed forms of the errors caused by the program's loop, None for a program without a loop.
 
         Args:
             arguments: of the program, all of them; the controller may refuse them.

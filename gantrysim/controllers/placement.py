@@ -15,7 +15,7 @@ from gantrysim.base.errors import finite, positive
 
 @dataclass(frozen=True)
 class Placement:
-    """Position of a program's origin on the work, its turn about z, and a scale of its lengths; speeds stay.
+    """Origin of a program on the work, its rotation about z, and a scale of its lengths; speeds are not scaled.
 
     Attributes:
         x: of the program's origin in the work frame [mm].

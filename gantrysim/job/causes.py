@@ -188,7 +188,7 @@ def check_causes(job: Job) -> None:
 
 
 def causes_of(job: Job, run: Run | None = None, progress: Callable[[float], None] | None = None) -> Causes:
-    """Run a job again with one cause of `CAUSES` at a time switched off, and return what each is worth.
+    """Rerun a job with one cause of `CAUSES` removed each time, and return what each is worth.
 
     Args:
         job: the job.

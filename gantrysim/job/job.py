@@ -39,19 +39,20 @@ class Job(JobContent):
         name: letters, digits, spaces and any of _ . + -
         machine: name of a built-in machine, or path of an MJCF file or of a machine's table in TOML, relative to the
             folder of the job file; a file without it runs on the smallest built-in one with its program's axes.
-        travel: of axes of the machine in place of its own, as in {x = [-20, 620]}; masses and stiffness stay [mm, deg].
-        names: of a machine whose MJCF bears others, as in {nozzle = "tip", x = "motor_x"}: see `Machine`.
+        travel: travel of some axes in place of the machine's, as in {x = [-20, 620]}; masses and stiffness stay the
+            same [mm, deg].
+        names: mapping for an MJCF that uses other names, as in {nozzle = "tip", x = "motor_x"}: see `Machine`.
         program: name of the controller as `controller`, one of `PROGRAMS` or the user's own class as "module:Class" or
             "path/to/file.py:Class", and its arguments.
         servo: arguments of `Servo.derive`.
-        dispenser: arguments of `Dispenser`; for a file without flow, area and pressure, area is the section that the
-            needle's face just presses flat.
+        dispenser: arguments of `Dispenser`; for a program file without flow, area and pressure, area is the section
+            that the needle's face just presses flat.
         bead: shape of the bead and grid of its height map, see `BeadSettings`.
         simulation: physics step and settling time.
-        geometry: errors of the machine's geometry, by its accuracy class or one by one, see `Geometry`; or none.
-        tolerance: what a run must keep to be good enough; defaults for what is not given.
+        geometry: geometric errors of the machine, by accuracy class or one by one, see `Geometry`; or none.
+        tolerance: limits that a good run keeps; those not given have defaults.
         faults: faults on purpose, tables [[faults]] with a `kind` and its values, see `gantrysim.faults`.
-        source: file of the program's text, which messages name; None for a program of the job's own.
+        source: file of the program's text, named in messages; None for a program inside the job.
     """
 
     @classmethod
@@ -174,7 +175,7 @@ class Job(JobContent):
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
-        """Notes on what was chosen, the program, the machine at rest, a servo of small margin, and the syringe."""
+        """Notes on the defaults used, the program, the machine at rest, low stability margins, and the syringe."""
         machine = self.built_machine
         notes = (*self._choice, *self.controller.notes, *machine_notes(machine), *margin_notes(machine, self.margins))
         if self.dispenser.syringe is None:
@@ -197,7 +198,7 @@ class Job(JobContent):
 
     @property
     def servo_reason(self) -> str:
-        """What bounds the natural frequency of the servo, and why it has notches, in words."""
+        """Explanation of what limits the natural frequency of the servo, and why it has notches."""
         return servo_reason(self.servo, self.built_machine, self.built_servo)
 
     @cached_property

@@ -24,7 +24,7 @@ _RESERVE = 10.0  # [%], of torque and speed
 
 @dataclass(frozen=True, kw_only=True)
 class Tolerance:
-    """Limits of a run that is good enough, each given by the job or a default.
+    """Limits that a good run keeps, each given by the job or a default.
 
     The default of
 

@@ -44,7 +44,7 @@ _COMMON = ("period", "delay", "drive_period", "feedback_delay", "encoder_seed") 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Servo(Shown):
-    """A sampled servo: what it computes from the encoders once per period, and when that takes effect.
+    """A sampled servo: the law it computes from the encoders once per period, and its timing.
 
     The output is computed once per period from the quantised position, takes effect `delay` later and is held until the
     next. It is clamped to the torque limit; the error sum is frozen while the output is clamped (anti-windup).
@@ -124,7 +124,7 @@ class Servo(Shown):
         return self.following_error_limit if name == "following_error_limit" else self.parts.per_axis(name)
 
     def with_values(self, **values: Any) -> Servo:
-        """Return the servo with other values; nothing else is derived anew.
+        """Return the servo with other values; nothing else is derived again.
 
         Args:
             values: by the keys of a job file's [servo], one for all axes or one per axis.

@@ -12,7 +12,7 @@ from gantrysim.controllers.gcode.gcode_program import GCode
 
 @dataclass(frozen=True, kw_only=True)
 class Program(GCode):
-    """A program as slicers write it for 3D printers.
+    """G-code in the dialect of slicers for 3D printers.
 
     G0 and G1 run at the feed F, G2 and G3 have their centre by I and J; E feeds material, absolute (M82) or relative
     (M83), and G92 sets it. Moves that feed none are travel, without glue; moves of E alone take their time at
