@@ -227,11 +227,6 @@ def _motor_in(table: dict[str, Any], label: str) -> Motor:
     )
 
 
-def encoder_names() -> list[str]:
-    """Return the names of the encoders of the library."""
-    return sorted(_content()["encoders"])
-
-
 def counts_of(encoder: str | float) -> float:
     """Return the counts per revolution of an encoder of the library, or the number given."""
     if not isinstance(encoder, str):
