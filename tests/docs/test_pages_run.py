@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from support.pages import ROOT, assert_printed, blocks_of, examples, read_pages
+from support.doc_pages import ROOT, assert_printed, blocks_of, examples, read_pages
 
 NOTEBOOK = "start/notebook.md"  # which another test runs as a whole
 PAGES = {

@@ -216,7 +216,7 @@ def test_an_axis_that_no_machine_has_is_refused_with_those_there_are(tmp_path):
     with pytest.raises(InputError) as caught:
         Job.load(file)
     text = str(caught.value)
-    assert text.startswith("part.ngc: line 2: A: ")
+    assert text.startswith("part.ngc: line 2: A30 moves an axis that a program of LinuxCNC cannot have here: ")
     assert "skip_axes = 'A' skips the word" in text
     assert "xy (x, y), xyz (x, y, z), xyzr (x, y, z, r)" in text
     assert Job.load(file, ["program.skip_axes=A"]).machine == "xy"

@@ -1,125 +1,114 @@
-"""The pages of README and docs: their blocks of code, and whether a program prints what a page shows."""
+"""A page as the tests read it."""
 
-import ast
-import builtins
 import re
-import textwrap
-from pathlib import Path
-from typing import NamedTuple
+from html.parser import HTMLParser
 
-import pytest
-
-ROOT = Path(__file__).parents[2]
-DOCS = ROOT / "docs"
-FENCED = re.compile(r'^ *```(\w*)(?: title="([^"]+)")?\n(.*?)^ *```$', flags=re.DOTALL | re.MULTILINE)
-LEFT_OUT = "…"  # stands on a page for what it does not show
-BOX = re.compile(r"[│┃─━┏┓┗┛┡┩└┘├┤┬┴┼╇┳╋╀┴┻╭╮╰╯]+")  # lines that tables are drawn with
-NUMBER = re.compile(r"\d[\d,]*\.?\d*(?:e-?\d+)?")
-
-# Encoder counts and friction make a micrometre of the last bit of a setpoint, so other processors' sines show.
-SHOWN = 0.02  # relative
-SHOWN_LEAST = 0.5  # [µm]
+BLOCKS = {"dd", "dt", "div", "h2", "p", "td", "th", "tr"}
+VOID = {"meta", "br", "link", "img"}
+REFERENCE = re.compile(r"url\(([^)]*)\)")
 
 
-def read_pages():
-    """Return the texts of README and docs by their path in docs."""
-    pages = {page.relative_to(DOCS).as_posix(): page.read_text(encoding="utf-8") for page in sorted(DOCS.rglob("*.md"))}
-    return {"README.md": (ROOT / "README.md").read_text(encoding="utf-8"), **pages}
+class Page(HTMLParser):
+    """Elements of a page in their order, each with attributes and text; wrong nesting is an error."""
 
+    def __init__(self, file):
+        super().__init__(convert_charrefs=True)
+        self.elements = []
+        self._open = []
+        self.text = file.read_text(encoding="utf-8")
+        self.feed(self.text)
+        self.close()
+        assert not self._open
 
-class Block(NamedTuple):
-    """A fenced block of a page."""
+    def handle_starttag(self, tag, attributes):
+        assert len(dict(attributes)) == len(attributes)
+        element = {"tag": tag, "text": "", "inside": [one["tag"] for one in self._open], **dict(attributes)}
+        self.elements.append(element)
+        if tag not in VOID:
+            self._open.append(element)
 
-    language: str
-    title: str  # name of the file that it is, or ""
-    text: str
-    output: str  # what it prints, as far as blocks of text below show it, with an ellipsis between them
+    def handle_startendtag(self, tag, attributes):
+        self.handle_starttag(tag, attributes)
+        if tag not in VOID:
+            self._open.pop()
 
+    def handle_endtag(self, tag):
+        if tag in BLOCKS:
+            self.handle_data(" ")
+        assert self._open.pop()["tag"] == tag
 
-def blocks_of(page):
-    """Return the fenced blocks of a page in their order; blocks of text are the output of the block before them."""
-    found = []
-    for language, title, text in FENCED.findall(page):
-        if language == "text" and found:
-            output = "".join([found[-1].output, LEFT_OUT, "\n", text])
-            found[-1] = found[-1]._replace(output=output)
-        else:
-            found.append(Block(language, title, textwrap.dedent(text), ""))
-    return found
+    def handle_data(self, text):
+        for element in self._open:
+            element["text"] += text
 
+    def all(self, tag):
+        return [element for element in self.elements if element["tag"] == tag]
 
-def blocks(page, language):
-    """Return the texts of a page's blocks in a language."""
-    return [textwrap.dedent(place[3]) for place in FENCED.finditer(page) if place[1] == language]
+    def texts(self, tag):
+        return [" ".join(element["text"].split()) for element in self.all(tag)]
 
+    @property
+    def sections(self):
+        return [element["id"] for element in self.all("section")]
 
-def names_in(block):
-    """Names that a block of Python uses before it has them, and those that it leaves behind."""
-    nodes = list(ast.walk(ast.parse(block)))
-    names = [node for node in nodes if isinstance(node, ast.Name)]
-    stored = {name.id for name in names if isinstance(name.ctx, ast.Store)}
-    stored |= {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.ClassDef)}
-    stored |= {node.arg for node in nodes if isinstance(node, ast.arg)}
-    for node in nodes:
-        if isinstance(node, ast.Import | ast.ImportFrom):
-            stored |= {name.asname or name.name.partition(".")[0] for name in node.names}
-    return {name.id for name in names if isinstance(name.ctx, ast.Load)} - stored - set(dir(builtins)), stored
+    def section(self, name):
+        """The text of a section."""
+        return next(" ".join(one["text"].split()) for one in self.all("section") if one["id"] == name)
 
+    def facts(self):
+        """The facts by name: value and remark."""
+        groups = re.findall(r"<div><dt>(.*?)</dt><dd>(.*?)</dd>(?:<dd class=\"remark\">(.*?)</dd>)?</div>", self.text)
+        return {name: (value, remark) for name, value, remark in groups}
 
-def examples(page):
-    """Return the blocks of Python of a page, each as code after those that make the names that it uses."""
-    sources = {}  # the example that makes each name
-    whole = []
-    for block in blocks_of(page):
-        if block.language != "python" or block.title:
-            continue
-        used, new = names_in(block.text)
-        before = dict.fromkeys(part for name in sorted(used) for part in sources[name])
-        example = [*before, block]
-        sources |= dict.fromkeys(new, example)
-        whole.append((block, example))
-    return whole
+    def tables(self):
+        """Of each table by its caption, or without one by its first head: the rows by name, each with its heads."""
+        found = {}
+        for table in re.findall(r"<table>(.*?)</table>", self.text, re.S):
+            caption = re.search(r"<caption>(.*?)</caption>", table)
+            heads = re.findall(r"<th[^>]*>(.*?)</th>", table)
+            rows = [
+                [re.sub(r"<[^>]*>", "", cell) for cell in re.findall(r"<td[^>]*>(.*?)</td>", row)]
+                for row in re.findall(r"<tr>(.*?)</tr>", table.partition("<tbody>")[2], re.S)
+            ]
+            found[caption[1] if caption else heads[0]] = {
+                row[0]: dict(zip(heads[1:], row[1:], strict=True)) for row in rows
+            }
+        return found
 
+    def rows(self):
+        """The cells of the rows of all tables, as text."""
+        cells = re.findall(r"<tr>(.*?)</tr>", self.text, re.S)
+        return [[re.sub(r"<[^>]*>", "", cell) for cell in re.findall(r"<td[^>]*>(.*?)</td>", row)] for row in cells]
 
-def assert_printed(shown, printed):
-    """Assert that a program has printed what a page shows: stretches of words in their order, with equal numbers.
-
-    Lines may be wrapped elsewhere; an ellipsis on the page stands for anything.
-    """
-    tokens = _words(printed)
-    place = 0
-    for stretch in shown.split(LEFT_OUT):
-        expected = _words(stretch)
-        starts = range(place, len(tokens) - len(expected) + 1)
-        begin = next((start for start in starts if _agree(expected, tokens[start : start + len(expected)])), None)
-        assert begin is not None, f"not printed: {' '.join(expected)}\n\nprinted: {printed}"
-        place = begin + len(expected)
-
-
-def _words(text):
-    words = (word.rstrip(":") for word in BOX.sub(" ", text).split())  # a page may leave out what follows a colon
-    return [word for word in words if word]
-
-
-def _agree(expected, printed):
-    return all(_same(word, other) for word, other in zip(expected, printed, strict=True))
-
-
-def _same(shown, printed):
-    if NUMBER.sub("#", shown) != NUMBER.sub("#", printed):
-        return False
-    numbers = zip(NUMBER.findall(shown), NUMBER.findall(printed), strict=True)
-    return all(
-        _value(other) == pytest.approx(_value(number), rel=SHOWN, abs=_step(number)) for number, other in numbers
-    )
-
-
-def _value(number):
-    return float(number.replace(",", ""))
-
-
-def _step(number):
-    """Return what a number may differ by: half a micrometre, where tenths of one are shown, else its last digit."""
-    digits, _, exponent = number.partition("e")
-    places = len(digits.partition(".")[2])
-    return SHOWN_LEAST if places == 1 and not exponent else 10.0 ** (int(exponent or 0) - places)
+    def check(self):
+        """Hold the page to what holds for every page."""
+        ids = [element["id"] for element in self.elements if "id" in element]
+        assert len(set(ids)) == len(ids)
+        for element in self.elements:
+            if element["tag"] == "script":  # of the page's own
+                assert set(element) - {"tag", "text", "inside"} <= {"type", "id"}
+            assert element["tag"] not in {"link", "iframe", "object", "embed", "base", "form"}
+            for key, value in element.items():
+                if key in {"tag", "text", "inside"} or value is None:
+                    continue
+                assert not key.startswith("on")
+                references = REFERENCE.findall(value)
+                if key in {"href", "src", "xlink:href", "data", "poster", "srcset"}:
+                    references.append(value)
+                for reference in references:
+                    assert reference[1:] in ids if reference.startswith("#") else reference.startswith("data:"), (
+                        reference
+                    )
+                if key in {"aria-labelledby"}:
+                    assert value in ids
+                assert "http:" not in value
+                assert "https:" not in value
+        for style in self.texts("style"):
+            assert "url(" not in style
+            assert "@import" not in style
+        titles = {one["id"]: one["text"] for one in self.all("title") if "id" in one}
+        figures = self.all("svg")
+        assert len(figures) == len(self.all("figure"))
+        for figure in figures:
+            assert figure["role"] == "img"
+            assert titles[figure["aria-labelledby"]].strip()

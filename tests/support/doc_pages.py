@@ -1,0 +1,125 @@
+"""The pages of README and docs: their blocks of code, and whether a program prints what a page shows."""
+
+import ast
+import builtins
+import re
+import textwrap
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+FENCED = re.compile(r'^ *```(\w*)(?: title="([^"]+)")?\n(.*?)^ *```$', flags=re.DOTALL | re.MULTILINE)
+LEFT_OUT = "…"  # stands on a page for what it does not show
+BOX = re.compile(r"[│┃─━┏┓┗┛┡┩└┘├┤┬┴┼╇┳╋╀┴┻╭╮╰╯]+")  # lines that tables are drawn with
+NUMBER = re.compile(r"\d[\d,]*\.?\d*(?:e-?\d+)?")
+
+# Encoder counts and friction make a micrometre of the last bit of a setpoint, so other processors' sines show.
+SHOWN = 0.02  # relative
+SHOWN_LEAST = 0.5  # [µm]
+
+
+def read_pages():
+    """Return the texts of README and docs by their path in docs."""
+    pages = {page.relative_to(DOCS).as_posix(): page.read_text(encoding="utf-8") for page in sorted(DOCS.rglob("*.md"))}
+    return {"README.md": (ROOT / "README.md").read_text(encoding="utf-8"), **pages}
+
+
+class Block(NamedTuple):
+    """A fenced block of a page."""
+
+    language: str
+    title: str  # name of the file that it is, or ""
+    text: str
+    output: str  # what it prints, as far as blocks of text below show it, with an ellipsis between them
+
+
+def blocks_of(page):
+    """Return the fenced blocks of a page in their order; blocks of text are the output of the block before them."""
+    found = []
+    for language, title, text in FENCED.findall(page):
+        if language == "text" and found:
+            output = "".join([found[-1].output, LEFT_OUT, "\n", text])
+            found[-1] = found[-1]._replace(output=output)
+        else:
+            found.append(Block(language, title, textwrap.dedent(text), ""))
+    return found
+
+
+def blocks(page, language):
+    """Return the texts of a page's blocks in a language."""
+    return [textwrap.dedent(place[3]) for place in FENCED.finditer(page) if place[1] == language]
+
+
+def names_in(block):
+    """Names that a block of Python uses before it has them, and those that it leaves behind."""
+    nodes = list(ast.walk(ast.parse(block)))
+    names = [node for node in nodes if isinstance(node, ast.Name)]
+    stored = {name.id for name in names if isinstance(name.ctx, ast.Store)}
+    stored |= {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+    stored |= {node.arg for node in nodes if isinstance(node, ast.arg)}
+    for node in nodes:
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            stored |= {name.asname or name.name.partition(".")[0] for name in node.names}
+    return {name.id for name in names if isinstance(name.ctx, ast.Load)} - stored - set(dir(builtins)), stored
+
+
+def examples(page):
+    """Return the blocks of Python of a page, each as code after those that make the names that it uses."""
+    sources = {}  # the example that makes each name
+    whole = []
+    for block in blocks_of(page):
+        if block.language != "python" or block.title:
+            continue
+        used, new = names_in(block.text)
+        before = dict.fromkeys(part for name in sorted(used) for part in sources[name])
+        example = [*before, block]
+        sources |= dict.fromkeys(new, example)
+        whole.append((block, example))
+    return whole
+
+
+def assert_printed(shown, printed):
+    """Assert that a program has printed what a page shows: stretches of words in their order, with equal numbers.
+
+    Lines may be wrapped elsewhere; an ellipsis on the page stands for anything.
+    """
+    tokens = _words(printed)
+    place = 0
+    for stretch in shown.split(LEFT_OUT):
+        expected = _words(stretch)
+        starts = range(place, len(tokens) - len(expected) + 1)
+        begin = next((start for start in starts if _agree(expected, tokens[start : start + len(expected)])), None)
+        assert begin is not None, f"not printed: {' '.join(expected)}\n\nprinted: {printed}"
+        place = begin + len(expected)
+
+
+def _words(text):
+    words = (word.rstrip(":") for word in BOX.sub(" ", text).split())  # a page may leave out what follows a colon
+    return [word for word in words if word]
+
+
+def _agree(expected, printed):
+    return all(_same(word, other) for word, other in zip(expected, printed, strict=True))
+
+
+def _same(shown, printed):
+    if NUMBER.sub("#", shown) != NUMBER.sub("#", printed):
+        return False
+    numbers = zip(NUMBER.findall(shown), NUMBER.findall(printed), strict=True)
+    return all(
+        _value(other) == pytest.approx(_value(number), rel=SHOWN, abs=_step(number)) for number, other in numbers
+    )
+
+
+def _value(number):
+    return float(number.replace(",", ""))
+
+
+def _step(number):
+    """Return what a number may differ by: half a micrometre, where tenths of one are shown, else its last digit."""
+    digits, _, exponent = number.partition("e")
+    places = len(digits.partition(".")[2])
+    return SHOWN_LEAST if places == 1 and not exponent else 10.0 ** (int(exponent or 0) - places)
