@@ -20,6 +20,7 @@ from gantrysim.identify.model import AxisModel
 from gantrysim.identify.prediction import Course
 from gantrysim.identify.regression import in_motion, regression
 from gantrysim.identify.result import MODE, PARAMETERS, WHITE, AxisFit, Estimate
+from gantrysim.identify.torque_regression import TorqueRegression
 from gantrysim.identify.whiteness import LAGS
 
 _STIFF = np.geomspace(0.4, 2.5, 13)  # grid of the start, of the nominal
@@ -88,7 +89,8 @@ def fit_axis(nominal: AxisModel, log: AxisLog, progress: Callable[[], None] = la
             "the columns of torque and position and their signs"
         )
     error = _error(log, progress)
-    law = friction_law(nominal, log.unit, log.period, error.position, error.torque, error.used, log.held)
+    sliding = TorqueRegression.of(nominal, log.period, error.position, error.torque, log.held)
+    law = friction_law(sliding, error.used, nominal.scale * nominal.stribeck, log.unit)
     error = replace(error, course=Course(law.level, law.ripple))
     scale = inertia / nominal.inertia
     friction = max(law.estimates["coulomb"].value, 1e-3 * float(np.std(error.torque)))

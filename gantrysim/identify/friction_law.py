@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.identify.friction_choice import Candidate, chosen_terms
 from gantrysim.identify.friction_terms import COGGING, LOAD, Term
-from gantrysim.identify.model import AxisModel
 from gantrysim.identify.parts import partitions
 from gantrysim.identify.result import Estimate, FrictionLaw
 from gantrysim.identify.torque_regression import NAMES, Solution, TorqueRegression
@@ -27,24 +26,18 @@ _SIGNIFICANT = 3.0  # standard deviations from which a change without a part of 
 _FEWEST = 200  # samples of a part, and of what remains
 
 
-def friction_law(
-    model: AxisModel, unit: str, period: float, position: Floats, torque: Floats, used: NDArray[np.bool_], held: bool
-) -> FrictionLaw:
+def friction_law(regression: TorqueRegression, used: NDArray[np.bool_], stribeck: float, unit: str) -> FrictionLaw:
     """Return the friction of a log.
 
     Args:
-        model: whose lag, delay and Stribeck speed hold.
-        unit: of the position, u.
-        period: of the samples [s].
-        position: (n,) [u].
-        torque: (n,) [N·m].
+        regression: of its torque.
         used: whether a sample is in motion, (n,) bool.
-        held: whether the torque is a demand, held from sample to sample.
+        stribeck: Stribeck speed of the machine's table [u/s].
+        unit: of the position, u.
     """
-    regression = TorqueRegression.of(model, period, position, torque, held)
-    terms, solution, others = chosen_terms(regression, model.scale * model.stribeck)
+    terms, solution, others = chosen_terms(regression, stribeck)
     level, ripple, words = _course(regression, terms, solution, unit)
-    masks = partitions(position, torque, used, period)
+    masks = partitions(regression.motion.position, regression.motion.torque, used, regression.period)
     unevenness = _unevenness(regression, solution, masks)
     return FrictionLaw(
         estimates=_estimates(terms, solution, others, _without_parts(regression, solution, masks)),

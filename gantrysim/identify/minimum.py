@@ -12,7 +12,7 @@ from scipy.optimize import least_squares, minimize
 
 from gantrysim.base.arrays import Floats
 from gantrysim.identify.model import AxisModel
-from gantrysim.identify.prediction import Course, innovations
+from gantrysim.identify.prediction import Course, Samples, innovations
 from gantrysim.identify.result import CONFIDENCE, MODE, PARAMETERS, SYSTEMATIC, Estimate, Sensitivity
 from gantrysim.identify.whiteness import correlation, covariance_of
 
@@ -51,7 +51,8 @@ class PredictionError:
 
     def innovations(self, model: AxisModel, noise: float) -> Floats:
         """Return the innovations of all samples, (n,) [u]."""
-        return innovations(model, noise / self.size, self.period, self.position, self.torque, self.held, self.course)
+        samples = Samples(self.period, self.position, self.torque, self.held, self.course)
+        return innovations(model, noise / self.size, samples)
 
     def residual(self, model: AxisModel, noise: float) -> Floats:
         """Return the innovations of the samples in motion over the position noise, (k,).

@@ -80,26 +80,35 @@ def substeps(period: float) -> int:
     return min(max(math.ceil(period / _SUBSTEP - 1e-9), 2), _MOST_SUBSTEPS)
 
 
-def innovations(
-    model: AxisModel,
-    noise: float,
-    period: float,
-    position: Floats,
-    torque: Floats,
-    held: bool,
-    course: Course | None = None,
-) -> Floats:
+class Samples(NamedTuple):
+    """The samples of a log.
+
+    Attributes:
+        period: of the samples [s].
+        position: measured, (n,) [u].
+        torque: (n,) [N·m].
+        held: whether a torque is held until the next sample, as a demand is; else it is linear in between.
+        course: of friction beside the model's; None without.
+    """
+
+    period: float
+    position: Floats
+    torque: Floats
+    held: bool
+    course: Course | None = None
+
+
+def innovations(model: AxisModel, noise: float, samples: Samples) -> Floats:
     """Return the differences between the measured positions and their prediction from all samples before, (n,) [u].
 
     Args:
         model: parameters of the axis.
         noise: standard deviation of the torque noise per standard deviation of the position noise [N·m/u].
-        period: of the samples [s].
-        position: measured, (n,) [u].
-        torque: (n,) [N·m].
-        held: whether a torque is held until the next sample, as a demand is; else it is linear in between.
-        course: of friction beside the model's; none without.
+        samples: of the log.
     """
+    period = samples.period
+    position = samples.position
+    course = samples.course
     count = substeps(period)
     A, inputs = _linear(model)
     F, G = sampled(A, inputs, period / count)
@@ -114,7 +123,7 @@ def innovations(
         free_gain = np.concatenate([kalman_gain(*sampled(A, inputs, period), noise), np.zeros(2)])
     predictor = Predictor(period / count, F, G, gain, free_gain)
     friction = Friction(model.coulomb, model.excess, model.stribeck, model.deflection, model.bristle_time, model.scale)
-    means = effective_torque(model, period, torque, count, held)
+    means = effective_torque(model, period, samples.torque, count, samples.held)
     level = np.zeros(position.size)
     if course is not None:
         means = means - course.ripple[:, None]
