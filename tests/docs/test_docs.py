@@ -22,8 +22,8 @@ from gantrysim.cli.main import app
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.losses import Losses
 
-from support.jobs import job_run
 from support.doc_pages import DOCS, ROOT, SHOWN, SHOWN_LEAST, assert_printed, blocks, examples, read_pages
+from support.jobs import job_run
 
 PAGES = read_pages()
 README, TUTORIAL, CONTROLLERS = PAGES["README.md"], PAGES["tutorial.md"], PAGES["controllers.md"]

@@ -22,8 +22,8 @@ from gantrysim.identify.result import KNOWN, KNOWN_DAMPING, AxisFit, Estimate
 _DELAY = 0.015  # of the period
 _OFFSET = 0.01  # of the Coulomb friction
 _EXCESS = 0.3  # of static over Coulomb friction: the Stribeck speed is that of the table, which nobody has measured
-# of the static friction, of the Coulomb friction: counts are coarse where it shows, and on Stribeck speeds other than the
-# table's it was up to 18 % low on independent axes
+# of the static friction, of the Coulomb friction: counts are coarse where it shows, and on Stribeck speeds other than
+# the table's it was up to 18 % low on independent axes
 _STATIC = 0.12
 # the same of the mode beside a friction of further terms, which bend its torque
 _MODE = {"share": 0.03, "stiffness": 0.02}
