@@ -95,7 +95,7 @@ QUICK = {
     "gantrysim run trio-basic --repeat 16": "--no-video --no-report --no-improve",
     "gantrysim run": "--set turns=1 --no-video --no-report --no-improve",
     "gantrysim run an225 --set loop_period=0.01 --set speed=150 --out out/fast": "--no-video --no-report --no-improve",
-    "gantrysim run my-job.toml --model my-machine.xml": "--no-video --no-improve",
+    "gantrysim run my-job.toml --machine my-machine.xml": "--no-video --no-improve",
     "gantrysim run part.ngc --at 20,-10 --rotate 90": "--no-video --no-report --no-improve",
     "gantrysim run an225 --no-causes --no-improve": "--no-video --no-report",
     "gantrysim study loop an225": "--backend threading",
