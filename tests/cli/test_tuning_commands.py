@@ -19,6 +19,7 @@ from support.studies import PATIENCE, content, spoken
 from support.tunings import circle, detuned
 
 SMALL = ("--budget", 24, "--robust", 1, "--guards", 2, "--unseen", 2, "--workers", 1)
+FEW = ("--budget", 16, "--robust", 1, "--guards", 2, "--unseen", 0)
 
 
 @pytest.fixture
@@ -147,9 +148,9 @@ def test_a_job_whose_runs_all_fault_exits_with_the_fault_status(gantrysim_comman
 
 def begun(folder, file, rows):
     """A search in a process group of its own that has finished some runs."""
-    command = [sys.executable, "-m", "gantrysim", "tune", str(file), "--budget", "30", "--robust", "1", "--unseen", "0"]
+    settings = [str(word) for word in FEW]
     process = subprocess.Popen(
-        [*command, "--out", str(folder), "--workers", "2"],
+        [sys.executable, "-m", "gantrysim", "tune", str(file), *settings, "--out", str(folder), "--workers", "2"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         start_new_session=True,
@@ -164,20 +165,19 @@ def begun(folder, file, rows):
 
 def test_ctrl_c_keeps_the_runs_and_the_same_command_resumes(gantrysim_command, tmp_path, file):
     folder = tmp_path / "tune"
-    process = begun(folder, file, 10)
+    process = begun(folder, file, 5)
     os.killpg(process.pid, signal.SIGINT)
     output, said = (text.decode() for text in process.communicate(timeout=PATIENCE))
     assert (process.returncode, output) == (130, "")
     done = spoken(folder)
-    assert done >= 10
+    assert done >= 5
     assert f"the rows of {done} finished cases are kept in {folder}/; run the same command again to resume" in said
     assert list(content(folder)) == [LEDGER]
-    settings = ("--budget", 30, "--robust", 1, "--unseen", 0, "--workers", 1)
-    status, _, error = gantrysim_command("tune", file, *settings, "--out", folder)
+    status, _, error = gantrysim_command("tune", file, *FEW, "--out", folder, "--workers", 1)
     assert status == 0
     assert f"note: resumed with the rows of {done} cases from an interrupted run" in error
     rows = (folder / "study.csv").read_text().splitlines()
-    assert done < len(rows) - 1 <= 30
+    assert done < len(rows) - 1 <= 16
 
 
 # gantrysim run --servo

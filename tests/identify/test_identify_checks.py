@@ -31,7 +31,7 @@ def checks(found):
 @pytest.mark.parametrize(
     ("law", "seed", "word"),
     [
-        ("stribeck", 1, ""),
+        ("stribeck", 2, ""),
         ("load", 1004, "friction by load"),
         ("quadratic", 1005, "drag by the square of the speed"),
         ("position", 1003, "friction over the travel"),

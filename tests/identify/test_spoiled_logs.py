@@ -43,12 +43,13 @@ REFUSED = {
 
 # not identified after the fit: the first reason
 DOUBTED = {
-    "torque late by two samples (delay below zero)": r"delay = -2 ms: must be at least 0; the motion is ahead",
-    "torque clipped at a third": r"the torque is at its largest, ± 0\.244 N·m, in 44 % of the samples: must be in",
-    "position smoothed over 9 samples": r"from 250 to 450 Hz the position has 37 % of the motion .* it is filtered or",
-    "counts lost": r"leaves its prediction at once by up to 0\.05 mm, 50 counts, 11 times, .* the encoder loses counts",
+    "torque late by two samples (delay below zero)": r"delay = -2\.01 ms: must be at least 0; the motion is ahead",
+    "torque clipped at a third": r"the torque is at its largest, ± 0\.265 N·m, in 35 % of the samples: must be in",
+    "position smoothed over 9 samples": r"from 250 to 450 Hz the position has 16 % of the motion .* it is filtered or",
+    "counts lost": r"leaves its prediction at once by up to 0\.053 mm, 53 counts, 12 times, .* encoder loses counts",
 }
 SEED = 1
+DOUBTED_SEED = 0  # of an axis that is fitted fast
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -59,7 +60,7 @@ def test_a_spoiled_log_is_refused_by_its_error(name):
 
 @pytest.mark.parametrize("name", DOUBTED)
 def test_a_fit_to_a_spoiled_log_is_not_identified_by_its_error(name):
-    identification = identify(MACHINE, spoiled(name, SEED, LAWS[SEED]))
+    identification = identify(MACHINE, spoiled(name, DOUBTED_SEED, LAWS[DOUBTED_SEED]))
     assert not any(value.identified for value in identification.values)
     (line,) = identification.unidentified
     assert line.startswith("axis y: ")

@@ -30,6 +30,7 @@ from support.tunings import GAINS, best_of_grid, circle, detuned, searched, tuni
 
 OF_GRID = 1.05  # largest ratio of the metric found to the best of an exhaustive grid
 EXACT = 1e-12  # relative
+BUDGET = 26  # runs of the search that most tests share
 NEAR = 1e-3  # relative, of margins found along another grid of frequencies
 
 
@@ -47,7 +48,7 @@ def poor():
 def outcome(poor, tmp_path_factory):
     """A finished study, its outcome and its folder."""
     folder = tmp_path_factory.mktemp("tune") / "out"
-    study = tuning(poor, budget=44)
+    study = tuning(poor, budget=BUDGET)
     return study, run_study(study, folder, workers=1), folder
 
 
@@ -199,7 +200,7 @@ def test_the_final_check_runs_start_and_result_on_other_machines(outcome):
 @pytest.mark.parametrize("workers", [2])
 def test_the_result_does_not_depend_on_the_number_of_workers(outcome, poor, tmp_path, workers):
     _, done, folder = outcome
-    other = run_study(tuning(poor, budget=44), tmp_path / "b", workers=workers)
+    other = run_study(tuning(poor, budget=BUDGET), tmp_path / "b", workers=workers)
     assert other.rows == done.rows
     assert (tmp_path / "b" / TUNED).read_bytes() == (folder / TUNED).read_bytes()
 
@@ -227,10 +228,10 @@ class Interrupted(TuningStudy):
         return self.__dict__.setdefault("_measured_", [])
 
 
-@pytest.mark.parametrize("at", suite_runs([3, 45], 0))
+@pytest.mark.parametrize("at", suite_runs([3, BUDGET + 1], 0))
 def test_an_interrupted_search_resumes_to_the_same_result(outcome, poor, tmp_path, at):
     _, done, folder = outcome
-    settings = {"budget": 44, "robust": 1, "guards": 2, "unseen": 2}
+    settings = {"budget": BUDGET, "robust": 1, "guards": 2, "unseen": 2}
     broken = Interrupted(poor, **settings)
     object.__setattr__(broken, "at", at)
     with pytest.raises(StudyInterrupted) as interrupted:
@@ -420,7 +421,7 @@ def test_the_folder_holds_rows_servo_report_and_plots(outcome):
     described = tomllib.loads((folder / "study.toml").read_text())
     assert described["command"] == "gantrysim tune job.toml"
     assert described["settings"] == {
-        "law": "pid", "metric": "contour_rms", "budget": 44, "robust": 1, "guards": 2, "batch": 1, "margin": 2.0,
+        "law": "pid", "metric": "contour_rms", "budget": BUDGET, "robust": 1, "guards": 2, "batch": 1, "margin": 2.0,
         "ripple": 2.0, "per_axis": False, "unseen": 2, "seed": 1, "spread": dataclasses.asdict(Tolerances()),
     }  # fmt: skip
     page = (folder / "report.html").read_text()
@@ -493,7 +494,8 @@ def test_the_report_has_the_values_of_the_rows(outcome):
     assert peak[1] <= peak[2] == 2.0
     assert table["relative torque ripple [%]"] == [100 * start.ripple, 100 * best.ripple, study.ripple]
     assert (
-        f"{history.runs} runs (budget 44) of {len(history.candidates)} candidates" in report.notes(study, done.rows)[-2]
+        f"{history.runs} runs (budget {BUDGET}) of {len(history.candidates)} candidates"
+        in report.notes(study, done.rows)[-2]
     )
 
 
