@@ -24,6 +24,7 @@ class SearchLimits:
         ripple: largest torque ripple allowed, a share of the peak torque.
         seed: of the random numbers.
         batch: number of points of a simplex that are moved at once.
+        of_largest: whether the metric is a largest error, which much velocity feed-forward may lower.
     """
 
     machines: int
@@ -31,6 +32,7 @@ class SearchLimits:
     ripple: float
     seed: int
     batch: int = BATCH
+    of_largest: bool = False
 
 
 @dataclass(frozen=True)

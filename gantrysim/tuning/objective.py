@@ -34,6 +34,7 @@ _STATISTICS = (RMS, P95, MAX)
 _QUANTITIES = {
     error.statistic(statistic).name: (error, statistic) for error in (CONTOUR, SERVO) for statistic in _STATISTICS
 }
+OF_LARGEST = frozenset(name for name, (_, statistic) in _QUANTITIES.items() if statistic is MAX)
 METRICS = {name: error.phrase(statistic) for name, (error, statistic) in _QUANTITIES.items()}
 RIPPLE = TORQUE_RIPPLE_PERCENT.key
 

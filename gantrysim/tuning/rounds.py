@@ -18,20 +18,24 @@ _LEAST = 1e-12  # of a metric or a torque ripple
 
 
 def rounds(
-    first: Sequence[Floats], bounds: Floats, limits: SearchLimits
+    valleys: Sequence[Sequence[Floats]], bounds: Floats, limits: SearchLimits
 ) -> Generator[list[Floats], Sequence[Candidate], None]:
     """Yield the points of a round, and receive all candidates considered so far, the round's last.
 
     Args:
-        first: points of the first round, (d,) each.
+        valleys: points of the first round, (d,) each, by the valley of the metric in which they lie; a simplex begins
+            around the best point of each, the best valley first.
         bounds: of the coordinates, (d, 2).
         limits: of the search.
     """
     signs = np.random.default_rng(limits.seed).choice([-1.0, 1.0], len(bounds))
-    estimates = Estimates((yield list(first)), limits)
+    estimates = Estimates((yield [point for valley in valleys for point in valley]), limits)
+    begins = sorted((estimates.best(valley) for valley in valleys), key=estimates.keys.__getitem__)
+    begins[0] = estimates.best()  # which may be the start of the search
     idle = 0
-    while idle < _IDLE:
-        start = estimates.best()
+    while begins or idle < _IDLE:
+        best = estimates.best()
+        start = begins.pop(0) if begins else best
         centre = estimates.points[start]
         points = _around(centre, signs, bounds)
         estimates = Estimates((yield points), limits)
@@ -46,7 +50,7 @@ def rounds(
                 points = descent.send(estimates.keys)
             except StopIteration:
                 points = []
-        idle = 0 if estimates.falls(start, estimates.best(), _PROGRESS) else idle + 1
+        idle = 0 if estimates.falls(best, estimates.best(), _PROGRESS) else idle + 1
         signs = -signs  # a simplex may have collapsed: the next one begins on the other side
 
 
@@ -102,9 +106,10 @@ class Estimates:
         slack = float(self.ripple[k])
         return (2, slack) if slack > 0 else (1, float(self.metric[k]))
 
-    def best(self) -> int:
-        """Return the number of the best candidate."""
-        return min(range(len(self.keys)), key=self.keys.__getitem__)
+    def best(self, points: Sequence[Floats] = ()) -> int:
+        """Return the number of the best candidate, of those at some points if any was considered."""
+        numbers = [k for k, place in enumerate(self.points) if any(np.array_equal(place, point) for point in points)]
+        return min(numbers or range(len(self.keys)), key=self.keys.__getitem__)
 
     def falls(self, old: int, new: int, share: float) -> bool:
         """Return whether candidate `new` has a better rank than `old`, or a metric that is less by a share."""

@@ -19,6 +19,10 @@ The first round has shapes at the edge: those of the start, of the derived gains
 from the best of these, see `gantrysim.tuning.simplex`. When it has become small, another one begins around the
 best candidate.
 
+A largest error has two valleys: friction at reversals causes it, and a velocity feed-forward far above the viscous
+torque compensates friction. So the first round then has the stiffest shape with such feed-forwards too, and the first
+two simplexes begin in different valleys.
+
 A candidate is first run on one machine, the hardest for the best candidate so far: its metric over all machines is no
 less. Only one that would become the best is run on all others. For the others, that metric is estimated by the ratio
 of the two at the nearest candidate that was run on all.
@@ -47,6 +51,7 @@ Phase = Literal["start", "tuned"]
 _RHO = -1.5  # lower bound of rho, relative to the start
 _CONFIRMED = 0.002  # share by which a candidate must be better on one machine to be run on the others
 _LESS = 0.5  # coordinate of a smaller acceleration feed-forward: a third of the inertia
+_FAR_MORE = (2.2, 3.1)  # coordinates of velocity feed-forwards: 11 and 68 times the viscous torque
 _ROUNDED = 1e-3  # relative difference of gains that counts as none
 
 
@@ -186,7 +191,10 @@ def search(
     if start.excess <= 0 and _alike(space.start, space.servo(*space.begin)):
         start.point = begin
     considered = [start] if start.point.size else []
-    proposals = rounds(_first_points(edge, begin, start), bounds, limits)
+    valleys = [_first_points(edge, begin, start)]
+    if limits.of_largest and "v" in space.coordinates:
+        valleys.append(_against_friction(edge))
+    proposals = rounds(valleys, bounds, limits)
     points = next(proposals)
     count = 0
     skipped = 0
@@ -225,6 +233,14 @@ def _first_points(edge: MarginEdge, begin: Floats, start: Candidate) -> list[Flo
     if start.point.size or np.array_equal(begin, edges[0]):
         return edges
     return [begin, *edges]
+
+
+def _against_friction(edge: MarginEdge) -> list[Floats]:
+    """Return points with the stiffest shape and a velocity feed-forward far above the viscous torque."""
+    space = edge.space
+    is_feedforward = np.repeat([name == "v" for name in space.coordinates[1:]], space.groups)
+    shapes = [np.where(is_feedforward, coordinate, edge.stiffest()) for coordinate in _FAR_MORE]
+    return [np.concatenate([np.zeros(space.groups), shape]) for shape in shapes]
 
 
 def _better(candidate: Candidate, leader: Candidate, ripple: float, share: float) -> bool:

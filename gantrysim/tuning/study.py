@@ -22,7 +22,7 @@ from gantrysim.study.cases import Case, Row
 from gantrysim.study.study import Rounds, Study
 from gantrysim.study.worker import MeasureTogether
 from gantrysim.tuning.candidates import BATCH, Candidate, SearchLimits
-from gantrysim.tuning.objective import METRICS, case_of, measure_together, micrometres, trial_result
+from gantrysim.tuning.objective import METRICS, OF_LARGEST, case_of, measure_together, micrometres, trial_result
 from gantrysim.tuning.search import History, Phase, search
 from gantrysim.tuning.servo import TUNED, servo_toml
 from gantrysim.tuning.space import SPACES, SearchSpace
@@ -213,12 +213,15 @@ class TuningStudy(Study):
             ]
 
     def _search_rounds(self) -> Generator[list[Case], list[Row], History]:
-        trials_of_rounds = search(
-            self.space,
-            self.stability,
-            SearchLimits(self.robust + 1, self.budget, 0.01 * self.ripple, self.seed, self.batch),
-            on_leader=self.leaders.append,
+        limits = SearchLimits(
+            machines=self.robust + 1,
+            budget=self.budget,
+            ripple=0.01 * self.ripple,
+            seed=self.seed,
+            batch=self.batch,
+            of_largest=self.metric in OF_LARGEST,
         )
+        trials_of_rounds = search(self.space, self.stability, limits, on_leader=self.leaders.append)
         trials = next(trials_of_rounds)
         while True:
             stage = "search" if trials[0].candidate.round else "start"
