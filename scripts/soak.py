@@ -1,9 +1,9 @@
-"""Attacks what reads a user's input and what writes a user's files, and writes docs/robustness.md; takes an hour.
+"""Attack every reader of input and every writer of files, and write docs/robustness.md; takes an hour.
 
 python scripts/soak.py [ARGUMENT OF PYTEST ...]
 
-It runs the tests marked soak. With arguments, which may leave some out, the rows of the others stay as they are; so do
-those of attacks that an interrupt cuts short. The sections below the table, which people write, stay too.
+It runs the tests marked soak. Arguments of pytest can select some of them; rows of attacks that did not run, or that an
+interrupt cut short, stay unchanged, and so do the hand-written sections below the table.
 """
 
 import signal
@@ -17,38 +17,38 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "robustness.md"
 INTRODUCTION = """# Robustness
 
-What was tried to break gantrysim, by `scripts/soak.sh`, which writes this page. Every try must end well: in a result,
-or in one line that names the quantity and its bound; no traceback, no file half-written, no number that is not finite,
-memory bounded. A short form of each runs with the tests.
+`scripts/soak.sh` tries to break gantrysim, for about an hour, and writes this table. Every try must end either in a
+result or in one line that names the quantity and its bound: without a traceback, a half-written file, a number that is
+not finite, or unbounded use of memory. A short form of each attack runs with the tests.
 
-| attack | tries | of these refused in one line | tests that failed |
+| attack | tries | of these, refused in one line | failed tests |
 |---|---:|---:|---:|
 """
 
 
 class Tally:
-    """What the tests say of their attacks, a plugin of pytest.
+    """Plugin of pytest that counts tries, refusals and failures of each attack.
 
     Attributes:
         tries: number of tries by attack.
-        refused: of these, the inputs that were refused, where the test tells.
-        failed: failed tests by attack.
+        refused: number of inputs refused, by attack, for tests that report it.
+        failed: number of failed tests by attack.
     """
 
     def __init__(self) -> None:
         self.tries, self.refused, self.failed = Counter[str](), Counter[str](), Counter[str]()
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        told = dict(report.user_properties)
-        attack = str(told.get("attack", ""))
+        properties = dict(report.user_properties)
+        attack = str(properties.get("attack", ""))
         if report.when == "call" and attack:
-            self.tries[attack] += int(str(told.get("tries", 0)))
-            if "refused" in told:
-                self.refused[attack] += int(str(told["refused"]))
+            self.tries[attack] += int(str(properties.get("tries", 0)))
+            if "refused" in properties:
+                self.refused[attack] += int(str(properties["refused"]))
             self.failed[attack] += report.failed
 
     def page(self, before: str) -> str:
-        """Return the page with the table, given the page as it was."""
+        """Return the page with its new table, given the page before."""
         attacks, heading, sections = before.partition("\n## ")
         rows = {line.split(" | ")[0].removeprefix("| "): line for line in attacks.splitlines() if line.startswith("| ")}
         rows.pop("attack", None)

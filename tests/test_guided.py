@@ -39,5 +39,5 @@ def test_the_seeds_of_every_reader_are_inputs():
 @pytest.mark.soak
 @pytest.mark.parametrize("name", TARGETS)
 def test_no_input_of_a_long_search_breaks_a_reader(name, tmp_path, record_property):
-    record_property("attack", f"{name}: inputs guided towards code not yet reached")
+    record_property("attack", f"{name}: inputs from a coverage-guided search")
     record_property("tries", searched(name, MANY, tmp_path))

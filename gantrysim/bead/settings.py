@@ -17,10 +17,11 @@ class BeadSettings:
     """Shape of the bead, and resolution of its height map.
 
     Attributes:
-        gap: height of the nozzle above the surface on the requested path; None for the machine's [mm].
-        contact_angle: contact angle of a drop on the surface, from 1 to 90 [deg].
-        squashed: whether a bead keeps the section that the needle's face presses; else it relaxes to a sessile one.
-        cell: size of the height map's cells [mm].
+        gap: height of the nozzle above the surface along the requested path; None for the machine's gap [mm].
+        contact_angle: contact angle of the glue on the surface, 1 to 90 [deg].
+        squashed: whether the bead keeps the section pressed by the needle's face; otherwise it relaxes to a sessile
+            shape.
+        cell: cell size of the height map [mm].
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}

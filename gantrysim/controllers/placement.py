@@ -15,15 +15,16 @@ from gantrysim.base.errors import finite, positive
 
 @dataclass(frozen=True)
 class Placement:
-    """Origin of a program on the work, its rotation about z, and a scale of its lengths; speeds are not scaled.
+    """Origin of a program on the work, its rotation about z, and a scale factor for lengths; speeds are not scaled.
 
     Attributes:
-        x: of the program's origin in the work frame [mm].
-        y: of the program's origin in the work frame [mm].
-        rotate: counter-clockwise turn about the origin [deg].
-        scale: factor on all lengths of the program.
-        z: height of the program's origin in the work frame [mm].
-        z_down: whether the program's heights are depths, positive downwards; x, y and its turns stay as they are.
+        x: x of the program's origin in the work frame [mm].
+        y: y of the program's origin in the work frame [mm].
+        rotate: counter-clockwise rotation about the program's origin [deg].
+        scale: scale factor on all lengths of the program.
+        z: z of the program's origin in the work frame [mm].
+        z_down: whether the program's z is a depth, positive downwards; x, y and the direction of rotation are
+            unchanged.
     """
 
     x: float = 0.0

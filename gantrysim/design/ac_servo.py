@@ -41,25 +41,35 @@ _KINDS = {
 class AcServo(Table):
     """An AC servo motor; currents in A rms of a phase."""
 
-    kind: Literal["ac servo"] = key("ac servo")
-    voltage: Positive = key("nominal voltage of the DC bus, sqrt(2) times that of the mains [V]")
-    torque_constant_rms: Positive | None = key("torque per rms current of a phase [N·m/A rms]", None)
+    kind: Literal["ac servo"] = key("ac servo, a three-phase synchronous motor")
+    voltage: Positive = key("nominal voltage of the DC bus, sqrt(2) times the mains voltage [V]")
+    torque_constant_rms: Positive | None = key("torque per rms phase current [N·m/A rms]", None)
     voltage_constant_rms: Positive | None = key(
-        "rms back-EMF between two phases, instead of the torque constant or to check it [V/krpm]", None
+        "rms back-EMF between two phases, in place of the torque constant or to check it [V/krpm]", None
     )
-    resistance_phase_to_phase: Positive | None = key("between two terminals; required, or that of a phase [ohm]", None)
-    resistance_per_phase: Positive | None = key("of one phase in star, instead of phase to phase [ohm]", None)
-    inductance_phase_to_phase: NotNegative | None = key("between two terminals; required, or that of a phase [H]", None)
-    inductance_per_phase: NotNegative | None = key("of one phase in star, instead of phase to phase [H]", None)
-    rotor_inertia: Positive = key("[kg·m²]")
-    continuous_torque: Positive = key("rated torque, or that at standstill [N·m]")
-    peak_torque: Positive | None = key("for seconds; limits the current where iron saturates below it [N·m]", None)
-    peak_current_rms: Positive | None = key("for seconds, of a phase [A rms]", None)
-    max_speed: Positive = key("mechanical limit [rpm]")
-    mass: NotNegative = key("[kg]")
-    pole_pairs: Annotated[int, Field(ge=1, le=1000)] = key("half the number of poles")
-    detent_torque: NotNegative = key("amplitude of cogging without current [N·m]", 0.0)
-    sources: dict[str, str] = key("origin of the numbers, by key or under `rest`", {})
+    resistance_phase_to_phase: Positive | None = key(
+        "resistance between two terminals; required unless given per phase [ohm]", None
+    )
+    resistance_per_phase: Positive | None = key(
+        "resistance of one phase in star, in place of phase to phase [ohm]", None
+    )
+    inductance_phase_to_phase: NotNegative | None = key(
+        "inductance between two terminals; required unless given per phase [H]", None
+    )
+    inductance_per_phase: NotNegative | None = key(
+        "inductance of one phase in star, in place of phase to phase [H]", None
+    )
+    rotor_inertia: Positive = key("inertia of the rotor [kg·m²]")
+    continuous_torque: Positive = key("rated torque, or continuous torque at standstill [N·m]")
+    peak_torque: Positive | None = key(
+        "torque for seconds; limits the current if iron saturates below the peak current [N·m]", None
+    )
+    peak_current_rms: Positive | None = key("phase current allowed for seconds [A rms]", None)
+    max_speed: Positive = key("mechanical speed limit [rpm]")
+    mass: NotNegative = key("mass of the motor [kg]")
+    pole_pairs: Annotated[int, Field(ge=1, le=1000)] = key("number of pole pairs, half the number of poles")
+    detent_torque: NotNegative = key("amplitude of the cogging torque without current [N·m]", 0.0)
+    sources: dict[str, str] = key("source of each number, by key, or under `rest`", {})
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -55,25 +55,33 @@ class Motor(Table):
     """
 
     kind: Literal["brushed", "bldc", "ac servo", "stepper", "closed-loop stepper"] = key(
-        "brushed, bldc, stepper or closed-loop stepper; an ac servo has keys of its own"
+        "brushed, bldc, stepper or closed-loop stepper; an ac servo has its own keys, see below"
     )
     voltage: Positive = key("nominal voltage [V]")
     torque_constant: Positive | None = key("torque and back-EMF constant [N·m/A]", None)
-    holding_torque: Positive | None = key("of a stepper, both phases at the rated current [N·m]", None)
-    rated_current: Positive | None = key("of a phase of a stepper [A]", None)
-    resistance: Positive = key("of the winding [ohm]")
-    inductance: NotNegative = key("of the winding [H]")
-    rotor_inertia: Positive = key("[kg·m²]")
-    no_load_current: NotNegative = key("at the nominal voltage [A]", 0.0)
-    no_load_speed: Positive | None = key("at the nominal voltage, checked against the other values [rpm]", None)
-    stall_torque: Positive | None = key("at the nominal voltage, checked against the other values [N·m]", None)
-    continuous_torque: Positive | None = key("by temperature, of a stepper its holding torque [N·m]", None)
-    peak_current: Positive | None = key("for seconds, of a stepper sqrt(2) times the rated current [A]", None)
-    max_speed: Positive = key("mechanical limit [rpm]")
-    mass: NotNegative = key("[kg]")
-    pole_pairs: Annotated[int, Field(ge=0, le=1000)] = key("of a brushed motor 0", 0)
-    detent_torque: NotNegative = key("amplitude of cogging without current [N·m]", 0.0)
-    sources: dict[str, str] = key("origin of the numbers, by key or under `rest`", {})
+    holding_torque: Positive | None = key("for a stepper: holding torque, both phases at the rated current [N·m]", None)
+    rated_current: Positive | None = key("for a stepper: rated current of a phase [A]", None)
+    resistance: Positive = key("resistance of the winding [ohm]")
+    inductance: NotNegative = key("inductance of the winding [H]")
+    rotor_inertia: Positive = key("inertia of the rotor [kg·m²]")
+    no_load_current: NotNegative = key("current without load at the nominal voltage [A]", 0.0)
+    no_load_speed: Positive | None = key(
+        "speed without load at the nominal voltage, checked against the other values [rpm]", None
+    )
+    stall_torque: Positive | None = key(
+        "torque at standstill and the nominal voltage, checked against the other values [N·m]", None
+    )
+    continuous_torque: Positive | None = key(
+        "torque that heating allows continuously; for a stepper, by default its holding torque [N·m]", None
+    )
+    peak_current: Positive | None = key(
+        "current allowed for seconds; for a stepper, by default sqrt(2) times the rated current [A]", None
+    )
+    max_speed: Positive = key("mechanical speed limit [rpm]")
+    mass: NotNegative = key("mass of the motor [kg]")
+    pole_pairs: Annotated[int, Field(ge=0, le=1000)] = key("number of pole pairs; 0 for a brushed motor", 0)
+    detent_torque: NotNegative = key("amplitude of the cogging torque without current [N·m]", 0.0)
+    sources: dict[str, str] = key("source of each number, by key, or under `rest`", {})
 
     @model_validator(mode="after")
     def _check(self) -> Self:

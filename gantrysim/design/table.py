@@ -33,19 +33,25 @@ class Guides(Table):
 class Drive(Table):
     """Motor, encoder, supply and transmission of an axis."""
 
-    motor: str | dict[str, Any] = key("name in the library, or a table of the motor's data")
-    encoder: str | Positive | None = key("name in the library, or counts per revolution; a stepper may have none", None)
-    voltage: Positive = key("of the bus, at the motor's terminals [V]")
+    motor: str | dict[str, Any] = key("name in the motor library, or a table of the motor's data")
+    encoder: str | Positive | None = key(
+        "name in the encoder library, or counts per revolution; optional for a stepper", None
+    )
+    voltage: Positive = key("bus voltage, at the motor's terminals [V]")
     current: Positive | None = key("peak current of the drive, by default the motor's [A]", None)
-    current_rms: Positive | None = key("the same of an AC servo's drive, per phase [A rms]", None)
-    current_loop: Positive = key("bandwidth of the current loop, which hides a slower winding [Hz]", 1000.0)
+    current_rms: Positive | None = key(
+        "peak current of the drive of an AC servo, per phase, by default the motor's [A rms]", None
+    )
+    current_loop: Positive = key(
+        "bandwidth of the current loop, which replaces the lag of a slower winding [Hz]", 1000.0
+    )
     mode: Mode | None = key(
-        "command mode of the drive: torque, velocity or position; by default torque, of a closed-loop stepper "
-        "position, of a stepper its steps",
+        "command mode of the drive: torque, velocity or position; by default torque, position for a closed-loop "
+        "stepper, and steps for a stepper in open loop",
         None,
     )
-    microsteps: Count | None = key("per full step of a stepper in open loop, by default 16", None)
-    nut_mass: Positive = key("of nut or belt clamp with its bracket [kg]", 0.15)
+    microsteps: Count | None = key("microsteps per full step of a stepper in open loop, by default 16", None)
+    nut_mass: Positive = key("mass of the nut or belt clamp with its bracket [kg]", 0.15)
     transmission: Transmission = key("screw, belt or rack")
 
     @field_validator("motor", "encoder")
@@ -155,10 +161,10 @@ class Drive(Table):
 class Slide(Table):
     """An axis of the machine."""
 
-    travel: tuple[float, float] = key("lowest and highest position, with 0 within [mm]")
-    speed: Positive | None = key("speed limit, by default what motor and bus leave [mm/s]", None)
+    travel: tuple[float, float] = key("lowest and highest position, a range that includes 0 [mm]")
+    speed: Positive | None = key("speed limit, by default what the motor reaches on this bus voltage [mm/s]", None)
     guides: Guides = key("friction of the guides", Guides())
-    drive: Drive | None = key("motor and transmission; of CoreXY both are in [belts]", None)
+    drive: Drive | None = key("motor and transmission; for CoreXY, both are in [belts]", None)
 
     @field_validator("travel")
     @classmethod
@@ -172,26 +178,26 @@ class Slide(Table):
 class Masses(Table):
     """Moving masses without motors, whose masses in the library are added to the parts that carry them."""
 
-    bridge: Positive | None = key("of the bridge or arm that x moves on, its nut apart [kg]", None)
-    table: Positive | None = key("of the table of a moving-table machine with its work [kg]", None)
-    carriage: Positive = key("of the carriage, without a z axis with syringe [kg]")
-    ram: Positive | None = key("of the z axis' ram with syringe [kg]", None)
+    bridge: Positive | None = key("mass of the bridge or arm that carries x, without its nut [kg]", None)
+    table: Positive | None = key("mass of the moving table with the work, for the arrangement table [kg]", None)
+    carriage: Positive = key("mass of the carriage; with a syringe if there is no z axis [kg]")
+    ram: Positive | None = key("mass of the z axis' ram with the syringe [kg]", None)
 
 
 class MachineTable(Table):
     """A machine: arrangement, axes, masses."""
 
-    name: str = key("shown in the MJCF", "machine")
+    name: str = key("name of the machine in the MJCF", "machine")
     arrangement: Arrangement = key("bridge, table, cantilever, tandem or corexy")
-    gap: Positive = key("from the nozzle to the work piece with all axes at zero [mm]", 0.5)
+    gap: Positive = key("height of the nozzle above the work piece with all axes at zero [mm]", 0.5)
     x: Slide = key("axis along the bridge")
     y: Slide = key("axis of the bridge, or of the table")
     z: Slide | None = key("vertical axis, upwards", None)
-    belts: Drive | None = key("of CoreXY: each of the two motors with its belt", None)
+    belts: Drive | None = key("for corexy: each of the two motors with its belt", None)
     masses: Masses = key("moving masses")
-    span: Positive | None = key("of tandem: distance of the two y drives [mm]", None)
-    skew_stiffness: NotNegative = key("of tandem: of the guides against skew of the bridge [N·m/rad]", 0.0)
-    arm_stiffness: Positive | None = key("of cantilever: of arm and guide against yaw [N·m/rad]", None)
+    span: Positive | None = key("for tandem: distance between the two y drives [mm]", None)
+    skew_stiffness: NotNegative = key("for tandem: stiffness of the guides against skew of the bridge [N·m/rad]", 0.0)
+    arm_stiffness: Positive | None = key("for cantilever: yaw stiffness of arm and guide [N·m/rad]", None)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -15,13 +15,13 @@ _STEEL = 7850.0  # density [kg/m³]
 
 
 class _Transmission(Table):
-    stiffness: Positive = key("of the drive train at the slide, motor locked; of CoreXY that of one belt [N/µm]")
-    damping_ratio: NotNegative = key("of the load on this stiffness, motor locked", 0.03)
+    stiffness: Positive = key("stiffness of the drive train at the slide, motor locked; for CoreXY, of one belt [N/µm]")
+    damping_ratio: NotNegative = key("damping ratio of the load on this stiffness, motor locked", 0.03)
     efficiency: Annotated[float, Field(gt=0, le=1)] = key(
-        "share of the work that arrives at the slide; the rest is friction that grows with the force", 1.0
+        "fraction of the work that reaches the slide; the rest is friction proportional to the force", 1.0
     )
-    friction: NotNegative = key("of bearings, seals and preload, at the motor [N·m]", 0.0)
-    coupling_inertia: NotNegative = key("of coupling and encoder disc, at the motor [kg·m²]", 0.0)
+    friction: NotNegative = key("friction of bearings, seals and preload, at the motor [N·m]", 0.0)
+    coupling_inertia: NotNegative = key("inertia of coupling and encoder disc, at the motor [kg·m²]", 0.0)
 
     @property
     def travel_per_turn(self) -> float:
@@ -51,12 +51,12 @@ class _Transmission(Table):
 class Screw(_Transmission):
     """A ball screw. Its inertia is given, or pi rho l d^4 / 32 of a steel cylinder as thick as the thread."""
 
-    kind: Literal["screw"] = key("screw")
-    lead: Positive = key("[mm]")
-    inertia: NotNegative | None = key("of the screw [kg·m²]", None)
-    diameter: Positive | None = key("outer, for the inertia [mm]", None)
-    length: Positive | None = key("for the inertia [mm]", None)
-    accuracy: str | None = key(f"class by ISO 3408-3 or JIS B 1192: {', '.join(SCREWS)}", None)
+    kind: Literal["screw"] = key("screw, a ball screw")
+    lead: Positive = key("travel per turn [mm]")
+    inertia: NotNegative | None = key("inertia of the screw; by default from diameter and length [kg·m²]", None)
+    diameter: Positive | None = key("outer diameter, from which the inertia follows [mm]", None)
+    length: Positive | None = key("length of the screw, from which the inertia follows [mm]", None)
+    accuracy: str | None = key(f"accuracy class of ISO 3408-3 or JIS B 1192: {', '.join(SCREWS)}", None)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -87,8 +87,8 @@ class Screw(_Transmission):
 
 class _Reduced(_Transmission):
     ratio: Positive = key("turns of the motor per turn of the pulley or pinion", 1.0)
-    inertia: NotNegative = key("of pulley or pinion, and of what turns with it [kg·m²]")
-    accuracy: NotNegative = key("error of the travel, plus or minus [µm per 300 mm]", 0.0)
+    inertia: NotNegative = key("inertia of the pulley or pinion and of everything that turns with it [kg·m²]")
+    accuracy: NotNegative = key("travel error, plus or minus [µm per 300 mm]", 0.0)
 
     @property
     def circumference(self) -> float:
@@ -110,9 +110,9 @@ class _Reduced(_Transmission):
 class Belt(_Reduced):
     """A toothed belt on a pulley."""
 
-    kind: Literal["belt"] = key("belt")
-    teeth: Count = key("of the pulley")
-    pitch: Positive = key("of the belt [mm]")
+    kind: Literal["belt"] = key("belt, a toothed belt")
+    teeth: Count = key("number of teeth of the pulley")
+    pitch: Positive = key("pitch of the belt [mm]")
 
     @property
     def circumference(self) -> float:
@@ -122,8 +122,8 @@ class Belt(_Reduced):
 class Rack(_Reduced):
     """A rack; the pinion's travel per turn is pi times module times teeth, over the cosine of the helix angle."""
 
-    kind: Literal["rack"] = key("rack")
-    teeth: Count = key("of the pinion")
+    kind: Literal["rack"] = key("rack, with a pinion")
+    teeth: Count = key("number of teeth of the pinion")
     module: Positive = key("normal module [mm]")
     helix: Annotated[float, Field(ge=0, lt=60)] = key("helix angle [deg]", 0.0)
 

@@ -24,7 +24,7 @@ class UrdfNozzle(Table):
     """The nozzle on a link."""
 
     link: str = key("link that carries the nozzle")
-    position: tuple[float, float, float] = key("of the tip in the link's frame [mm]", (0.0, 0.0, 0.0))
+    position: tuple[float, float, float] = key("position of the nozzle's tip in the link's frame [mm]", (0.0, 0.0, 0.0))
 
 
 class UrdfAxis(Table):
@@ -42,13 +42,13 @@ class UrdfAxis(Table):
 class UrdfTable(Table):
     """A machine whose bodies a URDF gives; masses and inertias of the links hold the motors, not the nuts."""
 
-    urdf: str = key("file of the URDF, from the folder of the table")
+    urdf: str = key("URDF file, relative to the folder of the table")
     nozzle: UrdfNozzle = key("link and position of the nozzle's tip")
     work: str = key("link that carries the work")
-    gap: Positive = key("from the nozzle to the work piece with all axes at zero [mm]", 0.5)
+    gap: Positive = key("height of the nozzle above the work piece with all axes at zero [mm]", 0.5)
     x: UrdfAxis | None = key("axis along x", None)
     y: UrdfAxis | None = key("axis along y", None)
-    z: UrdfAxis | None = key("axis along z, its weight balanced", None)
+    z: UrdfAxis | None = key("axis along z, with its weight balanced", None)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

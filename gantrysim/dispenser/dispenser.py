@@ -54,20 +54,20 @@ class Dispenser:
     cannot, as no flow is negative: use `stop_lead`. (Klipper's pressure advance adds the same term to the filament.)
 
     Attributes:
-        flow: flow while the dispenser is on [mm³/s].
-        area: cross-section of the bead, an alternative to `flow`: the flow is area * path speed [mm²].
+        flow: flow rate while the dispenser is on [mm³/s].
+        area: cross-section of the bead, an alternative to `flow`: the flow rate is then area times path speed [mm²].
         pressure: pressure while the dispenser is on, an alternative to `flow` with time-pressure metering [kPa].
         metering: "volumetric" (a pump or screw meters the flow) or "time-pressure" (a pressure drives the needle).
-        needle: the needle, also for the bead's section and pictures; None for the one that the machine's model
-            draws. A time-pressure dispenser must have one.
-        syringe: air volume and fill of a time-pressure dispenser; None for pressure that acts on the glue at once.
-        dead_time: time from the command to the first change [s].
-        opening: time constant T of rising flow or pressure [s].
-        closing: time constant T of falling flow or pressure [s].
-        start_lead: time by which the valve opens before the program's on [s].
-        stop_lead: time by which the valve closes before the program's off [s].
-        advance: compensation of the lag [s].
-        limit: largest request, a flow [mm³/s] or with time-pressure metering a pressure [kPa]; inf for none.
+        needle: needle, also used for the bead's section and for pictures; None for the needle in the machine's model.
+            Required for time-pressure metering.
+        syringe: air volume and fill level for time-pressure metering; None applies the pressure directly to the glue.
+        dead_time: delay from the command until the flow begins to change [s].
+        opening: time constant of rising flow or pressure [s].
+        closing: time constant of falling flow or pressure [s].
+        start_lead: time by which the valve opens ahead of the program's on command [s].
+        stop_lead: time by which the valve closes ahead of the program's off command [s].
+        advance: lag compensation: adds the request's rate of change multiplied by this time [s].
+        limit: largest request: a flow rate [mm³/s], or a pressure [kPa] with time-pressure metering; inf for none.
 
     Raises:
         InputError: more than one of flow, area and pressure, or a value out of bounds.

@@ -56,11 +56,11 @@ class Needle:
 
     Args:
         bore: inner diameter, 2 R [mm], or a gauge such as "21G".
-        length: L [mm].
-        consistency: K [Pa·s^n].
-        index: n, below 1 for a shear-thinning glue.
-        yield_stress: tau_y [Pa].
-        outer: outer diameter, at the face; None for a standard needle with this bore [mm].
+        length: length L [mm].
+        consistency: consistency K of the glue [Pa·s^n].
+        index: flow index n, below 1 for a shear-thinning glue.
+        yield_stress: yield stress tau_y of the glue [Pa].
+        outer: outer diameter at the tip; None for that of a standard needle with this bore [mm].
 
     Raises:
         InputError: an unknown gauge, a value not greater than 0, a negative yield stress, an outer diameter not larger

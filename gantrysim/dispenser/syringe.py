@@ -32,12 +32,13 @@ class Syringe:
     slowly as the syringe empties. The piston has no friction. Once the glue is used up nothing more flows.
 
     Attributes:
-        volume: glue of a full syringe [ml].
-        fill: share of it at the start of the program, above 0 and at most 1.
-        dead_volume: volume of the hose and above the glue of a full syringe [ml].
-        conductance: sonic conductance C of valve and hose; by default for a hose of 2.5 mm by 1 m, in adiabatic
-            flow with a friction factor of 0.03 [dm³/(s·bar)].
-        critical_ratio: critical pressure ratio b of valve and hose, at least 0 and below 1; by default for that hose.
+        volume: volume of glue in a full syringe [ml].
+        fill: fraction of that volume present at the start of the program, above 0 and at most 1.
+        dead_volume: air volume with a full syringe: in the hose and above the glue [ml].
+        conductance: sonic conductance C of valve and hose; the default is for adiabatic flow through 1 m of hose with a
+            bore of 2.5 mm and a friction factor of 0.03 [dm³/(s·bar)].
+        critical_ratio: critical pressure ratio b of valve and hose, at least 0 and below 1; the default is for that
+            hose.
 
     Raises:
         InputError: a value out of bounds.

@@ -50,29 +50,29 @@ class Drawing(Controller):
     the axes allow; the first and the last speed are 0.
 
     Attributes:
-        text: the drawing.
-        placement: of the drawing on the work.
-        format: "dxf", "svg", "csv", or "auto" to recognise it by the text.
-        unit: "mm", "cm", "m", "um", "in", "ft", "pt", "px", or "auto" for the drawing's own.
+        text: text of the drawing.
+        placement: placement of the drawing on the work.
+        format: "dxf", "svg" or "csv"; "auto" recognises it from the text.
+        unit: "mm", "cm", "m", "um", "in", "ft", "pt" or "px"; "auto" for the drawing's own.
         layers: layers, groups or colours that are traced; all by default.
         glue: layers, groups or colours that lay glue, as a list, or as a table of true and false; all by default. The
             others are traced at the travel speed with the dispenser off.
-        curve: "lines" or "spline" through the points of a CSV.
-        order: "drawn", or "nearest" to continue with the nearest stroke.
-        reverse: whether strokes may be traced backwards, where that joins them or is nearer.
-        speed: along the path where glue is laid [mm/s].
-        travel_speed: where none is [mm/s].
-        height: of the drawing's zero plane [mm].
-        lift: height of the travel above the strokes; 0 stays at their height [mm].
-        start: x and y where the motion begins; by default at the first stroke [mm].
+        curve: how points of a CSV are joined: by "lines" or a "spline".
+        order: order of the strokes: as "drawn", or always the "nearest" next.
+        reverse: whether strokes may be traced backwards, where that joins them or saves travel.
+        speed: path speed where glue is laid [mm/s].
+        travel_speed: path speed where no glue is laid [mm/s].
+        height: height of the drawing's zero plane [mm].
+        lift: height of travel moves above the strokes; 0 stays at their height [mm].
+        start: x and y of the initial position; by default the start of the first stroke [mm].
         join_tolerance: largest gap between strokes that are joined [mm].
-        corner_tolerance: largest deviation by which corners are rounded; 0 rounds none [mm].
+        corner_tolerance: largest deviation of rounded corners from the drawing; 0 rounds none [mm].
         chord_tolerance: largest deviation of the arcs that approximate a curve [mm].
         corner_speed: largest jump of an axis' velocity where a corner is not rounded; 0 stops there [mm/s].
-        velocity: limits of x, y and z; inf for none [mm/s].
-        acceleration: limits of x, y and z; inf for none [mm/s²].
-        dot_time: time for which a dot is dispensed: a POINT of DXF, or a single point of a table that states none; 0
-            ignores dots. By default 0.2 s in a drawing of nothing but dots; beside lines they are ignored [s].
+        velocity: speed limits of x, y and z; inf for none [mm/s].
+        acceleration: acceleration limits of x, y and z; inf for none [mm/s²].
+        dot_time: dispensing time of a dot, which is a POINT of DXF or a single point of a table that states no time; 0
+            ignores dots. By default 0.2 s in a drawing of nothing but dots; beside lines, dots are ignored [s].
 
     Raises:
         InputError: a value out of bounds, or a drawing that cannot be read.

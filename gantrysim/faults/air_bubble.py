@@ -29,9 +29,9 @@ class AirBubble(InjectedFault):
     is in the end that of the dispenser less V.
 
     Attributes:
-        time: time at which it reaches the nozzle's tip [s].
+        time: time at which the bubble reaches the nozzle's tip [s].
         volume: volume V of the bubble in the line [mm³].
-        pressure: gauge pressure p of the line [kPa].
+        pressure: gauge pressure p in the line [kPa].
         recovery: time constant T of the surge [s].
     """
 

@@ -28,10 +28,10 @@ class BusSag(Lasting):
     """The drive's bus voltage is reduced; the drive's voltage is limited to it.
 
     Attributes:
-        time: time at which it begins [s].
-        duration: its length, by default until the end [s].
+        time: time at which the fault begins [s].
+        duration: how long the fault lasts, by default until the end [s].
         axis: name of the axis; by default all axes.
-        share: share of the bus voltage that is left, 0 to 1.
+        share: fraction of the bus voltage that remains, 0 to 1.
     """
 
     stages = ((VOLTAGE, limit_voltage),)

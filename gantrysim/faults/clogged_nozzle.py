@@ -15,9 +15,9 @@ class CloggedNozzle(Lasting):
     """The nozzle lets only a share of the flow through; what it holds back is lost.
 
     Attributes:
-        time: time at which it begins [s].
-        duration: its length, by default until the end [s].
-        share: share of the flow that is left, 0 to 1.
+        time: time at which the fault begins [s].
+        duration: how long the fault lasts, by default until the end [s].
+        share: fraction of the flow that remains, 0 to 1.
     """
 
     share: float

@@ -17,9 +17,9 @@ class DrippingNozzle(Lasting):
     """Glue flows while the valve is closed.
 
     Attributes:
-        time: time at which it begins [s].
-        duration: its length, by default until the end [s].
-        flow: flow while the valve is closed, besides what the dispenser's lag still gives [mm³/s].
+        time: time at which the fault begins [s].
+        duration: how long the fault lasts, by default until the end [s].
+        flow: flow rate while the valve is closed, on top of what the dispenser's lag still delivers [mm³/s].
     """
 
     flow: float

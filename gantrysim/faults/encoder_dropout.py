@@ -19,8 +19,8 @@ class EncoderDropout(Lasting):
     """The encoder stands still: the position that it reports freezes.
 
     Attributes:
-        time: time at which it begins [s].
-        duration: its length, by default until the end [s].
+        time: time at which the fault begins [s].
+        duration: how long the fault lasts, by default until the end [s].
         axis: name of the axis.
     """
 

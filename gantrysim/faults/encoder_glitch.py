@@ -35,10 +35,10 @@ class EncoderGlitch(InjectedFault):
     """The encoder is off for some servo ticks.
 
     Attributes:
-        time: time at which it begins [s].
-        ticks: its length in servo ticks.
+        time: time at which the fault begins [s].
+        ticks: how long the fault lasts, in servo ticks.
         axis: name of the axis.
-        counts: counts by which the reported position is too large.
+        counts: counts added to the reported position.
     """
 
     stages = ((REPORT, add_offset),)

@@ -15,10 +15,10 @@ class EncoderSlip(Lasting):
     """The encoder has slipped on its shaft, or has lost counts.
 
     Attributes:
-        time: time at which it begins [s].
-        duration: its length, by default until the end [s].
+        time: time at which the fault begins [s].
+        duration: how long the fault lasts, by default until the end [s].
         axis: name of the axis.
-        counts: counts by which the reported position is too large.
+        counts: counts added to the reported position.
     """
 
     stages = ((REPORT, add_offset),)

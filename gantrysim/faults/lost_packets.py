@@ -33,7 +33,7 @@ class LostPackets(InjectedFault):
         time: time of the first lost setpoint [s].
         ticks: number of servo ticks without a setpoint.
         axis: name of the axis; by default all axes.
-        drive: what the drive does: "hold" the last setpoint, or "extrapolate" it at its last velocity.
+        drive: behaviour of the drive meanwhile: "hold" the last setpoint, or "extrapolate" it at its last velocity.
     """
 
     stages = ((SETPOINT, lose_setpoint),)

@@ -27,8 +27,8 @@ class OpenWinding(Lasting):
     """The motor's winding is open: its resistance is infinite, current and torque are zero at once, L/R being zero.
 
     Attributes:
-        time: time at which it begins [s].
-        duration: its length, by default until the end [s].
+        time: time at which the fault begins [s].
+        duration: how long the fault lasts, by default until the end [s].
         axis: name of the axis.
     """
 

@@ -24,8 +24,8 @@ class SlippingAxis(Lasting):
     the transmitted torque: motor and axis share one joint of the machine, so the slip itself takes no torque.
 
     Attributes:
-        time: time at which it begins [s].
-        duration: its length, by default until the end [s].
+        time: time at which the fault begins [s].
+        duration: how long the fault lasts, by default until the end [s].
         axis: name of the axis.
         offset: distance by which the axis lags its motor, as axis travel [mm or deg].
     """

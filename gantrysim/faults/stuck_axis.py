@@ -18,8 +18,8 @@ class StuckAxis(Lasting):
     """Coulomb friction in the axis' joint, of motor, screw and nut together: a tight spot or a seized axis.
 
     Attributes:
-        time: time at which it begins [s].
-        duration: its length, by default until the end [s].
+        time: time at which the fault begins [s].
+        duration: how long the fault lasts, by default until the end [s].
         axis: name of the axis.
         friction: friction force of a linear axis, torque about a rotary one; inf for a seized axis [N or N·m].
     """

@@ -36,23 +36,23 @@ class Job(JobContent):
     """Complete description of a run, read from TOML and written back with every default.
 
     Attributes:
-        name: letters, digits, spaces and any of _ . + -
-        machine: name of a built-in machine, or path of an MJCF file or of a machine's table in TOML, relative to the
-            folder of the job file; a file without it runs on the smallest built-in one with its program's axes.
-        travel: travel of some axes in place of the machine's, as in {x = [-20, 620]}; masses and stiffness stay the
-            same [mm, deg].
-        names: mapping for an MJCF that uses other names, as in {nozzle = "tip", x = "motor_x"}: see `Machine`.
-        program: name of the controller as `controller`, one of `PROGRAMS` or the user's own class as "module:Class" or
-            "path/to/file.py:Class", and its arguments.
+        name: name of the job: letters, digits, spaces and any of _ . + -
+        machine: name of a built-in machine, or path of an MJCF file or of a machine table in TOML, relative to the
+            folder of the job file; by default, for a program file, the smallest built-in machine with its axes.
+        travel: travel of individual axes in place of the machine's, as in {x = [-20, 620]}; masses and stiffness stay
+            the same [mm, deg].
+        names: mapping for an MJCF that uses other names, as in {nozzle = "tip", x = "motor_x"}; see `Machine`.
+        program: the controller, as `controller`, and its arguments: one of `PROGRAMS`, or your own class as
+            "module:Class" or "path/to/file.py:Class".
         servo: arguments of `Servo.derive`.
-        dispenser: arguments of `Dispenser`; for a program file without flow, area and pressure, area is the section
+        dispenser: arguments of `Dispenser`; for a program file without flow, area and pressure, the area is the section
             that the needle's face just presses flat.
-        bead: shape of the bead and grid of its height map, see `BeadSettings`.
+        bead: shape of the bead and grid of its height map; see `BeadSettings`.
         simulation: physics step and settling time.
-        geometry: geometric errors of the machine, by accuracy class or one by one, see `Geometry`; or none.
+        geometry: geometric errors of the machine, by accuracy class or individually, see `Geometry`; none by default.
         tolerance: limits that a good run keeps; those not given have defaults.
-        faults: faults on purpose, tables [[faults]] with a `kind` and its values, see `gantrysim.faults`.
-        source: file of the program's text, named in messages; None for a program inside the job.
+        faults: deliberate faults, tables [[faults]] with a `kind` and its values; see `gantrysim.faults`.
+        source: file that the program's text was read from, for messages; None for a program inside the job.
     """
 
     @classmethod

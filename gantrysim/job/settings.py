@@ -37,8 +37,8 @@ _TYPES: dict[str, Any] = {
 _POSITION_GAINS = ("kp", "ki", "kd", "velocity_gain")  # beside which an integral term of another loop has no place
 _DEFAULTS = {"integral_time": INTEGRAL_TIME}  # of a job, where `Servo.derive` alone has another
 _NAMES_OF_LAWS = (
-    f'law, or a list as in ["pid", "friction"]: one of {", ".join(BASES)} or your own as "mine.py:pd", then any of '
-    f"{', '.join(ADDITIONS)}"
+    f'law, or a list as in ["pid", "friction"]: first one of {", ".join(BASES)} or your own as "mine.py:pd", then any '
+    f"of {', '.join(ADDITIONS)}"
 )
 
 
@@ -93,7 +93,7 @@ class SimulationSettings(BaseModel):
     model_config = STRICT
 
     physics_step: float | None = _setting(None, "longest physics step, by default the machine's own [s]")
-    settle: float = _setting(0.25, "time for which the last position is held [s]")
+    settle: float = _setting(0.25, "time for which the last position is held at the end [s]")
     allow_unstable: bool = _setting(False, "whether to run with a servo that is unstable on the machine")
 
 
@@ -114,21 +114,23 @@ class ToleranceSettings(BaseModel):
     turn_clearance: float | None = Field(
         default=None,
         gt=0,
-        description="deviation of the gap or overlap of neighbouring turns from the requested one, by default what "
-        "`bead_width` and `path_max` admit together [mm]",
+        description="deviation of the gap or overlap between neighbouring turns from the requested value, by default "
+        "what `bead_width` and `path_max` allow together [mm]",
     )
     bead_ploughed: float | None = Field(
         default=None,
         ge=0,
-        description="length of bead that the needle passes through after it has laid it, by default none [mm]",
+        description="length of bead that the needle later ploughs through, by default none [mm]",
     )
     start_length: float | None = Field(
         default=None,
         gt=0,
-        description="length of a start, where any width is admitted, by default the bead's width [mm]",
+        description="length at a start of the bead over which any width is allowed, by default the bead's width [mm]",
     )
     stop_length: float | None = Field(
-        default=None, gt=0, description="the same of a stop, by default the bead's width [mm]"
+        default=None,
+        gt=0,
+        description="length at a stop of the bead over which any width is allowed, by default the bead's width [mm]",
     )
     least_gain_margin: float | None = Field(
         default=None, gt=1, description="smallest gain margin of an axis, by default 1.5"
@@ -136,17 +138,17 @@ class ToleranceSettings(BaseModel):
     largest_sensitivity: float | None = Field(
         default=None,
         gt=1,
-        description="largest peak of |S| of an axis, by default that which guarantees the gain margin, 3",
+        description="largest peak of |S| of an axis, by default 3, which guarantees a gain margin of 1.5",
     )
     torque_reserve: float | None = Field(
         default=None,
         ge=0,
         lt=100,
-        description="share of an axis' torque limit that must remain unused, by default 10 [%]",
+        description="percentage of an axis' torque limit that must remain unused, by default 10 [%]",
     )
     speed_reserve: float | None = Field(
         default=None,
         ge=0,
         lt=100,
-        description="share of an axis' speed limit that must remain unused, by default 10 [%]",
+        description="percentage of an axis' speed limit that must remain unused, by default 10 [%]",
     )

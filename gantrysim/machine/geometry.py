@@ -52,33 +52,35 @@ class Geometry:
     deg. The formulas are in `gantrysim.machine.kinematic_errors`.
 
     Attributes:
-        accuracy: class: C0, C1, C2, C3, C5, C7 or C10 of JIS B 1192, P0, P1, P3, P5, P7, T3, T5, T7 or T10 of
-            ISO 3408-3; without one, an error that is not given is 0.
-        travel_error: error of a screw's travel over 300 mm [mm].
-        periodic_error: amplitude of the error within a turn of the screw [mm].
-        play: lost motion between motor and load at a reversal; the class gives z none, whose weight takes it up [u].
+        accuracy: accuracy class: C0, C1, C2, C3, C5, C7 or C10 of JIS B 1192, P0, P1, P3, P5, P7, T3, T5, T7 or T10 of
+            ISO 3408-3; without a class, every error that is not given is 0.
+        travel_error: travel error of a screw over 300 mm [mm].
+        periodic_error: amplitude of the error within one turn of the screw [mm].
+        play: lost motion between motor and load at a reversal; classes give z no play, because gravity preloads it [u].
         straightness: horizontal deviation of a guide from the line between its ends [mm].
-        straightness_vertical: vertical deviation of a guide, of z along y [mm].
-        yaw: rotation of x or y about the vertical at the ends of the travel, from its middle [mm/m].
-        squareness_xy: lean of y towards x; the angle between them is smaller by it [mm/m].
+        straightness_vertical: vertical deviation of a guide; for z, its deviation along y [mm].
+        yaw: rotation of x or y about the vertical at the ends of its travel, relative to the middle [mm/m].
+        squareness_xy: lean of y towards x, by which the angle between them falls short of 90 deg [mm/m].
         squareness_xz: lean of z towards x [mm/m].
         squareness_yz: lean of z towards y [mm/m].
         racking: rotation of the bridge about the vertical at a reversal [mm/m].
-        sag: drop of the nozzle at the middle of the bridge, against its ends [mm].
-        bending_x: deflection of the ram along x, out to the lower end of z's travel, under a lateral load [mm].
-        bending_y: deflection of the ram along y [mm].
-        bending_load: load on the ram: "weight" of a head carried beside it, or a lateral "force" at the nozzle.
-        ram: free length of the ram below its guide, at the upper end of z's travel [mm].
-        abbe: from the line of the screw to the nozzle, along the other horizontal axis, all axes at zero [mm].
-        guide_arm: from the middle of an axis' guide blocks to the nozzle, along the axis, all axes at zero; by default
-            as the machine states, 125 mm behind the nozzle for the bridges of the built-in ones [mm].
-        warming: rise of the screws' temperature over the frame's [K].
-        expansion: thermal expansion of the screws; 11.5e-6 for steel [1/K].
-        fixed_end: position of the axis at its screw's fixed bearing [mm].
-        scale_warming: rise of the linear scales' temperature over the frame's; for axes whose servo has
-            feedback = "load" [K].
-        scale_expansion: thermal expansion of the scales; 8e-6 for glass [1/K].
-        scale_fixed: position of the axis where its scale is fixed [mm].
+        sag: drop of the nozzle at the middle of the bridge, relative to its ends [mm].
+        bending_x: deflection of the ram along x under a lateral load, with z at the lower end of its travel [mm].
+        bending_y: deflection of the ram along y, likewise [mm].
+        bending_load: load on the ram: "weight" of a head mounted beside it, or a lateral "force" at the nozzle.
+        ram: free length of the ram below its guide, with z at the upper end of its travel [mm].
+        abbe: Abbe offset: distance from the screw's axis to the nozzle, along the other horizontal axis, with all axes
+            at zero [mm].
+        guide_arm: distance from the middle of an axis' guide blocks to the nozzle, along the axis, with all axes at
+            zero; by default the machine's value, 125 mm behind the nozzle for the bridges of the built-in machines
+            [mm].
+        warming: temperature rise of the screws above the frame [K].
+        expansion: coefficient of thermal expansion of the screws; 11.5e-6 for steel [1/K].
+        fixed_end: axis position of the screw's fixed bearing [mm].
+        scale_warming: temperature rise of the linear scales above the frame; for axes whose servo has feedback = "load"
+            [K].
+        scale_expansion: coefficient of thermal expansion of the scales; 8e-6 for glass [1/K].
+        scale_fixed: axis position at which the scale is fixed [mm].
 
     Raises:
         InputError: an unknown class, or an error that no machine has.

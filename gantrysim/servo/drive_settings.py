@@ -26,16 +26,20 @@ class DriveSettings(NamedTuple):
     """
 
     current_bandwidth: Annotated[
-        float, "Hz", "bandwidth of the drive's current loop, 0 for none: the winding's own lag"
+        float, "Hz", "bandwidth of the drive's current loop; 0 for none, which leaves the winding's own lag"
     ] = 0.0
     encoder_noise: Annotated[float, "u", "white noise of the encoder, rms per sample"] = 0.0
     interpolation_error: Annotated[float, "u", "amplitude of the encoder's error once per signal period"] = 0.0
     interpolation_error_twice: Annotated[float, "u", "amplitude of the encoder's error twice per signal period"] = 0.0
     signal_period: Annotated[float, "u", "axis travel per signal period of the encoder"] = 0.0
-    velocity_gain: Annotated[float, "N·m·s/u", "torque per error of velocity, of a velocity loop in the drive"] = 0.0
-    velocity_time: Annotated[float, "s", "integral time of a velocity loop in the drive, 0 for no integral term"] = 0.0
-    torque_limit: Annotated[float, "N·m", "largest torque demand, the drive's own"] = float("inf")
-    resolution: Annotated[float, "u", "axis travel per encoder count, the machine's own; 0 for an exact encoder"] = 0.0
+    velocity_gain: Annotated[
+        float, "N·m·s/u", "proportional gain of a velocity loop in the drive, torque per velocity error"
+    ] = 0.0
+    velocity_time: Annotated[float, "s", "integral time of a velocity loop in the drive; 0 for no integral term"] = 0.0
+    torque_limit: Annotated[float, "N·m", "largest torque demand, by default the drive's limit"] = float("inf")
+    resolution: Annotated[
+        float, "u", "axis travel per encoder count, by default the machine's; 0 for an exact encoder"
+    ] = 0.0
     feedback: Annotated[str, "", "place of the encoder: motor, load or none"] = FEEDBACKS[0]
     mode: Annotated[str, "", "command mode of the drive: torque, velocity, position or stepper"] = MODES[0]
 

@@ -22,7 +22,7 @@ NOTCH_DEPTH = 0.1
 class Notch(NamedTuple):
     """The notch of one axis, each value with its unit and meaning."""
 
-    frequency: Annotated[float, "Hz", "frequency of the notch on the torque demand, 0 for none"] = NONE
+    frequency: Annotated[float, "Hz", "frequency of the notch on the torque demand; 0 for none"] = NONE
     width: Annotated[float, "", "damping ratio of the notch's poles"] = NOTCH_WIDTH
     depth: Annotated[float, "", "gain of the notch at its frequency"] = NOTCH_DEPTH
 

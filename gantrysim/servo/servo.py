@@ -51,10 +51,10 @@ class Servo(Shown):
 
     Attributes:
         period: servo period T [s].
-        gains: of each axis.
+        gains: gains of each axis.
         drives: drive and encoder of each axis.
-        notches: of each axis, a filter between law and clamp, by default none; see `gantrysim.servo.notch`.
-        laws: names and parameters of the laws, by default pid alone.
+        notches: notch of each axis, a filter between law and clamp, by default none; see `gantrysim.servo.notch`.
+        laws: names and parameters of the laws, by default `pid` alone.
         following_error_limit: of each axis, error at which the drives are disabled [mm or deg].
         delay: time from the sample to the output, at most one period [s].
         drive_period: of the loops in the drives, a whole fraction of the servo period [s].
@@ -238,20 +238,22 @@ class Servo(Shown):
             period: servo period [s].
             frequency: natural frequency w / 2 pi of the loop, by default the highest that keeps the margins [Hz].
             damping: damping ratio zeta of the loop.
-            feedforward: share of the computed velocity and acceleration feed-forward.
-            integral_time: kp / ki; inf for no integral term [s].
-            following_error_limit: error at which the drives are disabled, for every axis [mm or deg].
-            delay: from the encoder's sample to the torque demand [s].
-            feedback: where the encoders are, "motor" or "load", for all axes or one per axis; a stepper in open loop
-                without an encoder has "none" instead of "motor".
-            mode: command mode of the drives, for all axes or one per axis, by default that of their motors.
-            drive_period: of the loops in the drives, by default 0.125 ms, or the servo's if that is no multiple [s].
-            velocity_bandwidth: of velocity loops in the drives, by default the highest that keeps the margins [Hz].
-            feedback_delay: from the encoder's sample to the servo, in servo periods.
-            encoder_seed: of the encoders' noise.
-            law: names, of `BASES` and `ADDITIONS`, or a law itself.
-            learning_repeats: number of runs from which the law learning learns.
-            given: any of `DERIVED` to override, one value or one per axis.
+            feedforward: fraction of the computed velocity and acceleration feed-forward that is applied.
+            integral_time: integral time kp / ki; inf for no integral term [s].
+            following_error_limit: following error at which the drives are disabled, on every axis [mm or deg].
+            delay: delay from the encoder's sample to the torque demand [s].
+            feedback: location of the encoders, "motor" or "load", for all axes or one per axis; "none" for a stepper in
+                open loop without an encoder.
+            mode: command mode of the drives, for all axes or one per axis; by default that of the machine's drives.
+            drive_period: sampling period of the loops inside the drives; by default 0.125 ms, or the servo period if
+                that is not a multiple of it [s].
+            velocity_bandwidth: bandwidth of the velocity loops inside the drives; by default the highest that keeps the
+                margins [Hz].
+            feedback_delay: delay from the encoder's sample to the servo, in servo periods.
+            encoder_seed: random seed of the encoder noise.
+            law: one name or several, from `BASES` and `ADDITIONS`, or a law itself.
+            learning_repeats: number of runs that the law `learning` learns from.
+            given: values from `DERIVED` to override, one for all axes or one per axis.
 
         Raises:
             InputError: a value out of its bounds, or no loop that keeps its margins; the message names a value that has

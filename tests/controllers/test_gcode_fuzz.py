@@ -74,6 +74,6 @@ def test_damaged_programs_run_or_are_refused(seed):
 def test_many_damaged_programs_run_or_are_refused(record_property):
     rng = random.Random(99)
     read = sum(survives(damaged(rng), plan=k % 10 == 0) for k in range(100_000))
-    record_property("attack", "G-code of LinuxCNC, slicers and FANUC: programs changed at random")
+    record_property("attack", "G-code of LinuxCNC, slicers and FANUC: random changes to programs")
     record_property("tries", 300_000)
     record_property("refused", 300_000 - read)

@@ -88,6 +88,6 @@ def test_a_mutated_program_runs_or_is_refused():
 def test_a_hundred_thousand_mutated_programs_run_or_are_refused(seed, record_property):
     accepted = run(random.Random(100 + seed), 10_000)
     assert accepted > 100
-    record_property("attack", "MC-Basic: programs changed at random")
+    record_property("attack", "MC-Basic: random changes to programs")
     record_property("tries", 10_000)
     record_property("refused", 10_000 - accepted)

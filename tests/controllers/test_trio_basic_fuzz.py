@@ -131,7 +131,7 @@ def test_mutated_programs_raise_nothing_but_input_errors(seed):
 def test_a_hundred_thousand_mutations(seed, record_property):
     chance = random.Random(seed)
     read = sum(survives(mutated(chance), chance.choice([0.05] * 9 + [20.0])) for _ in range(10_000))
-    record_property("attack", "Trio BASIC: programs changed at random")
+    record_property("attack", "Trio BASIC: random changes to programs")
     record_property("tries", 10_000)
     record_property("refused", 10_000 - read)
 

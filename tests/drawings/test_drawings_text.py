@@ -104,7 +104,7 @@ def test_many_changed_drawings_are_read_or_refused_in_one_line(seed, record_prop
     choose, read = random.Random(100 + seed), 0
     for _ in range(25_000):
         read += attempt(mutated(SEEDS[seed], choose), curve="spline" if seed > 1 and choose.random() < 0.3 else "lines")
-    record_property("attack", "DXF, SVG and CSV: drawings changed at random")
+    record_property("attack", "drawings in DXF, SVG and CSV: random changes")
     record_property("tries", 25_000)
     record_property("refused", 25_000 - read)
 

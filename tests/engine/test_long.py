@@ -238,7 +238,7 @@ def test_a_thousand_turns_take_less_than_a_gigabyte(tmp_path, record_property):
     ticks, most = map(int, done.stdout.split())
     assert ticks > 4.9e6
     assert most < 1e9
-    record_property("attack", "a thousand turns, an hour and a half of machine time, within 1 GB of memory")
+    record_property("attack", "memory: 1,000 turns, an hour and a half of machine time, in 1 GB")
     record_property("tries", 1)
 
 
@@ -264,7 +264,7 @@ def test_a_thousand_turns_with_plots_report_and_video_take_less_than_a_gigabyte(
     page, film = ((tmp_path / "out" / name).stat().st_size for name in ("report.html", "video.mp4"))
     assert page < 2e7 + 1.4 * film  # which the page holds as text
     assert len(list((tmp_path / "out" / "plots").iterdir())) == 5
-    record_property("attack", "a thousand turns by the command, with plots, report and video, within 1 GB of memory")
+    record_property("attack", "memory: 1,000 turns run by the command, with plots, report and video, in 1 GB")
     record_property("tries", 1)
 
 
@@ -286,7 +286,7 @@ def one_run(xy, setpoints):
 
 @pytest.mark.parametrize("times", [40, pytest.param(1000, marks=pytest.mark.soak)])
 def test_many_runs_in_one_process_do_not_grow(xy, times, record_property):
-    record_property("attack", "runs in one process, none of which may leave memory")
+    record_property("attack", "memory: many runs in one process, which must not grow")
     record_property("tries", times)
     setpoints = MoveSpiral(60, 1, 10, 100).setpoints(1e-3)
     record = 250 * len(setpoints.position)  # of one run [B]
@@ -295,7 +295,7 @@ def test_many_runs_in_one_process_do_not_grow(xy, times, record_property):
 
 @pytest.mark.parametrize("times", [10, pytest.param(1000, marks=pytest.mark.soak)])
 def test_many_long_runs_in_one_process_leave_no_file_open(long, xy, times, record_property):
-    record_property("attack", "long runs in one process, none of which may leave a file open")
+    record_property("attack", "files: many long runs in one process, which must leave none open")
     record_property("tries", times)
     setpoints = Setpoints.along(MoveSpiral(60, 1, 10, 100).requested, 100.0, 1e-3)
     assert len(setpoints.position) > memory.LONG

@@ -158,6 +158,6 @@ def test_random_logs_are_never_confidently_wrong(record_property):
         identified += sum(one.identified for one in found.values)
         missed += len(wrong)
     assert missed <= 0.05 * identified
-    record_property("attack", "identification: logs of seven laws of friction, with and without an error of the log")
+    record_property("attack", "identification: logs with seven friction laws, with and without a defect")
     record_property("tries", 180)
     record_property("refused", refused)

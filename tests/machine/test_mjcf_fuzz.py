@@ -116,7 +116,7 @@ def test_what_mujoco_warns_of_at_every_step_reaches_no_file(folder):
 def test_much_damage(folder, name, record_property):
     simulated = sum(attempt(folder, damaged(random.Random(seed), text_of(name))) for seed in range(300))
     assert 30 < simulated < 270
-    record_property("attack", "MJCF of the built-in machines: elements left out, attributes replaced")
+    record_property("attack", "MJCF of the built-in machines: elements removed, attributes replaced")
     record_property("tries", 300)
     record_property("refused", 300 - simulated)
 

@@ -80,9 +80,7 @@ def test_links_of_random_programs_are_displacements_at_any_step(seed):
 def test_links_of_two_hundred_random_programs_are_displacements_at_any_step(record_property):
     """The maximum of a link between the legs of a corner depends on where a tick falls there, by its displacement."""
     assert sum(steps_apart(seed) for seed in range(200)) <= 6
-    record_property(
-        "attack", "links of the error budget at corners: random programs, at the default step and at 12.5 µs"
-    )
+    record_property("attack", "error budget: links at corners of random programs, at the default step and at 12.5 µs")
     record_property("tries", 200)
 
 

@@ -138,7 +138,7 @@ def test_many_damaged_records(place, record, content, record_property):
         refused[1] += check_new(place, record, inside(rng, members(content)))
         refused[2] += check_sealed(place, sealed(inside(rng, members(content))))
     assert all(count > 3000 for count in refused)
-    record_property("attack", "records: bytes changed, members left out, exchanged or of another shape")
+    record_property("attack", "records: bytes changed, members removed, swapped or reshaped")
     record_property("tries", 12_000)
     record_property("refused", sum(refused))
 

@@ -104,6 +104,6 @@ def test_a_derived_servo_keeps_its_margins_or_names_a_change_that_does(seeds, tm
     outcomes = Counter(outcome(seed, tmp_path) for seed in seeds)
     assert outcomes["kept"] > 0.5 * len(seeds)
     assert outcomes["remedy"] > 5 * outcomes["no remedy"]
-    record_property("attack", "servos derived for random machines: all laws, modes, feedbacks and periods")
+    record_property("attack", "servos derived for random machines, with all laws, modes, feedbacks and periods")
     record_property("tries", len(seeds))
     record_property("refused", len(seeds) - outcomes["kept"])

@@ -18,7 +18,7 @@ FIRST = 20  # runs after which all code is loaded
 
 @pytest.mark.parametrize("count", [45, pytest.param(10_000, marks=pytest.mark.soak)])
 def test_the_rows_are_all_that_is_kept_of_the_runs(count, record_property):
-    record_property("attack", "runs of one study, none of which may stay in memory")
+    record_property("attack", "memory: many runs in one study, which must not grow")
     record_property("tries", count)
     job = Job.load("an225", SHORT)
     case = Case.of(job, {"program.loop_period": 0.05})

@@ -159,13 +159,13 @@ TARGETS = {
         lambda: program_seeds("slicer.Program", "g-code.md", "gcode"),
         reads("slicer.Program", max_steps=300),
     ),
-    "FANUC's programs": Target(
+    "FANUC programs": Target(
         lambda: program_seeds("fanuc.Program", "programs.md", "gcode"),
         reads("fanuc.Program", max_steps=300),
     ),
     "drawings": Target(_drawings, reads("cad.Drawing", unit="mm")),
     "job files": Target(_jobs, in_a_file(".toml", _job)),
-    "machines' MJCF": Target(_machines, in_a_file(".xml", _machine)),
+    "MJCF": Target(_machines, in_a_file(".xml", _machine)),
     "records": Target(_records, in_a_file(".npz", _record)),
 }
 

@@ -17,9 +17,9 @@ class Clamp:
     """Feed clamp by the radius of an arc: sqrt(r / radius) feed, at least the floor (1731, 1730, 1732).
 
     Args:
-        radius: Rp [mm].
-        feed: Vp [mm/min].
-        floor: [mm/min].
+        radius: reference radius Rp [mm].
+        feed: feed Vp allowed at the reference radius [mm/min].
+        floor: lowest feed to which the clamp reduces F [mm/min].
     """
 
     radius: float

@@ -52,28 +52,29 @@ class Program(Controller):
     Source: FANUC operator's manuals B-63534EN, B-63944EN, A-78962EN.
 
     Args:
-        program: text, or blocks.
+        program: text of the program, or blocks.
         start: initial position [mm].
-        rapid: feed of G00 [mm/min].
-        acceleration: of x, y and z each [mm/s²].
-        end_point_tolerance: of a spiral's radius and height at its end, parameter 3471 [mm].
-        radius_tolerance: of an arc's radius at its end, parameter 3410 [mm].
-        clamp: of the feed by an arc's radius, parameters 1730 to 1732; none by default.
-        feed_in_space: whether F includes the height of a helix or cone; by default not, an assumption.
-        blend_time: of the moving average, 0 for none; rounded to whole periods of the setpoints [s].
-        dry_run: feed that replaces F, none by default [mm/min].
+        rapid: speed of rapid moves, G00 [mm/min].
+        acceleration: acceleration limit of each of x, y and z [mm/s²].
+        end_point_tolerance: tolerance on a spiral's radius and height at its end, parameter 3471 [mm].
+        radius_tolerance: tolerance on an arc's radius at its end, parameter 3410 [mm].
+        clamp: feed limit by an arc's radius, parameters 1730 to 1732; none by default.
+        feed_in_space: whether F includes the height of a helix or cone; it does not by default, an assumption.
+        blend_time: duration of the moving average over commanded positions, rounded to whole setpoint periods; 0 for
+            none [s].
+        dry_run: feed that replaces F in a dry run; none by default [mm/min].
         dry_run_from: time at which dry run is switched on [s].
         dry_run_until: time at which it is switched off [s].
-        offsets: cutter compensation by the number D, as {"1": 3.0} [mm].
-        rotary_velocity: limit of the rotary axis, for which the path slows [deg/s].
-        rotary_acceleration: limit of the rotary axis, likewise; it stops, or is blended, where its rate along the
-            path jumps. Needs a finite `acceleration` [deg/s²].
-        rotary_axis: the machine's axis of the rotary word.
-        rotary_word: A, B or C.
+        offsets: offsets of cutter compensation by the number D, as {"1": 3.0} [mm].
+        rotary_velocity: speed limit of the rotary axis; the path slows to keep it [deg/s].
+        rotary_acceleration: acceleration limit of the rotary axis; the path slows to keep it, and stops or is blended
+            where the axis' rate along the path jumps. Needs a finite `acceleration` [deg/s²].
+        rotary_axis: machine axis that the rotary word moves.
+        rotary_word: letter of the rotary word: A, B or C.
         block_skip: whether blocks that begin with a slash are skipped.
-        placement: of the program on the work; it also places `start`.
-        max_steps: most blocks of a text that may run.
-        subprograms: texts of subprograms in files of their own, by file name without its suffix, as O1000.
+        placement: placement of the program on the work, `start` included.
+        max_steps: largest number of blocks executed, loops included.
+        subprograms: texts of subprograms kept in separate files, by file name without suffix, such as O1000.
 
     Raises:
         Alarm: a block that the controller refuses, with number, title, block and line.

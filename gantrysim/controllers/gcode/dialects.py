@@ -40,9 +40,9 @@ class Dispense:
     """When the valve is open.
 
     Attributes:
-        by: "feed", in all moves at feed; "codes", between M codes; "extrusion", in moves that feed material by E.
-        on: M codes that open the valve, as "M3" or "M64 P0".
-        off: M codes that close it.
+        by: "feed": open in all moves at feed; "codes": between M codes; "extrusion": in moves that feed material by E.
+        on: M codes that open the valve, such as "M3" or "M64 P0".
+        off: M codes that close the valve.
     """
 
     by: Literal["feed", "codes", "extrusion"] = "feed"
@@ -66,9 +66,9 @@ class ByExtrusion(Dispense):
     """When the valve is open, in a slicer's program.
 
     Attributes:
-        by: "extrusion", in moves that feed material by E; "feed", in all moves at feed; "codes", between M codes.
-        on: M codes that open the valve, as "M3" or "M64 P0".
-        off: M codes that close it.
+        by: "extrusion": open in moves that feed material by E; "feed": in all moves at feed; "codes": between M codes.
+        on: M codes that open the valve, such as "M3" or "M64 P0".
+        off: M codes that close the valve.
     """
 
     by: Literal["feed", "codes", "extrusion"] = "extrusion"

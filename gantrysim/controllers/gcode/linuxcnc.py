@@ -24,26 +24,27 @@ class Program(GCode):
     cycle. The tool length moves the spindle, not the nozzle's tip.
 
     Args:
-        text: the program.
-        placement: of the program on the work.
-        start: initial position, also the position of G28 and G30 [mm].
-        rapid: largest speed of each axis in rapid moves, G0; an assumption [mm/min].
-        acceleration: of x, y and z each; an assumption [mm/s²].
+        text: text of the program.
+        placement: placement of the program on the work.
+        start: initial position, also that of G28 and G30 [mm].
+        rapid: speed limit of each axis in rapid moves, G0; an assumption [mm/min].
+        acceleration: acceleration limit of each of x, y and z; an assumption [mm/s²].
         cycle: period of the trajectory planner, in which the velocity may jump at a corner; an assumption [s].
-        feed_override: factor on all feeds.
-        dispense: when the valve is open; by default in all moves at feed.
-        arc_tolerance: of an arc's radius at its end; beyond, a thousandth of the radius, up to 100 times this;
-            2.54 times as much in inches [mm].
+        feed_override: factor applied to all feeds.
+        dispense: condition under which the valve is open; by default in all moves at feed.
+        arc_tolerance: accepted difference between an arc's radius at its end and at its start; larger ones are accepted
+            up to a thousandth of the radius, at most 100 times this value; 2.54 times as much in inches [mm].
         block_skip: whether lines that begin with a slash are skipped.
-        skip_axes: letters of axes that the machine lacks, whose words are counted and skipped, as "A"; by default
+        skip_axes: letters of axes that the machine lacks, such as "A", whose words are counted and skipped; by default
             they are refused.
-        subprograms: texts of subroutines in files of their own, by file name without its suffix.
-        tool_lengths: by the number H, as {"1": 50.0}; 0 for others [mm].
-        tool_diameters: for cutter compensation, by the number D, as {"1": 0.8}; 0, with a note, for others [mm].
+        subprograms: texts of subroutines kept in separate files, by file name without suffix.
+        tool_lengths: tool lengths by the number H, as {"1": 50.0}; 0 for other tools [mm].
+        tool_diameters: tool diameters for cutter compensation by the number D, as {"1": 0.8}; 0, with a note, for other
+            tools [mm].
         parameters: values of named parameters that the machine provides, as {"_hal[feed]": 900.0}.
-        max_steps: most lines that may run.
-        axis_speeds: largest speeds of x, y and z in all moves; where a job gives none and the program exceeds them,
-            those of its machine [mm/s].
+        max_steps: largest number of lines executed, loops included.
+        axis_speeds: speed limits of x, y and z in all moves; if a job gives none and the program exceeds the machine's,
+            the machine's apply [mm/s].
 
     Raises:
         InputError: a line that is refused, or a parameter out of bounds.

@@ -19,21 +19,23 @@ class Program(GCode):
     standstill. Temperatures, fans, homing and all other M and G codes are counted.
 
     Args:
-        text: the program.
-        placement: of the program on the work.
+        text: text of the program.
+        placement: placement of the program on the work.
         start: initial position [mm].
-        rapid: largest speed of each axis in the rapid moves of G30; an assumption [mm/min].
-        acceleration: along the path, where the program sets none by M204 or SET_VELOCITY_LIMIT; an assumption [mm/s²].
+        rapid: speed limit of each axis in the rapid moves of G30; an assumption [mm/min].
+        acceleration: acceleration along the path where the program sets none by M204 or SET_VELOCITY_LIMIT; an
+            assumption [mm/s²].
         cycle: period in which the velocity may jump at a corner that is not rounded; an assumption [s].
-        feed_override: factor on all feeds.
-        dispense: when the valve is open; by default in moves that feed material.
-        arc_tolerance: of an arc's radius at its end; beyond, a thousandth of the radius, up to 100 times this [mm].
+        feed_override: factor applied to all feeds.
+        dispense: condition under which the valve is open; by default in moves that feed material.
+        arc_tolerance: accepted difference between an arc's radius at its end and at its start; larger ones are accepted
+            up to a thousandth of the radius, at most 100 times this value [mm].
         block_skip: whether lines that begin with a slash are skipped.
         skip_axes: letters of axes that the machine lacks, whose words are counted and skipped.
-        max_steps: most lines that may run.
-        axis_speeds: largest speeds of x, y and z in all moves; where a job gives none and the program exceeds them,
-            those of its machine [mm/s].
-        corner_tolerance: largest distance of the rounded corners from the path, where the program sets no speed or
+        max_steps: largest number of lines executed, loops included.
+        axis_speeds: speed limits of x, y and z in all moves; if a job gives none and the program exceeds the machine's,
+            the machine's apply [mm/s].
+        corner_tolerance: largest deviation of rounded corners from the path, where the program sets no speed or
             deviation by M205 or SET_VELOCITY_LIMIT; an assumption [mm].
 
     Raises:

@@ -72,20 +72,20 @@ class Group:
     Args:
         velocity: programmed path speed (Vtran) [mm/s].
         vmax: maximum path speed, to which the programmed one is silently capped (VMax) [mm/s].
-        acceleration: along the path (Acc) [mm/s²].
-        deceleration: along the path; the acceleration by default (Dec) [mm/s²].
-        jerk: of the profiles "trapezoidal acceleration" and "smooth" with -1 (Jerk) [mm/s³].
-        profile: shape of the ramps (PrfType): "trapezoid" of the speed 0, "sine" acceleration 1, "trapezoidal
-            acceleration" 2, "constant" velocity without ramps 3, "smooth" as `smooth` says -1.
-        smooth: 0 is a trapezoid, 1 to 100 ever smoother, -1 takes the jerk (Smooth).
+        acceleration: acceleration along the path (Acc) [mm/s²].
+        deceleration: deceleration along the path, by default the acceleration (Dec) [mm/s²].
+        jerk: jerk of the profiles "trapezoidal acceleration" and "smooth" with -1 (Jerk) [mm/s³].
+        profile: shape of the ramps (PrfType): "trapezoid" (0), "sine" acceleration (1), "trapezoidal acceleration" (2),
+            "constant" velocity without ramps (3), or "smooth" (-1), which `smooth` sets.
+        smooth: smoothness of the profile (Smooth): 0 is a trapezoid, 1 to 100 increasingly smooth, -1 uses the jerk.
         vrot: speed limit of the orientation axis r [deg/s].
-        arot: its acceleration limit [deg/s²].
+        arot: acceleration limit of the orientation axis r [deg/s²].
         absolute: whether coordinates are absolute, or relative to the command's start (Abs).
         position_error: limit of the group error, the root sum of squares of the linear axes' errors (PEMax) [mm].
         position_error_delay: age of the command compared with the measured position, in servo periods
             (PositionErrorDelay).
-        settle_error: largest error of a settled axis; inf for no wait (PESettle) [mm or deg].
-        settle_time: time for which the error must stay below that (TimeSettle) [s].
+        settle_error: largest error at which an axis counts as settled; inf for no wait (PESettle) [mm or deg].
+        settle_time: time for which the error must stay within `settle_error` (TimeSettle) [s].
         settle_timeout: longest wait for settling [s].
         velocity_safety_limit: speed of a linear axis above which its drive is disabled (VelocitySafetyLimit) [mm/s].
     """

@@ -42,10 +42,10 @@ class Program(Controller):
     assumptions where it leaves something open.
 
     Args:
-        program: text, or commands.
+        program: text of the program, or commands.
         group: properties of the group.
         start: initial position, 2 to 4 numbers, one per axis [mm, mm, mm, deg].
-        record: what the controller records.
+        record: samples that the controller records.
 
     Raises:
         SoftMCError: a command that cannot be run, with its line and text.

@@ -26,8 +26,8 @@ class Record:
 
     Args:
         points: maximum number of samples.
-        gap: servo ticks per sample.
-        what: expressions, in the order of the columns.
+        gap: number of servo ticks per sample.
+        what: expressions to record, in the order of the columns.
     """
 
     points: int

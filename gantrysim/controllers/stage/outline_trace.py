@@ -48,24 +48,25 @@ class OutlineTrace(Controller):
     outline; only the normal deviates, by up to an eighth of the corner's angle per millimetre times `blend`.
 
     Args:
-        width: along x, and
-        height: along y, of a rectangle about the work's origin; or else
-        corners: of any polygon in the work frame, in the order of the motion (m, 2) [mm].
-        corner_radius: [mm].
-        speed: of the needle relative to the work, LSP [mm/s].
-        clockwise: sense in which a rectangle is traced, from its left edge, if clockwise at the lower end.
-        needle: K in the base frame [mm].
-        centre: of the rotation, C, in the base frame [mm].
-        work_centre: the work's origin with all axes at zero, W [mm].
-        normal: direction of the outline's outward normal at the needle, in the base frame, n_K.
-        sigma: 1 if a positive stage move moves the work in the positive direction, -1 if in the negative one, as
-            the axes then read the needle relative to the work.
-        velocity: limits of the axes th, x, y [deg/s, mm/s, mm/s].
-        acceleration: limits of the axes th, x, y [deg/s², mm/s², mm/s²].
-        travel_x: software limits of the stage's x [mm].
-        travel_y: software limits of the stage's y [mm].
-        blend: length of the moving average of the table's angle, 0 to stop between edges and corners [mm].
-        corner_pieces: for comparison, number of linear moves of all axes per corner; 0 for exact arcs.
+        width: size along x of a rectangle about the work's origin [mm].
+        height: size along y of that rectangle [mm].
+        corners: corners of a polygon in the work frame, in the order of the motion, in place of the rectangle, (m, 2)
+            [mm].
+        corner_radius: radius of the rounded corners [mm].
+        speed: speed of the needle relative to the work, LSP [mm/s].
+        clockwise: direction in which a rectangle is traced, starting on its left edge, at the lower end if clockwise.
+        needle: position K of the needle in the base frame [mm].
+        centre: centre of rotation C in the base frame [mm].
+        work_centre: position W of the work's origin with all axes at zero [mm].
+        normal: direction n_K of the outline's outward normal at the needle, in the base frame.
+        sigma: 1 if a positive stage move moves the work in the positive direction; -1 if in the negative one, so that
+            the axes read the needle's position relative to the work.
+        velocity: speed limits of the axes th, x, y [deg/s, mm/s, mm/s].
+        acceleration: acceleration limits of the axes th, x, y [deg/s², mm/s², mm/s²].
+        travel_x: software travel limits of the stage's x [mm].
+        travel_y: software travel limits of the stage's y [mm].
+        blend: length of the moving average over the table's angle; 0 stops between edges and corners [mm].
+        corner_pieces: number of linear moves of all axes that replace each corner, for comparison; 0 for exact arcs.
 
     Raises:
         InputError: a value out of bounds, an edge too short for its arcs, or an outline beyond the stage's travel.

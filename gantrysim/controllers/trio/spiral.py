@@ -52,21 +52,22 @@ class MoveSpiral(Controller):
     Args:
         diameter: outer diameter D of the virtual circles [mm].
         turns: number of circles, a whole number.
-        thickness: distance of neighbouring turns [mm].
+        thickness: distance between neighbouring turns [mm].
         speed: path speed V of the real axes [mm/s].
-        loop_period: time T of one pass of the program loop at x = 1; 0 is the continuous limit [s].
-        interpreter_time: time d that the interpreter adds to every pass [s].
+        loop_period: duration T of one pass of the program loop at x = 1; 0 is the continuous limit [s].
+        interpreter_time: time d that the interpreter adds to each pass [s].
         start: first point (x, y) [mm].
-        clockwise: sense of rotation; the first motion is towards +y, the centre at +x if clockwise, else at -x.
-        height: climbed evenly over all circles, 0 for two axes [mm].
-        mhelical_mode: meaning of SPEED with a height: 0 for the speed in space, 1 for that of the circle.
+        clockwise: direction of rotation; the motion starts towards +y, with the centre at +x if clockwise, otherwise at
+            -x.
+        height: height climbed evenly over all circles, 0 for a flat spiral on two axes [mm].
+        mhelical_mode: what SPEED means on a spiral with a height: 0 for the speed in space, 1 for that of the circle.
         acceleration: ACCEL of the virtual axes [mm/s²].
         deceleration: DECEL of the virtual axes; by default ACCEL [mm/s²].
-        wait_resolution: WA truncates its time to a multiple of it; 0.001 on the controller, 0 for exact waits [s].
+        wait_resolution: WA truncates its time to a multiple of this; 0.001 on the controller, 0 for exact waits [s].
         ratio_bits: fractional bits of CONNECT's ratio, 16 on the controller; None for an exact ratio.
-        servo_period: SERVO_PERIOD, at whose ticks commands take effect: 0.0005, 0.001 or 0.002 on the controller,
-            0 for a program that acts between ticks [s].
-        as_published: behave as the published listing, errors included; `notes` lists the differences.
+        servo_period: SERVO_PERIOD, at whose ticks commands take effect: 0.0005, 0.001 or 0.002 on the controller; 0
+            lets commands take effect between ticks [s].
+        as_published: whether to run the published listing as it is, errors included; `notes` lists the differences.
 
     Raises:
         InputError: a value out of bounds, a negative inner diameter, or a ratio x that would fall to zero or

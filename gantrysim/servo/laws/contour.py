@@ -74,7 +74,11 @@ class CrossCoupling(Law):
     name = "contour"
     meaning = "cross-coupling: the error across the path is multiplied"
     parameters = (
-        Parameter("contour_gain", "", "factor by which the law contour adds the error across the path to the error"),
+        Parameter(
+            "contour_gain",
+            "",
+            "weight with which the law contour adds the error across the path to the following error",
+        ),
     )
     state = (
         ("contour_across", float),  # error across the path at the last tick, times the gain [mm]

@@ -59,9 +59,13 @@ class FrictionCompensation(Law):
     meaning = "friction torque from a model driven by the commanded motion"
     parameters = (
         Parameter("friction_torque", "N·m", "Coulomb friction that the law friction compensates"),
-        Parameter("friction_static", "N·m", "its static friction"),
-        Parameter("friction_speed", "u/s", "Stribeck speed, at which it has come down from static to Coulomb"),
-        Parameter("friction_stiffness", "N·m/u", "its torque per travel after a reversal"),
+        Parameter("friction_static", "N·m", "static friction that the law friction compensates"),
+        Parameter(
+            "friction_speed", "u/s", "Stribeck speed, at which friction has fallen from its static to its Coulomb value"
+        ),
+        Parameter(
+            "friction_stiffness", "N·m/u", "stiffness of presliding: friction torque per travel after a reversal"
+        ),
     )
     state = (("friction_now", float),)  # torque at the last tick [N·m]
     stages = ((FEEDFORWARD, tick),)

@@ -17,7 +17,7 @@ class Learning(Law):
 
     name = "learning"
     meaning = "torque sent with the setpoints, learnt over repeats"
-    parameters = (Parameter("learning_bandwidth", "Hz", "cut-off of the learning"),)
+    parameters = (Parameter("learning_bandwidth", "Hz", "cut-off frequency of the learning filter"),)
     needs_known_base = True
     inverts_machine = True
 

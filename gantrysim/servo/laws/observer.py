@@ -124,10 +124,10 @@ class DisturbanceObserver(Law):
     name = "observer"
     meaning = "disturbance observer: torque implied by the measured motion minus the torque commanded"
     parameters = (
-        Parameter("observer_bandwidth", "Hz", "cut-off of the disturbance observer"),
-        Parameter("observer_inertia", "N·m·s²/u", "torque per acceleration in its model"),
-        Parameter("observer_viscous", "N·m·s/u", "torque per speed in its model"),
-        Parameter("observer_lag", "s", "time constant of the torque in its model"),
+        Parameter("observer_bandwidth", "Hz", "cut-off frequency of the disturbance observer"),
+        Parameter("observer_inertia", "N·m·s²/u", "inertia in the observer's model, torque per acceleration"),
+        Parameter("observer_viscous", "N·m·s/u", "viscous friction in the observer's model, torque per speed"),
+        Parameter("observer_lag", "s", "time constant of the torque in the observer's model"),
     )
     state = (
         ("observer_shift", int),  # see `torque_taps`

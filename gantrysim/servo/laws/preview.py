@@ -16,7 +16,7 @@ class Preview(Law):
 
     name = "preview"
     meaning = "torque sent with the setpoints, by a zero-phase inverse of the linear machine"
-    parameters = (Parameter("preview_bandwidth", "Hz", "cut-off of the zero-phase preview"),)
+    parameters = (Parameter("preview_bandwidth", "Hz", "cut-off frequency of the zero-phase preview"),)
     needs_known_base = True
     inverts_machine = True
 

@@ -16,7 +16,7 @@ from gantrysim.servo.laws.law import Law, LawDesign, in_words
 from gantrysim.servo.parameter import Parameter
 
 PARAMETERS = (
-    Parameter("shaper_frequency", "Hz", "frequency that input shaping leaves out, 0 for none"),
+    Parameter("shaper_frequency", "Hz", "frequency that input shaping removes from the command; 0 for none"),
     Parameter("shaper_damping", "", "damping ratio of the mode at that frequency"),
 )
 

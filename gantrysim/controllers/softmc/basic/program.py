@@ -38,16 +38,18 @@ class Basic(Controller):
     """An MC-Basic program: variables, loops, subs and functions that move one group of axes.
 
     Attributes:
-        text: the program; the files of a project stand one after the other, and their programs run in that order.
+        text: text of the program; for a project, the texts of its files one after the other, whose programs run in that
+            order.
         group: properties of the group before the program sets them; its `vrot` and `arot` limit the orientation.
-        coordinates: names of the machine's axes in the order of a point's coordinates; a group of fewer has the first.
+        coordinates: names of the machine's axes in the order of a point's coordinates; a group of fewer axes uses the
+            first ones.
         start: initial position, 2 to 4 numbers [mm, mm, mm, deg]; by default the target of the first MOVE.
-        line_time: time that the interpreter takes for a statement; an assumption [s].
-        output: number of the digital output, `sys.dout.1`, that dispenses in a program that switches it; in others
-            glue is laid during every motion command without `Dispense=0`.
-        override: velocity override of the controller, on all speeds [%].
-        max_statements: number of statements after which a program is refused.
-        placement: where the program's coordinates lie on the work.
+        line_time: time that the interpreter takes per statement; an assumption [s].
+        output: number n of the digital output `sys.dout.n` that switches the dispenser; in a program that never
+            switches it, glue is laid during every motion command without `Dispense=0`.
+        override: velocity override of the controller, applied to all speeds [%].
+        max_statements: number of executed statements after which a program is refused.
+        placement: placement of the program on the work.
 
     Raises:
         InputError: a program that cannot be run, with its line.

@@ -27,11 +27,11 @@ class StatedSpiral:
     Attributes:
         diameter: outer diameter of the virtual circles [mm].
         turns: number of circles, a whole number.
-        thickness: distance of neighbouring turns [mm].
+        thickness: distance between neighbouring turns [mm].
         start: first point (x, y) [mm].
-        heading: of the first motion, counter-clockwise from +x [deg].
-        clockwise: sense of rotation.
-        height: climbed evenly over all turns, 0 for a flat spiral [mm].
+        heading: direction of the first motion, counter-clockwise from +x [deg].
+        clockwise: direction of rotation.
+        height: height climbed evenly over all turns, 0 for a flat spiral [mm].
     """
 
     diameter: float

@@ -45,10 +45,10 @@ class InterpreterTime:
     """Time that a statement takes, by its kind; no manual states it.
 
     Attributes:
-        statement: of a statement of no other kind [s].
-        motion: of a motion command [s].
-        print: of PRINT [s].
-        wait: of WA and WAIT, besides the wait itself [s].
+        statement: time of any other statement [s].
+        motion: time of a motion command [s].
+        print: time of PRINT [s].
+        wait: time of WA and WAIT, in addition to the wait itself [s].
     """
 
     statement: float = 1e-5
@@ -78,26 +78,26 @@ class Basic(Controller):
     Source: Trio Motion Technology, Motion Coordinator technical reference manual, Trio BASIC commands.
 
     Attributes:
-        text: the programs.
-        axis_numbers: numbers of the machine's axes x, y[, z[, r]]; by default 0 and 1, and 2 where the program moves
-            it, links no axis to it and does not set its ATYPE to 0. All others are virtual.
-        start: position of the axes x, y[, z[, r]] at the beginning, and their DPOS [mm, mm, mm, deg].
+        text: text of the programs.
+        axis_numbers: numbers of the machine's axes x, y[, z[, r]]; all other axes are virtual. By default 0 and 1, and
+            2 if the program moves it, links no axis to it and does not set its ATYPE to 0.
+        start: initial position of the axes x, y[, z[, r]], and their DPOS [mm, mm, mm, deg].
         valve: number of the output that opens the dispenser's valve; a program that never switches it dispenses
             while the axes move.
         inputs: numbers of the inputs that are on; all others are off.
         initial_speed: SPEED of every axis until the program sets it [mm/s].
         initial_acceleration: ACCEL and DECEL of every axis until the program sets them; inf for no limit [mm/s²].
-        buffers: moves that an axis buffers besides the one it executes.
+        buffers: number of moves that an axis buffers, besides the one being executed.
         ratio_bits: fractional bits of CONNECT's ratio; 0 for an exact ratio.
-        wait_resolution: WA truncates its time to a multiple of it; 0 for exact waits [s].
-        interpreter_time: time that a statement takes, by its kind.
-        servo_period: SERVO_PERIOD for duration and axes; the setpoints run the program at the servo's own period [s].
-        unassigned_zero: let variables that no statement assigns read as 0, as on the controller; else they are
+        wait_resolution: WA truncates its time to a multiple of this; 0 for exact waits [s].
+        interpreter_time: time that each kind of statement takes.
+        servo_period: SERVO_PERIOD for `duration` and `axes`; setpoints are computed at the servo's own period [s].
+        unassigned_zero: whether variables that no statement assigns read as 0, as on the controller; otherwise they are
             errors.
-        statement_limit: statements executed until the program counts as endless.
-        time_limit: simulated time until the program counts as endless [s].
-        stop_after: time at which a program that has not ended is stopped, as by STOP and RAPIDSTOP; 0 for never [s].
-        spiral: the requested path, where the program makes it by links.
+        statement_limit: number of executed statements after which the program counts as endless.
+        time_limit: simulated time after which the program counts as endless [s].
+        stop_after: time at which a program that is still running is stopped, as by STOP and RAPIDSTOP; 0 for never [s].
+        spiral: requested path of a program that makes a spiral with linked axes.
         placement: position of the program's origin on the work, and its turn; scale must be 1.
 
     Raises:
