@@ -1,4 +1,4 @@
-"""Search for the gains with the least error on several machines, and write them in the words of a controller."""
+"""Search for the gains with the least error on several machines, and write them in a controller's parameters."""
 
 from pathlib import Path
 
@@ -24,7 +24,7 @@ for name, run in (("derived", before), ("tuned", after)):
     rms = gs.Budget(run).values.contour.rms
     print(f"{name} gains: contour error {1e3 * rms:.2f} µm rms")
 
-# 4. The gains in LinuxCNC's words, and what is to be set beside them.
+# 4. The gains in LinuxCNC's parameters, and the settings that are not gains.
 text, notes = exported("linuxcnc", job.built_machine.axes, tuned)
 print(text)
 for note in notes:

@@ -27,7 +27,14 @@ _SETTLED = 1e-5  # tolerance of a settled flow, of the flow demand
 
 
 class Bead(BeadTrace, Shown):
-    """The bead of a run: stations along the nozzle's trace, the height map, and its values; see `BeadTrace`."""
+    """The bead of a run: stations along the nozzle's trace, the height map, and its values.
+
+    Args:
+        run: the run.
+        settings: shape of the bead, by default that of `BeadSettings()`.
+        analysis: the analysis of the run, if there is one already.
+        stations: number of stations; by default one every quarter of a millimetre.
+    """
 
     def facts(self) -> dict[str, str]:
         remark = {"remark": self._no_values} if self._no_values else {}

@@ -24,26 +24,27 @@ _WIDEST = 1 / 3  # cell, of the nominal width
 class HeightMap:
     """Height of the glue over the surface, on a grid in the work frame.
 
-    The bead is laid along the trace, three samples to a cell, and across it as the section's profile times
-    1 - kappa u, with the trace's curvature kappa and the distance u to its left, as the inner side of a bend is
-    shorter. Its ends are round, half the body of revolution of the section. Where beads overlap their heights add.
+    The bead is laid along the trace with three samples per cell. Across the trace, its height is the section's profile
+    times 1 - kappa u, with the trace's curvature kappa and the distance u to the left, because the inner side of a bend
+    is shorter. Its ends are round, half the body of revolution of the section. Heights of overlapping beads add up.
 
-    The needle's face pushes what is higher than it aside, for the whole map at once, whatever the order of the turns.
-    Beside the face, glue has room up to the height of the beads laid there; what exceeds that rises, spread over about
-    half a bead's width. What the face cannot push aside is the `ridge`. A bead that is not squashed is not pushed. Only
-    a nozzle that lays glue pushes. All steps conserve volume.
+    The needle's face pushes glue above it aside, in the whole map at once, whatever the order of the turns. Beside the
+    face, glue fills the space up to the height of the beads laid there; the excess rises, spread over about half a
+    bead's width. Glue that the face cannot push aside forms the `ridge`. A bead that is not squashed is not pushed, and
+    only a dispensing nozzle pushes. All steps conserve volume.
 
-    A height map is a single-valued surface, level across the trace. Where the trace comes back over the same place at
-    another height, by three quarters of the bead's height or more, the glue there is in another layer: it neither adds
-    to that of the first one nor is pushed into it; see `layers`.
+    A height map is a single-valued surface, level across the trace. Where the trace returns to the same place at a
+    height that differs by three quarters of the bead's height or more, the glue is in another layer: it neither adds to
+    the first layer nor is pushed into it; see `layers`.
 
     Attributes:
-        x, y: middles of the cells, (nx,) and (ny,) [mm].
+        x, y: centres of the cells, (nx,) and (ny,) [mm].
         layers: mean height over each cell, of every layer over its own surface, (layers, ny, nx) [mm].
-        covered: wet share of each cell of every layer, as gaps narrower than a cell leave it, (layers, ny, nx).
-        contact: height at the rim of a nominal bead, as the cells blur it [mm].
-        ridge: height of remaining glue above the nozzle, over that of the nozzle; 0 where the map has settled.
-        layer: number of the layer of every interval between two stations of the trace, (r - 1,).
+        covered: wet fraction of each cell of every layer, which resolves gaps narrower than a cell, (layers, ny, nx).
+        contact: height at the rim of a nominal bead, blurred by the cells [mm].
+        ridge: largest height of glue above the nozzle that remains, relative to the nozzle's height; 0 once the map has
+            settled.
+        layer: layer of each interval between two stations of the trace, (r - 1,).
     """
 
     x: Floats
@@ -101,7 +102,7 @@ class HeightMap:
         return float(self.layers.sum()) * self.cell**2
 
     def at(self, points: ArrayLike) -> Floats:
-        """Return the height at points in plan view, bilinear between the cells' middles, 0 off the map.
+        """Return the height at points in plan view, bilinear between the centres of the cells, 0 outside the map.
 
         Args:
             points: (..., 2), or with further columns, which are ignored [mm].
@@ -109,7 +110,7 @@ class HeightMap:
         return self._between_cells(self.height, points)
 
     def wet_share(self, points: ArrayLike, layer: int) -> Floats:
-        """Return the wet share of a layer at points, as `at` takes them, from 0 to 1."""
+        """Return the wet fraction of a layer at points given as for `at`, from 0 to 1."""
         return self._between_cells(self.covered[layer], points)
 
     def _between_cells(self, values: Floats, points: ArrayLike) -> Floats:
@@ -128,7 +129,7 @@ class HeightMap:
         return np.where(inside, (1 - b) * low + b * high, 0.0)
 
     def wet(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Whether there is glue at points, as `at` takes them."""
+        """Return whether there is glue at points given as for `at`."""
         return self.at(points) > self.contact
 
 

@@ -39,11 +39,11 @@ def check(
     stop_after: StopAfter = None,
     allow_code: AllowCode = False,
 ) -> None:
-    """Read and plan a job or a program file without simulating it: length, time, extents, what was ignored.
+    """Read and plan a job or a program file without simulating it: length, time, extents, ignored words.
 
-    A program that leaves the travel, or is faster than the machine, is shown with its extents before it is refused.
+    If a program leaves the travel or is faster than the machine, its extents are shown before it is refused.
 
-    Exit status: 0 for a program that its machine can run, 2 for one that is refused, with file and line.
+    Exit status: 0 for a program that the machine can run, 2 for one that is refused, with file and line.
     """
     from gantrysim.base.errors import InputError
     from gantrysim.cli.tables import plan_table

@@ -22,7 +22,7 @@ _HEADS = ("measured\nrms", "\n95 %", "\nmax", "simulated\nrms", "\n95 %", "\nmax
 Measured = Annotated[
     Path | None,
     typer.Option(
-        help="Log of the real machine, beside one RUN: CSV, softMC's RECORD, LinuxCNC's halsampler or halscope, or a "
+        help="Log of the real machine, for one RUN: CSV, softMC's RECORD, LinuxCNC's halsampler or halscope, or a "
         "TABLE dump.",
         show_default=False,
     ),
@@ -35,10 +35,10 @@ Columns = Annotated[
     ),
 ]
 Period = Annotated[float | None, typer.Option(help="Sampling period, for a log without time \\[s].")]
-Align = Annotated[str, typer.Option(help="Fitted to the trace: time, offset, rotation, or none.")]
+Align = Annotated[str, typer.Option(help="Quantities fitted to align the trace: time, offset, rotation, or none.")]
 Circle = Annotated[
     str | None,
-    typer.Option(metavar="RADIUS[,X,Y]", help="Evaluate a circular test too, about X, Y in the work frame \\[mm]."),
+    typer.Option(metavar="RADIUS[,X,Y]", help="Also evaluate a circular test, about X, Y in the work frame \\[mm]."),
 ]
 
 
@@ -57,19 +57,21 @@ def compare(
     blocks: Annotated[int, typer.Option(min=0, help="Blocks of a Trio TABLE dump.")] = 0,
     align: Align = "time,offset",
     circle: Circle = None,
-    out: Annotated[Path | None, typer.Option(help="Output folder; by default the first RUN and /compare.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Output folder; by default the folder compare in the first RUN.")
+    ] = None,
 ) -> None:
-    """Compare saved runs with one another, or one with a measured trace.
+    """Compare saved runs with each other, or one run with a measured trace.
 
-    Of two runs or more: which is better by its verdict, by how much, and what differs between their jobs; both beads,
-    errors, budgets and checks beside one another, changes counted from the first run. Errors are compared at the same
-    distance along the path where all runs request the same one, else over time.
+    For two runs or more, it states which verdict is better, by how much, and how the jobs differ, and shows beads,
+    errors, budgets and checks side by side, with changes relative to the first run. Errors are compared at the same
+    distance along the path if all runs request the same path, otherwise over time.
 
-    With --measured: both error budgets, and what the model does not explain. The trace is aligned in time and place;
-    its samples are not interpolated, the simulation is taken at their instants. Links that are not measured are not
-    compared, and count as no explanation.
+    With --measured, it shows both error budgets and the part of the error that the model does not explain. The trace is
+    aligned in time and position. Its samples are not interpolated: the simulation is evaluated at their times. Links
+    that are not measured are not compared, and do not count as explained.
 
-    The folder gets report.html and compare.json.
+    The output folder holds report.html and compare.json.
 
     Exit status: 0, 2 for bad input.
     """

@@ -32,8 +32,8 @@ Source = Annotated[
     typer.Option(
         "--from",
         metavar="NAME FILE",
-        help="Read gains in these words, and write the table \\[servo]; of linuxcnc-ini and klipper also the "
-        "limits of speed and acceleration.",
+        help="Read the gains of such a file, and write them as a table \\[servo]; from linuxcnc-ini and klipper also "
+        "the limits of speed and acceleration.",
     ),
 ]
 
@@ -48,13 +48,13 @@ def gains(
     servo: ServoFile = None,
     allow_code: AllowCode = False,
 ) -> None:
-    """Show a job's servo gains in the words and units of motion controllers; write or read them.
+    """Show a job's servo gains in the parameters and units of motion controllers; write or read them.
 
-    Without --export or --from, a table gives every controller's words, their units, and how they follow from the
-    servo's gains. A gain, notch or law that a controller has no word for is refused, never dropped; what is set beside
-    the gains, such as limits, is listed in notes and in the file.
+    Without --export or --from, a table lists every controller's parameters, their units, and how they follow from the
+    servo's gains. If a controller has no parameter for a gain, notch or law, the export is refused; nothing is dropped
+    silently. Settings that are not gains, such as limits, are listed in notes and in the file.
 
-    Exit status: 0, 2 for bad input or a gain that the controller has no word for.
+    Exit status: 0, 2 for bad input or a gain for which the controller has no parameter.
     """
     from gantrysim.base.files import replaced
     from gantrysim.exchange.gains import DIALECTS, dialect, exported
@@ -126,7 +126,7 @@ def _read(job: Job, name: str, file: Path) -> tuple[str, list[str]]:
         notes.insert(
             0, f"read as gains of velocity drives: {sign}; --set servo.mode='\"torque\"' reads them as torques"
         )
-    comments.insert(0, f"Gains in the words of {name}, from {file.name}, drives in mode {', '.join(servo.modes)}.")
+    comments.insert(0, f"Gains in the parameters of {name}, from {file.name}, drives in mode {', '.join(servo.modes)}.")
     return servo_toml(job, servo, comments), notes
 
 
@@ -156,7 +156,7 @@ def _table(job: Job) -> Table:
     table = Table(
         title=f"Servo gains of {job.name}, u the unit of the axis", title_justify="left", box=None, padding=(0, 1, 0, 0)
     )
-    for heading in ("controller", "word", "unit", "from"):
+    for heading in ("controller", "parameter", "unit", "from"):
         table.add_column(heading, no_wrap=heading != "from", overflow="fold")
     for axis in axis_servos:
         table.add_column(f"{axis.name}\n\\[{axis.unit}]", justify="right", no_wrap=True)
@@ -172,6 +172,6 @@ def _table(job: Job) -> Table:
             values = (f"{word.value:.4g}" for word in words)
             table.add_row(name if k == 0 else "", words[0].name, words[0].unit, words[0].formula, *values)
         if lost := unsaid(chosen, axis_servos, job.built_servo):
-            table.add_row("", "", "", f"no export: no word for {', '.join(lost)}")
+            table.add_row("", "", "", f"no export: no parameter for {', '.join(lost)}")
         table.add_section()
     return table

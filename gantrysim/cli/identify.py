@@ -19,34 +19,35 @@ def identify(
         Path | None, typer.Argument(help="Log of the moves: CSV, Parquet, MAT or MCAP.", show_default=False)
     ] = None,
     model: Annotated[
-        str, typer.Option("--machine", "--model", help="The nominal machine: built-in or an MJCF file.")
+        str, typer.Option("--machine", "--model", help="Nominal machine: built-in, an MJCF file or a machine table.")
     ] = "xyz",
     out: Annotated[
-        Path | None, typer.Option(help="Output folder, or the program's file; by default identified/, excitation.*")
+        Path | None,
+        typer.Option(help="Output folder; with --plan, the program file; by default identified/ or excitation.*"),
     ] = None,
     columns: Annotated[
         list[str] | None,
         typer.Option(
             "--column",
             metavar="NAME=COLUMN",
-            help="Column of a quantity: 'x position=MPOS AXIS(0) \\[mm]', 'x torque=I*0.0302 N·m'.",
+            help="Column of the log for a quantity: 'x position=MPOS AXIS(0) \\[mm]', 'x torque=I*0.0302 N·m'.",
         ),
     ] = None,
-    plan: Annotated[bool, typer.Option("--plan", help="Write the program that excites the machine, without a log.")] = (
+    plan: Annotated[bool, typer.Option("--plan", help="Write the program that excites the machine; takes no log.")] = (
         False
     ),
     controller: Annotated[str, typer.Option(help="Language of the program: trio, softmc or linuxcnc.")] = "trio",
 ) -> None:
     """Fit inertia, friction, first mode and delay of a machine's axes to a log of their torque and position.
 
-    With --plan, write the program of the moves to log. Else identified.toml gets the values with their 95 % confidence,
-    machine.xml the fitted machine for all other commands, and three plots what remains. The fitted machine is simulated
-    under the log's torque, and a line says what it lacks.
+    With --plan, write the program of the moves to log. Otherwise write identified.toml with the values and their 95 %
+    confidence intervals, machine.xml with the fitted machine for all other commands, and three plots of the residuals.
+    The fitted machine is simulated with the log's torque, and a line states what the model lacks.
 
-    A log that is spoiled, such as one of a frozen encoder or of a torque in another unit, is not identified: a line
-    names the error.
+    A defective log, for example with a frozen encoder or a torque in another unit, is not identified: a line names the
+    defect.
 
-    Exit status: 0, 1 where no value of an axis is identified, 2 for bad input, 130 after Ctrl-C, which leaves the
+    Exit status: 0, 1 if no value of an axis is identified, 2 for bad input, 130 after Ctrl-C, which leaves the
     output folder unchanged.
     """
     from gantrysim.machine.machine import Machine

@@ -32,25 +32,28 @@ if TYPE_CHECKING:
 
 Apply = Annotated[
     Path | None,
-    typer.Option("--apply", metavar="FILE", help="TOML file to write the improved job to, for gantrysim run FILE."),
+    typer.Option("--apply", metavar="FILE", help="Write the improved job to this TOML file, for gantrysim run FILE."),
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(help="Folder for report.html: what to change, and the runs before and after beside one another."),
+    typer.Option(
+        help="Folder for report.html, with the proposed changes and a comparison of the runs before and after."
+    ),
 ]
 WithFastest = Annotated[
     bool | None,
     typer.Option(
         "--fastest/--no-fastest",
-        help="Look for the fastest program as good as the best combination; by default where the job gives a "
-        "tolerance.",
+        help="Also search for the fastest program that is as good as the best combination; on by default if the job "
+        "has a tolerance.",
     ),
 ]
 Threads = Annotated[
     int | None, typer.Option(metavar="N", help="Maximum number of threads; by default one for each core.")
 ]
 OnlyLevers = Annotated[
-    list[str] | None, typer.Option("--lever", metavar="NAME", help="Try this lever alone, or several; by default all.")
+    list[str] | None,
+    typer.Option("--lever", metavar="NAME", help="Lever to try; repeat the option for several; by default all."),
 ]
 
 _JOB_SUFFIX = ".toml"
@@ -76,13 +79,13 @@ def improve(
     workers: Threads = None,
     allow_code: AllowCode = False,
 ) -> None:
-    """Find out what to change in a job, so that its verdict is a pass.
+    """Find out what to change in a job so that its verdict becomes a pass.
 
-    Every lever that verdict and causes make plausible is simulated alone, and then in the best combination: flow by
-    speed, lag compensation and leads of the dispenser, laws and gains of the servo, acceleration, program loop, corner
-    rounding, needle height, speed, and other hardware where settings do not suffice. A table gives what each lever
-    gains in every row of the verdict, the time of the run, and what the lever costs; the lines to paste follow. Where
-    nothing meets the tolerance, a sentence names what forbids it.
+    Every lever that verdict and causes suggest is simulated alone, and then in the best combination: flow by speed, lag
+    compensation and leads of the dispenser, laws and gains of the servo, acceleration, program loop, corner rounding,
+    needle height, speed, and different hardware if settings are not enough. A table shows the effect of each lever on
+    every row of the verdict, the duration of the run, and the cost of the lever; the lines to paste follow. If nothing
+    meets the tolerance, a sentence states what prevents it.
 
     Exit status: 0, 2 for bad input, 3 for a run that ends in a fault, 130 after Ctrl-C.
     """

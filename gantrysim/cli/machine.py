@@ -13,8 +13,8 @@ from gantrysim.cli.terminal import interruptible, say, share_bar, show
 if TYPE_CHECKING:
     from gantrysim.machine.machine import Machine
 
-machine_app = typer.Typer(help="Machines from tables.", no_args_is_help=True)
-ForJob = Annotated[str | None, typer.Option("--job", help="Job whose torques are held against the motors.")]
+machine_app = typer.Typer(help="Create machines from tables.", no_args_is_help=True)
+ForJob = Annotated[str | None, typer.Option("--job", help="Job whose torques are compared with the motors.")]
 
 
 @machine_app.callback()
@@ -26,15 +26,16 @@ def _machine() -> None:
 def new(
     file: Annotated[Path, typer.Argument(help="TOML file of the machine, or URDF.", show_default=False)],
     out: Annotated[
-        Path | None, typer.Option(help="MJCF file, or folder; by default beside the table, with the suffix .xml.")
+        Path | None,
+        typer.Option(help="MJCF file or folder to write; by default beside the table, with the suffix .xml."),
     ] = None,
     job: ForJob = None,
     allow_code: AllowCode = False,
 ) -> None:
     """Write the MJCF of a machine that a TOML table describes, and size its drives.
 
-    Jobs take the table itself too, as in `machine = "belt.toml"` or --model belt.toml, and a URDF with its table beside
-    it.
+    Jobs also accept the table itself, as in `machine = "belt.toml"` or --machine belt.toml, and a URDF with its table
+    beside it.
     """
     from gantrysim.base.errors import InputError, expanded
     from gantrysim.base.files import replaced

@@ -1,4 +1,4 @@
-"""Options that several commands take."""
+"""Options common to several commands."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from gantrysim.base.files import complete
 
 Model = Annotated[
     str | None,
-    typer.Option("--machine", "--model", help="Machine to use instead of the job's: built-in or an MJCF file."),
+    typer.Option(
+        "--machine", "--model", help="Machine to use instead of the job's: built-in, an MJCF file or a machine table."
+    ),
 ]
 Settings = Annotated[
     list[str] | None,
@@ -20,35 +22,34 @@ Settings = Annotated[
 ]
 ServoFile = Annotated[
     Path | None,
-    typer.Option(help="TOML file whose table \\[servo] replaces the job's, such as tuned.toml of gantrysim tune."),
+    typer.Option(help="TOML file whose table \\[servo] replaces the job's, such as tuned.toml from gantrysim tune."),
 ]
 Reader = Annotated[
     str | None,
     typer.Option(
-        help="Controller that reads a program file, such as linuxcnc or mine.py:Class; by default that of its suffix."
+        help="Controller that reads a program file, such as linuxcnc or mine.py:Class; by default chosen by the "
+        "file's suffix."
     ),
 ]
 Speed = Annotated[float | None, typer.Option(help="Speed of the program's fastest motion \\[mm/s].")]
 At = Annotated[
-    str | None, typer.Option("--at", metavar="X,Y[,Z]", help="Place of the program's origin on the work \\[mm].")
+    str | None, typer.Option("--at", metavar="X,Y[,Z]", help="Position of the program's origin on the work \\[mm].")
 ]
-Rotate = Annotated[float | None, typer.Option(help="Turn of the program about its origin \\[deg].")]
-Scale = Annotated[float | None, typer.Option(help="Factor on the program's lengths.")]
-ZDown = Annotated[
-    bool | None, typer.Option("--z-down", help="Take the program's heights as depths, positive downwards.")
-]
+Rotate = Annotated[float | None, typer.Option(help="Rotation of the program about its origin \\[deg].")]
+Scale = Annotated[float | None, typer.Option(help="Scale factor for the program's lengths.")]
+ZDown = Annotated[bool | None, typer.Option("--z-down", help="Read the program's z as a depth, positive downwards.")]
 StopAfter = Annotated[
     float | None,
     typer.Option(
-        metavar="SECONDS", help="Stop a program of Trio BASIC that has not ended by then, such as one that never ends."
+        metavar="SECONDS", help="Stop a Trio BASIC program that is still running at this time, such as an endless one."
     ),
 ]
 AllowCode = Annotated[
     bool,
     typer.Option(
         "--allow-code",
-        help="Run the Python code that the job file names, a law or a controller; without this only a job in the "
-        "present folder may.",
+        help="Run the Python code that the job file names, a law or a controller; without this option, only a job in "
+        "the current folder may run its code.",
     ),
 ]
 Camera = Annotated[
@@ -61,8 +62,8 @@ Camera = Annotated[
 FilmCamera = Annotated[
     str | None,
     typer.Option(
-        help="overview, top, side, or nozzle, which follows the tip; by default one that holds the bead, after a "
-        "second of the whole machine."
+        help="overview, top, side, or nozzle, which follows the tip; by default one that frames the bead, after "
+        "one second of the whole machine."
     ),
 ]
 Colour = Annotated[
@@ -72,14 +73,14 @@ Colour = Annotated[
 
 
 def to_write(folder: Path | None) -> Path | None:
-    """Return a given output folder, after what a killed command has left in it is completed: the job may lie there."""
+    """Return an output folder after completing what a killed command left in it: the job file may lie there."""
     if folder is not None:
         complete(expanded(folder).absolute(), f"--out {folder}")
     return folder
 
 
 def with_stop(settings: list[str] | None, stop_after: float | None) -> list[str]:
-    """Return the settings of a job with the time at which its program is stopped, where that is given."""
+    """Return the settings of a job, with the stop time of its program if one is given."""
     stop = [] if stop_after is None else [f"program.stop_after={stop_after!r}"]
     return [*(settings or ()), *stop]
 

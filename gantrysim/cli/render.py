@@ -30,7 +30,7 @@ Size = Annotated[
 ]
 FilmSpeed = Annotated[
     float | None,
-    typer.Option(help="Seconds of the run per second of film; by default 1, or more to keep it below a minute."),
+    typer.Option(help="Seconds of the run per second of film; by default 1, or more to keep the film below a minute."),
 ]
 Moment = Annotated[
     float | None, typer.Option("--at", metavar="SECONDS", help="Draw a single picture at this time of the run.")
@@ -56,7 +56,8 @@ def render(
     speed: FilmSpeed = None,
     colour: Colour = None,
     true_width: Annotated[
-        bool, typer.Option("--true-width", help="Draw a thin bead as wide as it is, not wider so that it is seen.")
+        bool,
+        typer.Option("--true-width", help="Draw a thin bead at its true width, instead of widening it for visibility."),
     ] = False,
     moment: Moment = None,
     label: Labels = None,
@@ -66,8 +67,8 @@ def render(
 ) -> None:
     """Draw saved runs: a film or a picture of the machine and its bead, with readout and error strip.
 
-    Nothing is simulated again. Two or four runs are shown side by side at the same time of the run, with one scale for
-    their errors; a run that ends before the others keeps its last picture.
+    Nothing is simulated again. Two or four runs are shown side by side at the same time, with one scale for their
+    errors; a run that ends before the others keeps its last picture.
 
     Exit status: 0 on success, 2 for bad input or without OpenGL, 130 after Ctrl-C.
     """

@@ -34,32 +34,34 @@ WithCauses = Annotated[
     bool | None,
     typer.Option(
         "--causes/--no-causes",
-        help="Run the job again with one cause of error at a time switched off; by default unless the run is long.",
+        help="Rerun the job with one cause of error switched off at a time; on by default unless the run is long.",
     ),
 ]
 WithChanges = Annotated[
     bool | None,
     typer.Option(
         "--improve/--no-improve",
-        help="Simulate what may improve the two worst rows of the verdict; by default unless it passes or the run is "
-        "long.",
+        help="Simulate changes that may improve the two worst rows of the verdict; on by default unless the verdict "
+        "is a pass or the run is long.",
     ),
 ]
 Repeat = Annotated[
     int | None,
-    typer.Option(help="Run the job so many times with other zeros of its encoders; print the figures' scatter."),
+    typer.Option(
+        help="Rerun the job this many times with shifted encoder zeros, and print the scatter of the results."
+    ),
 ]
 
 FailOn = Annotated[
     Literal["fail", "warn"] | None,
-    typer.Option(help="Exit with status 4 if the verdict is fail; with warn, also if it is only a warning."),
+    typer.Option(help="Exit with status 4 if the verdict is fail; with warn, also if it is a warning."),
 ]
 
 
 def run(
     job: Annotated[str, typer.Argument(help="Built-in job, TOML file, or program file.")] = "an225",
     out: Annotated[
-        Path | None, typer.Option(callback=to_write, help="Output folder; by default out/ and the job's name.")
+        Path | None, typer.Option(callback=to_write, help="Output folder; by default out/NAME, with the job's name.")
     ] = None,
     model: Model = None,
     settings: Settings = None,
@@ -81,20 +83,20 @@ def run(
 ) -> None:
     """Simulate a job, print verdict, error budget and causes, and write record, summary, plots, report and video.
 
-    The verdict compares path, glue, stability and machine with their tolerances: those of the job's table
+    The verdict compares path, glue, stability and machine with their tolerances: those in the job's table
     tolerance, and defaults from machine, needle and bead.
 
-    The error budget locates the error on the chain. A second table finds its causes: the job is run again with one
-    cause at a time switched off (program, sampling, counts, friction, winding, compliance), and the change of the error
-    is what that cause is worth. Where the verdict is no pass, what may improve its two worst rows is simulated, as by
-    gantrysim improve, and the lines to paste are printed. A run with faults on purpose, or ended by a fault, is not
-    searched for causes or improvements.
+    The error budget shows where in the chain the error arises. A second table shows its causes: the job is rerun with
+    one cause switched off at a time (program, sampling, counts, friction, winding, compliance), and the change of the
+    error is the effect of that cause. Unless the verdict is a pass, changes that may improve its two worst rows are
+    simulated, as by gantrysim improve, and the lines to paste are printed. Causes and improvements are skipped for a
+    run with deliberate faults and for one that a fault ended.
 
-    Axes that stick and slip do so by where their encoders' counts fall: figures scatter from one start of the machine
-    to the next. With --repeat, the job is run again with the zeros anywhere within a count, and a table gives mean and
-    standard deviation of the figures beside those of the job.
+    Axes with stick-slip depend on where their encoders' counts fall, so results scatter from one start of the machine
+    to the next. With --repeat, the job is rerun with the encoder zeros shifted within a count, and a table lists mean
+    and standard deviation of the results beside those of the job.
 
-    Exit status: 0 for a complete run, 1 if a plot, the report or the video failed while all else is written, 2 for bad
+    Exit status: 0 for a complete run, 1 if a plot, the report or the video failed but all else was written, 2 for bad
     input, 3 for a run that ended in a fault, 4 for a verdict that --fail-on names, 130 after Ctrl-C, which leaves the
     output folder unchanged.
     """

@@ -28,7 +28,7 @@ Backend = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="Where the cases run: loky (processes on this machine, the default), threading, or dask=ADDRESS (workers "
+        help="Where the cases run: loky (processes on this computer, the default), threading, or dask=ADDRESS (workers "
         "of the Dask cluster with the scheduler at ADDRESS).",
     ),
 ]
@@ -135,7 +135,7 @@ def loop(
     backend: Backend = None,
     allow_code: AllowCode = False,
 ) -> None:
-    """Find how fast the program loop and the servo, and how fine the encoder must be.
+    """Find how fast the program loop and the servo must be, and how fine the encoder.
 
     Sweeps the loop period, interpreter time, servo period, encoder resolution and physics step, and compares the
     results with closed forms.
@@ -195,7 +195,7 @@ def machine(
     backend: Backend = None,
     allow_code: AllowCode = False,
 ) -> None:
-    """Estimate the yield of a job over many machines that differ, and find the dominant factor.
+    """Estimate the yield of a job over many differing machines, and find the dominant factor.
 
     Every machine runs with the servo gains of the nominal one.
     """
@@ -208,7 +208,7 @@ def machine(
 
 @study_app.command()
 def circle(
-    model: Annotated[str, typer.Option("--machine", help="A built-in machine, or an MJCF file.")] = "xy",
+    model: Annotated[str, typer.Option("--machine", help="Built-in machine, MJCF file or machine table.")] = "xy",
     radius: Annotated[float, typer.Option(help="Radius of the circle \\[mm].")] = 50.0,
     path_speed: Annotated[float, typer.Option("--speed", help="Path speed \\[mm/s].")] = 100.0,
     out: Out = None,
@@ -249,8 +249,8 @@ def repeat(
 @study_app.command()
 def laws(
     job: JobArgument = "softmc-arc",
-    payload: Annotated[float, typer.Option(help="Mass added to the machine for the sensitivity \\[kg].")] = 0.5,
-    friction: Annotated[float, typer.Option(help="Factor on its friction for the sensitivity.")] = 1.5,
+    payload: Annotated[float, typer.Option(help="Mass added to the machine for the sensitivity test \\[kg].")] = 0.5,
+    friction: Annotated[float, typer.Option(help="Factor on the machine's friction for the sensitivity test.")] = 1.5,
     out: Out = None,
     model: Model = None,
     settings: Settings = None,

@@ -14,21 +14,21 @@ from gantrysim.cli.terminal import say, warn
 Law = Annotated[
     str | None,
     typer.Option(
-        help="Gains to search: pd for kp, kd, velocity_ff and acceleration_ff, pid for these and ki; by default "
-        "pid where the job has an integral term."
+        help="Gains to search: pd for kp, kd, velocity_ff and acceleration_ff; pid for these and ki; by default pid "
+        "if the job has an integral term."
     ),
 ]
 Budget = Annotated[int, typer.Option(help="Maximum number of runs of the search.")]
 Robust = Annotated[
-    int, typer.Option(metavar="K", help="Perturbed machines besides the job's own; the worst of all counts.")
+    int, typer.Option(metavar="K", help="Number of perturbed machines besides the job's own; the worst of them counts.")
 ]
 Guards = Annotated[
-    int, typer.Option(metavar="N", help="Machines besides these on which the margin is kept, without runs.")
+    int, typer.Option(metavar="N", help="Number of further machines on which the margin is kept, without runs.")
 ]
 Batch = Annotated[
     int,
     typer.Option(
-        metavar="N", help="Points of the simplex moved side by side; more fill more cores, but need more runs."
+        metavar="N", help="Points of the simplex moved in parallel; more points use more cores, but need more runs."
     ),
 ]
 Metric = Annotated[
@@ -42,26 +42,30 @@ Margin = Annotated[
     float,
     typer.Option(
         metavar="M",
-        help="Least gain margin, in every direction: the peak of |S| is at most M/(M - 1); a margin of 2 gives a "
+        help="Smallest gain margin, expressed as a bound on |S|: its peak is at most M/(M - 1); a margin of 2 gives a "
         "phase margin of at least 29 deg.",
     ),
 ]
 Ripple = Annotated[float, typer.Option(metavar="%", help="Largest torque ripple, in % of the peak torque.")]
 PerAxis = Annotated[
-    bool, typer.Option("--per-axis", help="Search the gains of every axis separately, not one factor for all.")
+    bool,
+    typer.Option("--per-axis", help="Search the gains of each axis separately, instead of one factor for all axes."),
 ]
 Spread = Annotated[
     str,
     typer.Option(help="Tolerances of the machines, as in gantrysim study machine: payload=0.5,friction=0.3."),
 ]
 Unseen = Annotated[
-    int, typer.Option(metavar="N", help="Machines for the final check of the tuned gains, not in the budget.")
+    int,
+    typer.Option(
+        metavar="N", help="Number of machines for the final check of the tuned gains, in addition to the budget."
+    ),
 ]
 Export = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="Write the tuned gains in the words of a controller too: trio, linuxcnc, linuxcnc-ini, softmc or "
+        help="Also write the tuned gains in the parameters of a controller: trio, linuxcnc, linuxcnc-ini, softmc or "
         "fanuc, as gantrysim gains does.",
     ),
 ]
@@ -91,12 +95,13 @@ def tune(
 ) -> None:
     """Find the servo gains that minimise a job's error on the worst of several perturbed machines.
 
-    A simplex starts at the best of the job's gains, those derived from the machine, and the stiffest within the
-    margin. Every candidate keeps the margin on every axis and machine; candidates with too much torque ripple, or a
-    fault, rank behind all others.
-    The result is written as tuned.toml, for gantrysim run --servo, with a report that compares start and tuned. An
-    interrupted search resumes when rerun. --export trio adds tuned-trio.bas, for the controller; gains that it has no
-    word for are not searched, and must be zero from the start.
+    A simplex search starts at the best of three sets: the job's gains, those derived from the machine, and the stiffest
+    within the margin. Every candidate keeps the margin on every axis and machine; candidates with too much torque
+    ripple, or with a fault, rank behind all others.
+
+    The result is written to tuned.toml, for gantrysim run --servo, with a report that compares start and result. An
+    interrupted search resumes when rerun. --export trio adds tuned-trio.bas for the controller; gains for which it has
+    no parameter are not searched, and must be zero from the start.
 
     Exit status: 0, 2 for bad input, 3 where every run ends in a fault, 130 after Ctrl-C.
     """
@@ -131,7 +136,7 @@ def tune(
 
 
 def write_words(folder: Path, name: str | None) -> None:
-    """Write the tuned gains of a folder in a controller's words, and remove the files of an earlier search."""
+    """Write the tuned gains of a folder in a controller's parameters, and remove the files of an earlier search."""
     from gantrysim.base.files import replaced
     from gantrysim.exchange.gains import DIALECTS, exported
     from gantrysim.job.job import Job

@@ -39,12 +39,12 @@ def view(
 ) -> None:
     """Open MuJoCo's viewer to replay a saved run or to run a job live, with the growing bead.
 
-    A live run can be pushed: a double click selects a body, Ctrl and a drag with the right button pushes it, with the
-    left button twists it.
+    The machine of a live run can be disturbed: double-click a body to select it, then hold Ctrl and drag with the right
+    button to push it, or with the left button to twist it.
 
-    Keys: Space pauses and resumes; Left and Right jump by a second in a saved run; Up and Down double and halve the
-    speed; Home or Backspace go to the start of a saved run and restart a live one; [ and ] switch the camera, Esc frees
-    it; F1 lists the viewer's own keys.
+    Keys: Space pauses and resumes; Left and Right jump by one second in a saved run; Up doubles and Down halves the
+    speed; Home or Backspace returns to the start of a saved run or restarts a live one; [ and ] switch the camera, Esc
+    frees it; F1 lists the viewer's own keys.
 
     Exit status: 0 when the window is closed, 2 for bad input or without a display, 3 if a fault ended a live run, 130
     after Ctrl-C.

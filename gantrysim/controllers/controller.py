@@ -23,16 +23,17 @@ from gantrysim.record.setpoints import Setpoints
 class Controller(ABC):
     """A motion controller with its program: a frozen dataclass, checked on construction.
 
-    Its fields are the keys of a job file's program.
+    The fields of a subclass are the keys of the table [program] in a job file.
 
     Attributes:
-        speed_scaling: what `arguments_at` changes, in words.
-        commands_axes: whether it gives positions of the axes of a machine that turns its work, not in the work frame.
-        suffixes: of the program files that the controller reads unless another is named.
-        text_argument: which takes the content of a program file.
-        ramp_arguments: dotted names of the arguments that limit acceleration and jerk; one factor may change them all.
-        corner_argument: dotted name of the argument by which corners are rounded, the more the greater it is; None for
-            a controller without one.
+        speed_scaling: description of what `arguments_at` changes.
+        commands_axes: whether the setpoints are axis positions of a machine that turns its work, instead of positions
+            in the work frame.
+        suffixes: suffixes of the program files that the controller reads by default.
+        text_argument: name of the argument that takes the content of a program file.
+        ramp_arguments: dotted names of the arguments that limit acceleration and jerk; all may be scaled by one factor.
+        corner_argument: dotted name of the argument that rounds corners, more strongly the larger it is; None for a
+            controller without one.
     """
 
     speed_scaling: ClassVar[str] = "the program's speed"
@@ -63,23 +64,23 @@ class Controller(ABC):
 
     @abstractmethod
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
-        """Return the arguments that hold a speed, by dotted name, with every speed changed.
+        """Return the arguments that contain a speed, by dotted name, with every speed changed.
 
         Args:
-            change: from a programmed path speed to another [mm/s].
+            change: function from a programmed path speed to the new one [mm/s].
         """
 
     def release(self) -> None:
-        """Drop what fills the memory of a long program and is computed again on demand."""
+        """Free the memory of a long program's intermediate results, which are recomputed on demand."""
         return
 
     @classmethod
     def with_files(cls, content: str, folder: pathlib.Path) -> str:
-        """Return the content of a program file with that of the files that it names, where the language has such.
+        """Return the content of a program file together with the files that it names, if the language has such.
 
         Args:
-            content: of the program file.
-            folder: in which it lies.
+            content: content of the program file.
+            folder: folder of the program file.
         """
         return content
 
@@ -101,7 +102,7 @@ class Controller(ABC):
         """Return the closed forms of the errors caused by the program's loop, None for a program without a loop.
 
         Args:
-            arguments: of the program, all of them; the controller may refuse them.
+            arguments: all arguments of the program; the controller may refuse them.
         """
         return None
 
@@ -129,16 +130,16 @@ class Controller(ABC):
         return max(speeds)
 
     def arguments(self) -> dict[str, Any]:
-        """Return the arguments as plain values, without those that are None."""
+        """Return the arguments as plain values, omitting those that are None."""
         return _without_none(asdict(self))  # type: ignore[call-overload]
 
     def arguments_at(self, speed: float) -> dict[str, Any]:
-        """Return the arguments that change where the program runs at another speed, by dotted name.
+        """Return the arguments that must change for the program to run at another speed, by dotted name.
 
         They are not checked: the controller may refuse the program at that speed.
 
         Args:
-            speed: of the fastest motion; slower ones change in proportion [mm/s].
+            speed: speed of the fastest motion; slower motions change in proportion [mm/s].
 
         Raises:
             InputError: the program states no speed, or the speed is not positive.
@@ -147,10 +148,10 @@ class Controller(ABC):
         return self.with_speeds(lambda programmed: programmed * factor)
 
     def with_lift(self, height: float) -> dict[str, Any] | None:
-        """Return the arguments, by dotted name, with which the needle is lifted in dry moves.
+        """Return the arguments, by dotted name, that lift the needle during moves without glue.
 
         Args:
-            height: above the work [mm].
+            height: height above the work [mm].
 
         Returns:
             None for a controller without such an argument, or a program that sets the height itself.
@@ -158,7 +159,7 @@ class Controller(ABC):
         return None
 
     def write_record(self, run: Run, file: str | os.PathLike[str]) -> bool:
-        """Write the controller's own record of a run, if it keeps one; return whether it was written."""
+        """Write the controller's own record of a run, if it keeps one, and return whether it was written."""
         return False
 
 

@@ -40,18 +40,18 @@ class Placement:
         positive("placement.scale", self.scale)
 
     def direction(self, vectors: ArrayLike) -> Floats:
-        """Return directions or displacements of the program on the work, scaled, (..., 3) [mm]."""
+        """Return the program's directions or displacements, (..., 3), rotated and scaled to the work frame [mm]."""
         turned: Floats = self.scale * np.asarray(vectors, float) @ self._turn.T
         return turned
 
     def point(self, points: ArrayLike) -> Floats:
-        """Return points of the program on the work, (..., 3) [mm]."""
+        """Return the program's points, (..., 3), in the work frame [mm]."""
         shift = np.array([self.x, self.y, self.z])
         return self.direction(points) + shift
 
     @property
     def upward(self) -> float:
-        """Direction in which the program's z rises on the work: 1, or -1 for depths, which mirror its planes."""
+        """Sign of the program's z in the work frame: 1, or -1 for depths, which mirror its planes."""
         return -1.0 if self.z_down else 1.0
 
     @cached_property

@@ -36,22 +36,23 @@ class Dispenser:
     """A dispenser: a valve with a pump or a pressure vessel. `Dispenser()` dispenses nothing.
 
     While the program dispenses, the request r(t) is a fixed flow, an area times the commanded path speed (a
-    controller's speed-proportional analogue output), or a fixed pressure. A time-pressure dispenser turns a flow
-    demand into the pressure that drives it through the needle. The state y, the flow of a volumetric dispenser or the
-    pressure of a time-pressure one, follows
+    controller's speed-proportional analogue output), or a fixed pressure. A time-pressure dispenser converts a flow
+    request to the pressure that drives this flow through the needle. The state y, the flow of a volumetric dispenser or
+    the pressure of a time-pressure one, follows
 
         dy/dt = (r(t - dead_time) - y) / T,  T = opening where y rises, closing where it falls,
 
-    solved exactly between the edges of r, which need not lie at servo ticks. With a syringe y is the pressure at the
+    solved exactly between the edges of r, which need not lie at servo ticks. With a syringe, y is the pressure at the
     valve, from which air flows into the syringe; see `Syringe`.
 
-    The leads shift the valve against the program's on and off, not the speed that `area` multiplies. `advance`
-    compensates the lag: with r(k) the mean request of servo period k, the controller requests
+    The leads shift the switching of the valve, but not the speed that `area` multiplies. `advance` compensates the lag:
+    with r(k) the mean request of servo period k, the controller requests
 
         c(k) = r(k) + advance (r(k) - r(k-1)) / period,  0 <= c <= limit.
 
-    With advance = T a ramp is followed without lag, and an opening recovers the volume that the lag withheld. A closing
-    cannot, as no flow is negative: use `stop_lead`. (Klipper's pressure advance adds the same term to the filament.)
+    With advance = T, a ramp is followed without lag, and an opening makes up for the volume that the lag withholds. A
+    closing cannot, because the flow is never negative: use `stop_lead`. (Klipper's pressure advance adds the same term
+    to the filament.)
 
     Attributes:
         flow: flow rate while the dispenser is on [mm³/s].
@@ -133,10 +134,10 @@ class Dispenser:
         return bool(self.flow or self.area or self.pressure)
 
     def flow_demand(self, dispense: ArrayLike, speed: ArrayLike) -> Floats:
-        """Return the flow demanded by the program, without leads and lags, over each servo period, (n,) [mm³/s].
+        """Return the mean flow requested by the program in each servo period, without leads and lags, (n,) [mm³/s].
 
         Args:
-            dispense: dispenser command from each tick to the next, (n,).
+            dispense: dispenser command between each tick and the next, (n,).
             speed: mean commanded path speed over that period, (n,) [mm/s].
         """
         on = np.asarray(dispense, bool)
@@ -205,7 +206,7 @@ class Dispenser:
         return breaks, np.clip(value, 0.0, self.limit)
 
     def notes(self, flow: Floats, period: float) -> tuple[str, ...]:
-        """Return notes on a run with the flow of each period [mm³/s]: when the syringe runs empty."""
+        """Return notes on a run with these mean flows per period [mm³/s], such as when the syringe runs empty."""
         if self.syringe is None:
             return ()
         empty = np.flatnonzero(np.cumsum(flow) * period >= (1 - _EMPTY) * self.syringe.glue)
@@ -214,7 +215,7 @@ class Dispenser:
         return (f"the syringe of {self.syringe.glue:.4g} mm³ runs empty at t = {(empty[0] + 1) * period:.4g} s",)
 
     def open_share(self, dispense: ArrayLike, period: float) -> Floats:
-        """Return the share of the period after each tick for which the valve is open, (n,); arguments as of `flows`."""
+        """Return the fraction of the period after each tick in which the valve is open, (n,); arguments as `flows`."""
         on = np.asarray(dispense, bool)
         valve = self._valve(on, period)
         edges = np.unique(np.concatenate([np.arange(on.size + 1, dtype=np.float64), *valve]))

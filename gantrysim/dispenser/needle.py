@@ -43,16 +43,15 @@ _STEPS = 8  # of Newton's method; from there on the residual is rounding
 class Needle:
     """A needle and its glue, with shear stress tau = tau_y + K (shear rate)^n above the yield stress tau_y.
 
-    The glue of Herschel and Bulkley rests below the wall stress tau_y, that is below the pressure drop
+    This Herschel-Bulkley glue does not flow below the wall stress tau_y, that is below the pressure drop
     p_y = 2 tau_y L / R. Above it, with bore radius R, length L and phi = p_y / p,
 
         Q = C p^(1/n) (1 - phi)^(1 + 1/n) ((1 - phi)^2 + 2 a phi (1 - phi) + b phi^2),
         C = pi R^3 / (3 + 1/n) (R / (2 K L))^(1/n),  a = (3 n + 1) / (2 n + 1),  b = (3 n + 1) / (n + 1)
 
-    (the integral of Rabinowitsch; Chhabra and Richardson, Non-Newtonian Flow and Applied Rheology, 2nd ed. 2008,
-    section 3.2). With n = 1 it is Bingham's glue and the law of Buckingham and Reiner. Without a yield stress it is a
-    power-law glue, Q = C p^(1/n); if also n = 1, K is the viscosity and the law Hagen's and Poiseuille's,
-    Q = pi R^4 p / (8 K L).
+    (Rabinowitsch integral; Chhabra and Richardson, Non-Newtonian Flow and Applied Rheology, 2nd ed. 2008, section 3.2).
+    With n = 1 it is a Bingham glue and the Buckingham-Reiner law. Without a yield stress it is a power-law glue,
+    Q = C p^(1/n); if also n = 1, K is the viscosity and the law that of Hagen and Poiseuille, Q = pi R^4 p / (8 K L).
 
     Args:
         bore: inner diameter, 2 R [mm], or a gauge such as "21G".
@@ -124,7 +123,7 @@ class Needle:
 
     @property
     def yield_flow(self) -> float:
-        """Flow at the yield pressure of the glue without its yield stress [mm³/s]."""
+        """Flow at the yield pressure of the same glue without a yield stress [mm³/s]."""
         try:
             return float(self.conductance * self.yield_pressure ** (1 / self.index))
         except OverflowError:
@@ -132,7 +131,7 @@ class Needle:
 
     @property
     def shape(self) -> tuple[float, float]:
-        """The constants a and b."""
+        """Constants a and b of the flow law."""
         return (3 * self.index + 1) / (2 * self.index + 1), (3 * self.index + 1) / (self.index + 1)
 
     def flow(self, pressure: ArrayLike) -> Floats:

@@ -19,17 +19,17 @@ _STEP = 0.05  # of the integration, relative to the time constant
 
 @dataclass(frozen=True)
 class Syringe:
-    """A syringe under air from a valve through a hose.
+    """A syringe pressurised with air from a valve through a hose.
 
-    The air above the glue and in the hose has the volume V, dead_volume at first and more as glue is used up. Air flows
-    in and out through the sonic conductance C by ISO 6358: with upstream pressure p1, downstream pressure p2, both
-    absolute, and the critical pressure ratio b,
+    The air above the glue and in the hose has the volume V: `dead_volume` with a full syringe, and more as glue is
+    used. Air flows in and out through the sonic conductance C of ISO 6358: with upstream pressure p1, downstream
+    pressure p2, both absolute, and the critical pressure ratio b,
 
         q = C p1 psi(p2 / p1),  psi(r) = 1 for r <= b, else sqrt(1 - ((r - b) / (1 - b))^2),
 
-    and the pressure of the air changes by dp/dt = (p0 q - p dV/dt) / V with p0 = 100 kPa. That is isothermal, as the
-    barrel's wall keeps the temperature of so little air. A pulse of pressure rises and falls with T = V / (C p0), more
-    slowly as the syringe empties. The piston has no friction. Once the glue is used up nothing more flows.
+    and the air pressure follows dp/dt = (p0 q - p dV/dt) / V with p0 = 100 kPa. This is isothermal, because the wall of
+    the barrel holds the temperature of so little air. A pressure pulse rises and falls with T = V / (C p0), more slowly
+    as the syringe empties. The piston has no friction. Nothing flows once the glue is used up.
 
     Attributes:
         volume: volume of glue in a full syringe [ml].
@@ -75,11 +75,11 @@ class Syringe:
 
     @property
     def rate(self) -> float:
-        """C p0 [mm³/s]."""
+        """Rate C p0 at which air flows in [mm³/s]."""
         return _PER_BAR * self.conductance
 
     def time_constant(self, used: float = 0.0) -> float:
-        """Return T = V / (C p0) once so much glue is used [mm³], [s]."""
+        """Return the time constant T = V / (C p0) [s] after a volume of glue has been used [mm³]."""
         return (self.air + used) / self.rate
 
 

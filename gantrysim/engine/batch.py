@@ -41,10 +41,10 @@ def simulate_batch(
     threads: int | None = None,
     progress: Progress = None,
 ) -> list[Run]:
-    """Run many simulations on threads and return their records, equal to those of `simulate` to the last bit.
+    """Run many simulations on threads and return their records, identical to those of `simulate` to the last bit.
 
-    Every argument is one for all, or a list, a tuple or an array with one per simulation. MJCF files, servo periods and
-    lengths may differ; machines of one file, perturbed or not, share one of MuJoCo's batches.
+    Each argument is either one value for all simulations, or a list, tuple or array with one per simulation. MJCF
+    files, servo periods and lengths may differ; machines from the same file, perturbed or not, share a MuJoCo batch.
 
     Args:
         machine: the machines.
@@ -52,16 +52,16 @@ def simulate_batch(
         setpoints: the commanded positions, or controllers, see `simulate`.
         physics_step: longest physics step, see `simulate` [s].
         dispenser: dispenser of the glue, see `simulate`.
-        faults: faults on purpose of all simulations, or a sequence of them for each.
+        faults: deliberate faults common to all simulations, or a sequence of them for each.
         threads: number of threads; by default all cores.
         progress: as in `simulate`.
 
     Returns:
-        The records, in order. A fault ends its own simulation only: see `Run.fault`.
+        The records, in order. A fault ends only its own simulation, see `Run.fault`.
 
     Raises:
-        InputError: an argument of a wrong type, lists of different lengths, no simulation at all, or what `simulate`
-            refuses, with the number of the simulation.
+        InputError: an argument of the wrong type, lists of different lengths, no simulation at all, or an error of
+            `simulate`, with the number of the simulation.
     """
     simulations = simulations_of(
         machine=machine,

@@ -42,22 +42,23 @@ def simulate(
     Args:
         machine: the machine.
         servo: the servo, with as many axes as the machine and the setpoints' period.
-        setpoints: commanded positions; axes of the machine that they leave out are held at zero. A controller with
-            its program stands for its setpoints at the servo's period.
-        physics_step: longest physics step, at most and by default the timestep of the machine's MJCF; it is reduced so
-            as to divide the servo period evenly [s].
+        setpoints: commanded positions; axes of the machine that they leave out are held at zero. A controller can be
+            given instead, for its setpoints at the servo's period.
+        physics_step: longest physics step, by default and at most the timestep of the machine's MJCF; it is reduced to
+            divide the servo period evenly [s].
         dispenser: dispenser of the glue, by default none.
-        law: a law in plain Python instead of the servo's own; slower, and alone in the process.
-        faults: faults on purpose, see `gantrysim.faults`; by default none.
-        progress: called now and then with the completed share, 0 to 1; True for a bar in a terminal or a notebook.
+        law: law in plain Python in place of the servo's own; slower, and only one such run at a time in a process.
+        faults: deliberate faults, see `gantrysim.faults`; by default none.
+        progress: function called from time to time with the completed share, 0 to 1; True for a progress bar in a
+            terminal or a notebook.
 
     Returns:
-        The record, longer than the setpoints by the ticks of waiting at their gates; a fault ends it early.
+        The record, longer than the setpoints by the waits at their gates; a fault ends it early.
 
     Raises:
-        InputError: an argument of a wrong type, setpoints with an unknown axis, a position outside the travel or a
-            speed above the limit, or a dispenser's start lead longer than the time before the first dispensing, or a
-            fault on purpose that the machine cannot have.
+        InputError: an argument of the wrong type, setpoints with an unknown axis, a position beyond the travel, a speed
+            above the limit, a start lead longer than the time before the first dispensing, or a deliberate fault that
+            the machine cannot have.
     """
     simulation = Simulation.of(machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser, faults=faults)
     runs = servo.laws.runs if law is None else 1
@@ -83,11 +84,11 @@ def simulate(
 def perfect_follower(machine: Machine, setpoints: Setpoints, *, dispenser: Dispenser | None = None) -> Run:
     """Return the record of a machine that follows its setpoints exactly, without servo, torque, waits or faults.
 
-    It shows the effect of the controller's program alone on the bead.
+    It shows the effect on the bead of the controller's program alone.
 
     Args:
         machine: the machine.
-        setpoints: commanded positions; of a controller, those at a servo period, `controller.setpoints(period)`.
+        setpoints: commanded positions; for a controller, `controller.setpoints(period)`.
         dispenser: dispenser of the glue, by default none.
 
     Raises:

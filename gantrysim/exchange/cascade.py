@@ -29,7 +29,7 @@ class SoftMC(Dialect):
     suffix = ".prg"
     comment = "'"
     source = "public descriptions of the linear position loop of CDHD drives"
-    assumes = "words and units, and both loops at the servo period, of a velocity drive its own loop at drive_period"
+    assumes = "parameters and units; both loops run at the servo period, the loop in a velocity drive at drive_period"
     carries = ("kp", "ki", "kd", "velocity_ff", "acceleration_ff", "output_velocity")
     carries_of_velocity = ("kp", "ki", "velocity_ff", "velocity_gain", "velocity_time")
 
@@ -49,7 +49,7 @@ class SoftMC(Dialect):
 
     @staticmethod
     def _around_velocity_loop(axis: AxisServo) -> list[Word]:
-        """Return the words of the loop around a velocity loop that the drive has by itself, and of that loop."""
+        """Return the parameters of the loop around the drive's own velocity loop, and of that velocity loop."""
         c, unit = axis.motor_unit_factor
         rate = 1 / axis.velocity_time if axis.velocity_time else 0.0
         return [

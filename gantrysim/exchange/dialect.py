@@ -1,4 +1,4 @@
-"""What every dialect of gains has: its words for one axis, their arithmetic, its text."""
+"""Base of the dialects of gains: the parameters of one axis, their arithmetic, the text of a file."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from gantrysim.servo.servo import Servo
 
 # letters of the formulas
 SYMBOLS = (
-    "T period, r resolution, c 2048 / full scale (torque_limit, of a velocity drive the axis' speed limit), "
-    "o output_velocity, vff velocity_ff, aff acceleration_ff, kv kd - o, of a velocity drive velocity_gain, s travel "
+    "T servo period, r resolution, c 2048 / full scale (torque_limit, or the axis' speed limit for a velocity drive), "
+    "o output_velocity, vff velocity_ff, aff acceleration_ff, kv kd - o (velocity_gain for a velocity drive), s travel "
     "per radian, K motor constant (1 for an ideal torque source)"
 )
 SAYABLE_MODES = ("torque", "velocity")  # of drives to which the controller's law sends its output
@@ -88,7 +88,7 @@ class AxisServo:
         for axis, mode in zip(axes, servo.modes, strict=True):
             if mode not in SAYABLE_MODES:
                 raise InputError(
-                    f"gains in the words of a controller: the drive of axis {axis.name} is in mode {mode!r}, takes "
+                    f"gains in a controller's parameters: the drive of axis {axis.name} is in mode {mode!r}, takes "
                     f"positions and closes its loop itself: the controller has no gains for it; they are for servo "
                     f"mode = {' or '.join(map(repr, SAYABLE_MODES))}"
                 )
@@ -161,16 +161,16 @@ class AxisServo:
 
 
 class Dialect(ABC):
-    """A controller's words for the servo's gains.
+    """A controller's parameters for the servo's gains.
 
     Attributes:
-        name: of the dialect.
-        suffix: of the files that it writes.
-        comment: begins a comment in them.
-        source: which public documents give words and units.
-        assumes: what is assumed of controller and drive.
-        carries: fields of `Servo` that its words express where the drive takes torques.
-        carries_of_velocity: the same where it takes velocities.
+        name: name of the dialect.
+        suffix: suffix of the files that it writes.
+        comment: text that begins a comment in them.
+        source: public documents that define parameters and units.
+        assumes: assumptions about controller and drive.
+        carries: fields of `Servo` that its parameters express for a torque drive.
+        carries_of_velocity: fields of `Servo` that its parameters express for a velocity drive.
     """
 
     name: ClassVar[str]
@@ -182,12 +182,12 @@ class Dialect(ABC):
     carries_of_velocity: ClassVar[tuple[str, ...]]
 
     def carried(self, mode: str) -> tuple[str, ...]:
-        """Return the fields of `Servo` that the words express for a drive in a mode."""
+        """Return the fields of `Servo` that the parameters express for a drive in a mode."""
         return self.carries_of_velocity if mode == "velocity" else self.carries
 
     @abstractmethod
     def words(self, axis: AxisServo) -> list[Word]:
-        """Return the words of an axis.
+        """Return the parameters of an axis.
 
         Raises:
             InputError: a value of the axis that the controller's units need is missing.
@@ -195,11 +195,11 @@ class Dialect(ABC):
 
     @abstractmethod
     def gains(self, words: Mapping[str, float], axis: AxisServo) -> dict[str, float]:
-        """Return the servo's gains from an axis' words; those that it has no words for are 0.
+        """Return the servo's gains from an axis' parameters; gains without a parameter are 0.
 
         Args:
-            words: those found; a missing one is 0.
-            axis: for units and, where the dialect builds on a gain without a word, that gain.
+            words: values of the parameters that were found, by name; a missing one is 0.
+            axis: axis with its units and, where the dialect builds on a gain without a parameter, that gain.
         """
 
     @abstractmethod
@@ -208,14 +208,14 @@ class Dialect(ABC):
 
     @abstractmethod
     def read(self, text: str, axes: Sequence[AxisServo]) -> list[dict[str, float]]:
-        """Return the words that a text gives each axis, in their order; empty where it gives none."""
+        """Return the parameters of each axis in a text, in the order of the axes; empty where it has none."""
 
     def remarks(self, words: Mapping[str, float], axis: AxisServo) -> list[str]:
-        """Return what of an axis' words is left out although they are read."""
+        """Return notes on parameters of an axis that are read but not used."""
         return []
 
     def has_gains(self, text: str) -> bool:
-        """Return whether a text gives gains of any axis; one that does not may be the file of a position drive."""
+        """Return whether a text has gains of any axis; one without may be the file of a position drive."""
         return True
 
     def file_text(self, path: Path) -> str:
@@ -226,7 +226,7 @@ class Dialect(ABC):
             raise InputError(f"{path}: cannot be read: {error.strerror}") from None
 
     def limits(self, text: str) -> tuple[AxisLimits, ...]:
-        """Return the limits of speed and acceleration that a text gives beside gains, or instead of them."""
+        """Return the limits of speed and acceleration in a text, beside gains or instead of them."""
         return ()
 
     def text(self, axes: Sequence[AxisServo], notes: Sequence[str] = ()) -> str:
@@ -237,7 +237,7 @@ class Dialect(ABC):
             notes: more lines for its head.
         """
         head = [
-            f"Servo gains for {self.name}. Source of words and units: {self.source}",
+            f"Servo gains for {self.name}. Source of parameters and units: {self.source}",
             *dict.fromkeys(f"{word.name} [{word.unit}] = {word.formula}" for axis in axes for word in self.words(axis)),
             f"with {SYMBOLS}",
             *(f"Drive of axis {axis.name}: {drive_in_words(axis)}" for axis in axes),

@@ -1,4 +1,4 @@
-"""Servo gains to and from the words of motion controllers."""
+"""Servo gains to and from the parameters of motion controllers."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def exported(name: str, axes: Sequence[Axis], servo: Servo) -> tuple[str, list[s
         servo: with one value per axis.
 
     Raises:
-        InputError: a gain, a notch or a law that the controller has no word for.
+        InputError: a gain, a notch or a law for which the controller has no parameter.
     """
     chosen = dialect(name)
     if set(servo.modes) <= set(POSITION_MODES):
@@ -53,7 +53,7 @@ def exported(name: str, axes: Sequence[Axis], servo: Servo) -> tuple[str, list[s
         others = [other.name for other in DIALECTS.values() if not unsaid(other, axis_servos, servo)]
         instead = f"; or export to {', '.join(others)}" if others else ""
         raise InputError(
-            f"{name} has no word for {', '.join(lost.values())}: the controller would run another servo than this one; "
+            f"{name} has no parameter for {', '.join(lost.values())}: the controller would run a different servo; "
             f"run and export the job without: {' '.join(f'--set {remedy(field)}' for field in lost)}{instead}"
         )
     notes = beside(chosen, servo)
@@ -71,7 +71,7 @@ def imported(name: str, text: str, axes: Sequence[Axis], servo: Servo, label: st
         label: names the text in errors.
 
     Raises:
-        InputError: no words of the dialect, not those of every axis, or a term that the servo's law lacks.
+        InputError: no parameters of the dialect, missing ones for an axis, or a term that the servo's law lacks.
     """
     return read_gains(name, text, axes, servo, label)[0]
 
@@ -79,17 +79,17 @@ def imported(name: str, text: str, axes: Sequence[Axis], servo: Servo, label: st
 def read_gains(
     name: str, text: str, axes: Sequence[Axis], servo: Servo, label: str = "gains"
 ) -> tuple[Servo, list[str]]:
-    """Return the servo of `imported`, which see, and notes on what of the text is left out."""
+    """Return the servo of `imported`, and notes on parts of the text that are not used."""
     chosen = dialect(name)
     axis_servos = AxisServo.of(axes, servo)
     words_by_axis = chosen.read(text, axis_servos)
     missing = [axis.name for axis, words in zip(axis_servos, words_by_axis, strict=True) if not words]
     if missing:
         names = ", ".join(word.name for word in chosen.words(axis_servos[0]))
-        raise InputError(f"{label}: has none of {names} for axis {', '.join(missing)}, in the words of {name}")
+        raise InputError(f"{label}: has none of {names} for axis {', '.join(missing)}, in the parameters of {name}")
     gains = [chosen.gains(words, axis) for words, axis in zip(words_by_axis, axis_servos, strict=True)]
     values: dict[str, Any] = {gain: tuple(axis_gains.get(gain, 0.0) for axis_gains in gains) for gain in GAIN_NAMES}
-    for name in ("velocity_gain", "velocity_time"):  # of a dialect with words for the loop in the drive
+    for name in ("velocity_gain", "velocity_time"):  # of a dialect with parameters for the loop in the drive
         given = zip(gains, servo.per_axis(name), strict=True)
         values[name] = tuple(axis_gains.get(name, value) for axis_gains, value in given)
     remarks = [

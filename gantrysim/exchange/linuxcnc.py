@@ -1,4 +1,4 @@
-"""The gains in the words of LinuxCNC's component pid: a .hal file, or the section of an INI file."""
+"""Gains in the parameters of LinuxCNC's component pid: a .hal file, or the section of an INI file."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ class LinuxCNCIni(LinuxCNC):
 
     @staticmethod
     def _words_of_joint(ini: IniFile, section: str | None, axis: AxisServo) -> dict[str, float]:
-        """Return the words of a joint's section, in mm or deg."""
+        """Return the parameters of a joint's section, in mm or deg."""
         if section is None or ini.makes_steps(section):
             return {}
         words = {}

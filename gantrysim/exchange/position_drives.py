@@ -1,4 +1,4 @@
-"""Drives that take positions or steps, in the words of a controller: scale and limits, as there are no gains."""
+"""Drives that take positions or steps, in a controller's parameters: scale and limits, as there are no gains."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ def position_text(name: str, axes: Sequence[Axis], servo: Servo) -> tuple[str, l
         servo: with one value per axis.
 
     Raises:
-        InputError: a controller without words for them, or an axis whose steps are not known.
+        InputError: a controller without parameters for them, or an axis whose steps are not known.
     """
     if name not in _WRITERS:
         raise InputError(
-            f"{name} has no word for drives in mode {', '.join(map(repr, servo.modes))}: they close their loops "
+            f"{name} has no parameters for drives in mode {', '.join(map(repr, servo.modes))}: they close their loops "
             f"themselves, and the controller has no gains for them; export scale and limits to {', '.join(_WRITERS)}"
         )
     drives = [_drive(axis, servo, a) for a, axis in enumerate(axes)]

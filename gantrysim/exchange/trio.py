@@ -1,4 +1,4 @@
-"""The gains in the words of Trio's Motion BASIC."""
+"""Gains in the parameters of Trio's Motion BASIC."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gantrysim.exchange.dialect import AxisServo, Dialect, Word
 
 FULL_SCALE = 2048.0  # of the DAC at the limit of torque or speed
 
-_GAINS = ("kp", "ki", "kd", "velocity_ff", "output_velocity")  # in the order of the words
+_GAINS = ("kp", "ki", "kd", "velocity_ff", "output_velocity")  # in the order of the parameters
 _WORDS = ("P_GAIN", "I_GAIN", "D_GAIN", "VFF_GAIN", "OV_GAIN")
 _SETTINGS = ("DAC_SCALE", "UNITS", "SERVO_PERIOD")  # that the gains' units depend on
 _SCALE_OF_16_BITS = 16.0  # DAC_SCALE at which a DAC of 16 bits takes the gains of one of 12

@@ -1,7 +1,7 @@
-"""What of a servo a controller's words cannot express.
+"""Values of a servo that a controller's parameters cannot express.
 
-Every value of `Servo.values` is in one of three groups. One of none of them counts as one that acts: a gain that the
-package gets is refused by every dialect that does not carry it.
+Every value of `Servo.values` is in one of three groups. A value in none of them counts as acting: every dialect that
+does not carry a newly added gain refuses it.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _REMEDIES = {"law": "servo.law='\"pid\"'"}
 
 
 def unsaid(dialect: Dialect, axes: Sequence[AxisServo], servo: Servo) -> dict[str, str]:
-    """Return what a dialect has no word for although it acts, by the key of the servo, with the values."""
+    """Return acting settings for which a dialect has no parameter, by the key of the servo, with their values."""
     lost: dict[str, str] = {}
     for name, values in servo.values().items():
         if name in BESIDE or name in THROUGH:
@@ -81,7 +81,7 @@ def beside(dialect: Dialect, servo: Servo) -> list[str]:
         if name in _OF_VELOCITY_DRIVES and "velocity" not in servo.modes:
             continue
         shown = ", ".join(value if isinstance(value, str) else f"{value:g}" for value in values)
-        lines.append(f"not in these words, to be set beside: {name} = {shown}, {meaning}")
+        lines.append(f"not among these parameters, set it separately: {name} = {shown}, {meaning}")
     return lines
 
 

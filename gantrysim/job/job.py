@@ -70,19 +70,19 @@ class Job(JobContent):
     ) -> Job:
         """Return a built-in job, the job in a TOML file, or one that runs a program file.
 
-        A file that names code of its own, a law or a controller, is refused unless `allow_code` is true or
-        the file lies in the present working folder. What the overrides name may run.
+        A file that names its own code, a law or a controller, is refused unless `allow_code` is true or the file lies
+        in the current working folder. Code that the overrides name may run.
 
         Args:
-            job: name or path.
-            overrides: texts "key=value" with a TOML value; the key is dotted, as in program.loop_period, or its
-                last parts where they are unique.
+            job: name of a built-in job, or path.
+            overrides: texts "key=value" with a TOML value; the key is dotted, as in program.loop_period, or its last
+                parts if they are unique.
             machine: machine to use instead of the job's.
             servo: TOML file whose table [servo] replaces the job's, before the overrides.
-            controller: that reads a program file, as in "fanuc"; by default the one of the file's suffix.
-            placement: of the program on the work, attributes of `Placement` by name.
-            speed: of the program's fastest motion, see `at_speed` [mm/s].
-            allow_code: whether code that the job or the servo file names may run, wherever they lie.
+            controller: controller that reads a program file, such as "fanuc"; by default chosen by the file's suffix.
+            placement: placement of the program on the work, attributes of `Placement` by name.
+            speed: speed of the program's fastest motion, see `at_speed` [mm/s].
+            allow_code: whether code that the job or the servo file names may run, wherever the file lies.
 
         Raises:
             InputError: an unknown job, an invalid key or value, or code that may not run.
@@ -102,7 +102,7 @@ class Job(JobContent):
 
     @classmethod
     def of_record(cls, file: Path) -> Job:
-        """Return the job of a saved run, which need not run again: its own code is refused only where it would run."""
+        """Return the job of a saved run; its own code is refused only if the job is run again."""
         read = read_with_overrides(Request(str(file)))
         return cls.of_content(read.content, read.label, read.refusal, is_record=True)
 
@@ -125,7 +125,7 @@ class Job(JobContent):
         """Return the job with its program at another speed.
 
         Args:
-            speed: of the fastest motion; slower ones change in proportion [mm/s].
+            speed: speed of the fastest motion; slower motions change in proportion [mm/s].
 
         Raises:
             InputError: the program states no speed, or the speed is not positive.
@@ -151,9 +151,9 @@ class Job(JobContent):
             raise InputError(f"{self.source or 'program'}: {text}") from None
 
     def sharing(self, other: Job) -> Job:
-        """Return the job with machine, controller and servo built for `other`, each where both jobs have the same.
+        """Return the job with machine, controller and servo shared with `other` where both jobs specify the same.
 
-        Of the servo, what `other` has used: it may be refused.
+        The servo is shared only if `other` has built it, as it may be refused.
         """
         built: dict[str, Any] = {}
         if all(getattr(self, key) == getattr(other, key) for key in ("machine", "names", "travel", "geometry")):
@@ -255,11 +255,11 @@ class Job(JobContent):
         return record.replaced(job=self)
 
     def without_faults(self) -> Job:
-        """Return the job without its faults on purpose."""
+        """Return the job without its deliberate faults."""
         return self.model_copy(update={"faults": ()})
 
     def plan(self) -> Plan:
-        """Return what the job commands, without simulating it.
+        """Return the planned motion of the job, without simulating it.
 
         Raises:
             InputError: a program that the controller or the machine refuses.
@@ -269,13 +269,13 @@ class Job(JobContent):
             return plan_of(self.built_machine, self.program["controller"], self.setpoints, self.controller)
 
     def check_fit(self) -> None:
-        """Raise InputError unless frame and geometry of program and machine agree; and `check_faults`."""
+        """Raise InputError unless program and machine agree in frame and geometry; includes `check_faults`."""
         with self._located():
             check_fit(self.built_machine, self.controller, self.setpoints, self.program["controller"])
         self.check_faults()
 
     def check_faults(self) -> None:
-        """Raise InputError for faults on purpose that the machine cannot have, or after the end of the run."""
+        """Raise InputError for deliberate faults that the machine cannot have, or that begin after its end."""
         if self.faults:
             Simulation.of(
                 self.built_machine,

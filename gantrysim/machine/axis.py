@@ -33,11 +33,11 @@ class Axis:
     """A driven axis; u is its unit of travel, torques are at the motor shaft.
 
     Attributes:
-        name: name of its joint, actuator and encoder.
+        name: name of the axis, and of its joint, actuator and encoder.
         unit: "mm" for a slide, "deg" for a hinge.
         travel: lowest and highest position; infinite for a joint without a range [u].
         scale: axis travel per motor angle: lead / 2 pi, or 1 / gear ratio in degrees [u/rad].
-        inertia: motor torque per acceleration: rotor, transmission and load with all axes at their reference
+        inertia: motor torque per acceleration: rotor, transmission and load, with all axes at their reference
             [N·m·s²/u].
         viscous: motor torque per speed [N·m·s/u].
         coulomb: Coulomb friction [N·m].
@@ -48,15 +48,15 @@ class Axis:
         peak_torque: torque limit of the drive [N·m].
         declared_speed: speed limit stated in the MJCF; inf if none [u/s].
         resolution: axis travel per encoder count; 0 for an exact measurement [u].
-        motion: linear motion with all axes at their reference and the motors of the others held; None if an actuator
-            has a delay of its own.
-        friction: LuGre friction of the motor; all zero without it.
-        chain: linear motion of all axes, where a closed chain couples them; else None.
-        coupled: linear motion of the axes that move each other, this one among them, in their order; None for an axis
-            that moves no other. In a closed chain these are all axes.
-        efficiency: share of the work that its transmission passes on.
+        motion: linear dynamics with all axes at their reference and the other motors held; None if an actuator has a
+            delay of its own.
+        friction: LuGre friction of the motor; all zero without friction.
+        chain: linear dynamics of all axes if a closed chain couples them, otherwise None.
+        coupled: linear dynamics of this axis and the axes coupled with it, in their order; None for an uncoupled axis.
+            In a closed chain these are all axes.
+        efficiency: fraction of the work that the transmission passes on.
         mode: command mode of the drive, see `gantrysim.Servo`.
-        phases: of a motor whose custom numerics state them, else None.
+        phases: phases of a motor whose custom numerics state them, otherwise None.
     """
 
     name: str
@@ -95,7 +95,7 @@ class Axis:
 
     @property
     def electrical_period(self) -> float:
-        """Travel per electrical period, of a stepper four full steps; 0 where the phases are not known [u]."""
+        """Travel per electrical period, four full steps of a stepper; 0 if the phases are unknown [u]."""
         if self.phases is None:
             return 0.0
         return 2 * math.pi * self.scale / self.phases.pole_pairs

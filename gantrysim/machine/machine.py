@@ -41,7 +41,7 @@ _DEFAULT_GAP = 0.5  # without a work piece [mm]
 
 
 class Machine:
-    """A compiled MJCF machine; positions of axes are in mm for a slide, in deg for a hinge.
+    """A compiled MJCF machine. Axis positions are in mm for a slide and in deg for a hinge.
 
     Each axis needs an actuator and a slide or hinge joint of the same name. The actuator is a `dcmotor` with input="ff"
     and a bus voltage (torque passes through the winding) or a `motor` (ideal torque source), with
@@ -49,31 +49,31 @@ class Machine:
     speed limit [m/s or rad/s], 0 for none. An `actuatorpos` sensor of the same name is the encoder; its first user
     value is the counts per motor revolution. The MJCF's timestep is the longest physics step of a run.
 
-    A cylinder or capsule `needle` on the nozzle's body, from the tip upwards, is the needle of runs whose dispenser
-    names none. It is drawn in the size of the run's needle.
+    A cylinder or capsule `needle` on the nozzle's body, from the tip upwards, is the needle of runs whose dispenser has
+    none. It is drawn in the size of the run's needle.
 
     The model needs a site `nozzle` and a body `work`. A custom text `kinematics` names the machine's kinematics, see
-    `gantrysim.machine.kinematics`: "serial", the default, "coupled" or "delta". They turn a program's coordinates into
-    positions of the axes. If no driven hinge turns the work, the coordinates x, y and z are the nozzle in the work
-    frame, zero where there is no such coordinate, and every other one turns the nozzle about its own tip. If one does,
-    the geometry is free, and programs give axis positions.
+    `gantrysim.machine.kinematics`: "serial", the default, "coupled" or "delta". They convert a program's coordinates to
+    axis positions. If no driven hinge turns the work, the coordinates x, y and z are the nozzle's position in the work
+    frame, zero for a missing coordinate, and every other coordinate turns the nozzle about its own tip. If a hinge
+    turns the work, any geometry is allowed, and programs give axis positions.
 
     Args:
-        model: name of a built-in machine, or path of an MJCF file or of a machine's table in TOML.
-        names: from a name that is needed to the one in the MJCF: "nozzle" of a site, "work" of a body, "needle" of a
+        model: name of a built-in machine, or path of an MJCF file or of a machine table in TOML.
+        names: mapping from a required name to the name in the MJCF: "nozzle" of a site, "work" of a body, "needle" of a
             geom, any other of an axis, as in {"nozzle": "tip", "x": "motor_x"}.
 
     Attributes:
         source: path of the MJCF.
-        name: its file name without the suffix.
+        name: name of the MJCF file without the suffix.
         spec: the MJCF before compilation.
-        physics: the compiled model that is stepped, without visual-only elements.
-        plain_axes: the axes in the order of the actuators, without inertia and motion.
-        addresses: their indices in MuJoCo's arrays.
+        physics: compiled model used for stepping, without visual-only elements.
+        plain_axes: axes in the order of the actuators, without inertia and motion.
+        addresses: indices of the axes in MuJoCo's arrays.
         drive_gain: delivered torque per torque demand; 1 unless a perturbation changes the motor constant, (axes,).
-        nozzle, work: index of the site and of the body.
-        kinematics: from a program's coordinates to the positions of the axes, and back.
-        geometry: errors of its geometry, at first errors of the transmissions that the MJCF states; None for an ideal
+        nozzle, work: index of the site and index of the body.
+        kinematics: conversion between a program's coordinates and axis positions.
+        geometry: geometric errors; at first those of the transmissions that the MJCF states; None for an ideal
             geometry.
 
     Raises:
@@ -129,10 +129,10 @@ class Machine:
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """The axes in the order of the actuators; their inertia and motion are derived at the first access.
+        """The axes in the order of the actuators; their inertia and motion are computed on first access.
 
         Raises:
-            InputError: accelerations about rest that are no finite numbers.
+            InputError: accelerations about rest that are not finite.
         """
         if self._axes is None:
             qpos = self.to_qpos(np.zeros(len(self.plain_axes)))
@@ -148,7 +148,7 @@ class Machine:
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The compiled model with its visual elements; not to be changed."""
+        """The compiled model with its visual elements; do not modify it."""
         if self._model is None:
             self._model = self._compiled
             for perturbation in self._perturbations:
@@ -167,7 +167,7 @@ class Machine:
 
     @property
     def over_work(self) -> bool:
-        """Whether a geom of the work lies below the nozzle with all axes at zero."""
+        """Whether a geom of the work lies below the nozzle, with all axes at zero."""
         return self._height is not None
 
     @cached_property
@@ -214,7 +214,7 @@ class Machine:
         return machine
 
     def with_geometry(self, geometry: Geometry | None) -> Machine:
-        """Return a copy with errors of its geometry, or with an ideal one; dynamics, name and source stay the same.
+        """Return a copy with geometric errors, or with an ideal geometry; dynamics, name and source stay the same.
 
         Raises:
             InputError: an error that the machine cannot have, or a list with another number of axes.
@@ -226,7 +226,7 @@ class Machine:
 
     @property
     def kinematic_errors(self) -> KinematicErrors | None:
-        """The errors of its geometry with the factors of its perturbations, None for an ideal one."""
+        """The geometric errors, scaled by the perturbations of the machine; None for an ideal geometry."""
         if self.geometry is None:
             return None
         factors = geometry_factors(self._perturbations)
@@ -237,13 +237,13 @@ class Machine:
     def edited(self, edit: Callable[[mujoco.MjSpec], None]) -> Machine:
         """Return a copy whose MJCF is edited before compilation; perturbations, name and source stay the same.
 
-        It may have other joints and states, and then cannot share a batch with this machine.
+        A copy with different joints or states cannot share a batch with this machine.
 
         Args:
-            edit: changes a copy of `spec`.
+            edit: function that modifies a copy of `spec`.
 
         Raises:
-            InputError: the edited MJCF does not compile, or is no machine.
+            InputError: the edited MJCF does not compile, or does not meet the requirements of a machine.
         """
         spec = self.spec.copy()
         machine = copy.copy(self)
@@ -257,12 +257,12 @@ class Machine:
         return machine
 
     def stepping(self, timestep: float, voltage: bool = False, stops: bool = True) -> mujoco.MjModel:
-        """Return `physics` for steps of a length; the same object at every call, not to be changed.
+        """Return `physics` for a given step length; always the same object, do not modify it.
 
         Args:
             timestep: length of a step [s].
-            voltage: whether the bus voltage is the only limit of a dcmotor's control, as a current loop needs.
-            stops: whether with the stops of the axes and all other constraints, see `gantrysim.machine.stops`.
+            voltage: whether the bus voltage is the only limit on a dcmotor's control, as a current loop requires.
+            stops: whether to include the stops of the axes and all other constraints, see `gantrysim.machine.stops`.
         """
         key = timestep, voltage, stops
         if key not in self._stepping:
@@ -270,17 +270,17 @@ class Machine:
         return self._stepping[key]
 
     def to_qpos(self, position: ArrayLike) -> Floats:
-        """Return qpos for a position of the axes, (axes,) [mm or deg].
+        """Return MuJoCo's qpos for a position of the axes, (axes,) [mm or deg].
 
-        The joints of a closed chain follow the axes; all others are at their reference.
+        The joints of a closed chain follow the axes; all other joints are at their reference.
         """
         return self._posing.qpos(self.physics, position)
 
     def motion(self, position: ArrayLike | None = None) -> Motion:
-        """Return the linear motion of all axes about rest, torque demands in and motor positions out.
+        """Return the linear dynamics of all axes about rest, from torque demands to motor positions.
 
         Args:
-            position: of the axes, by default zero, (axes,) [mm or deg].
+            position: axis positions, by default zero, (axes,) [mm or deg].
 
         Raises:
             UnknownLoopError: an actuator has a delay in the MJCF.
@@ -291,7 +291,7 @@ class Machine:
         return replace(motion, B=motion.B * self.drive_gain)
 
     def tip(self, position: ArrayLike) -> Floats:
-        """Return the nozzle in the work frame of the rigid, unperturbed machine, (n, 3) [mm].
+        """Return the nozzle position of the rigid, unperturbed machine in the work frame, (n, 3) [mm].
 
         Args:
             position: axis positions, (n, axes) [mm or deg].

@@ -8,16 +8,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Fault:
-    """Why a run ended before its setpoints did.
+    """Reason why a run ended before the end of its setpoints.
 
     Attributes:
         kind: "following error", "travel", "overspeed", "oscillation", "diverged", "position error" or "settling".
         axis: name of the axis that tripped.
         time: time of the servo tick that detected it [s].
-        value: value of the quantity there.
+        value: value of the quantity at that time.
         limit: bound of the quantity.
-        unit: unit of both: mm or deg, mm/s or deg/s, N·m, or swings of the torque demand from limit to limit.
-        reaction: reaction of the controller, where kinds differ in it.
+        unit: unit of value and limit: mm or deg, mm/s or deg/s, N·m, or the number of swings of the torque demand from
+            limit to limit.
+        reaction: reaction of the controller, if the kind has several.
     """
 
     kind: str

@@ -31,42 +31,42 @@ _LONGEST_REASON = 300  # characters of a damaged text
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(Conveniences, Shown):
-    """The record of a run, one row per servo tick, at the instant of its sample. All arrays are read-only.
+    """The record of a run, one row per servo tick, at the time of its sample. All arrays are read-only.
 
-    `run["encoder_x"]` is a column by its name in `columns`, with or without its unit; `len(run)` the number of ticks.
+    `run["encoder_x"]` is a column by its name in `columns`, with or without its unit; `len(run)` counts the ticks.
     `verdict`, `budget`, `plot`, `report` and `film` evaluate the run.
 
     Attributes:
         machine: name of the machine.
-        axes: names of its axes.
-        units: their units, "mm" or "deg"; u below.
+        axes: names of the axes.
+        units: units of the axes, "mm" or "deg"; u below.
         requested: the requested path, in the work frame.
         period: servo period [s].
         gap: height of the nozzle above the work where its z is 0 [mm].
-        time: (n,) [s].
+        time: times of the servo ticks, (n,) [s].
         commanded: setpoints, DPOS, (n, axes) [u].
         encoder: measured positions, MPOS, in whole encoder counts, (n, axes) [u].
         motor: exact positions of the motors, (n, axes) [u].
         commanded_tip, encoder_tip, motor_tip: nozzle positions of a rigid machine at `commanded`, `encoder` and
             `motor`, in the work frame, (n, 3) [mm].
-        geometric_tip: nozzle positions of a rigid machine at `motor`, with the errors of its geometry, (n, 3) [mm];
-            None for an ideal geometry.
-        nozzle: the nozzle's tip in the work frame, (n, 3) [mm].
-        demand: torque demand of the servo, after its limit, (n, axes) [N·m].
+        geometric_tip: nozzle positions of a rigid machine with geometric errors at `motor`, (n, 3) [mm]; None for an
+            ideal geometry.
+        nozzle: position of the nozzle's tip in the work frame, (n, 3) [mm].
+        demand: torque demand of the servo, after limiting, (n, axes) [N·m].
         torque: electromagnetic torque of the motor, (n, axes) [N·m].
         current: motor current, (n, axes) [A]; nan for an ideal torque source.
-        voltage: terminal voltage at the tick's demand, (n, axes) [V]; nan for an ideal torque source.
-        flow: flow out of the nozzle, the mean over the period after the tick, (n,) [mm³/s]; the volume laid is
+        voltage: terminal voltage at the tick's torque demand, (n, axes) [V]; nan for an ideal torque source.
+        flow: mean flow out of the nozzle over the period after the tick, (n,) [mm³/s]; the volume laid is
             sum(flow[:-1]) * period.
-        flow_demand: flow demanded by the program over the same period, (n,) [mm³/s].
+        flow_demand: flow requested by the program over the same period, (n,) [mm³/s].
         dispense: dispenser command, (n,).
-        face: outer diameter of the needle, at its face [mm].
+        face: outer diameter of the needle at its tip [mm].
         needle_length: length of the needle [mm].
-        fault: why the run ended early, or None.
-        injected: faults on purpose.
-        job_sha256, machine_sha256: digests of the job, `Job.digest`, and of the machine, `Machine.digest`, that the
-            record was saved with; empty for one that no output folder holds.
-        job: the `Job` that the run is of, from `Job.run` or `SavedRun.load`; else None. The file does not hold it.
+        fault: the `Fault` that ended the run early, or None.
+        injected: deliberate faults.
+        job_sha256, machine_sha256: digests of the job, `Job.digest`, and of the machine, `Machine.digest`, saved with
+            the record; empty for a record outside an output folder.
+        job: the `Job` of the run, from `Job.run` or `SavedRun.load`, else None. It is not part of the file.
     """
 
     machine: str
@@ -116,7 +116,7 @@ class Run(Conveniences, Shown):
             write_record(stream, {name: value for name, value in self._values().items() if name != "job"})
 
     def replaced(self, **changes: Any) -> Run:
-        """Return the record with other values of some fields; columns in temporary files are not read into memory."""
+        """Return the record with some fields replaced; columns in temporary files are not read into memory."""
         return Run(**self._values() | changes)
 
     def _values(self) -> dict[str, Any]:
@@ -175,13 +175,13 @@ class Run(Conveniences, Shown):
 
     @classmethod
     def load(cls, file: str | os.PathLike[str]) -> Run:
-        """Read a record that `save` has written.
+        """Read a record written by `save`.
 
-        Its members, their types and shapes are checked before they are read; then its SHA-256; then that its numbers
-        are finite and its times are multiples of its period.
+        Members, types and shapes are checked before they are read, then the SHA-256, then that all numbers are finite
+        and all times are multiples of the period.
 
         Raises:
-            InputError: no such file, no record of the present format, or a damaged one.
+            InputError: a missing or damaged file, or one that is not a record in the current format.
         """
         try:
             with opened(FilePath(file)) as stream:

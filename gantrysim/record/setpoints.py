@@ -80,7 +80,7 @@ class Setpoints:
         dispense: dispenser command, (n,); read-only.
         requested: the requested path as exact geometry.
         supervision: limits that the controller monitors.
-        gates: ascending indices of setpoints at which the stream waits until all axes have settled, (m,); read-only.
+        gates: indices of the setpoints at which the stream waits until all axes settle, ascending, (m,); read-only.
         torque: torque demands that the servo adds to its own, (n, axes) [N·m]; read-only; None for none.
     """
 
@@ -132,12 +132,12 @@ class Setpoints:
 
     @property
     def run_ticks(self) -> int:
-        """Number of servo ticks of a run with the shortest wait at each gate, the settling time."""
+        """Number of servo ticks of a run with the shortest wait at each gate, which is the settling time."""
         return len(self.position) + self.gates.size * periods(self.supervision.settle_time, self.period)
 
     @property
     def most_ticks(self) -> int:
-        """Number of servo ticks of a run with the longest wait at each gate, after which it is a fault."""
+        """Number of servo ticks of a run with the longest wait at each gate, after which a fault occurs."""
         return len(self.position) + self.gates.size * (periods(self.supervision.settle_timeout, self.period) + 1)
 
     def hold(self, duration: float) -> Setpoints:
@@ -149,7 +149,7 @@ class Setpoints:
         return self._padded(ticks(at_least("wait", duration, 0, "s"), self.period), 0)
 
     def until(self, count: int) -> Setpoints:
-        """Return the first setpoints, without waits at gates."""
+        """Return the first `count` setpoints, without waits at gates."""
         return self.part(slice(0, count))
 
     def part(self, rows: slice) -> Setpoints:
@@ -183,7 +183,7 @@ class Setpoints:
     def of_blocks(
         cls, period: float, axes: tuple[str, ...], parts: Iterator[SetpointTable], count: int, requested: Path
     ) -> Setpoints:
-        """Return setpoints from blocks of so many in all; many are kept in a temporary file."""
+        """Return setpoints from blocks with `count` rows in total; a large table is kept in a temporary file."""
         return cls(period, axes, **vars(table_by_blocks(parts, count)), requested=requested)
 
     @classmethod
@@ -197,9 +197,9 @@ class Setpoints:
         axes: tuple[str, ...] = ("x", "y"),
         coordinates: Callable[[Floats], Floats] | None = None,
     ) -> Setpoints:
-        """Return setpoints along the whole of `path`, with the dispenser on.
+        """Return setpoints along the whole `path`, with the dispenser on.
 
-        The last setpoint is the end of the path, and may be nearer to the one before than a whole period.
+        The last setpoint is the end of the path, so the last step may be shorter than a period's.
 
         Args:
             path: the commanded path.
@@ -207,7 +207,7 @@ class Setpoints:
             period: servo period [s].
             requested: the requested path, by default `path` itself.
             axes: names of the axes, the first of x, y, z.
-            coordinates: positions of the axes at arc lengths, (n,) to (n, axes); by default the points of the path.
+            coordinates: function from arc lengths, (n,), to axis positions, (n, axes); by default points of the path.
         """
         positive("period", period, "s")
         profile = speed if isinstance(speed, Profile) else Constant(path.length, speed)

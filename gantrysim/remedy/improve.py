@@ -29,10 +29,10 @@ def improve(
     fastest: bool | None = None,
     progress: Progress | None = None,
 ) -> Improvement:
-    """Find out what to change in a job, so that its verdict is a pass.
+    """Find out what to change in a job so that its verdict becomes a pass.
 
-    Every lever that the verdict and the causes of the error make plausible is simulated alone, and then in the best
-    combination, see `gantrysim.remedy.search`. A job that passes, or whose run ends in a fault, has no levers tried.
+    Every lever that the verdict and the causes of the error suggest is simulated alone, and then in the best
+    combination, see `gantrysim.remedy.search`. No levers are tried for a job that passes or ends in a fault.
 
     Args:
         job: the job.

@@ -20,16 +20,16 @@ from gantrysim.report.folder import JOB
 
 @dataclass(frozen=True, eq=False)
 class SavedRun:
-    """A run read from the folder that `gantrysim run` has written.
+    """A run loaded from a folder written by `gantrysim run`.
 
     Attributes:
         folder: the folder.
         job: the job of the run.
         run: the record.
-        machine: its machine, built now.
+        machine: machine of the job, built at loading.
         changed: whether the physics of the machine differ from the digest in the record; visual changes do not count.
             False without a digest, as in a record that was saved without its job.
-        written: when the record was written [ns].
+        written: time at which the record was written [ns].
     """
 
     folder: Path
@@ -52,7 +52,7 @@ class SavedRun:
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> SavedRun:
-        """Read the folder of a run.
+        """Load the folder of a run.
 
         A machine file is read from the path in job.toml; a relative path starts from the run's folder.
 

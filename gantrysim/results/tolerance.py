@@ -24,16 +24,16 @@ _RESERVE = 10.0  # [%], of torque and speed
 
 @dataclass(frozen=True, kw_only=True)
 class Tolerance:
-    """Limits that a good run keeps, each given by the job or a default.
+    """Limits that a good run keeps, each given by the job or by default.
 
     The default of
 
         path_max is a tenth of the needle's outer diameter, but at least two counts of the coarsest linear encoder;
         path_p95 is half of path_max;
         bead_width is 10 %;
-        turn_clearance is what bead_width and path_max admit together: both turns as wide as admitted, and each
+        turn_clearance is what bead_width and path_max allow together: both turns as wide as allowed, and each
             displaced by path_max, bead_width * width + 2 path_max;
-        bead_ploughed is 0: a needle in glue that it has laid smears it and carries some away;
+        bead_ploughed is 0: a needle that passes through laid glue smears it and carries some away;
         start_length and stop_length are the nominal width of the bead, whose round ends are half as long;
         gain_margin is 1.5; a peak M of |S| guarantees a gain margin of M / (M - 1), so
         sensitivity is gain_margin / (gain_margin - 1), 3;
@@ -44,15 +44,16 @@ class Tolerance:
         path_p95: 95th percentile of the contour error [mm].
         bead_width: deviation of the bead's width from the nominal one, to either side [%].
         turn_clearance: deviation of the distance between neighbouring turns' edges from the requested one [mm].
-        bead_ploughed: length of bead that the needle passes through after it has laid it, see `bead.ploughing` [mm].
-        start_length: length of a start, where any width is admitted, and bound of the glue missing there as length of
-            nominal bead [mm]; nan where no bead is requested.
-        stop_length: the same of a stop, with the glue in excess [mm].
+        bead_ploughed: length of bead that the needle later ploughs through, see `bead.ploughing` [mm].
+        start_length: length at a start over which any width is allowed; also the limit of the glue missing there, as
+            length of nominal bead [mm]; nan where no bead is requested.
+        stop_length: length at a stop over which any width is allowed; also the limit of the excess glue there, as
+            length of nominal bead [mm].
         gain_margin: smallest gain margin of an axis.
         sensitivity: largest peak of |S| of an axis.
-        torque_reserve: share of an axis' torque limit that remains unused [%].
-        speed_reserve: share of an axis' speed limit that remains unused [%].
-        given: names of the values that the job gives; all others are defaults.
+        torque_reserve: percentage of an axis' torque limit that must remain unused [%].
+        speed_reserve: percentage of an axis' speed limit that must remain unused [%].
+        given: names of the limits that the job gives; all others are defaults.
     """
 
     path_max: float
@@ -112,7 +113,7 @@ class Tolerance:
         )
 
     def source(self, name: str) -> str:
-        """Return "given" for a value that the job gives, "default" for any other."""
+        """Return "given" for a limit that the job gives, "default" for any other."""
         return GIVEN if name in self.given else DEFAULT
 
     def bound(self, name: str, at_least: bool = False) -> Bound:

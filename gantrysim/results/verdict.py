@@ -42,10 +42,10 @@ class Verdict(Shown):
     """Whether a run is good enough.
 
     Attributes:
-        rows: path, glue, stability and machine.
-        fault: what ended the run early, in words; empty for a complete run. No row is judged then.
-        tolerance: the limits; None for a run that a fault ended.
-        disturbances: faults on purpose that a complete run came to, by time; its rows are judged with them.
+        rows: verdict on path, glue, stability and machine.
+        fault: description of the fault that ended the run early; empty for a complete run. No row is then judged.
+        tolerance: limits; None for a run that a fault ended.
+        disturbances: deliberate faults that occurred in a complete run, by time; its rows are judged with them.
     """
 
     rows: tuple[Row, ...]
@@ -67,7 +67,7 @@ class Verdict(Shown):
 
     @classmethod
     def of_fault(cls, run: Run) -> Verdict:
-        """Return the verdict on a run that a fault ended: it fails, and nothing else is judged."""
+        """Return the verdict on a run that a fault ended: fail, without judging anything else."""
         rows = (Row(name, remark=_FAULT_REMARK) for name in (PATH, GLUE, STABILITY, MACHINE))
         return cls(tuple(rows), happened(run))
 
@@ -77,9 +77,9 @@ class Verdict(Shown):
 
         Args:
             job: the job.
-            budget: of its run.
-            bead: of the same run.
-            machine: that ran, where it is not the job's own: the margins are those of its loops.
+            budget: error budget of the run.
+            bead: bead of the run.
+            machine: machine of the run if not the job's own; the margins are computed for it.
         """
         run = budget.analysis.run
         if run.fault is not None:
@@ -104,7 +104,7 @@ class Verdict(Shown):
 
     @property
     def state(self) -> str:
-        """The worst of the rows: "pass", "warn" or "fail"; "warn" where a row is not judged and none is worse."""
+        """The worst row: "pass", "warn" or "fail"; "warn" if a row is not judged and none fails."""
         if self.fault:
             return FAIL
         state = worst([row.state for row in self.rows])
@@ -112,7 +112,7 @@ class Verdict(Shown):
 
     @property
     def headline(self) -> str:
-        """The verdict in a line."""
+        """The verdict in one line."""
         if self.fault:
             return f"{SYMBOLS[FAIL]} {FAIL}: {self.fault}"
         blamed = [row.name for row in self.rows if row.state != PASS and row.state in (self.state, UNJUDGED)]
@@ -123,7 +123,7 @@ class Verdict(Shown):
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The verdict as text: its headline, and for a complete run a line for each value that a row shows."""
+        """The verdict as text: its headline, and for a complete run a line for each displayed value."""
         if self.fault:
             return (f"verdict {self.headline}",)
         lines = [f"verdict {self.headline}"]

@@ -19,9 +19,7 @@ class Gains(NamedTuple):
     kd: Annotated[float, "N·m·s/u", "torque per rate of change of the following error"] = 0.0
     velocity_ff: Annotated[float, "N·m·s/u", "torque per demand velocity"] = 0.0
     acceleration_ff: Annotated[float, "N·m·s²/u", "torque per demand acceleration"] = 0.0
-    output_velocity: Annotated[
-        float, "N·m·s/u", "torque per measured velocity, by default 0; a negative value damps"
-    ] = 0.0
+    output_velocity: Annotated[float, "N·m·s/u", "torque per measured velocity, by default 0; damps if negative"] = 0.0
 
 
 class GivenGains(TypedDict, total=False):

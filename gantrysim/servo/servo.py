@@ -44,10 +44,10 @@ _COMMON = ("period", "delay", "drive_period", "feedback_delay", "encoder_seed") 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Servo(Shown):
-    """A sampled servo: the law it computes from the encoders once per period, and its timing.
+    """A sampled servo: its law, computed from the encoders once per period, and its timing.
 
-    The output is computed once per period from the quantised position, takes effect `delay` later and is held until the
-    next. It is clamped to the torque limit; the error sum is frozen while the output is clamped (anti-windup).
+    The output is computed once per period from the quantised position, takes effect after `delay` and is held until the
+    next one. It is clamped to the torque limit; meanwhile the error sum is frozen (anti-windup).
 
     Attributes:
         period: servo period T [s].
@@ -55,11 +55,11 @@ class Servo(Shown):
         drives: drive and encoder of each axis.
         notches: notch of each axis, a filter between law and clamp, by default none; see `gantrysim.servo.notch`.
         laws: names and parameters of the laws, by default `pid` alone.
-        following_error_limit: of each axis, error at which the drives are disabled [mm or deg].
-        delay: time from the sample to the output, at most one period [s].
-        drive_period: of the loops in the drives, a whole fraction of the servo period [s].
-        feedback_delay: from the encoder's sample to the servo, in servo periods.
-        encoder_seed: of the encoders' noise.
+        following_error_limit: following error of each axis at which the drives are disabled [mm or deg].
+        delay: delay from the sample to the output, at most one period [s].
+        drive_period: sampling period of the loops inside the drives, the servo period over a whole number [s].
+        feedback_delay: delay from the encoder's sample to the servo, in servo periods.
+        encoder_seed: random seed of the encoder noise.
 
     Raises:
         InputError: a value out of its bounds.
@@ -109,17 +109,17 @@ class Servo(Shown):
         return Parts(self.gains, self.drives, self.notches, self.laws)
 
     def values(self) -> dict[str, Any]:
-        """Return all values by the keys of a job file's [servo]; those of axes are tuples."""
+        """Return all values by the keys of a job file's [servo]; values per axis are tuples."""
         return {**{name: getattr(self, name) for name in (*_COMMON, "following_error_limit")}, **self.parts.values()}
 
     def per_axis(self, name: str) -> tuple[Any, ...]:
         """Return a value of all axes, (axes,).
 
         Args:
-            name: its key in a job file, such as "kp".
+            name: key of the value in a job file, such as "kp".
 
         Raises:
-            InputError: there is no such value.
+            InputError: an unknown key.
         """
         return self.following_error_limit if name == "following_error_limit" else self.parts.per_axis(name)
 
@@ -127,7 +127,7 @@ class Servo(Shown):
         """Return the servo with other values; nothing else is derived again.
 
         Args:
-            values: by the keys of a job file's [servo], one for all axes or one per axis.
+            values: new values by the keys of a job file's [servo], one for all axes or one per axis.
 
         Raises:
             InputError: a value out of its bounds.
@@ -163,7 +163,7 @@ class Servo(Shown):
 
     @property
     def plain(self) -> bool:
-        """Whether the drives are plain: encoders on the motors that only count, no current loop, no feedback delay."""
+        """Whether the drives are plain: noiseless encoders on the motors, no current loop, no feedback delay."""
         ideal = all(drive.ideal_encoder for drive in self.drives)
         return ideal and self.loop_drives == Drives() and not self.feedback_delay
 
@@ -174,23 +174,23 @@ class Servo(Shown):
 
     @property
     def timing(self) -> Timing:
-        """When the servo samples and acts."""
+        """Period and delays of the servo."""
         return Timing(self.period, self.delay, self.feedback_delay)
 
     @property
     def lags(self) -> Lags:
-        """Delays of the loops besides the period."""
+        """Delays of the loops in addition to the sampling period."""
         return Lags(self.delay, self.feedback_delay, self.loop_drives)
 
     def check_torque(self, what: str) -> None:
-        """Raise InputError unless the servo sends torques to all drives, which something needs, named in words."""
+        """Raise InputError, naming what needs it, unless the servo sends torques to all drives."""
         check_modes(what, self.modes)
 
     def compensators(self) -> tuple[Compensator, ...]:
-        """Return law, notch and feedback delay of each axis as the stability of its loop depends on them.
+        """Return law, notch and feedback delay of each axis as a linear system, for the stability of its loop.
 
         Raises:
-            UnknownLoopError: a user's own law that is not linear or couples axes.
+            UnknownLoopError: a user-defined law that is not linear or couples axes.
         """
         return tuple(self._compensator(a) for a in range(self.axes))
 
@@ -226,12 +226,11 @@ class Servo(Shown):
         """Return a servo whose gains follow from the axes' inertia, a natural frequency and a damping ratio.
 
         With the inertia J at the motor, kp = J w^2 and kd = 2 zeta J w place the poles of the continuous loop at the
-        natural frequency w; ki = kp / integral_time. Feed-forward supplies the torque for the inertia and the viscous
-        friction. All axes get one frequency, so that their lags match and a circle stays round: the highest one at
-        which each axis keeps a gain margin of 2 and |S| <= 2, if need be with a notch at its mode, see `derivation`.
-        Axes that move each other do so with the loops of all closed, and with a factor of 2 on the gains of all.
-        Margins are not kept of what is given: a frequency, gains or a notch. Loops in the drives get their gains
-        likewise, see `gantrysim.servo.cascade`. The table [servo] of a job file has these keywords, with these texts.
+        natural frequency w; ki = kp / integral_time. Feed-forward supplies the torque for inertia and viscous friction.
+        All axes get the same frequency, so that their lags match and a circle stays round: the highest at which each
+        axis keeps a gain margin of 2 and |S| <= 2, if necessary with a notch at its mode, see `derivation`. Coupled
+        axes keep both with all loops closed, the margin for a common factor on all gains. Given values, such as a
+        frequency, gains or a notch, are used whatever the margins. Loops in the drives: see `gantrysim.servo.cascade`.
 
         Args:
             axes: the machine's axes.
@@ -245,10 +244,10 @@ class Servo(Shown):
             feedback: location of the encoders, "motor" or "load", for all axes or one per axis; "none" for a stepper in
                 open loop without an encoder.
             mode: command mode of the drives, for all axes or one per axis; by default that of the machine's drives.
-            drive_period: sampling period of the loops inside the drives; by default 0.125 ms, or the servo period if
-                that is not a multiple of it [s].
-            velocity_bandwidth: bandwidth of the velocity loops inside the drives; by default the highest that keeps the
-                margins [Hz].
+            drive_period: sampling period of the loops in the drives; by default 0.125 ms, or the servo's if not a
+                multiple [s].
+            velocity_bandwidth: bandwidth of velocity loops in the drives, by default the highest that keeps the margins
+                [Hz].
             feedback_delay: delay from the encoder's sample to the servo, in servo periods.
             encoder_seed: random seed of the encoder noise.
             law: one name or several, from `BASES` and `ADDITIONS`, or a law itself.
@@ -256,8 +255,8 @@ class Servo(Shown):
             given: values from `DERIVED` to override, one for all axes or one per axis.
 
         Raises:
-            InputError: a value out of its bounds, or no loop that keeps its margins; the message names a value that has
-                one, found by trying it.
+            InputError: a value out of bounds, or no loop that keeps its margins; the message then names a value with
+                which there is such a loop, found by trying it.
         """
         check_keywords(given, cls.derive)
         request = ServoRequest(

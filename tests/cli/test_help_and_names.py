@@ -74,7 +74,7 @@ NAMES = {
     "an225": ('controller = "trio.MoveSpiral"', "integral_time = 0.03"),
     "slicer.Program": ("program.corner_tolerance", "an assumption [mm]", "program.text"),
     "servo.damping": ("servo.damping", "damping ratio zeta of the loop"),
-    "closing": ("dispenser.closing", "time constant T of falling flow or pressure [s]"),
+    "closing": ("dispenser.closing", "time constant of falling flow or pressure [s]"),
     "speed": ('controller = "trio.MoveSpiral"', 'controller = "cad.Drawing"', "[mm/s]"),
 }
 

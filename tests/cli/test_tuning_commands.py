@@ -87,7 +87,7 @@ def test_tuned_gains_in_the_words_of_a_controller_are_read_back(gantrysim_comman
     few = ("--budget", 8, "--robust", 0, "--unseen", 0, "--workers", 1, "--out", out)
     status, _, said = gantrysim_command("tune", file, *few, "--export", "trio")
     assert status == 2
-    assert said.startswith("error: trio has no word for acceleration_ff (")
+    assert said.startswith("error: trio has no parameter for acceleration_ff (")
     assert not out.exists()
     sayable = ("--set", "servo.acceleration_ff=0", "--set", "servo.notch_frequency=0")
     status, output, said = gantrysim_command("tune", file, *sayable, *few, "--export", "trio")

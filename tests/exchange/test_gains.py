@@ -1,4 +1,4 @@
-"""Gains in the words of controllers: each controller's own law gives the torque of the servo's, there and back."""
+"""Gains in the parameters of controllers: each controller's own law gives the torque of the servo's, there and back."""
 
 import dataclasses
 import math
@@ -224,7 +224,9 @@ def test_a_drive_that_takes_positions_has_no_gains_in_the_controller(xy):
     )
     assert "# Drive of axis x: torque mode, full scale 0.906 N·m" in text
     assert "# Drive of axis y: velocity mode, full scale 1000 mm/s = 6000 rpm of the motor" in text
-    assert any(note.startswith("not in these words, to be set beside: mode = torque, velocity") for note in notes)
+    assert any(
+        note.startswith("not among these parameters, set it separately: mode = torque, velocity") for note in notes
+    )
 
 
 def test_fanuc_s_loop_gain_is_rounded_to_a_hundredth_and_scales_kp(xy):
@@ -246,15 +248,17 @@ def test_what_a_controller_has_no_word_for_is_refused(xy, servo):
     text = str(refused.value)
     assert "\n" not in text
     for part in (
-        f"trio has no word for acceleration_ff (x {servo.gains[0].acceleration_ff:g}, "
+        f"trio has no parameter for acceleration_ff (x {servo.gains[0].acceleration_ff:g}, "
         f"y {servo.gains[1].acceleration_ff:g})",
         "--set servo.acceleration_ff=0; or export to linuxcnc, linuxcnc-ini, softmc",
     ):
         assert part in text
-    with pytest.raises(InputError, match=r"fanuc has no word for ki \(x [\d.]+, y [\d.]+\), velocity_ff .*: the contr"):
+    with pytest.raises(InputError, match=r"fanuc has no parameter for ki \(x [\d.]+, y [\d.]+\), velocity_ff .*: the "):
         exported("fanuc", xy.axes, servo)
     resonant = Servo.derive(xy.axes, PERIOD, notch_frequency=[0.0, 120.0])
-    with pytest.raises(InputError, match=r"softmc has no word for notch_frequency \(y 120\): .*notch_frequency=0$"):
+    with pytest.raises(
+        InputError, match=r"softmc has no parameter for notch_frequency \(y 120\): .*notch_frequency=0$"
+    ):
         exported("softmc", xy.axes, resonant)
 
 
@@ -325,7 +329,7 @@ def test_a_gain_that_the_package_gets_is_refused_until_a_dialect_carries_it(monk
 
     monkeypatch.delitem(THROUGH, "notch_width")  # as if it were a gain
     for name in DIALECTS:
-        with pytest.raises(InputError, match=rf"^{name} has no word for notch_width \(x 0\.\d+, y 0\.\d+\)"):
+        with pytest.raises(InputError, match=rf"^{name} has no parameter for notch_width \(x 0\.\d+, y 0\.\d+\)"):
             exported(name, xy.axes, plain)
 
 
@@ -338,7 +342,7 @@ def test_gains_that_cannot_be_converted_are_refused(xy, servo):
         exported("fanuc", xy.axes, soft)
     with pytest.raises(InputError, match="did you mean trio"):
         exported("trioo", xy.axes, servo)
-    with pytest.raises(InputError, match="for axis y, in the words of trio"):
+    with pytest.raises(InputError, match="for axis y, in the parameters of trio"):
         imported("trio", "P_GAIN AXIS(0)=1", xy.axes, servo)
     with pytest.raises(InputError, match=r"bias of axis x = 0\.01: must be 0"):
         imported("linuxcnc", "setp pid.x.Pgain 1\nsetp pid.x.bias 0.01\nsetp pid.1.Pgain 2", xy.axes, servo)
@@ -422,10 +426,10 @@ def test_the_command_shows_all_words_and_refuses_bad_ones(gantrysim_command):
     status, out, _ = gantrysim_command("gains", "an225")
     assert status == 0
     assert all(word in out for word in ("P_GAIN", "Pgain", "KPP", "1825"))
-    assert "no export: no word for ki, velocity_ff, acceleration_ff" in " ".join(out.split())
+    assert "no export: no parameter for ki, velocity_ff, acceleration_ff" in " ".join(out.split())
     status, out, err = gantrysim_command("gains", "an225", "--export", "trio")
     assert (status, out, err.count("\n")) == (2, "", 1)
-    assert err.startswith("error: trio has no word for acceleration_ff (x ")
+    assert err.startswith("error: trio has no parameter for acceleration_ff (x ")
     status, _, err = gantrysim_command("gains", "an225", "--export", "siemens")
     assert (status, "unknown controller 'siemens'" in err) == (2, True)
     status, _, err = gantrysim_command("gains", "an225", "--from", "trio", "absent.bas")

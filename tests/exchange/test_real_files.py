@@ -133,13 +133,17 @@ def test_drives_that_take_steps_or_positions_get_scale_and_limits():
     program, _ = exported("trio", machine.axes, servo)
     assert f"UNITS={limits[0].steps!r}" in program
     assert "P_GAIN" not in program
-    with pytest.raises(InputError, match=r"^fanuc has no word for drives in mode 'stepper', 'position', 'stepper': "):
+    with pytest.raises(
+        InputError, match=r"^fanuc has no parameters for drives in mode 'stepper', 'position', 'stepper': "
+    ):
         exported("fanuc", machine.axes, servo)
 
 
 def test_an_axis_without_a_joint_and_a_joint_that_turns_are_refused(xy, servos):
     without = MILL.replace("Y X A", "X Z A")
-    with pytest.raises(InputError, match=r"has none of P, I, D, FF1, FF2 for axis y, in the words of linuxcnc-ini"):
+    with pytest.raises(
+        InputError, match=r"has none of P, I, D, FF1, FF2 for axis y, in the parameters of linuxcnc-ini"
+    ):
         imported("linuxcnc-ini", without, xy.axes, servos["torque"])
     for value in ("nan", "1e999", "[JOINT_1]P"):
         with pytest.raises(InputError, match=r"\[JOINT_0\] P = .*: must be a finite number"):

@@ -35,7 +35,7 @@ for name in DIALECTS:
     try:
         exported(name, axes, split.built_servo)
     except InputError as refusal:
-        assert f"{name} has no word for kx (x 0.25, y 0.125)" in str(refusal), refusal
+        assert f"{name} has no parameter for kx (x 0.25, y 0.125)" in str(refusal), refusal
         assert "--set servo.kx=0" in str(refusal), refusal
     else:
         raise AssertionError(name)

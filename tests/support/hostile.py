@@ -363,7 +363,7 @@ def record(rng: random.Random, folder: Path) -> None:
     assert np.isfinite(run.nozzle).all()
 
 
-# A servo's gains in the words of each dialect, written by hand: an export refuses gains that its controller lacks.
+# A servo's gains in the parameters of each dialect, written by hand: an export refuses gains that its controller lacks.
 GAINS = {
     "softmc": "x.KPP = 30\nx.KVP = 2.5\ny.KPP = 28 ' comment\ny.KVP = 2\n",
     "linuxcnc": "setp pid.x.Pgain 50\nsetp pid.x.Dgain 0.5 # comment\nsetp pid.y.Pgain 40\nsetp pid.y.FF1 1\n",

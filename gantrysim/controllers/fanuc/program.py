@@ -38,16 +38,16 @@ _LINEAR = "xyz"
 class Program(Controller):
     """A program of lines, arcs, helices, spirals and cones, with the controller's parameters.
 
-    A text consists of blocks, as `N10 G17 G02 X0 Y-30 I0 J-100 Q-20 F300`, with subprograms by M98, M99 and G65, macro
-    variables, IF, GOTO and WHILE; docs/g-code.md lists the words. Glue is laid in all motions at feed, unless the
-    program switches it by M03 and M05. G28 moves to `start`. Where the program has
-    G05.1 or G08, blocks only overlap where that is on, by `blend_time`; elsewhere the motion stops between them.
+    A text consists of blocks, such as `N10 G17 G02 X0 Y-30 I0 J-100 Q-20 F300`, with subprograms by M98, M99 and G65,
+    macro variables, IF, GOTO and WHILE; docs/g-code.md lists the words. Glue is laid in all motions at feed, unless the
+    program switches it by M03 and M05. G28 moves to `start`. If the program uses G05.1 or G08, blocks overlap by
+    `blend_time` only while that mode is on; elsewhere the motion stops between blocks.
 
-    F is the constant speed along the path. With a limited acceleration the motion stops before and after a spiral,
-    at corners, at G61, and between rapid moves and those at feed. With a `blend_time` it only stops at G61: a moving
-    average of that time over the commanded positions rounds the corners, which are passed at a speed that uses half
-    of the acceleration; the other half is for the pieces. (High-precision contour control; the halves are an
-    assumption.)
+    F is the constant speed along the path. With a limited acceleration, the motion stops before and after a spiral, at
+    corners, at G61, and between rapid moves and moves at feed. With a `blend_time` it stops only at G61: a moving
+    average over the commanded positions rounds the corners. They are passed at a speed that uses half of the
+    acceleration; the other half is left for the motion along the blocks. (High-precision contour control; the halves
+    are an assumption.)
 
     Source: FANUC operator's manuals B-63534EN, B-63944EN, A-78962EN.
 
@@ -64,7 +64,7 @@ class Program(Controller):
             none [s].
         dry_run: feed that replaces F in a dry run; none by default [mm/min].
         dry_run_from: time at which dry run is switched on [s].
-        dry_run_until: time at which it is switched off [s].
+        dry_run_until: time at which dry run is switched off [s].
         offsets: offsets of cutter compensation by the number D, as {"1": 3.0} [mm].
         rotary_velocity: speed limit of the rotary axis; the path slows to keep it [deg/s].
         rotary_acceleration: acceleration limit of the rotary axis; the path slows to keep it, and stops or is blended

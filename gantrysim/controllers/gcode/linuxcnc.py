@@ -15,12 +15,12 @@ from gantrysim.controllers.gcode.gcode_program import GCode, Library
 class Program(GCode):
     """A program in LinuxCNC's dialect of G-code.
 
-    Lines, arcs, splines, dwells and canned cycles, coordinate systems and tool lengths, subroutines, branches and loops
-    by O words, cutter compensation, numbered and named parameters, and expressions; docs/g-code.md lists the words.
-    Lathe cycles, probing and motion synchronised with the spindle are refused by name.
+    It supports lines, arcs, splines, dwells and canned cycles, coordinate systems and tool lengths, subroutines,
+    branches and loops by O words, cutter compensation, numbered and named parameters, and expressions; docs/g-code.md
+    lists the words. Lathe cycles, probing and motion synchronised with the spindle are refused by name.
 
-    In G64 corners between straight moves are rounded by arcs within the tolerance P; without P an arc takes at most
-    half of each move. Lines within Q of a longer one are merged. Elsewhere the velocity may jump by acceleration x
+    In G64, corners between straight moves are rounded by arcs within the tolerance P; without P, an arc takes at most
+    half of each move. Lines within Q of a longer line are merged. Elsewhere the velocity may jump by acceleration x
     cycle. The tool length moves the spindle, not the nozzle's tip.
 
     Args:

@@ -14,9 +14,9 @@ from gantrysim.controllers.gcode.gcode_program import GCode
 class Program(GCode):
     """G-code in the dialect of slicers for 3D printers.
 
-    G0 and G1 run at the feed F, G2 and G3 have their centre by I and J; E feeds material, absolute (M82) or relative
-    (M83), and G92 sets it. Moves that feed none are travel, without glue; moves of E alone take their time at
-    standstill. Temperatures, fans, homing and all other M and G codes are counted.
+    G0 and G1 move at the feed F; I and J give the centre of G2 and G3. E feeds material, absolute (M82) or relative
+    (M83), and G92 sets its value. Moves that feed no material are travel, without glue; moves of E alone take their
+    time at standstill. Temperatures, fans, homing and all other M and G codes have no effect, but are counted.
 
     Args:
         text: text of the program.

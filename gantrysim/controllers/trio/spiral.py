@@ -28,23 +28,22 @@ _ROUNDING = 1e-12
 class MoveSpiral(Controller):
     """An inward spiral by the loop method of AN-225.
 
-    Two virtual axes run circles of the outer diameter. CONNECT(x, virtual axis) links each real axis to the
-    movement of its virtual axis; a program loop lowers the ratio x and raises the virtual SPEED to V / x, so
-    that the real path speed stays V. Between two passes the real axes run an arc of radius x R; the arcs are tangent.
+    Two virtual axes run circles of the outer diameter. CONNECT(x, virtual axis) links each real axis to its virtual
+    axis; a program loop lowers the ratio x and raises the virtual SPEED to V / x, so that the real path speed stays V.
+    Between two passes the real axes run an arc of radius x R; consecutive arcs are tangent.
 
     The k-th pass sets x_k = 1 - k change, with change = 2 thickness V T / (pi D^2), and waits WA(1000 T x_k) ms.
     A pass lasts T x_k + d and, at SPEED, turns the virtual circle by V (T x_k + d) / (x_k R). As T and d go to
     zero the path tends to the involute of a circle of radius thickness / 2 pi, whose normal pitch is exactly
     `thickness`: that is the requested path.
 
-    The defaults are the method without the controller's limits. With ACCEL and DECEL, x keeps falling with time
-    while the virtual axes brake, so that the end of the spiral curls in. CONNECT adds ratio times the virtual
-    axis' step at every servo tick, so that the real axes are exactly on the arcs at the ticks if the ratio
-    changes at ticks; `servo_period` does that.
+    The defaults give the method without the controller's limits. With ACCEL and DECEL, x keeps falling while the
+    virtual axes brake, so that the end of the spiral curls in. At every servo tick, CONNECT adds the ratio times the
+    virtual axis' step; if the ratio changes at ticks only (`servo_period`), the real axes lie exactly on the arcs.
 
-    With a height, MHELICAL adds a third virtual axis that climbs evenly with the circles and drives the real
-    one directly. In mode 1 SPEED is that of the circle; in mode 0 it is the speed in space, so that the circle
-    is slower, x falls too far by its end and the turns are too far apart.
+    With a height, MHELICAL adds a third virtual axis that climbs evenly with the circles and drives the real one
+    directly. In mode 1, SPEED is the speed on the circle; in mode 0 it is the speed in space, so that the circle is
+    slower, x falls too far by its end and the turns are too far apart.
 
     Source: Trio Motion Technology, application note AN-225 (2008), and the Motion BASIC manual for CONNECT,
     MOVECIRC, MHELICAL, WA.
@@ -65,13 +64,13 @@ class MoveSpiral(Controller):
         deceleration: DECEL of the virtual axes; by default ACCEL [mm/s²].
         wait_resolution: WA truncates its time to a multiple of this; 0.001 on the controller, 0 for exact waits [s].
         ratio_bits: fractional bits of CONNECT's ratio, 16 on the controller; None for an exact ratio.
-        servo_period: SERVO_PERIOD, at whose ticks commands take effect: 0.0005, 0.001 or 0.002 on the controller; 0
-            lets commands take effect between ticks [s].
+        servo_period: SERVO_PERIOD, at whose ticks commands take effect: 0.0005, 0.001 or 0.002 on the controller; 0 for
+            a program that acts between ticks [s].
         as_published: whether to run the published listing as it is, errors included; `notes` lists the differences.
 
     Raises:
         InputError: a value out of bounds, a negative inner diameter, or a ratio x that would fall to zero or
-            below before the axes brake for the end.
+            below before the axes brake at the end.
     """
 
     ramp_arguments: ClassVar[tuple[str, ...]] = ("acceleration", "deceleration")
@@ -152,7 +151,7 @@ class MoveSpiral(Controller):
 
     @property
     def inner_diameter(self) -> float:
-        """Diameter less a thickness on either side per turn [mm]."""
+        """Outer diameter minus twice the thickness per turn [mm]."""
         return self.diameter - 2 * self.turns * self.thickness
 
     @property
@@ -172,12 +171,12 @@ class MoveSpiral(Controller):
 
     @property
     def circles(self) -> int:
-        """Number of circles that are run."""
+        """Number of circles executed."""
         return LITERAL_CIRCLES if self.as_published else self.turns
 
     @cached_property
     def passes(self) -> Passes:
-        """The passes of the program loop; not defined in the continuous limit."""
+        """Passes of the program loop; undefined in the continuous limit."""
         # with interpreter time the passes are fewer
         due = self.virtual_time / self.loop_period - 1e-9
         if due > MAX_PASSES:
@@ -263,7 +262,7 @@ class MoveSpiral(Controller):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The published listing's differences, where it is run."""
+        """Differences of the published listing, if it is run."""
         return differences(self.passes, self.turns, self.height) if self.as_published else ()
 
     @classmethod

@@ -12,7 +12,7 @@ from gantrysim.base.arrays import Floats
 
 @dataclass(frozen=True)
 class Tick:
-    """Inputs of a user's own law at one servo tick.
+    """Inputs of a user-defined law at one servo tick.
 
     Attributes:
         time: time of the tick [s].
