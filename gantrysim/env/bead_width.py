@@ -52,13 +52,13 @@ class BeadWidthSettings(PathSettings):
 
     Attributes:
         tolerance: tolerance of the bead's width, relative.
-        override: of the pressure, at the start of an episode.
+        override: override of the pressure at the start of an episode.
         step: largest change of the logarithm of the override at a decision.
         override_range: largest factor by which the override raises or lowers the pressure.
         index: flow index n of the glue.
-        behind: distance along the path from the nozzle to the camera that follows it, counted in pieces of the bead,
+        behind: distance along the path from the nozzle to the camera that follows it, rounded to pieces of the bead,
             which are 0.5 mm long and end at the next servo tick [mm].
-        camera_noise: standard deviation of the camera's width, relative, for each 0.5 mm of the bead.
+        camera_noise: standard deviation of the measured width, relative, for each 0.5 mm of the bead.
 
     Raises:
         InputError: a value out of bounds.
@@ -234,22 +234,22 @@ class BeadWidthEnv(PathEnv):
     """Keep the width of the bead while viscosity and speed change, with a camera that follows the nozzle.
 
     An episode is a spiral, or the path of a job, on a machine drawn from tolerances. On a spiral the program slows
-    down in places. The program asks for a pressure that would lay an even bead of the nominal glue; the pressure
-    follows with a lag, viscosity is drawn and drifts, and the needle clogs in part at some moment: see
+    down in places. The program requests the pressure that would lay an even bead of the nominal glue. The pressure
+    follows with a lag, the viscosity is random and drifts, and at some moment the needle clogs in part: see
     `gantrysim.env.glue.lay`.
 
     Action: one number from -1 to 1, which changes the logarithm of the override of the pressure by up to `step`.
 
     Observation: `observation_names`, with range, unit and meaning in `gantrysim.env.bead_width.BeadWidthBatch`: the
-    width error that the camera measured last, its change, the override, commanded speed now and one and two decisions
+    latest width error measured by the camera, its change, the override, commanded speed now and one and two decisions
     ahead, curvature here and ahead, distances to the next and since the last reversal of an axis, and progress.
 
     Reward: -min(e / tolerance, 10) / 10 for the RMS relative width error e of the bead laid since the last decision;
-    less 2 for the interval of a fault and for each interval that the fault prevents.
+    minus 2 for the interval of a fault and for each interval that the fault prevents.
 
-    `info` holds cost, the share of this bead out of tolerance; width_rms and width_max, relative; override; fault, a
-    text or None; and at the end of an episode episode_width_rms, episode_width_max and episode_cost. The `info` of
-    `reset` holds the values drawn; its options "spiral", "machine" and "task" replace some of them.
+    `info` contains cost, the fraction of this bead out of tolerance; width_rms and width_max, relative; override;
+    fault, a text or None; and at the end of an episode episode_width_rms, episode_width_max and episode_cost. The
+    `info` of `reset` contains the random values; its options "spiral", "machine" and "task" replace some of them.
 
     A fault terminates the episode; the end of the setpoints truncates it.
     """

@@ -119,7 +119,7 @@ class GainBanditEnv(PathEnv):
     21     progress              0 to 1     1                    share of the setpoints sent
     =====  ====================  =========  ===================  ====================================================
 
-    Reward: the sum of three terms, which `info` holds too.
+    Reward: the sum of three terms; `info` contains them too.
 
     ==============  =========================================================================================
     term            value
@@ -130,11 +130,11 @@ class GainBanditEnv(PathEnv):
     ==============  =========================================================================================
 
     An interval without a fault costs at most 10, so a fault never pays. Stability affects the reward only through the
-    ripple; `info["cost"]` tells how far the gains are beyond the tuner's limit |S| = 2 on the nominal machine: 0 up to
-    2, then max |S| / 2 - 1, and 1 from 4 on, where the loop is unstable or for a fault
+    ripple; `info["cost"]` states how far the gains exceed the tuner's limit |S| = 2 on the nominal machine: 0 up to 2,
+    then max |S| / 2 - 1, and 1 from 4 on, where the loop is unstable or for a fault
     (`gantrysim.env.sensitivity.SensitivityTable`).
 
-    `info` also holds contour_rms and contour_max [mm], 0 in an interval without dispensing; ripple, the torque ripple
+    `info` also contains contour_rms and contour_max [mm], 0 in an interval without dispensing; ripple, torque ripple
     while dispensing as a share of the nominal drive's peak torque (`gantrysim.metrics.torque_ripple`); fault, a text or
     None; and at the end of an episode episode_contour_rms and episode_contour_max [mm], 0 without dispensing. The
     `info` of `reset` holds the values drawn for the path and the machine. Its options "spiral" and "machine" are dicts

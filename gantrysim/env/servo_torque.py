@@ -35,10 +35,10 @@ class ServoTorqueSettings(PathSettings):
     """Settings of `ServoTorqueEnv`: those of `PathSettings`, and of action and observation.
 
     Attributes:
-        level: of the torque at the start, 1 for the nominal friction.
+        level: level of the torque at the start, 1 for the nominal friction.
         highest: largest level.
         step: largest change of the level at a decision.
-        memory: time constant with which the fit of the level of friction forgets [s].
+        memory: time constant of the exponential forgetting in the fit of the friction level [s].
 
     Raises:
         InputError: a value out of bounds.
@@ -222,26 +222,26 @@ class ServoTorqueBatch(EpisodeBatch):
 
 
 class ServoTorqueEnv(PathEnv):
-    """Set the torque sent against friction that differs from machine to machine and changes.
+    """Set the level of a torque against friction that differs between machines and changes.
 
     An episode is a spiral, or the path of a job, on a machine drawn from tolerances whose friction changes at some
-    moment. Where an axis reverses, friction throws the nozzle off the path until the servo's integral has met it; a
-    torque that is sent with the setpoints prevents that. At every servo tick it is
+    moment. When an axis reverses, friction pushes the nozzle off the path until the servo's integral term compensates
+    it; a torque sent with the setpoints prevents that. At every servo tick it is
 
         torque = level * friction torque of the nominal machine's model at the setpoints,
 
-    added to the servo's. The drive's limit holds for the sum.
+    added to the servo's torque. The drive's limit applies to the sum.
 
-    Action: a number from -1 to 1 for each axis: change of its level, in units of `step`; the level stays within 0 and
-    `highest`.
+    Action: a number from -1 to 1 for each axis, the change of its level in units of `step`; the level stays between 0
+    and `highest`.
 
     Observation: `observation_names`, with range, unit and meaning in `gantrysim.env.servo_torque.ServoTorqueBatch`:
-    for each axis the mean following error of the last interval and its change, until the next decision the velocity
-    demanded and the torque of the nominal friction (`gantrysim.servo.laws.friction`) over its Coulomb friction,
-    the level that is missing, of the friction fitted to the servo's torque demands (`gantrysim.env.friction.fit`), the
-    level, and the last action; the mean contour error; progress.
+    for each axis the mean following error of the last interval and its change; the velocity demanded until the next
+    decision, and the nominal friction torque then (`gantrysim.servo.laws.friction`), relative to Coulomb friction; the
+    missing level, from the friction fitted to the servo's torque demands (`gantrysim.env.friction.fit`); the level; and
+    the last action; then the mean contour error, and progress.
 
-    Reward: the sum of two terms, which `info` holds too.
+    Reward: the sum of two terms; `info` contains them too.
 
     ==============  ===========================================================================================
     term            value
@@ -250,10 +250,10 @@ class ServoTorqueEnv(PathEnv):
     reward_fault    -2 for the interval of a fault and for each interval that the fault prevents
     ==============  ===========================================================================================
 
-    `info` also holds cost, 1 where the largest error since the last decision exceeds the tolerance and 0 elsewhere;
-    contour_rms and contour_max [mm]; fault, a text or None; and at the end of an episode episode_cost, the share of
-    such decisions, episode_contour_rms and episode_contour_max [mm]. The `info` of `reset` holds the values drawn; its
-    options "spiral", "machine" and "task" replace some of them.
+    `info` also contains cost, 1 if the largest error since the last decision exceeds the tolerance and 0 otherwise;
+    contour_rms and contour_max [mm]; fault, a text or None; and at the end of an episode episode_cost, the fraction of
+    such decisions, episode_contour_rms and episode_contour_max [mm]. The `info` of `reset` contains the random values;
+    its options "spiral", "machine" and "task" replace some of them.
 
     A fault terminates the episode; the end of the setpoints truncates it.
     """

@@ -206,7 +206,7 @@ class SpeedOverrideEnv(PathEnv):
 
     An episode is a spiral, or the path of a job, on a machine drawn from tolerances whose friction changes at some
     moment. The commanded speed follows the program's speed times the override with limited acceleration, and comes to
-    rest at the end. Where an axis reverses, friction throws the nozzle off the path, the less the slower it moves.
+    rest at the end. When an axis reverses, friction pushes the nozzle off the path, less so at a lower speed.
 
     Action: one number from -1 to 1, which changes the logarithm of the override by up to `step`.
 
@@ -214,25 +214,26 @@ class SpeedOverrideEnv(PathEnv):
     `gantrysim.env.speed_override.SpeedOverrideBatch`: errors of the last interval, override, commanded speed, the
     program's speed, curvature here and ahead, distances to the next and since the last reversal of an axis, progress.
 
-    Reward: the sum of four terms, in nominal durations length / program speed, which `info` holds too.
+    Reward: the sum of four terms, in nominal durations, length / program speed; `info` contains them too.
 
     ===============  ==============================================================================================
     term             value
     ===============  ==============================================================================================
-    reward_progress  progress share, where share is that of the path commanded since the last decision
+    reward_progress  progress share, where share is the fraction of the path commanded since the last decision
     reward_time      -time / nominal duration
-    reward_contour   -weight e share, where e is by how many tolerances the largest contour error since the last
-                     decision is beyond the tolerance, at most `worst`
-    reward_fault     for a fault the largest loss of the rest of the path: -rest (1 / slowest + weight worst)
+    reward_contour   -weight e share, where e is the excess of the largest contour error since the last decision over
+                     the tolerance, in tolerances, at most `worst`
+    reward_fault     for a fault, the largest loss of the remaining path: -rest (1 / slowest + weight worst)
     ===============  ==============================================================================================
 
-    Whoever reaches the end has been paid `progress` in all, so this term ranks no two such policies. An agent that
-    discounts needs it: it loses the same time by every decision, and by going slower fewer tolerances.
+    Every policy that reaches the end is paid `progress` in total, so this term does not change their ranking. An agent
+    that discounts needs it: every decision costs it the same time, and a slower one fewer tolerances.
 
-    `info` also holds cost, 1 where this error is beyond the tolerance and 0 elsewhere; contour_rms and contour_max
-    [mm]; override; fault, a text or None; and at the end of an episode episode_time [s], episode_time_ratio, over the
-    nominal duration, episode_cost, the share of the path out of tolerance, episode_contour_rms and episode_contour_max
-    [mm]. The `info` of `reset` holds the values drawn; its options "spiral", "machine" and "task" replace some of them.
+    `info` also contains cost, 1 if this error exceeds the tolerance and 0 otherwise; contour_rms and contour_max [mm];
+    override; fault, a text or None; and at the end of an episode episode_time [s], episode_time_ratio, relative to the
+    nominal duration, episode_cost, the fraction of the path out of tolerance, episode_contour_rms and
+    episode_contour_max [mm]. The `info` of `reset` contains the random values; its options "spiral", "machine" and
+    "task" replace some of them.
 
     A fault terminates the episode; the end of the path truncates it.
     """

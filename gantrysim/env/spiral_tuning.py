@@ -47,7 +47,7 @@ class SpiralTuningSettings(PathSettings):
         gain_range: largest factor by which the agent raises or lowers a nominal gain.
         step: largest changes of the logarithms of these gains at a decision.
         weight: loss of an interval whose max |S| is 4 or more.
-        memory: time constant with which the fit of the inertia forgets [s].
+        memory: time constant of the exponential forgetting in the fit of the inertia [s].
 
     Raises:
         InputError: a value out of bounds.
@@ -247,15 +247,15 @@ class SpiralTuningBatch(EpisodeBatch):
 
 
 class SpiralTuningEnv(PathEnv):
-    """Tune the servo while the nozzle follows a path with a payload that differs and changes.
+    """Tune the servo while the nozzle follows a path with a payload that varies and changes.
 
-    An episode is a fast and small spiral, or the path of a job, on a machine drawn from tolerances. It carries a tool,
-    a cartridge or a fixture, of any mass up to that of the tolerances, and at some moment another, of up to 4 kg, which
-    joins at the speed of the nozzle. The payload sits behind the compliance of the drive trains: with more of it their
-    mode is slower and the gains must be lower for the same |S|, but the acceleration feed-forward must be higher.
+    An episode is a fast, small spiral, or the path of a job, on a machine drawn from tolerances. The machine carries a
+    tool, a cartridge or a fixture, of any mass within the tolerances, and at some moment another one, of up to 4 kg,
+    which joins at the speed of the nozzle. The payload acts through the compliance of the drive trains: a larger one
+    slows down their mode, so that the same |S| needs lower gains, but a higher acceleration feed-forward.
 
     Action: kp, kd, velocity_ff and acceleration_ff, each from -1 to 1, which changes the logarithm of the gain by up to
-    `step`, for all axes alike. ki changes with kp. A gain stays between 1 / `gain_range` and `gain_range` times the
+    `step`, equally for all axes. ki changes with kp. A gain stays between 1 / `gain_range` and `gain_range` times the
     nominal one.
 
     Observation: `observation_names`, with range, unit and meaning in `gantrysim.env.spiral_tuning.SpiralTuningBatch`:
@@ -264,7 +264,7 @@ class SpiralTuningEnv(PathEnv):
     (`gantrysim.env.inertia.fit`); that of all axes together; the present gains; path speed, curvature here and ahead,
     distances to the next and since the last reversal; contour error; progress.
 
-    Reward: the sum of three terms, which `info` holds too.
+    Reward: the sum of three terms; `info` contains them too.
 
     ================  =======================================================================================
     term              value
@@ -274,11 +274,11 @@ class SpiralTuningEnv(PathEnv):
     reward_fault      -(1 + weight) for the interval of a fault and for each interval that the fault prevents
     ================  =======================================================================================
 
-    `info` also holds cost, how far the gains are beyond |S| = 2 on the nominal machine with the payload of the moment:
+    `info` also contains cost, how far the gains exceed |S| = 2 on the nominal machine with the current payload:
     0 up to 2, then max |S| / 2 - 1, and 1 from 4 on, where the loop is unstable or for a fault
     (`gantrysim.env.sensitivity.SensitivityTable`); contour_rms and contour_max [mm]; fault, a text or None; and at the
     end of an episode episode_cost, its mean, episode_contour_rms and episode_contour_max [mm]. The `info` of `reset`
-    holds the values drawn, among them payload_kg, payload_later and payload_time; its options "spiral", "machine" and
+    contains the random values, such as payload_kg, payload_later and payload_time; its options "spiral", "machine" and
     "task" replace some of them.
 
     A fault terminates the episode; the end of the setpoints truncates it.

@@ -30,13 +30,13 @@ class SpeedOverrideSettings(PathSettings):
     """Settings of `SpeedOverrideEnv`: those of `PathSettings`, and of action and reward.
 
     Attributes:
-        override: of the speed, at the start of an episode.
+        override: override of the speed at the start of an episode.
         step: largest change of the logarithm of the override at a decision.
-        slowest: least override.
+        slowest: smallest override.
         fastest: largest override.
-        weight: loss of a bead that is one tolerance beyond the tolerance all along, in nominal durations.
-        worst: largest error beyond the tolerance that counts [tolerances].
-        progress: reward of the whole path, paid for each share of it as it is commanded, in nominal durations.
+        weight: loss of a bead that exceeds the tolerance by one tolerance everywhere, in nominal durations.
+        worst: largest excess over the tolerance that counts [tolerances].
+        progress: reward of the whole path, paid in proportion to the path commanded, in nominal durations.
 
     Raises:
         InputError: a value out of bounds.

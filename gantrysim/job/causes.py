@@ -133,11 +133,11 @@ class Effect:
 
 @dataclass(frozen=True)
 class Causes:
-    """What the causes of a job's error are worth; printed, it is a table.
+    """Effects of the causes of a job's error; prints as a table.
 
     Attributes:
         errors: errors of the unchanged job.
-        effects: the effect of switching off each cause, in the order of `CAUSES`, and of `GEOMETRY` where there is any.
+        effects: effect of switching off each cause, in the order of `CAUSES`, and of `GEOMETRY` if the job has any.
     """
 
     errors: Errors
@@ -145,7 +145,7 @@ class Causes:
 
     @property
     def heads(self) -> tuple[str, ...]:
-        """Heads of the table: `HEADS`, and the links."""
+        """Headings of the table: `HEADS`, and the links."""
         return (*HEADS, *self._links)
 
     @property
@@ -154,14 +154,14 @@ class Causes:
 
     @property
     def rows(self) -> list[tuple[str, list[float | None]]]:
-        """The table, by `heads`: what is switched off, and numbers of the run without it, None where it failed [µm]."""
+        """Rows of the table, by `heads`: the cause switched off, and errors without it, None for a failed run [µm]."""
         links = self._links
         effects = [(effect.cause.name, _cells(effect.without, effect.worth, links)) for effect in self.effects]
         return [("nothing", _cells(self.errors, None, links)), *effects]
 
     @property
     def notes(self) -> list[str]:
-        """Which runs failed and why, and which were compared with a run of the job at their own physics step."""
+        """Notes on runs that failed, and on runs compared with a run of the job at their own physics step."""
         notes = []
         for effect in self.effects:
             if effect.failure:
@@ -188,15 +188,15 @@ def check_causes(job: Job) -> None:
 
 
 def causes_of(job: Job, run: Run | None = None, progress: Callable[[float], None] | None = None) -> Causes:
-    """Rerun a job with one cause of `CAUSES` removed each time, and return what each is worth.
+    """Rerun a job with one cause of `CAUSES` removed each time, and return the effect of each.
 
     Args:
         job: the job.
-        run: its record, if it has been run.
-        progress: called now and then with the completed share, 0 to 1.
+        run: record of the job, if it has been run.
+        progress: function called from time to time with the completed share, 0 to 1.
 
     Raises:
-        InputError: the job ends in a fault, has faults on purpose, or its dispenser is never on.
+        InputError: the job ends in a fault, has deliberate faults, or its dispenser is never on.
     """
     check_causes(job)
     setup = Setup(job.built_machine, job.built_servo, job.setpoints, job.simulation.physics_step)

@@ -106,11 +106,13 @@ class AnalysisValues:
 
 
 class Analysis(Shown):
-    """A run's traces projected onto its requested path; each is computed once, at first use.
+    """A run's traces projected onto its requested path; each projection is computed once, on first use.
 
-    All are taken at `ticks`, those where the dispenser is on. The traces are followed along the path in the order of
-    the motion, so that a point belongs to its own turn and not to a neighbouring one that may be nearer.
-    A record that covers a part of the path begins at its arc length `begin` [mm].
+    The traces are taken at `ticks`, where the dispenser is on, and followed along the path in the order of the motion:
+    a point belongs to its own turn, not to a neighbouring one that may be nearer.
+
+    Args:
+        run: the run; one of a part of the path begins at the arc length `begin` [mm].
 
     Raises:
         InputError: the dispenser is never on.
@@ -132,17 +134,17 @@ class Analysis(Shown):
 
     @cached_property
     def encoder(self) -> Projection:
-        """Projection of the nozzle that a rigid machine would have at the encoders' positions."""
+        """Projection of the nozzle of a rigid machine at the encoders' positions."""
         return self._followed(self.run.encoder_tip, like=(self.run.commanded_tip, "commanded"))
 
     @cached_property
     def motor(self) -> Projection:
-        """Projection of the nozzle that a rigid machine would have at the motors' positions."""
+        """Projection of the nozzle of a rigid machine at the motors' positions."""
         return self._followed(self.run.motor_tip, like=(self.run.encoder_tip, "encoder"))
 
     @cached_property
     def geometric(self) -> Projection:
-        """Projection of the nozzle that a rigid machine with the errors of its geometry would have at the motors'."""
+        """Projection of the nozzle of a rigid machine with geometric errors at the motors' positions."""
         tip = self.run.geometric_tip
         return self.motor if tip is None else self._followed(tip, like=(self.run.motor_tip, "motor"))
 

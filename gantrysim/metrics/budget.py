@@ -89,7 +89,7 @@ class Stretch(NamedTuple):
 
 
 class Budget:
-    """The error budget of a run while the dispenser is on; printed, it is a table of its links.
+    """The error budget of a run while the dispenser is on; prints as a table of its links.
 
     Args:
         of: a run, or its analysis.
@@ -127,7 +127,7 @@ class Budget:
             yield name, [column.number(column.get(part)) for column in PART_COLUMNS]
 
     def to_frame(self) -> pandas.DataFrame:
-        """Return a pandas DataFrame: a row per link, for the corners where there are any, and for the contour error.
+        """Return a pandas DataFrame with a row per link, for corners if there are any, and for the contour error.
 
         Its columns are `PART_COLUMNS`: rms_um, p95_um, max_um and share_percent.
 
@@ -145,12 +145,12 @@ class Budget:
 
     @cached_property
     def parts(self) -> dict[str, Part]:
-        """The part of every link of `links_of`; with `corner`, where there is one, they add up to `contour`."""
+        """Contribution of every link of `links_of`; together with `corner`, if any, they add up to `contour`."""
         return self._links[0]
 
     @property
     def corner(self) -> Part | None:
-        """Part from changes of leg at sharp corners, see `gantrysim.metrics.links`; None where it is 0."""
+        """Contribution of changes of leg at sharp corners, see `gantrysim.metrics.links`; None if it is 0."""
         return self._links[1]
 
     @cached_property
@@ -172,8 +172,8 @@ class Budget:
     def lag(self) -> Floats:
         """Lag of the nozzle behind the command along the path, (m,) [mm].
 
-        It is the difference of the arc lengths of their feet; where a corner lies between these, at most the distance
-        of the two points, as inside a corner the foot jumps from one leg to the other.
+        It is the difference between the arc lengths of their feet. If a corner lies between the feet, it is at most the
+        distance between the two points, because inside a corner the foot jumps from one leg to the other.
         """
         run = self.analysis.run
         ticks = self.analysis.ticks
@@ -195,10 +195,10 @@ class Budget:
 
     @property
     def turn(self) -> NDArray[np.intp]:
-        """Turn of the path's tangent at each tick, 0 for the first, -1 outside of any, (m,).
+        """Number of the turn at each tick, 0 for the first, -1 outside any turn, (m,).
 
-        On a path that turns both ways, turns are counted on the stretch that turns furthest one way. A rest below a
-        hundredth of a turn belongs to the last one.
+        A turn is a full rotation of the tangent. On a path that turns both ways, turns are counted on the stretch that
+        turns furthest in one direction. A remainder below a hundredth of a turn belongs to the last turn.
         """
         turned, (first, last) = self._turned()
         turn = np.full(self.analysis.ticks.size, -1)
@@ -222,7 +222,7 @@ class Budget:
 
     @cached_property
     def part_values(self) -> dict[str, PartValues]:
-        """The values of the part of every link."""
+        """Values of the contribution of every link."""
         return {name: self.values_of(part) for name, part in self.parts.items()}
 
     @cached_property
@@ -237,12 +237,12 @@ class Budget:
         )
 
     def servo_by_axis(self, machine: RigidMachine) -> dict[str, Part]:
-        """Return each axis' contribution to the servo part, to first order.
+        """Return each axis' contribution to the servo error, to first order.
 
-        It is the displacement of a rigid machine's nozzle along the path's normals as this axis alone moves from its
-        commanded to its encoder position. The contributions add up to the servo part, but for second order. Where a
-        corner lies between the feet of command, encoder and nozzle, the normals are corrected by the least amount that
-        makes the contributions add up there too (Broyden's formula for a secant).
+        It is the displacement of a rigid machine's nozzle along the path's normals when this axis alone moves from its
+        commanded to its encoder position. The contributions add up to the servo error, except for second-order terms.
+        If a corner lies between the feet of command, encoder and nozzle, the normals are corrected by the smallest
+        amount with which the contributions add up there as well (Broyden's formula for a secant).
 
         Args:
             machine: the machine of the run.
@@ -250,7 +250,7 @@ class Budget:
         return servo_by_axis(self.analysis, self.parts["servo"], machine)
 
     def values_of(self, part: Part) -> PartValues:
-        """Return the values of a part of the error."""
+        """Return the values of a contribution to the error."""
         size = part.size
         mean = float(np.mean(self.contour.size**2))
         k = int(size.argmax())
@@ -268,9 +268,9 @@ class Budget:
 
     @cached_property
     def stretches(self) -> tuple[Stretch, ...]:
-        """The turns of a spiral and the stretches before and after them: all ticks. Empty without turns.
+        """Turns of a spiral and the stretches before and after them, which cover all ticks; empty without turns.
 
-        A path is a spiral if some turn of it lies beside another.
+        A path is a spiral if one of its turns lies beside another.
         """
         turns = self.turn
         count = int(turns.max()) + 1

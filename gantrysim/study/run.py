@@ -48,12 +48,12 @@ class Outcome:
     """The outcome of a study.
 
     Attributes:
-        rows: of all cases, in order.
+        rows: rows of all cases, in order.
         report: question, answer, chart, table and details.
         written: names of the files in the folder.
         resumed: number of rows taken over from an interrupted run.
-        discarded: why rows found in the folder were not taken over, or None.
-        failed: why there is no report, or None; the same call makes it without running a case again.
+        discarded: reason why rows found in the folder were not taken over, or None.
+        failed: reason why there is no report, or None; repeating the call creates it without running a case again.
     """
 
     rows: list[Row]
@@ -88,15 +88,15 @@ def run_study(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Outcome:
-    """Run a study, or resume an interrupted one, and write its folder, whole or not at all.
+    """Run a study, or resume an interrupted one, and write its folder completely or not at all.
 
-    A report that fails is left out.
+    If the report fails, the folder is written without it.
 
     Args:
-        study: to run.
-        folder: for study.csv (one row per case), curves.csv (lists in the rows, if any), study.toml and job.toml
-            (enough to repeat the study), report.html and plots. Until they are written, a hidden file in the folder
-            keeps the finished rows.
+        study: study to run.
+        folder: output folder, which gets study.csv (one row per case), curves.csv (lists in the rows, if any),
+            study.toml and job.toml (enough to repeat the study), report.html and plots. Until they are written, a
+            hidden file in the folder keeps the finished rows.
         workers: as in `run_cases`.
         progress: as in `run_cases`, over all rounds so far.
 
@@ -104,8 +104,8 @@ def run_study(
         InputError: a folder that may not be written to or is in use by another study, or a job that is refused.
         NoValuesError: no case has values; nothing is written.
         WorkerError: as in `run_cases`; finished rows are kept.
-        StudyInterrupted: by Ctrl-C; the same call resumes.
-        ReplacedError: by Ctrl-C when all was written.
+        StudyInterrupted: interrupted by Ctrl-C; repeating the call resumes.
+        ReplacedError: interrupted by Ctrl-C when all was written.
     """
     plots = (f"{PLOTS}/{name}.png" for name in study.plots)
     output = Output("study", _ROWS, (_ROWS, _CURVES, _STUDY, JOB, REPORT, *study.texts, *plots))

@@ -41,32 +41,32 @@ _UNSEEN: dict[Phase, str] = {"start": "unseen, before", "tuned": "unseen, after"
 
 @dataclass(frozen=True)
 class TuningStudy(Study):
-    """The gains that minimise a metric of a job, found by simplexes in the manner of Nelder and Mead.
+    """Search for the gains that minimise a metric of a job, by simplexes in the manner of Nelder and Mead.
 
     The metric is the largest over the job's own machine and perturbed ones, drawn from a Latin hypercube. The gains
 
     - keep the margin on every axis of each of these machines and of the guards, see `gantrysim.tuning.stability`;
-    - keep the torque ripple, the largest of all axes as a share of the peak torque, on each of them;
-    - end in no fault on any.
+    - keep the limit of the torque ripple, the largest of all axes relative to the peak torque, on each machine;
+    - cause no fault on any of them.
 
     `gantrysim.tuning.search` defines how candidates are compared and which runs are made. The start is a candidate too,
     so the result is never worse. Start and result are then run on machines that the search did not use.
 
     Attributes:
-        job: its servo is the start, and keeps all but its gains.
-        law: the gains searched, one of `SPACES`; by default pid where the job has an integral term, else pd.
-        metric: one of `METRICS`: rms, p95 or max of the contour error, or of the servo part of the error budget.
+        job: job to tune; its servo is the start, of which all but the gains is kept.
+        law: gains to search, one of `SPACES`; by default pid if the job has an integral term, else pd.
+        metric: metric to minimise, one of `METRICS`: rms, p95 or max of the contour error, or of the servo error.
         budget: maximum number of runs of the search.
         robust: number of perturbed machines besides the job's own.
-        guards: number of perturbed machines on which the margin is kept too, without runs; none where robust is 0.
-        batch: number of points of a simplex that are moved side by side; more fill more cores, but need more runs.
-        margin: least gain margin, in every direction.
-        ripple: largest torque ripple [% of the peak torque]. The derived gains have 0.5 to 1.5 % in the built-in jobs,
-            where beyond 2 % a little more gain makes the torque chatter.
-        per_axis: whether every axis has numbers of its own.
-        spread: tolerances from which perturbed machines are drawn.
-        unseen: number of machines for the final check, whose runs the budget does not count.
-        seed: of the random numbers.
+        guards: number of further perturbed machines on which the margin is kept, without runs; none if robust is 0.
+        batch: number of points of a simplex moved in parallel; more points use more cores, but need more runs.
+        margin: smallest gain margin M, expressed as a bound on |S|: its peak is at most M / (M - 1).
+        ripple: largest torque ripple [% of the peak torque]. The derived gains have 0.5 to 1.5 % in the built-in jobs;
+            beyond 2 %, slightly higher gains make the torque chatter.
+        per_axis: whether the gains of each axis are searched separately.
+        spread: tolerances from which the perturbed machines are drawn.
+        unseen: number of machines for the final check, whose runs are not part of the budget.
+        seed: seed of the random numbers.
         held: gains held at zero, see `SearchSpace`.
         leaders: successive best candidates of the search so far; the first is the start.
     """
@@ -257,7 +257,7 @@ class TuningStudy(Study):
         return self.history_of(lambda cases: [next(remaining) for _ in cases])
 
     def history_of(self, measure: Callable[[list[Case]], list[Row]]) -> History:
-        """Return the history of the search with the rows that a function returns for its cases."""
+        """Return the history of a search whose cases are measured by a function."""
         cases_of_rounds = self._search_rounds()
         cases = next(cases_of_rounds)
         while True:
@@ -267,7 +267,7 @@ class TuningStudy(Study):
                 return stop.value
 
     def unseen_rows(self, rows: list[Row], phase: Phase) -> list[Row]:
-        """Return the rows of the final check at the start or tuned."""
+        """Return the rows of the final check, with the gains of the start or the tuned gains."""
         return [row for row in rows if row["stage"] == _UNSEEN[phase]]
 
     def run(self, servo: Servo) -> Run:

@@ -28,14 +28,14 @@ class RunComparison(ComparedRuns):
 
 
 def compare_runs(*runs: Run | SavedRun | RunResults, names: Sequence[str] | None = None) -> RunComparison:
-    """Compare runs: which is better by its verdict, by how much, and what differs between their jobs.
+    """Compare runs: which has the better verdict, by how much, and how their jobs differ.
 
-    The first run is the one that changes are counted from. Runs of different machines can be compared, as errors and
-    bead lie in the work frame; values of axes that one of them lacks are missing.
+    Changes are relative to the first run. Runs of different machines can be compared, because errors and bead are in
+    the work frame; values of an axis that one of the machines lacks are omitted.
 
     Args:
         runs: two to four, each with its job: from `Job.run` or `SavedRun.load`.
-        names: of the runs; by default those of their jobs.
+        names: names of the runs; by default those of their jobs.
 
     Raises:
         InputError: too few or too many runs, a run without its job, or one whose dispenser is never on.

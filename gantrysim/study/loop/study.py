@@ -39,18 +39,18 @@ _FRICTIONLESS = Perturbation(friction=1e-9)
 class LoopStudy(Study):
     """Sweeps of program loop period, interpreter time, servo period, encoder resolution and physics step.
 
-    A program with a loop runs in up to five variants: as it is; with its loop alone, without the controller's other
-    limits such as ramps, the resolution of waits and the time of the interpreter; the same on a perfect follower;
-    without the loop, its continuous limit; and without loop, friction, encoder counts and integral term at a finer
-    physics step, as in the theory of the sampled servo. Programs without a loop have no loop sweeps.
+    A program with a loop runs in up to five variants: unchanged; with its loop alone, without the controller's other
+    limits such as ramps, wait resolution and interpreter time; the same on a perfect follower; without the loop, as its
+    continuous limit; and without loop, friction, encoder counts and integral term at a finer physics step, as in the
+    theory of the sampled servo. Programs without a loop have no loop sweeps.
 
     Args:
-        job: to study.
-        loop_periods: T, ascending [s].
-        interpreter_times: d, ascending [s].
-        servo_periods: ascending [s].
-        resolutions: of the linear encoders, ascending; rotary ones change in proportion [mm].
-        halvings: of the physics step.
+        job: job to study.
+        loop_periods: loop periods T, ascending [s].
+        interpreter_times: interpreter times d, ascending [s].
+        servo_periods: servo periods, ascending [s].
+        resolutions: resolutions of the linear encoders, ascending; rotary ones change in proportion [mm].
+        halvings: number of times the physics step is halved.
     """
 
     loop_periods: tuple[float, ...] = (*(round(s * d, 5) for d in (1e-3, 1e-2, 1e-1) for s in _DECADE), 1.0)

@@ -20,18 +20,18 @@ _MOST = 10_000  # samples: by then the yield is known to a hundredth
 
 @dataclass(frozen=True)
 class MachineStudy(ToleranceStudy):
-    """Monte Carlo over machines that differ, each with the servo gains of the nominal one.
+    """Monte Carlo over differing machines, each with the servo gains of the nominal one.
 
-    The machines are drawn from a Latin hypercube: with n machines, each n-th of a factor's range holds one.
+    The machines are drawn from a Latin hypercube: of n machines, one lies in each n-th of a factor's range.
 
     Args:
-        job: to run.
-        tolerance: of the metric, in its unit; None for the limits of the job itself.
-        metric: a value of a case's row, by default contour_max; None without a tolerance.
+        job: job to run.
+        tolerance: tolerance of the metric, in its unit; None for the limits of the job itself.
+        metric: name of a value in a case's row, by default contour_max; None without a tolerance.
         samples: number of machines besides the nominal one.
         spread: range of every factor.
-        seed: of the random numbers; the same seed draws the same machines.
-        measure: from a case to its row.
+        seed: seed of the random numbers; the same seed draws the same machines.
+        measure: function from a case to its row.
     """
 
     samples: int = 128
@@ -82,7 +82,7 @@ class MachineStudy(ToleranceStudy):
         yield cases
 
     def criterion_of(self, nominal: Row) -> Criterion:
-        """Return the criterion for the rows: the job's whole tolerance where the nominal machine keeps it."""
+        """Return the criterion for the rows: the job's full tolerance if the nominal machine keeps it."""
         if not isinstance(self.criterion, JobCriterion):
             return self.criterion
         return replace(self.criterion, scope=Scope.of([Acceptance.of(nominal)]))

@@ -27,15 +27,15 @@ _INSIDE = 3  # speeds per round inside the bracket
 class SpeedStudy(ToleranceStudy):
     """The fastest path speed within a tolerance: a sweep, then rounds inside the bracket.
 
-    A metric need not grow with the speed. The answer is therefore the fastest speed below which every speed tried is
-    within the tolerance; a run that is refused or ended by a fault is not.
+    A metric need not increase with speed. The result is therefore the fastest speed up to which every speed tried is
+    within the tolerance. A run that is refused or ends in a fault is out of tolerance.
 
     Args:
-        job: whose speed is changed, see `Controller.arguments_at`.
-        tolerance: of the metric, in its unit; None for the limits of the job itself.
-        metric: a value of a case's row, by default contour_max; None without a tolerance.
+        job: job whose speed is changed, see `Controller.arguments_at`.
+        tolerance: tolerance of the metric, in its unit; None for the limits of the job itself.
+        metric: name of a value in a case's row, by default contour_max; None without a tolerance.
         resolution: relative width of the bracket at the end.
-        measure: from a case to its row.
+        measure: function from a case to its row.
     """
 
     resolution: float = 0.01
