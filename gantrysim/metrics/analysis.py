@@ -109,10 +109,8 @@ class Analysis(Shown):
     """A run's traces projected onto its requested path; each projection is computed once, on first use.
 
     The traces are taken at `ticks`, where the dispenser is on, and followed along the path in the order of the motion:
-    a point belongs to its own turn, not to a neighbouring one that may be nearer.
-
-    Args:
-        run: the run; one of a part of the path begins at the arc length `begin` [mm].
+    a point belongs to its own turn, not to a neighbouring one that may be nearer. The record of a run over a part of
+    the path begins at its arc length `begin` [mm].
 
     Raises:
         InputError: the dispenser is never on.
