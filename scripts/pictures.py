@@ -1,7 +1,7 @@
 """Draw the pictures of README and docs/: machines, films, plots, a run's page, studies, how-to pages; all, or some.
 
 python scripts/pictures.py [machines] [films] [plots] [page] [studies] [how_to] [own_part] [own_machine]
-    [own_controller] [NAME OF A PLOT OF A PAGE]
+    [own_controller] [NAME OF A PICTURE OF A STUDY OR OF A PLOT OF A PAGE]
 """
 
 import itertools
@@ -32,6 +32,12 @@ JOBS = ("an225-3d", "delta-arc", "fanuc-conical", "fanuc-spiral", "softmc-arc", 
 SEAL = Path(__file__).parent.parent / "examples" / "seal.ngc"  # of the pages of start
 COMPARED = (1.0, 0.01)  # periods of the program loop [s]
 ALL_PLOTS = {**PAGE_PLOTS, **THEORY_PLOTS}
+# pictures of studies: study, job, plot
+STUDIES = {
+    "study-loop": (LoopStudy, FIRST, "loop_period"),
+    "study-laws": (LawsStudy, "softmc-arc", "ladder"),
+    "tuned": (TuningStudy, "fanuc-spiral", "path"),
+}
 PLOTS = ("budget", "plan", "spacing", "bead")
 LARGE, SMALL, MOVING = (960, 720), (640, 480), (560, 420)
 RATE, SPEED, HELD = 10, 2.5, 3.0  # of the moving picture: frames per second, speed, and time at its end [s]
@@ -139,15 +145,16 @@ def page() -> None:
         save(Image.open(picture), "page")
 
 
+def draw_study(name: str) -> None:
+    kind, job, plot = STUDIES[name]
+    with tempfile.TemporaryDirectory() as scratch:
+        run_study(kind(Job.load(job)), Path(scratch))
+        save(Image.open(Path(scratch) / "plots" / f"{plot}.png"), name)
+
+
 def studies() -> None:
-    for study, plot, picture_name in (
-        (LoopStudy(Job.load(FIRST)), "loop_period", "study-loop"),
-        (LawsStudy(Job.load("softmc-arc")), "ladder", "study-laws"),
-        (TuningStudy(Job.load("fanuc-spiral")), "path", "tuned"),
-    ):
-        with tempfile.TemporaryDirectory() as scratch:
-            run_study(study, Path(scratch))
-            save(Image.open(Path(scratch) / "plots" / f"{plot}.png"), picture_name)
+    for name in STUDIES:
+        draw_study(name)
 
 
 def draw_page_plot(name: str) -> None:
@@ -194,5 +201,7 @@ FOLDER.mkdir(exist_ok=True)
 for part_name in sys.argv[1:] or PARTS:
     if part_name in ALL_PLOTS:
         draw_page_plot(part_name)
+    elif part_name in STUDIES:
+        draw_study(part_name)
     else:
         PARTS[part_name]()

@@ -255,8 +255,7 @@ class Servo(Shown):
             given: values from `DERIVED` to override, one for all axes or one per axis.
 
         Raises:
-            InputError: a value out of bounds, or no loop that keeps its margins; the message then names a value with
-                which there is such a loop, found by trying it.
+            InputError: a value out of bounds, or no loop that keeps its margins; the message names a value with one.
         """
         check_keywords(given, cls.derive)
         request = ServoRequest(
