@@ -1,5 +1,5 @@
 # Sourced by demo.sh and test.sh: makes .venv beside the project and installs it, pinned by constraints.txt.
-# Usage: source setup.sh [EXTRA]. Leaves $root, and .venv/bin first in $PATH.
+# Usage: source setup.sh [EXTRA[,EXTRA ...]]. Leaves $root, and .venv/bin first in $PATH.
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 extra=${1:+[$1]}
