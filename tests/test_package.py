@@ -143,6 +143,16 @@ def test_the_version_is_stated_once():
     assert stated == ["gantrysim/__init__.py"]
 
 
+def test_a_release_has_one_date():
+    """The heading of the changelog dates a release, or says that there is none yet; so does the citation."""
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    dated = re.search(rf"^## {re.escape(gantrysim.__version__)}, (\S+)$", changes, flags=re.MULTILINE)
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    released = re.search(r"^date-released: (\S+)$", citation, flags=re.MULTILINE)
+    assert dated is not None
+    assert (released[1].strip("'\"") if released else "unreleased") == dated[1]
+
+
 def test_the_lowest_versions_are_those_that_are_tried():
     """The bound of every package of the user's is a version of the file that `scripts/minimum.sh` installs."""
     lines = (ROOT / "constraints-minimum.txt").read_text(encoding="utf-8").splitlines()

@@ -92,42 +92,38 @@ class GainBanditEnv(PathEnv):
     Observation, for a machine with the axes x and y and common gains. Measured values are those of the last interval,
     and nothing is measured before the first. For a rotary axis the tolerance counts in degrees.
 
-    =====  ====================  =========  ===================  ====================================================
-    index  name                  range      unit                 meaning
-    =====  ====================  =========  ===================  ====================================================
-    0      following_rms_x        -3 to 3    log10 of tolerances  RMS following error of x
-    1      following_max_x        -3 to 3    log10 of tolerances  largest following error of x
-    2      following_mean_x       -10 to 10  tolerances           mean following error of x, signed
-    3      following_rms_y        -3 to 3    log10 of tolerances  RMS following error of y
-    4      following_max_y        -3 to 3    log10 of tolerances  largest following error of y
-    5      following_mean_y       -10 to 10  tolerances           mean following error of y, signed
-    6      contour_rms           -3 to 3    log10 of tolerances  RMS contour error while dispensing
-    7      contour_max           -3 to 3    log10 of tolerances  largest contour error while dispensing
-    8      contour_mean          -10 to 10  tolerances           mean contour error, positive to the left of the path
-    9      speed                 0 to 10    100 mm/s             path speed of the nozzle
-    10     curvature             -10 to 10  0.1/mm               path curvature at the nozzle, positive to the left
-    11     cos_heading           -1 to 1    1                    path direction at the nozzle, from +x
-    12     sin_heading           -1 to 1    1                    path direction at the nozzle, from +x
-    13     torque_x              0 to 1     peak torques         largest torque demand of x
-    14     ripple_x              -3 to 3    log10 of limits      torque ripple of x
-    15     torque_y              0 to 1     peak torques         largest torque demand of y
-    16     ripple_y              -3 to 3    log10 of limits      torque ripple of y
-    17     gain_kp               -1 to 1    1                    action that sets kp
-    18     gain_kd               -1 to 1    1                    action that sets kd
-    19     gain_velocity_ff      -1 to 1    1                    action that sets velocity_ff
-    20     gain_acceleration_ff  -1 to 1    1                    action that sets acceleration_ff
-    21     progress              0 to 1     1                    share of the setpoints sent
-    =====  ====================  =========  ===================  ====================================================
+    | index | name | range | unit | meaning |
+    | --- | --- | --- | --- | --- |
+    | 0 | following_rms_x | -3 to 3 | log10 of tolerances | RMS following error of x |
+    | 1 | following_max_x | -3 to 3 | log10 of tolerances | largest following error of x |
+    | 2 | following_mean_x | -10 to 10 | tolerances | mean following error of x, signed |
+    | 3 | following_rms_y | -3 to 3 | log10 of tolerances | RMS following error of y |
+    | 4 | following_max_y | -3 to 3 | log10 of tolerances | largest following error of y |
+    | 5 | following_mean_y | -10 to 10 | tolerances | mean following error of y, signed |
+    | 6 | contour_rms | -3 to 3 | log10 of tolerances | RMS contour error while dispensing |
+    | 7 | contour_max | -3 to 3 | log10 of tolerances | largest contour error while dispensing |
+    | 8 | contour_mean | -10 to 10 | tolerances | mean contour error, positive to the left of the path |
+    | 9 | speed | 0 to 10 | 100 mm/s | path speed of the nozzle |
+    | 10 | curvature | -10 to 10 | 0.1/mm | path curvature at the nozzle, positive to the left |
+    | 11 | cos_heading | -1 to 1 | 1 | path direction at the nozzle, from +x |
+    | 12 | sin_heading | -1 to 1 | 1 | path direction at the nozzle, from +x |
+    | 13 | torque_x | 0 to 1 | peak torques | largest torque demand of x |
+    | 14 | ripple_x | -3 to 3 | log10 of limits | torque ripple of x |
+    | 15 | torque_y | 0 to 1 | peak torques | largest torque demand of y |
+    | 16 | ripple_y | -3 to 3 | log10 of limits | torque ripple of y |
+    | 17 | gain_kp | -1 to 1 | 1 | action that sets kp |
+    | 18 | gain_kd | -1 to 1 | 1 | action that sets kd |
+    | 19 | gain_velocity_ff | -1 to 1 | 1 | action that sets velocity_ff |
+    | 20 | gain_acceleration_ff | -1 to 1 | 1 | action that sets acceleration_ff |
+    | 21 | progress | 0 to 1 | 1 | share of the setpoints sent |
 
     Reward: the sum of three terms; `info` contains them too.
 
-    ==============  =========================================================================================
-    term            value
-    ==============  =========================================================================================
-    reward_contour  -min(log(1 + contour_rms / tolerance), 6), while dispensing
-    reward_ripple   -min(log(max(ripple / ripple_limit, 1)), 4), of the axis with the largest ripple
-    reward_fault    -12 for the interval of a fault and for each interval that the fault prevents
-    ==============  =========================================================================================
+    | term | value |
+    | --- | --- |
+    | reward_contour | -min(log(1 + contour_rms / tolerance), 6), while dispensing |
+    | reward_ripple | -min(log(max(ripple / ripple_limit, 1)), 4), of the axis with the largest ripple |
+    | reward_fault | -12 for the interval of a fault and for each interval that the fault prevents |
 
     An interval without a fault costs at most 10, so a fault never pays. Stability affects the reward only through the
     ripple; `info["cost"]` states how far the gains exceed the tuner's limit |S| = 2 on the nominal machine: 0 up to 2,

@@ -243,12 +243,10 @@ class ServoTorqueEnv(PathEnv):
 
     Reward: the sum of two terms; `info` contains them too.
 
-    ==============  ===========================================================================================
-    term            value
-    ==============  ===========================================================================================
-    reward_contour  -min(e / tolerance, 10) / 10 for the RMS contour error e since the last decision
-    reward_fault    -2 for the interval of a fault and for each interval that the fault prevents
-    ==============  ===========================================================================================
+    | term | value |
+    | --- | --- |
+    | reward_contour | -min(e / tolerance, 10) / 10 for the RMS contour error e since the last decision |
+    | reward_fault | -2 for the interval of a fault and for each interval that the fault prevents |
 
     `info` also contains cost, 1 if the largest error since the last decision exceeds the tolerance and 0 otherwise;
     contour_rms and contour_max [mm]; fault, a text or None; and at the end of an episode episode_cost, the fraction of

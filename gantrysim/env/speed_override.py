@@ -216,15 +216,15 @@ class SpeedOverrideEnv(PathEnv):
 
     Reward: the sum of four terms, in nominal durations, length / program speed; `info` contains them too.
 
-    ===============  ==============================================================================================
-    term             value
-    ===============  ==============================================================================================
-    reward_progress  progress share, where share is the fraction of the path commanded since the last decision
-    reward_time      -time / nominal duration
-    reward_contour   -weight e share, where e is the excess of the largest contour error since the last decision over
-                     the tolerance, in tolerances, at most `worst`
-    reward_fault     for a fault, the largest loss of the remaining path: -rest (1 / slowest + weight worst)
-    ===============  ==============================================================================================
+    | term | value |
+    | --- | --- |
+    | reward_progress | progress * share, with the share of the path commanded since the last decision |
+    | reward_time | -time / nominal duration |
+    | reward_contour | -weight * e * share |
+    | reward_fault | for a fault, the largest loss of the remaining path: -rest * (1 / slowest + weight * worst) |
+
+    Here e is the excess of the largest contour error since the last decision over the tolerance, in tolerances, at most
+    `worst`.
 
     Every policy that reaches the end is paid `progress` in total, so this term does not change their ranking. An agent
     that discounts needs it: every decision costs it the same time, and a slower one fewer tolerances.

@@ -266,13 +266,11 @@ class SpiralTuningEnv(PathEnv):
 
     Reward: the sum of three terms; `info` contains them too.
 
-    ================  =======================================================================================
-    term              value
-    ================  =======================================================================================
-    reward_contour    -min(e / tolerance, 10) / 10 for the RMS contour error e since the last decision
-    reward_stability  -weight cost
-    reward_fault      -(1 + weight) for the interval of a fault and for each interval that the fault prevents
-    ================  =======================================================================================
+    | term | value |
+    | --- | --- |
+    | reward_contour | -min(e / tolerance, 10) / 10 for the RMS contour error e since the last decision |
+    | reward_stability | -weight cost |
+    | reward_fault | -(1 + weight) for the interval of a fault and for each interval that the fault prevents |
 
     `info` also contains cost, how far the gains exceed |S| = 2 on the nominal machine with the current payload:
     0 up to 2, then max |S| / 2 - 1, and 1 from 4 on, where the loop is unstable or for a fault

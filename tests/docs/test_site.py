@@ -85,6 +85,23 @@ def test_the_api_s_pages_show_every_public_class_and_function(site):
         assert f'id="{name}"' in html
 
 
+def test_tables_of_docstrings_are_set_as_tables(site):
+    html = (site / "api" / "environments" / "index.html").read_text(encoding="utf-8")
+    assert "<td>reward_contour</td>" in html
+    for page in (site / "api").rglob("*.html"):
+        assert "====" not in page.read_text(encoding="utf-8"), page
+
+
+def test_commands_are_marked_for_the_stylesheet_of_narrow_screens(site):
+    html = (site / "how-to" / "units-of-gains" / "index.html").read_text(encoding="utf-8")
+    blocks = re.findall(r'<div class="([^"]*)highlight">(.*?)</pre>', html, flags=re.DOTALL)
+    for kind, block in blocks:
+        text = re.sub(r"<.*?>", "", block)
+        assert kind.strip() == ("language-sh" if text.startswith("gantrysim ") else "language-text"), text
+    assert len(blocks) > 5
+    assert "stylesheets/narrow.css" in html
+
+
 def _is_error(thing):
     return isinstance(thing, type) and issubclass(thing, Exception)
 

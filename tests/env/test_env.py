@@ -376,7 +376,9 @@ def test_settings_out_of_bounds_are_rejected(kind, change, text):
 
 
 def test_the_docstring_lists_the_observation():
-    rows = re.findall(r"^ +(\d+) +(\w+) +(\S+) to (\S+)  +(.+?)  +(.+)$", GainBanditEnv.__doc__, re.MULTILINE)
+    rows = re.findall(
+        r"^ +\| (\d+) \| (\w+) \| (\S+) to (\S+) \| (.+?) \| (.+) \|$", GainBanditEnv.__doc__, re.MULTILINE
+    )
     listed = [(name, float(low), float(high), unit, meaning) for _, name, low, high, unit, meaning in rows]
     assert listed == [tuple(entry) for entry in entries(("x", "y"), per_axis=False)]
     assert [int(row[0]) for row in rows] == list(range(len(rows)))
