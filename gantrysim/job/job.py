@@ -206,6 +206,9 @@ class Job(JobContent):
         """Stability margins of each axis, None if the machine cannot be linearised."""
         return margins_of(self.built_machine, self.built_servo)
 
+    def _margins_at(self, frequency: float) -> tuple[Margins, ...] | None:
+        return self.changed({"servo.frequency": frequency}).sharing(self).margins
+
     @cached_property
     def setpoints(self) -> Setpoints:
         """The program's setpoints, held at the start for the dispenser's start lead and at the end to settle."""
@@ -239,7 +242,7 @@ class Job(JobContent):
                 `simulate`.
         """
         if not self.simulation.allow_unstable:
-            check_stability(self.built_machine, self.margins, self.servo)
+            check_stability(self.built_machine, self.built_servo, self.margins, self.servo, self._margins_at)
         with self._located():
             record = simulate(
                 self.built_machine if machine is None else machine,

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 
 from gantrysim.base.errors import InputError
+from gantrysim.base.user_code import is_code
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.machine import Machine
 from gantrysim.servo.axis_loop import LoopTask
@@ -16,6 +18,8 @@ from gantrysim.servo.servo_values import LOOP_GAINS, SHAPING
 from gantrysim.stability.margins import Margins
 
 LOW_MARGIN = 1.5  # gain margin below which a run has a note
+_SOFTER = 0.5**0.5  # from one frequency tried to the next
+_TRIED = 8  # frequencies, down to a sixteenth
 
 
 def servo_reason(settings: ServoSettings, machine: Machine, servo: Servo) -> str:
@@ -42,24 +46,58 @@ def margin_notes(machine: Machine, margins: tuple[Margins, ...] | None) -> tuple
     )
 
 
-def check_stability(machine: Machine, margins: tuple[Margins, ...] | None, settings: ServoSettings) -> None:
+def check_stability(
+    machine: Machine,
+    servo: Servo,
+    margins: tuple[Margins, ...] | None,
+    settings: ServoSettings,
+    margins_at: Callable[[float], tuple[Margins, ...] | None],
+) -> None:
     """Raise InputError for a servo that is unstable on its machine.
+
+    Derived loops are stable, except with a user-defined law, so the error names the given values that shape the loops,
+    or else a lower frequency with which the law is stable.
 
     Args:
         machine: the machine.
-        margins: of each axis.
-        settings: of the servo; derived loops are stable, except with a user's own law, so the error names the given
-            values that shape the loops.
+        servo: the servo.
+        margins: margins of each axis, None if they are unknown.
+        settings: settings of the servo.
+        margins_at: function from another frequency [Hz] to the margins with it.
     """
     named = zip(machine.axis_names, margins or (), strict=False)
     unstable = [f"{name} is {margin}" for name, margin in named if not margin.stable]
-    if unstable:
+    if not unstable:
+        return
+    names = (*SHAPING, "frequency", "velocity_bandwidth")
+    given = [name for name in names if getattr(settings, name) is not None]
+    softer = None
+    if set(given) <= {"frequency"} and _has_own_law(settings):
+        softer = next((tried for tried in _lower_frequencies(machine, servo) if _keeps_margin(margins_at(tried))), None)
+    if softer is not None:
+        advice = f"set servo.frequency = {softer:g}, with which every gain margin is at least {LOW_MARGIN:g}"
+    elif given:
+        advice = f"change {', '.join(given)}, or leave out what is given to have it derived"
+    else:
         advice = "change the law, or give lower gains"
-        names = (*SHAPING, "frequency", "velocity_bandwidth")
-        given = [name for name in names if getattr(settings, name) is not None]
-        if given:
-            advice = f"change {', '.join(given)}, or leave out what is given to have it derived"
-        raise InputError(
-            f"servo on machine {machine.name}: {'; '.join(unstable)}: {advice}, or set simulation.allow_unstable = "
-            "true to run it all the same"
-        )
+    raise InputError(
+        f"servo on machine {machine.name}: {'; '.join(unstable)}: {advice}, or set simulation.allow_unstable = "
+        "true to run it all the same"
+    )
+
+
+def _has_own_law(settings: ServoSettings) -> bool:
+    names = [settings.law] if isinstance(settings.law, str) else settings.law
+    return any(is_code(name) for name in names)
+
+
+def _lower_frequencies(machine: Machine, servo: Servo) -> Iterator[float]:
+    """Yield frequencies below the natural frequency of a servo in torque mode, kp = J w^2, to two digits [Hz]."""
+    frequency = math.sqrt(servo.gains[0].kp / machine.axes[0].inertia) / (2 * math.pi)
+    for _ in range(_TRIED):
+        frequency *= _SOFTER
+        yield float(f"{frequency:.2g}")
+
+
+def _keeps_margin(margins: tuple[Margins, ...] | None) -> bool:
+    return margins is not None and all(margin.stable and margin.least_gain >= LOW_MARGIN for margin in margins)

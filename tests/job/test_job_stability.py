@@ -1,5 +1,7 @@
 """A job with a servo of small margin says so, and one with an unstable servo is refused unless it is allowed."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,15 @@ from gantrysim.stability.margins import margins_of
 SHORT = ("diameter=40", "turns=1")
 
 
+# the servo's PID without its notch, which the derived gains of xyz need
+STIFF = """def pid(tick, state, torque):
+    for a in range(tick.axes):
+        kp, ki, kd = tick.gains[a, :3]
+        integral, last = state[2 * a : 2 * a + 2]
+        integral += tick.period * tick.error[a]
+        torque[a] = kp * tick.error[a] + ki * integral + kd * (tick.error[a] - last) / tick.period
+        state[2 * a : 2 * a + 2] = integral, tick.error[a]
+"""
 LAW = "def backwards(tick, state, torque):\n    for a in range(tick.axes):\n        torque[a] = -tick.error[a]\n"
 
 
@@ -62,6 +73,22 @@ def test_a_refusal_advises_to_leave_out_what_is_given_and_nothing_else(change, a
     with pytest.raises(InputError, match=f": {advice}, or set simulation.allow_unstable = true") as caught:
         job.run()
     assert ("derived" in str(caught.value)) is (change[0].startswith("frequency"))
+
+
+@pytest.mark.parametrize("given", [(), ("servo.frequency=35.0",)], ids=["derived", "given"])
+def test_a_refusal_of_ones_own_law_names_a_lower_frequency_that_keeps_a_margin(given, tmp_path):
+    (tmp_path / "stiff.py").write_text(STIFF)
+    settings = (*SHORT, "machine=xyz", f"servo.law='{tmp_path / 'stiff.py'}:pid'")
+    with pytest.raises(
+        InputError, match=r": set servo\.frequency = \d+, with which every gain margin is at l"
+    ) as caught:
+        Job.load("an225", (*settings, *given)).run()
+    frequency = float(re.search(r"servo\.frequency = (\d+)", str(caught.value))[1])
+    least = [
+        min(margin.least_gain if margin.stable else 1.0 for margin in Job.load("an225", (*settings, setting)).margins)
+        for setting in (f"servo.frequency={frequency}", f"servo.frequency={1.5 * frequency}")
+    ]
+    assert least[0] >= 1.5 > least[1]
 
 
 def test_a_job_without_a_loop_of_enough_margin_is_refused_with_what_has_one():
