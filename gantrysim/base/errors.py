@@ -65,14 +65,14 @@ def expanded(path: str | os.PathLike[str]) -> Path:
         expanded_path = Path(path).expanduser()
         expanded_path.exists()  # fails for too long a name, or in a folder that may not be entered
     except RuntimeError:
-        raise InputError(f"{os.fspath(path)}: there is no such home folder") from None
+        raise InputError(f"{os.fspath(path)}: no such home folder") from None
     except OSError as error:
         raise InputError(f"{shown(os.fspath(path))}: {error.strerror}") from None
     return expanded_path
 
 
 def finite(name: str, value: float, unit: str = "") -> float:
-    """Return `value` as a float, or raise InputError where it is no finite number."""
+    """Return `value` as a float, or raise InputError where it is not a finite number."""
     try:
         number = float(value)
         if isinstance(value, bool):

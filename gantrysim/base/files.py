@@ -183,7 +183,7 @@ def _writable(file: str | os.PathLike[str]) -> Path:
     if target.is_dir():
         raise InputError(f"file {file}: is a folder")
     if target.exists() and not target.is_file():
-        raise InputError(f"file {file}: is no regular file")
+        raise InputError(f"file {file}: is not a regular file")
     if not target.parent.is_dir():
         raise InputError(f"file {file}: no such folder {Path(file).parent}")
     return target

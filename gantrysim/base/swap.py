@@ -112,7 +112,7 @@ def open_regular(file: Path, *, write: bool = False) -> BinaryIO:
     number = os.open(file, flags, 0o666)
     if not stat.S_ISREG(os.fstat(number).st_mode):
         os.close(number)
-        raise OSError(errno.EINVAL, f"{file.name} in it is no regular file: remove it", str(file))
+        raise OSError(errno.EINVAL, f"{file.name} in it is not a regular file: remove it", str(file))
     return os.fdopen(number, "r+b" if write else "rb")
 
 
@@ -144,7 +144,7 @@ def _checked(folder: Path, is_ours: bool) -> list[str] | None:
         if not _is_plain(name) or not has_real_parents(folder, name) or _is_folder(folder / name):
             raise _refused(folder, f"names {name!r:.60}, which is no file in {folder}/")
     if not all(stat.S_ISREG((swap / NEW / name).lstat().st_mode) for name in _names_below(swap / NEW)):
-        raise _refused(folder, "holds what is no regular file")
+        raise _refused(folder, "holds what is not a regular file")
     return listed
 
 
@@ -198,7 +198,7 @@ def _below(folder: Path, depth: int) -> Iterator[Path]:
         elif depth < _DEEPEST:
             yield from _below(path, depth + 1)
         else:
-            raise InputError(f"{folder}: holds folders too deep in one another: remove it")
+            raise InputError(f"{folder}: holds folders nested too deeply: remove it")
 
 
 def _transfer(name: str, origin: Path, target: Path) -> None:

@@ -148,7 +148,7 @@ def _file_of_job(file: Path) -> Path:
     except (OSError, tomllib.TOMLDecodeError, InputError):
         content = {}
     if "program" not in content:
-        raise InputError(f"--apply {file}: exists and is no job file; give another name")
+        raise InputError(f"--apply {file}: exists and is not a job file; give another name")
     return path
 
 

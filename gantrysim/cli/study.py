@@ -96,7 +96,7 @@ def carry_out(study: Study, out: Path | None, workers: int | None, backend: str 
         say(f"page: {folder / REPORT}")
     else:
         say(f"written to {folder}/: {', '.join(outcome.written)}")
-        warn(f"no report: {outcome.failed}; the same command makes it without running a case again", "error")
+        warn(f"no report: {outcome.failed}; repeat the command to make it, without running cases again", "error")
         raise typer.Exit(INCOMPLETE)
     return folder
 

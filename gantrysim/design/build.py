@@ -68,5 +68,5 @@ def mjcf_in(file: Path) -> str:
     except (ArithmeticError, ValueError, mujoco.FatalError) as error:  # of values far from any machine
         text = " ".join(str(error).split())
         raise InputError(
-            f"machine {source}: its values make no machine, one is far too large or too small: {text}"
+            f"machine {source}: its values do not make a machine: one is far too large or too small: {text}"
         ) from None

@@ -24,7 +24,7 @@ class Table(BaseModel):
     def _reject_booleans(cls, values: Any) -> Any:
         for name, value in values.items() if isinstance(values, dict) else ():
             if isinstance(value, bool):
-                raise InputError(f"{name} = {str(value).lower()}: must be no boolean")
+                raise InputError(f"{name} = {str(value).lower()}: must not be a boolean")
         return values
 
 

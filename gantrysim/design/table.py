@@ -171,7 +171,7 @@ class Slide(Table):
     def _check_travel(cls, value: tuple[float, float]) -> tuple[float, float]:
         low, high = value
         if not low <= 0 <= high or not 1 <= high - low <= 1e5:
-            raise InputError(f"travel = [{low:g}, {high:g}] mm: must hold 0 and be 1 mm to 100 m long")
+            raise InputError(f"travel = [{low:g}, {high:g}] mm: must include 0 and be 1 mm to 100 m long")
         return value
 
 
@@ -225,7 +225,9 @@ class MachineTable(Table):
         if self.belts is not None and self.belts.transmission.kind != "belt":
             raise InputError(f"belts.transmission.kind = {self.belts.transmission.kind!r}: must be 'belt'")
         if self.belts is not None and self.belts.transmission.error(1.0):
-            raise InputError("belts.transmission.accuracy: the motors of CoreXY are no slides, leave it out")
+            raise InputError(
+                "belts.transmission.accuracy: does not apply to CoreXY, whose motors are not slides: leave it out"
+            )
         if self.z is not None and self.z.drive is None:
             raise InputError("z.drive is missing")
         return self

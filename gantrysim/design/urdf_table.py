@@ -97,7 +97,7 @@ def read_urdf(file: Path) -> Element:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"urdf {file}: cannot be read: {error}") from None
     except ElementTree.ParseError as error:
-        raise InputError(f"urdf {file}: is no XML: {error}") from None
+        raise InputError(f"urdf {file}: is not XML: {error}") from None
     if root.tag != "robot":
         raise InputError(f"urdf {file}: its root is <{root.tag}>, that of a URDF is <robot>; convert xacro first")
     return root

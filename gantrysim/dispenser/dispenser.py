@@ -102,7 +102,7 @@ class Dispenser:
         if self.metering not in (VOLUMETRIC, TIME_PRESSURE):
             raise unknown("metering", self.metering, (VOLUMETRIC, TIME_PRESSURE))
         if self.metering == TIME_PRESSURE and self.needle is None:
-            raise InputError("metering time-pressure: needs a needle, which turns pressure into flow")
+            raise InputError("metering time-pressure: needs a needle, which converts pressure to flow")
         if self.metering == VOLUMETRIC and self.syringe is not None:
             raise InputError("metering volumetric: takes no syringe; a syringe needs time-pressure")
         if self.pressure:

@@ -45,7 +45,7 @@ class Steps(Protocol):
 def step_or_take_back(simulated: Steps, runs: Mapping[int, Started], steps: int, numbers: Sequence[int]) -> None:
     """Make physics steps of some simulations; where an axis reaches a stop that a model lacks, again with the stops."""
     if (simulated.stops(numbers) == MISSED).any():
-        raise GantryError("the simulation was interrupted while it was taken back from a stop: begin it again")
+        raise GantryError("the simulation was interrupted while it was rewound from a stop: start it again")
     without = np.asarray(numbers)[simulated.stops(numbers) == NOT_IN_MODEL].tolist()
     states = simulated.states(without)
     others = {number: runs[number].state() for number in simulated.with_state(without)}

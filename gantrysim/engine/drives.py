@@ -51,7 +51,7 @@ def drive_entries(machine: Machine, servo: Servo, step: float) -> NDArray[np.voi
             if not axis.lag > 0:
                 raise InputError(
                     f"current_bandwidth of axis {axis.name} = {drive.current_bandwidth:g} Hz: its motor has no "
-                    "inductance, so that its torque follows at once; use 0"
+                    "inductance, so its torque follows at once; use 0"
                 )
             entry["lead"] = math.expm1(-2 * math.pi * drive.current_bandwidth * step) / math.expm1(-step / axis.lag)
             entry["constant"] = axis.motor_constant
@@ -96,8 +96,8 @@ def _fill_encoder(entry: np.void, machine: Machine, servo: Servo, a: int) -> Non
     if drive.feedback == "load":
         if load < 0:
             raise InputError(
-                f"servo feedback of axis {axis.name} = 'load': machine {machine.name} has no one spring by which "
-                "this axis carries its load; use 'motor'"
+                f"servo feedback of axis {axis.name} = 'load': machine {machine.name} has no single spring between "
+                "this axis and its load; use 'motor'"
             )
         place = machine.physics.jnt_qposadr[load]
         entry["load"] = place
@@ -144,8 +144,8 @@ def _fill_stepper(entry: np.void, axis: Axis, drive: DriveSettings, gain: float,
     motor = axis.phases
     if motor is None or not motor.microsteps:
         raise InputError(
-            f"servo mode of axis {axis.name} = 'stepper': its motor is no stepper with microsteps; use 'torque', or a "
-            "table of the machine with a motor of kind 'stepper'"
+            f"servo mode of axis {axis.name} = 'stepper': its motor is not a stepper with microsteps; use 'torque', or "
+            "a table of the machine with a motor of kind 'stepper'"
         )
     steps = 2 * math.ceil(0.5 * step / _CIRCUIT)  # even, as the record has the currents at the middle
     inductance = motor.inductance if axis.lag > 0 else 0.0

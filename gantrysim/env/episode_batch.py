@@ -173,7 +173,7 @@ class EpisodeBatch(ABC):
             InputError: a state of an environment with other settings.
         """
         if state.settings != self.settings:
-            raise InputError("this state is that of an environment with other settings: use one with the same settings")
+            raise InputError("this state belongs to an environment with other settings: use one with the same settings")
         episode = self.source.episode(state.drawn)
         self._batch.resume(place, episode.simulation, state.moment)
         self._reset(place, episode)
@@ -224,7 +224,7 @@ class EpisodeBatch(ABC):
         """
         self._episode(place)
         if not self._measured[place]:
-            raise GantryError("nothing has been run of this episode yet: take a step first")
+            raise GantryError("this episode has not been stepped yet: take a step first")
         return self._batch.runs[place].record(partial=True)
 
     def scene(self, place: int) -> tuple[Machine, Run, int]:

@@ -191,7 +191,7 @@ class Source:
     ) -> tuple[dict[str, float], dict[str, float]]:
         if chosen.spiral:
             if self._job is not None:
-                raise InputError("option spiral: the path is that of the job; give a spiral without a job")
+                raise InputError("option spiral: the path comes from the job; give a spiral without a job")
             for name in chosen.spiral:
                 if name not in SPIRAL:
                     raise unknown("value of the spiral", name, SPIRAL)

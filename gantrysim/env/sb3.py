@@ -38,7 +38,7 @@ class SB3VecEnv(VecEnv):
 
     def __init__(self, id: str, num_envs: int = 1, **settings: Any) -> None:
         if not str(gymnasium.spec(id).vector_entry_point).startswith("gantrysim."):
-            raise InputError(f"{id} is no environment of gantrysim: use make_vec_env of stable-baselines3")
+            raise InputError(f"{id} is not an environment of gantrysim: use make_vec_env of stable-baselines3")
         vector_env = gymnasium.make_vec(id, num_envs=num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **settings)
         self.envs = cast(PathVectorEnv, vector_env.unwrapped)
         self.render_mode = self.envs.render_mode

@@ -65,7 +65,7 @@ class IniFile:
         """Return a number, None where there is none.
 
         Raises:
-            InputError: a value that is no finite number.
+            InputError: a value that is not a finite number.
         """
         text = self.sections.get(section, {}).get(key, "")
         if not text:

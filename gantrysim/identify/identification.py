@@ -197,14 +197,12 @@ def identify(machine: Machine, log: Log, progress: Callable[[float], None] = lam
         InputError: an axis whose mode is not known, or a machine with a closed chain.
     """
     if machine.kinematics.followers:
-        raise InputError(
-            f"machine {machine.name}: its axes move one another through a closed chain; none can be fitted alone"
-        )
+        raise InputError(f"machine {machine.name}: its axes are coupled by a closed chain; none can be fitted alone")
     for axis in machine.axes:
         if axis.mode == "stepper" and axis.name in log.axes:
             raise InputError(
-                f"machine {machine.name}: axis {axis.name} is a stepper in open loop, of whose torque there is no log; "
-                "only for drives in a closed loop"
+                f"machine {machine.name}: axis {axis.name} is a stepper in open loop, whose torque cannot be logged; "
+                "only drives in a closed loop can be identified"
             )
     fits: list[AxisFit] = []
     for column, name in enumerate(log.axes):

@@ -90,7 +90,9 @@ def _room(axis: Axis) -> float:
     """Return the longest stroke from zero, towards the further end of the travel [u]."""
     low, high = axis.travel
     if not low <= 0 <= high or high - low < 10 * _BLOCK:
-        raise InputError(f"axis {axis.name}: its travel is {low:g} to {high:g} {axis.unit}, must have room about zero")
+        raise InputError(
+            f"axis {axis.name}: its travel is {low:g} to {high:g} {axis.unit}, must extend to both sides of zero"
+        )
     side = 1.0 if high >= -low else -1.0
     return side * min(_LONGEST, _ROOM * (high - low), 0.9 * max(high, -low))
 

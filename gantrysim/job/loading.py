@@ -112,7 +112,7 @@ def _is_program(path: Path, controller: str | None) -> bool:
     except (ValueError, RecursionError):
         if suffix:
             raise InputError(
-                f"{path}: is neither a job in TOML nor G-code, and {suffix} is no suffix of a program file: "
+                f"{path}: is neither a job in TOML nor G-code, and {suffix} is not a suffix of a program file: "
                 f"{', '.join(suffixes())}; --controller NAME reads it as a program"
             ) from None
     return False

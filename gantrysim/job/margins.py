@@ -82,7 +82,7 @@ def check_stability(
         advice = "change the law, or give lower gains"
     raise InputError(
         f"servo on machine {machine.name}: {'; '.join(unstable)}: {advice}, or set simulation.allow_unstable = "
-        "true to run it all the same"
+        "true to run it anyway"
     )
 
 

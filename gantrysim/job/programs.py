@@ -101,7 +101,7 @@ def reject_booleans(kind: type[Any], values: Mapping[str, Any], prefix: str = ""
         kinds = {hint, *get_args(hint)}
         items = value if isinstance(value, list | tuple) else [value]
         if any(isinstance(item, bool) for item in items) and hint and bool not in kinds and Any not in kinds:
-            raise InputError(f"{prefix}{name} = {str(value).lower()}: true and false are no numbers")
+            raise InputError(f"{prefix}{name} = {str(value).lower()}: true and false are not numbers")
         nested = next((part for part in kinds if isinstance(part, type) and is_dataclass(part)), None)
         if isinstance(value, Mapping) and nested is not None:
             reject_booleans(nested, value, f"{prefix}{name}.")

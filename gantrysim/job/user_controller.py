@@ -30,7 +30,7 @@ def user_controller(name: str) -> type[Controller]:
     if named is None:
         raise InputError(f"{label}: {place} has no class {name.rpartition(':')[2]!r}")
     if not isinstance(named, type):
-        raise InputError(f"{label}: is no class, but a {type(named).__name__}: must be a class, not what it returns")
+        raise InputError(f"{label}: is not a class but a {type(named).__name__}: must be a class, not what it returns")
     missing = [method for method in _METHODS if not hasattr(named, method)]
     if issubclass(named, Controller):
         missing = [method for method in _METHODS if method in named.__abstractmethods__]
@@ -38,7 +38,7 @@ def user_controller(name: str) -> type[Controller]:
     if not issubclass(named, Controller):
         raise InputError(f"{label}: must derive from {_BASE}" + (f"; {lacks}" if lacks else ""))
     if lacks:
-        raise InputError(f"{label}: is no complete controller: {lacks}, see {_BASE}")
+        raise InputError(f"{label}: is not a complete controller: {lacks}, see {_BASE}")
     _check_fields(label, named)
     return named
 

@@ -236,7 +236,7 @@ def _torque_limit(model: mujoco.MjModel, actuator: int, name: str) -> float:
         if not limited:
             continue
         if not low < 0 < high:
-            raise InputError(f"range of {name!r} = {low:g} to {high:g} N·m: must hold zero within it")
+            raise InputError(f"range of {name!r} = {low:g} to {high:g} N·m: must include zero")
         limit = min(limit, float(-low), float(high))
     return limit
 

@@ -69,7 +69,7 @@ def linear_motion(
     with quiet(), np.errstate(all="ignore"):
         slopes = np.array([rates(step) - rates(-step) for step in small]).T / (2 * _DIFFERENCE)
     if not np.isfinite(slopes).all():
-        raise InputError("its accelerations about a state of rest are no finite numbers")
+        raise InputError("its accelerations about a state of rest are not finite")
     A = np.zeros((size, size))
     C = np.zeros((len(controls), size))
     A[:nv, nv : 2 * nv] = np.eye(nv)

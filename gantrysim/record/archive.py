@@ -104,7 +104,7 @@ class Archive:
             header = member.read(int.from_bytes(start[-2:], "little"))
         announced = _HEADER.fullmatch(header.decode("latin-1"))
         if announced is None or not start.startswith(_MAGIC) or len(start) != len(_MAGIC) + 2:
-            raise InputError(f"{name} is no array of numbers or text")
+            raise InputError(f"{name} is not an array of numbers or text")
         type_name = announced[1]
         dtype = np.dtype(type_name)
         shape = tuple(int(size) for size in announced[3].split(",") if size.strip())
@@ -161,7 +161,7 @@ class Archive:
         """
         computed = self._digest.hexdigest()  # before the checksum itself is read
         if str(self.read(CHECKSUM)) != computed:
-            raise InputError(f"its {CHECKSUM} is not that of its content")
+            raise InputError(f"its {CHECKSUM} does not match its content")
 
 
 @contextmanager

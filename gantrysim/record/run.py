@@ -188,7 +188,7 @@ class Run(Conveniences, Shown):
                 return cls(**read_record(stream))
         except (OSError, InputError) as error:
             reason = str(error.strerror if isinstance(error, OSError) else error)[:_LONGEST_REASON]
-            raise InputError(f"run {file}: is no record of a run, or a damaged one: {reason}") from None
+            raise InputError(f"run {file}: is not a record of a run, or is damaged: {reason}") from None
 
 
 def _writable(array: NDArray[Any]) -> bool:

@@ -91,7 +91,7 @@ def _mat(file: Path, label: str) -> ColumnTable:
     try:
         content = loadmat(str(file), simplify_cells=True)
     except Exception as error:
-        raise InputError(f"{label}: is no file of MATLAB that can be read: {_first_line(error)}") from None
+        raise InputError(f"{label}: is not a readable MATLAB file: {_first_line(error)}") from None
     variables = {name: value for name, value in content.items() if not name.startswith("__")}
     candidates: list[dict[str, Any]] = [value for value in variables.values() if isinstance(value, dict)]
     candidates.append({name: value for name, value in variables.items() if isinstance(value, np.ndarray)})

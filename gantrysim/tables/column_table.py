@@ -64,7 +64,7 @@ class ColumnTable:
         if name in self.texts:
             if kind == TIME:
                 return _instants(f"{self.label}: column {name}", self.texts[name]) * source.scale
-            raise InputError(f"{self.label}: column {name} has {self.texts[name][0][:_SHOWN]!r}, which is no number")
+            raise InputError(f"{self.label}: column {name} has {self.texts[name][0][:_SHOWN]!r}, which is not a number")
         unit = source.unit or self.units.get(name, kind)
         scale = factor(unit, kind, f"{self.label}: column {name}", further)
         return self.columns[name] * (scale * source.scale)
@@ -166,7 +166,7 @@ def _mixed(label: str, table: TextTable, width: int) -> tuple[dict[int, Floats],
         for row, value in zip(rows, parsed, strict=True):
             if value is None or abs(value) == np.inf:
                 head = table.heads[k] if table.heads else str(k + 1)
-                raise InputError(f"{label}: line {row.line}: {head} = {row.cells[k][:_SHOWN]!r} is no finite number")
+                raise InputError(f"{label}: line {row.line}: {head} = {row.cells[k][:_SHOWN]!r} is not a finite number")
         columns[k] = np.array(parsed, float)
     return columns, texts
 

@@ -78,5 +78,5 @@ def _dumped(label: str, lines: Sequence[str]) -> Iterator[float]:
         for cell in cells[1:] if statement else cells:
             value = _number(cell)
             if value is None or not np.isfinite(value):
-                raise InputError(f"{label}: {cell[:_SHOWN]!r} is no finite number")
+                raise InputError(f"{label}: {cell[:_SHOWN]!r} is not a finite number")
             yield value

@@ -49,7 +49,7 @@ def read_table(file: str | Path, blocks: int = 0) -> ColumnTable:
 def table_of_text(text: str, label: str, blocks: int = 0) -> ColumnTable:
     """Return the columns of a table in text; arguments and errors as of `read_table`."""
     if "\0" in text[:_HEAD]:
-        raise InputError(f"{label}: is no text, and no Parquet, MATLAB or MCAP file")
+        raise InputError(f"{label}: is neither text nor a Parquet, MATLAB or MCAP file")
     lines = [(k, line.strip()) for k, line in enumerate(text.removeprefix("\ufeff").splitlines(), 1)]
     rows = [(k, line) for k, line in lines if line and not line.startswith("#")]
     if not rows:

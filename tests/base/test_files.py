@@ -205,7 +205,11 @@ def test_what_stands_in_the_way_is_named_and_stays(tmp_path, old):
     (tmp_path / "plots").write_text("mine")
     with pytest.raises(InputError, match=r"^here: plots in it is a file, must be a folder: move it away$"):
         replace(tmp_path)
-    for bad, text in ((old, "is a folder"), ("/dev/null", "is no regular file"), (old / "x" / "y", "no such folder ")):
+    for bad, text in (
+        (old, "is a folder"),
+        ("/dev/null", "is not a regular file"),
+        (old / "x" / "y", "no such folder "),
+    ):
         with pytest.raises(InputError, match=f"^file {bad}: {text}"), replaced(bad):
             pytest.fail("begun")
     with (

@@ -8,9 +8,9 @@ from gantrysim.plots.style import sheet
 from gantrysim.report.document import Table
 
 LINES = {
-    "job in a home": (["check", "~nobody-here/x.toml"], "~nobody-here/x.toml: there is no such home folder"),
-    "output in a home": (["run", "an225", "--out", "~nobody-here/x"], "~nobody-here/x: there is no such home folder"),
-    "machine in a home": (["check", "an225", "--machine", "~nobody-here/x.xml"], "there is no such home folder"),
+    "job in a home": (["check", "~nobody-here/x.toml"], "~nobody-here/x.toml: no such home folder"),
+    "output in a home": (["run", "an225", "--out", "~nobody-here/x"], "~nobody-here/x: no such home folder"),
+    "machine in a home": (["check", "an225", "--machine", "~nobody-here/x.xml"], "no such home folder"),
     "long period": (["check", "an225", "--set", "servo.period=1e308"], "servo period = 1e+308 s: must be at most 1 s"),
     "large gain": (["check", "an225", "--set", "servo.kp=1e308"], "kp = 1e+308: must be at most 1e+18"),
     "deep list": (["check", "an225", "--set", f"kp={'[' * 5000}{']' * 5000}"], "is nested too deeply"),

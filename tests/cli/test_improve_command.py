@@ -60,7 +60,7 @@ def test_only_a_job_file_is_replaced(gantrysim_command, tmp_path, file, monkeypa
     monkeypatch.setattr("gantrysim.remedy.improve.improve", lambda *_, **__: pytest.fail("simulated"))
     notes = tmp_path / "notes.toml"
     notes.write_text("[mine]\nkept = true\n")
-    for name, reason in (("notes.toml", "exists and is no job file"), ("better.txt", "must end in .toml")):
+    for name, reason in (("notes.toml", "exists and is not a job file"), ("better.txt", "must end in .toml")):
         status, printed, said = gantrysim_command("improve", file, "--apply", tmp_path / name)
         assert (status, printed) == (INPUT_ERROR, "")
         assert reason in " ".join(said.split())

@@ -116,7 +116,7 @@ def test_a_code_of_fanuc_is_one_function(shown):
 
 
 def test_without_its_function_the_code_is_refused():
-    with pytest.raises(InputError, match=r"line 2: G13\.1: is no word of LinuxCNC"):
+    with pytest.raises(InputError, match=r"line 2: G13\.1: is not a word of LinuxCNC"):
         _ = LinuxCNC(text="G0 X1 Y2\nG91 G13.1 I5").program
 
 

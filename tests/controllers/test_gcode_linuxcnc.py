@@ -132,7 +132,7 @@ def test_feeds_are_in_their_units(text, feed):
         ("G38.2 X1 F1", "line 1: G38.2: probing"),
         ("G33 Z1 K1", "line 1: G33: motion synchronised"),
         ("G76", "line 1: G76: milling cycle"),
-        ("G47", "line 1: G47: is no word of LinuxCNC"),
+        ("G47", "line 1: G47: is not a word of LinuxCNC"),
         ("M450", "line 1: M450: is no word"),
         ("G0 X1 A0\nG91 A0 X1\nG90 A1", "line 3: A1 moves an axis that a program of LinuxCNC cannot have here"),
         ("#1=#<_hal[pin]>", r"line 1: #<_hal\[pin\]> is a value of the machine: must be given in parameters"),

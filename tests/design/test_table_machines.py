@@ -369,7 +369,7 @@ def test_the_written_mjcf_is_the_machine_of_the_table(tmp_path, machines):
         ('arrangement = "bridge"', 'arrangement = "bridge"\nspan = 3', "span: arrangement = 'bridge' has none"),
         ('arrangement = "bridge"', 'arrangement = "tandem"', "span is missing, arrangement = 'tandem' needs it"),
         ("lead = 20", "lead = 1e-300", "one is far too large or too small"),
-        ("lead = 20", "lead = true", "x.drive.transmission.*lead = true: must be no boolean|lead = true"),
+        ("lead = 20", "lead = true", "x.drive.transmission.*lead = true: must not be a boolean|lead = true"),
         ("peak_current = 20", "peak_current = 20\npole_pairs = -1", "pole_pairs = -1"),
         ("max_speed = 20000", "max_speed = nan", "max_speed = nan"),
         ("diameter = 16", "diameter = 1e300", "diameter = 1e.300: .*less than or equal to 1000000000"),

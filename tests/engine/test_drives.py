@@ -307,8 +307,8 @@ def test_a_drive_that_cannot_be_is_refused(xy, given, text):
 
 def test_feedback_from_a_load_that_there_is_not_is_refused(tmp_path):
     machine = turntable(tmp_path)
-    with pytest.raises(InputError, match=r"axis 1 = .load.: the machine has no one spring"):
+    with pytest.raises(InputError, match=r"axis 1 = .load.: the machine has no single spring"):
         plain(machine, feedback="load")
     servo = plain(machine).with_values(feedback=("motor", "load"))
-    with pytest.raises(InputError, match="axis x = 'load': machine turntable has no one spring"):
+    with pytest.raises(InputError, match="axis x = 'load': machine turntable has no single spring"):
         simulate(machine, servo, still(machine, 10))

@@ -133,7 +133,7 @@ def test_a_law_that_cannot_be_had_is_one_line(xy, pd, law, text):
 
 def test_what_does_not_fit_a_user_s_law_is_refused(xy):
     for law in ([own_laws.pd, "preview"], [own_laws.pd, "learning"], ["support.own_laws:pd", "contour"]):
-        with pytest.raises(InputError, match="needs a base whose answer it knows"):
+        with pytest.raises(InputError, match="needs a base law with a known response"):
             Servo.derive(xy.axes, law=law)
     with pytest.raises(InputError, match="must have at most one of"):
         Servo.derive(xy.axes, law=[own_laws.pd, "pid"])

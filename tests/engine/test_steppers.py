@@ -414,5 +414,5 @@ def test_a_table_that_makes_no_sense_is_refused(made, old, new, text):
 def test_a_stepper_in_open_loop_is_not_identified(made):
     machine = made()
     log = Log(("x",), 1e-3, np.zeros((50, 1)), np.zeros((50, 1)), held=True)
-    with pytest.raises(InputError, match="axis x is a stepper in open loop, of whose torque there is no log"):
+    with pytest.raises(InputError, match="axis x is a stepper in open loop, whose torque cannot be logged"):
         identify(machine, log)

@@ -106,7 +106,7 @@ def test_a_log_is_read_as_it_was_saved(tmp_path_factory, period, size, held):
         (("time", "x torque", "x position [deg]"), None, "column x position is in 'deg': must be in mm"),
         (("time", "x torque", "x position"), "gaps", "has 90 samples without a gap, must have at least 100"),
         (("time", "x torque", "x position"), "back", "time does not rise"),
-        (("time", "x torque", "x position"), "text", "line 12: x torque = 'abc' is no finite number"),
+        (("time", "x torque", "x position"), "text", "line 12: x torque = 'abc' is not a finite number"),
         (("time", "x torque", "x position"), "short", "has 49 samples, must have at least 100"),
     ],
 )

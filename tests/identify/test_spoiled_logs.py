@@ -36,8 +36,8 @@ REFUSED = {
     "0.5 % of rows lost": r"its position jumps by .* samples are missing",
     "columns swapped": r"its columns of torque and position are swapped: read the other way round, .* explain 99 %",
     "torque of the wrong sign": r"accelerates it backwards, with an inertia of -\S+ N·m·s²: must be greater than 0",
-    "torque of another axis": r"explain 2 % of its torque, must explain at least 50 %: the torque is that of ano",
-    "torque of an axis at rest": r"explain 1 % of its torque, must explain at least 50 %: the torque is that of ano",
+    "torque of another axis": r"explain 2 % of its torque, must explain at least 50 %: the torque belongs to ano",
+    "torque of an axis at rest": r"explain 1 % of its torque, must explain at least 50 %: the torque belongs to ano",
     "axis at rest": r"the axis hardly moves, by 0\.004 mm",
 }
 

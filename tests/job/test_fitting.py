@@ -45,8 +45,8 @@ def test_the_built_in_jobs_fit_their_machines(name):
 @pytest.mark.parametrize(
     ("setting", "line"),
     [
-        ("speed=true", "speed = true: true and false are no numbers"),
-        ("servo.kp=[true, 1]", r"servo\.kp = \[true, 1\]: true and false are no numbers"),
+        ("speed=true", "speed = true: true and false are not numbers"),
+        ("servo.kp=[true, 1]", r"servo\.kp = \[true, 1\]: true and false are not numbers"),
         ("settle=false", r"simulation\.settle = false"),
         ("needle.bore=true", r"dispenser\.needle\.bore = true"),
         ("bead.cell=true", r"bead\.cell = true"),

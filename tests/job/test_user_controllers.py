@@ -207,8 +207,8 @@ def test_a_file_that_has_changed_is_read_anew_even_within_the_second_and_at_the_
     ("cls", "text"),
     [
         ("Missing", "mine.py has no class 'Missing'"),
-        ("function", "is no class, but a function: must be a class"),
-        ("instance", "is no class, but a Lines: must be a class"),
+        ("function", "is not a class but a function: must be a class"),
+        ("instance", "is not a class but a Lines: must be a class"),
         (
             "NoController",
             "must derive from gantrysim.controllers.controller.Controller; it lacks requested, duration, axes, "
@@ -217,7 +217,7 @@ def test_a_file_that_has_changed_is_read_anew_even_within_the_second_and_at_the_
         ("Alike", "must derive from gantrysim.controllers.controller.Controller"),
         (
             "Unfinished",
-            "is no complete controller: it lacks requested, duration, with_speeds, see "
+            "is not a complete controller: it lacks requested, duration, with_speeds, see "
             "gantrysim.controllers.controller.Controller",
         ),
         ("Changing", "must be a frozen dataclass, @dataclass(frozen=True)"),
@@ -250,7 +250,7 @@ def test_setpoints_that_no_record_can_hold_are_refused_in_one_line(folder, cls, 
     [
         ("pich = 4.0\n", "unknown key program.pich: did you mean pitch"),
         ("lines = 1.5\n", "program.lines = 1.5"),
-        ("pitch = true\n", "pitch = true: true and false are no numbers"),
+        ("pitch = true\n", "pitch = true: true and false are not numbers"),
         ("pitch = 1e20\n", "pitch = 1e+20: must be 0 or from 1e-100 to 1e+12 in magnitude"),
     ],
 )

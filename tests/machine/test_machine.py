@@ -186,7 +186,7 @@ REPLACEMENTS = {
     "one-sided range": (
         '<dcmotor name="x" joint="x"/>',
         '<dcmotor name="x" joint="x" ctrllimited="true" ctrlrange="0 5"/>',
-        "range of 'x' = 0 to 5 N·m: must hold zero within it",
+        "range of 'x' = 0 to 5 N·m: must include zero",
     ),
     "not XML": ("</mujoco>", "", "model .*rigid.xml: .*XML"),
 }

@@ -155,7 +155,7 @@ def test_one_bit_of_any_number_is_noticed_although_the_archive_is_whole(place, c
     data = bytearray(files["nozzle.npy"])
     data[-8] ^= 1  # the last bit of a coordinate
     place.write_bytes(archived(files | {"nozzle.npy": bytes(data)}))
-    with pytest.raises(InputError, match="its sha256 is not that of its content"):
+    with pytest.raises(InputError, match="its sha256 does not match its content"):
         Run.load(place)
 
 

@@ -198,7 +198,7 @@ def test_a_report_that_fails_costs_no_row_and_is_made_by_the_same_command(tmp_pa
     said = capsys.readouterr()
     assert ended.value.exit_code == 1
     assert said.err == (
-        "error: no report: ZeroDivisionError: of a report; the same command makes it without running a case again\n"
+        "error: no report: ZeroDivisionError: of a report; repeat the command to make it, without running cases again\n"
     )
     assert "study.csv" in said.out
     assert "report.html" not in said.out

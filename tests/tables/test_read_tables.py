@@ -144,9 +144,9 @@ def test_an_assignment_is_read_from_toml(tmp_path, log, run):
     ("text", "columns", "message"),
     [
         ("t,x,y\n" + "0,1\n", "x=x", "line 2 has 2 columns, must have 3"),
-        ("t,x,y\n" + "1,1,1\n" * 9 + "2,inf,1\n", "x=x,y=y", "line 11: x = 'inf' is no finite number"),
-        ("t,x,y\n" + "1,1,1\n" * 9 + "2,1_0,1\n", "x=x,y=y", "line 11: x = '1_0' is no finite number"),
-        ("t,x,y\n" + "1,on,1\n" * 9, "time=t,x=x,y=y", "column x has 'on', which is no number"),
+        ("t,x,y\n" + "1,1,1\n" * 9 + "2,inf,1\n", "x=x,y=y", "line 11: x = 'inf' is not a finite number"),
+        ("t,x,y\n" + "1,1,1\n" * 9 + "2,1_0,1\n", "x=x,y=y", "line 11: x = '1_0' is not a finite number"),
+        ("t,x,y\n" + "1,on,1\n" * 9, "time=t,x=x,y=y", "column x has 'on', which is not a number"),
         ("", "x=x", "is empty"),
         ("t,x\n", "x=x", "has no rows"),
         ("x [mm],x [um]\n1,2\n", "x=x,y=2", "two columns are named x: name it by its number"),

@@ -87,7 +87,7 @@ class Interpreter:
         name = f"M{number}"
         code = self._codes.get(name)
         if code is None and not self._dialect.lenient:
-            raise InputError(f"{name}: is no word of {self._dialect.name}")
+            raise InputError(f"{name}: is not a word of {self._dialect.name}")
         if code is not None and code.handler is not None:
             code.handler(state, block)
             return
@@ -151,7 +151,7 @@ class Interpreter:
     def _ignore(self, name: str, code: Code | None, block: WordBlock) -> None:
         """Count a G code without an effect on the path."""
         if code is None and not self._dialect.lenient:
-            raise InputError(f"{name}: is no word of {self._dialect.name}")
+            raise InputError(f"{name}: is not a word of {self._dialect.name}")
         self._state.ignored[name] += 1
         if self._dialect.lenient:
             block.values.clear()

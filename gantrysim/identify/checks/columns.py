@@ -53,8 +53,8 @@ def check_columns(axis: str, position: Floats, torque: Floats, period: float) ->
             f"{100 * shifted.explained:.0f} % are explained; log both by one clock"
         )
     raise NotIdentifiedError(
-        f"axis {axis}: its acceleration and friction explain {percent:.0f} % of its torque, {bound}: the torque is "
-        "that of another axis, or of another time"
+        f"axis {axis}: its acceleration and friction explain {percent:.0f} % of its torque, {bound}: the torque "
+        "belongs to another axis or to another time"
     )
 
 

@@ -48,7 +48,7 @@ def check_residual(fit: AxisFit, period: float) -> Doubt:
     if times > UNUSABLE:
         raise NotIdentifiedError(
             f"axis {fit.axis}: the prediction of the position is wrong by {times:.0f} times the encoder's counts, must "
-            f"be at most {UNUSABLE:.0f}: its torque has not made this motion; check for a frozen or skipping encoder, "
+            f"be at most {UNUSABLE:.0f}: the torque did not cause this motion; check for a frozen or skipping encoder, "
             "columns of two axes, and a log of fewer samples than the servo's"
         )
     if times > LARGEST:

@@ -141,7 +141,9 @@ def law_names(given: LawName | Sequence[LawName]) -> tuple[LawName, ...]:
     base = bases[0] if bases else PID.name
     misfits = [law.name for law in added if law.needs_known_base]
     if is_own(base) and misfits:
-        raise InputError(f"law = {words(names)}: {misfits[0]} needs a base whose answer it knows, {', '.join(BASES)}")
+        raise InputError(
+            f"law = {words(names)}: {misfits[0]} needs a base law with a known response, {', '.join(BASES)}"
+        )
     return (base, *(law.name for law in added))
 
 

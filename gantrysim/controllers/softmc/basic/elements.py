@@ -96,7 +96,7 @@ class Elements:
         """Return the group that an element of a motion command stands for."""
         group = self.focus() if element is None else element
         if group.kind != "group":
-            raise SoftMCError(f"{group.name} is no group: must be one; single axes do not move")
+            raise SoftMCError(f"{group.name} is not a group: must be one, as single axes do not move")
         return group
 
     def index_of(self, axis: Element) -> int:

@@ -241,7 +241,7 @@ class Execution:
             raise SoftMCError(f"{element.name or 'the group'} is disabled: must be en = 1, and sys.motion = on")
         of_motion = {**element.properties, **nodal}
         if "vcruise" in nodal and "vtran" in nodal:
-            raise SoftMCError("vcruise and vtran: must be one of the two")
+            raise SoftMCError("vcruise and vtran: give only one of the two")
         if "vcruise" in nodal:  # the speed of the command comes before that of the group, whichever it is
             of_motion.pop("vtran", None)
         override = self.settings.override / 100

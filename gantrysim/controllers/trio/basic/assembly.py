@@ -56,7 +56,7 @@ def _include(assembler: ProcessAssembler, name: str, sources: Mapping[str, Sourc
             "the program"
         )
     if depth > _DEEPEST:
-        raise InputError(f'INCLUDE "{name}": programs include one another more than {_DEEPEST} deep')
+        raise InputError(f'INCLUDE "{name}": programs include each other more than {_DEEPEST} deep')
     outer = assembler.include
     assembler.include = lambda target, inner: _include(target, inner, sources, depth + 1)
     _add(assembler, sources[name])
