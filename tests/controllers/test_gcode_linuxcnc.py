@@ -133,7 +133,7 @@ def test_feeds_are_in_their_units(text, feed):
         ("G33 Z1 K1", "line 1: G33: motion synchronised"),
         ("G76", "line 1: G76: milling cycle"),
         ("G47", "line 1: G47: is not a word of LinuxCNC"),
-        ("M450", "line 1: M450: is no word"),
+        ("M450", "line 1: M450: is not a word"),
         ("G0 X1 A0\nG91 A0 X1\nG90 A1", "line 3: A1 moves an axis that a program of LinuxCNC cannot have here"),
         ("#1=#<_hal[pin]>", r"line 1: #<_hal\[pin\]> is a value of the machine: must be given in parameters"),
         ("G0 A1", "line 1: A1 moves an axis .*: must be x, y or z; skip_axes"),

@@ -359,7 +359,7 @@ def test_the_written_mjcf_is_the_machine_of_the_table(tmp_path, machines):
         ("bridge = 2.0, ", "", "masses.bridge is missing, arrangement = 'bridge' needs it"),
         ("bridge = 2.0", "bridge = 2.0, table = 3.0", "masses.table: arrangement = 'bridge' has none, leave it out"),
         ("bridge = 2.0", "bridge = -2.0", "masses.bridge = -2.0: .*greater than 0"),
-        ("travel = [-150, 150]", "travel = [10, 150]", r"travel = \[10, 150\] mm: must hold 0"),
+        ("travel = [-150, 150]", "travel = [10, 150]", r"travel = \[10, 150\] mm: must include 0"),
         ('motor = "maxon-re40-24"', 'motor = "maxon-re99"', "unknown motor 'maxon-re99'"),
         ("encoder = 10000\nvoltage = 24\nnut", "encoder = 'none'\nvoltage = 24\nnut", "unknown encoder 'none'"),
         ("lead = 10, inertia = 7e-6", "lead = 10", "a screw needs its inertia, or diameter and length"),

@@ -158,7 +158,7 @@ def test_a_job_s_geometry_takes_the_place_of_the_table_s(tmp_path):
 def test_corexy_has_no_accuracy_class(tmp_path):
     file = tmp_path / "corexy.toml"
     file.write_text((EXAMPLES / "corexy.toml").read_text().replace("efficiency", "accuracy = 40, efficiency"))
-    with pytest.raises(InputError, match="accuracy: the motors of CoreXY are no slides"):
+    with pytest.raises(InputError, match="accuracy: does not apply to CoreXY, whose motors are not slides"):
         Machine(file)
 
 

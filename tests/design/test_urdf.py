@@ -182,10 +182,10 @@ def test_what_a_table_beside_a_urdf_may_not_hold(tmp_path, old, new, text):
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [
-        ("<robot", "<robt", "printer.urdf: is no XML"),
+        ("<robot", "<robt", "printer.urdf: is not XML"),
         ("robot", "xacro", "its root is <xacro>, that of a URDF is <robot>; convert xacro first"),
         ('<axis xyz="0 0 1"/>', '<axis xyz="0 1 1"/>', "axis 'z' moves the nozzle along"),
-        ('lower="-0.001" upper', 'lower="0.01" upper', "must hold 0"),
+        ('lower="-0.001" upper', 'lower="0.01" upper', "must include 0"),
         ('value="1"', 'value="-1"', "printer.urdf: .*mass"),
     ],
 )

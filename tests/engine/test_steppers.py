@@ -378,7 +378,7 @@ def test_the_budget_has_lost_steps_where_the_servo_sees_them(spiral):
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        ({"mode": "stepper"}, "mode of axis y = 'stepper': its motor is no stepper"),
+        ({"mode": "stepper"}, "mode of axis y = 'stepper': its motor is not a stepper"),
         ({"feedback": ["motor", "none"]}, "feedback = 'none': a drive in mode 'torque' needs it"),
         ({"kp": [1.0, 1.0]}, "kp = 1 in mode 'stepper': must be 0, nothing is fed back"),
         ({"mode": "servo"}, "mode = 'servo': must be one of 'torque', "),

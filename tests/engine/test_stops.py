@@ -109,7 +109,7 @@ def test_a_saved_moment_beside_a_stop_goes_on_with_it(xy):
 def test_a_run_that_was_left_beyond_a_missed_stop_does_not_go_on(xy):
     stepper = Stepper(Simulation.of(xy, *beside_the_stop(xy)))
     stepper.run.row["stops"] = MISSED
-    with pytest.raises(GantryError, match="taken back from a stop: begin it again"):
+    with pytest.raises(GantryError, match="rewound from a stop: start it again"):
         stepper.advance(10)
 
 

@@ -496,7 +496,7 @@ def test_nothing_is_stepped_after_the_end():
 
 def test_there_is_no_record_before_the_first_step(env):
     env.reset(seed=1)
-    with pytest.raises(GantryError, match="nothing has been run of this episode yet"):
+    with pytest.raises(GantryError, match="this episode has not been stepped yet"):
         _ = env.run
 
 

@@ -71,5 +71,5 @@ def test_options_choose_episodes():
 
 
 def test_an_environment_of_another_package_is_rejected():
-    with pytest.raises(InputError, match="CartPole-v1 is no environment of gantrysim"):
+    with pytest.raises(InputError, match="CartPole-v1 is not an environment of gantrysim"):
         SB3VecEnv("CartPole-v1")

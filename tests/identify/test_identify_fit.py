@@ -269,7 +269,7 @@ def test_what_cannot_be_fitted_is_refused(machine, setpoints):
         identify(machine, replace(log, position=0 * log.position))
     with pytest.raises(InputError, match=r"^axis y: log of 200 samples: must have at least 500"):
         identify(machine, replace(log, position=log.position[:200], torque=log.torque[:200]))
-    with pytest.raises(InputError, match="machine delta: its axes move one another through a closed chain"):
+    with pytest.raises(InputError, match="machine delta: its axes are coupled by a closed chain"):
         identify(Machine("delta"), log)
 
 

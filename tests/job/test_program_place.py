@@ -39,7 +39,7 @@ def test_the_dialect_is_that_of_the_content(controller, tmp_path):
 
 def test_a_file_that_is_neither_a_program_nor_a_job(tmp_path):
     file = file_of(tmp_path, "Dear reader,\nthis is a letter.\n", "letter.txt")
-    with pytest.raises(InputError, match=r"is neither a job in TOML nor G-code, and \.txt is no suffix"):
+    with pytest.raises(InputError, match=r"is neither a job in TOML nor G-code, and \.txt is not a suffix"):
         Job.load(file)
     assert not is_gcode("name = 'x'\n[program]\ncontroller = 'trio.Basic'\n")
 

@@ -92,13 +92,13 @@ def test_a_file_that_is_no_record_is_refused(tmp_path, content):
     file = tmp_path / "run.npz"
     if content is not None:
         file.write_bytes(content)
-    with pytest.raises(InputError, match="is no record of a run"):
+    with pytest.raises(InputError, match="is not a record of a run"):
         Run.load(file)
 
 
 def test_another_archive_is_refused(tmp_path):
     np.savez(tmp_path / "run.npz", a=1)
-    with pytest.raises(InputError, match="is no record of a run"):
+    with pytest.raises(InputError, match="is not a record of a run"):
         Run.load(tmp_path / "run.npz")
 
 

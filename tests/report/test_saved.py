@@ -175,7 +175,7 @@ def test_what_is_no_run_is_refused(folder, tmp_path):
         SavedRun.load(tmp_path)
     (tmp_path / "job.toml").write_bytes((folder / "job.toml").read_bytes())
     (tmp_path / "run.npz").write_bytes((folder / "run.npz").read_bytes()[:1000])
-    with pytest.raises(InputError, match=r"run.npz: is no record of a run"):
+    with pytest.raises(InputError, match=r"run.npz: is not a record of a run"):
         SavedRun.load(tmp_path)
     summary = json.loads((folder / "summary.json").read_text())
     assert set(summary["versions"]) >= {"machine_sha256"}
