@@ -155,8 +155,8 @@ class Motion:
         for a, load in enumerate(drives.load):
             if load and (self.L is None or not self.L[a].any()):
                 raise InputError(
-                    f"servo feedback of axis {a + 1} = 'load': the machine has no one spring by which this axis "
-                    "carries its load; use 'motor'"
+                    f"servo feedback of axis {a + 1} = 'load': the machine has no single spring between this "
+                    "axis and its load; use 'motor'"
                 )
             if load and self.L is not None:
                 C[a] = self.L[a]

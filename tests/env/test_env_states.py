@@ -158,7 +158,7 @@ def test_a_choice_out_of_bounds_is_rejected(options, text):
 
 
 def test_a_job_has_no_spiral_to_choose():
-    with pytest.raises(InputError, match="option spiral: the path is that of the job"):
+    with pytest.raises(InputError, match="option spiral: the path comes from the job"):
         GainBanditEnv(job="softmc-arc").reset(seed=1, options={"spiral": {"diameter": 50}})
     with pytest.raises(InputError, match="option spiral of 1 dicts: must be one, or 2"):
         stepwise_vector(2).reset(options={"spiral": [{}]})

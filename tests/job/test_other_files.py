@@ -101,6 +101,6 @@ def test_a_pickle_in_a_record_is_not_read(tmp_path, monkeypatch):
         with zipfile.ZipFile("bad.npz", "w") as archive:
             for member, content in members.items():
                 archive.writestr(member, planted.getvalue() if member == name else content)
-        with pytest.raises(InputError, match="damaged one"):
+        with pytest.raises(InputError, match="is damaged"):
             Run.load("bad.npz")
     assert not Path("planted").exists()
