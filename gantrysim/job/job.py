@@ -38,7 +38,7 @@ class Job(JobContent):
     Attributes:
         name: name of the job: letters, digits, spaces and any of _ . + -
         machine: name of a built-in machine, or path of an MJCF file or of a machine table in TOML, relative to the
-            folder of the job file; by default, for a program file, the smallest built-in machine with its axes.
+            folder of the job file; by default the smallest built-in machine with the program's axes.
         travel: travel of individual axes in place of the machine's, as in {x = [-20, 620]}; masses and stiffness stay
             the same [mm, deg].
         names: mapping for an MJCF that uses other names, as in {nozzle = "tip", x = "motor_x"}; see `Machine`.

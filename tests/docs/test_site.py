@@ -92,14 +92,14 @@ def test_tables_of_docstrings_are_set_as_tables(site):
         assert "====" not in page.read_text(encoding="utf-8"), page
 
 
-def test_commands_are_marked_for_the_stylesheet_of_narrow_screens(site):
+def test_commands_are_marked_for_their_stylesheet(site):
     html = (site / "how-to" / "units-of-gains" / "index.html").read_text(encoding="utf-8")
     blocks = re.findall(r'<div class="([^"]*)highlight">(.*?)</pre>', html, flags=re.DOTALL)
     for kind, block in blocks:
         text = re.sub(r"<.*?>", "", block)
         assert kind.strip() == ("language-sh" if text.startswith("gantrysim ") else "language-text"), text
     assert len(blocks) > 5
-    assert "stylesheets/narrow.css" in html
+    assert "stylesheets/commands.css" in html
 
 
 def _is_error(thing):
