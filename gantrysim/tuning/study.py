@@ -213,14 +213,8 @@ class TuningStudy(Study):
             ]
 
     def _search_rounds(self) -> Generator[list[Case], list[Row], History]:
-        limits = SearchLimits(
-            machines=self.robust + 1,
-            budget=self.budget,
-            ripple=0.01 * self.ripple,
-            seed=self.seed,
-            batch=self.batch,
-            of_largest=self.metric in OF_LARGEST,
-        )
+        largest = self.metric in OF_LARGEST
+        limits = SearchLimits(self.robust + 1, self.budget, 0.01 * self.ripple, self.seed, self.batch, largest)
         trials_of_rounds = search(self.space, self.stability, limits, on_leader=self.leaders.append)
         trials = next(trials_of_rounds)
         while True:
