@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import AxisError, InputError
+from gantrysim.controllers.gcode.checkpoints import Checkpoint, Follower, Recorder, Snapshots
 from gantrysim.controllers.gcode.motion_limits import MotionLimits
 from gantrysim.controllers.gcode.move_table import MoveTable
 from gantrysim.controllers.gcode.o_words import ProgramFlow, ProgramText
@@ -28,6 +29,7 @@ class Interpreted:
         assumed_feeds: names of the machine's feeds that the program reads and that nobody gave.
         subroutines: names of those that the text holds.
         without_diameter: tools of cutter compensation whose diameter nobody gave.
+        checkpoints: at which it can be taken over from another start.
     """
 
     start: tuple[float, float, float]
@@ -38,6 +40,11 @@ class Interpreted:
     assumed_feeds: tuple[str, ...] = ()
     subroutines: tuple[str, ...] = ()
     without_diameter: tuple[int, ...] = ()
+    checkpoints: tuple[Checkpoint, ...] = ()
+
+    def begins_at(self, start: tuple[float, float, float]) -> bool:
+        """Return whether the program was run from this position, to the last bit: -0.0 is not 0.0."""
+        return repr(self.start) == repr(start)
 
     @property
     def without_moves(self) -> str:
@@ -47,13 +54,17 @@ class Interpreted:
         return f"its subroutines ({', '.join(self.subroutines[:3])}) run where another program calls them"
 
 
-def interpret(program: ProgramText, start: tuple[float, float, float], setup: ProgramSetup) -> Interpreted:
+def interpret(
+    program: ProgramText, start: tuple[float, float, float], setup: ProgramSetup, earlier: Interpreted | None = None
+) -> Interpreted:
     """Run a program.
 
     Args:
         program: its text.
         start: initial position [mm].
         setup: what it is run with.
+        earlier: the same program, run with the same setup from another start, of which all is taken over that does not
+            depend on that.
 
     Raises:
         InputError: a line that is refused, with its number.
@@ -68,11 +79,13 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
 
     flow = ProgramFlow(program, system, state.subprogram_ends)
     subroutines = tuple(str(label) for label in flow.places.labels("SUB"))
+    snapshots = Snapshots(flow, state, system)
+    observer = Recorder(snapshots) if earlier is None else Follower(snapshots, earlier.checkpoints, earlier.moves)
     try:
         for line in flow.run():
             state.line = flow.line
             state.depth = flow.depth
-            if not interpreter.run(line):
+            if not interpreter.run(line) or observer.ends_after_line():
                 break
         if state.curve is not None:
             raise InputError(f"{state.curve.name}: the program ends before the curve does")
@@ -81,6 +94,7 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
         raise kind(f"{flow.where}: {error}") from None
     except OverflowError:
         raise InputError(f"{flow.where}: a number is too large") from None
+    checkpoints = observer.finished()
     flow.lines.clear()  # the flow and its parameters refer to one another, and would keep them until a collection
     return Interpreted(
         start=start,
@@ -91,4 +105,5 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
         assumed_feeds=tuple(sorted(state.assumed_feeds)),
         subroutines=subroutines,
         without_diameter=tuple(sorted(state.tools.without_diameter)),
+        checkpoints=checkpoints,
     )
