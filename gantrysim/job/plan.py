@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gantrysim.base.arrays import Floats, dot
+from gantrysim.base.arrays import Floats, dot, extremes
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError
 from gantrysim.base.memory import needed_files, needed_memory
@@ -141,9 +141,9 @@ class _Sums(NamedTuple):
             float(glue_ways.sum()),
             float(ways.max(initial=0)),
             float(glue_ways.max(initial=0)),
-            np.array([tip.min(axis=0), tip.max(axis=0)]),
-            np.array([position.min(axis=0), position.max(axis=0)]),
-            np.abs(np.diff(position, axis=0)).max(axis=0, initial=0),
+            extremes(tip),
+            extremes(position),
+            extremes(np.abs(np.diff(position, axis=0, prepend=position[:1])))[1],
         )
 
     def joined(self, other: _Sums) -> _Sums:

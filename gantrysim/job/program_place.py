@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from gantrysim.base.arrays import Floats
+from gantrysim.base.arrays import Floats, extremes
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError
 from gantrysim.base.user_code import is_code
@@ -151,9 +151,9 @@ def _box(setpoints: Setpoints) -> dict[str, tuple[float, float]]:
     low = np.full(len(setpoints.axes), math.inf)
     high = -low
     for block in blocks(len(setpoints.position)):
-        position = setpoints.position[block]
-        low = np.minimum(low, position.min(axis=0))
-        high = np.maximum(high, position.max(axis=0))
+        lowest, highest = extremes(setpoints.position[block])
+        low = np.minimum(low, lowest)
+        high = np.maximum(high, highest)
     return dict(zip(setpoints.axes, zip(low.tolist(), high.tolist(), strict=True), strict=True))
 
 

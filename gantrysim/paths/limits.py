@@ -44,8 +44,11 @@ class Limited:
         stuck = (total <= 0) & (step > 0)
         if stuck.any():
             raise InputError(f"speed = 0 mm/s at {s[:-1][stuck][0]:g} mm of the path: the limits allow no motion")
-        self._dt = np.divide(2 * step, total, out=np.zeros_like(step), where=step > 0)
-        self._t = np.concatenate([[0.0], np.cumsum(self._dt)])
+        # in place: of a program of a million lines these are the largest arrays
+        step *= 2
+        self._dt = np.divide(step, total, out=step, where=step > 0)
+        self._t = np.zeros_like(s)
+        np.cumsum(self._dt, out=self._t[1:])
 
     @property
     def length(self) -> float:

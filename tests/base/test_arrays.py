@@ -4,7 +4,7 @@ import threading
 
 import numpy as np
 
-from gantrysim.base.arrays import LastCall, seen
+from gantrysim.base.arrays import LastCall, extremes, seen
 
 
 def test_the_last_result_is_that_of_the_same_arguments():
@@ -52,3 +52,10 @@ def test_a_view_that_is_seen_cannot_be_written_to():
     assert view.base is array
     assert not view.flags.writeable
     assert array.flags.writeable
+
+
+def test_the_extremes_are_those_of_every_column():
+    rows = np.random.default_rng(3).normal(size=(50, 3))
+    assert np.array_equal(extremes(rows), [rows.min(axis=0), rows.max(axis=0)])
+    assert not np.signbit(extremes(np.array([[-0.0], [-0.0]]))).any()
+    assert np.isnan(extremes(np.array([[1.0], [np.nan], [2.0]]))).all()

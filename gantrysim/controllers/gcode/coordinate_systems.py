@@ -81,7 +81,10 @@ class CoordinateSystems:
 
     def machine(self, program: Three) -> Three:
         """Return a point of the program in the machine's coordinates."""
-        x, y, z = (value + shift for value, shift in zip(program, self.shift, strict=True))
+        shift = self.shift
+        x = program[0] + shift[0]
+        y = program[1] + shift[1]
+        z = program[2] + shift[2]
         offset_x, offset_y, offset_z = self.offsets[self.system]
         turn = self.turns[self.system]
         if not turn:
@@ -91,24 +94,30 @@ class CoordinateSystems:
 
     def program(self, machine: Three, shifted: bool = True) -> Three:
         """Return a point of the machine in the program's coordinates, with or without G92."""
-        place = [value - offset for value, offset in zip(machine, self.offsets[self.system], strict=True)]
+        offset = self.offsets[self.system]
+        x = machine[0] - offset[0]
+        y = machine[1] - offset[1]
+        z = machine[2] - offset[2]
         turn = self.turns[self.system]
         if turn:
             c, s = _cosine_and_sine(turn)
-            x, y, z = place
-            place = [c * x + s * y, c * y - s * x, z]
+            turned = c * y - s * x
+            x = c * x + s * y
+            y = turned
         if not shifted:
-            return place
-        return [value - shift for value, shift in zip(place, self.shift, strict=True)]
+            return [x, y, z]
+        shift = self.shift
+        return [x - shift[0], y - shift[1], z - shift[2]]
 
     def end(self, values: dict[str, float], in_machine: bool) -> Three:
         """Take the axis words of a move and return its end in the machine's coordinates."""
         # G53 places the spindle, from which the tip hangs lower by the tool's length
         place = [self.here[0], self.here[1], self.here[2] + self.tool] if in_machine else self.program(self.here)
+        is_absolute = self.absolute or in_machine
         for i, letter in enumerate("XYZ"):
             if letter in values:
                 value = self.axis(i, values.pop(letter))
-                place[i] = value if self.absolute or in_machine else place[i] + value
+                place[i] = value if is_absolute else place[i] + value
         if "@" in values or "^" in values:
             self._polar(values, place)
         return [place[0], place[1], place[2] - self.tool] if in_machine else self.machine(place)

@@ -19,6 +19,8 @@ GRAMMAR = Grammar(OPERATORS, {**FUNCTIONS, "FIX": rounded_down, "FUP": rounded_u
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
 _PLAIN_WORD = re.compile(r"([A-Z@^$])([-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+))")
 _PLAIN = re.compile(r"(?:[A-Z][-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+))+")
+# most lines of long programs; M and O may order lines
+_PLAIN_LINE = re.compile(r"(?:[A-LNP-Z][-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[ \t]*)+")
 _LABEL = re.compile(r"O(<[^<>]*>|[0-9]+)")
 _COMMAND = re.compile(r"[A-Z_][A-Z_]+[A-Z0-9_]*")
 _MESSAGE = re.compile(r"(?:N[0-9]+)?M[0-9]+")
@@ -120,6 +122,16 @@ def read_firmware(line: str) -> str | FirmwareCommand:
     if message:
         return message[0]
     return _BARE_LETTER.sub("", plain) if _FLAGS.fullmatch(plain) else plain
+
+
+def plain_line(line: str) -> Words | None:
+    """Return the words of a line of nothing but words and spaces between them, none of them M or O; None for any other.
+
+    They are those that `plain_words` finds after `compact` or `read_firmware`.
+    """
+    if len(line) > LONGEST or not _PLAIN_LINE.fullmatch(line):
+        return None
+    return [(letter, float(number)) for letter, number in _PLAIN_WORD.findall(line)]
 
 
 def plain_words(text: str) -> Words | None:

@@ -12,6 +12,7 @@ from gantrysim.controllers.gcode.lines import (
     ParsedLine,
     Words,
     compact,
+    plain_line,
     plain_words,
     read_firmware,
     sender_command,
@@ -62,6 +63,9 @@ class ProgramFlow(ProgramLines):
 
     def execute(self) -> tuple[int, Words | FirmwareCommand | None]:
         line = self.lines[self.place]
+        words = plain_line(line)
+        if words is not None:
+            return self.place + 1, words
         if self.program.firmware:
             read = read_firmware(line)
             if isinstance(read, FirmwareCommand):

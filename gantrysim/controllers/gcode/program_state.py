@@ -242,10 +242,10 @@ class ProgramState:
             self.frames.here = [last.x, last.y, last.z]
 
     def _line_to(self, end: list[float], feed: float, fed: float, glue: bool) -> None:
-        if not max(map(abs, end)) <= FARTHEST:
+        x, y, z = end
+        if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(z) <= FARTHEST):
             raise InputError(f"end at {[round(v, 3) for v in end]} mm: must be within {FARTHEST:g} mm")
         modes = self.modes
-        x, y, z = end
         limits = self.limits.index(fed > 0)
         self.add(MoveRow(LINE, x, y, z, 0.0, 0.0, 0, 0.0, feed, modes.path, modes.naive, glue, self.line, fed, limits))
 
