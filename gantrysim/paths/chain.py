@@ -14,7 +14,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
 from gantrysim.paths.lengths import swept_angle
-from gantrysim.paths.path import Local, Path
+from gantrysim.paths.path import Local, Path, tangent_of
 from gantrysim.paths.pieces import (
     ROW,
     SHORTEST,
@@ -176,13 +176,18 @@ class Chain(Path):
     def position(self, s: ArrayLike) -> Floats:
         return self._at(*self._locate(s)).point
 
-    def progress(self, s: ArrayLike) -> tuple[NDArray[np.intp], Floats]:
-        """Piece at arc lengths, (n,), and the completed share of its angle, or of a line's length, (n,)."""
+    def tangent(self, s: ArrayLike) -> Floats:
         k, distance = self._locate(s)
+        places = self._at(k, distance)
+        return tangent_of(places.heading, places.climb, self._columns["frame"][k])
+
+    def position_and_share(self, s: ArrayLike) -> tuple[Floats, Floats]:
+        """Points at arc lengths, (n, 3) [mm], and the completed share of their pieces' angles, or of lines, (n,)."""
+        k, distance = self._locate(s)
+        places = self._at(k, distance)
         coil = self._columns["coil"][k]
         angle = np.where(coil, self._columns["angle"][k], 1.0)
-        share_of_angle = self._at(k, distance).swept / angle
-        return k, np.where(coil, share_of_angle, distance / np.diff(self._s)[k])
+        return places.point, np.where(coil, places.swept / angle, distance / np.diff(self._s)[k])
 
     def heading(self, s: ArrayLike) -> Floats:
         return self._at(*self._locate(s)).heading

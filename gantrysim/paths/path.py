@@ -78,10 +78,7 @@ class Path(ABC):
 
     def tangent(self, s: ArrayLike) -> Floats:
         """Unit tangents t(s), (n, 3)."""
-        theta = self.heading(s)
-        sine = self.climb(s)
-        cosine = np.sqrt(np.maximum(1 - sine**2, 0.0))
-        return _in_frame(self.frame(s), cosine * np.cos(theta), cosine * np.sin(theta), sine)
+        return tangent_of(self.heading(s), self.climb(s), self.frame(s))
 
     def normal(self, s: ArrayLike) -> Floats:
         """Left unit normals n(s) in the plane, (n, 3)."""
@@ -207,6 +204,12 @@ def _points(points: ArrayLike) -> Floats:
     if p.shape[-1] != 3 or not np.isfinite(p).all():
         raise InputError(f"points of shape {p.shape}: must be finite and of shape (n, 3)")
     return p
+
+
+def tangent_of(heading: Floats, climb: Floats, frame: Floats) -> Floats:
+    """Unit tangents from the heading, the sine of the climb and the plane's directions, (n, 3)."""
+    cosine = np.sqrt(np.maximum(1 - climb**2, 0.0))
+    return _in_frame(frame, cosine * np.cos(heading), cosine * np.sin(heading), climb)
 
 
 def _in_frame(frame: Floats, along: Floats, across: Floats, up: Floats) -> Floats:

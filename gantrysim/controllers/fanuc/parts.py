@@ -51,10 +51,14 @@ def stretch(legs: list[PathLeg], feeding: Feeding, begun: float) -> Part:
     def sample(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         s = profile.position(t)
         k = index(s)
-        angle = rotary[k, 0]
+        place = np.empty((s.size, 4))
+        place[:, 3] = rotary[k, 0]
         if np.ptp(rotary):
-            angle = angle + chain.progress(s)[1] * np.diff(rotary, axis=1)[k, 0]
-        return np.column_stack([chain.position(s), angle]), glue[k]
+            place[:, :3], share = chain.position_and_share(s)
+            place[:, 3] += share * np.diff(rotary, axis=1)[k, 0]
+        else:
+            place[:, :3] = chain.position(s)
+        return place, glue[k]
 
     return Part(profile.duration, sample, lines)
 

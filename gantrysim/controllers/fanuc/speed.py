@@ -113,20 +113,20 @@ class Planner:
             ahead = s > begin + _APART
             s = np.concatenate([[begin], s[ahead]])
             piece = np.concatenate([piece[ahead][:1], piece[ahead]])
-        top = self._feed(s, piece, dry)
+        rotary = self._rotary(s, piece)
+        top = self._feed(s, piece, dry, np.abs(rotary[0]))
         a = self._feeding.acceleration
         if math.isinf(a):
             return fastest(Derivatives(s, np.ones((s.size, 1)), np.zeros((s.size, 1))), top, [math.inf], [a])
         braked = np.sqrt(np.maximum(speed**2 - 2 * braking * self._limit * (s - begin), 0.0))
         top = self._at_corners(s, np.maximum(top, braked))
         linear = self._derivatives(s, piece)
-        rotary = self._rotary(s, piece)
         first, second = (np.column_stack(pair) for pair in zip(linear, rotary, strict=True))
         limits = np.array([self._limit] * 3 + [self._rotary_limit])
         return fastest(Derivatives(s, first, second), top, np.full(4, math.inf), limits, begin=speed)
 
-    def _feed(self, s: Floats, piece: NDArray[np.intp], dry: bool) -> Floats:
-        """Largest path speed at the nodes [mm/s]."""
+    def _feed(self, s: Floats, piece: NDArray[np.intp], dry: bool, turning: Floats) -> Floats:
+        """Largest path speed at the nodes, where the rotary axis turns so much along the path [mm/s, deg/mm]."""
         legs = self._legs
         feeding = self._feeding
         at_feed = np.array([not leg.rapid for leg in legs])
@@ -144,7 +144,6 @@ class Planner:
             feed[coil] /= np.sqrt(np.maximum(1 - self._chain.climb(inner) ** 2, 1e-12))
         if math.isfinite(feeding.rotary_velocity):
             # the path slows where the rotary axis turns faster along it than it can in time
-            turning = np.abs(self._rotary(s, piece)[0])
             feed = np.minimum(feed, feeding.rotary_velocity / np.maximum(turning, 1e-200))
         return feed
 
