@@ -34,6 +34,28 @@ _FAULT = "fault: "
 _REFUSED = "refused: "
 
 
+class _LastJob:
+    """The content of the job that was asked for last, as values and as TOML: a study's cases are mostly of one job."""
+
+    def __init__(self) -> None:
+        self._last: tuple[Job, dict[str, Any], str] | None = None
+
+    def contents(self, job: Job) -> tuple[dict[str, Any], str]:
+        """Return the values, which are not to be changed, and the text, one object for all cases of the job."""
+        last = self._last  # once, as another thread may replace it
+        if last is None or last[0] is not job:
+            last = job, job.model_dump(exclude_none=True), job.toml()
+            self._last = last
+        return last[1], last[2]
+
+    def forget(self) -> None:
+        """Let go of the job."""
+        self._last = None
+
+
+_LAST = _LastJob()
+
+
 @dataclass(frozen=True)
 class Case:
     """One run of a study: a job, its overrides, and the machine or its substitute.
@@ -67,11 +89,11 @@ class Case:
     ) -> Self:
         """Return a case; overrides by full dotted key, as in {"program.loop_period": 0.01}, None for the default."""
         job.check_code()
-        content = job.model_dump(exclude_none=True)
+        content, text = _LAST.contents(job)
         # a value that the job has already changes nothing: left out, so that equal cases have one key
         changes = {key: value for key, value in (overrides or {}).items() if not _has(content, key, value)}
         changed = tuple(sorted((key, json.dumps(value)) for key, value in changes.items()))
-        return cls(job.toml(), changed, mode, perturbation, tuple(tags.items()))
+        return cls(text, changed, mode, perturbation, tuple(tags.items()))
 
     @property
     def key(self) -> str:
@@ -115,6 +137,7 @@ def machine_digest(case: Case) -> str:
 
 def forget_jobs() -> None:
     """Clear the cache of jobs, and with it the machines built from files that may have changed."""
+    _LAST.forget()
     _job.cache_clear()
     _changed.cache_clear()
 

@@ -13,6 +13,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.base.files import held
 from gantrysim.base.swap import open_regular
 from gantrysim.study.cases import Row
+from gantrysim.study.rows import RowStore
 
 LEDGER = ".study-progress.jsonl"
 _CHECKED = 16  # digits of a checksum
@@ -31,11 +32,13 @@ class Ledger:
 
     Attributes:
         resumed: number of rows taken over from an earlier run.
+        rows: the finished rows, in the order in which they were finished.
         discarded: differences for which earlier rows were not taken over, or None.
     """
 
     def __init__(self, folder: Path | None, identity: dict[str, Any]) -> None:
-        self._rows: dict[str, Row] = {}
+        self.rows = RowStore()
+        self._places: dict[str, int] = {}  # of the rows, by their keys
         self._file = None if folder is None else folder / LEDGER
         self._identity = identity
         self._stream: BinaryIO | None = None
@@ -54,7 +57,7 @@ class Ledger:
                 good = self._read(self._stream.read())
                 self._stream.truncate(good)
                 self._stream.seek(good)
-                self.resumed = len(self._rows)
+                self.resumed = len(self._places)
                 if not good:
                     self._write(self._identity)
             except OSError as error:
@@ -65,28 +68,33 @@ class Ledger:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if not self._rows:
+        if not self._places:
             self.remove()
         self._held.close()
         self._stream = None
 
     def __contains__(self, key: str) -> bool:
-        return key in self._rows
+        return key in self._places
 
     def __getitem__(self, key: str) -> Row:
-        return self._rows[key]
+        return self.rows.row(self._places[key])
 
     def __len__(self) -> int:
-        return len(self._rows)
+        return len(self._places)
+
+    def place(self, key: str) -> int:
+        """Return the index of a finished row in `rows`."""
+        return self._places[key]
 
     def add(self, key: str, row: Row) -> None:
         """Add a finished row."""
-        self._rows[key] = row
+        self._places[key] = self.rows.add(row)
         self._write([key, row, _checksum(key, row)])
 
     def remove(self) -> None:
-        """Delete the file and the rows: the study is complete, or has no values."""
-        self._rows = {}
+        """Delete the file and forget the rows: the study is complete, or has no values."""
+        self.rows = RowStore()  # rows that were returned refer to the one before
+        self._places = {}
         if self._file is not None and self._stream is not None:
             self._stream.close()
             self._stream = None
@@ -117,7 +125,7 @@ class Ledger:
                     key, row, checksum = content_of_line
                     if checksum != _checksum(key, row):
                         break
-                    self._rows[key] = row
+                    self._places[key] = self.rows.add(row)
             except (ValueError, TypeError, RecursionError):
                 break
             good += len(line)

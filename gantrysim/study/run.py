@@ -22,6 +22,7 @@ from gantrysim.report.summary import versions
 from gantrysim.study.cases import OK, Case, Row, forget_jobs, is_fault
 from gantrysim.study.ledger import Ledger
 from gantrysim.study.page import page_sections
+from gantrysim.study.rows import TaggedRows
 from gantrysim.study.runner import Progress, run_cases
 from gantrysim.study.study import Report, Rounds, Study
 
@@ -56,7 +57,7 @@ class Outcome:
         failed: reason why there is no report, or None; repeating the call creates it without running a case again.
     """
 
-    rows: list[Row]
+    rows: Sequence[Row]
     report: Report
     written: list[str]
     resumed: int
@@ -148,9 +149,9 @@ def _run_rounds(
     ledger: Ledger,
     workers: int | None,
     progress: Progress | None,
-) -> list[Row]:
+) -> Sequence[Row]:
     """Run the cases of all rounds, each chosen by the rows before, and return all rows."""
-    rows: list[Row] = []
+    rows = TaggedRows(ledger.rows)
 
     def advance(done: int, known: int) -> None:
         if progress is not None:
@@ -166,14 +167,14 @@ def _run_rounds(
             measure_together=study.measure_together,
             progress=advance,
         )
-        rows += rows_of_round
+        rows.extend(rows_of_round)
         try:
             cases = rounds.send(rows_of_round)
         except StopIteration:
             return rows
 
 
-def _report_of(study: Study, rows: list[Row]) -> tuple[Report, str | None]:
+def _report_of(study: Study, rows: Sequence[Row]) -> tuple[Report, str | None]:
     """Return the study's report, or an empty one and the reason where it fails.
 
     A report may fail on values that nobody foresaw; hours of runs must not be lost to that.
@@ -198,7 +199,7 @@ def _check_job(job: Job) -> None:
     simulate(job.built_machine, job.built_servo, job.setpoints.until(2), physics_step=job.simulation.physics_step)
 
 
-def _check_values(rows: list[Row]) -> None:
+def _check_values(rows: Sequence[Row]) -> None:
     """Refuse rows none of which has values.
 
     Raises:
@@ -211,7 +212,7 @@ def _check_values(rows: list[Row]) -> None:
     raise NoValuesError(f"none of the study's {len(rows)} cases has values: {reason}", bool(faults))
 
 
-def _write_rows(study: Study, rows: list[Row], report: Report, folder: Path, identity: dict[str, Any]) -> None:
+def _write_rows(study: Study, rows: Sequence[Row], report: Report, folder: Path, identity: dict[str, Any]) -> None:
     (folder / JOB).write_text(study.job.toml(), encoding="utf-8")
     content = {
         "study": study.name,
@@ -233,13 +234,13 @@ def _write_rows(study: Study, rows: list[Row], report: Report, folder: Path, ide
         _write_curves(rows, curves, folder / _CURVES)
 
 
-def _columns(rows: list[Row]) -> tuple[list[str], list[str]]:
+def _columns(rows: Sequence[Row]) -> tuple[list[str], list[str]]:
     """Return the names of the rows' columns of single values, and of lists."""
     curves = list(dict.fromkeys(key for row in rows for key in row if isinstance(row[key], list)))
     return [key for key in dict.fromkeys(key for row in rows for key in row) if key not in curves], curves
 
 
-def _reported(study: Study, rows: list[Row], report: Report, folder: Path, identity: dict[str, Any]) -> str | None:
+def _reported(study: Study, rows: Sequence[Row], report: Report, folder: Path, identity: dict[str, Any]) -> str | None:
     """Write plots and page; return why that fails, with none of them left behind, or None."""
     try:
         _write_report(study, rows, report, folder, identity)
@@ -251,7 +252,7 @@ def _reported(study: Study, rows: list[Row], report: Report, folder: Path, ident
     return None
 
 
-def _write_report(study: Study, rows: list[Row], report: Report, folder: Path, identity: dict[str, Any]) -> None:
+def _write_report(study: Study, rows: Sequence[Row], report: Report, folder: Path, identity: dict[str, Any]) -> None:
     for plot in report.plots:
         plot.figure.savefig(folder / PLOTS / f"{plot.name}.png", dpi=_DPI)
         plot.figure.set_layout_engine("none")  # laid out by now: the page need not do it again
@@ -263,7 +264,7 @@ def _write_report(study: Study, rows: list[Row], report: Report, folder: Path, i
     )
 
 
-def _failed_cases(rows: list[Row]) -> list[Section]:
+def _failed_cases(rows: Sequence[Row]) -> list[Section]:
     """Return the section of the cases without values; nothing where all have some."""
     failed = [row for row in rows if row["status"] != OK]
     if not failed:
@@ -278,7 +279,7 @@ def _origin(study: Study, identity: dict[str, Any]) -> Section:
     return Section("Job and versions", code=study.job.toml(), table=facts)
 
 
-def _write_curves(rows: list[Row], names: list[str], file: Path) -> None:
+def _write_curves(rows: Sequence[Row], names: list[str], file: Path) -> None:
     """Write the lists of all rows, one line per element: the number of the row, from 1, and the values."""
     with file.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)

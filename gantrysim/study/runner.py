@@ -15,6 +15,7 @@ from gantrysim.base.errors import whole
 from gantrysim.base.signals import blocked, deferred, end_with
 from gantrysim.study.cases import Case, Row, measure
 from gantrysim.study.ledger import Ledger
+from gantrysim.study.rows import TaggedRows
 from gantrysim.study.worker import MeasureTogether, Origin, WorkerError, measured
 
 Measure = Callable[[Case], Row]  # a function of a module, or a partial of one: sent to the workers by name
@@ -35,8 +36,10 @@ def run_cases(
     measure: Measure = measure,
     measure_together: MeasureTogether | None = None,
     progress: Progress | None = None,
-) -> list[Row]:
+) -> TaggedRows:
     """Run cases and return their rows in the order of the cases: the tags, then the result of `measure`.
+
+    A row is a dict only where it is asked for: until then it takes the memory of its values alone.
 
     Cases that differ only in their tags are run once, those in the ledger not at all. Rows do not depend on the number
     of workers, nor on the rows taken from the ledger. Cases start in their order: the longest should come first.
@@ -58,8 +61,9 @@ def run_cases(
     """
     if workers is not None:
         whole("workers", workers, 1)
-    missing = {case.key: case for case in cases if case.key not in ledger}
-    total = len({case.key for case in cases})
+    keys = [case.key for case in cases]
+    missing = {key: case for key, case in zip(keys, cases, strict=True) if key not in ledger}
+    total = len(set(keys))
 
     def advance() -> None:
         if progress is not None:
@@ -77,7 +81,7 @@ def run_cases(
             advance()
     finally:
         _close(finished)
-    return [{**dict(case.tags), **ledger[case.key]} for case in cases]
+    return TaggedRows(ledger.rows, zip((case.tags for case in cases), map(ledger.place, keys), strict=True))
 
 
 def _close(results: Generator[object, None, None]) -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.study.cases import OK, Row, Value
 
 
-def series(rows: list[Row], *columns: str, **tags: Value) -> tuple[Floats, ...]:
+def series(rows: Sequence[Row], *columns: str, **tags: Value) -> tuple[Floats, ...]:
     """Return columns of the rows with all these tags, sorted by the first column, each (m,).
 
     Rows without values in one of the columns are left out.

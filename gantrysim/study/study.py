@@ -23,7 +23,7 @@ from gantrysim.study.worker import MeasureTogether
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Rounds = Generator[Sequence[Case], list[Row], None]
+Rounds = Generator[Sequence[Case], Sequence[Row], None]
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ class Study(ABC):
         without running a case is refused before the first yield, while nothing is written.
         """
 
-    def report(self, rows: list[Row]) -> Report:
+    def report(self, rows: Sequence[Row]) -> Report:
         """Return the report; by default `report(study, rows)` of the module report.py beside the class or a base class.
 
         The module is imported on this call, so that running a study depends on no plotting.
@@ -170,6 +170,6 @@ class Study(ABC):
         module = next(f"{package}.report" for package in packages if package and find_spec(f"{package}.report"))
         return import_module(module).report(self, rows)
 
-    def text(self, name: str, rows: list[Row]) -> str:
+    def text(self, name: str, rows: Sequence[Row]) -> str:
         """Return the content of one of `texts`."""
         raise KeyError(name)

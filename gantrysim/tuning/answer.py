@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from gantrysim.results.verdict import Verdict
 from gantrysim.study.acceptance import Acceptance, Scope, improve_command
 from gantrysim.study.cases import OK, Row
@@ -20,7 +22,7 @@ def question(study: TuningStudy) -> str:
     return f"Which gains minimise the {METRICS[study.metric]}?"
 
 
-def answer(study: TuningStudy, rows: list[Row]) -> str:
+def answer(study: TuningStudy, rows: Sequence[Row]) -> str:
     """Return the metric at the start and tuned, in one sentence with what to do and what the verdict is then."""
     history = study.history(rows)
     name = f"{METRICS[study.metric]}, {machines(study)}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -49,7 +50,7 @@ _ENDED = {
 }
 
 
-def report(study: TuningStudy, rows: list[Row]) -> Report:
+def report(study: TuningStudy, rows: Sequence[Row]) -> Report:
     """Return question, answer, chart of the error before and after, table of results, and details."""
     shown = plots(study, rows)
     chart = next((plot for plot in shown if plot.name == _CHART), None)
@@ -58,12 +59,12 @@ def report(study: TuningStudy, rows: list[Row]) -> Report:
     return Report(question(study), answer(study, rows), chart, table, details)
 
 
-def tables(study: TuningStudy, rows: list[Row]) -> list[Table]:
+def tables(study: TuningStudy, rows: Sequence[Row]) -> list[Table]:
     """Return the table of results: a row for each quantity, at the start and tuned, with its limit."""
     return [_results_table(study, rows, study.history(rows))]
 
 
-def notes(study: TuningStudy, rows: list[Row]) -> list[str]:
+def notes(study: TuningStudy, rows: Sequence[Row]) -> list[str]:
     """Return notes on the limit of the gains, the remaining error, and the course of the search."""
     history = study.history(rows)
     best = history.best
@@ -92,7 +93,7 @@ def notes(study: TuningStudy, rows: list[Row]) -> list[str]:
     ]
 
 
-def plots(study: TuningStudy, rows: list[Row]) -> list[Plot]:
+def plots(study: TuningStudy, rows: Sequence[Row]) -> list[Plot]:
     """Return the plots: error along the path, error budget, search, gains, loops, unseen machines."""
     history = study.history(rows)
     shown = [*_comparison_plots(_comparison(study, history)), *_search_plots(study, history)]
@@ -161,7 +162,7 @@ def _search_plots(study: TuningStudy, history: History) -> list[Plot]:
     ]
 
 
-def _machines_plot(study: TuningStudy, rows: list[Row], history: History) -> Plot:
+def _machines_plot(study: TuningStudy, rows: Sequence[Row], history: History) -> Plot:
     metric = METRICS[study.metric]
     unseen = {phase: unseen_metric(study, rows, phase) for phase in history.phases}
     searched = {
@@ -176,7 +177,7 @@ def _machines_plot(study: TuningStudy, rows: list[Row], history: History) -> Plo
     )
 
 
-def unseen_metric(study: TuningStudy, rows: list[Row], phase: Phase) -> Floats:
+def unseen_metric(study: TuningStudy, rows: Sequence[Row], phase: Phase) -> Floats:
     """Return the metric on the unseen machines, (unseen,) [µm]; inf for a fault."""
     name = column(study.metric)
     return np.array([float(row[name]) if row["status"] == OK else math.inf for row in study.unseen_rows(rows, phase)])  # type: ignore[arg-type]
@@ -209,7 +210,7 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _results_table(study: TuningStudy, rows: list[Row], history: History) -> Table:
+def _results_table(study: TuningStudy, rows: Sequence[Row], history: History) -> Table:
     budgets = _budgets(study, history)
     metric = METRICS[study.metric]
     results: list[dict[str, Any]] = []
@@ -245,7 +246,7 @@ def _results_table(study: TuningStudy, rows: list[Row], history: History) -> Tab
     )
 
 
-def _feasible(study: TuningStudy, rows: list[Row], phase: Phase, candidate: Candidate) -> int:
+def _feasible(study: TuningStudy, rows: Sequence[Row], phase: Phase, candidate: Candidate) -> int:
     """Return the number of unseen machines with neither a fault nor too small a margin nor too much ripple."""
     return sum(
         row["status"] == OK

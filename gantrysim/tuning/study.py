@@ -85,7 +85,7 @@ class TuningStudy(Study):
     seed: int = 1
     held: tuple[str, ...] = ()
     _runs: dict[Servo, Run] = field(init=False, repr=False, compare=False, default_factory=dict)
-    _histories: list[tuple[list[Row], History]] = field(init=False, repr=False, compare=False, default_factory=list)
+    _histories: list[tuple[Sequence[Row], History]] = field(init=False, repr=False, compare=False, default_factory=list)
     leaders: list[Candidate] = field(init=False, repr=False, compare=False, default_factory=list)
 
     name = "tune"
@@ -212,7 +212,7 @@ class TuningStudy(Study):
                 for number, perturbation in enumerate(self.unseen_perturbations, 1)
             ]
 
-    def _search_rounds(self) -> Generator[list[Case], list[Row], History]:
+    def _search_rounds(self) -> Generator[list[Case], Sequence[Row], History]:
         largest = self.metric in OF_LARGEST
         limits = SearchLimits(self.robust + 1, self.budget, 0.01 * self.ripple, self.seed, self.batch, largest)
         trials_of_rounds = search(self.space, self.stability, limits, on_leader=self.leaders.append)
@@ -239,13 +239,13 @@ class TuningStudy(Study):
             machine=machine,
         )
 
-    def history(self, rows: list[Row]) -> History:
+    def history(self, rows: Sequence[Row]) -> History:
         """Return the history of the search, replayed from the rows of the study."""
         if not self._histories or self._histories[-1][0] is not rows:
             self._histories[:] = [(rows, self._replay(rows))]
         return self._histories[-1][1]
 
-    def _replay(self, rows: list[Row]) -> History:
+    def _replay(self, rows: Sequence[Row]) -> History:
         # the search depends on seed and rows alone: what the ledger holds is enough to repeat it without a run
         remaining = iter(rows)
         return self.history_of(lambda cases: [next(remaining) for _ in cases])
@@ -260,7 +260,7 @@ class TuningStudy(Study):
             except StopIteration as stop:
                 return stop.value
 
-    def unseen_rows(self, rows: list[Row], phase: Phase) -> list[Row]:
+    def unseen_rows(self, rows: Sequence[Row], phase: Phase) -> list[Row]:
         """Return the rows of the final check, with the gains of the start or the tuned gains."""
         return [row for row in rows if row["stage"] == _UNSEEN[phase]]
 
@@ -278,7 +278,7 @@ class TuningStudy(Study):
             )
         return self._runs[servo]
 
-    def text(self, _name: str, rows: list[Row]) -> str:
+    def text(self, _name: str, rows: Sequence[Row]) -> str:
         """Return the tuned servo as TOML."""
         history = self.history(rows)
         job = self.job

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from gantrysim.metrics import CircularTest, Trace
 from gantrysim.plots.style import UM
 from gantrysim.study.acceptance import MOTION_LIMITS, Acceptance, Scope, improve_command
@@ -13,7 +15,7 @@ _SCOPE = Scope(MOTION_LIMITS)  # it lays no glue
 _HALF = 0.5
 
 
-def circle_answer(study: CircleStudy, rows: list[Row], test: CircularTest, motors: dict[str, Trace]) -> str:
+def circle_answer(study: CircleStudy, rows: Sequence[Row], test: CircularTest, motors: dict[str, Trace]) -> str:
     """Return the answer.
 
     Args:

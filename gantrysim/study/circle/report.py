@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -26,7 +27,7 @@ _RINGS = 4  # divisions from the nominal circle to the largest deviation, at mos
 _INSIDE = 1.6  # radius of the nominal circle in the chart, in largest deviations
 
 
-def report(study: CircleStudy, rows: list[Row]) -> Report:
+def report(study: CircleStudy, rows: Sequence[Row]) -> Report:
     """Return the circular deviations, the reversals, the chart, and the deviation over the angle."""
     traces = study.traces(rows, "radial")
     motors = study.traces(rows, "motor")

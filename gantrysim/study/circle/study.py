@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any, Literal
@@ -136,7 +137,7 @@ class CircleStudy(Study):
             for name, sense in SENSES.items()
         ]
 
-    def traces(self, rows: list[Row], link: Link) -> dict[str, Trace]:
+    def traces(self, rows: Sequence[Row], link: Link) -> dict[str, Trace]:
         """Return the paths of nozzle or motors by direction, for the rows that have values."""
         good = [row for row in rows if row["status"] == OK]
         return {str(row["direction"]): _trace(row, self.centre, self.radius, link) for row in good}

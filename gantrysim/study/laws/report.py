@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -72,7 +73,7 @@ _LEFT_OUT = (
 )
 
 
-def report(study: LawsStudy, rows: list[Row]) -> Report:
+def report(study: LawsStudy, rows: Sequence[Row]) -> Report:
     """Return the law to choose, the gain of each law over PD, and the laws that do not pay."""
     nominal = chosen(rows, NOMINAL)
     if _PD not in nominal:
@@ -117,7 +118,7 @@ def _chart(study: LawsStudy, nominal: dict[str, Row]) -> Plot | None:
     )
 
 
-def _plots(study: LawsStudy, rows: list[Row], nominal: dict[str, Row]) -> list[Plot]:
+def _plots(study: LawsStudy, rows: Sequence[Row], nominal: dict[str, Row]) -> list[Plot]:
     plots = [
         Plot(
             "ladder",
@@ -192,7 +193,7 @@ def _table(study: LawsStudy, nominal: dict[str, Row]) -> Table:
     return Table(columns, cells, caption=caption)
 
 
-def _variations(study: LawsStudy, rows: list[Row]) -> Table:
+def _variations(study: LawsStudy, rows: Sequence[Row]) -> Table:
     variations = {variation: chosen(rows, variation) for variation in (NOMINAL, EXACT, LOADED, RUBBING)}
     columns: list[str | Column] = [
         "law",
@@ -215,7 +216,7 @@ def _draw(nominal: dict[str, Row]) -> Figure:
     return _bars(list(nominal), shown, "error [µm]")
 
 
-def _draw_variations(study: LawsStudy, rows: list[Row]) -> Figure:
+def _draw_variations(study: LawsStudy, rows: Sequence[Row]) -> Figure:
     labels = {
         NOMINAL: "nominal",
         EXACT: "exact encoder",
@@ -248,7 +249,7 @@ def _bars(laws: list[str], shown: dict[str, tuple[list[float], str]], label: str
     return figure
 
 
-def _draw_repeats(rows: list[Row], exact: dict[str, Row]) -> Figure:
+def _draw_repeats(rows: Sequence[Row], exact: dict[str, Row]) -> Figure:
     with sheet(9.0, 4.2) as figure:
         axes = figure.add_subplot()
         counts = [0, *(int(str(row["repeats"])) for row in rows)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -210,6 +211,6 @@ class LawsStudy(Study):
         yield cases
 
 
-def chosen(rows: list[Row], variation: str) -> dict[str, Row]:
+def chosen(rows: Sequence[Row], variation: str) -> dict[str, Row]:
     """Return the rows of a variation that have values, by law."""
     return {str(row["law"]): row for row in rows if row["variation"] == variation and row["status"] == OK}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -102,7 +102,7 @@ def main_sweep(study: LoopStudy) -> str:
     return "servo_period" if study.theory is None else "loop_period"
 
 
-def sweep_verdicts(rows: list[Row]) -> dict[str, SweepVerdicts]:
+def sweep_verdicts(rows: Sequence[Row]) -> dict[str, SweepVerdicts]:
     """Return the verdicts on the unchanged job by sweep, for the sweeps with a run that was judged."""
     by_sweep: dict[str, dict[float, Acceptance | None]] = {}
     for row in rows:
@@ -116,7 +116,7 @@ def sweep_verdicts(rows: list[Row]) -> dict[str, SweepVerdicts]:
     }
 
 
-def loop_answer(study: LoopStudy, rows: list[Row], knees: dict[str, str]) -> str:
+def loop_answer(study: LoopStudy, rows: Sequence[Row], knees: dict[str, str]) -> str:
     """Return the answer.
 
     Args:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,7 +43,7 @@ DOWNWARDS = ("steady_following_along_rms_um",)
 class Panels:
     """Three panels over one swept value: errors on the left, spacing and speed ripple on the right."""
 
-    def __init__(self, axes: list[Axes], rows: list[Row], sweep: str, scale: float, label: str) -> None:
+    def __init__(self, axes: list[Axes], rows: Sequence[Row], sweep: str, scale: float, label: str) -> None:
         self.errors, self.spacing, self.ripple = axes
         self.rows = rows
         self.sweep = sweep

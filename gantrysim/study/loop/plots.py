@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,7 @@ _LEAST_DEVIATION = 1e-7
 _VALUE_COLOURS = (INK, COLOURS["servo"], AXIS_COLOURS[0], COLOURS["structure"], COLOURS["program"])
 
 
-def plots(study: LoopStudy, rows: list[Row]) -> list[Plot]:
+def plots(study: LoopStudy, rows: Sequence[Row]) -> list[Plot]:
     """Return a plot for each sweep that has cases."""
     sweeps: dict[str, tuple[Callable[[LoopStudy, Panels], str], float, str]] = {
         "loop_period": (_loop_period, _MS, "program loop period T [ms]"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ _SENSITIVE = 0.05  # of a value: a significant effect of the physics step
 Lines = list[tuple[str, str, str, str]]  # sweep, variant, result and value
 
 
-def report(study: LoopStudy, rows: list[Row]) -> Report:
+def report(study: LoopStudy, rows: Sequence[Row]) -> Report:
     """Return the knees and errors of all sweeps, the convergence over the physics step, and a plot of each sweep."""
     lines = [*_loop(study, rows), *_interpreter(study, rows), *_servo(rows), *_encoder(rows)]
     caption = (
@@ -50,7 +50,7 @@ def report(study: LoopStudy, rows: list[Row]) -> Report:
     )
 
 
-def _notes(study: LoopStudy, rows: list[Row]) -> list[str]:
+def _notes(study: LoopStudy, rows: Sequence[Row]) -> list[str]:
     notes = []
     converging = convergence(rows, AS_IT_IS)
     if moved := [CONVERGING[column] for column, value in converging.items() if value.deviation > _SENSITIVE]:
@@ -63,7 +63,7 @@ def _notes(study: LoopStudy, rows: list[Row]) -> list[str]:
     return notes
 
 
-def _loop(study: LoopStudy, rows: list[Row]) -> Lines:
+def _loop(study: LoopStudy, rows: Sequence[Row]) -> Lines:
     lines: Lines = []
 
     def add(variant: str, result: str, value: str) -> None:
@@ -121,7 +121,7 @@ def _errors(study: LoopStudy, changes: Mapping[str, Any]) -> LoopErrors | None:
     return None if theory is None else theory.errors()
 
 
-def _interpreter(study: LoopStudy, rows: list[Row]) -> Lines:
+def _interpreter(study: LoopStudy, rows: Sequence[Row]) -> Lines:
     time, pitch = series(rows, "value", "spacing_mean_mm", sweep="interpreter_time", variant=PERFECT)
     if time.size < 2 or time[0] > 0:
         return []
@@ -138,7 +138,7 @@ def _interpreter(study: LoopStudy, rows: list[Row]) -> Lines:
     return lines
 
 
-def _servo(rows: list[Row]) -> Lines:
+def _servo(rows: Sequence[Row]) -> Lines:
     lines: Lines = []
 
     def add(variant: str, result: str, value: str) -> None:
@@ -181,7 +181,7 @@ def _servo(rows: list[Row]) -> Lines:
     return lines
 
 
-def _encoder(rows: list[Row]) -> Lines:
+def _encoder(rows: Sequence[Row]) -> Lines:
     sweep = "encoder resolution"
     for variant in (NO_LOOP, AS_IT_IS):
         count, contour = series(rows, "value", "contour_rms_um", sweep="encoder_resolution", variant=variant)
@@ -199,7 +199,7 @@ def _encoder(rows: list[Row]) -> Lines:
     return lines
 
 
-def _convergence_table(rows: list[Row]) -> list[Table]:
+def _convergence_table(rows: Sequence[Row]) -> list[Table]:
     trends = {variant: convergence(rows, variant) for variant in (AS_IT_IS, NO_FRICTION)}
     if not trends[AS_IT_IS]:
         return []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -109,7 +110,7 @@ class Convergence:
         return max(abs(self.values[0] - other) for other in others) / abs(self.limit) if self.limit else 0.0
 
 
-def loop_knee(rows: list[Row]) -> tuple[float | None, float] | None:
+def loop_knee(rows: Sequence[Row]) -> tuple[float | None, float] | None:
     """Return the knee of the loop alone [s], as `knee`, and its floor, the contour error without any loop [µm].
 
     None without the cases for it.
@@ -121,7 +122,7 @@ def loop_knee(rows: list[Row]) -> tuple[float | None, float] | None:
     return knee(period, contour, float(floor[0])), float(floor[0])
 
 
-def convergence(rows: list[Row], variant: str) -> dict[str, Convergence]:
+def convergence(rows: Sequence[Row], variant: str) -> dict[str, Convergence]:
     """Return the convergence of a variant's values over the physics step, by column."""
     trends = {}
     for column in CONVERGING:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from gantrysim.machine.tolerances import in_words
 from gantrysim.study.acceptance import Acceptance, improve_command
 from gantrysim.study.cases import Row
@@ -13,7 +15,7 @@ QUESTION = "How many machines of this build will meet the tolerance?"
 _PER_CENT = 100.0
 
 
-def machine_answer(study: MachineStudy, rows: list[Row], influence: Influence, halves: tuple[float, float]) -> str:
+def machine_answer(study: MachineStudy, rows: Sequence[Row], influence: Influence, halves: tuple[float, float]) -> str:
     """Return the answer.
 
     Args:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +29,7 @@ _WORST = 5
 _MARGIN = 12  # beyond 0 and 100 %, for the label of the yield [%]
 
 
-def report(study: MachineStudy, rows: list[Row]) -> Report:
+def report(study: MachineStudy, rows: Sequence[Row]) -> Report:
     """Return the yield, the distribution of the metric over the machines, and the influence of every factor."""
     nominal = rows[0]
     good = [row for row in rows if row["status"] == OK]
@@ -75,7 +76,7 @@ def report(study: MachineStudy, rows: list[Row]) -> Report:
     return Report(QUESTION, answer, chart, influence, Details(notes, tables, plots))
 
 
-def _notes(rows: list[Row], factors: list[Influence]) -> list[str]:
+def _notes(rows: Sequence[Row], factors: list[Influence]) -> list[str]:
     notes = []
     if not factors[0].clear:
         notes.append("No factor has a significant influence.")

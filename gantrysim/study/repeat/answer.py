@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from gantrysim.metrics import RepeatedPath
 from gantrysim.plots.style import UM
 from gantrysim.study.acceptance import Acceptance, Scope, improve_command
@@ -12,7 +14,7 @@ from gantrysim.study.repeat.study import RepeatStudy
 QUESTION = "Does every repeat of this job meet the tolerance?"
 
 
-def repeat_answer(study: RepeatStudy, rows: list[Row], paths: dict[str, RepeatedPath]) -> str:
+def repeat_answer(study: RepeatStudy, rows: Sequence[Row], paths: dict[str, RepeatedPath]) -> str:
     """Return the answer.
 
     Args:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def report(study: RepeatStudy, rows: list[Row]) -> Report:
+def report(study: RepeatStudy, rows: Sequence[Row]) -> Report:
     """Return accuracy and repeatability by the source of variation, along the path and on the plan."""
     paths = study.paths(rows)
     if ALL not in paths:
@@ -42,7 +43,7 @@ def report(study: RepeatStudy, rows: list[Row]) -> Report:
     return Report(QUESTION, repeat_answer(study, rows, paths), chart, _table(paths), details)
 
 
-def _notes(study: RepeatStudy, rows: list[Row], path: RepeatedPath, axes: dict[str, Positioning]) -> list[str]:
+def _notes(study: RepeatStudy, rows: Sequence[Row], path: RepeatedPath, axes: dict[str, Positioning]) -> list[str]:
     notes = []
     if path.path_repeatability > 0:
         ratio = path.path_accuracy / path.path_repeatability

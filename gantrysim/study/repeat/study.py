@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -114,7 +115,7 @@ class RepeatStudy(Study):
         varied = [case.perturbation or Perturbation() for case in cases[:CYCLES]]
         return {name: positioning(self.job, name, varied) for name in linear_axes(self.job)}
 
-    def paths(self, rows: list[Row]) -> dict[str, RepeatedPath]:
+    def paths(self, rows: Sequence[Row]) -> dict[str, RepeatedPath]:
         """Return the repeated paths by varied source, if at least two repeats have values."""
         command = self.job.controller.requested.position(self.s)
         paths = {}

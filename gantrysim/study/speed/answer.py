@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from gantrysim.study.acceptance import improve_command, settings_text
 from gantrysim.study.cases import Row
 from gantrysim.study.speed.saturation import saturation_of
@@ -10,7 +12,7 @@ from gantrysim.study.speed.study import SpeedAnswer, SpeedStudy, speed_of
 QUESTION = "How fast can this job run within its tolerance?"
 
 
-def speed_answer(study: SpeedStudy, rows: list[Row], good: list[Row], result: SpeedAnswer) -> str:
+def speed_answer(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row], result: SpeedAnswer) -> str:
     """Return the answer.
 
     Args:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 _LOGARITHMIC_FROM = 5.0  # times the least value
 
 
-def report(study: SpeedStudy, rows: list[Row]) -> Report:
+def report(study: SpeedStudy, rows: Sequence[Row]) -> Report:
     """Return the fastest speed within the tolerance, the runs around it, and metric and links over the speed."""
     good = sorted((row for row in rows if row["status"] == OK), key=speed_of)
     if not good:
@@ -54,7 +55,7 @@ def report(study: SpeedStudy, rows: list[Row]) -> Report:
     return Report(QUESTION, sentence, chart, _table(study, rows, good), Details(notes, plots=[links]))
 
 
-def _table(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Table:
+def _table(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row]) -> Table:
     """Return the runs that matter: fastest within the tolerance, next faster, programmed speed, slowest."""
     criterion = study.criterion
     by_speed = {speed_of(row): row for row in rows}
@@ -93,7 +94,7 @@ def _table(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Table:
     return Table(columns, cells, caption="Fastest run within the tolerance, next faster, programmed and slowest run.")
 
 
-def _saturation(good: list[Row]) -> list[str]:
+def _saturation(good: Sequence[Row]) -> list[str]:
     """Return a note of the speed from which a faster program does not shorten the job, if it was reached."""
     saturation = saturation_of(good)
     if saturation is None:
@@ -104,7 +105,7 @@ def _saturation(good: list[Row]) -> list[str]:
     ]
 
 
-def _draw_metric(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Figure:
+def _draw_metric(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row]) -> Figure:
     criterion = study.criterion
     result = answer(study.tried(rows))
     with sheet(9.0, 4.8) as figure:
@@ -138,7 +139,7 @@ def _draw_metric(study: SpeedStudy, rows: list[Row], good: list[Row]) -> Figure:
     return figure
 
 
-def _draw_links(good: list[Row]) -> Figure:
+def _draw_links(good: Sequence[Row]) -> Figure:
     speeds = [speed_of(row) for row in good]
     with sheet(9.0, 4.8) as figure:
         axes = figure.add_subplot()

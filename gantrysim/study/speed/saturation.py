@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from gantrysim.study.cases import Row
@@ -22,7 +23,7 @@ class Saturation(NamedTuple):
     duration: float
 
 
-def saturation_of(good: list[Row]) -> Saturation | None:
+def saturation_of(good: Sequence[Row]) -> Saturation | None:
     """Return the saturation of runs with values; None if their speeds do not reach it."""
     durations = {speed_of(row): value for row in good if isinstance(value := row["duration_s"], float)}
     least = min(durations.values())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -71,7 +72,7 @@ class SpeedStudy(ToleranceStudy):
             rows = yield [Case.of(self.job, self.overrides(speed), round=number, speed_mm_s=speed) for speed in speeds]
             tried |= self.tried(rows)
 
-    def tried(self, rows: list[Row]) -> dict[float, bool]:
+    def tried(self, rows: Sequence[Row]) -> dict[float, bool]:
         """Return whether each speed of the rows [mm/s] is within the tolerance."""
         return {speed_of(row): self.criterion.within(row) for row in rows}
 
