@@ -4,7 +4,8 @@ python scripts/scale_out.py [--runs 10000] [--json]
 
 Each run is a short spiral on a machine drawn from its tolerances. Printed are the share of their time that the workers
 spend in runs, what the study adds to a run, rows in the ledger when half the runs are done, and the memory of study,
-scheduler, which is a thread of the study here, and workers after a tenth of the runs and at the end.
+scheduler, which is a thread of the study here, and workers after a tenth of the runs and at the end; by how much a row
+makes the study grow in between, and how long its line in the ledger is.
 """
 
 import argparse
@@ -13,6 +14,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import dask
 import numpy as np
@@ -49,19 +51,20 @@ def drawn_cases(runs: int) -> list[Case]:
     ]
 
 
-def memory() -> dict[str, float | list[int]]:
+def memory() -> dict[str, float | list[float]]:
     """Return the resident memory of this process and of its children, largest first [MB]."""
     here = psutil.Process()
     others = sorted((child.memory_info().rss for child in here.children(recursive=True)), reverse=True)
-    return {"study": round(here.memory_info().rss / 1e6), "others": [round(rss / 1e6) for rss in others]}
+    return {"study": here.memory_info().rss / 1e6, "others": [round(rss / 1e6) for rss in others]}
 
 
-def watch(runs: int, folder: Path, seen: dict[str, object]) -> Callable[[int, int], None]:
+def watch(runs: int, first: float, folder: Path, seen: dict[str, Any]) -> Callable[[int, int], None]:
     """Return a progress that notes the memory at the first share of the runs, and the rows on disk at half."""
 
     def progress(done: int, every: int) -> None:
-        if done >= FIRST * runs:  # lots of cases may step over it
-            seen["memory_first"] = seen.get("memory_first") or memory()
+        if done >= first * runs and "memory_first" not in seen:  # lots of cases may step over it
+            seen["done_at_first"] = done
+            seen["memory_first"] = memory()
         if done >= runs / 2 and "rows_on_disk" not in seen:
             seen["done_at_half"] = done
             seen["rows_on_disk"] = (folder / LEDGER).read_bytes().count(b"\n") - 1
@@ -69,10 +72,10 @@ def watch(runs: int, folder: Path, seen: dict[str, object]) -> Callable[[int, in
     return progress
 
 
-def scaled_out(runs: int) -> dict[str, object]:
-    """Run so many cases on the workers and return what was measured."""
+def scaled_out(runs: int, first: float = FIRST) -> dict[str, Any]:
+    """Run so many cases on the workers and return what was measured, after the first share of them."""
     cases = drawn_cases(runs)
-    seen: dict[str, object] = {}
+    seen: dict[str, Any] = {}
     with (
         dask.config.set(DASK),
         tempfile.TemporaryDirectory() as name,
@@ -81,10 +84,13 @@ def scaled_out(runs: int) -> dict[str, object]:
         Ledger(Path(name), {}) as ledger,
     ):
         begin = time.process_time()
-        rows = run_cases(cases, ledger, measure=timed, progress=watch(runs, Path(name), seen))
+        rows = run_cases(cases, ledger, measure=timed, progress=watch(runs, first, Path(name), seen))
         seen["study_cpu_ms_per_run"] = 1e3 * (time.process_time() - begin) / runs
         seen["memory_last"] = memory()
-    late = rows[round(FIRST * runs) :]
+        seen["ledger_bytes_per_row"] = (Path(name) / LEDGER).stat().st_size / runs
+    growth = seen["memory_last"]["study"] - seen["memory_first"]["study"]
+    seen["study_bytes_per_row"] = 1e6 * growth / (runs - seen["done_at_first"])
+    late = list(rows[round(first * runs) :])
     wall = max(row["end"] for row in late) - min(row["begin"] for row in late)
     spent = sum(row["end"] - row["begin"] for row in late)
     seen["busy"] = spent / (WORKERS * wall)
