@@ -9,6 +9,7 @@ makes the study grow in between, and how long its line in the ledger is.
 """
 
 import argparse
+import gc
 import json
 import tempfile
 import time
@@ -53,6 +54,7 @@ def drawn_cases(runs: int) -> list[Case]:
 
 def memory() -> dict[str, float | list[float]]:
     """Return the resident memory of this process and of its children, largest first [MB]."""
+    gc.collect()  # Dask's messages leave cycles of objects behind
     here = psutil.Process()
     others = sorted((child.memory_info().rss for child in here.children(recursive=True)), reverse=True)
     return {"study": here.memory_info().rss / 1e6, "others": [round(rss / 1e6) for rss in others]}
