@@ -163,6 +163,7 @@ def _finished(
             for rows, seconds in results:
                 pace.add(len(rows), seconds)
                 yield rows
+                rows.clear()  # joblib holds a finished lot in a cycle of objects, until Python looks for such
         except KeyboardInterrupt:
             if results is not None:  # deferred: before a result was asked for, which would have ended it
                 _close(results)
