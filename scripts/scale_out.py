@@ -29,8 +29,9 @@ from gantrysim.study.cases import Row
 from gantrysim.study.ledger import LEDGER
 
 WORKERS = 2
-# Dask's workers keep an hour of profiles and events, which is not the study's memory
-DASK = {"distributed.worker.profile.enabled": False, "distributed.admin.low-level-log-length": 1000}
+# Dask's workers keep an hour of profiles and events, and its scheduler the tasks of the last transitions in its log,
+# which is not the study's memory
+DASK = {"distributed.worker.profile.enabled": False, "distributed.admin.low-level-log-length": 100}
 SETTINGS = ["turns=1", "diameter=30", "thickness=5", "speed=150", "loop_period=0.05", "simulation.settle=0.05"]
 FIRST = 0.1  # share of the runs after which everything is imported, compiled and cached
 
