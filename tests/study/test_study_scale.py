@@ -19,8 +19,9 @@ def test_a_study_of_thousands_of_runs_keeps_its_workers_busy_and_its_memory_flat
     assert seen["busy"] >= 0.95
     # rows are written as they come: at most a lot of each worker is not yet on disk
     assert seen["rows_on_disk"] == seen["done_at_half"]
-    # less than the row's line of text: dicts of the rows would take three times that
-    assert seen["study_bytes_per_row"] < seen["ledger_bytes_per_row"]
+    # a row's values take half of its line of text, and what Dask has in this process up to two thirds; rows that are
+    # held as dicts take three times the line
+    assert seen["study_bytes_per_row"] < 1.5 * seen["ledger_bytes_per_row"]
     before = seen["memory_first"]["others"]
     after = seen["memory_last"]["others"]
     assert len(before) == len(after)
