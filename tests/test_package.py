@@ -78,9 +78,6 @@ def installed(archive, folder):
     subprocess.run([*command, "--no-compile", "--target", folder, archive], check=True, env=environment)
     for source in (ROOT / "gantrysim").rglob("*.py"):
         target = folder / source.relative_to(ROOT)
-        # numba takes compiled code for that of a source by its time and size
-        times = source.stat()
-        os.utime(target, ns=(times.st_atime_ns, times.st_mtime_ns))
         for compiled in source.parent.glob(f"__pycache__/{source.stem}.*.nb[ic]"):
             target.parent.joinpath("__pycache__").mkdir(exist_ok=True)
             with suppress(FileNotFoundError):  # written by another test under a passing name

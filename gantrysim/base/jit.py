@@ -4,32 +4,36 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numba
 from numba.core.event import Listener, register
 
 from gantrysim.base import pipeline
+from gantrysim.base.caches import Cached
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def jit(function: _Function) -> _Function:
     """Compile a function and cache the result on disk, or in memory alone where no folder can be written."""
-    return cached(numba.njit, error_model="numpy", no_cfunc_wrapper=True, pipeline_class=pipeline.WHOLE)(function)
+    return _cached(function, no_cfunc_wrapper=True, pipeline_class=pipeline.WHOLE)
 
 
-def cached(compiler: Callable[..., Any], *signature: Any, **options: Any) -> Callable[[_Function], _Function]:
-    """Return one of numba's decorators with its cache on disk, or without where no folder can be written."""
+def unlocked_jit(function: _Function) -> _Function:
+    """Compile a function as `jit` does, one that runs without Python's lock."""
+    return _cached(function, nogil=True)
 
-    def decorate(function: _Function) -> _Function:
-        try:
-            decorated: _Function = compiler(*signature, cache=True, **options)(function)
-        except RuntimeError:  # numba finds no place for the cache
-            decorated = compiler(*signature, **options)(function)
-        return decorated
 
-    return decorate
+def _cached(function: _Function, **options: Any) -> _Function:
+    if pipeline.is_tested():
+        compiled: Any = numba.njit(error_model="numpy", **options)(function)
+        compiled._cache = Cached(function, compiled.targetoptions)
+        return cast(_Function, compiled)
+    try:
+        return cast(_Function, numba.njit(error_model="numpy", cache=True, **options)(function))
+    except RuntimeError:  # numba finds no place for the cache
+        return cast(_Function, numba.njit(error_model="numpy", **options)(function))
 
 
 # what the compiled functions of a room compute

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import cached, inner_jit
+from gantrysim.base.jit import inner_jit, unlocked_jit
 from gantrysim.native.pointers import floats, logs_at, octets
 from gantrysim.native.row import Log
 from gantrysim.paths.nearest import along_compiled
@@ -95,7 +95,7 @@ def _to_chord(points, i, tip):
     return np.sqrt(x * x + y * y + z * z), lateral
 
 
-@cached(numba.njit, error_model="numpy", nogil=True)
+@unlocked_jit
 def measure(spans, places, period, peak, rows, totals):
     """Measure the ticks of some places from `first` to before `last`, and write the foot of the last.
 

@@ -5,13 +5,12 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Any, cast
+from typing import Any
 
-import numba
 from numba import types
 
-from gantrysim.base.jit import cached
-from gantrysim.native.compiling import c_function, fingerprint
+from gantrysim.base.fingerprint import fingerprint
+from gantrysim.native.compiling import c_function
 from gantrysim.native.layout import offsets
 from gantrysim.native.pointers import row_at
 from gantrysim.native.row import ROW_NUMBERS
@@ -42,11 +41,10 @@ def callback() -> Any:
 def clock() -> Any:
     """Return a C function for MuJoCo's timers that takes no time to tell: it is always 0."""
 
-    @cached(numba.cfunc, types.float64())
     def always_zero():
         return 0.0
 
-    return cast(Any, always_zero).ctypes
+    return c_function(always_zero, types.float64).ctypes
 
 
 @cache

@@ -84,7 +84,9 @@ def test_an_untested_version_of_numba_compiles_as_it_does():
         "from gantrysim.base import pipeline, jit\n"
         "print(pipeline.PART.__name__, pipeline.WHOLE.__name__)\n"
         "double = jit.inner_jit(lambda a: 2.0 * a)\n"
-        "print(jit.jit(lambda a: double(a) + 1.0)(3.0))"
+        "print(jit.jit(lambda a: double(a) + 1.0)(3.0))\n"
+        "from gantrysim.plots.style import _mark\n"
+        "print(type(_mark._cache).__name__)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "Compiler Compiler\n7.0\n"
+    assert done.stdout == "Compiler Compiler\n7.0\nFunctionCache\n"

@@ -1,4 +1,4 @@
-"""What the key of a compiled function covers, and what a stage of the tick is compiled of."""
+"""What the key of the servo tick covers, and what a stage of it is compiled of."""
 
 from __future__ import annotations
 
@@ -8,17 +8,11 @@ import numba
 import numpy as np
 import pytest
 
-from gantrysim.base.jit import inner_jit
-from gantrysim.native import compiling, tick
-from gantrysim.native.compiling import fingerprint, part
+from gantrysim.base import fingerprint
+from gantrysim.native import tick
+from gantrysim.native.compiling import part
 from gantrysim.native.row import ROW
 from gantrysim.servo.laws.observer import observe
-
-
-def _with(function, **names):
-    """Return a function with other globals, as if its module had been edited."""
-    return types.FunctionType(function.__code__, {**function.__globals__, **names}, function.__name__)
-
 
 LIMIT = 2.0
 
@@ -27,39 +21,18 @@ def _inner(x):
     return min(x, LIMIT)
 
 
-def _other_inner(x):
-    return max(x, LIMIT)
-
-
 def _outer(x):
     return _inner(x) + 1.0
-
-
-def test_a_key_changes_with_constants_and_with_what_is_called_and_with_nothing_else():
-    key = fingerprint(_outer)
-    assert key == fingerprint(_with(_outer))
-    assert key == fingerprint(_with(_outer, unused=3.0))
-    assert key != fingerprint(_with(_outer, _inner=_other_inner))
-    assert key != fingerprint(_with(_outer, _inner=_with(_inner, LIMIT=3.0)))
-    assert key == fingerprint(_with(_outer, _inner=inner_jit(_inner)))
 
 
 def test_the_key_of_the_tick_changes_with_its_layout_and_each_of_its_parts(monkeypatch):
     """A word more in the row moves all that come after it; a part is any function that the tick calls."""
     seen = set()
-    ingredients = compiling._ingredients
-    monkeypatch.setattr(compiling, "_ingredients", lambda f, done: seen.add(f.__name__) or ingredients(f, done))
-    fingerprint.__wrapped__(tick.step)
+    ingredients = fingerprint._ingredients
+    monkeypatch.setattr(fingerprint, "_ingredients", lambda f: seen.add(f.__name__) or ingredients(f))
+    fingerprint.fingerprint.__wrapped__(tick.step)
     assert {"sample", "_apply_law", "torque_demand", "filtered", "trip", "row_at", "_rows", "_typed_pointer"} <= seen
-    assert repr(ROW.descr) in "".join(ingredients(tick.row_at.py_func, set()))
-
-
-def test_a_key_refuses_what_it_does_not_cover():
-    class Secret:
-        pass
-
-    with pytest.raises(TypeError, match=r"_inner = .*constants"):
-        fingerprint(_with(_outer, _inner=Secret()))
+    assert repr(ROW.descr) in "".join(fingerprint._texts(tick.row_at.py_func, {}))
 
 
 def test_a_part_is_compiled_with_the_plain_functions_that_it_calls():
