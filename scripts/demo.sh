@@ -3,6 +3,10 @@
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/setup.sh" drawings,film
 
+if [ -n "$installed" ]; then
+    echo "compiling the functions of a run, once for this machine (some 10 s)"
+    gantrysim compile >/dev/null
+fi
 gantrysim run an225 --out "$root/out/an225"
 echo "report: $root/out/an225/report.html"
 if [ -f "$root/out/an225/video.mp4" ]; then

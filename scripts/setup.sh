@@ -1,5 +1,6 @@
 # Sourced by demo.sh and test.sh: makes .venv beside the project and installs it, pinned by constraints.txt.
-# Usage: source setup.sh [EXTRA[,EXTRA ...]]. Leaves $root, and .venv/bin first in $PATH.
+# Usage: source setup.sh [EXTRA[,EXTRA ...]]. Leaves $root, .venv/bin first in $PATH, and in $installed "yes" where it
+# has installed now.
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 extra=${1:+[$1]}
@@ -27,6 +28,7 @@ PATH="$root/.venv/bin:$PATH"
 
 # install again only where what is asked for has changed
 wanted=$(cat "$root/pyproject.toml" "$root/constraints.txt" "$root/gantrysim/__init__.py" | cksum)
+installed=
 stamp="$root/.venv/installed${1:+-$1}"
 if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
     echo "installing gantrysim$extra into .venv (the first time takes a minute or two)"
@@ -34,4 +36,5 @@ if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
     (cd "$root" && PIP_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 \
         .venv/bin/python -m pip install --quiet --editable ".$extra")
     echo "$wanted" >"$stamp"
+    installed=yes
 fi

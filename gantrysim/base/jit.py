@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, TypeVar, cast
 
 import numba
-from numba.core.event import Listener, register
+from numba.core.event import Listener, install_recorder, register
 
 from gantrysim.base import pipeline
 from gantrysim.base.caches import Cached
@@ -34,6 +35,19 @@ def _cached(function: _Function, **options: Any) -> _Function:
         return cast(_Function, numba.njit(error_model="numpy", cache=True, **options)(function))
     except RuntimeError:  # numba finds no place for the cache
         return cast(_Function, numba.njit(error_model="numpy", **options)(function))
+
+
+def cache_folder() -> str | None:
+    """Return the folder in which compiled functions of this room are kept, None where no folder can be written."""
+    folder: str | None = Cached(lambda: None, {}).cache_path
+    return folder
+
+
+@contextmanager
+def compilations() -> Iterator[Callable[[], int]]:
+    """Yield a function that returns how many functions numba has compiled in the block so far."""
+    with install_recorder("numba:compile") as recorder:
+        yield lambda: sum(event.is_start for _, event in recorder.buffer)
 
 
 # what the compiled functions of a room compute

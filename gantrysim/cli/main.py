@@ -17,6 +17,7 @@ from gantrysim.base.errors import GantryError, InputError, shortened, shown
 from gantrysim.base.toml_files import one_line
 from gantrysim.cli.check import check
 from gantrysim.cli.compare import compare
+from gantrysim.cli.compile import compile_ahead
 from gantrysim.cli.export import export
 from gantrysim.cli.gains import gains
 from gantrysim.cli.identify import identify
@@ -85,6 +86,7 @@ app.command()(compare)
 app.command()(identify)
 app.command("render")(render_command)
 app.command()(view)
+app.command("compile")(compile_ahead)
 
 
 @app.callback(invoke_without_command=True)

@@ -1,0 +1,64 @@
+"""The command `gantrysim compile`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gantrysim.cli.options import AllowCode
+from gantrysim.cli.terminal import say, stage
+
+if TYPE_CHECKING:
+    from gantrysim.job.job import Job
+
+Jobs = Annotated[
+    list[str] | None,
+    typer.Argument(help="Built-in jobs, TOML files, or program files; by default an225.", show_default=False),
+]
+
+
+def compile_ahead(jobs: Jobs = None, allow_code: AllowCode = False) -> None:
+    """Compile the functions of a run ahead of the first one, which otherwise takes some seconds longer.
+
+    They are kept beside the package's files, in the user's folder of caches where these may not be written, or in the
+    folder that NUMBA_CACHE_DIR names, until a release changes them. What they compute is simulated and dropped. Jobs
+    with other laws, drives, machines or faults need further functions: name yours to compile those too.
+
+    Exit status: 0 if runs of these jobs compile nothing more, 2 for bad input, or without a folder that can be written.
+    """
+    from gantrysim.base.errors import InputError
+    from gantrysim.base.jit import cache_folder, compilations
+    from gantrysim.job.job import Job
+
+    if cache_folder() is None:
+        raise InputError("no folder for compiled functions can be written: NUMBA_CACHE_DIR must name one that can")
+    names = jobs or ["an225"]
+    with compilations() as count:
+        for name in names:
+            loaded = Job.load(name, allow_code=allow_code)
+            with stage(loaded.name):
+                _run_once(loaded)
+    done = count()
+    result = f"{done} functions compiled" if done else "nothing to compile"
+    say(f"{result}: runs of {', '.join(names)} are ready")
+
+
+def _run_once(job: Job) -> None:
+    """Run a job and evaluate it, up to what its page draws."""
+    from gantrysim.bead import Bead
+    from gantrysim.metrics.analysis import Analysis
+    from gantrysim.metrics.budget import Budget
+    from gantrysim.plots.style import thinned
+    from gantrysim.report.viewer_data import ViewerData
+    from gantrysim.results.run_results import RunResults
+
+    record = job.run()
+    if not record.dispense.any():  # ended by a fault before there was anything to evaluate
+        return
+    analysis = Analysis(record)
+    results = RunResults(job, job.built_machine, Budget(analysis), Bead(record, job.bead, analysis))
+    _ = results.verdict, results.budget.values, results.bead_values, analysis.values
+    # as plots and page thin the lines of longer runs
+    thinned(record.time[analysis.ticks], results.budget.contour.lateral, columns=1)
+    _ = ViewerData(results, most=1).rows
