@@ -132,3 +132,22 @@ def test_a_function_without_a_key_is_compiled_in_every_process():
     assert compiled() == 2
     assert compiled._cache.cache_path is None
     assert jit.jit(lambda: 2)._cache.cache_path is not None
+
+
+LOADED = """
+import sys
+import numba, numpy as np
+from gantrysim.plots.style import _mark, thinned
+
+x = np.arange(9000.0)
+thinned(x, -x, 10)
+print(sum(_mark.stats.cache_hits.values()), "numba.np.arraymath" in sys.modules)
+print(numba.njit(lambda a: np.sort(a)[:2].sum())(-x))
+"""
+
+
+def test_code_is_loaded_without_numba_s_declarations_and_compiled_with_them(fresh, tmp_path):
+    for _ in range(2):
+        done = fresh.run(LOADED, tmp_path)
+        assert (done.status, done.error) == (0, "")
+    assert done.output == "1 False\n-17997.0\n"
