@@ -226,7 +226,8 @@ class Evaluation:
                 advance(done, known, name)
 
             causes = self.results.causes
-            improvement = improve(job, rows=rows, causes=causes, fastest=False, progress=progress)
+            budget = self.results.budget
+            improvement = improve(job, rows=rows, causes=causes, budget=budget, fastest=False, progress=progress)
         self._changes = change_section(improvement)
         show_changes(improvement)
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
+from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -73,15 +75,33 @@ def sheet(width: float, height: float) -> Iterator[Figure]:
     """Yield an empty figure of a width and height [inch] to draw on in the common style."""
     import matplotlib  # slow to import
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
     # over matplotlib's own defaults: a matplotlibrc of the user's has no effect
     known = matplotlib.rcParamsDefault
     defaults = {key: known[key] for key in known if key not in _OF_THE_PROCESS}
     with matplotlib.rc_context({**defaults, **_STYLE}):
-        figure = Figure(figsize=(width, height), layout="constrained")
+        figure = _figure_class()(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)
         yield figure
+
+
+@cache
+def _figure_class() -> type[Figure]:
+    """Return a class of figures that are drawn once when they are saved, where matplotlib draws them twice."""
+    from matplotlib.figure import Figure  # slow to import
+
+    class Sheet(Figure):
+        """A figure of which a drawing without output, made before it is saved, leaves nothing but its layout."""
+
+        def draw(self, renderer: Any) -> None:
+            engine = self.get_layout_engine()
+            is_muted = isinstance(renderer.draw_path, FunctionType)  # in the place of a method
+            if engine is not None and is_muted:
+                engine.execute(self)
+            else:
+                super().draw(renderer)
+
+    return Sheet
 
 
 def axes_on(on: Figure | SubFigure | Axes, **options: Any) -> Axes:

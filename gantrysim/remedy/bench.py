@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from gantrysim.base import memory
 from gantrysim.base.errors import whole
 from gantrysim.job.job import Job
+from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.outcome import Measured, Motion, Outcome, measured_together, motion_key
 
 ROOM = memory.LONG  # ticks: a record and its analysis take a kilobyte for each
@@ -75,6 +76,13 @@ class Bench:
         self._outcomes: dict[str, Outcome] = {}
         self._motions = Motions()
         self.task = Task()
+
+    def add(self, job: Job, budget: Budget) -> None:
+        """Add a job that has run, with the error budget of its record."""
+        run = budget.analysis.run
+        motion = Motion(job, run, budget if run.fault is None else None)
+        self._motions.keep(motion_key(job), motion)
+        self._keep({job.toml(): motion.outcome(job)})
 
     def measure(self, job: Job) -> Outcome:
         """Return what the run of a job shows."""

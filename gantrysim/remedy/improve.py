@@ -8,6 +8,7 @@ from dataclasses import replace
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.job.causes import Causes, causes_of
 from gantrysim.job.job import Job
+from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.bench import Bench, Progress
 from gantrysim.remedy.fastest import fastest_program
 from gantrysim.remedy.improvement import Improvement
@@ -25,6 +26,7 @@ def improve(
     levers: Iterable[str] | None = None,
     rows: Iterable[str] | None = None,
     causes: Causes | None = None,
+    budget: Budget | None = None,
     workers: int | None = None,
     fastest: bool | None = None,
     progress: Progress | None = None,
@@ -39,6 +41,7 @@ def improve(
         levers: names of the levers to try, by default all.
         rows: names of the rows of the verdict to improve, by default all that do not pass.
         causes: of the job's error, if they are known; found where they are needed otherwise.
+        budget: of the job's run, if it has run; simulated otherwise.
         workers: maximum number of threads, by default one for each core; the result does not depend on it.
         fastest: whether to look for the fastest program that is as good as the best combination; by default where the
             job gives a tolerance.
@@ -53,6 +56,8 @@ def improve(
         if name not in ROWS:
             raise unknown("row of the verdict", name, ROWS)
     bench = Bench(job, workers, progress)
+    if budget is not None:
+        bench.add(job, budget)
     before = bench.measure(job)
     if before.verdict is None:
         raise InputError(before.failure)

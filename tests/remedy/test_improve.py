@@ -11,6 +11,8 @@ from gantrysim import InputError, Job, Verdict
 from gantrysim.base.quantity import number_text
 from gantrysim.engine.record_columns import dispensed_otherwise
 from gantrysim.job.causes import causes_of
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.bench import Bench
 from gantrysim.remedy.combination import Pick
 from gantrysim.remedy.improve import improve, worst_rows
@@ -193,6 +195,18 @@ def test_a_motion_is_simulated_once_as_long_as_it_is_kept(monkeypatch):
     bench.measure(job.changed({"bead.gap": 0.7}))  # with a motion that is still kept, and dropped thereafter
     assert bench.measure(others[1]) == wanted[1]
     assert len(runs) == 2
+
+
+def test_a_run_that_is_known_is_not_made_again(monkeypatch):
+    job = fixed_flow()
+    budget = Budget(Analysis(job.run()))
+    runs = []
+    run = Job.run
+    monkeypatch.setattr(Job, "run", lambda self: runs.append(self) or run(self))
+    shown = improve(job, levers=GLUE_LEVERS, budget=budget, workers=1)
+    saved = len(runs)
+    assert str(shown) == str(improve(job, levers=GLUE_LEVERS, workers=1))
+    assert len(runs) == 2 * saved + 1
 
 
 @pytest.mark.parametrize(
