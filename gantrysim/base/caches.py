@@ -25,6 +25,20 @@ class _Place(CompileResultCacheImpl):  # type: ignore[misc]
         return f"{name}.py{sys.version_info[0]}{sys.version_info[1]}{abiflags}"
 
 
+class _Files(IndexDataCacheFile):  # type: ignore[misc]
+    """Files of a function, of which each names the key of its content.
+
+    Two processes that save at the same time may leave an index with a key of the one beside the code of the other.
+    """
+
+    def save(self, key: Any, data: Any) -> None:
+        super().save(key, (key, data))
+
+    def load(self, key: Any) -> Any:
+        stored_key, data = super().load(key) or (None, None)
+        return data if stored_key == key else None
+
+
 class _KeyedCache(FunctionCache):  # type: ignore[misc]
     """Numba's cache of a function, keyed by `fingerprint`.
 
@@ -42,7 +56,7 @@ class _KeyedCache(FunctionCache):  # type: ignore[misc]
         self._fingerprint = (fingerprint(function), repr(sorted(options.items())), _compiler_hash())
         super().__init__(function)
         stamp = code_hash(function) if function.__code__.co_freevars else self._fingerprint
-        self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base, stamp)
+        self._cache_file = _Files(self._cache_path, self._impl.filename_base, stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load machine code without numba's declarations, a quarter of a second: only its compiler needs them."""

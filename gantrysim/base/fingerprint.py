@@ -72,7 +72,8 @@ def _texts(function: Any, seen: dict[Any, int]) -> Iterator[str]:
 
 @cache
 def _ingredients(function: Any) -> _Ingredients:
-    texts = [*_code(function.__code__, function.__doc__), _constant(function.__name__, function.__defaults__)]
+    defaults = (function.__defaults__, tuple(sorted((function.__kwdefaults__ or {}).items())))
+    texts = [*_code(function.__code__, function.__doc__), _constant(function.__name__, defaults)]
     functions = []
     for name, value in outer_values(function):
         texts.append(name)

@@ -23,9 +23,10 @@ def compile_ahead(jobs: Jobs = None, allow_code: AllowCode = False) -> None:
 
     They are kept beside the package's files, in the user's folder of caches where these may not be written, or in the
     folder that NUMBA_CACHE_DIR names, until a release changes them. What they compute is simulated and dropped. Jobs
-    with other laws, drives, machines or faults need further functions: name yours to compile those too.
+    with other laws, drives, machines or faults need further functions: name yours to compile those too. So may what
+    gantrysim improve changes in a job.
 
-    Exit status: 0 if runs of these jobs compile nothing more, 2 for bad input, or without a folder that can be written.
+    Exit status: 0 if all is compiled, 2 for bad input, or without a folder that can be written.
     """
     from gantrysim.base.errors import InputError
     from gantrysim.base.jit import cache_folder, compilations

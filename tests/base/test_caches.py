@@ -111,6 +111,20 @@ def test_functions_with_other_values_in_their_closures_do_not_share_code(written
     assert all(map(is_loaded, functions))
 
 
+def test_an_index_that_names_the_code_of_another_key_is_not_believed(written, tmp_path):
+    """As two processes that save at the same time may leave it; numba itself runs the other's code."""
+    text = KERNELS + "\ndef adding(term):\n    @jit\n    def add(value):\n        return value + term\n    return add\n"
+    module = written(kernel_text=text)
+    functions = [module.adding(term) for term in (1.0, 10.0)]
+    assert [function(2.0) for function in functions] == [3.0, 12.0]
+    first, second = sorted(tmp_path.glob("__pycache__/*add.*.nbc"))
+    first.write_bytes(second.read_bytes())
+    module = written(kernel_text=text)
+    functions = [module.adding(term) for term in (1.0, 10.0)]
+    assert [function(2.0) for function in functions] == [3.0, 12.0]
+    assert list(map(is_loaded, functions)) == [False, True]
+
+
 def test_the_cache_is_where_numba_is_told_to_keep_it(written, tmp_path, monkeypatch):
     module = written()
     folder = tmp_path / "elsewhere"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dis
 import importlib
 import math
 import re
@@ -15,11 +16,10 @@ from numba.core.dispatcher import Dispatcher
 
 import gantrysim
 from gantrysim.base.caches import Cached
-from gantrysim.base.fingerprint import code_hash, fingerprint
+from gantrysim.base.fingerprint import _names, code_hash, fingerprint
 from gantrysim.base.jit import inner_jit
 
 LIMIT = 2.0
-NOTHING = math
 
 
 def _with(function, **names):
@@ -62,6 +62,7 @@ def test_a_key_changes_with_constants_and_with_what_is_called_and_with_nothing_e
         ("T = int32\ndef f(a): return T(a)", "T = int64\ndef f(a): return T(a)"),
         ("T = array([1.0, 2.0])\ndef f(a): return T[a]", "T = array([1.0, 3.0])\ndef f(a): return T[a]"),
         ("def f(a, b=1.0): return a + b", "def f(a, b=2.0): return a + b"),
+        ("def f(a, *, b=1.0): return a + b", "def f(a, *, b=2.0): return a + b"),
         (
             "def make(k): return lambda: k\ng = make(1)\nh = make(2)",
             "def make(k): return lambda: k\ng = make(1)\nh = g",
@@ -88,6 +89,20 @@ def test_docstrings_comments_and_lines_do_not_count():
         exec(text, names)
         keys.add((fingerprint(names["f"]), code_hash(names["f"])))
     assert len(keys) == 1
+
+
+def test_the_globals_of_a_function_are_those_that_python_disassembles():
+    """In whichever version of Python, whose instructions change."""
+    codes = [
+        _outer.__code__,
+        dis.get_instructions.__code__,
+        test_what_another_text_compiles_to_has_another_key.__code__,
+    ]
+    for code in codes:
+        loaded = {step.argval for step in dis.get_instructions(code) if step.opname == "LOAD_GLOBAL"}
+        nested = [constant for constant in code.co_consts if isinstance(constant, types.CodeType)]
+        assert _names(code) == loaded.union(*map(_names, nested))
+        assert loaded
 
 
 def test_names_beyond_the_256th_are_found():
