@@ -9,6 +9,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import inner_jit, jit
@@ -59,6 +60,25 @@ class Sampling(NamedTuple):
     cell: float
     steps: int
     samples: float
+
+
+class _Samples(NamedTuple):
+    """Samples of a section across the trace, (n,) each, and what each of the four cells around them receives.
+
+    Attributes:
+        place: to the left of the trace [mm].
+        weight: share of the section's volume, before it is divided by the sum of all.
+        cell: index of the lowest of the four cells, of those of the grid row by row.
+        low, low_right, high, high_right: volume that the four cells receive [mm³].
+    """
+
+    place: Floats
+    weight: Floats
+    cell: NDArray[np.int64]
+    low: Floats
+    low_right: Floats
+    high: Floats
+    high_right: Floats
 
 
 class _Interpolated(NamedTuple):
@@ -119,8 +139,11 @@ def lay(layer: Layer, stations: Stations, volume: Floats, cosine: float, samplin
         if volume[k] > 0.0:
             widest = max(widest, half[k], half[k + 1])
     most = math.ceil(2.0 * widest / cell * samples) + 3
-    place = np.empty(most)
-    weight = np.empty(most)
+    numbers = np.empty((6, most))
+    buffers = _Samples(
+        numbers[0], numbers[1], np.empty(most, np.int64), numbers[2], numbers[3], numbers[4], numbers[5]
+    )
+    flat_layer = Layer(layer.glue.ravel(), layer.moment.ravel(), layer.crest.ravel())
     for k in range(volume.size):
         if volume[k] <= 0.0:
             continue
@@ -142,72 +165,72 @@ def lay(layer: Layer, stations: Stations, volume: Floats, cosine: float, samplin
                 radius=(1.0 - f) * radius[k] + f * radius[k + 1],
                 bend=(1.0 - f) * curvature[k] + f * curvature[k + 1],
             )
-            count, total = _sampled(section, cosine, sampling, place, weight)
-            _add(layer, (place[:count], weight[:count]), total, part, (px, py, across, upward), (g, height))
+            count = _sample(section, cosine, sampling, buffers)
+            _share(buffers, count, part, (px, py, across, upward), layer.glue.shape)
+            _add(flat_layer, buffers, count, layer.glue.shape[1], (g, height))
+
+
+# The loops of the next two functions compute several samples at once: they keep no sum, and write arrays from their
+# first element on.
 
 
 @inner_jit
-def _sampled(
-    section: _Interpolated, cosine: float, sampling: Sampling, place: Floats, weight: Floats
-) -> tuple[int, float]:
-    """Sample a section across the trace, and return the number of samples and the sum of their weights.
+def _sample(section: _Interpolated, cosine: float, sampling: Sampling, samples: _Samples) -> int:
+    """Sample a section across the trace, and return the number of samples.
 
     Args:
         section: between two stations.
         cosine: of the contact angle.
         sampling: of the section.
-        place: of each sample, to the left, written [mm].
-        weight: of each sample, written.
+        samples: of which place and weight are written.
     """
     w, b, d, rho, bend = section
     # evenly in the flat and in each of the halves beside it, as a groove has steep walls
     count = 0
-    total = 0.0
     edge = b if d > 0.0 else 0.0
     for low, high in ((-w, -edge), (-edge, edge), (edge, w)):
         among = math.ceil((high - low) / sampling.cell * sampling.samples)
+        place = samples.place[count : count + among]
+        weight = samples.weight[count : count + among]
         for n in range(among):
             u = low + (high - low) * (n + 0.5) / among
             beside = max(abs(u) - b, 0.0)
             z = math.sqrt(max(rho * rho - beside * beside, 0.0)) - rho * cosine - (d if abs(u) < edge else 0.0)
-            place[count] = u
+            place[n] = u
             # in a bend, a strip on the inner side is shorter
-            weight[count] = max(z, 0.0) * max(1.0 - bend * u, 0.0) * (high - low) / among
-            total += weight[count]
-            count += 1
+            weight[n] = max(z, 0.0) * max(1.0 - bend * u, 0.0) * (high - low) / among
+        count += among
     if count == 0:  # a section without width
-        place[0] = 0.0
+        samples.place[0] = 0.0
+        samples.weight[0] = 0.0
         count = 1
-    return count, total
+    return count
 
 
 @inner_jit
-def _add(
-    layer: Layer,
-    samples: tuple[Floats, Floats],
-    total: float,
-    volume: float,
-    line: tuple[float, float, float, float],
-    heights: tuple[float, float],
+def _share(
+    samples: _Samples, count: int, volume: float, line: tuple[float, float, float, float], shape: tuple[int, int]
 ) -> None:
     """Share a volume among samples across the trace, and each sample among the four cells around it.
 
     Args:
-        layer: added to.
-        samples: place to the left [mm] and weight of each, (n,).
-        total: sum of the weights.
+        samples: of which the cells and what they receive are written.
+        count: number of samples.
         volume: to be shared [mm³].
         line: place of the trace [cells], and the direction to its left [cells/mm].
-        heights: of the nozzle and the crest [mm].
+        shape: of the grid, (ny, nx).
     """
-    glue, moment, crest = layer
-    place, weight = samples
     px, py, across, upward = line
-    gap, height = heights
-    ny, nx = glue.shape
-    for n in range(place.size):
-        u = place[n]
-        share = volume / place.size if total <= 0.0 else volume * weight[n] / total
+    ny, nx = shape
+    total = 0.0
+    for n in range(count):
+        total += samples.weight[n]
+    if total <= 0.0:
+        samples.weight[:count] = 1.0
+        total = float(count)
+    for n in range(count):
+        u = samples.place[n]
+        share = volume * samples.weight[n] / total
         # beyond the grid, on its rim
         cx = min(max(px + across * u, 0.0), nx - 1.001)
         cy = min(max(py + upward * u, 0.0), ny - 1.001)
@@ -215,15 +238,71 @@ def _add(
         j = int(cy)
         a = cx - i
         b = cy - j
-        for row, part in ((j, (1.0 - b) * share), (j + 1, b * share)):
-            glue[row, i] += (1.0 - a) * part
-            glue[row, i + 1] += a * part
-            if moment.size:
-                moment[row, i] += (1.0 - a) * part * gap
-                moment[row, i + 1] += a * part * gap
-            if crest.size:
-                crest[row, i] = max(crest[row, i], height)
-                crest[row, i + 1] = max(crest[row, i + 1], height)
+        low = (1.0 - b) * share
+        high = b * share
+        samples.cell[n] = j * nx + i
+        samples.low[n] = (1.0 - a) * low
+        samples.low_right[n] = a * low
+        samples.high[n] = (1.0 - a) * high
+        samples.high_right[n] = a * high
+
+
+@inner_jit
+def _add(layer: Layer, samples: _Samples, count: int, nx: int, heights: tuple[float, float]) -> None:
+    """Add what the cells around samples receive.
+
+    Args:
+        layer: added to; its cells row by row, (ny * nx,).
+        samples: across the trace.
+        count: number of samples.
+        nx: number of cells in a row.
+        heights: of the nozzle and the crest [mm].
+    """
+    glue, moment, crest = layer
+    gap, height = heights
+    # Several samples in a row lie between the same cells, whose glue is at hand meanwhile: the sums are those of adding
+    # one sample after the other to the map, without waiting for the map each time.
+    last = samples.cell[0]
+    low = glue[last]
+    low_right = glue[last + 1]
+    high = glue[last + nx]
+    high_right = glue[last + nx + 1]
+    for n in range(count):
+        k = samples.cell[n]
+        if k != last:
+            _write(glue, (low, low_right, high, high_right), crest, height, (last, nx))
+            low = glue[k]
+            low_right = glue[k + 1]
+            high = glue[k + nx]
+            high_right = glue[k + nx + 1]
+            last = k
+        low += samples.low[n]
+        low_right += samples.low_right[n]
+        high += samples.high[n]
+        high_right += samples.high_right[n]
+    _write(glue, (low, low_right, high, high_right), crest, height, (last, nx))
+    if moment.size:
+        for n in range(count):
+            k = samples.cell[n]
+            moment[k] += samples.low[n] * gap
+            moment[k + 1] += samples.low_right[n] * gap
+            moment[k + nx] += samples.high[n] * gap
+            moment[k + nx + 1] += samples.high_right[n] * gap
+
+
+@inner_jit
+def _write(
+    glue: Floats, four: tuple[float, float, float, float], crest: Floats, height: float, place: tuple[int, int]
+) -> None:
+    """Write the glue of the four cells at a place, index of the lowest and cells in a row; raise the crest there."""
+    k, nx = place
+    glue[k] = four[0]
+    glue[k + 1] = four[1]
+    glue[k + nx] = four[2]
+    glue[k + nx + 1] = four[3]
+    if crest.size:
+        for cell in (k, k + 1, k + nx, k + nx + 1):
+            crest[cell] = max(crest[cell], height)
 
 
 @jit

@@ -32,7 +32,7 @@ _changed = threading.Condition(threading.Lock())  # guards the four below
 _users = 0  # number of installations of the compiled tick; -1: a law in plain Python, which is alone
 _previous: Any = None  # callback before the first of them
 _timed = False  # whether MuJoCo's timers have a clock of the caller's own, which stays
-_clock: int | None = None  # address of MuJoCo's own clock, while it is away
+_clock: Any = None  # MuJoCo's own clock, while it is away
 _thread = threading.local()  # .depth: number of installations by this thread; .law: whether by a law in plain Python
 
 

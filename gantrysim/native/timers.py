@@ -18,24 +18,25 @@ _LIBRARIES = ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll")
 _CLOCK = ctypes.CFUNCTYPE(ctypes.c_double)
 
 
-def stop_timers() -> int | None:
-    """Take the clock of MuJoCo's timers away and return its address, None where they have a clock that stands still."""
+def stop_timers() -> Any:
+    """Take the clock of MuJoCo's timers away and return it for `restart_timers`; within stopped timers it is none."""
     slot = _clock_slot()
     if slot is None:
-        mujoco.set_mjcb_time(clock())
-        return None
+        before = mujoco.get_mjcb_time()  # None for MuJoCo's own
+        mujoco.set_mjcb_time(clock())  # which stands still
+        return before
     address = slot.value
     slot.value = None
     return address
 
 
-def restart_timers(address: int | None) -> None:
+def restart_timers(before: Any) -> None:
     """Give MuJoCo's timers the clock back that `stop_timers` took."""
     slot = _clock_slot()
     if slot is None:
-        mujoco.set_mjcb_time(None)  # MuJoCo's own clock
+        mujoco.set_mjcb_time(before)
     else:
-        slot.value = address
+        slot.value = before
 
 
 @cache
