@@ -15,6 +15,8 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import inner_jit, jit
 from gantrysim.bead.laying import hat_below
 
+_ROUNDING = 1e-9  # of distances [cells]
+
 
 def footprint(shape: tuple[int, int], x: Floats, y: Floats, half: Floats, wet: Floats, ends: Floats) -> Floats:
     """Return the sum of the passes' footprints, clipped to 1, (ny, nx).
@@ -77,28 +79,61 @@ def _pass_over(
     reach = max(start[2], stop[2]) + 1.0
     rows = (max(math.ceil(min(start[1], stop[1]) - reach), 0), math.floor(max(start[1], stop[1]) + reach) + 1)
     columns = (max(math.ceil(min(start[0], stop[0]) - reach), 0), math.floor(max(start[0], stop[0]) + reach) + 1)
+    end = min(columns[1], share.shape[1])
+    # less than the bead's half width by the edge's blur, and by far more than rounding: wet for certain
+    inside = min(start[2], stop[2]) - 1.0 - _ROUNDING
     for j in range(rows[0], min(rows[1], share.shape[0])):
-        py = j - start[1]
-        for i in range(columns[0], min(columns[1], share.shape[1])):
-            px = i - start[0]
-            along = min(max((px * dx + py * dy) * per_square, 0.0), 1.0)
-            half = start[2] + along * (stop[2] - start[2])
-            across = px - along * dx
-            upward = py - along * dy
-            distance = across * across + upward * upward  # squared: most cells need no root
-            if distance >= (half + 1.0) ** 2:
-                continue
-            if half >= 1.0 and distance <= (half - 1.0) ** 2:
-                wetted = 1.0
-            else:
-                distance = math.sqrt(distance)
-                wetted = hat_below(half - distance) - hat_below(-half - distance)
-            if last[j, i] >= number - 1:
-                present[j, i] = max(present[j, i], wetted)
-            else:
+        left, right = _wet_for_certain(start, stop, inside, j)
+        left = min(max(left, columns[0]), end)
+        right = max(min(right, end), left)
+        for i in range(left, right):
+            if last[j, i] < number - 1:
                 share[j, i] += present[j, i]
-                present[j, i] = wetted
+            present[j, i] = 1.0
             last[j, i] = number
+        py = j - start[1]
+        for low, high in ((columns[0], left), (right, end)):
+            for i in range(low, high):
+                px = i - start[0]
+                along = min(max((px * dx + py * dy) * per_square, 0.0), 1.0)
+                half = start[2] + along * (stop[2] - start[2])
+                across = px - along * dx
+                upward = py - along * dy
+                distance = across * across + upward * upward  # squared: most cells need no root
+                if distance >= (half + 1.0) ** 2:
+                    continue
+                if half >= 1.0 and distance <= (half - 1.0) ** 2:
+                    wetted = 1.0
+                else:
+                    distance = math.sqrt(distance)
+                    wetted = hat_below(half - distance) - hat_below(-half - distance)
+                if last[j, i] >= number - 1:
+                    present[j, i] = max(present[j, i], wetted)
+                else:
+                    share[j, i] += present[j, i]
+                    present[j, i] = wetted
+                last[j, i] = number
+
+
+@inner_jit
+def _wet_for_certain(
+    start: tuple[float, float, float], stop: tuple[float, float, float], radius: float, j: int
+) -> tuple[int, int]:
+    """Return the cells of a row within a radius of the line between two points: the first, and the one after the last.
+
+    They are those between the chords of the circles about both points, and none where there is no chord.
+    """
+    left = math.inf
+    right = -math.inf
+    for x, y in ((start[0], start[1]), (stop[0], stop[1])):
+        square = radius * radius - (j - y) * (j - y)
+        if radius > 0.0 and square > 0.0:
+            half = math.sqrt(square)
+            left = min(left, x - half)
+            right = max(right, x + half)
+    if left > right:
+        return 0, 0
+    return math.ceil(left), math.floor(right) + 1
 
 
 def wet_where_pushed(share: Floats, laid: Floats, pushed: Floats, ceiling: Floats) -> None:
@@ -110,7 +145,9 @@ def wet_where_pushed(share: Floats, laid: Floats, pushed: Floats, ceiling: Float
         pushed: height afterwards [mm].
         ceiling: height that the glue may have [mm].
     """
-    gain = pushed - laid
-    room = ceiling - laid
-    raised = (gain > 0.0) & (room > 0.0)
-    share[raised] += (1.0 - share[raised]) * np.minimum(gain[raised] / room[raised], 1.0)
+    risen = np.nonzero(pushed > laid)  # few cells
+    before = laid[risen]
+    gain = pushed[risen] - before
+    room = ceiling[risen] - before
+    filled = np.where(room > 0.0, np.minimum(gain / np.where(room > 0.0, room, 1.0), 1.0), 0.0)
+    share[risen] += (1.0 - share[risen]) * filled

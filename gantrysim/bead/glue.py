@@ -11,7 +11,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.bead.ends import SAMPLES, End, check_cells, upright
 from gantrysim.bead.footprint import footprint, wet_where_pushed
 from gantrysim.bead.laying import Layer, Sampling, Stations, cover, drop, headroom, lay
-from gantrysim.bead.pushing import means, push_aside
+from gantrysim.bead.pushing import exceeds, means, push_aside
 from gantrysim.bead.trace import BeadTrace
 
 _BLOCK = 8  # cells in a row that make one of the coarse map
@@ -128,6 +128,8 @@ def _on_grid(values: Floats, grid: tuple[Floats, Floats], wider: tuple[Floats, F
     below = round(float(grid[1][0] - wider[1][0]) / cell)
     after = wider[0].size - grid[0].size - before
     above = wider[1].size - grid[1].size - below
+    if not any((before, below, after, above)):
+        return values
     return np.pad(values, ((below, above), (before, after)))
 
 
@@ -141,7 +143,7 @@ def _with_room(
     bead: BeadTrace, x: Floats, y: Floats, height: Floats, ceiling: Floats, rise: Floats
 ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """Return a map with the dry cells around it that the excess will need, as tried on a map of coarse cells."""
-    if not (height > ceiling * (1 + _RIPPLE)).any():
+    if not exceeds(height, ceiling, _RIPPLE).any():
         return x, y, height, ceiling, rise
     dry = bead.gap
     free = _rise(bead)

@@ -352,9 +352,9 @@ def cover(under: Floats, x: Floats, y: Floats, volume: Floats, radius: float) ->
 @inner_jit
 def hat_below(t: float) -> float:
     """Share of a hat from -1 to 1 that lies below t."""
-    if t <= 0.0:
-        return 0.5 * max(1.0 + t, 0.0) ** 2
-    return 1.0 - 0.5 * max(1.0 - t, 0.0) ** 2
+    short = max(1.0 - abs(t), 0.0)
+    beyond = 0.5 * short * short
+    return beyond if t <= 0.0 else 1.0 - beyond
 
 
 def headroom(under: Floats, layer: Layer, gap: float, free: float) -> tuple[Floats, Floats]:
@@ -366,8 +366,13 @@ def headroom(under: Floats, layer: Layer, gap: float, free: float) -> tuple[Floa
         gap: the nozzle's height over cells without glue [mm].
         free: rise of a free surface, see `pushing.push_aside`.
     """
-    face = np.full(under.shape, gap)
+    face: Floats | float = gap
     if layer.moment.size:
+        face = np.full(under.shape, gap)
         np.divide(layer.moment, layer.glue, out=face, where=layer.glue > 0.0)
     beside = 1.0 - under
-    return under * face + beside * np.maximum(layer.crest, face), beside * free
+    ceiling = np.maximum(layer.crest, face)
+    ceiling *= beside
+    ceiling += under * face
+    beside *= free
+    return ceiling, beside
