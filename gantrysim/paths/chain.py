@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.base.arrays import Floats
+from gantrysim.base.arrays import Floats, seen
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
-from gantrysim.paths.lengths import swept_angle
+from gantrysim.paths.lengths import begin_of, swept_angle
 from gantrysim.paths.path import Local, Path, tangent_of
 from gantrysim.paths.pieces import (
     ROW,
@@ -166,6 +166,13 @@ class Chain(Path):
         k = np.clip(np.searchsorted(self._s, arc_length, side="right") - 1, 0, len(self.pieces) - 1)
         return k, arc_length - self._s[k]
 
+    @cached_property
+    def _planes(self) -> Floats:
+        """Directions of the planes of all pieces, or of one where all lie in it."""
+        frame = self._columns["frame"]
+        alike = not frame.strides[0] or (frame == frame[0]).all()
+        return seen(np.ascontiguousarray(frame[:1] if alike else frame))
+
     def _at(self, k: NDArray[np.intp], distance: Floats) -> _Places:
         return _Places(*_values(k, distance, self._packed))
 
@@ -201,7 +208,15 @@ class Chain(Path):
     def local(self, s: ArrayLike) -> Local:
         k, distance = self._locate(s)
         places = self._at(k, distance)
-        return Local.of(places.point, places.heading, places.climb, self._columns["frame"][k], places.turning)
+        heading = places.heading
+        return Local(
+            places.point,
+            (np.cos(heading), np.sin(heading)),
+            places.climb,
+            places.turning,
+            self._planes,
+            k if len(self._planes) > 1 else np.zeros_like(k),
+        )
 
     def frame(self, s: ArrayLike) -> Floats:
         return self._columns["frame"][self._locate(s)[0]]
@@ -217,6 +232,9 @@ def _values(k: NDArray[np.intp], distance: Floats, columns: _Columns) -> tuple[F
     climb = np.empty(n)
     turning = np.zeros(n)
     swept = np.zeros(n)
+    piece = -1
+    growth_and_rise = 0.0
+    begin = (0.0, 0.0)
     for i in range(n):
         j = k[i]
         for a in range(3):
@@ -229,7 +247,13 @@ def _values(k: NDArray[np.intp], distance: Floats, columns: _Columns) -> tuple[F
         turn = columns.turn[j]
         b = columns.growth[j]
         c = columns.rise[j]
-        phi = swept_angle(radius, b, np.hypot(b, c), distance[i], columns.angle[j])  # type: ignore[no-untyped-call]
+        if j != piece:  # points in a row mostly lie on one piece
+            piece = j
+            growth_and_rise = np.hypot(b, c)
+            begin = begin_of(radius, b, growth_and_rise)  # type: ignore[no-untyped-call]
+        phi = swept_angle(  # type: ignore[no-untyped-call]
+            radius, b, growth_and_rise, distance[i], columns.angle[j], begin
+        )
         swept[i] = phi
         rho = radius + b * phi
         psi = columns.begin[j] + turn * phi
@@ -239,7 +263,7 @@ def _values(k: NDArray[np.intp], distance: Floats, columns: _Columns) -> tuple[F
         for a in range(3):
             point[i, a] += x * frame[j, 0, a] + y * frame[j, 1, a] + z * frame[j, 2, a]
         heading[i] += columns.begin[j] + turn * (phi + np.arctan2(max(rho, 0.0), b))
-        climb[i] = c / max(np.hypot(np.hypot(rho, b), c), SHORTEST)
+        climb[i] = 0.0 if c == 0.0 else c / max(np.hypot(np.hypot(rho, b), c), SHORTEST)
         flat = rho * rho + b * b
         turning[i] = turn * (flat + b * b) / max(flat * np.sqrt(flat + c * c), SHORTEST**3)
     return point, heading, climb, turning, swept

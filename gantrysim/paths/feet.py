@@ -8,11 +8,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, dot
+from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import Column, by_blocks
 from gantrysim.base.jit import jit
 from gantrysim.paths.corners import Corners
 from gantrysim.paths.local import Local
+from gantrysim.paths.newton import INSIDE, LAST_STEP, Feet, Places, Search, step
 
 _STEPS = 60
 # Within so many entries of the table the feet on both sides of a corner are compared; of a trace and a corner so sharp
@@ -23,9 +24,6 @@ NEAR_SHARP = 2
 # Where a path does not nearly retrace itself, the foot of a point at a distance d inside a corner lies at most
 # d tan(alpha / 2) from it, alpha being the angle by which the tangent turns there, at most 143 degrees.
 _INSIDE_CORNER = 3.1
-_TOLERANCE = 1e-11  # [mm]
-_INSIDE = 1e-11  # [mm]
-_LAST_STEP = 1e-7  # of Newton's method, after which the error is of the order of its square [mm]
 
 
 @dataclass(frozen=True)
@@ -82,50 +80,32 @@ def foot_between(path: Curve, p: Floats, low: Floats, high: Floats, guess: Float
         high: end of each interval, (n,) [mm].
         guess: of the foot, (n,) [mm].
     """
-    first = low
-    last = high
-    low = low.copy()
-    high = high.copy()
-    s = np.clip(guess, low, high)
-    offset, normal, tangent = np.empty((3, len(p), 3))
-    end_tried = np.zeros(len(p), bool)
-    active = np.arange(len(p))
+    n = len(p)
+    search = Search(
+        point=np.ascontiguousarray(p),
+        first=low,
+        last=high,
+        low=low.copy(),
+        high=high.copy(),
+        s=np.clip(guess, low, high),
+        end_tried=np.zeros(n, bool),
+    )
+    feet = Feet(np.empty(n), np.empty((n, 3)), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
+    active = np.arange(n)
     for _ in range(_STEPS):
-        s_active = s[active]
-        local = path.local(s_active)
-        back = local.position - p[active]
-        along_path = local.tangent
-        ahead = dot(back, along_path)
-        slope = 1.0 + dot(back, local.curvature)
-        beyond = ahead > 0
-        high[active[beyond]] = s_active[beyond]
-        low[active[~beyond]] = s_active[~beyond]
-        step = np.divide(ahead, slope, out=np.full_like(ahead, np.inf), where=slope > 0)
-        moved = s_active - step
-        lowest = low[active]
-        highest = high[active]
-        outside = (moved < lowest) | (moved > highest)
-        # just inside, as a corner has another tangent on its other side
-        end = np.where(ahead > 0, first[active] + _INSIDE, last[active] - _INSIDE)
-        try_end = outside & ~end_tried[active] & (lowest < end) & (end < highest)
-        moved[outside] = np.where(try_end, end, 0.5 * (lowest + highest))[outside]
-        end_tried[active] |= outside
-        s[active] = moved
-        # the last step is so short that the path is straight along it
-        offset[active] = -back - (moved - s_active)[:, None] * along_path
-        normal[active] = local.normal
-        tangent[active] = along_path
-        active = active[np.abs(moved - s_active) > np.where(outside, _TOLERANCE, _LAST_STEP)]
+        places = _places(path.local(search.s[active]))
+        active = active[: step(search, places, active, feet, False)]  # type: ignore[no-untyped-call]
         if not active.size:
             break
     else:  # no convergence about a corner without a foot on either side
-        local = path.local(s[active])
-        offset[active] = p[active] - local.position
-        normal[active] = local.normal
-        tangent[active] = local.tangent
-    s = np.where(s - first <= 2 * _INSIDE, first, np.where(last - s <= 2 * _INSIDE, last, s))
-    vertical = dot(offset, np.cross(tangent, normal))
-    return Projection(s, offset, dot(offset, normal), vertical, dot(offset, tangent), np.sqrt(dot(offset, offset)))
+        step(search, _places(path.local(search.s[active])), active, feet, True)  # type: ignore[no-untyped-call]
+    return Projection(*feet)
+
+
+def _places(local: Local) -> Places:
+    """Return the path at arc lengths as compiled code takes it."""
+    cosine, sine = local.heading
+    return Places(local.position, cosine, sine, local.sine, local.turning, local.frames, local.plane)
 
 
 def compare_legs(path: Curve, p: Floats, projection: Projection, spacing: float, sharp: Floats | float) -> None:
@@ -148,11 +128,11 @@ def compare_legs(path: Curve, p: Floats, projection: Projection, spacing: float,
     before = np.maximum(edges[k[near] - 1], corner - reach[near])
     after = np.minimum(edges[k[near] + 1], corner + reach[near])
     # the last step to a foot may have crossed the corner, with the frame of the leg that it left
-    crossed = np.abs(projection.s[near] - corner) <= 2 * _LAST_STEP
+    crossed = np.abs(projection.s[near] - corner) <= 2 * LAST_STEP
     ahead = projection.s[near] > corner
     for side, low, high in ((~ahead, before, corner), (ahead, corner, after)):
         other = foot_between(path, p[near], low, high, 0.5 * (low + high))
-        closer = other.distance < projection.distance[near] - _INSIDE  # a tie leaves the foot as it is
+        closer = other.distance < projection.distance[near] - INSIDE  # a tie leaves the foot as it is
         closer |= crossed & side
         for name, values in vars(projection).items():
             values[near[closer]] = getattr(other, name)[closer]

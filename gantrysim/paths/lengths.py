@@ -41,21 +41,39 @@ def _together(*values: ArrayLike) -> tuple[list[Floats], tuple[int, ...]]:
 
 @inner_jit
 def _length(r, b, c, angle):
-    middle = r + 0.5 * b * angle
-    square = c * c
-    if abs(b * angle) <= _EVEN * np.sqrt(middle * middle + square):
-        total = 0.0
-        for i in range(_NODES.size):
-            rho = middle + 0.5 * b * angle * _NODES[i]
-            total += _WEIGHTS[i] * np.sqrt(rho * rho + square)  # faster than hypot
-        return 0.5 * angle * total
+    if _is_even(r, b, c, angle):
+        return _quadrature(r, b, c, angle)
     return (_antiderivative(r + b * angle, c) - _antiderivative(r, c)) / b
 
 
 @inner_jit
-def _antiderivative(rho, c):
+def _is_even(r, b, c, angle):
+    """Whether the radius changes so little up to an angle that `_quadrature` is exact."""
+    middle = r + 0.5 * b * angle
+    return abs(b * angle) <= _EVEN * np.sqrt(middle * middle + c * c)
+
+
+@inner_jit
+def _quadrature(r, b, c, angle):
+    middle = r + 0.5 * b * angle
     square = c * c
-    return 0.5 * (rho * np.hypot(rho, c) + square * (np.arcsinh(rho / abs(c)) if square > 0 else 0.0))
+    total = 0.0
+    for i in range(_NODES.size):
+        rho = middle + 0.5 * b * angle * _NODES[i]
+        total += _WEIGHTS[i] * np.sqrt(rho * rho + square)  # faster than hypot
+    return 0.5 * angle * total
+
+
+@inner_jit
+def _antiderivative(rho, c):
+    return _antiderivative_at(rho, c, np.hypot(rho, c))
+
+
+@inner_jit
+def _antiderivative_at(rho, c, rate):
+    """Return F(rho), given the rate hypot(rho, c)."""
+    square = c * c
+    return 0.5 * (rho * rate + square * (np.arcsinh(rho / abs(c)) if square > 0 else 0.0))
 
 
 @jit
@@ -73,12 +91,9 @@ def swept_along(r, b, c, s, most):
 
 @jit
 def _find_angles(r, b, c, s, most, angles):
-    rate = np.hypot(r, c)
+    begin = begin_of(r, b, c)
     for k in range(s.size):
-        if b * c == 0.0:
-            angles[k] = _guess(rate, b, s[k], most)
-        else:
-            angles[k] = swept_angle(r, b, c, s[k], most)
+        angles[k] = swept_angle(r, b, c, s[k], most, begin)
 
 
 @inner_jit
@@ -89,17 +104,29 @@ def _guess(rate, b, s, most):
 
 
 @inner_jit
-def swept_angle(r, b, c, s, most):
+def begin_of(r, b, c):
+    """Return what `swept_angle` needs of a curve's start: the rate ds / d(phi), and the antiderivative of its length."""
+    return np.hypot(r, c), 0.0 if b * c == 0.0 else _antiderivative(r, c)
+
+
+@inner_jit
+def swept_angle(r, b, c, s, most, begin):
     """Return the angle from 0 to `most` at which the arc length is s, by Newton's method to 1e-14 [rad].
 
-    The radius r + b phi must not be negative up to there.
+    The radius r + b phi must not be negative up to there; `begin` is that of `begin_of`.
     """
-    angle = _guess(np.hypot(r, c), b, s, most)
+    rate_at_start, from_start = begin
+    angle = _guess(rate_at_start, b, s, most)
     if b * c == 0.0:
         return angle
     for _ in range(_NEWTON_STEPS):
-        rate = np.hypot(r + b * angle, c)
-        step = (_length(r, b, c, angle) - s) / rate if rate > 0 else 0.0
+        rho = r + b * angle
+        rate = np.hypot(rho, c)
+        if _is_even(r, b, c, angle):
+            length = _quadrature(r, b, c, angle)
+        else:
+            length = (_antiderivative_at(rho, c, rate) - from_start) / b
+        step = (length - s) / rate if rate > 0 else 0.0
         improved = min(max(angle - step, 0.0), most)
         converged = abs(improved - angle) <= _LAST_STEP * improved
         angle = improved

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 
@@ -15,31 +17,41 @@ class Local:
 
     Attributes:
         position: points c, (n, 3) [mm].
-        along: directions h of the heading, in the plane, (n, 3).
-        normal: left normals n, (n, 3).
-        up: normals w of the plane, (n, 3).
-        cosine, sine: of the angle of climb beta, (n,).
+        heading: cosine and sine of the heading theta, (n,) each.
+        sine: of the angle of climb beta, (n,).
         turning: kappa = d(theta)/ds, (n,) [1/mm].
+        frames: directions u, v, w of planes, (m, 3, 3).
+        plane: which of them each point has, (n,).
     """
 
     position: Floats
-    along: Floats
-    normal: Floats
-    up: Floats
-    cosine: Floats
+    heading: tuple[Floats, Floats]
     sine: Floats
     turning: Floats
+    frames: Floats
+    plane: NDArray[np.intp]
 
-    @classmethod
-    def of(cls, position: Floats, heading: Floats, climb: Floats, frame: Floats, turning: Floats) -> Local:
-        """Return the frame from the values of `Path`'s methods."""
-        cos = np.cos(heading)[:, None]
-        sin = np.sin(heading)[:, None]
-        u = frame[:, 0]
-        v = frame[:, 1]
-        w = frame[:, 2]
-        level = np.sqrt(np.maximum(1 - climb**2, 0.0))
-        return cls(position, cos * u + sin * v, cos * v - sin * u, w, level, climb, turning)
+    @cached_property
+    def along(self) -> Floats:
+        """Directions h of the heading, in the plane, (n, 3)."""
+        cosine, sine = self.heading
+        return cosine[:, None] * self._direction(0) + sine[:, None] * self._direction(1)
+
+    @cached_property
+    def normal(self) -> Floats:
+        """Left normals n, (n, 3)."""
+        cosine, sine = self.heading
+        return cosine[:, None] * self._direction(1) - sine[:, None] * self._direction(0)
+
+    @cached_property
+    def up(self) -> Floats:
+        """Normals w of the plane, (n, 3)."""
+        return self._direction(2)
+
+    @cached_property
+    def cosine(self) -> Floats:
+        """Cosine of the angle of climb, (n,)."""
+        return np.sqrt(np.maximum(1 - self.sine**2, 0.0))
 
     @property
     def tangent(self) -> Floats:
@@ -50,3 +62,9 @@ class Local:
     def curvature(self) -> Floats:
         """Curvature vectors kappa cos(beta) n, that is dt/ds at a constant climb, (n, 3) [1/mm]."""
         return (self.turning * self.cosine)[:, None] * self.normal
+
+    def _direction(self, k: int) -> Floats:
+        """Return one direction of each point's plane, (n, 3)."""
+        if len(self.frames) == 1:  # most paths have one plane
+            return np.broadcast_to(self.frames[0, k], (self.plane.size, 3))
+        return self.frames[self.plane, k]

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.base.arrays import Floats
+from gantrysim.base.arrays import Floats, read_only
 from gantrysim.base.columns import blocks, table_by_blocks
 from gantrysim.base.errors import InputError
 from gantrysim.paths.corners import Corners
@@ -32,6 +32,7 @@ from gantrysim.paths.nearest import along_blocks
 _TABLE_SPACING = 0.05  # [mm]
 _TABLE_SIZE = (256, 1_000_000)  # beyond that the spacing grows,
 _WIDEST_SPACING = 0.5  # but not above that [mm]: a bead's neighbour is further away
+_UPRIGHT = read_only(np.eye(3)[None])  # the frame of the XY plane
 _LONGEST = 1e7  # that memory has room for: 640 MB of points [mm]
 
 
@@ -70,11 +71,15 @@ class Path(ABC):
 
     def frame(self, s: ArrayLike) -> Floats:
         """Directions u, v, w of the plane, (n, 3, 3)."""
-        return np.broadcast_to(np.eye(3), (np.size(s), 3, 3))
+        return np.broadcast_to(_UPRIGHT[0], (np.size(s), 3, 3))
 
     def local(self, s: ArrayLike) -> Local:
         """Return points and the path's frame there."""
-        return Local.of(self.position(s), self.heading(s), self.climb(s), self.frame(s), self.curvature(s))
+        theta = self.heading(s)
+        plane = np.zeros(theta.size, np.intp)
+        return Local(
+            self.position(s), (np.cos(theta), np.sin(theta)), self.climb(s), self.curvature(s), _UPRIGHT, plane
+        )
 
     def tangent(self, s: ArrayLike) -> Floats:
         """Unit tangents t(s), (n, 3)."""
