@@ -15,6 +15,9 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import inner_jit, jit
 
 
+_BAND = 32  # rows that are computed at a time, so that what lies between stays near the processor
+
+
 class Layer(NamedTuple):
     """Glue of a layer on a grid, added to in place.
 
@@ -140,9 +143,7 @@ def lay(layer: Layer, stations: Stations, volume: Floats, cosine: float, samplin
             widest = max(widest, half[k], half[k + 1])
     most = math.ceil(2.0 * widest / cell * samples) + 3
     numbers = np.empty((6, most))
-    buffers = _Samples(
-        numbers[0], numbers[1], np.empty(most, np.int64), numbers[2], numbers[3], numbers[4], numbers[5]
-    )
+    buffers = _Samples(numbers[0], numbers[1], np.empty(most, np.int64), numbers[2], numbers[3], numbers[4], numbers[5])
     flat_layer = Layer(layer.glue.ravel(), layer.moment.ravel(), layer.crest.ravel())
     for k in range(volume.size):
         if volume[k] <= 0.0:
@@ -366,13 +367,16 @@ def headroom(under: Floats, layer: Layer, gap: float, free: float) -> tuple[Floa
         gap: the nozzle's height over cells without glue [mm].
         free: rise of a free surface, see `pushing.push_aside`.
     """
-    face: Floats | float = gap
-    if layer.moment.size:
-        face = np.full(under.shape, gap)
-        np.divide(layer.moment, layer.glue, out=face, where=layer.glue > 0.0)
-    beside = 1.0 - under
-    ceiling = np.maximum(layer.crest, face)
-    ceiling *= beside
-    ceiling += under * face
-    beside *= free
-    return ceiling, beside
+    ceiling = np.empty(under.shape)
+    rise = np.empty(under.shape)
+    for first in range(0, len(under), _BAND):
+        rows = slice(first, first + _BAND)
+        face: Floats | float = gap
+        if layer.moment.size:
+            face = np.full(under[rows].shape, gap)
+            np.divide(layer.moment[rows], layer.glue[rows], out=face, where=layer.glue[rows] > 0.0)
+        beside = 1.0 - under[rows]
+        np.multiply(beside, np.maximum(layer.crest[rows], face), out=ceiling[rows])
+        ceiling[rows] += under[rows] * face
+        np.multiply(beside, free, out=rise[rows])
+    return ceiling, rise

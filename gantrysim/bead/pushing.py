@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,7 +130,7 @@ def _coarser(values: Floats, edge: bool) -> Floats:
     inside += values[1::2, : nx - nx % 2 : 2]
     inside += values[1::2, 1::2]
     inside *= 0.25
-    fill = "edge" if edge else "constant"
+    fill: Literal["edge", "constant"] = "edge" if edge else "constant"
     if nx % 2:
         coarse[:, -1] = _coarser(np.pad(values[:, -1:], ((0, ny % 2), (0, 1)), fill), edge)[:, 0]
     if ny % 2:

@@ -57,19 +57,21 @@ def spacing(path: Path, trace: ArrayLike) -> Spacing:
     return spacing_of(path, foot, np.arange(foot.s.size))
 
 
-def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing:
+def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp], heading: Floats | None = None) -> Spacing:
     """Return the spacing of a trace as `spacing` does, from its projection.
 
     Args:
         path: the requested path.
         foot: the trace's projection onto it.
         ticks: ticks of the trace's points, ascending, (n,); missing ticks are gaps of the trace.
+        heading: of the path at those feet that are ahead of all before, if it is known [rad].
     """
     advancing = forward(foot.s)
     s = foot.s[advancing]
     lateral = foot.lateral[advancing]
     parts = np.concatenate([[0], np.cumsum(np.diff(ticks) > 1)])[advancing]
-    heading = by_blocks(lambda block: path.heading(s[block]), s.size)
+    if heading is None:
+        heading = by_blocks(lambda block: path.heading(s[block]), s.size)
 
     def offset(place: Floats) -> Floats:
         return np.interp(place, s, lateral)

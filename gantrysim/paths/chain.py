@@ -173,19 +173,19 @@ class Chain(Path):
         alike = not frame.strides[0] or (frame == frame[0]).all()
         return seen(np.ascontiguousarray(frame[:1] if alike else frame))
 
-    def _at(self, k: NDArray[np.intp], distance: Floats) -> _Places:
-        return _Places(*_values(k, distance, self._packed))
+    def _at(self, k: NDArray[np.intp], distance: Floats, points: bool = True, frame: bool = True) -> _Places:
+        return _Places(*_values(k, distance, self._packed, points, frame))
 
     @cached_property
     def _packed(self) -> _Columns:
         return _Columns(*(self._columns[name] for name in _Columns._fields))
 
     def position(self, s: ArrayLike) -> Floats:
-        return self._at(*self._locate(s)).point
+        return self._at(*self._locate(s), frame=False).point
 
     def tangent(self, s: ArrayLike) -> Floats:
         k, distance = self._locate(s)
-        places = self._at(k, distance)
+        places = self._at(k, distance, points=False)
         return tangent_of(places.heading, places.climb, self._columns["frame"][k])
 
     def position_and_share(self, s: ArrayLike) -> tuple[Floats, Floats]:
@@ -197,13 +197,13 @@ class Chain(Path):
         return places.point, np.where(coil, places.swept / angle, distance / np.diff(self._s)[k])
 
     def heading(self, s: ArrayLike) -> Floats:
-        return self._at(*self._locate(s)).heading
+        return self._at(*self._locate(s), points=False).heading
 
     def curvature(self, s: ArrayLike) -> Floats:
-        return self._at(*self._locate(s)).turning
+        return self._at(*self._locate(s), points=False).turning
 
     def climb(self, s: ArrayLike) -> Floats:
-        return self._at(*self._locate(s)).climb
+        return self._at(*self._locate(s), points=False).climb
 
     def local(self, s: ArrayLike) -> Local:
         k, distance = self._locate(s)
@@ -223,8 +223,16 @@ class Chain(Path):
 
 
 @jit
-def _values(k: NDArray[np.intp], distance: Floats, columns: _Columns) -> tuple[Floats, ...]:
-    """Return the fields of `_Places` at distances from the starts of the pieces k."""
+def _values(k: NDArray[np.intp], distance: Floats, columns: _Columns, points: bool, frames: bool) -> tuple[Floats, ...]:
+    """Return the fields of `_Places` at distances from the starts of the pieces k.
+
+    Args:
+        k: pieces, (n,).
+        distance: from their starts, (n,) [mm].
+        columns: of the pieces.
+        points: whether the points are needed; if not, they have no meaning.
+        frames: whether heading, climb and turning are needed.
+    """
     frame = columns.frame
     n = k.size
     point = np.empty((n, 3))
@@ -256,13 +264,17 @@ def _values(k: NDArray[np.intp], distance: Floats, columns: _Columns) -> tuple[F
         )
         swept[i] = phi
         rho = radius + b * phi
-        psi = columns.begin[j] + turn * phi
-        x = rho * np.cos(psi)
-        y = rho * np.sin(psi)
-        z = c * phi
-        for a in range(3):
-            point[i, a] += x * frame[j, 0, a] + y * frame[j, 1, a] + z * frame[j, 2, a]
-        heading[i] += columns.begin[j] + turn * (phi + np.arctan2(max(rho, 0.0), b))
+        if points:
+            psi = columns.begin[j] + turn * phi
+            x = rho * np.cos(psi)
+            y = rho * np.sin(psi)
+            z = c * phi
+            for a in range(3):
+                point[i, a] += x * frame[j, 0, a] + y * frame[j, 1, a] + z * frame[j, 2, a]
+        if not frames:
+            continue
+        quarter = 0.5 * np.pi if b == 0.0 and rho > 0.0 else np.arctan2(max(rho, 0.0), b)
+        heading[i] += columns.begin[j] + turn * (phi + quarter)
         climb[i] = 0.0 if c == 0.0 else c / max(np.hypot(np.hypot(rho, b), c), SHORTEST)
         flat = rho * rho + b * b
         turning[i] = turn * (flat + b * b) / max(flat * np.sqrt(flat + c * c), SHORTEST**3)
