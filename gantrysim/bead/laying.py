@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import inner_jit, jit
 
-
 _BAND = 32  # rows that are computed at a time, so that what lies between stays near the processor
 
 

@@ -108,16 +108,14 @@ def _handed_on(height: Floats, ceiling: Floats, rise: Floats, ripple: float, swe
 def means(values: Floats, size: int, beyond: float) -> Floats:
     """Return means over blocks of `size` by `size` cells; incomplete ones are filled with `beyond`."""
     ny, nx = values.shape
-    by_rows = np.zeros((-(-ny // size), nx))
+    rows = -(-ny // size)
+    columns = -(-nx // size)
+    blocks = np.full((rows * size, columns * size), beyond)
+    blocks[:ny, :nx] = values
+    sums = np.zeros((rows, columns))
     for j in range(size):
-        rows = values[j::size]
-        by_rows[: len(rows)] += rows
-    by_rows[-1] += (-ny % size) * beyond
-    sums = np.zeros((len(by_rows), -(-nx // size)))
-    for i in range(size):
-        columns = by_rows[:, i::size]
-        sums[:, : columns.shape[1]] += columns
-    sums[:, -1] += (-nx % size) * size * beyond
+        for i in range(size):
+            sums += blocks[j::size, i::size]
     return np.asarray(sums / size**2)
 
 

@@ -130,6 +130,7 @@ class Batch:
 
     Attributes:
         runs: the simulations by place, once they are loaded.
+        beside: called when Python is about to wait for the simulations, to start what other threads do meanwhile.
 
     Raises:
         InputError: a number of places or threads below one.
@@ -151,6 +152,7 @@ class Batch:
         self._source = machine.source
         self._loaded: dict[int, Simulation] = {}
         self.runs: dict[int, Started] = {}
+        self.beside: Callable[[], None] | None = None
 
     def load(self, simulations: Mapping[int, Simulation]) -> None:
         """Put simulations, at their start, into places.
@@ -243,6 +245,8 @@ class Batch:
             for place, model in changed.items():
                 self._models[place] = model
             self._batch.set_models(self._models)
+        if self.beside is not None:
+            self.beside()
         self._batch.step(numbers, nstep=steps)
 
     def stops(self, numbers: Sequence[int]) -> NDArray[np.int64]:

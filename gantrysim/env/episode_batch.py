@@ -65,6 +65,9 @@ class EpisodeBatch(ABC):
         self._axes = len(machine.axes)
         self._batch = Batch(machine, places, threads)
         self._ahead = DrawnAhead(self.source) if ahead else None
+        if self._ahead is not None:
+            # not earlier: a thread that draws holds Python's lock, for which this one would have to wait
+            self._batch.beside = self._ahead.start
         self._parts = min(places, os.cpu_count() or 1 if threads is None else threads)
         self._threads = ThreadPoolExecutor(self._parts, "measurements")  # they begin when they are first needed
         field = self._batch.field  # live views
@@ -211,6 +214,7 @@ class EpisodeBatch(ABC):
     def close(self) -> None:
         """Draw no more episodes, and end the threads."""
         if self._ahead is not None:
+            self._batch.beside = None
             self._ahead.close()
             self._ahead = None
         self._parts = 1
@@ -248,8 +252,6 @@ class EpisodeBatch(ABC):
             last = self._ticks - self._sent + self._spans["count"] - 1  # tick, if no stream waits at a gate
             steps_left = int((last * substeps + 1 - self._steps)[places].max())
             steps = min(self.source.ticks, -(-steps_left // substeps)) * substeps  # decisions fall on ticks
-        if self._ahead is not None:
-            self._ahead.start()
         self._batch.advance(places, steps)
 
     def _measure(self, places: Sequence[int]) -> None:

@@ -257,7 +257,7 @@ def _masked(values: dict[str, NDArray[Any]], mask: Flags) -> dict[str, Any]:
         return {}
     infos: dict[str, Any] = {}
     for name, array in values.items():
-        masked = np.full_like(array, None if array.dtype == object else 0)
-        masked[mask] = array[mask]
-        infos |= {name: masked, f"_{name}": mask.copy()}
+        nothing = None if array.dtype == object else array.dtype.type(0)
+        infos[name] = np.where(mask, array, nothing)
+        infos[f"_{name}"] = mask.copy()
     return infos

@@ -105,7 +105,7 @@ def _guess(rate, b, s, most):
 
 @inner_jit
 def begin_of(r, b, c):
-    """Return what `swept_angle` needs of a curve's start: the rate ds / d(phi), and the antiderivative of its length."""
+    """Return what `swept_angle` needs of a curve's start: the rate ds / d(phi), and the antiderivative there."""
     return np.hypot(r, c), 0.0 if b * c == 0.0 else _antiderivative(r, c)
 
 

@@ -190,13 +190,15 @@ def along(points, trace, travel, spacing, begin):
 def along_compiled(points, trace, travel, spacing, begin):
     """Return what `along` does, for compiled callers."""
     n = len(trace)
-    sequences = Sequences(np.zeros((n, BEAM), np.int32), np.zeros((n, BEAM), np.int8), np.ones(n, np.int64))
+    # empty: to clear them takes a tenth of the time of a short trace
+    sequences = Sequences(np.empty((n, BEAM), np.int32), np.empty((n, BEAM), np.int8), np.empty(n, np.int64))
     ends = Ends(np.zeros(BEAM), np.zeros(BEAM))
-    minima = Minima(np.zeros(CANDIDATES, np.int64), np.zeros(CANDIDATES), np.zeros(CANDIDATES))
-    buffers = Buffers(ends, np.zeros(BEAM), np.zeros(BEAM), minima, np.zeros(BEAM, np.int64))
+    minima = Minima(np.empty(CANDIDATES, np.int64), np.empty(CANDIDATES), np.empty(CANDIDATES))
+    buffers = Buffers(ends, np.empty(BEAM), np.empty(BEAM), minima, np.empty(BEAM, np.int64))
     table = Table(points, spacing)
     first = _start(table, trace[0], begin)
     sequences.entry[0, 0] = first
+    sequences.candidates[0] = 1
     ends.place[0] = first
     _extend(table, Trace(trace, travel), sequences, buffers)
     entries = np.empty(n, np.int64)

@@ -15,7 +15,7 @@ from gantrysim.base.columns import Column, Stored, array_of, blocks, by_blocks, 
 from gantrysim.base.errors import InputError, at_least, positive, whole
 from gantrysim.base.memory import check_ticks
 from gantrysim.paths.path import Path
-from gantrysim.paths.profile import Constant, Profile
+from gantrysim.paths.profile import Constant, PointToPoint, Profile
 
 MAX_TICKS = 50_000_000
 _ROUNDING = 1e-9  # relative, of lengths
@@ -210,7 +210,8 @@ class Setpoints:
             coordinates: function from arc lengths, (n,), to axis positions, (n, axes); by default points of the path.
         """
         positive("period", period, "s")
-        profile = speed if isinstance(speed, Profile) else Constant(path.length, speed)
+        # the first by its type: whether an object has what the protocol asks for takes longer to find out
+        profile = speed if isinstance(speed, (PointToPoint, Profile)) else Constant(path.length, speed)
         if abs(profile.length - path.length) > _ROUNDING * (1 + path.length):
             raise InputError(f"profile of {profile.length:.6g} mm: must be as long as the path, {path.length:.6g} mm")
         n = ticks(profile.duration, period)

@@ -43,17 +43,25 @@ def test_coarser_grids(shape, edge):
         assert mean == total
 
 
+@pytest.mark.parametrize("sparse", [False, True])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_finer_grids(shape):
+def test_finer_grids(shape, sparse):
     ny, nx = shape
     (values,) = grids(3, 1, ((ny + 1) // 2, (nx + 1) // 2))
-    for (j, i), value in np.ndenumerate(pushing._finer(values, ny, nx)):
+    if sparse:
+        values[np.random.default_rng(10).random(values.shape) < 0.9] = 0.0
+    handed = np.zeros(shape)
+    row, column = pushing._finer(values, handed)
+    for (j, i), value in np.ndenumerate(handed):
         q, m = j // 2, i // 2
         p = min(max(q + (1 if j % 2 else -1), 0), values.shape[0] - 1)
         n = min(max(m + (1 if i % 2 else -1), 0), values.shape[1] - 1)
         near = 0.75 * values[q, m] + 0.25 * values[p, m]
         far = 0.75 * values[q, n] + 0.25 * values[p, n]
-        assert value == 0.75 * near + 0.25 * far
+        assert value == 4.0 * (0.75 * near + 0.25 * far)
+    cells = (row * nx + column).tolist()
+    assert cells == sorted(set(cells))
+    assert set(np.flatnonzero(handed)) <= set(cells)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -61,6 +69,7 @@ def test_what_is_handed_on(shape):
     height, handed = grids(4, 2, shape)
     expected = height.copy()
     ny, nx = shape
+    given = set()
     for j in range(ny):
         for i in range(nx):
             around = (j > 0) + (j < ny - 1) + (i > 0) + (i < nx - 1)
@@ -68,25 +77,24 @@ def test_what_is_handed_on(shape):
             for p, q in ((j - 1, i), (j + 1, i), (j, i - 1), (j, i + 1)):
                 if 0 <= p < ny and 0 <= q < nx:
                     expected[p, q] += handed[j, i] / around
+                    given |= {(p, q)} if handed[j, i] else set()
     total = height.sum()
-    pushing._hand_on(height, handed)
+    cells = np.nonzero(handed)
+    changed = pushing._hand_on(height, handed, cells)
     assert np.array_equal(height, expected)
     assert height.sum() == pytest.approx(total, rel=1e-12)
+    assert set(zip(*changed, strict=True)) == {*zip(*cells, strict=True), *given}
 
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_cells_to_push(shape):
-    surface = pushing._Surface(*grids(5, 4, shape))
-    queue, count = pushing._to_push(surface, 0.02)
-    expected = [
-        j * shape[1] + i
-        for j in range(shape[0])
-        for i in range(shape[1])
-        if surface.height[j, i] > surface.ceiling[j, i] * 1.02 or surface.handed[j, i] > 0.0
-    ]
+    height, ceiling = grids(5, 2, shape)
+    expected = [[j, i] for j in range(shape[0]) for i in range(shape[1]) if height[j, i] > ceiling[j, i] * (1.0 + 0.02)]
+    listed = pushing.exceeds(height, ceiling, 0.02)
+    queue, count = pushing._to_push(listed)
     assert queue.cells[:count].tolist() == expected
-    assert queue.cells.size == queue.listed.size
-    assert np.flatnonzero(queue.listed).tolist() == expected
+    assert len(queue.cells) == queue.listed.size
+    assert np.argwhere(queue.listed).tolist() == expected
 
 
 @pytest.mark.parametrize("uneven", [False, True])

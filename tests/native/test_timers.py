@@ -1,5 +1,6 @@
 """MuJoCo's timers: off while gantrysim steps, and as before afterwards."""
 
+import ctypes
 import itertools
 import threading
 from contextlib import contextmanager
@@ -83,9 +84,13 @@ def test_a_run_within_stopped_timers_leaves_them_stopped(reached):
 
 
 def test_a_run_that_raises_restores_timers(reached):
-    with pytest.raises(ZeroDivisionError), installed():
-        assert not run()
-        raise ZeroDivisionError
+    def interrupted():
+        with installed():
+            assert not run()
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        interrupted()
     assert run()
 
 
@@ -100,7 +105,7 @@ def test_timers_stay_stopped_until_the_last_of_two_threads_has_left(reached, fir
             leave[k].wait(60)
 
     threads = [threading.Thread(target=work, args=(k,)) for k in range(2)]
-    early, late = (0, 1) if first_leaves else (1, 0)
+    early = 0 if first_leaves else 1
     try:
         for k, thread in enumerate(threads):
             thread.start()
@@ -114,7 +119,6 @@ def test_timers_stay_stopped_until_the_last_of_two_threads_has_left(reached, fir
             event.set()
         for thread in threads:
             thread.join()
-    assert late != early
     assert run()
 
 
@@ -130,7 +134,5 @@ def test_the_variable_of_the_clock_is_found_and_holds_it():
 
 
 def test_a_variable_that_does_not_follow_the_clock_is_not_taken_for_it():
-    import ctypes
-
     assert not timers._is_the_clock(ctypes.c_void_p(12345))
     assert run()
