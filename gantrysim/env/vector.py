@@ -257,7 +257,7 @@ def _masked(values: dict[str, NDArray[Any]], mask: Flags) -> dict[str, Any]:
         return {}
     infos: dict[str, Any] = {}
     for name, array in values.items():
-        nothing = None if array.dtype == object else array.dtype.type(0)
+        nothing: Any = None if array.dtype == object else array.dtype.type(0)
         infos[name] = np.where(mask, array, nothing)
         infos[f"_{name}"] = mask.copy()
     return infos
