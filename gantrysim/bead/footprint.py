@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import inner_jit, jit
-from gantrysim.bead.laying import hat_below
+from gantrysim.bead.face import hat_below
 
 _ROUNDING = 1e-9  # of distances [cells]
 

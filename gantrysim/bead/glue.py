@@ -9,8 +9,9 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.bead.ends import SAMPLES, End, check_cells, upright
+from gantrysim.bead.face import cover, headroom
 from gantrysim.bead.footprint import footprint, wet_where_pushed
-from gantrysim.bead.laying import Layer, Sampling, Stations, cover, drop, headroom, lay
+from gantrysim.bead.laying import Layer, Sampling, Stations, drop, lay
 from gantrysim.bead.pushing import exceeds, means, push_aside
 from gantrysim.bead.trace import BeadTrace
 

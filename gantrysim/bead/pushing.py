@@ -223,7 +223,7 @@ def _sweep(surface: _Surface, queue: _Queue, count: int, ripple: float, factor: 
             j = cells[k, 0]
             i = cells[k, 1]
             off = height[j, i] - ceiling[j, i] - rise[j, i] * handed[j, i]
-            if abs(off) > ripple * ceiling[j, i] and (off > 0.0 or handed[j, i] > 0.0):
+            if settled and abs(off) > ripple * ceiling[j, i] and (off > 0.0 or handed[j, i] > 0.0):
                 settled = False
             # every cell waits for the one before, so the two divisions are left out where they change nothing
             change = factor * off
@@ -237,7 +237,7 @@ def _sweep(surface: _Surface, queue: _Queue, count: int, ripple: float, factor: 
             height[j, i] -= change
             share = 0.25 * change if around == 4 else change / around
             for p, q in ((j - 1, i), (j + 1, i), (j, i - 1), (j, i + 1)):
-                if 0 <= p < ny and 0 <= q < nx:
+                if around == 4 or (0 <= p < ny and 0 <= q < nx):
                     height[p, q] += share
                     if not listed[p, q] and height[p, q] > ceiling[p, q] * (1.0 + ripple):
                         listed[p, q] = True

@@ -18,7 +18,7 @@ from gantrysim.base.arrays import Floats, dot
 from gantrysim.base.columns import blocks, by_blocks
 from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError
-from gantrysim.metrics.spacing import Spacing, forward, spacing_of
+from gantrysim.metrics.spacing import Spacing, spacing_of
 from gantrysim.paths.path import Projection
 from gantrysim.record.run import Run, check_run
 
@@ -164,20 +164,7 @@ class Analysis(Shown):
     @cached_property
     def spacing(self) -> Spacing:
         """Spacing of neighbouring turns."""
-        return spacing_of(self.run.requested, self.nozzle, self.ticks, self._heading_ahead)
-
-    @property
-    def heading(self) -> Floats:
-        """Heading of the requested path at the nozzle's foot, or at the furthest one before that, (m,) [rad]."""
-        # a nozzle that shakes moves its foot back and forth: the furthest foot so far counts
-        return self._heading_ahead[np.cumsum(forward(self.nozzle.s)) - 1]
-
-    @cached_property
-    def _heading_ahead(self) -> Floats:
-        """Heading of the requested path at those feet of the nozzle that are ahead of all before, (k,) [rad]."""
-        s = self.nozzle.s
-        s = s[forward(s)]
-        return by_blocks(lambda block: self.run.requested.heading(s[block]), s.size)
+        return spacing_of(self.run.requested, self.nozzle, self.ticks)
 
     @cached_property
     def values(self) -> AnalysisValues:

@@ -57,21 +57,19 @@ def spacing(path: Path, trace: ArrayLike) -> Spacing:
     return spacing_of(path, foot, np.arange(foot.s.size))
 
 
-def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp], heading: Floats | None = None) -> Spacing:
+def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing:
     """Return the spacing of a trace as `spacing` does, from its projection.
 
     Args:
         path: the requested path.
         foot: the trace's projection onto it.
         ticks: ticks of the trace's points, ascending, (n,); missing ticks are gaps of the trace.
-        heading: of the path at those feet that are ahead of all before, if it is known [rad].
     """
     advancing = forward(foot.s)
     s = foot.s[advancing]
     lateral = foot.lateral[advancing]
     parts = np.concatenate([[0], np.cumsum(np.diff(ticks) > 1)])[advancing]
-    if heading is None:
-        heading = by_blocks(lambda block: path.heading(s[block]), s.size)
+    heading = by_blocks(lambda block: path.heading(s[block]), s.size)
 
     def offset(place: Floats) -> Floats:
         return np.interp(place, s, lateral)
@@ -82,12 +80,15 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp], heading: F
         return (offset(high) - offset(low)) / (high - low)
 
     def trace(place: Floats) -> tuple[Floats, Floats, Local]:
-        """The trace's points, its derivative by s in the plane, (m, 3) each, and the path there."""
+        """The trace's points, (m, 3), their lateral errors, (m,), and the path there."""
         here = path.local(place)
         error = offset(place)
-        point = here.position + error[:, None] * here.normal
+        return here.position + error[:, None] * here.normal, error, here
+
+    def derivative(place: Floats, error: Floats, here: Local) -> Floats:
+        """The trace's derivative by s in the plane, (m, 3)."""
         ahead = here.cosine - here.turning * error
-        return point, ahead[:, None] * here.along + slope(place)[:, None] * here.normal, here
+        return ahead[:, None] * here.along + slope(place)[:, None] * here.normal
 
     heading, (first, last) = one_way(heading, s)
     s = s[first:last]
@@ -99,15 +100,16 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp], heading: F
 
     def links(rows: NDArray[np.intp]) -> Spacing:
         place = s[rows]
-        point, tangent, here = trace(place)
-        tangent = _directions(tangent)
+        point, error, here = trace(place)
+        tangent = _directions(derivative(place, error, here))
         normal = np.cross(here.up, tangent)
         guess = np.interp(heading[rows] + 2 * np.pi, heading, s)
         met_at = guess.copy()
         active = np.arange(place.size)
         for _ in range(_NEWTON_STEPS):
             ahead = tangent[active]
-            there, direction, _ = trace(met_at[active])
+            there, error, here = trace(met_at[active])
+            direction = derivative(met_at[active], error, here)
             # short steps where the directions of the two turns differ much
             step = dot(there - point[active], ahead) / np.maximum(dot(direction, ahead), _LEAST_SLOPE)
             met_at[active] -= step

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from gantrysim.bead import needle_contacts, pushing
+from gantrysim.bead.face import headroom
 from gantrysim.bead.footprint import wet_where_pushed
-from gantrysim.bead.laying import Layer, headroom
+from gantrysim.bead.laying import Layer
 from gantrysim.metrics.spacing import forward
 
 SHAPES = [(17, 20), (18, 23), (33, 1), (1, 7), (2, 2)]

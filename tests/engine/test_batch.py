@@ -264,3 +264,14 @@ def test_machines_read_twice_from_one_file_share_a_batch(servo):
     assert all(
         same(run, simulate(Machine("xy"), servo, setpoints)) for run in simulate_batch(machines, servo, setpoints)
     )
+
+
+def test_what_runs_beside_begins_when_the_simulations_are_about_to_step(xy, servo):
+    batch = Batch(xy, 2)
+    batch.load({place: Simulation.of(xy, servo, ramp(SLOW)) for place in range(2)})
+    steps = []
+    batch.beside = lambda: steps.append([run.steps for run in batch.runs.values()])
+    for _ in range(3):
+        batch.advance(steps=40)
+    assert steps == [[0, 0], [40, 40], [80, 80]]
+    assert [run.steps for run in batch.runs.values()] == [120, 120]
