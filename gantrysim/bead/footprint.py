@@ -83,16 +83,16 @@ def _pass_over(
     # less than the bead's half width by the edge's blur, and by far more than rounding: wet for certain
     inside = min(start[2], stop[2]) - 1.0 - _ROUNDING
     for j in range(rows[0], min(rows[1], share.shape[0])):
-        left, right = _wet_for_certain(start, stop, inside, j)
-        left = min(max(left, columns[0]), end)
-        right = max(min(right, end), left)
-        for i in range(left, right):
+        leftmost, rightmost = _wet_for_certain(start, stop, inside, j)
+        leftmost = min(max(leftmost, columns[0]), end)
+        rightmost = max(min(rightmost, end), leftmost)
+        for i in range(leftmost, rightmost):
             if last[j, i] < number - 1:
                 share[j, i] += present[j, i]
             present[j, i] = 1.0
             last[j, i] = number
         py = j - start[1]
-        for low, high in ((columns[0], left), (right, end)):
+        for low, high in ((columns[0], leftmost), (rightmost, end)):
             for i in range(low, high):
                 px = i - start[0]
                 along = min(max((px * dx + py * dy) * per_square, 0.0), 1.0)
@@ -123,17 +123,17 @@ def _wet_for_certain(
 
     They are those between the chords of the circles about both points, and none where there is no chord.
     """
-    left = math.inf
-    right = -math.inf
+    leftmost = math.inf
+    rightmost = -math.inf
     for x, y in ((start[0], start[1]), (stop[0], stop[1])):
         square = radius * radius - (j - y) * (j - y)
         if radius > 0.0 and square > 0.0:
             half = math.sqrt(square)
-            left = min(left, x - half)
-            right = max(right, x + half)
-    if left > right:
+            leftmost = min(leftmost, x - half)
+            rightmost = max(rightmost, x + half)
+    if leftmost > rightmost:
         return 0, 0
-    return math.ceil(left), math.floor(right) + 1
+    return math.ceil(leftmost), math.floor(rightmost) + 1
 
 
 def wet_where_pushed(share: Floats, laid: Floats, pushed: Floats, ceiling: Floats) -> None:

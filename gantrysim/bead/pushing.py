@@ -187,12 +187,12 @@ def _hand_on(height: Floats, handed: Floats, cells: _Places) -> _Places:
     given = handed[cells]
     lower = row > 0
     upper = row < ny - 1
-    left = column > 0
-    right = column < nx - 1
-    share = given / (lower * 1 + upper + left + right)
+    lesser = column > 0
+    greater = column < nx - 1
+    share = given / (lower * 1 + upper + lesser + greater)
     changed = [cells]
     # in the order in which a pass over the rows reaches a cell, so that sums are rounded as they are there
-    for down, across, inside in ((1, 0, upper), (0, 1, right), (0, 0, None), (0, -1, left), (-1, 0, lower)):
+    for down, across, inside in ((1, 0, upper), (0, 1, greater), (0, 0, None), (0, -1, lesser), (-1, 0, lower)):
         if inside is None:
             height[cells] -= given
             continue

@@ -69,15 +69,9 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
     s = foot.s[advancing]
     lateral = foot.lateral[advancing]
     parts = np.concatenate([[0], np.cumsum(np.diff(ticks) > 1)])[advancing]
-    heading = by_blocks(lambda block: path.heading(s[block]), s.size)
 
     def offset(place: Floats) -> Floats:
         return np.interp(place, s, lateral)
-
-    def slope(place: Floats) -> Floats:
-        low = np.maximum(place - _SLOPE_REACH, s[0])
-        high = np.minimum(place + _SLOPE_REACH, s[-1])
-        return (offset(high) - offset(low)) / (high - low)
 
     def trace(place: Floats) -> tuple[Floats, Floats, Local]:
         """The trace's points, (m, 3), their lateral errors, (m,), and the path there."""
@@ -87,10 +81,13 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
 
     def derivative(place: Floats, error: Floats, here: Local) -> Floats:
         """The trace's derivative by s in the plane, (m, 3)."""
+        low = np.maximum(place - _SLOPE_REACH, s[0])
+        high = np.minimum(place + _SLOPE_REACH, s[-1])
+        across = (offset(high) - offset(low)) / (high - low)
         ahead = here.cosine - here.turning * error
-        return ahead[:, None] * here.along + slope(place)[:, None] * here.normal
+        return ahead[:, None] * here.along + across[:, None] * here.normal
 
-    heading, (first, last) = one_way(heading, s)
+    heading, (first, last) = one_way(by_blocks(lambda block: path.heading(s[block]), s.size), s)
     s = s[first:last]
     lateral = lateral[first:last]
     parts = parts[first:last]
@@ -109,9 +106,9 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
         for _ in range(_NEWTON_STEPS):
             ahead = tangent[active]
             there, error, here = trace(met_at[active])
-            direction = derivative(met_at[active], error, here)
             # short steps where the directions of the two turns differ much
-            step = dot(there - point[active], ahead) / np.maximum(dot(direction, ahead), _LEAST_SLOPE)
+            slope = np.maximum(dot(derivative(met_at[active], error, here), ahead), _LEAST_SLOPE)
+            step = dot(there - point[active], ahead) / slope
             met_at[active] -= step
             active = active[np.abs(step) >= _LAST_STEP]
             if not active.size:
@@ -126,8 +123,7 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
 
     spacing = table_by_blocks((links(inner[block]) for block in blocks(inner.size)), inner.size)
     # a closed loop meets its own start, which is no turn beside it
-    overlaps = spacing.turn.size and 2 * np.pi * np.ptp(spacing.turn) >= _LEAST_OVERLAP
-    return spacing if overlaps else _none()
+    return spacing if spacing.turn.size and 2 * np.pi * np.ptp(spacing.turn) >= _LEAST_OVERLAP else _none()
 
 
 def _directions(tangents: Floats) -> Floats:
