@@ -108,14 +108,14 @@ def _handed_on(height: Floats, ceiling: Floats, rise: Floats, ripple: float, swe
 def means(values: Floats, size: int, beyond: float) -> Floats:
     """Return means over blocks of `size` by `size` cells; incomplete ones are filled with `beyond`."""
     ny, nx = values.shape
-    rows = -(-ny // size)
-    columns = -(-nx // size)
-    blocks = np.full((rows * size, columns * size), beyond)
-    blocks[:ny, :nx] = values
-    sums = np.zeros((rows, columns))
+    sums = np.zeros((-(-ny // size), -(-nx // size)))
     for j in range(size):
         for i in range(size):
-            sums += blocks[j::size, i::size]
+            part = values[j::size, i::size]
+            rows, columns = part.shape
+            sums[:rows, :columns] += part
+            sums[rows:] += beyond
+            sums[:rows, columns:] += beyond
     return np.asarray(sums / size**2)
 
 
