@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
@@ -16,6 +16,7 @@ from gantrysim.paths.corners import Components
 from gantrysim.paths.pieces import Line
 
 EXACT = 1e-9  # [mm]
+FOOT = 1e-8  # of a foot's place along a leg, which shows where the point is nearly on it [mm]
 LEG = 10.0  # [mm]
 
 angles = st.floats(-170, 170).filter(lambda angle: abs(angle) > 1)
@@ -49,6 +50,7 @@ def test_the_lateral_component_is_the_signed_distance_of_plane_geometry(turn, di
 
 
 @given(angles, st.floats(-80, 80), st.floats(-80, 80), st.lists(st.floats(-1.5, 1.5), min_size=6, max_size=6))
+@example(2.0, 0.0, -14.0, [0.0, 0.0, 0.0, 0.0, 0.0, -1e-5])
 @settings(max_examples=60)
 def test_components_change_no_faster_than_the_point_moves(turn, climb, second_climb, ends):
     """In space, across the corner's wedge and across the bisector inside it, in steps of a thousandth."""
@@ -58,7 +60,7 @@ def test_components_change_no_faster_than_the_point_moves(turn, climb, second_cl
     foot = path.project(points)
     carried = path.legs.carry(Components(foot.lateral, foot.vertical, foot.beyond), foot.s, np.zeros(len(points)))
     across = np.stack([carried.lateral, carried.vertical], axis=1)
-    assert np.linalg.norm(across, axis=1) == pytest.approx(foot.distance, abs=EXACT)
+    assert np.linalg.norm(across, axis=1) == pytest.approx(foot.distance, abs=FOOT)
     if path.legs.sharp.any():
         return  # where the legs are nearly one line the sides of both are not told apart
     moved = np.linalg.norm(np.diff(points, axis=0), axis=1)
