@@ -186,7 +186,7 @@ def test_a_study_in_other_processes(folder, tmp_path):
 
 
 def test_the_tuner(folder, tmp_path):
-    study = TuningStudy(job_of(folder, overrides=QUICK), budget=12, seed=1)
+    study = TuningStudy(job_of(folder, overrides=QUICK), budget=8, robust=1, guards=2, unseen=1, seed=1)
     assert any(row["status"] == "ok" for row in run_study(study, tmp_path / "out", workers=1).rows)
 
 

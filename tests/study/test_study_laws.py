@@ -153,7 +153,7 @@ def test_a_case_of_a_study_takes_a_user_s_law():
 
 def test_the_tuner_tunes_a_law_and_writes_it(tmp_path):
     law = [FILE, "friction"]
-    study = TuningStudy(circle(law=law), budget=12, robust=0, unseen=1, law="pd")
+    study = TuningStudy(circle(law=law), budget=12, robust=0, guards=2, unseen=1, law="pd")
     outcome = run_study(study, tmp_path / "out", workers=1)
     assert outcome.rows
     written = Job.load("an225", servo=tmp_path / "out" / "tuned.toml", allow_code=True)
