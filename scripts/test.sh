@@ -30,4 +30,5 @@ gantrysim compile an225 softmc-arc &  # beside mypy
 mypy
 lint-imports --no-cache
 wait $!
-pytest --numprocesses auto --dist worksteal "$@"  # so that the tests of a file share its fixtures
+# one process more than cores, as some wait for commands that they start; the tests of a file share its fixtures
+pytest --numprocesses "$(($(getconf _NPROCESSORS_ONLN) + 1))" --dist worksteal "$@"

@@ -1,4 +1,4 @@
-"""A short search for inputs that break a reader of a user's files; scripts/soak.py searches longer."""
+"""Searches, guided by coverage, for inputs that break a reader of a user's files: a short one and longer ones."""
 
 import os
 import re
@@ -26,6 +26,7 @@ def searched(name, runs, folder):
     return int(found[1])
 
 
+@pytest.mark.soak
 def test_no_input_breaks_a_reader(tmp_path):
     assert searched("all", RUNS, tmp_path) >= RUNS
     assert not list(tmp_path.iterdir())

@@ -113,6 +113,7 @@ def test_without_changes_the_script_prompts_until_the_end(script, job, monkeypat
         assert text in " ".join(output.split())
 
 
+@pytest.mark.soak
 def test_tuners_are_compared_on_the_same_runs_and_a_stopped_comparison_resumes(script, job, tmp_path):
     few = ["--jobs", job, "--starts", "tenth", "--budgets", 8, 14, "--out", "a"]
     few += ["--methods", "gantrysim tune", "Nelder-Mead", "CMA-ES", "differential evolution"]

@@ -75,7 +75,7 @@ def allowed(key: str, value: float, scatter: float, job: Job) -> float:
     micrometre = {"um": 1.0, "mm": 1e-3}
     unit = next((size for name, size in micrometre.items() if f"_{name}" in key and f"{name}2" not in key), 0.0)
     least = PER_TICK if "mm_s" in key else MICROMETRES * unit
-    if last.startswith(("max", "p95")) and "um" in key:
+    if {"max", "p95"} & set(last.split("_")) and "um" in key:  # also where the quantity is named first: lag_max_um
         least = max(least, 1e3 * max(job.built_servo.per_axis("resolution")))
     if "mdeg" in key and last.startswith("max"):
         least = 1e3 * max(job.built_servo.per_axis("resolution"))

@@ -58,7 +58,12 @@ def test_a_spoiled_log_is_refused_by_its_error(name):
         identify(MACHINE, spoiled(name, SEED, LAWS[SEED]))
 
 
-@pytest.mark.parametrize("name", DOUBTED)
+SLOW = "position smoothed over 9 samples"
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.soak) if name == SLOW else name for name in DOUBTED]
+)
 def test_a_fit_to_a_spoiled_log_is_not_identified_by_its_error(name):
     identification = identify(MACHINE, spoiled(name, DOUBTED_SEED, LAWS[DOUBTED_SEED]))
     assert not any(value.identified for value in identification.values)
