@@ -152,6 +152,7 @@ def test_an_invalid_change_is_a_one_line_error(script, capsys, arguments, text):
     assert text in capsys.readouterr().err
 
 
+@pytest.mark.soak
 def test_the_agent_beats_the_detuned_start_and_is_compared_with_the_tuner(script, job):
     names, output = script("train_ppo.py", job, "--steps", 1024, "--budget", 16)
     start, own, tuned, agent = (Analysis(run).values.contour.rms for run, *_ in names["runs"].values())

@@ -162,6 +162,7 @@ print(numba.njit(lambda a: np.sort(a)[:2].sum())(-x))
 """
 
 
+@pytest.mark.soak
 def test_code_is_loaded_without_numba_s_declarations_and_compiled_with_them(fresh, tmp_path):
     for _ in range(2):
         done = fresh.run(LOADED, tmp_path)

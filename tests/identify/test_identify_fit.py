@@ -226,6 +226,7 @@ def test_a_log_of_the_motor_s_torque_shows_no_fast_mode(machine, setpoints):
     assert names["coulomb"].value == pytest.approx(plant.fc, rel=0.05)
 
 
+@pytest.mark.soak
 def test_a_second_mode_is_recognised_as_a_wrong_structure(machine, setpoints):
     second = {"m2": 1.0, "k2": 1.0 * (2 * math.pi * 120) ** 2, "c2": 30.0}
     found = identify(machine, plant_log(machine, setpoints, plant_of(machine, **second)))

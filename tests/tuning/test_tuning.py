@@ -575,6 +575,7 @@ def test_every_number_of_the_text_is_in_a_table(outcome):
     assert unaccounted(notes[0], links) == []
 
 
+@pytest.mark.soak
 def test_the_seed_chooses_the_candidates_and_the_machines(poor):
     def rows(seed):
         return searched(tuning(poor, budget=8, robust=1, unseen=1, seed=seed))
