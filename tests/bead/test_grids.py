@@ -54,7 +54,8 @@ def test_finer_grids(shape, sparse):
     handed = np.zeros(shape)
     row, column = pushing._finer(values, handed)
     for (j, i), value in np.ndenumerate(handed):
-        q, m = j // 2, i // 2
+        q = j // 2
+        m = i // 2
         p = min(max(q + (1 if j % 2 else -1), 0), values.shape[0] - 1)
         n = min(max(m + (1 if i % 2 else -1), 0), values.shape[1] - 1)
         near = 0.75 * values[q, m] + 0.25 * values[p, m]

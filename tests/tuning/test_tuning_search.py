@@ -8,7 +8,7 @@ import pytest
 
 from gantrysim import Machine, Servo
 from gantrysim.tuning.candidates import Candidate, SearchLimits, TrialResult
-from gantrysim.tuning.rounds import Estimates
+from gantrysim.tuning.rounds import Estimates, rounds
 from gantrysim.tuning.search import search
 from gantrysim.tuning.space import SearchSpace
 from gantrysim.tuning.stability import Fastest, Stability
@@ -257,6 +257,34 @@ def test_a_candidate_run_on_one_machine_is_estimated_by_the_nearest_run_on_all()
     assert own.best() == 3
     assert own.falls(0, 3, 0.1)
     assert not own.falls(0, 3, 0.5)  # log(3/2) is less
+
+
+def least_of_rounds(valleys):
+    """The least value that rounds find of a function with minima of 1 at (0, 0) and of 0.5 at (2, 0)."""
+
+    def value(point):
+        x, y = point
+        return min(1 + x**2 + y**2, 0.5 + 4 * (x - 2) ** 2 + y**2)
+
+    limits = SearchLimits(machines=1, budget=1000, ripple=RIPPLE, seed=1)
+    proposals = rounds(valleys, np.array([[-3.0, 3.0], [-3.0, 3.0]]), limits)
+    considered = []
+    points = next(proposals)
+    while points:
+        considered += [dataclasses.replace(candidate(TrialResult(value(point))), point=point) for point in points]
+        try:
+            points = proposals.send(considered)
+        except StopIteration:
+            points = []
+    return min(one.metric for one in considered)
+
+
+def test_a_simplex_descends_in_every_valley_before_one_returns_to_the_best():
+    """The second valley begins worse, at 1.75 against 1.18, and ends better."""
+    first, second = [np.array([0.3, 0.3])], [np.array([2.5, 0.5])]
+    assert least_of_rounds([first]) == pytest.approx(1.0, rel=1e-2)
+    assert least_of_rounds([first, second]) == pytest.approx(0.5, rel=1e-2)
+    assert least_of_rounds([first + second]) == pytest.approx(1.0, rel=1e-2)
 
 
 def test_a_start_below_the_margin_gains_no_rank_by_its_metric():
