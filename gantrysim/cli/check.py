@@ -67,7 +67,7 @@ def check(
             raise
     show(plan_table(loaded.name, plan))
     for fault in loaded.faults:
-        say(f"fault on purpose: {fault}", wrap=True)
+        say(f"deliberate fault: {fault}", wrap=True)
     shortfall = None if speed is None else speed_note(plan, speed)
     for note in filter(None, (*loaded.notes, glue_note(plan), shortfall)):
         say(f"note: {note}")

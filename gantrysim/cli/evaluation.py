@@ -65,7 +65,7 @@ def _reason_to_skip(job: Job, record: Run, *, is_default: bool) -> str:
     if record.fault is not None:
         return "the run ended in a fault"
     if job.faults:
-        return "the job has faults on purpose"
+        return "the job has deliberate faults"
     if is_default and len(record.time) > memory.LONG:
         return _LONG_RUN
     return ""
@@ -174,7 +174,7 @@ class Evaluation:
                 warn(f"no video: {error}")
 
     def _find_losses(self) -> None:
-        """Run the job without its faults on purpose, and print what they cost."""
+        """Run the job without its deliberate faults, and print what they cost."""
         job = self.results.job
         with share_bar("simulate without faults", self._go_on) as advance:
             healthy = job.without_faults().run(advance)

@@ -131,9 +131,9 @@ def outcome_table(analysis: Analysis, bead: BeadValues | None, margins: tuple[Ma
 
 
 def losses_table(run: Run, losses: Losses) -> Table:
-    """Return the faults on purpose of a run, what the supervision did, and what they cost."""
+    """Return the deliberate faults of a run, what the supervision did, and what they cost."""
     table = Table.grid(padding=(0, 2))
-    table.title = "faults on purpose\n" + escape("\n".join(events(run)))
+    table.title = "deliberate faults\n" + escape("\n".join(events(run)))
     table.title_justify = "left"
     for row in losses.rows:
         table.add_row(*row)

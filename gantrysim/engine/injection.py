@@ -1,4 +1,4 @@
-"""Faults on purpose in the engine: entries of the servo tick, models, drives, and the flow of glue."""
+"""Deliberate faults in the engine: entries of the servo tick, models, drives, and the flow of glue."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _OFF = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT) | int(mujoco.mjtDisableBit.mj
 
 
 class Injection(NamedTuple):
-    """The faults on purpose that act in the servo tick.
+    """The deliberate faults that act in the servo tick.
 
     Attributes:
         faults: of each entry.
@@ -116,7 +116,7 @@ def stretches(
     """Yield the stretches of ticks between faults in the drives: first tick, the one after the last, and the drives.
 
     Args:
-        faults: faults on purpose.
+        faults: deliberate faults.
         axes: names of the axes.
         period: servo period [s].
         ticks: servo ticks, each after the one before.
@@ -145,7 +145,7 @@ def faulted_flow(faults: Sequence[InjectedFault], flow: Floats, valve: Floats, p
     What drips is added first, then bubbles pass, and a clogged nozzle holds back its share of all that.
 
     Args:
-        faults: faults on purpose.
+        faults: deliberate faults.
         flow: flow without them, (n,) [mm³/s].
         valve: share of the period for which the valve is open, (n,).
         period: servo period [s].

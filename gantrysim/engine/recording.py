@@ -38,7 +38,7 @@ class LogBook:
         setpoints: its setpoints.
         position: the same for all the machine's axes, (setpoints, axes) [mm or deg].
         dispenser: its dispenser.
-        faults: faults on purpose.
+        faults: deliberate faults.
         drives: that are no plain ones, (axes,) of `DRIVE`.
 
     Attributes:

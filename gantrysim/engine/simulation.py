@@ -49,7 +49,7 @@ class Simulation:
         model: the machine's, with the physics step; not to be changed.
         stops: whether it has the stops of the axes; if not, see `gantrysim.machine.stops`.
         book: of the log that the servo writes.
-        faults: faults on purpose.
+        faults: deliberate faults.
         injection: those that act in the servo tick.
         later: the models with faults, each with the number of physics steps before it, ascending.
         drives: at their start, (axes,) of `DRIVE`; None where all are plain ones.

@@ -1,4 +1,4 @@
-"""Faults on purpose: what is to fail in a run, when, and by how much.
+"""Deliberate faults: what is to fail in a run, when, and by how much.
 
 Times are those of the run. Faults of the encoder, the drive, the axis and the setpoints begin and end with a servo
 tick, the first at or after their time; faults of the dispenser at their very time.

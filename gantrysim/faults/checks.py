@@ -1,4 +1,4 @@
-"""Faults on purpose of tables, and checked against a run."""
+"""Deliberate faults of tables, and checked against a run."""
 
 from __future__ import annotations
 

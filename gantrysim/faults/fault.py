@@ -1,4 +1,4 @@
-"""A fault on purpose: when it acts, and what it is in words."""
+"""A deliberate fault: when it acts, and what it is in words."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ VOLTAGE = "voltage"  # before each physics step: changes `row.control_torque`, t
 
 
 class FaultAxis(NamedTuple):
-    """An axis, as faults on purpose depend on it.
+    """An axis, as deliberate faults depend on it.
 
     Attributes:
         machine: name of its machine.
@@ -44,7 +44,7 @@ class FaultAxis(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """A fault on purpose. Each kind is a file with its dataclass, and all that it does in a run.
+    """A deliberate fault. Each kind is a file with its dataclass, and all that it does in a run.
 
     Attributes:
         time: time at which it begins [s].
@@ -133,7 +133,7 @@ class InjectedFault:
 
 @dataclass(frozen=True, kw_only=True)
 class Lasting(InjectedFault):
-    """A fault on purpose with a duration, by default until the end [s]."""
+    """A deliberate fault with a duration, by default until the end [s]."""
 
     duration: float = math.inf
 

@@ -182,9 +182,9 @@ class Causes:
 
 
 def check_causes(job: Job) -> None:
-    """Raise InputError for a job with faults on purpose, which would be a cause among the others."""
+    """Raise InputError for a job with deliberate faults, which would be a cause among the others."""
     if job.faults:
-        raise InputError(f"job {job.name}: has faults on purpose: causes are those of the job without [[faults]]")
+        raise InputError(f"job {job.name}: has deliberate faults: causes are those of the job without [[faults]]")
 
 
 def causes_of(job: Job, run: Run | None = None, progress: Callable[[float], None] | None = None) -> Causes:

@@ -91,7 +91,7 @@ def _settings(model: type[Any], prefix: str) -> Iterator[Key]:
 
 
 def _faults() -> Iterator[Key]:
-    """Yield the same of the faults on purpose: what all have, and the values of each kind."""
+    """Yield the same of the deliberate faults: what all have, and the values of each kind."""
     yield Key("kind", "required", "one of the kinds below")
     yield Key("time", "required", "time at which the fault begins [s]")
     for kind, fault in KINDS.items():

@@ -1,4 +1,4 @@
-"""Cost of faults on purpose: the bead of a run with them compared with the same job without."""
+"""Cost of deliberate faults: the bead of a run with them compared with the same job without."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _REACH = 1.5  # distance from a tick that stands for the path around it, in the 
 
 @dataclass(frozen=True)
 class Losses:
-    """Glue and accuracy lost by faults on purpose, compared with the same job without them.
+    """Glue and accuracy lost by deliberate faults, compared with the same job without them.
 
     Along the requested path the beads are compared where the nozzle is nearest to it while the dispenser is on.
 
@@ -131,14 +131,14 @@ LOSSES = (MISSING_VOLUME, MISSING_LENGTH, WIDTH_ERROR, WIDTH_ERROR_PLACE, NOZZLE
 
 
 def reached(run: Run) -> list[InjectedFault]:
-    """Return the faults on purpose that a run came to and that change anything, by time."""
+    """Return the deliberate faults that a run came to and that change anything, by time."""
     last = float(run.time[-1])
     faults = [fault for fault in run.injected if fault.acts and fault.time <= last]
     return sorted(faults, key=lambda fault: fault.time)
 
 
 def events(run: Run) -> list[str]:
-    """Return what happened in a run with faults on purpose: the faults by time, then what the supervision did."""
+    """Return what happened in a run with deliberate faults: the faults by time, then what the supervision did."""
     last = float(run.time[-1])
     lines = [
         str(fault) + ("" if fault.time <= last else " (the run ended before)")
@@ -150,7 +150,7 @@ def events(run: Run) -> list[str]:
 
 
 def happened(run: Run) -> str:
-    """Return the faults on purpose and the trip of a run in the order of time, a sentence each."""
+    """Return the deliberate faults and the trip of a run in the order of time, a sentence each."""
     lines = events(run) if reached(run) else [f"fault: {run.fault}"]
     return " ".join(f"{line[0].upper()}{line[1:]}." for line in lines)
 

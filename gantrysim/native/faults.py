@@ -1,4 +1,4 @@
-"""Faults on purpose as stages of the servo tick."""
+"""Deliberate faults as stages of the servo tick."""
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 

@@ -152,7 +152,7 @@ def stages_of(row):
 
 @inner_jit
 def fault_at(address):
-    """Return the fault on purpose at an address, a view."""
+    """Return the deliberate fault at an address, a view."""
     return numba.carray(_fault_entries(address), (1,))[0]
 
 

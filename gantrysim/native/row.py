@@ -153,7 +153,7 @@ ROW = np.dtype(
 
 STAGE = np.dtype([("address", np.int64), ("argument", np.int64)])
 
-# a fault on purpose of one axis
+# a deliberate fault of one axis
 FAULT = np.dtype(
     [
         ("axis", np.int64),

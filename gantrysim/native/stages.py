@@ -1,6 +1,6 @@
 """Stages of the servo tick that only some runs need, each compiled on its own and called by its address.
 
-The tick itself is MuJoCo's step, encoder, PID and clamp. What else a run has, its laws, drives and faults on purpose,
+The tick itself is MuJoCo's step, encoder, PID and clamp. What else a run has, its laws, drives and deliberate faults,
 hangs on points of the tick: the row has a table of C functions for each point, and the tick calls them one after the
 other. So a run compiles what it uses and no more, and any mixture of laws, drives and faults is there at once.
 """

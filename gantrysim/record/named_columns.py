@@ -172,7 +172,7 @@ def description(run: Record) -> dict[str, str]:
         "axis_units": ", ".join(run.units),
         "period_s": repr(float(run.period)),
         "fault": "" if run.fault is None else str(run.fault),
-        "faults_on_purpose": "; ".join(map(str, run.injected)),
+        "deliberate_faults": "; ".join(map(str, run.injected)),
         "job_sha256": run.job_sha256,
         "machine_sha256": run.machine_sha256,
     }

@@ -103,7 +103,7 @@ def _bad_rows(outcome: Outcome, names: Sequence[str]) -> list[str]:
 
 
 def _causes(job: Job, bad: Sequence[str], known: Causes | None) -> Causes | None:
-    """Return the causes of the contour error where the path is bad; None for a job with faults on purpose."""
+    """Return the causes of the contour error where the path is bad; None for a job with deliberate faults."""
     if PATH not in bad or job.faults:
         return None
     return causes_of(job) if known is None else known

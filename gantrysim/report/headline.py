@@ -24,7 +24,7 @@ def headline(budget: Budget, causes: Causes | None = None) -> str:
     """Return the contour error with the link that has the largest share, and the error along the path if larger.
 
     Where the causes are known, it names the one that is worth at least half of the error, or says that there is none.
-    For a run that ended in a fault, or came to a fault on purpose, it states what happened. Such a run's error has its
+    For a run that ended in a fault, or came to a deliberate fault, it states what happened. Such a run's error has its
     cause in the fault, in whatever link it lies, so no link is named.
     """
     contour = budget.values.contour

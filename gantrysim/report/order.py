@@ -8,7 +8,7 @@ from dataclasses import replace
 from gantrysim.report.document import Section
 
 # is it good enough, where and how, what spoils it, what to change
-_FIRST = ("Verdict", "Faults on purpose", "Bead and path", "Summary", "Error budget", "Causes", "What to change")
+_FIRST = ("Verdict", "Deliberate faults", "Bead and path", "Summary", "Error budget", "Causes", "What to change")
 
 
 def in_order(sections: Iterable[Section]) -> list[Section]:

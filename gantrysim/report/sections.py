@@ -136,8 +136,8 @@ def errors_section(analysis: Analysis) -> Section:
 
 
 def faults_section(run: Run, losses: Losses | None) -> Section:
-    """Return the section of the faults on purpose of a run, what the supervision did, and what they cost."""
-    return Section("Faults on purpose", events(run), facts=[] if losses is None else losses.rows)
+    """Return the section of the deliberate faults of a run, what the supervision did, and what they cost."""
+    return Section("Deliberate faults", events(run), facts=[] if losses is None else losses.rows)
 
 
 def path_section(results: RunResults, video: Path | None = None) -> Section:

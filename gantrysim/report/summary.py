@@ -37,7 +37,7 @@ def summary(results: RunResults) -> dict[str, Any]:
             where the run has none or it is without bound
         unstable_axes: null where the margins are unknown
         fault: null for a complete run
-        injected: faults on purpose, whether the run came to them, and what they cost; null without any
+        injected: deliberate faults, whether the run came to them, and what they cost; null without any
         headline: the result in a sentence or two; of a run with faults, what happened
     """
     job = results.job

@@ -62,7 +62,7 @@ def write_report(
 
 
 def results_of(job: Job, run: Run, causes: bool = True) -> RunResults:
-    """Return the results of a run, of the job run again without its causes of error, and without its faults on purpose.
+    """Return the results of a run, of the job run again without its causes of error, and without its deliberate faults.
 
     Args:
         job: of the run.

@@ -78,6 +78,6 @@ SERVO_GROUP = Group(
     "results",
 )
 BEAD_GROUP = Group("bead", "Bead", BEAD, lambda results: results.bead_values, "bead.values")
-LOSSES_GROUP = Group("losses", "Cost of faults on purpose", LOSSES, lambda results: results.losses, "losses")
+LOSSES_GROUP = Group("losses", "Cost of deliberate faults", LOSSES, lambda results: results.losses, "losses")
 
 GROUPS = (ERROR_GROUP, MOTION_GROUP, SERVO_GROUP, BEAD_GROUP, LOSSES_GROUP)

@@ -42,7 +42,7 @@ class RunResults:
         budget: error budget of its record.
         bead: the bead; None where it is not evaluated.
         causes: worth of each cause of error; None unless the job was run again without each.
-        losses: what faults on purpose cost; None unless the job was run again without them.
+        losses: what deliberate faults cost; None unless the job was run again without them.
         scatter: scatter of the figures; None unless the job was repeated.
     """
 

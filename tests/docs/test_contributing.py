@@ -502,7 +502,7 @@ def test_a_controller_a_law_and_faults_are_added_as_the_architecture_says(fresh,
     entry = '    "straight.Line": straight.Line,\n'
     edited(copy / "job" / "programs.py", registry, f"from gantrysim.controllers import straight\n{registry}{entry}")
 
-    assert "**A fault on purpose** is a file in `faults/`" in architecture
+    assert "**A deliberate fault** is a file in `faults/`" in architecture
     (copy / "faults" / "worn_nozzle.py").write_text(FAULT, encoding="utf-8")
     (copy / "faults" / "dirty_scale.py").write_text(TICK_FAULT, encoding="utf-8")
     imported = (

@@ -1,4 +1,4 @@
-"""Faults on purpose against closed forms, one by one, with and without; runs they must not change."""
+"""Deliberate faults against closed forms, one by one, with and without; runs they must not change."""
 
 import dataclasses
 import math

@@ -1,4 +1,4 @@
-"""Jobs with faults on purpose: their tables, what they reach, and what they cost by closed forms."""
+"""Jobs with deliberate faults: their tables, what they reach, and what they cost by closed forms."""
 
 import dataclasses
 import json
@@ -99,7 +99,7 @@ def test_what_the_machine_cannot_have_is_refused_before_the_run():
 
 
 def test_causes_are_refused_for_a_job_with_faults():
-    with pytest.raises(InputError, match=r"has faults on purpose: causes are those of the job without \[\[faults\]\]"):
+    with pytest.raises(InputError, match=r"has deliberate faults: causes are those of the job without \[\[faults\]\]"):
         causes_of(faulty(SLIP))
 
 
@@ -194,7 +194,7 @@ def test_the_command_shows_and_writes_what_happened_and_what_it_cost(gantrysim_c
     file.write_text(faulty(SLIP, CLOG, STUCK).toml())
     status, out, _ = gantrysim_command("check", file)
     assert status == 0
-    assert "fault on purpose: stuck axis y at t = 0.8000 s: seized until the end" in out
+    assert "deliberate fault: stuck axis y at t = 0.8000 s: seized until the end" in out
     folder = tmp_path / "out"
     status, out, err = gantrysim_command("run", file, "--out", folder, "--no-video")
     assert status == 3
@@ -220,12 +220,12 @@ def test_the_command_shows_and_writes_what_happened_and_what_it_cost(gantrysim_c
     assert losses["missing_length_mm"] > 30
     assert losses["nozzle_displaced_um"] > 100
     page = (folder / "report.html").read_text()
-    for words in ("Faults on purpose", "clogged nozzle at t = 0.5000 s: 25 % of the flow for 0.2 s", "missing bead"):
+    for words in ("Deliberate faults", "clogged nozzle at t = 0.5000 s: 25 % of the flow for 0.2 s", "missing bead"):
         assert words in page
     assert summary["fault"]["kind"] == "following error"
     status, _, err = gantrysim_command("run", file, "--out", tmp_path / "other", "--no-video", "--causes")
     assert (status, (tmp_path / "other").exists()) == (2, False)
-    assert "has faults on purpose" in err
+    assert "has deliberate faults" in err
 
 
 def test_a_complete_run_says_what_happened_and_blames_nothing_else(gantrysim_command, tmp_path):
@@ -241,7 +241,7 @@ def test_a_complete_run_says_what_happened_and_blames_nothing_else(gantrysim_com
     assert summary["headline"] in text
     assert summary["headline"].startswith("Clogged nozzle at t = 0.5000 s: 25 % of the flow for 0.2 s. Supervision: no")
     assert summary["causes"] is None
-    assert "causes skipped: the job has faults on purpose" in text
+    assert "causes skipped: the job has deliberate faults" in text
     run = Run.load(tmp_path / "out" / "run.npz")
     sections = {section.title: section for section in run_sections(results_of(Job.load(file), run))}
     assert sections["Verdict"].text == summary["verdict"]["headline"]

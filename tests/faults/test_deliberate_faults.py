@@ -1,4 +1,4 @@
-"""Faults on purpose as values: what they refuse, say and become as tables."""
+"""Deliberate faults as values: what they refuse, say and become as tables."""
 
 import dataclasses
 import math
