@@ -134,7 +134,7 @@ def test_tuning_on_a_cluster_with_a_killed_worker_writes_the_same_files(
     status, printed, said = gantrysim_command(*command, "--backend", f"dask={cluster.address}", "--out", there)
     killing.join()
     assert (status, said) == (0, "")
-    assert printed.endswith("tuned.toml\n")
+    assert printed.endswith(f"page: {there / 'report.html'}\n")
     assert content(there) == content(here)
     cases = len((here / "study.csv").read_text().splitlines()) - 1
     assert 2 <= killed[0] < cases

@@ -77,7 +77,7 @@ def run(own, stability, measure, machines=1, budget=200, seed=1, on_leader=lambd
 @pytest.mark.parametrize("factor", [1 / 30, 0.1, 1.0, 10.0, 30.0])
 @pytest.mark.parametrize("seed", suite_runs([1, 2], 0))
 def test_the_minimum_of_a_bowl_is_found_from_anywhere(unconstrained, factor, seed):
-    history, _ = run(space(detuned(factor)), unconstrained, bowl, budget=80, seed=seed)
+    history, _ = run(space(detuned(factor)), unconstrained, bowl, budget=100, seed=seed)
     assert history.best.metric < FOUND
 
 
