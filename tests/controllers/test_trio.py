@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from gantrysim import metrics
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.controllers.trio.loop import Loop
 from gantrysim.paths.spirals import Involute
 
 POSITION = 1e-8  # after up to some thousand passes [mm]
@@ -310,6 +311,22 @@ def test_program_error_falls_with_the_loop_period_at_first_order(loop_period):
 
     coarse, fine = error(note(loop_period=loop_period)), error(note(loop_period=loop_period / 2))
     assert coarse / fine == pytest.approx(2, rel=FIRST_ORDER)
+
+
+def test_equal_loops_run_once(monkeypatch):
+    runs = []
+    run = Loop.run
+    monkeypatch.setattr(Loop, "run", lambda self: runs.append(self) or run(self))
+    spiral = note(loop_period=0.0765)
+    assert note(loop_period=0.0765, start=(3.0, 4.0), clockwise=False).passes is spiral.passes
+    assert len(runs) == 1
+    assert note(loop_period=0.0764).passes is not spiral.passes
+    assert len(runs) == 2
+    with pytest.raises(ValueError, match="read-only"):
+        spiral.ratios[0] = 1.0
+    many = [note(loop_period=spiral.virtual_time / 10_001) for _ in range(2)]  # too many to be kept
+    assert len(runs) == 4
+    assert many[0].ratios.tolist() == many[1].ratios.tolist()
 
 
 @pytest.mark.parametrize("passes", [12, 100, 151, 1000])

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.base.arrays import Floats
+from gantrysim.base.arrays import Floats, read_only
 from gantrysim.controllers.trio.virtual import Phases, VirtualAxis
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.chain import Chain
@@ -16,6 +17,7 @@ from gantrysim.paths.path import Path
 from gantrysim.paths.pieces import Coil, Line, Vector, vector
 
 MAX_PASSES = 2_000_000
+_FEW_PASSES = 10_000  # half a megabyte
 
 RATIO_BITS = 16  # fractional bits of CONNECT's ratio
 LEAST_RATIO = 2.0**-RATIO_BITS
@@ -167,13 +169,19 @@ class Loop:
     servo_period: float = 0.0
     guarded: bool = True
 
-    def run(self) -> Passes:
-        """Run the loop until the virtual axes are at the end of their circles.
+    def passes(self) -> Passes:
+        """Return the passes until the virtual axes are at the end of their circles; of the last loops they are kept.
+
+        Jobs that differ elsewhere have the same loop, and each checks its own.
 
         Raises:
             RatioTooSmallError: x would fall below 2^-16 before the axes brake for the end.
             EndlessError: the end is not reached within MAX_PASSES passes.
         """
+        return _passes_of(self) if self.length < _FEW_PASSES * self.speed * self.period else self.run()
+
+    def run(self) -> Passes:
+        """Run the loop; see `passes`."""
         axis = VirtualAxis(self.length, self.acceleration, self.deceleration)
         ratio: list[float] = []
         time: list[float] = []
@@ -202,7 +210,14 @@ class Loop:
         connected = ratios
         if self.ratio_bits is not None:
             connected = np.round(ratios * 2.0**self.ratio_bits) / 2.0**self.ratio_bits
-        return Passes(ratios, connected, np.array(time), np.array([*distance, axis.distance]), axis.profile(), halted)
+        return Passes(
+            ratio=read_only(ratios),
+            connected=read_only(connected),
+            time=read_only(np.array(time)),
+            distance=read_only(np.array([*distance, axis.distance])),
+            profile=axis.profile(),
+            halted=halted,
+        )
 
     def _wait(self, x: float) -> float:
         wait = max(self.period * x, 0.0)  # WA of a negative time does not wait
@@ -216,3 +231,8 @@ class Loop:
         if self.servo_period <= 0:
             return time
         return math.ceil(time / self.servo_period - 1e-9) * self.servo_period
+
+
+@lru_cache(maxsize=32)
+def _passes_of(loop: Loop) -> Passes:
+    return loop.run()

@@ -200,7 +200,7 @@ class MoveSpiral(Controller):
             guarded=not self.as_published,
         )
         try:
-            return loop.run()
+            return loop.passes()
         except RatioTooSmallError as error:
             remedy = self._remedy(late=error.number > due + 1)
             raise InputError(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.base.arrays import Floats
+from gantrysim.base.arrays import Floats, read_only
 
 _ROUNDING = 1e-12
 
@@ -128,4 +128,9 @@ class VirtualAxis:
     def profile(self) -> Phases:
         """Return the motion so far."""
         time, distance, speed, rate = np.array(self._phases).T
-        return Phases(np.append(time, self.time), np.append(distance, self.distance), speed, rate)
+        return Phases(
+            time=read_only(np.append(time, self.time)),
+            distance=read_only(np.append(distance, self.distance)),
+            speed=read_only(speed.copy()),
+            acceleration=read_only(rate.copy()),
+        )
