@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -234,15 +235,22 @@ class Motion:
 
 def _held(A: Floats, B: Floats, time: float) -> tuple[Floats, Floats]:
     """Return the effect of the state and of a constant input on the state after a time."""
-    from scipy.linalg import expm  # slow to import
-
     n, m = B.shape
     joint = np.zeros((n + m, n + m))
     joint[:n, :n] = A
     joint[:n, n:] = B
     with np.errstate(over="ignore", invalid="ignore"):  # the caller checks for numbers that are not finite
-        effect = expm(joint * time)
+        effect = _exponential((joint * time).tobytes(), n + m).copy()
     return effect[:n, :n], effect[:n, n:]
+
+
+@lru_cache(maxsize=256)  # a machine's motion is sampled again for every set of gains
+def _exponential(matrix: bytes, size: int) -> Floats:
+    """Return the exponential of a square matrix, given by its memory."""
+    from scipy.linalg import expm  # slow to import
+
+    exponential: Floats = expm(np.frombuffer(matrix).reshape(size, size))
+    return exponential
 
 
 def _coupled(A: Floats) -> list[list[int]]:
