@@ -33,6 +33,9 @@ GLUE = "glue"
 # of the requested distance of the turns: beyond it, links that climb are longer than the distance asked in plan view
 _LEVEL = 0.01
 _ROUNDING = 1e-9  # relative
+_TURNS_THAT_CLIMB = (
+    "clearance of turns not judged: they lie at different heights, and their spacing is asked in plan view"
+)
 
 
 def glue_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Row:
@@ -48,10 +51,12 @@ def glue_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Row:
     checks = list(_end_checks(bead, tolerance, place_at))
     if width.judged.any():
         checks.append(width.check(place_at))
-    checks += _clearance_checks(bead, tolerance, place_at)
+    climbs = _climbs(bead)
+    if not climbs:
+        checks += _clearance_checks(bead, tolerance, place_at)
     ploughing = Ploughing.of(bead, tolerance.start_length, tolerance.stop_length)
     checks.append(_ploughing_check(ploughing, tolerance, place_at))
-    remarks = [width.remark, *_clearance_remarks(bead), *_ploughing_remarks(ploughing, bead)]
+    remarks = [width.remark, *([_TURNS_THAT_CLIMB] if climbs else ()), *_ploughing_remarks(ploughing, bead)]
     return Row.of(GLUE, checks, "; ".join(remarks), {**width.content(), PASSES.key: ploughing.passes})
 
 
@@ -150,13 +155,11 @@ def _end_checks(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Iterator
 
 
 def _clearance_checks(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Iterator[Check]:
-    """Yield the check of the distance between the edges of neighbouring turns in a plane, where there are any."""
+    """Yield the check of the distance between the edges of neighbouring turns, which do not climb, if there are any."""
     analysis = bead.analysis
     spacing = analysis.spacing
     asked = bead.run.requested.turn_spacing
     if asked is None or not spacing.distance.size:
-        return
-    if _climbs(bead):
         return
     s = analysis.nozzle.s
     ends = [s[0] + tolerance.start_length, s[-1] - tolerance.stop_length]
@@ -173,14 +176,10 @@ def _clearance_checks(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> It
 def _climbs(bead: Bead) -> bool:
     """Return whether neighbouring turns lie at different heights."""
     asked = bead.run.requested.turn_spacing
-    link = bead.analysis.spacing.link
-    return asked is not None and link.size > 0 and float(np.ptp(link[..., 2], axis=1).max()) > _LEVEL * asked
-
-
-def _clearance_remarks(bead: Bead) -> Iterator[str]:
-    """Yield why the clearance of turns that climb is not judged; nothing for others."""
-    if _climbs(bead):
-        yield "clearance of turns not judged: they lie at different heights, and their spacing is asked in plan view"
+    if asked is None:
+        return False
+    height = bead.analysis.spacing.link[..., 2]
+    return len(height) > 0 and float(np.abs(height[:, 1] - height[:, 0]).max()) > _LEVEL * asked
 
 
 def _ploughing_check(ploughing: Ploughing, tolerance: Tolerance, place_at: PlaceAt) -> Check:
