@@ -194,7 +194,7 @@ class Evaluation:
             say(f"causes skipped: {reason}{'; --causes finds them' if reason == _LONG_RUN else ''}")
         else:
             with share_bar("causes", self._go_on) as advance:
-                causes = causes_of(self.results.job, self._record, advance)
+                causes = causes_of(self.results.job, progress=advance, budget=self.results.budget)
             self.results = replace(self.results, causes=causes)
             show(causes_table(causes))
 

@@ -24,6 +24,7 @@ from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.ideal import without_compliance, without_friction, without_winding
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import ErrorSize
+from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.parts import ERROR
 from gantrysim.record.run import Run
 
@@ -187,13 +188,20 @@ def check_causes(job: Job) -> None:
         raise InputError(f"job {job.name}: has deliberate faults: causes are those of the job without [[faults]]")
 
 
-def causes_of(job: Job, run: Run | None = None, progress: Callable[[float], None] | None = None) -> Causes:
+def causes_of(
+    job: Job,
+    run: Run | None = None,
+    progress: Callable[[float], None] | None = None,
+    *,
+    budget: Budget | None = None,
+) -> Causes:
     """Rerun a job with one cause of `CAUSES` removed each time, and return the effect of each.
 
     Args:
         job: the job.
         run: record of the job, if it has been run.
         progress: function called from time to time with the completed share, 0 to 1.
+        budget: of the record, if it is known; the record is then not needed.
 
     Raises:
         InputError: the job ends in a fault, has deliberate faults, or its dispenser is never on.
@@ -206,10 +214,12 @@ def causes_of(job: Job, run: Run | None = None, progress: Callable[[float], None
         """Return the progress of some of the runs, the job's own first."""
         return None if progress is None else lambda share: progress((first + count * share) / (1 + len(causes)))
 
-    record = setup.run(part(0, 1)) if run is None else run
+    record = run if budget is None else budget.analysis.run
+    if record is None:
+        record = setup.run(part(0, 1))
     if record.fault is not None:
         raise InputError(f"job {job.name}: ends in a fault, {record.fault}: causes are those of a complete run")
-    errors = errors_of(record)
+    errors = errors_of(Budget(record) if budget is None else budget)
     return Causes(errors, _effects(causes, setup, errors, part(1, len(causes))))
 
 

@@ -99,7 +99,7 @@ def outcomes_of(setups: Sequence[Setup], progress: Callable[[float], None] | Non
             return RunOutcome({}, str(error))
         if record.fault is not None:
             return RunOutcome({}, str(record.fault))
-        return RunOutcome(errors_of(record))
+        return RunOutcome(errors_of(Budget(record)))
 
     if not setups:
         return []
@@ -108,7 +108,6 @@ def outcomes_of(setups: Sequence[Setup], progress: Callable[[float], None] | Non
         return list(pool.map(run, range(len(setups))))
 
 
-def errors_of(run: Run) -> Errors:
+def errors_of(budget: Budget) -> Errors:
     """Return the errors of a run by link, and as a whole."""
-    budget = Budget(run)
     return {name: ErrorSize.of(part.size) for name, part in {**budget.parts, "contour": budget.contour}.items()}

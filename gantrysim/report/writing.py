@@ -78,12 +78,13 @@ def results_of(job: Job, run: Run, causes: bool = True) -> RunResults:
     if run.injected:
         healthy = job.without_faults().run()
         losses = Losses.of(bead, Bead(healthy, job.bead)) if healthy.dispense.any() else None
+    budget = Budget(analysis)
     wanted = causes and run.fault is None and not job.faults
     return RunResults(
         job,
         job.built_machine,
-        Budget(analysis),
+        budget,
         bead,
-        causes=causes_of(job, run) if wanted else None,
+        causes=causes_of(job, budget=budget) if wanted else None,
         losses=losses,
     )
