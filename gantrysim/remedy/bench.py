@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -64,6 +65,9 @@ class Bench:
         workers: maximum number of threads, by default one for each core.
         progress: called before the first run and after each.
 
+    Attributes:
+        task: what is under way.
+
     Raises:
         InputError: fewer than one worker.
     """
@@ -75,14 +79,23 @@ class Bench:
         self._progress = progress
         self._outcomes: dict[str, Outcome] = {}
         self._motions = Motions()
+        self._deviations: dict[str, float] = {}  # by `motion_key`
         self.task = Task()
 
     def add(self, job: Job, budget: Budget) -> None:
         """Add a job that has run, with the error budget of its record."""
         run = budget.analysis.run
         motion = Motion(job, run, budget if run.fault is None else None)
-        self._motions.keep(motion_key(job), motion)
+        self._keep_motion(motion_key(job), motion)
         self._keep({job.toml(): motion.outcome(job)})
+
+    def motion(self, job: Job) -> Motion | None:
+        """Return the motion of a job where it is kept."""
+        return self._motions.get(motion_key(job))
+
+    def deviation(self, job: Job) -> float:
+        """Return the largest distance of the nozzle from its command in the run of a job; inf if it is unknown [mm]."""
+        return self._deviations.get(motion_key(job), math.inf)
 
     def measure(self, job: Job) -> Outcome:
         """Return what the run of a job shows."""
@@ -107,9 +120,14 @@ class Bench:
                 results = pool.map(measured_together, groups, earlier)
             for (key, group), measured in zip(motions.items(), results, strict=True):
                 if measured.motion is not None:
-                    self._motions.keep(key, measured.motion)
+                    self._keep_motion(key, measured.motion)
                 self._keep(dict(zip(group, measured.outcomes, strict=True)))
         return [self._outcomes[key] for key in keys]
+
+    def _keep_motion(self, key: str, motion: Motion) -> None:
+        self._motions.keep(key, motion)
+        if key not in self._deviations:
+            self._deviations[key] = motion.deviation
 
     def _keep(self, outcomes: Mapping[str, Outcome]) -> None:
         self._outcomes |= outcomes

@@ -1,9 +1,10 @@
 """The best combination of levers, found greedily.
 
-All settings of all levers that are left are simulated on top of the combination, and the one with the least burden
-joins, as long as it lowers the burden by at least `SHARE`. Of levers that are as good, the one that takes least joins.
-Where none helps any more, another setting of a lever that has joined is tried: the best loop period, for one, is
-another once its waits are exact.
+All settings of all levers that are left are tried on top of the combination, and the one with the least burden joins,
+as long as it lowers the burden by at least `SHARE`. Those that cannot be the best, by the error of their program and
+the margins of their loops alone (`gantrysim.remedy.forecast`), are not simulated. Of levers that are as good, the one
+that takes least joins. Where none helps any more, another setting of a lever that has joined is tried: the best loop
+period, for one, is another once its waits are exact.
 
 Levers that only need another setting of the controller come first; those that cost cycle time or change the bead join
 where these do not suffice, and other hardware comes last. Where not even that suffices, each lever of the combination
@@ -19,6 +20,7 @@ from dataclasses import dataclass
 
 from gantrysim.base.errors import GantryError
 from gantrysim.job.job import Job
+from gantrysim.remedy.forecast import Forecast
 from gantrysim.remedy.lever import Effort, Lever, Setting, State
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.results.score import usage_of
@@ -71,6 +73,7 @@ class Combinations:
         start: the state of the job as it is.
         measure_all: returns what the runs of jobs show.
         bad_rows: returns the names of the rows that are to pass and do not, from what a run shows.
+        forecast: of the burden of combinations; None to simulate them all.
     """
 
     def __init__(
@@ -78,10 +81,12 @@ class Combinations:
         start: State,
         measure_all: Callable[[Sequence[Job]], list[Outcome]],
         bad_rows: Callable[[Outcome], set[str]],
+        forecast: Forecast | None = None,
     ) -> None:
         self._start = start
         self._measure_all = measure_all
         self._bad_rows = bad_rows
+        self._forecast = forecast
         self._states: dict[tuple[tuple[str, str], ...], State] = {}  # by names of levers and labels of settings
 
     def state_of(self, picks: Sequence[Pick]) -> State:
@@ -96,8 +101,11 @@ class Combinations:
         if key not in self._states:  # combinations are extended, so that the same levers come first again and again
             *others, last = picks
             state = self.state_of(others)
-            self._states[key] = State(state.job.changed(setting_of(state, last).changes), state.measure)
+            self._states[key] = State(self._changed(state, setting_of(state, last)), state.measure)
         return self._states[key]
+
+    def _changed(self, state: State, setting: Setting) -> Job:
+        return state.job.changed(setting.changes).sharing(self._start.job)
 
     def joined(self, picks: Sequence[Pick], levers: Iterable[Lever]) -> list[Pick] | None:
         """Return the combination with the lever that helps most, None where none does."""
@@ -146,17 +154,51 @@ class Combinations:
             settings = lever.settings(state)
             for setting in () if isinstance(settings, str) else settings:
                 try:
-                    job = state.job.changed(setting.changes)
+                    job = self._changed(state, setting)
                 except GantryError:  # the values do not fit those of other levers
                     continue
                 yield Candidate((*picks, Pick(lever, setting.label)), job)
+
+    def _promising(self, picks: Sequence[Pick], candidates: Sequence[Candidate]) -> dict[int, Outcome]:
+        """Return what the runs show of candidates that may be the best, or as good, by their numbers in order.
+
+        Those with the least forecast are simulated first, then those whose forecast leaves them a chance.
+        """
+        forecasts = self._forecasts(picks, candidates)
+        first = min(forecasts)
+        outcomes = self._measured(candidates, [k for k, burden in enumerate(forecasts) if burden == first])
+        present = self.state_of(picks).outcome.burden
+        least = min(outcome.burden for outcome in outcomes.values())
+        bound = min(least + SHARE * present, present)  # see `_best`
+        outcomes |= self._measured(candidates, [k for k, burden in enumerate(forecasts) if first < burden <= bound])
+        return dict(sorted(outcomes.items()))
+
+    def _measured(self, candidates: Sequence[Candidate], numbers: Sequence[int]) -> dict[int, Outcome]:
+        return dict(zip(numbers, self._measure_all([candidates[k].job for k in numbers]), strict=True))
+
+    def _forecasts(self, picks: Sequence[Pick], candidates: Sequence[Candidate]) -> list[float]:
+        """Return the burden that each candidate has at least; 0 where a forecast is not worth its time."""
+        forecast = self._forecast
+        # each lever alone has been simulated
+        if forecast is None or not picks or not forecast.is_worthwhile(self.state_of(picks).outcome):
+            return [0.0] * len(candidates)
+        return [self._least_burden(forecast, candidate) for candidate in candidates]
+
+    def _least_burden(self, forecast: Forecast, candidate: Candidate) -> float:
+        try:
+            alone = [self.state_of([pick]).job for pick in candidate.picks]
+        except GantryError:  # a setting that there is only after other levers
+            return 0.0
+        return forecast.burden(candidate.job, alone)
 
     def _best(self, picks: Sequence[Pick], candidates: Sequence[Candidate]) -> list[Pick] | None:
         """Return the best candidate where it lowers the burden enough."""
         if not candidates:
             return None
-        outcomes = self._measure_all([candidate.job for candidate in candidates])
         present = self.state_of(picks).outcome.burden
+        promising = self._promising(picks, candidates)
+        candidates = [candidates[k] for k in promising]
+        outcomes = list(promising.values())
         least = min(outcome.burden for outcome in outcomes)
         if least > (1 - SHARE) * present:
             return None

@@ -11,6 +11,7 @@ from gantrysim.job.causes import Causes, Effect
 from gantrysim.job.job import Job
 from gantrysim.remedy.bench import Bench
 from gantrysim.remedy.combination import Combinations, Pick, best_combination, setting_of
+from gantrysim.remedy.forecast import Forecast
 from gantrysim.remedy.lever import Lever, Setting, State
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.trial import Skipped, Trial, gains_of
@@ -40,7 +41,7 @@ class Search:
         self._bench = bench
         self._rows = frozenset(rows)
         self._causes = causes
-        self._combinations = Combinations(self.start, self._measure_all, self._bad_rows)
+        self._combinations = Combinations(self.start, self._measure_all, self._bad_rows, Forecast(job, bench))
 
     def plausible(self, levers: Sequence[Lever]) -> tuple[list[Lever], list[Skipped]]:
         """Return the levers to try, and those that cannot help: the rows they act on pass, or no cause is theirs."""

@@ -19,6 +19,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.error_quantities import CONTOUR
+from gantrysim.metrics.parts import PartValues
 from gantrysim.record.run import Run
 from gantrysim.results.checks import FAIL, PASS, SYMBOLS, UNJUDGED, WARN, Bound, Check, Place, worst
 from gantrysim.results.glue import GLUE, glue_row
@@ -95,9 +96,9 @@ class Verdict(Shown):
             return Place(time=time, point=(x, y, z), line=line_at(time))
 
         rows = (
-            _path_row(budget, tolerance, line_at),
+            path_row(budget.contour_values, tolerance, line_at),
             glue_row(bead, tolerance, place_at),
-            _stability_row(job, job.margins if machine is None else margins_of(machine, job.built_servo), tolerance),
+            stability_row(job, job.margins if machine is None else margins_of(machine, job.built_servo), tolerance),
             Row.of(MACHINE, list(_machine_checks(job, run, tolerance, place_at))),
         )
         return cls(rows, "", tolerance, tuple(str(fault) for fault in reached(run)))
@@ -158,8 +159,8 @@ def _texts(row: Row) -> Iterator[tuple[int, str]]:
     return enumerate(row.texts or ("",))
 
 
-def _path_row(budget: Budget, tolerance: Tolerance, line_at: Callable[[float], int | None]) -> Row:
-    contour = budget.contour_values
+def path_row(contour: PartValues, tolerance: Tolerance, line_at: Callable[[float], int | None]) -> Row:
+    """Return the verdict on the contour error of a complete run."""
     place = Place(time=contour.time, point=contour.point, line=line_at(contour.time))
     return Row.of(
         PATH,
@@ -170,7 +171,8 @@ def _path_row(budget: Budget, tolerance: Tolerance, line_at: Callable[[float], i
     )
 
 
-def _stability_row(job: Job, margins: tuple[Margins, ...] | None, tolerance: Tolerance) -> Row:
+def stability_row(job: Job, margins: tuple[Margins, ...] | None, tolerance: Tolerance) -> Row:
+    """Return the verdict on the stability margins of a job's loops, which needs no run; None for unknown margins."""
     if margins is None:
         return Row(STABILITY, remark="the loop cannot be linearised: its margins are unknown")
     names = job.built_machine.axis_names

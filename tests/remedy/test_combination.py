@@ -21,19 +21,27 @@ class FactorJob:
     def changed(self, changes):
         return FactorJob((*self.levers, *changes))
 
+    def sharing(self, other):
+        return self
+
 
 def lever(name, effort=Effort.SETTING):
     return Lever(name, "", "", ("path",), lambda state: [Setting("", {name: 1})], effort=effort)
 
 
-def combinations(factors):
-    """Combinations of levers that leave these factors of the burden."""
+def combinations(factors, forecast=None, measured=None):
+    """Combinations of levers that leave these factors of the burden; jobs that are measured join a list."""
 
     def measure(job):
         burden = BURDEN * prod(factors[name] for name in job.levers)
         return SimpleNamespace(burden=burden, duration=1.0, verdict=None)
 
-    return Combinations(State(FactorJob(), measure), lambda jobs: [measure(job) for job in jobs], lambda _: {"path"})
+    def measure_all(jobs):
+        if measured is not None:
+            measured.extend(jobs)
+        return [measure(job) for job in jobs]
+
+    return Combinations(State(FactorJob(), measure), measure_all, lambda _: {"path"}, forecast)
 
 
 def names(picks):
@@ -63,3 +71,19 @@ def test_of_levers_that_are_as_good_the_one_that_takes_least_joins():
     levers = [lever("part", Effort.HARDWARE), lever("value")]
     factors = {"part": 0.5, "value": 0.5 + 0.5 * SHARE}
     assert names(combinations(factors).joined([], levers)) == {"value"}
+
+
+def test_candidates_whose_forecast_leaves_them_no_chance_are_not_simulated():
+    """Forecasts of nine tenths of the burdens: 45 of 50; the best, 20, leaves a chance up to 20 + 0.5."""
+    factors = {"first": 0.5, "best": 0.4, "as good": 0.405, "near": 0.45, "far": 0.9, "worse": 1.1}
+    levers = [lever(name, Effort.HARDWARE if name == "best" else Effort.SETTING) for name in factors]
+    forecast = SimpleNamespace(
+        is_worthwhile=lambda present: True,
+        burden=lambda job, alone: 0.9 * BURDEN * prod(factors[name] for name in job.levers),
+    )
+    picks = [Pick(levers[0], "")]
+    measured = []
+    better = combinations(factors, forecast, measured).joined(picks, levers)
+    assert better == combinations(factors).joined(picks, levers)
+    assert names(better) == {"first", "as good"}
+    assert {job.levers[-1] for job in measured} == {"best", "as good", "near"}

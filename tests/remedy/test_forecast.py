@@ -1,0 +1,88 @@
+"""Forecasts of a burden against simulated ones, and the search with them against the search without."""
+
+from functools import cache
+from itertools import product
+
+import pytest
+
+from gantrysim import Job
+from gantrysim.job.causes import causes_of
+from gantrysim.remedy.bench import Bench
+from gantrysim.remedy.forecast import Forecast
+from gantrysim.remedy.improve import improve
+from gantrysim.remedy.outcome import measured
+from gantrysim.results.score import row_burden
+
+from support.remedies import rubbing, spiral_job
+
+LEVERS = ("acceleration", "loop period", "exact waits")
+PROGRAMS = ({"program.acceleration": 16e3}, {"program.loop_period": 0.02}, {"program.wait_resolution": 0.0})
+OTHERS = ({"servo.frequency": 20.0}, {"program.speed": 75.0}, {"servo.frequency": 40.0})
+
+
+@cache
+def spiral():
+    """A spiral whose program misses the path by ten times what the machine adds."""
+    return spiral_job()
+
+
+@cache
+def bench():
+    known = Bench(spiral(), workers=1)
+    known.measure_all([spiral(), *(spiral().changed(changes) for changes in (*PROGRAMS, *OTHERS))])
+    return known
+
+
+def combined(*changes):
+    """The job with several levers set, and those with each alone."""
+    job = spiral().changed({key: value for lever in changes for key, value in lever.items()})
+    return job.sharing(spiral()), [spiral().changed(lever).sharing(spiral()) for lever in changes]
+
+
+@pytest.mark.parametrize("changes", list(product(PROGRAMS, OTHERS)))
+def test_a_job_has_at_least_the_burden_of_its_forecast(changes):
+    job, alone = combined(*changes)
+    forecast = Forecast(spiral(), bench()).burden(job, alone)
+    outcome = measured(job)
+    told = sum(row_burden(outcome.verdict[name]) for name in ("path", "stability"))
+    assert 0.5 * told < forecast <= told <= outcome.burden
+
+
+def test_with_other_glue_the_forecast_is_exact():
+    job = spiral().changed({"dispenser.advance": 0.02})
+    outcome = measured(job)
+    told = sum(row_burden(outcome.verdict[name]) for name in ("path", "stability"))
+    assert Forecast(spiral(), bench()).burden(job.sharing(spiral()), []) == pytest.approx(told, rel=1e-12)
+
+
+def test_nothing_is_forecast_where_a_lever_alone_is_unknown_or_fails():
+    forecast = Forecast(spiral(), bench())
+    job, alone = combined(PROGRAMS[0], {"program.speed": 90.0})
+    assert forecast.burden(job, alone) == 0
+    faulty = {"servo.following_error_limit": 1e-4}
+    assert bench().measure(spiral().changed(faulty)).failure
+    job, alone = combined(PROGRAMS[0], faulty)
+    assert forecast.burden(job, alone) == 0
+
+
+def test_forecasts_are_worthwhile_where_the_program_is_to_blame():
+    assert Forecast(spiral(), bench()).is_worthwhile(bench().measure(spiral()))
+    circle = rubbing()
+    known = Bench(circle, workers=1)
+    assert not Forecast(circle, known).is_worthwhile(known.measure(circle))
+
+
+def test_the_search_finds_the_same_in_fewer_runs(monkeypatch):
+    runs = []
+    run = Job.run
+    monkeypatch.setattr(Job, "run", lambda self: runs.append(self) or run(self))
+    job = spiral_job(wait_resolution=0.004)
+    causes = causes_of(job)
+    forecast = improve(job, levers=LEVERS, causes=causes, fastest=False, workers=1)
+    saved = len(runs)
+    monkeypatch.setattr(Forecast, "is_worthwhile", lambda *_: False)
+    simulated = improve(job, levers=LEVERS, causes=causes, fastest=False, workers=1)
+    assert str(forecast) == str(simulated)
+    assert forecast.rows == simulated.rows
+    assert len(forecast.combination) > 2
+    assert len(runs) - saved > 1.2 * saved
