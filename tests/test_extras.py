@@ -118,6 +118,16 @@ def test_every_module_is_imported_without_the_extras(fresh, tmp_path):
     assert done == (0, "", "")
 
 
+def test_a_job_imports_its_own_controller_alone(fresh, tmp_path):
+    """All controllers together take as long to import as a job takes to run."""
+    names = "name for name in sys.modules if name.startswith(('gantrysim.controllers.', 'gantrysim.drawings'))"
+    code = f"import sys, gantrysim\ngantrysim.Job.load('an225').setpoints\nprint(*sorted({names}))"
+    done = fresh.run(code, tmp_path)
+    rooms = {name.split(".")[2] for name in done.output.split()}
+    assert rooms == {"controller", "loop_theory", "trio"}, done.error
+    assert "gantrysim.controllers.trio.basic" not in done.output.split()
+
+
 def test_every_built_in_job_but_the_drawing_is_loaded_without_the_extras(fresh, tmp_path):
     code = """
 import gantrysim as gs

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
+from importlib import import_module
 from typing import Any, get_args, get_type_hints
 
 from pydantic import ConfigDict, ValidationError
@@ -16,23 +17,48 @@ from pydantic.errors import PydanticUserError
 
 from gantrysim.base.errors import GantryError, InputError, text_of, unknown
 from gantrysim.base.user_code import is_code
-from gantrysim.controllers import fanuc, softmc, stage, trio
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.gcode import linuxcnc, slicer
-from gantrysim.drawings import Drawing
 from gantrysim.job.user_controller import check_arguments, user_controller
 
-PROGRAMS: dict[str, type[Controller]] = {
-    "trio.MoveSpiral": trio.MoveSpiral,
-    "trio.Basic": trio.Basic,
-    "fanuc.Program": fanuc.Program,
-    "softmc.Program": softmc.Program,
-    "softmc.Basic": softmc.Basic,
-    "stage.OutlineTrace": stage.OutlineTrace,
-    "linuxcnc.Program": linuxcnc.Program,
-    "slicer.Program": slicer.Program,
-    "cad.Drawing": Drawing,
-}
+
+class Programs(Mapping[str, type[Controller]]):
+    """The built-in controllers by their names, each imported at its first use: together they take as long as a run.
+
+    Args:
+        places: module of each, and its class.
+    """
+
+    def __init__(self, places: Mapping[str, tuple[str, str]]) -> None:
+        self._places = dict(places)
+
+    def __getitem__(self, name: str) -> type[Controller]:
+        module, kind = self._places[name]
+        program: type[Controller] = getattr(import_module(f"gantrysim.{module}"), kind)
+        return program
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._places
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
+PROGRAMS = Programs(
+    {
+        "trio.MoveSpiral": ("controllers.trio", "MoveSpiral"),
+        "trio.Basic": ("controllers.trio", "Basic"),
+        "fanuc.Program": ("controllers.fanuc", "Program"),
+        "softmc.Program": ("controllers.softmc", "Program"),
+        "softmc.Basic": ("controllers.softmc", "Basic"),
+        "stage.OutlineTrace": ("controllers.stage", "OutlineTrace"),
+        "linuxcnc.Program": ("controllers.gcode.linuxcnc", "Program"),
+        "slicer.Program": ("controllers.gcode.slicer", "Program"),
+        "cad.Drawing": ("drawings", "Drawing"),
+    }
+)
 
 _MAGNITUDES = 1e-100, 1e12  # of numbers; smaller ones than 1e-12 are rounding
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)

@@ -498,9 +498,9 @@ def test_a_controller_a_law_and_faults_are_added_as_the_architecture_says(fresh,
     assert "**A motion controller** is a folder in `controllers/`" in architecture
     (copy / "controllers" / "straight").mkdir()
     (copy / "controllers" / "straight" / "__init__.py").write_text(CONTROLLER, encoding="utf-8")
-    registry = "PROGRAMS: dict[str, type[Controller]] = {\n"
-    entry = '    "straight.Line": straight.Line,\n'
-    edited(copy / "job" / "programs.py", registry, f"from gantrysim.controllers import straight\n{registry}{entry}")
+    registry = "PROGRAMS = Programs(\n    {\n"
+    entry = '        "straight.Line": ("controllers.straight", "Line"),\n'
+    edited(copy / "job" / "programs.py", registry, f"{registry}{entry}")
 
     assert "**A deliberate fault** is a file in `faults/`" in architecture
     (copy / "faults" / "worn_nozzle.py").write_text(FAULT, encoding="utf-8")
