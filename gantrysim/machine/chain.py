@@ -123,7 +123,8 @@ class Chain:
         """
         if self._linear is not None:
             points = np.empty((len(positions), 3))
-            _fill(points, seen(positions), *self._linear)
+            # a record's columns lie one behind the other: numba would compile a second function for them
+            _fill(points, seen(np.ascontiguousarray(positions)), *self._linear)
             return points
         q = positions / self._per_si
         points = np.broadcast_to(self._site, (len(q), 3))
