@@ -21,6 +21,15 @@ def jit(function: _Function) -> _Function:
     return _cached(function, no_cfunc_wrapper=True, pipeline_class=pipeline.WHOLE)
 
 
+def plain_jit(function: _Function) -> _Function:
+    """Compile a function as `jit` does, one that neither makes nor returns arrays: it counts no references to them.
+
+    Numba counts atomically, at every element of a named tuple and every row of an array that is looked at: in a loop
+    over points that takes longer than a step of Newton's method. The caller keeps the arguments meanwhile.
+    """
+    return _cached(function, no_cfunc_wrapper=True, pipeline_class=pipeline.WHOLE, _nrt=False)
+
+
 def unlocked_jit(function: _Function) -> _Function:
     """Compile a function as `jit` does, one that runs without Python's lock."""
     return _cached(function, nogil=True)
@@ -133,6 +142,16 @@ def inner_jit(function: _Function) -> _Function:
     It has no wrapper to be called from Python, whose compilation takes an eighth of the time: a call from Python ends
     the process.
     """
-    return numba.njit(
-        error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=pipeline.PART
+    return _inner(function)
+
+
+def plain_inner_jit(function: _Function) -> _Function:
+    """Compile a helper as `inner_jit` does, one that neither makes nor returns arrays, see `plain_jit`."""
+    return _inner(function, _nrt=False)
+
+
+def _inner(function: _Function, **options: Any) -> _Function:
+    compiled = numba.njit(
+        error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=pipeline.PART, **options
     )(function)
+    return cast(_Function, compiled)

@@ -90,6 +90,7 @@ class _PartLowering(NativeLowering):  # type: ignore[misc]
     _name = "part_lowering"
 
     def run_pass(self, state: Any) -> bool:
+        _check_returned(state)
         state.library = _library(_PartLibrary, state)
         for name in _LOWERING_ALONE:
             setattr(state.flags, name, True)
@@ -111,10 +112,23 @@ class _WholeLowering(NativeLowering):  # type: ignore[misc]
     _name = "whole_lowering"
 
     def run_pass(self, state: Any) -> bool:
+        _check_returned(state)
         state.library = _library(_WholeLibrary, state)
         for name, value in state.asked.items():
             setattr(state.flags, name, value)
         return bool(super().run_pass(state))
+
+
+def _check_returned(state: Any) -> None:
+    """Refuse an array returned by a function that counts no references: its caller would give it back once too often.
+
+    Raises:
+        TypeError: it returns one.
+    """
+    returned = state.return_type
+    if not state.flags.nrt and state.targetctx.data_model_manager[returned].contains_nrt_meminfo():
+        name = state.func_id.func_qualname
+        raise TypeError(f"{name} returns {returned}: a function compiled without references to arrays must return none")
 
 
 def _library(kind: type, state: Any) -> Any:

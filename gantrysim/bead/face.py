@@ -10,13 +10,13 @@ import math
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import inner_jit, jit
+from gantrysim.base.jit import plain_inner_jit, plain_jit
 from gantrysim.bead.laying import Layer
 
 _BAND = 32  # rows that are computed at a time, so that what lies between stays near the processor
 
 
-@jit
+@plain_jit
 def cover(under: Floats, x: Floats, y: Floats, volume: Floats, radius: float) -> None:
     """Raise the share of each cell that the needle's face passes over while it lays the volumes between stations.
 
@@ -60,7 +60,7 @@ def cover(under: Floats, x: Floats, y: Floats, volume: Floats, radius: float) ->
                 under[j, i] = max(under[j, i], share)
 
 
-@inner_jit
+@plain_inner_jit
 def hat_below(t: float) -> float:
     """Share of a hat from -1 to 1 that lies below t."""
     short = max(1.0 - abs(t), 0.0)

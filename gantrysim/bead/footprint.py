@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import inner_jit, jit
+from gantrysim.base.jit import plain_inner_jit, plain_jit
 from gantrysim.bead.face import hat_below
 
 _ROUNDING = 1e-9  # of distances [cells]
@@ -40,7 +40,7 @@ def footprint(shape: tuple[int, int], x: Floats, y: Floats, half: Floats, wet: F
     return np.minimum(share, 1.0, out=share)
 
 
-@jit
+@plain_jit
 def _pass_along(
     share: Floats,
     present: Floats,
@@ -62,7 +62,7 @@ def _pass_along(
         _pass_over(share, present, last, point, point, wet.size + 2 * k + 1)
 
 
-@inner_jit
+@plain_inner_jit
 def _pass_over(
     share: Floats,
     present: Floats,
@@ -115,7 +115,7 @@ def _pass_over(
                 last[j, i] = number
 
 
-@inner_jit
+@plain_inner_jit
 def _wet_for_certain(
     start: tuple[float, float, float], stop: tuple[float, float, float], radius: float, j: int
 ) -> tuple[int, int]:

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from gantrysim.base.arrays import Floats
+from gantrysim.bead.drops import drop
 from gantrysim.bead.ends import SAMPLES, End, check_cells, upright
 from gantrysim.bead.face import cover, headroom
 from gantrysim.bead.footprint import footprint, wet_where_pushed
-from gantrysim.bead.laying import Layer, Sampling, Stations, drop, lay
+from gantrysim.bead.laying import Layer, Sampling, Stations, lay
 from gantrysim.bead.pushing import exceeds, means, push_aside
 from gantrysim.bead.trace import BeadTrace
 

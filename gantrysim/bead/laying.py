@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import inner_jit, jit
+from gantrysim.base.jit import plain_inner_jit, plain_jit
 
 
 class Layer(NamedTuple):
@@ -91,37 +91,6 @@ class _Interpolated(NamedTuple):
     bend: float
 
 
-@jit
-def drop(layer: Layer, x: Floats, y: Floats, volume: Floats, gap: float, height: float) -> None:
-    """Share volumes at points among the four cells around each.
-
-    Args:
-        layer: added to.
-        x: of the points, (n,) [cells].
-        y: likewise.
-        volume: at each of them, (n,) [mm³].
-        gap: under the nozzle [mm].
-        height: of the drop [mm].
-    """
-    glue, moment, crest = layer
-    ny, nx = glue.shape
-    for k in range(x.size):
-        px = min(max(x[k], 0.0), nx - 1.001)
-        py = min(max(y[k], 0.0), ny - 1.001)
-        i = int(px)
-        j = int(py)
-        a = px - i
-        b = py - j
-        for row, high in ((j, 1.0 - b), (j + 1, b)):
-            for column, share in ((i, (1.0 - a) * high), (i + 1, a * high)):
-                glue[row, column] += share * volume[k]
-                if moment.size:
-                    moment[row, column] += share * volume[k] * gap
-                if crest.size:
-                    crest[row, column] = max(crest[row, column], height)
-
-
-@jit
 def lay(layer: Layer, stations: Stations, volume: Floats, cosine: float, sampling: Sampling) -> None:
     """Lay the volumes between stations in steps across the trace.
 
@@ -132,16 +101,31 @@ def lay(layer: Layer, stations: Stations, volume: Floats, cosine: float, samplin
         cosine: of the contact angle.
         sampling: of the sections.
     """
-    cell, steps, samples = sampling
+    laid = volume > 0.0
+    widest = max(stations.half[:-1][laid].max(initial=0.0), stations.half[1:][laid].max(initial=0.0))
+    most = math.ceil(2.0 * widest / sampling.cell * sampling.samples) + 3
+    place, weight, low, low_right, high, high_right = np.empty((6, most))
+    samples = _Samples(place, weight, np.empty(most, np.int64), low, low_right, high, high_right)
+    cells = Layer(layer.glue.ravel(), layer.moment.ravel(), layer.crest.ravel())
+    _lay(cells, stations, volume, layer.glue.shape, (cosine, sampling, samples))
+
+
+@plain_jit
+def _lay(
+    layer: Layer, stations: Stations, volume: Floats, shape: tuple[int, int], section: tuple[float, Sampling, _Samples]
+) -> None:
+    """Lay volumes, see `lay`.
+
+    Args:
+        layer: added to; its cells row by row, (ny * nx,).
+        stations: of the bead.
+        volume: between the stations, (r - 1,) [mm³].
+        shape: of the grid, (ny, nx).
+        section: cosine of the contact angle, sampling of the sections, and the arrays for their samples.
+    """
+    cosine, sampling, samples = section
+    cell, steps, _ = sampling
     x, y, heading, curvature, area, half, flat, groove, radius, gap, top = stations
-    widest = 0.0
-    for k in range(volume.size):
-        if volume[k] > 0.0:
-            widest = max(widest, half[k], half[k + 1])
-    most = math.ceil(2.0 * widest / cell * samples) + 3
-    numbers = np.empty((6, most))
-    buffers = _Samples(numbers[0], numbers[1], np.empty(most, np.int64), numbers[2], numbers[3], numbers[4], numbers[5])
-    flat_layer = Layer(layer.glue.ravel(), layer.moment.ravel(), layer.crest.ravel())
     for k in range(volume.size):
         if volume[k] <= 0.0:
             continue
@@ -156,19 +140,19 @@ def lay(layer: Layer, stations: Stations, volume: Floats, cosine: float, samplin
             py = (1.0 - f) * y[k] + f * y[k + 1]
             across = -math.sin(angle) / cell  # unit vector to the left, in cells per mm
             upward = math.cos(angle) / cell
-            section = _Interpolated(
+            interpolated = _Interpolated(
                 half=(1.0 - f) * half[k] + f * half[k + 1],
                 flat=(1.0 - f) * flat[k] + f * flat[k + 1],
                 groove=(1.0 - f) * groove[k] + f * groove[k + 1],
                 radius=(1.0 - f) * radius[k] + f * radius[k + 1],
                 bend=(1.0 - f) * curvature[k] + f * curvature[k + 1],
             )
-            count = _sample(section, cosine, sampling, buffers)
-            _share(buffers, count, part, (px, py, across, upward), layer.glue.shape)
-            _add(flat_layer, buffers, count, layer.glue.shape[1], (g, height))
+            count = _sample(interpolated, cosine, sampling, samples)
+            _share(samples, count, part, (px, py, across, upward), shape)
+            _add(layer, samples, count, shape[1], (g, height))
 
 
-@inner_jit
+@plain_inner_jit
 def _sample(section: _Interpolated, cosine: float, sampling: Sampling, samples: _Samples) -> int:
     """Sample a section across the trace, and return the number of samples.
 
@@ -202,7 +186,7 @@ def _sample(section: _Interpolated, cosine: float, sampling: Sampling, samples: 
     return count
 
 
-@inner_jit
+@plain_inner_jit
 def _share(
     samples: _Samples, count: int, volume: float, line: tuple[float, float, float, float], shape: tuple[int, int]
 ) -> None:
@@ -242,7 +226,7 @@ def _share(
         samples.high_right[n] = a * high
 
 
-@inner_jit
+@plain_inner_jit
 def _add(layer: Layer, samples: _Samples, count: int, nx: int, heights: tuple[float, float]) -> None:
     """Add what the cells around samples receive.
 
@@ -285,7 +269,7 @@ def _add(layer: Layer, samples: _Samples, count: int, nx: int, heights: tuple[fl
             moment[k + nx + 1] += samples.high_right[n] * gap
 
 
-@inner_jit
+@plain_inner_jit
 def _write(
     glue: Floats, four: tuple[float, float, float, float], crest: Floats, height: float, place: tuple[int, int]
 ) -> None:

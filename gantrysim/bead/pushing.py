@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import jit
+from gantrysim.base.jit import plain_jit
 
 _COARSEST = 16  # rows or columns
 _FINER = 0.25  # ripple of a coarser grid over that of the finer one
@@ -211,7 +211,7 @@ def _to_push(listed: NDArray[np.bool_]) -> tuple[_Queue, int]:
     return _Queue(cells, listed), rows.size
 
 
-@jit
+@plain_jit
 def _sweep(surface: _Surface, queue: _Queue, count: int, ripple: float, factor: float, sweeps: int) -> tuple[bool, int]:
     """Sweep over the listed cells; return whether all are settled, and their number, which may have grown."""
     height, ceiling, rise, handed = surface

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats, seen
 from gantrysim.base.errors import InputError
-from gantrysim.base.jit import jit
+from gantrysim.base.jit import plain_jit
 from gantrysim.paths.lengths import begin_of, swept_angle
 from gantrysim.paths.path import Local, Path, tangent_of
 from gantrysim.paths.pieces import (
@@ -174,7 +174,10 @@ class Chain(Path):
         return seen(np.ascontiguousarray(frame[:1] if alike else frame))
 
     def _at(self, k: NDArray[np.intp], distance: Floats, points: bool = True, frame: bool = True) -> _Places:
-        return _Places(*_values(k, distance, self._packed, points, frame))
+        n = k.size
+        places = _Places(np.empty((n, 3)), np.empty(n), np.empty(n), np.zeros(n), np.zeros(n))
+        _find_places(k, distance, self._packed, places, (points, frame))
+        return places
 
     @cached_property
     def _packed(self) -> _Columns:
@@ -222,28 +225,26 @@ class Chain(Path):
         return self._columns["frame"][self._locate(s)[0]]
 
 
-@jit
-def _values(k: NDArray[np.intp], distance: Floats, columns: _Columns, points: bool, frames: bool) -> tuple[Floats, ...]:
-    """Return the fields of `_Places` at distances from the starts of the pieces k.
+@plain_jit
+def _find_places(
+    k: NDArray[np.intp], distance: Floats, columns: _Columns, places: _Places, needed: tuple[bool, bool]
+) -> None:
+    """Find the places at distances from the starts of the pieces k.
 
     Args:
         k: pieces, (n,).
         distance: from their starts, (n,) [mm].
         columns: of the pieces.
-        points: whether the points are needed; if not, they have no meaning.
-        frames: whether heading, climb and turning are needed.
+        places: written; turning and angle are 0 so far.
+        needed: whether the points are, and whether heading, climb and turning; if not, they have no meaning.
     """
+    point, heading, climb, turning, swept = places
+    points, frames = needed
     frame = columns.frame
-    n = k.size
-    point = np.empty((n, 3))
-    heading = np.empty(n)
-    climb = np.empty(n)
-    turning = np.zeros(n)
-    swept = np.zeros(n)
     piece = -1
     growth_and_rise = 0.0
     begin = (0.0, 0.0)
-    for i in range(n):
+    for i in range(k.size):
         j = k[i]
         for a in range(3):
             point[i, a] = columns.origin[j, a] + distance[i] * columns.direction[j, a]
@@ -278,4 +279,3 @@ def _values(k: NDArray[np.intp], distance: Floats, columns: _Columns, points: bo
         climb[i] = 0.0 if c == 0.0 else c / max(np.hypot(np.hypot(rho, b), c), SHORTEST)
         flat = rho * rho + b * b
         turning[i] = turn * (flat + b * b) / max(flat * np.sqrt(flat + c * c), SHORTEST**3)
-    return point, heading, climb, turning, swept

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import Column, by_blocks
-from gantrysim.base.jit import jit
+from gantrysim.base.jit import plain_jit
 from gantrysim.paths.corners import Corners
 from gantrysim.paths.local import Local
 from gantrysim.paths.newton import INSIDE, LAST_STEP, Feet, Places, Search, step
@@ -152,7 +152,8 @@ def longer_steps(trace: Floats, rows: NDArray[np.intp]) -> Floats:
         points = trace[rows[block.start : block.stop + 1]]
         return np.sqrt(np.sum(np.diff(points, axis=0) ** 2, axis=1))
 
-    longer: Floats = _longer(by_blocks(steps, rows.size - 1))
+    longer = np.zeros(rows.size)
+    _find_longer(by_blocks(steps, rows.size - 1), longer)
     return longer
 
 
@@ -174,10 +175,10 @@ def travel_between(trace: Floats, rows: NDArray[np.intp]) -> Floats:
     return travel
 
 
-@jit
-def _longer(steps: Floats) -> Floats:
-    """Return the longer of the steps before and after each point, (m,), of steps from each to the next, (m - 1,)."""
-    longer = np.zeros(len(steps) + 1)
+@plain_jit
+def _find_longer(steps: Floats, longer: Floats) -> None:
+    """Write the longer of the steps before and after each point, (m,), of steps from each to the next, (m - 1,)."""
+    longer[0] = 0.0
     moved = 0.0
     for k in range(len(steps)):
         if steps[k] > 0.0:
@@ -188,4 +189,3 @@ def _longer(steps: Floats) -> Floats:
         if steps[k] > 0.0:
             moved = steps[k]
         longer[k] = max(longer[k], moved)
-    return longer

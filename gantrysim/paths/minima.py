@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import inner_jit, jit
+from gantrysim.base.jit import plain_inner_jit, plain_jit
 
 
 class Table(NamedTuple):
@@ -42,7 +42,7 @@ class Minima(NamedTuple):
 ZERO = np.int64(0)  # of NumPy's type, as numba compiles a function anew for a literal of Python's
 
 
-@inner_jit
+@plain_inner_jit
 def square_distance(a, b):
     """Squared distance of two points."""
     x = a[0] - b[0]
@@ -51,7 +51,7 @@ def square_distance(a, b):
     return x * x + y * y + z * z
 
 
-@inner_jit
+@plain_inner_jit
 def nearest_entry(points, point, low, high):
     """Index of the first entry nearest to a point, from low to high inclusive."""
     best = low
@@ -64,7 +64,7 @@ def nearest_entry(points, point, low, high):
     return best
 
 
-@inner_jit
+@plain_inner_jit
 def first_near_entry(table, point):
     """Index of the first entry as near to a point as the nearest, within the table's spacing."""
     points = table.points
@@ -76,14 +76,14 @@ def first_near_entry(table, point):
     return 0
 
 
-@inner_jit
+@plain_inner_jit
 def _vertex(before, square, after):
     """Place of the vertex of a parabola through three squared distances, in entries from the middle one, -1 to 1."""
     second = before - 2 * square + after
     return min(max(0.5 * (before - after) / second, -1.0), 1.0) if second > 0 else 0.0
 
 
-@inner_jit
+@plain_inner_jit
 def find_minima(points, point, low, high, minima):
     """Find the entries from low to high that are nearer to a point than their neighbours; return their number.
 
@@ -135,7 +135,7 @@ def vertices(points, p, nearest):
     return places
 
 
-@jit
+@plain_jit
 def _find_vertices(points, p, nearest, places):
     for k in range(len(p)):
         middle = min(max(nearest[k], 1), len(points) - 2)

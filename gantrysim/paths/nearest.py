@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.base.jit import inner_jit, jit
+from gantrysim.base.jit import inner_jit, plain_inner_jit, plain_jit
 from gantrysim.paths.minima import Minima, Table, find_minima, first_near_entry, nearest_entry, square_distance
 from gantrysim.paths.sequences import (
     BEAM,
@@ -31,7 +31,7 @@ _LEFT_OUT = 0.1  # weight of the remaining length against a progress beyond eith
 _ROUNDING = 1e-9  # of lengths [mm]
 
 
-@inner_jit
+@plain_inner_jit
 def _range(values, count):
     """Return the least and the largest of the first `count` values."""
     least = values[0]
@@ -45,7 +45,7 @@ def _range(values, count):
     return least, largest
 
 
-@inner_jit
+@plain_inner_jit
 def _least(values, count):
     """Return the index of the least of the first `count` values."""
     least = 0
@@ -55,7 +55,7 @@ def _least(values, count):
     return least
 
 
-@jit
+@plain_jit
 def _start(table, point, begin):
     """Return the index of the entry at the first foot of a trace that begins at a point; arguments as in `along`."""
     points = table.points
@@ -69,7 +69,7 @@ def _start(table, point, begin):
     return nearest_entry(points, point, first - _AROUND, first + _AROUND)
 
 
-@inner_jit
+@plain_inner_jit
 def _misfit(advance, step, length):
     """Return by how much a foot's progress differs from the trace's [mm].
 
@@ -84,7 +84,7 @@ def _misfit(advance, step, length):
     return _LEFT_OUT * abs(advance - length) + (1.0 - _LEFT_OUT) * beyond
 
 
-@inner_jit
+@plain_inner_jit
 def _extend(table, trace, sequences, buffers):
     """Extend the best sequences of feet from the first point of a trace to all others.
 
@@ -152,7 +152,7 @@ def _extend(table, trace, sequences, buffers):
         sequences.candidates[k] = alive
 
 
-@inner_jit
+@plain_inner_jit
 def _trace_back(sequences, slot, entries):
     """Write the sequence that ends at a candidate of the last point of `entries`."""
     for k in range(len(entries) - 1, -1, -1):
@@ -206,7 +206,7 @@ def along_compiled(points, trace, travel, spacing, begin):
     return entries
 
 
-@jit
+@plain_jit
 def _next_block(table, block, sequences, buffers, entries, is_last):
     """Extend sequences by a block of a trace, and write what all of them have in common.
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import inner_jit, jit
+from gantrysim.base.jit import plain_inner_jit, plain_jit
 
 INSIDE = 1e-11  # of the ends of an interval [mm]
 LAST_STEP = 1e-7  # after which the error is of the order of its square [mm]
@@ -60,12 +60,12 @@ class Places(NamedTuple):
     plane: NDArray[np.intp]
 
 
-@inner_jit
+@plain_inner_jit
 def _dot(a, b):
     return (a[0] * b[0] + a[2] * b[2]) + a[1] * b[1]
 
 
-@inner_jit
+@plain_inner_jit
 def _frame_at(places, k):
     """Return tangent, left normal, and curvature vector."""
     u = places.frames[places.plane[k], 0]
@@ -82,7 +82,7 @@ def _frame_at(places, k):
     return tangent, normal, (turning * normal[0], turning * normal[1], turning * normal[2])
 
 
-@jit
+@plain_jit
 def step(search, places, active, feet, is_last):
     """Make a step towards the feet, see `gantrysim.paths.feet.foot_between`, and write those that it reaches.
 
@@ -128,7 +128,7 @@ def step(search, places, active, feet, is_last):
     return remaining
 
 
-@inner_jit
+@plain_inner_jit
 def _moved(search, i, ahead, slope):
     """Return where a foot goes, and whether it is reached.
 
@@ -155,7 +155,7 @@ def _moved(search, i, ahead, slope):
     return moved, not abs(moved - s) > (_TOLERANCE if outside else LAST_STEP)
 
 
-@inner_jit
+@plain_inner_jit
 def _snapped(s, first, last):
     """Return an arc length, or the end of its interval where that is as near as rounding."""
     if s - first <= 2.0 * INSIDE:
@@ -165,7 +165,7 @@ def _snapped(s, first, last):
     return s
 
 
-@inner_jit
+@plain_inner_jit
 def _write(feet, i, s, offset):
     feet.s[i] = s
     feet.offset[i, 0] = offset[0]

@@ -127,7 +127,7 @@ def test_a_key_refuses_what_it_does_not_cover():
 def test_every_compiled_function_of_the_package_has_a_key():
     """One without would be compiled anew in every process."""
     package = Path(gantrysim.__file__).parent
-    marked = re.compile(r"^@(unlocked_)?jit$", re.MULTILINE)
+    marked = re.compile(r"^@((plain|unlocked)_)?jit$", re.MULTILINE)
     keys = []
     for file in package.rglob("*.py"):
         if marked.search(file.read_text(encoding="utf-8")):

@@ -6,10 +6,11 @@ import sys
 
 import numba
 import numpy as np
+import pytest
 from numba.core.compiler import Flags
 
 from gantrysim.base import pipeline
-from gantrysim.base.jit import inner_jit, jit
+from gantrysim.base.jit import inner_jit, jit, plain_inner_jit, plain_jit
 
 ROWS = np.random.default_rng(3).normal(size=(50, 3))
 
@@ -55,6 +56,44 @@ def test_what_the_short_way_does_not_compile_takes_all_passes():
     compiled = jit(scaled)
     assert compiled(np.arange(3.0), None) == 3
     assert compiled(np.arange(1.0, 3.0), 4.0) == 4.0
+
+
+@plain_inner_jit
+def _first(row):
+    return row[0] + row[1]
+
+
+def sums(rows, into):
+    for k in range(rows.shape[0]):
+        row = rows[k]
+        into[k] = _first(row) + row[2]
+
+
+def test_a_plain_function_counts_no_references():
+    into = np.empty(len(ROWS))
+    compiled = plain_jit(sums)
+    compiled(ROWS, into)
+    assert into.tolist() == [row[0] + row[1] + row[2] for row in ROWS.tolist()]
+    (code,) = compiled.inspect_llvm().values()
+    same = numba.njit(lambda rows: rows)
+    same(ROWS)
+    (counting,) = same.inspect_llvm().values()
+    assert "call void @NRT_incref" in counting  # which is how references are counted
+    assert "call void @NRT_incref" not in code
+
+
+def test_a_plain_function_that_returns_an_array_is_refused():
+    @plain_inner_jit
+    def tail(rows):
+        return rows[1:], 1.0
+
+    def last(rows):
+        return tail(rows)[0][-1, 0]
+
+    with pytest.raises(TypeError, match=r"tail returns .*array.* must return none"):
+        jit(last)(ROWS)
+    with pytest.raises(TypeError, match="must return none"):
+        plain_jit(lambda rows: (rows, 1.0))(ROWS)
 
 
 def test_flags_compare_as_numbas_own():
