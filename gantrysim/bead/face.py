@@ -38,26 +38,33 @@ def cover(under: Floats, x: Floats, y: Floats, volume: Floats, radius: float) ->
         dy = y[k + 1] - y[k]
         square = dx * dx + dy * dy
         per_square = 1.0 / square if square > 0.0 else 0.0
-        low = min(y[k], y[k + 1]) - reach
-        high = max(y[k], y[k + 1]) + reach
-        leftmost = min(x[k], x[k + 1]) - reach
-        rightmost = max(x[k], x[k + 1]) + reach
-        for j in range(max(math.ceil(low), 0), min(math.floor(high), ny - 1) + 1):
+        leftmost = max(math.ceil(min(x[k], x[k + 1]) - reach), 0)
+        rightmost = min(math.floor(max(x[k], x[k + 1]) + reach), nx - 1)
+        low = max(math.ceil(min(y[k], y[k + 1]) - reach), 0)
+        high = min(math.floor(max(y[k], y[k + 1]) + reach), ny - 1)
+        count = max(min((rightmost - leftmost + 8) // 8 * 8, nx - leftmost), 0)  # see `footprint`
+        for j in range(low, high + 1):
+            row = under[j, leftmost : leftmost + count]
             py = j - y[k]
-            for i in range(max(math.ceil(leftmost), 0), min(math.floor(rightmost), nx - 1) + 1):
-                px = i - x[k]
+            for i in range(count):
+                px = leftmost + i - x[k]
                 along = min(max((px * dx + py * dy) * per_square, 0.0), 1.0)
                 across = px - along * dx
                 upward = py - along * dy
-                distance = across * across + upward * upward  # squared: most cells need no root
-                if distance >= reach * reach or under[j, i] == 1.0:
-                    continue
-                if radius >= 1.0 and distance <= (radius - 1.0) ** 2:
-                    under[j, i] = 1.0
-                    continue
-                distance = math.sqrt(distance)
-                share = hat_below(radius - distance) - hat_below(-radius - distance)
-                under[j, i] = max(under[j, i], share)
+                distance = across * across + upward * upward
+                share = share_within(radius, math.sqrt(distance))
+                row[i] = max(row[i], share if distance < reach * reach else 0.0)
+
+
+@plain_inner_jit
+def share_within(half: float, distance: float) -> float:
+    """Share of a hat two cells wide about a point that lies within a strip, given half its width [cells].
+
+    Args:
+        half: of the strip.
+        distance: of the point from the strip's middle.
+    """
+    return hat_below(half - distance) - hat_below(-half - distance)
 
 
 @plain_inner_jit

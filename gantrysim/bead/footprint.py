@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import plain_inner_jit, plain_jit
-from gantrysim.bead.face import hat_below
+from gantrysim.bead.face import share_within
 
 _ROUNDING = 1e-9  # of distances [cells]
 
@@ -76,64 +76,59 @@ def _pass_over(
     dy = stop[1] - start[1]
     square = dx * dx + dy * dy
     per_square = 1.0 / square if square > 0.0 else 0.0
+    growth = stop[2] - start[2]
     reach = max(start[2], stop[2]) + 1.0
-    rows = (max(math.ceil(min(start[1], stop[1]) - reach), 0), math.floor(max(start[1], stop[1]) + reach) + 1)
-    columns = (max(math.ceil(min(start[0], stop[0]) - reach), 0), math.floor(max(start[0], stop[0]) + reach) + 1)
-    end = min(columns[1], share.shape[1])
-    # less than the bead's half width by the edge's blur, and by far more than rounding: wet for certain
-    inside = min(start[2], stop[2]) - 1.0 - _ROUNDING
-    for j in range(rows[0], min(rows[1], share.shape[0])):
-        leftmost, rightmost = _wet_for_certain(start, stop, inside, j)
-        leftmost = min(max(leftmost, columns[0]), end)
-        rightmost = max(min(rightmost, end), leftmost)
-        for i in range(leftmost, rightmost):
-            if last[j, i] < number - 1:
-                share[j, i] += present[j, i]
-            present[j, i] = 1.0
-            last[j, i] = number
+    # a point beside the line is no further than half its length from the foot of one of its ends
+    radius = math.sqrt(reach * reach + 0.25 * square) + _ROUNDING
+    low = max(math.ceil(min(start[1], stop[1]) - reach), 0)
+    high = min(math.floor(max(start[1], stop[1]) + reach) + 1, share.shape[0])
+    for j in range(low, high):
+        first, count = _cells_within(start, stop, radius, j, share.shape[1])
+        row_share = share[j, first : first + count]
+        row_present = present[j, first : first + count]
+        row_last = last[j, first : first + count]
         py = j - start[1]
-        for low, high in ((columns[0], leftmost), (rightmost, end)):
-            for i in range(low, high):
-                px = i - start[0]
-                along = min(max((px * dx + py * dy) * per_square, 0.0), 1.0)
-                half = start[2] + along * (stop[2] - start[2])
-                across = px - along * dx
-                upward = py - along * dy
-                distance = across * across + upward * upward  # squared: most cells need no root
-                if distance >= (half + 1.0) ** 2:
-                    continue
-                if half >= 1.0 and distance <= (half - 1.0) ** 2:
-                    wetted = 1.0
-                else:
-                    distance = math.sqrt(distance)
-                    wetted = hat_below(half - distance) - hat_below(-half - distance)
-                if last[j, i] >= number - 1:
-                    present[j, i] = max(present[j, i], wetted)
-                else:
-                    share[j, i] += present[j, i]
-                    present[j, i] = wetted
-                last[j, i] = number
+        # without a branch, and from the first element of each array on: several cells are computed at once
+        for i in range(count):
+            px = first + i - start[0]
+            along = min(max((px * dx + py * dy) * per_square, 0.0), 1.0)
+            half = start[2] + along * growth
+            across = px - along * dx
+            upward = py - along * dy
+            distance = across * across + upward * upward
+            touched = distance < (half + 1.0) * (half + 1.0)
+            wetted = share_within(half, math.sqrt(distance))
+            before = row_present[i]
+            previous = row_last[i]
+            stays = previous >= number - 1
+            row_share[i] += 0.0 if stays or not touched else before
+            now = wetted if wetted > before or not stays else before
+            row_present[i] = now if touched else before
+            row_last[i] = number if touched else previous
 
 
 @plain_inner_jit
-def _wet_for_certain(
-    start: tuple[float, float, float], stop: tuple[float, float, float], radius: float, j: int
+def _cells_within(
+    start: tuple[float, float, float], stop: tuple[float, float, float], radius: float, j: int, nx: int
 ) -> tuple[int, int]:
-    """Return the cells of a row within a radius of the line between two points: the first, and the one after the last.
+    """Return the first cell of a row within a radius of one of two points, and the number of cells up to the last.
 
-    They are those between the chords of the circles about both points, and none where there is no chord.
+    They are those between the chords of the circles about both points. There are up to seven more: a multiple of eight
+    leaves none to be computed alone.
     """
     leftmost = math.inf
     rightmost = -math.inf
     for x, y in ((start[0], start[1]), (stop[0], stop[1])):
         square = radius * radius - (j - y) * (j - y)
-        if radius > 0.0 and square > 0.0:
+        if square >= 0.0:
             half = math.sqrt(square)
             leftmost = min(leftmost, x - half)
             rightmost = max(rightmost, x + half)
     if leftmost > rightmost:
         return 0, 0
-    return math.ceil(leftmost), math.floor(rightmost) + 1
+    first = max(math.ceil(leftmost), 0)
+    count = math.floor(rightmost) + 1 - first
+    return first, max(min((count + 7) // 8 * 8, nx - first), 0)
 
 
 def wet_where_pushed(share: Floats, laid: Floats, pushed: Floats, ceiling: Floats) -> None:
