@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gantrysim.base.arrays import Floats
+from gantrysim.base.arrays import Floats, lengths
 from gantrysim.base.errors import InputError
 from gantrysim.bead.section import Section
 from gantrysim.bead.trace import BeadTrace
@@ -92,8 +92,8 @@ def _round(bead: BeadTrace, station: int, section: Section, volume: float, towar
 def upright(bead: BeadTrace) -> Floats:
     """Vertical height of the nozzle over the surface, more than the normal one where the path climbs, (r,) [mm]."""
     along = np.gradient(bead.point, axis=0)
-    ahead = np.linalg.norm(along[:, :2], axis=1)
-    length = np.linalg.norm(along, axis=1)
+    ahead = lengths(along[:, :2])
+    length = lengths(along)
     cosine = np.divide(ahead, length, out=np.ones_like(length), where=length > 0)
     return bead.nozzle_height / np.maximum(cosine, math.sqrt(0.5))
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.base.arrays import Floats
+from gantrysim.base.arrays import Floats, extremes
 from gantrysim.base.errors import InputError
 from gantrysim.bead.ends import MOST_CELLS, End, check_cells, round_ends
 from gantrysim.bead.glue import lay_glue, stacked
@@ -141,9 +141,7 @@ def _grid(bead: BeadTrace, volume: Floats, ends: list[End]) -> tuple[Floats, Flo
     for stations in (laid, laid + 1):
         half = 0.5 * bead.width[stations, None]
         places += [bead.point[stations, :2] - half, bead.point[stations, :2] + half]
-    covered = np.concatenate(places)
-    low = covered.min(axis=0)
-    high = covered.max(axis=0)
+    low, high = extremes(np.concatenate(places))
     around = _MARGIN * cell + _SPREADING * float(bead.width[laid].max(initial=0.0))
     low = np.floor((low - around) / cell) * cell
     count = np.ceil((high + around - low) / cell) + 1

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, spans
+from gantrysim.base.arrays import Floats, lengths, spans
 from gantrysim.base.columns import by_blocks
 from gantrysim.base.errors import whole
 from gantrysim.bead.lengths import cumulated, surface_steps
@@ -163,7 +163,7 @@ class BeadTrace:
         run = self.run
 
         def steps(block: slice) -> Floats:
-            return np.linalg.norm(np.diff(run.commanded_tip[block.start : block.stop + 1], axis=0), axis=1)
+            return lengths(np.diff(run.commanded_tip[block.start : block.stop + 1], axis=0))
 
         return by_blocks(steps, len(run.time) - 1)
 

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, dot
+from gantrysim.base.arrays import Floats, dot, lengths
 from gantrysim.base.columns import blocks, by_blocks
 from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError
@@ -178,7 +178,7 @@ class Analysis(Shown):
             return dot(lag, run.requested.tangent(self.commanded.s[block]))
 
         def steps(block: slice) -> Floats:
-            return np.linalg.norm(np.diff(run.commanded_tip[ticks[block.start : block.stop + 1]], axis=0), axis=1)
+            return lengths(np.diff(run.commanded_tip[ticks[block.start : block.stop + 1]], axis=0))
 
         def moves(block: slice) -> NDArray[np.bool_]:
             return np.any(np.diff(run.commanded[block.start : block.stop + 1], axis=0) != 0, axis=1)
@@ -219,7 +219,7 @@ class Analysis(Shown):
             error = run.commanded_tip[ticks[block]] - run.encoder_tip[ticks[block]]
             tangent = run.requested.tangent(foot[block])
             along = dot(error, tangent)
-            return np.stack([along, np.linalg.norm(error - along[:, None] * tangent, axis=1)], axis=1)
+            return np.stack([along, lengths(error - along[:, None] * tangent)], axis=1)
 
         along, normal = by_blocks(components, ticks.size).T
         return SteadyFollowing(ErrorSize.of(along), ErrorSize.of(normal))
@@ -250,7 +250,7 @@ def path_speed(run: Run) -> Floats:
         before = min(block.start, 1)
         after = 1 if block.stop < n else 0
         around = run.nozzle[block.start - before : block.stop + after]
-        return np.linalg.norm(np.gradient(around, run.period, axis=0), axis=1)[before : len(around) - after]
+        return lengths(np.gradient(around, run.period, axis=0))[before : len(around) - after]
 
     return by_blocks(speed, n)
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats
+from gantrysim.base.arrays import Floats, lengths
 from gantrysim.base.columns import blocks, table_by_blocks
 from gantrysim.metrics.parts import Part, difference
 from gantrysim.paths.corners import Components
@@ -89,7 +89,7 @@ def _link(path: Path, before: Trace, after: Trace, nozzle: Projection, block: sl
     part = _carried(path, after.foot, nozzle, block) - _carried(path, before.foot, nozzle, block)
     s_before = before.foot.s[block]
     s_after = after.foot.s[block]
-    displacement = np.linalg.norm(after.at(block) - before.at(block), axis=1)
+    displacement = lengths(after.at(block) - before.at(block))
     too_large = part.size > displacement + _ROUNDING  # the two feet lie on legs that nearly retrace each other
     rows = np.flatnonzero(too_large & path.legs.between(s_before, s_after))
     if not rows.size:

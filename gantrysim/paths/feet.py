@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats
+from gantrysim.base.arrays import Floats, lengths
 from gantrysim.base.columns import Column, by_blocks
 from gantrysim.base.jit import plain_jit
 from gantrysim.paths.corners import Corners
@@ -150,7 +150,7 @@ def longer_steps(trace: Floats, rows: NDArray[np.intp]) -> Floats:
 
     def steps(block: slice) -> Floats:
         points = trace[rows[block.start : block.stop + 1]]
-        return np.sqrt(np.sum(np.diff(points, axis=0) ** 2, axis=1))
+        return lengths(np.diff(points, axis=0))
 
     longer = np.zeros(rows.size)
     _find_longer(by_blocks(steps, rows.size - 1), longer)
@@ -170,7 +170,7 @@ def travel_between(trace: Floats, rows: NDArray[np.intp]) -> Floats:
     travel = np.zeros(rows.size)
     for k in np.flatnonzero(np.diff(rows) > 1):
         between = trace[rows[k] : rows[k + 1] + 1]
-        steps = np.linalg.norm(np.diff(between, axis=0), axis=1)
+        steps = lengths(np.diff(between, axis=0))
         travel[k + 1] = steps.sum()
     return travel
 

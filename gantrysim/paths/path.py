@@ -137,8 +137,8 @@ class Path(ABC):
         s_table, p_table = self.table
         spacing = s_table[1]
         # distance from a sharp corner within which both its legs are searched [mm]
-        sharp = np.zeros(0)
-        if self.corners.size:
+        sharp: Floats | None = None
+        if self.corners.size and self.legs.sharp.any():
             sharp = NEAR_SHARP * spacing + longer_steps(all_points, followed)
 
         def points(block: slice) -> Floats:
@@ -151,9 +151,13 @@ class Path(ABC):
         if led_in:
             followed = rows
             entries = entries[1:]
-            sharp = sharp[1:]
+            sharp = None if sharp is None else sharp[1:]
         count = rows.size
-        return table_by_blocks((self._foot(points(b), entries[b], sharp[b]) for b in blocks(count)), count)
+
+        def feet(block: slice) -> Projection:
+            return self._foot(points(block), entries[block], np.inf if sharp is None else sharp[block])
+
+        return table_by_blocks((feet(block) for block in blocks(count)), count)
 
     @cached_property
     def corners(self) -> Floats:
