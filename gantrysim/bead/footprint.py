@@ -140,9 +140,10 @@ def wet_where_pushed(share: Floats, laid: Floats, pushed: Floats, ceiling: Float
         pushed: height afterwards [mm].
         ceiling: height that the glue may have [mm].
     """
-    risen = np.nonzero(pushed > laid)  # few cells
-    before = laid[risen]
-    gain = pushed[risen] - before
-    room = ceiling[risen] - before
+    risen = np.flatnonzero(pushed > laid)  # few cells
+    before = laid.take(risen)
+    gain = pushed.take(risen) - before
+    room = ceiling.take(risen) - before
     filled = np.where(room > 0.0, np.minimum(gain / np.where(room > 0.0, room, 1.0), 1.0), 0.0)
-    share[risen] += (1.0 - share[risen]) * filled
+    dry = 1.0 - share.take(risen)
+    share.put(risen, share.take(risen) + dry * filled)

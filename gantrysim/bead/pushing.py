@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,6 @@ _CHUNK = 20  # sweeps
 _BAND = 32  # rows compared at a time: their products stay near the processor
 _ROUGH = 1.7
 _ROUGH_SWEEPS = 200
-
-
-_Places = tuple[NDArray[np.intp], NDArray[np.intp]]  # rows and columns of cells
 
 
 class _Surface(NamedTuple):
@@ -82,15 +79,11 @@ def _handed_on(height: Floats, ceiling: Floats, rise: Floats, ripple: float, swe
     listed = exceeds(height, ceiling, ripple)
     if not listed.any():
         return handed
+    surface = _Surface(height, ceiling, rise, handed)
     if min(height.shape) > _COARSEST:
         finer = _FINER * ripple if ripple > _LEAST_RIPPLE else ripple
-        coarse = _handed_on(_coarser(height, False), _coarser(ceiling, True), 4.0 * _coarser(rise, True), finer, sweeps)
-        # few cells hand anything on: those alone are looked at
-        cells = _finer(coarse, handed)
-        changed = _hand_on(height, handed, cells)
-        listed[changed] = height[changed] > ceiling[changed] * (1.0 + ripple)
-        listed[cells] |= handed[cells] > 0.0
-    surface = _Surface(height, ceiling, rise, handed)
+        coarse = _handed_on(means(height, 2, 0.0), means(ceiling, 2), 4.0 * means(rise, 2), finer, sweeps)
+        _start_from(coarse, surface, listed, ripple)
     queue, count = _to_push(listed)
     mean_rise = float(rise.mean())
     for first in range(0, sweeps, _CHUNK):  # in chunks, as an interrupt needs Python
@@ -105,101 +98,98 @@ def _handed_on(height: Floats, ceiling: Floats, rise: Floats, ripple: float, swe
     return handed
 
 
-def means(values: Floats, size: int, beyond: float) -> Floats:
-    """Return means over blocks of `size` by `size` cells; incomplete ones are filled with `beyond`."""
-    ny, nx = values.shape
-    sums = np.zeros((-(-ny // size), -(-nx // size)))
-    for j in range(size):
-        for i in range(size):
-            part = values[j::size, i::size]
-            rows, columns = part.shape
-            sums[:rows, :columns] += part
-            sums[rows:] += beyond
-            sums[:rows, columns:] += beyond
-    return np.asarray(sums / size**2)
+def means(values: Floats, size: int, beyond: float | None = None) -> Floats:
+    """Return means over blocks of cells; incomplete ones are filled with a value, or with those of the rim.
 
-
-def _coarser(values: Floats, edge: bool) -> Floats:
-    """Means over two by two cells; beyond the rim they are filled with its values if `edge`, else with zeros."""
+    Args:
+        values: of the cells, (ny, nx).
+        size: rows and columns of a block.
+        beyond: the value.
+    """
     ny, nx = values.shape
-    coarse = np.empty((-(-ny // 2), -(-nx // 2)))
-    inside = coarse[: ny // 2, : nx // 2]
-    np.add(values[: ny - ny % 2 : 2, : nx - nx % 2 : 2], values[: ny - ny % 2 : 2, 1::2], out=inside)
-    inside += values[1::2, : nx - nx % 2 : 2]
-    inside += values[1::2, 1::2]
-    inside *= 0.25
-    fill: Literal["edge", "constant"] = "edge" if edge else "constant"
-    if nx % 2:
-        coarse[:, -1] = _coarser(np.pad(values[:, -1:], ((0, ny % 2), (0, 1)), fill), edge)[:, 0]
-    if ny % 2:
-        coarse[-1, : nx // 2] = _coarser(np.pad(values[-1:, : nx - nx % 2], ((0, 1), (0, 0)), fill), edge)[0]
+    coarse = np.empty((-(-ny // size), -(-nx // size)))
+    _find_means(values, size, beyond is None, 0.0 if beyond is None else beyond, coarse)
     return coarse
 
 
-def _finer(coarse: Floats, handed: Floats) -> _Places:
-    """Write four times what coarse cells have handed on, interpolated, and return the cells that this may reach.
+@plain_jit
+def _find_means(values: Floats, size: int, has_rim: bool, beyond: float, coarse: Floats) -> None:
+    """Write means, see `means`."""
+    ny, nx = values.shape
+    for j in range(coarse.shape[0]):
+        written = 0
+        if size == 2 and 2 * j + 1 < ny:  # several at once
+            upper = values[2 * j]
+            lower = values[2 * j + 1]
+            row = coarse[j]
+            for i in range(nx // 2):
+                row[i] = 0.25 * (upper[2 * i] + upper[2 * i + 1] + lower[2 * i] + lower[2 * i + 1])
+            written = nx // 2
+        for i in range(written, coarse.shape[1]):
+            total = 0.0
+            for q in range(j * size, (j + 1) * size):
+                for p in range(i * size, (i + 1) * size):
+                    if has_rim or (q < ny and p < nx):
+                        total += values[min(q, ny - 1), min(p, nx - 1)]
+                    else:
+                        total += beyond
+            coarse[j, i] = total / (size * size)
+
+
+def _start_from(coarse: Floats, surface: _Surface, listed: NDArray[np.bool_], ripple: float) -> None:
+    """Let cells hand on four times what coarse cells have handed on, interpolated, and list those that may be pushed.
 
     Args:
         coarse: u of cells twice as wide.
-        handed: u at the middles of the cells, (ny, nx), zeros so far; written.
-
-    Returns:
-        The cells, row by row.
+        surface: of the cells; its height is changed, and u, which is 0 so far.
+        listed: whether cells are above their ceiling by more than a ripple, (ny, nx); updated, with those that have
+            handed on anything.
+        ripple: over the ceiling.
     """
-    ny, nx = handed.shape
-    near = np.zeros((ny, nx), bool)
-    rows, columns = _places(coarse > 0.0)
-    around = np.arange(-1, 3)  # halves of a cell and those beside them
-    j = (2 * rows[:, None] + around).clip(0, ny - 1)
-    i = (2 * columns[:, None] + around).clip(0, nx - 1)
-    near[j[:, :, None], i[:, None, :]] = True
-    cells = _places(near)
-    row, beside_row = _halves(cells[0], coarse.shape[0])
-    column, beside_column = _halves(cells[1], coarse.shape[1])
-    here = 0.75 * coarse[row, column] + 0.25 * coarse[beside_row, column]
-    beside = 0.75 * coarse[row, beside_column] + 0.25 * coarse[beside_row, beside_column]
-    handed[cells] = 4.0 * (0.75 * here + 0.25 * beside)
-    return cells
+    rows = np.flatnonzero(coarse.max(axis=1) > 0.0)
+    columns = np.flatnonzero(coarse.max(axis=0) > 0.0)
+    if rows.size:  # few cells hand anything on: those alone are looked at
+        _refine(coarse, surface, listed, ripple, (rows[0], rows[-1], columns[0], columns[-1]))
 
 
-def _places(mask: NDArray[np.bool_]) -> _Places:
+@plain_jit
+def _refine(
+    coarse: Floats, surface: _Surface, listed: NDArray[np.bool_], ripple: float, box: tuple[int, int, int, int]
+) -> None:
+    """Start from a coarse grid, see `_start_from`, within a box: first and last row, first and last column there."""
+    height, ceiling, _, handed = surface
+    ny, nx = height.shape
+    # halves of a coarse cell and those beside them
+    first_row = max(2 * box[0] - 1, 0)
+    last_row = min(2 * box[1] + 2, ny - 1)
+    first_column = max(2 * box[2] - 1, 0)
+    last_column = min(2 * box[3] + 2, nx - 1)
+    for j in range(first_row, last_row + 1):
+        row = j // 2
+        beside_row = min(max(row + 2 * (j % 2) - 1, 0), coarse.shape[0] - 1)
+        for i in range(first_column, last_column + 1):
+            column = i // 2
+            beside_column = min(max(column + 2 * (i % 2) - 1, 0), coarse.shape[1] - 1)
+            here = 0.75 * coarse[row, column] + 0.25 * coarse[beside_row, column]
+            beside = 0.75 * coarse[row, beside_column] + 0.25 * coarse[beside_row, beside_column]
+            given = 4.0 * (0.75 * here + 0.25 * beside)
+            if given == 0.0:
+                continue
+            handed[j, i] = given
+            height[j, i] -= given
+            share = given / ((j > 0) + (j < ny - 1) + (i > 0) + (i < nx - 1))
+            for q, p in ((j - 1, i), (j + 1, i), (j, i - 1), (j, i + 1)):
+                if 0 <= q < ny and 0 <= p < nx:
+                    height[q, p] += share
+    for j in range(max(first_row - 1, 0), min(last_row + 2, ny)):
+        for i in range(max(first_column - 1, 0), min(last_column + 2, nx)):
+            listed[j, i] = handed[j, i] > 0.0 or height[j, i] > ceiling[j, i] * (1.0 + ripple)
+
+
+def _places(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the cells of a mask row by row, in a third of the time that `numpy.nonzero` takes."""
     rows, columns = np.divmod(np.flatnonzero(mask), mask.shape[1])
     return rows, columns
-
-
-def _halves(half: NDArray[np.intp], coarse: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return which of so many coarse cells in a row each half cell lies in, and beside which."""
-    cell = half // 2
-    return cell, np.clip(cell + np.where(half % 2 == 1, 1, -1), 0, coarse - 1)
-
-
-def _hand_on(height: Floats, handed: Floats, cells: _Places) -> _Places:
-    """Take from cells what they hand on, share it among the neighbours that each has, and return all these cells.
-
-    Args:
-        height: of the glue, (ny, nx), changed.
-        handed: what every cell hands on, (ny, nx).
-        cells: those that do, row by row.
-    """
-    ny, nx = height.shape
-    row, column = cells
-    given = handed[cells]
-    lower = row > 0
-    upper = row < ny - 1
-    lesser = column > 0
-    greater = column < nx - 1
-    share = given / (lower * 1 + upper + lesser + greater)
-    changed = [cells]
-    # in the order in which a pass over the rows reaches a cell, so that sums are rounded as they are there
-    for down, across, inside in ((1, 0, upper), (0, 1, greater), (0, 0, None), (0, -1, lesser), (-1, 0, lower)):
-        if inside is None:
-            height[cells] -= given
-            continue
-        neighbours = row[inside] + down, column[inside] + across
-        height[neighbours] += share[inside]
-        changed.append(neighbours)
-    return np.concatenate([places[0] for places in changed]), np.concatenate([places[1] for places in changed])
 
 
 def _to_push(listed: NDArray[np.bool_]) -> tuple[_Queue, int]:

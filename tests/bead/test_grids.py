@@ -31,61 +31,51 @@ def test_means_over_blocks(shape, size):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("edge", [False, True])
-def test_coarser_grids(shape, edge):
+@pytest.mark.parametrize("size", [2, 8])
+def test_means_over_blocks_with_the_values_of_the_rim(shape, size):
     (values,) = grids(2, 1, shape)
-    ny, nx = shape
-    for (row, column), mean in np.ndenumerate(pushing._coarser(values, edge)):
+    for (row, column), mean in np.ndenumerate(pushing.means(values, size)):
         total = 0.0
-        for j in (2 * row, 2 * row + 1):
-            for i in (2 * column, 2 * column + 1):
-                if edge or (j < ny and i < nx):
-                    total += 0.25 * values[min(j, ny - 1), min(i, nx - 1)]
-        assert mean == total
+        for j in range(row * size, (row + 1) * size):
+            for i in range(column * size, (column + 1) * size):
+                total += values[min(j, shape[0] - 1), min(i, shape[1] - 1)]
+        assert mean == total / size**2
 
 
-@pytest.mark.parametrize("sparse", [False, True])
+def interpolated(coarse, j, i):
+    q = j // 2
+    m = i // 2
+    p = min(max(q + (1 if j % 2 else -1), 0), coarse.shape[0] - 1)
+    n = min(max(m + (1 if i % 2 else -1), 0), coarse.shape[1] - 1)
+    near = 0.75 * coarse[q, m] + 0.25 * coarse[p, m]
+    far = 0.75 * coarse[q, n] + 0.25 * coarse[p, n]
+    return 4.0 * (0.75 * near + 0.25 * far)
+
+
+@pytest.mark.parametrize("dry", [0.3, 0.95, 1.0])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_finer_grids(shape, sparse):
+def test_the_start_from_a_coarse_grid(shape, dry):
     ny, nx = shape
-    (values,) = grids(3, 1, ((ny + 1) // 2, (nx + 1) // 2))
-    if sparse:
-        values[np.random.default_rng(10).random(values.shape) < 0.9] = 0.0
-    handed = np.zeros(shape)
-    row, column = pushing._finer(values, handed)
-    for (j, i), value in np.ndenumerate(handed):
-        q = j // 2
-        m = i // 2
-        p = min(max(q + (1 if j % 2 else -1), 0), values.shape[0] - 1)
-        n = min(max(m + (1 if i % 2 else -1), 0), values.shape[1] - 1)
-        near = 0.75 * values[q, m] + 0.25 * values[p, m]
-        far = 0.75 * values[q, n] + 0.25 * values[p, n]
-        assert value == 4.0 * (0.75 * near + 0.25 * far)
-    cells = (row * nx + column).tolist()
-    assert cells == sorted(set(cells))
-    assert set(np.flatnonzero(handed)) <= set(cells)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_what_is_handed_on(shape):
-    height, handed = grids(4, 2, shape)
+    (coarse,) = grids(3, 1, ((ny + 1) // 2, (nx + 1) // 2))
+    coarse[np.random.default_rng(10).random(coarse.shape) < dry] = 0.0
+    height, ceiling = grids(4, 2, shape)
+    surface = pushing._Surface(height, ceiling, np.zeros(shape), np.zeros(shape))
+    listed = pushing.exceeds(height, ceiling, 0.02)
     expected = height.copy()
-    ny, nx = shape
-    given = set()
-    for j in range(ny):
-        for i in range(nx):
-            around = (j > 0) + (j < ny - 1) + (i > 0) + (i < nx - 1)
-            expected[j, i] -= handed[j, i]
-            for p, q in ((j - 1, i), (j + 1, i), (j, i - 1), (j, i + 1)):
-                if 0 <= p < ny and 0 <= q < nx:
-                    expected[p, q] += handed[j, i] / around
-                    given |= {(p, q)} if handed[j, i] else set()
+    for j, i in np.ndindex(shape):
+        given = interpolated(coarse, j, i)
+        around = (j > 0) + (j < ny - 1) + (i > 0) + (i < nx - 1)
+        expected[j, i] -= given
+        for p, q in ((j - 1, i), (j + 1, i), (j, i - 1), (j, i + 1)):
+            if 0 <= p < ny and 0 <= q < nx:
+                expected[p, q] += given / around
     total = height.sum()
-    cells = np.nonzero(handed)
-    changed = pushing._hand_on(height, handed, cells)
+    pushing._start_from(coarse, surface, listed, 0.02)
+    for j, i in np.ndindex(shape):
+        assert surface.handed[j, i] == interpolated(coarse, j, i)
+        assert listed[j, i] == (surface.handed[j, i] > 0.0 or expected[j, i] > ceiling[j, i] * 1.02)
     assert np.array_equal(height, expected)
     assert height.sum() == pytest.approx(total, rel=1e-12)
-    assert set(zip(*changed, strict=True)) == {*zip(*cells, strict=True), *given}
 
 
 @pytest.mark.parametrize("shape", SHAPES)
