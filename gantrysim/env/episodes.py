@@ -53,7 +53,7 @@ class Episode:
 
     Attributes:
         simulation: its setpoints on its machine.
-        points: points along the requested path, evenly spaced but for the corners, (m, 3) [mm].
+        points: points along the requested path, evenly spaced but for the corners, (m, 3), by columns [mm].
         spacing: their spacing [mm].
         drawn: values drawn for the path and the machine, by name.
     """
@@ -93,7 +93,7 @@ class Plan:
         s, points = path.table
         if path.corners.size:
             points = np.insert(points, np.searchsorted(s, path.corners), path.position(path.corners), axis=0)
-        return np.ascontiguousarray(points), float(s[1])
+        return np.asfortranarray(points), float(s[1])
 
 
 class Source:

@@ -29,7 +29,7 @@ SPAN = np.dtype(
         ("setpoints", np.int64),  # for all axes, (n, axes)
         ("dispense", np.int64),  # whether the dispenser is on, (n,)
         ("count", np.int64),  # n
-        ("points", np.int64),  # along the requested path, (m, 3) [mm]
+        ("points", np.int64),  # along the requested path, (m, 3), by columns [mm]
         ("entries", np.int64),  # m
         ("spacing", np.float64),  # distance between the points [mm]
         ("first", np.int64),  # tick
@@ -118,7 +118,7 @@ def measure(spans, places, period, peak, rows, totals):
         log = Log(*logs_at(span.log, span.axis_log, span.last, axes))
         position = numba.carray(floats(span.setpoints), (span.count, axes))
         dispense = numba.carray(octets(span.dispense), (span.count,))
-        points = numba.carray(floats(span.points), (span.entries, 3))
+        points = numba.carray(floats(span.points), (3, span.entries)).T
         row = rows[place]
         row[:] = 0.0
         ticks = (span.first, span.last)

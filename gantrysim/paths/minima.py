@@ -32,11 +32,13 @@ class Minima(NamedTuple):
         entry: their indices, (c,).
         place: where the distance is least about each, in entries, (c,).
         distance: the distances, (c,) [mm].
+        squares: squared distances of entries in a row, (b,) [mm²].
     """
 
     entry: NDArray[np.int64]
     place: Floats
     distance: Floats
+    squares: Floats
 
 
 ZERO = np.int64(0)  # of NumPy's type, as numba compiles a function anew for a literal of Python's
@@ -97,29 +99,54 @@ def find_minima(points, point, low, high, minima):
         minima: into whose first elements they are written; those that have no room are left out.
     """
     last_entry = len(points) - 1
+    squares = minima.squares
+    room = len(minima.entry)
     count = 0
-    best = low
-    least = np.inf
-    before = np.inf if low == 0 else square_distance(points[low - 1], point)
-    square = square_distance(points[low], point)
-    for i in range(low, high + 1):
-        after = np.inf if i == last_entry else square_distance(points[i + 1], point)
-        if square <= before and square < after and count < len(minima.entry):
-            minima.entry[count] = i
-            minima.distance[count] = np.sqrt(square)
-            minima.place[count] = i + (_vertex(before, square, after) if 0 < i < last_entry else 0.0)
-            count += 1
-        if square < least:
-            best = i
-            least = square
-        before = square
-        square = after
+    for begin in range(low, high + 1, len(squares) - 2):
+        end = min(begin + len(squares) - 3, high)
+        _find_squares(points, point, begin - 1, end + 2, squares)
+        before = squares[0]
+        square = squares[1]
+        for k in range(2, end - begin + 3):
+            after = squares[k]
+            if square <= before and square < after and count < room:
+                i = begin + k - 2
+                minima.entry[count] = i
+                minima.distance[count] = np.sqrt(square)
+                minima.place[count] = i + (_vertex(before, square, after) if 0 < i < last_entry else 0.0)
+                count += 1
+            before = square
+            square = after
     if count == 0:
+        best = nearest_entry(points, point, low, high)
         minima.entry[0] = best
         minima.place[0] = best
-        minima.distance[0] = np.sqrt(least)
+        minima.distance[0] = np.sqrt(square_distance(points[best], point))
         return 1
     return count
+
+
+@plain_inner_jit
+def _find_squares(points, point, begin, end, squares):
+    """Write the squared distances of a point from the entries from `begin` to before `end`, inf beyond the table."""
+    if begin < 0:
+        squares[0] = np.inf
+    if end > len(points):
+        squares[len(points) - begin] = np.inf
+    first = max(begin, 0)
+    x = points[first:end, 0]
+    y = points[first:end, 1]
+    z = points[first:end, 2]
+    at_x = point[0]
+    at_y = point[1]
+    at_z = point[2]
+    written = squares[first - begin :]
+    # from the first element of each array on, and without a sum: several at once
+    for k in range(len(x)):
+        dx = x[k] - at_x
+        dy = y[k] - at_y
+        dz = z[k] - at_z
+        written[k] = dx * dx + dy * dy + dz * dz
 
 
 def vertices(points, p, nearest):

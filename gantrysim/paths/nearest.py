@@ -193,7 +193,8 @@ def along_compiled(points, trace, travel, spacing, begin):
     # empty: to clear them takes a tenth of the time of a short trace
     sequences = Sequences(np.empty((n, BEAM), np.int32), np.empty((n, BEAM), np.int8), np.empty(n, np.int64))
     ends = Ends(np.zeros(BEAM), np.zeros(BEAM))
-    minima = Minima(np.empty(CANDIDATES, np.int64), np.empty(CANDIDATES), np.empty(CANDIDATES))
+    numbers = np.empty((3, CANDIDATES))
+    minima = Minima(np.empty(CANDIDATES, np.int64), numbers[0], numbers[1], numbers[2])
     buffers = Buffers(ends, np.empty(BEAM), np.empty(BEAM), minima, np.empty(BEAM, np.int64))
     table = Table(points, spacing)
     first = _start(table, trace[0], begin)

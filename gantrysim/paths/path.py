@@ -92,7 +92,7 @@ class Path(ABC):
 
     @cached_property
     def table(self) -> tuple[Floats, Floats]:
-        """Arc lengths, evenly spaced from start to end, (m,), and the points there, (m, 3) [mm].
+        """Arc lengths, evenly spaced from start to end, (m,), and the points there, (m, 3), by columns [mm].
 
         Raises:
             InputError: a path too long for the table.
@@ -102,7 +102,7 @@ class Path(ABC):
         count = int(np.clip(np.ceil(self.length / _TABLE_SPACING), *_TABLE_SIZE))
         count = max(count, int(np.ceil(self.length / _WIDEST_SPACING))) + 1
         s = np.linspace(0.0, self.length, count)
-        return s, self.position(s)
+        return s, np.asfortranarray(self.position(s))
 
     def project(self, points: ArrayLike) -> Projection:
         """Project points onto the path: the nearest point of the whole curve, ends included.

@@ -78,7 +78,8 @@ def begun(entry):
     ends = Ends(np.zeros(BEAM), np.zeros(BEAM))
     sequences.entry[0, 0] = entry
     ends.place[0] = entry
-    minima = Minima(np.zeros(CANDIDATES, np.int64), np.zeros(CANDIDATES), np.zeros(CANDIDATES))
+    numbers = np.zeros((3, CANDIDATES))
+    minima = Minima(np.zeros(CANDIDATES, np.int64), numbers[0], numbers[1], numbers[2])
     return sequences, Buffers(ends, np.zeros(BEAM), np.zeros(BEAM), minima, np.zeros(BEAM, np.int64))
 
 

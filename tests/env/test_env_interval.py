@@ -26,7 +26,7 @@ def log_of(tips, encoder=None, demand=None):
 def span_of(path, tips, on, log, foot=-1):
     """What is to be measured, with the addresses of arrays that are to be kept alive: these."""
     s, points = path.table
-    arrays = np.ascontiguousarray(tips[:, :AXES]), np.ascontiguousarray(on, bool), np.ascontiguousarray(points)
+    arrays = np.ascontiguousarray(tips[:, :AXES]), np.ascontiguousarray(on, bool), np.asfortranarray(points)
     span = np.zeros(1, SPAN)
     span["log"], span["axis_log"] = log.tick.ctypes.data, log.axis.ctypes.data
     span["setpoints"], span["dispense"], span["points"] = (array.ctypes.data for array in arrays)
