@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats, seen
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import plain_jit
-from gantrysim.paths.lengths import begin_of, swept_angle
+from gantrysim.paths.lengths import find_swept
 from gantrysim.paths.path import Local, Path, tangent_of
 from gantrysim.paths.pieces import (
     ROW,
@@ -176,7 +176,7 @@ class Chain(Path):
     def _at(self, k: NDArray[np.intp], distance: Floats, points: bool = True, frame: bool = True) -> _Places:
         n = k.size
         places = _Places(np.empty((n, 3)), np.empty(n), np.empty(n), np.zeros(n), np.zeros(n))
-        _find_places(k, distance, self._packed, places, (points, frame))
+        _find_places(k, distance, self._packed, places, np.empty(n, bool), (points, frame))
         return places
 
     @cached_property
@@ -227,7 +227,12 @@ class Chain(Path):
 
 @plain_jit
 def _find_places(
-    k: NDArray[np.intp], distance: Floats, columns: _Columns, places: _Places, needed: tuple[bool, bool]
+    k: NDArray[np.intp],
+    distance: Floats,
+    columns: _Columns,
+    places: _Places,
+    active: NDArray[np.bool_],
+    needed: tuple[bool, bool],
 ) -> None:
     """Find the places at distances from the starts of the pieces k.
 
@@ -236,14 +241,29 @@ def _find_places(
         distance: from their starts, (n,) [mm].
         columns: of the pieces.
         places: written; turning and angle are 0 so far.
+        active: for the search of the angles, (n,).
         needed: whether the points are, and whether heading, climb and turning; if not, they have no meaning.
     """
     point, heading, climb, turning, swept = places
     points, frames = needed
     frame = columns.frame
-    piece = -1
-    growth_and_rise = 0.0
-    begin = (0.0, 0.0)
+    begin = 0
+    while begin < k.size:  # points in a row mostly lie on one piece
+        j = k[begin]
+        end = begin + 1
+        while end < k.size and k[end] == j:
+            end += 1
+        if columns.coil[j]:
+            find_swept(  # type: ignore[no-untyped-call]
+                columns.radius[j],
+                columns.growth[j],
+                np.hypot(columns.growth[j], columns.rise[j]),
+                distance[begin:end],
+                columns.angle[j],
+                swept[begin:end],
+                active[begin:end],
+            )
+        begin = end
     for i in range(k.size):
         j = k[i]
         for a in range(3):
@@ -256,14 +276,7 @@ def _find_places(
         turn = columns.turn[j]
         b = columns.growth[j]
         c = columns.rise[j]
-        if j != piece:  # points in a row mostly lie on one piece
-            piece = j
-            growth_and_rise = np.hypot(b, c)
-            begin = begin_of(radius, b, growth_and_rise)  # type: ignore[no-untyped-call]
-        phi = swept_angle(  # type: ignore[no-untyped-call]
-            radius, b, growth_and_rise, distance[i], columns.angle[j], begin
-        )
-        swept[i] = phi
+        phi = swept[i]
         rho = radius + b * phi
         if points:
             psi = columns.begin[j] + turn * phi

@@ -83,17 +83,15 @@ def _find_lengths(r, b, c, angle, lengths):
 
 
 def swept_along(r, b, c, s, most):
-    """Return the angles from 0 to `most` at which the arc lengths are s, (n,), see `swept_angle` [rad]."""
+    """Return the angles from 0 to `most` at which the arc lengths are s, (n,), see `find_swept` [rad]."""
     angles = np.empty(s.size)
-    _find_angles(r, b, c, s, most, angles)
+    _find_angles(r, b, c, s, most, angles, np.empty(s.size, bool))
     return angles
 
 
 @plain_jit
-def _find_angles(r, b, c, s, most, angles):
-    begin = begin_of(r, b, c)
-    for k in range(s.size):
-        angles[k] = swept_angle(r, b, c, s[k], most, begin)
+def _find_angles(r, b, c, s, most, angles, active):
+    find_swept(r, b, c, s, most, angles, active)
 
 
 @plain_inner_jit
@@ -104,32 +102,41 @@ def _guess(rate, b, s, most):
 
 
 @plain_inner_jit
-def begin_of(r, b, c):
-    """Return what `swept_angle` needs of a curve's start: the rate ds / d(phi), and the antiderivative there."""
-    return np.hypot(r, c), 0.0 if b * c == 0.0 else _antiderivative(r, c)
+def find_swept(r, b, c, s, most, angles, active):
+    """Write the angles from 0 to `most` at which the arc lengths are s, (n,), by Newton's method to 1e-14 [rad].
 
+    The radius r + b phi must not be negative up to there. A step is made for all angles before the next: it waits for
+    one operation after the other, and the processor works on several angles meanwhile.
 
-@plain_inner_jit
-def swept_angle(r, b, c, s, most, begin):
-    """Return the angle from 0 to `most` at which the arc length is s, by Newton's method to 1e-14 [rad].
-
-    The radius r + b phi must not be negative up to there; `begin` is that of `begin_of`.
+    Args:
+        r, b, c, s, most: see `arc_length`.
+        angles: written.
+        active: for the search, (n,).
     """
-    rate_at_start, from_start = begin
-    angle = _guess(rate_at_start, b, s, most)
+    rate_at_start = np.hypot(r, c)
+    for k in range(s.size):
+        angles[k] = _guess(rate_at_start, b, s[k], most)
+        active[k] = True
     if b * c == 0.0:
-        return angle
+        return
+    from_start = _antiderivative(r, c)
+    remaining = s.size
     for _ in range(_NEWTON_STEPS):
-        rho = r + b * angle
-        rate = np.hypot(rho, c)
-        if _is_even(r, b, c, angle):
-            length = _quadrature(r, b, c, angle)
-        else:
-            length = (_antiderivative_at(rho, c, rate) - from_start) / b
-        step = (length - s) / rate if rate > 0 else 0.0
-        improved = min(max(angle - step, 0.0), most)
-        converged = abs(improved - angle) <= _LAST_STEP * improved
-        angle = improved
-        if converged:
+        for k in range(s.size):
+            if not active[k]:
+                continue
+            angle = angles[k]
+            rho = r + b * angle
+            rate = np.hypot(rho, c)
+            if _is_even(r, b, c, angle):
+                length = _quadrature(r, b, c, angle)
+            else:
+                length = (_antiderivative_at(rho, c, rate) - from_start) / b
+            step = (length - s[k]) / rate if rate > 0 else 0.0
+            improved = min(max(angle - step, 0.0), most)
+            angles[k] = improved
+            if abs(improved - angle) <= _LAST_STEP * improved:
+                active[k] = False
+                remaining -= 1
+        if remaining == 0:
             break
-    return angle
