@@ -109,8 +109,12 @@ def find_swept(r, b, c, s, most, angles, active):
     one operation after the other, and the processor works on several angles meanwhile.
 
     Args:
-        r, b, c, s, most: see `arc_length`.
-        angles: written.
+        r: radius at the start [mm].
+        b: its growth [mm/rad].
+        c: length of ds / d(phi) across the growth [mm/rad].
+        s: arc lengths, (n,) [mm].
+        most: largest angle [rad].
+        angles: written, (n,) [rad].
         active: for the search, (n,).
     """
     rate_at_start = np.hypot(r, c)
