@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import plain_jit
+from gantrysim.base.jit import plain_inner_jit, plain_jit
 
 _COARSEST = 16  # rows or columns
 _FINER = 0.25  # ripple of a coarser grid over that of the finer one
@@ -146,28 +146,31 @@ def _start_from(coarse: Floats, surface: _Surface, listed: NDArray[np.bool_], ri
             handed on anything.
         ripple: over the ceiling.
     """
-    rows = np.flatnonzero(coarse.max(axis=1) > 0.0)
-    columns = np.flatnonzero(coarse.max(axis=0) > 0.0)
-    if rows.size:  # few cells hand anything on: those alone are looked at
-        _refine(coarse, surface, listed, ripple, (rows[0], rows[-1], columns[0], columns[-1]))
+    active = coarse > 0.0
+    first = active.argmax(axis=1)
+    last = np.where(active.any(axis=1), coarse.shape[1] - 1 - active[:, ::-1].argmax(axis=1), -1)
+    _refine(coarse, surface, listed, ripple, (first, last))
 
 
 @plain_jit
 def _refine(
-    coarse: Floats, surface: _Surface, listed: NDArray[np.bool_], ripple: float, box: tuple[int, int, int, int]
+    coarse: Floats,
+    surface: _Surface,
+    listed: NDArray[np.bool_],
+    ripple: float,
+    columns: tuple[NDArray[np.intp], NDArray[np.intp]],
 ) -> None:
-    """Start from a coarse grid, see `_start_from`, within a box: first and last row, first and last column there."""
+    """Start from a coarse grid, see `_start_from`, given the first and the last active cell of its rows, (my,) each.
+
+    A row without any has none up to its last, -1.
+    """
     height, ceiling, _, handed = surface
     ny, nx = height.shape
-    # halves of a coarse cell and those beside them
-    first_row = max(2 * box[0] - 1, 0)
-    last_row = min(2 * box[1] + 2, ny - 1)
-    first_column = max(2 * box[2] - 1, 0)
-    last_column = min(2 * box[3] + 2, nx - 1)
-    for j in range(first_row, last_row + 1):
+    for j in range(ny):
         row = j // 2
         beside_row = min(max(row + 2 * (j % 2) - 1, 0), coarse.shape[0] - 1)
-        for i in range(first_column, last_column + 1):
+        first, last = _reach(row, beside_row, columns, nx)
+        for i in range(first, last + 1):
             column = i // 2
             beside_column = min(max(column + 2 * (i % 2) - 1, 0), coarse.shape[1] - 1)
             here = 0.75 * coarse[row, column] + 0.25 * coarse[beside_row, column]
@@ -181,9 +184,29 @@ def _refine(
             for q, p in ((j - 1, i), (j + 1, i), (j, i - 1), (j, i + 1)):
                 if 0 <= q < ny and 0 <= p < nx:
                     height[q, p] += share
-    for j in range(max(first_row - 1, 0), min(last_row + 2, ny)):
-        for i in range(max(first_column - 1, 0), min(last_column + 2, nx)):
-            listed[j, i] = handed[j, i] > 0.0 or height[j, i] > ceiling[j, i] * (1.0 + ripple)
+    # when all heights are known: of these cells and their neighbours
+    for j in range(ny):
+        row = j // 2
+        beside_row = min(max(row + 2 * (j % 2) - 1, 0), coarse.shape[0] - 1)
+        first, last = _reach(row, beside_row, columns, nx)
+        for i in range(first, last + 1):
+            if handed[j, i] == 0.0:
+                continue
+            for q, p in ((j, i), (j - 1, i), (j + 1, i), (j, i - 1), (j, i + 1)):
+                if 0 <= q < ny and 0 <= p < nx:
+                    listed[q, p] = handed[q, p] > 0.0 or height[q, p] > ceiling[q, p] * (1.0 + ripple)
+
+
+@plain_inner_jit
+def _reach(row: int, beside: int, columns: tuple[NDArray[np.intp], NDArray[np.intp]], nx: int) -> tuple[int, int]:
+    """Return the first and the last of nx cells that the active cells of two rows of half as many reach."""
+    first = nx
+    last = -1
+    for k in (row, beside):
+        if columns[1][k] >= 0:
+            first = min(first, 2 * columns[0][k] - 1)
+            last = max(last, 2 * columns[1][k] + 2)
+    return max(first, 0), min(last, nx - 1)
 
 
 def _places(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
