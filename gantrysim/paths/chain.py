@@ -163,7 +163,7 @@ class Chain(Path):
 
     def _locate(self, s: ArrayLike) -> tuple[NDArray[np.intp], Floats]:
         arc_length = np.atleast_1d(np.asarray(s, float))
-        k = np.clip(np.searchsorted(self._s, arc_length, side="right") - 1, 0, len(self.pieces) - 1)
+        k = self._s[1:-1].searchsorted(arc_length, side="right")
         return k, arc_length - self._s[k]
 
     @cached_property

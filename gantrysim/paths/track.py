@@ -129,11 +129,6 @@ class Track(Chain):
     def turn_spacing(self) -> float | None:
         return None
 
-    def _locate(self, s: ArrayLike) -> tuple[NDArray[np.intp], Floats]:
-        arc_length = np.atleast_1d(np.asarray(s, float))
-        k = np.clip(np.searchsorted(self._s, arc_length, side="right") - 1, 0, self._angle.size - 1)
-        return k, arc_length - self._s[k]
-
     def place(self, k: NDArray[np.intp], distance: Floats) -> Floats:
         """Return the points at distances from the starts of pieces, (n, 3) [mm]."""
         return self._at(k, distance).point
