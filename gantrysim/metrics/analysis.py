@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, dot, lengths
+from gantrysim.base.arrays import Floats, at_rows, dot, lengths
 from gantrysim.base.columns import blocks, by_blocks
 from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError
@@ -174,11 +174,11 @@ class Analysis(Shown):
 
         def along(block: slice) -> Floats:
             # in blocks: a run of hours does not fit in memory beside its differences
-            lag = run.commanded_tip[ticks[block]] - run.encoder_tip[ticks[block]]
+            lag = at_rows(run.commanded_tip, ticks[block]) - at_rows(run.encoder_tip, ticks[block])
             return dot(lag, run.requested.tangent(self.commanded.s[block]))
 
         def steps(block: slice) -> Floats:
-            return lengths(np.diff(run.commanded_tip[ticks[block.start : block.stop + 1]], axis=0))
+            return lengths(np.diff(at_rows(run.commanded_tip, ticks[block.start : block.stop + 1]), axis=0))
 
         def moves(block: slice) -> NDArray[np.bool_]:
             return np.any(np.diff(run.commanded[block.start : block.stop + 1], axis=0) != 0, axis=1)
@@ -216,7 +216,7 @@ class Analysis(Shown):
         foot = self.commanded.s[middle]
 
         def components(block: slice) -> Floats:
-            error = run.commanded_tip[ticks[block]] - run.encoder_tip[ticks[block]]
+            error = at_rows(run.commanded_tip, ticks[block]) - at_rows(run.encoder_tip, ticks[block])
             tangent = run.requested.tangent(foot[block])
             along = dot(error, tangent)
             return np.stack([along, lengths(error - along[:, None] * tangent)], axis=1)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, lengths
+from gantrysim.base.arrays import Floats, at_rows, lengths
 from gantrysim.base.columns import blocks, table_by_blocks
 from gantrysim.metrics.parts import Part, difference
 from gantrysim.paths.corners import Components
@@ -43,7 +43,7 @@ class Trace(NamedTuple):
 
     def at(self, block: slice) -> Floats:
         """Return the points at some of the ticks that count."""
-        return self.points[self.ticks[block]]
+        return at_rows(self.points, self.ticks[block])
 
 
 def links(path: Path, chain: list[Trace]) -> tuple[list[Part], Part | None]:

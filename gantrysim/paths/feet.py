@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, lengths
+from gantrysim.base.arrays import Floats, at_rows, lengths
 from gantrysim.base.columns import Column, by_blocks
 from gantrysim.base.jit import plain_jit
 from gantrysim.paths.corners import Corners
@@ -149,8 +149,7 @@ def longer_steps(trace: Floats, rows: NDArray[np.intp]) -> Floats:
     """
 
     def steps(block: slice) -> Floats:
-        points = trace[rows[block.start : block.stop + 1]]
-        return lengths(np.diff(points, axis=0))
+        return lengths(np.diff(at_rows(trace, rows[block.start : block.stop + 1]), axis=0))
 
     longer = np.zeros(rows.size)
     _find_longer(by_blocks(steps, rows.size - 1), longer)

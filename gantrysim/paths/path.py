@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.base.arrays import Floats, read_only
+from gantrysim.base.arrays import Floats, at_rows, read_only
 from gantrysim.base.columns import blocks, table_by_blocks
 from gantrysim.base.errors import InputError
 from gantrysim.paths.corners import Corners
@@ -142,7 +142,7 @@ class Path(ABC):
             sharp = NEAR_SHARP * spacing + longer_steps(all_points, followed)
 
         def points(block: slice) -> Floats:
-            return _points(all_points[followed[block]])
+            return _points(at_rows(all_points, followed[block]))
 
         first = -1 if begin is None else round(float(np.clip(begin, 0.0, self.length)) / spacing)
         count = followed.size

@@ -3,8 +3,9 @@
 import threading
 
 import numpy as np
+import pytest
 
-from gantrysim.base.arrays import LastCall, extremes, seen
+from gantrysim.base.arrays import LastCall, at_rows, extremes, lengths, seen
 
 
 def test_the_last_result_is_that_of_the_same_arguments():
@@ -59,3 +60,19 @@ def test_the_extremes_are_those_of_every_column():
     assert np.array_equal(extremes(rows), [rows.min(axis=0), rows.max(axis=0)])
     assert not np.signbit(extremes(np.array([[-0.0], [-0.0]]))).any()
     assert np.isnan(extremes(np.array([[1.0], [np.nan], [2.0]]))).all()
+
+
+@pytest.mark.parametrize("columns", [2, 3])
+def test_lengths_are_numpys_norms(columns):
+    vectors = np.random.default_rng(4).normal(size=(500, columns)) * np.logspace(-8, 3, 500)[:, None]
+    assert np.array_equal(lengths(vectors), np.linalg.norm(vectors, axis=1))
+    assert np.array_equal(lengths(np.asfortranarray(vectors)), np.linalg.norm(vectors, axis=1))
+
+
+@pytest.mark.parametrize("rows", [[], [4], [2, 3, 4], [0, 1, 3], [0, 0, 2], [9]])
+def test_rows_are_those_of_their_indices(rows):
+    array = np.random.default_rng(5).normal(size=(10, 3))
+    found = at_rows(array, np.array(rows, np.intp))
+    assert np.array_equal(found, array[rows] if rows else np.zeros((0, 3)))
+    follow = len(rows) > 0 and rows == list(range(rows[0], rows[-1] + 1))
+    assert np.shares_memory(found, array) == follow
