@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.base.arrays import Floats, dot
+from gantrysim.base.arrays import Floats, dot, lengths, scaled
 from gantrysim.base.columns import Column, blocks, by_blocks, table_by_blocks
 from gantrysim.base.jit import plain_jit
 from gantrysim.paths.path import Local, Path, Projection
@@ -77,7 +77,7 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
         """The trace's points, (m, 3), their lateral errors, (m,), and the path there."""
         here = path.local(place)
         error = offset(place)
-        return here.position + error[:, None] * here.normal, error, here
+        return here.position + scaled(here.normal, error), error, here
 
     def derivative(place: Floats, error: Floats, here: Local) -> Floats:
         """The trace's derivative by s in the plane, (m, 3)."""
@@ -85,7 +85,7 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
         high = np.minimum(place + _SLOPE_REACH, s[-1])
         across = (offset(high) - offset(low)) / (high - low)
         ahead = here.cosine - here.turning * error
-        return ahead[:, None] * here.along + across[:, None] * here.normal
+        return scaled(here.along, ahead) + scaled(here.normal, across)
 
     heading, (first, last) = one_way(by_blocks(lambda block: path.heading(s[block]), s.size), s)
     s = s[first:last]
@@ -132,7 +132,8 @@ def _directions(tangents: Floats) -> Floats:
     A trace that touches the path's centre of curvature has no direction there.
     """
     with np.errstate(invalid="ignore"):
-        return tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
+        length = lengths(tangents)
+        return np.stack([tangents[:, k] / length for k in range(3)], axis=1)
 
 
 def _none() -> Spacing:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats
+from gantrysim.base.arrays import Floats, scaled
 
 
 @dataclass(frozen=True)
@@ -35,13 +35,17 @@ class Local:
     def along(self) -> Floats:
         """Directions h of the heading, in the plane, (n, 3)."""
         cosine, sine = self.heading
-        return cosine[:, None] * self._direction(0) + sine[:, None] * self._direction(1)
+        along = scaled(self._direction(0), cosine)
+        along += scaled(self._direction(1), sine)
+        return along
 
     @cached_property
     def normal(self) -> Floats:
         """Left normals n, (n, 3)."""
         cosine, sine = self.heading
-        return cosine[:, None] * self._direction(1) - sine[:, None] * self._direction(0)
+        normal = scaled(self._direction(1), cosine)
+        normal -= scaled(self._direction(0), sine)
+        return normal
 
     @cached_property
     def up(self) -> Floats:
@@ -56,12 +60,12 @@ class Local:
     @property
     def tangent(self) -> Floats:
         """Unit tangents t, (n, 3)."""
-        return self.cosine[:, None] * self.along + self.sine[:, None] * self.up
+        return scaled(self.along, self.cosine) + scaled(self.up, self.sine)
 
     @property
     def curvature(self) -> Floats:
         """Curvature vectors kappa cos(beta) n, that is dt/ds at a constant climb, (n, 3) [1/mm]."""
-        return (self.turning * self.cosine)[:, None] * self.normal
+        return scaled(self.normal, self.turning * self.cosine)
 
     def _direction(self, k: int) -> Floats:
         """Return one direction of each point's plane, (n, 3)."""
