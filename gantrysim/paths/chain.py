@@ -254,15 +254,10 @@ def _find_places(
         while end < k.size and k[end] == j:
             end += 1
         if columns.coil[j]:
-            find_swept(  # type: ignore[no-untyped-call]
-                columns.radius[j],
-                columns.growth[j],
-                np.hypot(columns.growth[j], columns.rise[j]),
-                distance[begin:end],
-                columns.angle[j],
-                swept[begin:end],
-                active[begin:end],
-            )
+            growth = columns.growth[j]
+            curve = (columns.radius[j], growth, np.hypot(growth, columns.rise[j]), columns.angle[j])
+            here = slice(begin, end)
+            find_swept(curve, distance[here], swept[here], active[here])  # type: ignore[no-untyped-call]
         begin = end
     for i in range(k.size):
         j = k[i]

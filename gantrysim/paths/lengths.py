@@ -85,13 +85,13 @@ def _find_lengths(r, b, c, angle, lengths):
 def swept_along(r, b, c, s, most):
     """Return the angles from 0 to `most` at which the arc lengths are s, (n,), see `find_swept` [rad]."""
     angles = np.empty(s.size)
-    _find_angles(r, b, c, s, most, angles, np.empty(s.size, bool))
+    _find_angles((r, b, c, most), s, angles, np.empty(s.size, bool))
     return angles
 
 
 @plain_jit
-def _find_angles(r, b, c, s, most, angles, active):
-    find_swept(r, b, c, s, most, angles, active)
+def _find_angles(curve, s, angles, active):
+    find_swept(curve, s, angles, active)
 
 
 @plain_inner_jit
@@ -102,21 +102,19 @@ def _guess(rate, b, s, most):
 
 
 @plain_inner_jit
-def find_swept(r, b, c, s, most, angles, active):
-    """Write the angles from 0 to `most` at which the arc lengths are s, (n,), by Newton's method to 1e-14 [rad].
+def find_swept(curve, s, angles, active):
+    """Write the angles at which the arc lengths of a curve are s, (n,), by Newton's method to 1e-14 [rad].
 
-    The radius r + b phi must not be negative up to there. A step is made for all angles before the next: it waits for
-    one operation after the other, and the processor works on several angles meanwhile.
+    The radius r + b phi must not be negative up to the largest angle. A step is made for all angles before the next: it
+    waits for one operation after the other, and the processor works on several angles meanwhile.
 
     Args:
-        r: radius at the start [mm].
-        b: its growth [mm/rad].
-        c: length of ds / d(phi) across the growth [mm/rad].
+        curve: r [mm], b and c of `arc_length` [mm/rad], and the largest angle [rad].
         s: arc lengths, (n,) [mm].
-        most: largest angle [rad].
         angles: written, (n,) [rad].
         active: for the search, (n,).
     """
+    r, b, c, most = curve
     rate_at_start = np.hypot(r, c)
     for k in range(s.size):
         angles[k] = _guess(rate_at_start, b, s[k], most)
