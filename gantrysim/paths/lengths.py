@@ -85,13 +85,8 @@ def _find_lengths(r, b, c, angle, lengths):
 def swept_along(r, b, c, s, most):
     """Return the angles from 0 to `most` at which the arc lengths are s, (n,), see `find_swept` [rad]."""
     angles = np.empty(s.size)
-    _find_angles((r, b, c, most), s, angles, np.empty(s.size, bool))
+    find_swept((r, b, c, most), s, angles, np.empty(s.size, bool))
     return angles
-
-
-@plain_jit
-def _find_angles(curve, s, angles, active):
-    find_swept(curve, s, angles, active)
 
 
 @plain_inner_jit
@@ -101,7 +96,7 @@ def _guess(rate, b, s, most):
     return min(max(guess, 0.0), most)
 
 
-@plain_inner_jit
+@plain_jit
 def find_swept(curve, s, angles, active):
     """Write the angles at which the arc lengths of a curve are s, (n,), by Newton's method to 1e-14 [rad].
 
