@@ -7,6 +7,7 @@ import sys
 import numba
 import numpy as np
 import pytest
+from numba.core.caching import NullCache
 from numba.core.compiler import Flags
 
 from gantrysim.base import pipeline
@@ -72,6 +73,7 @@ def sums(rows, into):
 def test_a_plain_function_counts_no_references():
     into = np.empty(len(ROWS))
     compiled = plain_jit(sums)
+    compiled._cache = NullCache()  # code from a cache cannot be looked at
     compiled(ROWS, into)
     assert into.tolist() == [row[0] + row[1] + row[2] for row in ROWS.tolist()]
     (code,) = compiled.inspect_llvm().values()
