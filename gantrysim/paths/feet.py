@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, at_rows, lengths
+from gantrysim.base.arrays import Floats, at_rows, lengths, seen
 from gantrysim.base.columns import Column, by_blocks
 from gantrysim.base.jit import plain_jit
 from gantrysim.paths.corners import Corners
@@ -82,7 +82,7 @@ def foot_between(path: Curve, p: Floats, low: Floats, high: Floats, guess: Float
     """
     n = len(p)
     search = Search(
-        point=np.ascontiguousarray(p),
+        point=seen(np.ascontiguousarray(p)),
         first=low,
         last=high,
         low=low.copy(),

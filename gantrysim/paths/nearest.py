@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gantrysim.base.arrays import seen
 from gantrysim.base.jit import inner_jit, plain_inner_jit, plain_jit
 from gantrysim.paths.minima import Minima, Table, find_minima, first_near_entry, nearest_entry, square_distance
 from gantrysim.paths.sequences import (
@@ -276,6 +277,6 @@ def along_blocks(points, blocks, count, spacing, begin):
         if received < count:
             last = trace[-1:]
             trace, travel = next(blocks)
-            trace = np.concatenate([last, trace])
+            trace = seen(np.concatenate([last, trace]))
             travel = np.concatenate([[0.0], travel])
     return entries

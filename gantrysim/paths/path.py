@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.base.arrays import Floats, at_rows, read_only
+from gantrysim.base.arrays import Floats, at_rows, read_only, seen
 from gantrysim.base.columns import blocks, table_by_blocks
 from gantrysim.base.errors import InputError
 from gantrysim.paths.corners import Corners
@@ -212,7 +212,7 @@ def _points(points: ArrayLike) -> Floats:
     p = np.atleast_2d(np.asarray(points, float))
     if p.shape[-1] != 3 or not np.isfinite(p).all():
         raise InputError(f"points of shape {p.shape}: must be finite and of shape (n, 3)")
-    return p
+    return seen(p)
 
 
 def tangent_of(heading: Floats, climb: Floats, frame: Floats) -> Floats:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from gantrysim import Budget, Job, Machine, Servo, metrics, perfect_follower, simulate
 from gantrysim.base.errors import InputError
 from gantrysim.controllers import fanuc
+from gantrysim.paths import minima, nearest, newton
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Coil, Line
 
@@ -147,3 +148,17 @@ def test_an_overshoot_beyond_the_end_is_an_error(xy: Machine):
     assert foot.beyond == pytest.approx([0, 0.2])
     assert foot.lateral == pytest.approx([0, 0.1])
     assert foot.distance == pytest.approx(np.hypot(*[[0, 0.2], [0, 0.1]]))
+
+
+def test_traces_are_followed_by_one_kind_of_code():
+    """Numba compiles anew for arrays that are read-only: a record's are, and a selection of their rows is not."""
+    path = chain([20.0, 15.0], [90.0], [0.0, 0.0])
+    trace = path.position(np.linspace(0.0, path.length, 400))
+    trace.flags.writeable = False
+    compiled = (nearest._next_block, nearest._start, newton.step, minima._find_vertices)
+    path.follow(trace)
+    kinds = [len(function.signatures) for function in compiled]
+    path.follow(trace.copy())
+    path.follow(trace, 0.0, np.flatnonzero(np.arange(400) % 50 > 5))
+    path.project(trace)
+    assert [len(function.signatures) for function in compiled] == kinds
