@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from dataclasses import replace
 from difflib import get_close_matches
 
 from gantrysim.base.errors import InputError
@@ -73,10 +72,10 @@ def constant(value: float) -> Expression:
 
 def value_of(ref: Reference, source: Source) -> Expression:
     """Return what a word stands for in an expression; variables are entered into `source` with their line."""
-    word = _value_of(replace(ref, bit=None), source)
-    if ref.bit is None:
-        return word
     bit = ref.bit
+    if bit is None:
+        return _value_of(ref, source)
+    word = _value_of(ref._replace(bit=None), source)
     value = word.value
     if bit >= MOST_BITS:
         raise InputError(f"{ref.spelled}.{bit}: must be a bit from 0 to {MOST_BITS - 1}")
@@ -140,7 +139,7 @@ def _system_parameter(ref: Reference) -> Expression:
     if ref.process is None or ref.name not in words.OF_PROCESS:
         ref.plain(0)
         return Expression(read)
-    replace(ref, process=None).plain(0)
+    ref._replace(process=None).plain(0)
     number = ref.process.value
 
     def value(process: Process) -> float:

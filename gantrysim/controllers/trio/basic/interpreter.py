@@ -114,13 +114,15 @@ class _Run:
             # after a statement, what a process waits for may have come about already
             ahead = self._undisturbed(most if state.stopped else min(most, last)) if self._clock.count == count else 1
             passed = motion.glide(ahead, self._recorded)
-            if len(passed):
-                positions.frombytes(passed[:-1].tobytes())
-                outputs += outputs[-1:] * (len(passed) - 1)
-                lines += lines[-1:] * (len(passed) - 1)
-            else:
+            state.tick += len(passed)
+            if len(passed) < ahead:
                 motion.step()
-            state.tick += max(len(passed), 1)
+                state.tick += 1
+            else:
+                passed = passed[:-1]
+            positions.frombytes(passed.tobytes())
+            outputs += outputs[-1:] * len(passed)
+            lines += lines[-1:] * len(passed)
         position = np.frombuffer(positions, float).reshape(-1, len(axes))
         is_on = np.frombuffer(outputs, np.uint8).astype(bool)
         return Trace(motion.period, position, is_on, np.frombuffer(lines, np.int64), state)
@@ -133,7 +135,7 @@ class _Run:
         state.motion.wind_down()
 
     def _undisturbed(self, most: float) -> int:
-        """Servo periods, up to the tick `most`, until a process can act without the end of a move."""
+        """Servo periods, up to the tick `most`, until a process can act without the end of a move; at least 1."""
         state = self._state
         ahead: float = min(most - state.tick, _LONGEST)
         for process in state.processes:
@@ -141,7 +143,7 @@ class _Run:
                 ahead = min(ahead, (process.ready - state.time) / state.motion.period)
             elif process.polls:
                 return 1
-        return int(ahead)
+        return max(int(ahead), 1)
 
     def _active_line(self, axes: list[Axis]) -> int:
         return next((axis.member.line for axis in axes if axis.member is not None), self._clock.line)

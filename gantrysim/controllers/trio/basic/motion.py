@@ -151,13 +151,15 @@ class Motion(Buffers):
     def _followers(self, base: Axis, move: Move) -> Iterator[Move]:
         if self._merged(base, move) is None:
             return
-        place = _plus(move.start, move.shape.displacement(move.shape.length))
+        are_aimed = any(follows.targets is not None for follows in base.queue)
+        place = _plus(move.start, move.shape.displacement(move.shape.length)) if are_aimed else ()
         for follows in base.queue:
             if not _merge(move, follows):
                 break
-            self._aim(follows, place)
+            if are_aimed:
+                self._aim(follows, place)
+                place = _plus(place, follows.shape.displacement(follows.shape.length))
             yield follows
-            place = _plus(place, follows.shape.displacement(follows.shape.length))
 
     def _has_limits(self, base: Axis, move: Move) -> bool:
         """Whether more than SPEED may limit the speed of a move and of those merged with it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio.basic.process import Process
@@ -12,8 +12,7 @@ from gantrysim.controllers.trio.basic.process import Process
 Evaluate = Callable[[Process], float]
 
 
-@dataclass(frozen=True)
-class Expression:
+class Expression(NamedTuple):
     """An expression.
 
     Attributes:
@@ -25,8 +24,7 @@ class Expression:
     depth: int = 1
 
 
-@dataclass(frozen=True)
-class Reference:
+class Reference(NamedTuple):
     """A word with what belongs to it: a variable, a parameter, a function or a command.
 
     Attributes:
@@ -47,7 +45,7 @@ class Reference:
     process: Expression | None = None
     bit: int | None = None
 
-    def count(self, least: int, most: int) -> tuple[Expression, ...]:
+    def between(self, least: int, most: int) -> tuple[Expression, ...]:
         """Return the arguments, or raise InputError where their number is out of bounds."""
         arguments = self.arguments or ()
         if not least <= len(arguments) <= most:
@@ -61,11 +59,10 @@ class Reference:
             raise InputError(f"{self.name} AXIS(): {self.name} does not belong to an axis")
         if self.process is not None:
             raise InputError(f"{self.name} PROC(): {self.name} does not belong to a process")
-        return self.count(arguments, arguments)
+        return self.between(arguments, arguments)
 
 
-@dataclass(frozen=True)
-class Spelt:
+class Spelt(NamedTuple):
     """A number that PRINT writes as CHR() or HEX() say.
 
     Attributes:
@@ -77,8 +74,7 @@ class Spelt:
     value: Expression
 
 
-@dataclass(frozen=True)
-class Raw:
+class Raw(NamedTuple):
     """A statement as it stands in the text.
 
     Attributes:
@@ -109,3 +105,8 @@ class Source:
     lines: list[list[Raw]] = field(default_factory=list)
     read: dict[str, int] = field(default_factory=dict)
     arrays: set[str] = field(default_factory=set)
+
+    def forget(self) -> None:
+        """Forget what its statements have named, before its text is read anew."""
+        self.read.clear()
+        self.arrays.clear()

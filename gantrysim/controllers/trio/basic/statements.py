@@ -39,7 +39,7 @@ def cmd_command(assembler: ProcessAssembler, raw: Raw) -> None:
         if any(ref.name in table for table in tables) or ref.name in ("VR", "IN"):
             raise InputError(f"{ref.name}: is a value, not a command")
         raise unknown_word(ref)
-    arguments = [argument.value for argument in ref.count(command.least, command.most)]
+    arguments = [argument.value for argument in ref.between(command.least, command.most)]
     run = command.act
     line = raw.line
 
