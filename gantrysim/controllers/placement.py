@@ -46,13 +46,16 @@ class Placement:
 
     def point(self, points: ArrayLike) -> Floats:
         """Return the program's points, (..., 3), in the work frame [mm]."""
-        shift = np.array([self.x, self.y, self.z])
-        return self.direction(points) + shift
+        return self.direction(points) + self._shift
 
     @property
     def upward(self) -> float:
         """Sign of the program's z in the work frame: 1, or -1 for depths, which mirror its planes."""
         return -1.0 if self.z_down else 1.0
+
+    @cached_property
+    def _shift(self) -> Floats:
+        return np.array([self.x, self.y, self.z])
 
     @cached_property
     def _turn(self) -> Floats:

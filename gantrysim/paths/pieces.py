@@ -144,6 +144,6 @@ def row_of(piece: Line | Coil, length: float) -> tuple[Any, ...]:
         heading = np.arctan2(direction @ v, direction @ u)
         return False, frame, piece.start, direction, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, heading
     growth, rise = _growth(piece)
-    turn = np.sign(piece.angle)
+    turn = math.copysign(1.0, piece.angle)
     angle = abs(piece.angle)
     return True, frame, piece.centre, (0.0, 0.0, 0.0), piece.radius[0], growth, rise, piece.begin, turn, angle, 0.0

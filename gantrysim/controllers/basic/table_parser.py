@@ -13,10 +13,12 @@ from typing import Any
 
 from lark import Lark, Token
 from lark.lexer import PatternRE, PatternStr, TerminalDef
+from lark.parse_tree_builder import ExpandSingleChild
 
 END = "$END"  # lark's terminal behind the text
 
 Match = Callable[[str, int], "re.Match[str] | None"]
+Build = Callable[[list[Any]], Any]
 
 
 class Reduction:
@@ -25,12 +27,12 @@ class Reduction:
     Attributes:
         count: number of the rule's symbols.
         rule: its name.
-        build: returns its value, given those of its symbols.
+        build: returns its value, given those of its symbols; None where it is that of its only symbol.
     """
 
     __slots__ = ("build", "count", "rule")
 
-    def __init__(self, count: int, rule: str, build: Callable[[list[Any]], Any]) -> None:
+    def __init__(self, count: int, rule: str, build: Build | None) -> None:
         self.count = count
         self.rule = rule
         self.build = build
@@ -84,7 +86,9 @@ class TableParser:
                 name = str(symbol)  # lark's own are tokens, which compare slowly
                 if action.name == "Reduce":
                     build = automaton.callbacks[target]
-                    state.actions[name] = Reduction(len(target.expansion), str(target.origin.name), build)
+                    count = len(target.expansion)
+                    passes_on = count == 1 and isinstance(build, ExpandSingleChild)
+                    state.actions[name] = Reduction(count, str(target.origin.name), None if passes_on else build)
                 elif name in self._terminals:
                     state.actions[name] = states[target]
                 else:
@@ -184,12 +188,19 @@ def _word(keywords: dict[str, str], spelled: str, name: str) -> str:
 def _reduced(reduction: Reduction, states: list[State], values: list[Any]) -> State:
     """End a rule, and return the state after it."""
     count = reduction.count
+    build = reduction.build
+    if count == 1:
+        if build is not None:
+            values[-1] = build(values[-1:])
+        state = states[-2].successors[reduction.rule]
+        states[-1] = state
+        return state
     parts: list[Any] = []
     if count:
         parts = values[-count:]
         del values[-count:]
         del states[-count:]
-    values.append(reduction.build(parts))
+    values.append(build(parts))
     state = states[-1].successors[reduction.rule]
     states.append(state)
     return state

@@ -10,6 +10,7 @@ from lark import Lark
 from lark.exceptions import UnexpectedInput, UnexpectedToken
 
 from gantrysim.controllers.basic.statements import with_keywords
+from gantrysim.controllers.basic.table_parser import TableParser
 from gantrysim.controllers.softmc.basic.statement_table import BLOCKS, COMMANDS
 from gantrysim.controllers.softmc.basic.tree import Node
 from gantrysim.controllers.softmc.commands import SoftMCError
@@ -34,7 +35,8 @@ def parse(text: str) -> Node:
         raise SoftMCError(f"program of {len(text)} characters: must be at most {LONGEST}")
     plain = without_comments(text)
     try:
-        return _parser().parse(plain)
+        tree: Node = _parser().parse(plain)
+        return tree
     except UnexpectedInput as error:
         raise SoftMCError(_message(plain, error)) from None
 
@@ -46,10 +48,10 @@ def without_comments(text: str) -> str:
 
 
 @cache
-def _parser() -> Lark:
+def _parser() -> TableParser:
     text = files(__package__).joinpath("mcbasic.lark").read_text(encoding="utf-8")
     grammar = with_keywords(text.replace("$commands", COMMANDS.rule).replace("$blocks", BLOCKS.rule))
-    return Lark(grammar, parser="lalr", propagate_positions=True, maybe_placeholders=True)
+    return TableParser(Lark(grammar, parser="lalr", propagate_positions=True, maybe_placeholders=True))
 
 
 def _message(text: str, error: UnexpectedInput) -> str:

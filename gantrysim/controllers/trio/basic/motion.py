@@ -73,33 +73,39 @@ class Motion(Buffers):
         glides = [(axis, axis.move, self._glide(axis, axis.move, most)) for axis in axes if axis.move is not None]
         count = min((len(glide.s) for _, _, glide in glides), default=most)
         positions = np.empty((count, len(recorded)))
-        positions[:] = [self.axes[n].position for n in recorded]
         if count == 0:
             return positions
+        positions[:] = [self.axes[n].position for n in recorded]
         for axis in axes:
             axis.step = 0.0
         for base, move, glide in glides:
             moved = [self.axes[n] for n in move.axes]
-            displaced = np.empty((count + 1, len(moved)))
-            displaced[0] = move.displaced
-            displaced[1:] = move.shape.displacements(glide.s[:count])
-            steps = displaced[1:] - displaced[:-1]
-            # summed from the position on, one step after the other, as `step` adds them
-            sums = np.empty((count + 1, len(moved)))
-            sums[0] = [axis.position for axis in moved]
-            sums[1:] = steps
-            places = sums.cumsum(axis=0)[1:]
+            places = self._run_along(move, moved, glide.s[:count])
             base.along = Speed(float(glide.speed[count - 1]), bool(glide.braking[count - 1]))
-            move.s = float(glide.s[count - 1])
-            move.displaced = tuple(displaced[-1].tolist())
-            for k, axis in enumerate(moved):
-                axis.step = float(steps[-1, k])
-                axis.position = float(places[-1, k])
-                axis.moved = axis.moved or bool(steps[:, k].any())
+            for axis, column in zip(moved, places, strict=True):
                 self._check(axis)
                 if axis.number in recorded:
-                    positions[:, recorded.index(axis.number)] = places[:, k]
+                    positions[:, recorded.index(axis.number)] = column
         return positions
+
+    def _run_along(self, move: Move, moved: list[Axis], s: Floats) -> Floats:
+        """Advance the axes of a move to the distances s; return their positions there, (axes, n) [units]."""
+        displaced = np.empty((len(moved), len(s) + 1))
+        displaced[:, 0] = move.displaced
+        displaced[:, 1:] = move.shape.displacements(s).T
+        # summed from the position on, one step after the other, as `step` adds them
+        places = np.empty_like(displaced)
+        places[:, 0] = [axis.position for axis in moved]
+        steps = np.subtract(displaced[:, 1:], displaced[:, :-1], out=places[:, 1:])
+        for k, axis in enumerate(moved):
+            axis.step = float(steps[k, -1])
+            axis.moved = axis.moved or bool(steps[k].any())
+        places = places.cumsum(axis=1)
+        for axis, place in zip(moved, places[:, -1].tolist(), strict=True):
+            axis.position = place
+        move.s = float(s[-1])
+        move.displaced = tuple(displaced[:, -1].tolist())
+        return places[:, 1:]
 
     def _steady(self, axis: Axis) -> bool:
         """Whether no move begins on an axis in the next period, and the one that moves it has a profile."""

@@ -134,8 +134,8 @@ class Arc(Shape):
         share = s / self.length
         # the library's cosine of single numbers: NumPy's of arrays differs in the last bit
         psi = (self.begin + (-1 if self.clockwise else 1) * self.angle * share).tolist()
-        x = self.centre[0] + self.radius * np.array(list(map(math.cos, psi)))
-        y = self.centre[1] + self.radius * np.array(list(map(math.sin, psi)))
+        x = self.centre[0] + self.radius * np.fromiter(map(math.cos, psi), float, len(psi))
+        y = self.centre[1] + self.radius * np.fromiter(map(math.sin, psi), float, len(psi))
         return np.transpose([x, y] if self.rise is None else [x, y, self.rise * share])
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
 from itertools import pairwise
 
 import numpy as np
@@ -13,7 +15,7 @@ from gantrysim.base.errors import InputError, finite, point, positive, whole
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.trio.basic.moves import Arc, Move
 from gantrysim.paths.chain import Chain
-from gantrysim.paths.pieces import SHORTEST, Coil, Line, vector
+from gantrysim.paths.pieces import SHORTEST, Coil, Frame, Line, vector
 from gantrysim.paths.spirals import Involute
 
 TOLERANCE = 5e-4  # of the commanded trace that stands for a path which the program does not state [mm]
@@ -78,6 +80,7 @@ def exact(
         placement: of the program on the work.
     """
     columns = {number: k for k, number in enumerate(numbers[:3])}
+    frame = cache(partial(_frame, placement))
     pieces: list[Line | Coil] = []
     place = start.tolist()
     if unstated & columns.keys():
@@ -98,7 +101,7 @@ def exact(
         if isinstance(move.shape, Arc):
             if len(real) < len(move.axes):
                 return None
-            pieces.append(_coil(move.shape, [columns[number] for number in move.axes], place, placement))
+            pieces.append(_coil(move.shape, [columns[number] for number in move.axes], place, placement, frame))
         elif math.dist(place, end) > SHORTEST:
             begin, finish = placement.point([place, end])
             pieces.append(Line(vector(begin), vector(finish)))
@@ -106,15 +109,26 @@ def exact(
     return Chain(pieces) if pieces else None
 
 
-def _coil(arc: Arc, columns: list[int], start: list[float], placement: Placement) -> Coil:
-    u, v = np.eye(3)[columns[:2]]
+def _frame(placement: Placement, first: int, second: int) -> Frame:
+    """Return the plane of two columns on the work."""
+    u, v = placement.direction(np.eye(3)[[first, second]])
+    return vector(u), vector(v)
+
+
+def _coil(
+    arc: Arc, columns: list[int], start: list[float], placement: Placement, frame: Callable[[int, int], Frame]
+) -> Coil:
+    first, second = columns[:2]
     centre = list(start)
-    for column, offset in zip(columns[:2], arc.centre, strict=True):
-        centre[column] += offset
+    centre[first] += arc.centre[0]
+    centre[second] += arc.centre[1]
     angle = -arc.angle if arc.clockwise else arc.angle
-    rise = 0.0 if arc.rise is None else arc.rise * placement.upward * float(np.cross(u, v)[columns[2]])
-    frame = [vector(direction) for direction in placement.direction([u, v])]
-    return Coil(vector(placement.point(centre)), (arc.radius, arc.radius), arc.begin, angle, rise, (frame[0], frame[1]))
+    rise = 0.0
+    if arc.rise is not None:
+        u, v = np.eye(3)[[first, second]]
+        rise = arc.rise * placement.upward * float(np.cross(u, v)[columns[2]])
+    radius = (arc.radius, arc.radius)
+    return Coil(vector(placement.point(centre)), radius, arc.begin, angle, rise, frame(first, second))
 
 
 def polyline(points: Floats) -> Chain:

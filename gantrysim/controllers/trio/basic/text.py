@@ -121,13 +121,6 @@ def _misspelt(text: str, before: int, line: int) -> InputError | None:
     return InputError(f"line {line}: {unknown_word(Reference(verb[1].upper(), None, None, line, verb[1]))}")
 
 
-def _number(text: str) -> float:
-    value = float(text)
-    if math.isinf(value):
-        raise InputError(f"number {text[:LONGEST_WORD]}: too large")
-    return value
-
-
 class _Builder(Transformer):  # type: ignore[type-arg]
     """Builds statements and expressions from the bottom up.
 
@@ -250,7 +243,11 @@ class _Builder(Transformer):  # type: ignore[type-arg]
         return self._located(cast(Token, sign), lambda: operation(sign, operator, operands))
 
     def decimal(self, children: list[Any]) -> Expression:
-        return self._located(children[0], lambda: constant(_number(str(children[0]))))
+        token: Token = children[0]
+        value = float(token)
+        if math.isinf(value):
+            raise InputError(f"line {self.line_of(token)}: number {token[:LONGEST_WORD]}: too large")
+        return constant(value)
 
     def hexadecimal(self, children: list[Any]) -> Expression:
         return self._located(children[0], lambda: constant(number_of(str(children[0]), "$")))
