@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from lark import Lark, Token
+from lark.grammar import Rule, Terminal
 from lark.lexer import PatternRE, PatternStr, TerminalDef
 from lark.parse_tree_builder import ExpandSingleChild
 
@@ -27,15 +28,17 @@ class Reduction:
     Attributes:
         count: number of the rule's symbols.
         rule: its name.
-        build: returns its value, given those of its symbols; None where it is that of its only symbol.
+        build: returns its value, given those of its symbols.
+        passes_on: whether its value is that of its only symbol.
     """
 
-    __slots__ = ("build", "count", "rule")
+    __slots__ = ("build", "count", "passes_on", "rule")
 
-    def __init__(self, count: int, rule: str, build: Build | None) -> None:
+    def __init__(self, count: int, rule: str, build: Build) -> None:
         self.count = count
         self.rule = rule
         self.build = build
+        self.passes_on = count == 1 and isinstance(build, ExpandSingleChild)
 
 
 class State:
@@ -72,11 +75,11 @@ class TableParser:
         self._lark = lark
         self._terminals = {terminal.name: terminal for terminal in lark.terminals}
         self._ignored = frozenset(lark.ignore_tokens)
-        self._kept = frozenset(
+        self._valued = frozenset(
             symbol.name
             for rule in lark.rules
             for symbol in rule.expansion
-            if symbol.is_term and (not symbol.filter_out or rule.options.keep_all_tokens or _needs_places(lark))
+            if isinstance(symbol, Terminal) and not (symbol.filter_out and _drops(lark, rule))
         )
         automaton = lark.parser.parser.parser
         table = automaton.parse_table
@@ -86,9 +89,7 @@ class TableParser:
                 name = str(symbol)  # lark's own are tokens, which compare slowly
                 if action.name == "Reduce":
                     build = automaton.callbacks[target]
-                    count = len(target.expansion)
-                    passes_on = count == 1 and isinstance(build, ExpandSingleChild)
-                    state.actions[name] = Reduction(count, str(target.origin.name), None if passes_on else build)
+                    state.actions[name] = Reduction(len(target.expansion), str(target.origin.name), build)
                 elif name in self._terminals:
                     state.actions[name] = states[target]
                 else:
@@ -114,7 +115,7 @@ class TableParser:
 
     def _parse(self, text: str) -> Any:
         ignored = self._ignored
-        kept = self._kept
+        valued = self._valued
         state = self._start
         states = [state]
         values: list[Any] = []
@@ -131,19 +132,19 @@ class TableParser:
                 if name in state.keywords:
                     name = _word(state.keywords[name], spelled, name)
                 action = state.actions.get(name)
-                while type(action) is Reduction:
+                while isinstance(action, Reduction):
                     state = _reduced(action, states, values)
                     action = state.actions.get(name)
-                if action is None:
+                if not isinstance(action, State):
                     raise _StuckError
                 state = action
                 states.append(state)
-                values.append(_token(name, spelled, line) if name in kept else None)
+                values.append(_token(name, spelled, line) if name in valued else None)
             if "\n" in spelled:
                 line += spelled.count("\n")
         while state is not self._end:
             action = state.actions.get(END)
-            if action is None:
+            if not isinstance(action, Reduction):
                 raise _StuckError
             state = _reduced(action, states, values)
         return values[-1]
@@ -165,9 +166,9 @@ class TableParser:
         return state.match
 
 
-def _needs_places(lark: Lark) -> bool:
-    """Whether values state their places in the text, of which tokens that no rule keeps are a part."""
-    return bool(lark.options.propagate_positions)
+def _drops(lark: Lark, rule: Rule) -> bool:
+    """Whether a rule's value needs none of the tokens that have no name, not even for its place in the text."""
+    return not (rule.options.keep_all_tokens or lark.options.propagate_positions)
 
 
 def _order(terminal: TerminalDef) -> tuple[int, int, int, str]:
@@ -188,10 +189,9 @@ def _word(keywords: dict[str, str], spelled: str, name: str) -> str:
 def _reduced(reduction: Reduction, states: list[State], values: list[Any]) -> State:
     """End a rule, and return the state after it."""
     count = reduction.count
-    build = reduction.build
     if count == 1:
-        if build is not None:
-            values[-1] = build(values[-1:])
+        if not reduction.passes_on:
+            values[-1] = reduction.build(values[-1:])
         state = states[-2].successors[reduction.rule]
         states[-1] = state
         return state
@@ -200,7 +200,7 @@ def _reduced(reduction: Reduction, states: list[State], values: list[Any]) -> St
         parts = values[-count:]
         del values[-count:]
         del states[-count:]
-    values.append(build(parts))
+    values.append(reduction.build(parts))
     state = states[-1].successors[reduction.rule]
     states.append(state)
     return state
