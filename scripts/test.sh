@@ -26,7 +26,11 @@ cd "$root"
 export PYTHONDONTWRITEBYTECODE=  # the tests start hundreds of processes, which import a third faster with bytecode
 ruff check .
 ruff format --check .
-gantrysim compile an225 softmc-arc &  # beside mypy
+# beside mypy: compiled code, and the bytecode of the tests, which every process of pytest would make for itself
+{
+    gantrysim compile an225 softmc-arc
+    pytest --collect-only -qq "$@" >/dev/null || true  # what is wrong with it, the tests themselves will say
+} &
 mypy
 lint-imports --no-cache
 wait $!

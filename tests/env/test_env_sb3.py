@@ -8,19 +8,27 @@ from gantrysim import InputError
 
 from support.episodes import BANDIT, SHORT, TUNING, actions_of
 
-sb3 = pytest.importorskip("stable_baselines3")
 
-from stable_baselines3.common.evaluation import evaluate_policy  # noqa: E402
-from stable_baselines3.common.monitor import Monitor  # noqa: E402
-from stable_baselines3.common.vec_env import DummyVecEnv  # noqa: E402
+@pytest.fixture(scope="module")
+def sb3():
+    """The library, which is not imported before a test needs it: PyTorch takes seconds in every process."""
+    return pytest.importorskip("stable_baselines3")
 
-from gantrysim.env.sb3 import SB3VecEnv  # noqa: E402
+
+@pytest.fixture(scope="module")
+def adapter(sb3):
+    from gantrysim.env.sb3 import SB3VecEnv
+
+    return SB3VecEnv
 
 
 @pytest.mark.parametrize("name", [TUNING, pytest.param(BANDIT, marks=pytest.mark.soak)])
-def test_it_equals_the_librarys_own_environments_with_their_monitor(name):
+def test_it_equals_the_librarys_own_environments_with_their_monitor(name, adapter):
+    from stable_baselines3.common.monitor import Monitor
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
     count = 3
-    own = SB3VecEnv(name, count, threads=1, **SHORT)
+    own = adapter(name, count, threads=1, **SHORT)
     other = DummyVecEnv([lambda: Monitor(gymnasium.make(name, **SHORT)) for _ in range(count)])
     own.seed(4), other.seed(4)
     assert np.array_equal(own.reset(), other.reset())
@@ -47,8 +55,11 @@ def test_it_equals_the_librarys_own_environments_with_their_monitor(name):
     own.close()
 
 
-def test_it_is_taken_for_monitored_and_learns_and_evaluates():
-    envs = SB3VecEnv(TUNING, 2, **SHORT)
+def test_it_is_taken_for_monitored_and_learns_and_evaluates(sb3, adapter):
+    from stable_baselines3.common.evaluation import evaluate_policy
+    from stable_baselines3.common.monitor import Monitor
+
+    envs = adapter(TUNING, 2, **SHORT)
     assert envs.env_is_wrapped(Monitor) == [True, True]
     agent = sb3.PPO("MlpPolicy", envs, n_steps=8, batch_size=16, device="cpu", seed=1).learn(32)
     assert agent.num_timesteps == 32
@@ -57,8 +68,8 @@ def test_it_is_taken_for_monitored_and_learns_and_evaluates():
     envs.close()
 
 
-def test_options_choose_episodes():
-    envs = SB3VecEnv(TUNING, 2, **SHORT)
+def test_options_choose_episodes(adapter):
+    envs = adapter(TUNING, 2, **SHORT)
     envs.seed(1)
     envs.set_options([{"spiral": {"diameter": 51}}, {}])
     envs.reset()
@@ -70,6 +81,6 @@ def test_options_choose_episodes():
         envs.set_attr("settings", None)
 
 
-def test_an_environment_of_another_package_is_rejected():
+def test_an_environment_of_another_package_is_rejected(adapter):
     with pytest.raises(InputError, match="CartPole-v1 is not an environment of gantrysim"):
-        SB3VecEnv("CartPole-v1")
+        adapter("CartPole-v1")

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("distributed")
 SCRIPT = Path(__file__).parents[2] / "scripts/scale_out.py"
 RUNS = 3000
 FIRST = 1 / 3  # share of the runs after which all is loaded
@@ -13,6 +12,7 @@ FIRST = 1 / 3  # share of the runs after which all is loaded
 
 @pytest.mark.soak
 def test_a_study_of_thousands_of_runs_keeps_its_workers_busy_and_its_memory_flat(record_property):
+    pytest.importorskip("distributed")
     record_property("attack", "runs of one study on a cluster, whose workers must stay busy and whose memory flat")
     record_property("tries", RUNS)
     seen = runpy.run_path(str(SCRIPT))["scaled_out"](RUNS, FIRST)
