@@ -6,10 +6,10 @@ import sys
 from collections.abc import Callable, Mapping
 from functools import cache, cached_property
 from hashlib import sha256
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import numba.cpython.hashing  # noqa: F401 - adds symbols to which machine code may refer
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, NullCache, _Cache
 from numba.core.runtime import rtsys
 
@@ -60,6 +60,7 @@ class _KeyedCache(FunctionCache):  # type: ignore[misc]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load machine code without numba's declarations, a quarter of a second: only its compiler needs them."""
+        import_module("numba.cpython.hashing")  # adds symbols to which machine code may refer
         if not pipeline.is_tested():
             return super().load_overload(sig, target_context)
         rtsys.initialize(target_context)

@@ -7,17 +7,19 @@ import pathlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive
-from gantrysim.controllers.loop_theory import LoopTheory
 from gantrysim.paths.path import Path
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
+
+if TYPE_CHECKING:
+    from gantrysim.controllers.loop_theory import LoopTheory
 
 
 class Controller(ABC):

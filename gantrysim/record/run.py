@@ -21,7 +21,6 @@ from gantrysim.paths.path import Path
 from gantrysim.record.conveniences import Conveniences
 from gantrysim.record.fault import Fault
 from gantrysim.record.named_columns import column, column_names, frame
-from gantrysim.record.run_file import read_record, write_record
 
 if TYPE_CHECKING:
     import pandas
@@ -112,6 +111,8 @@ class Run(Conveniences, Shown):
         Raises:
             InputError: the file cannot be written.
         """
+        from gantrysim.record.run_file import write_record  # with all kinds of paths, which few processes need
+
         with replaced(file) as partial, partial.open("wb") as stream:  # by path it would add a suffix
             write_record(stream, {name: value for name, value in self._values().items() if name != "job"})
 
@@ -183,6 +184,8 @@ class Run(Conveniences, Shown):
         Raises:
             InputError: a missing or damaged file, or one that is not a record in the current format.
         """
+        from gantrysim.record.run_file import read_record
+
         try:
             with opened(FilePath(file)) as stream:
                 return cls(**read_record(stream))
