@@ -96,6 +96,15 @@ def test_moves_merge_without_a_stop_and_else_come_to_rest():
     assert position == pytest.approx(np.where(s <= 30, s, 60 - s), abs=POSITION)
 
 
+@pytest.mark.parametrize(
+    "moves", ["MOVE(10): MOVE(20): MOVE(-1)", "MOVEABS(10): MOVEABS(30): MOVEABS(29)"], ids=["MOVE", "MOVEABS"]
+)
+def test_braking_begins_before_the_last_of_merged_moves_where_that_is_short(moves):
+    position = moved(f"MERGE=ON: SPEED=100: ACCEL=2000: DECEL=2000: {moves}: WAIT IDLE", buffers=4)[:, 0]
+    s = trapezium(np.arange(len(position)) * DT, 31, 100, 2000, 2000)  # whose last 2.5 mm are braked
+    assert position == pytest.approx(np.where(s <= 30, s, 60 - s), abs=POSITION)
+
+
 def test_a_full_buffer_holds_the_program():
     second = "MOVE(10)\nPRINT NTYPE[0]\nMOVE(10)\nPRINT MTYPE[0];NTYPE[0]"
     text = f"SPEED=100\nMOVE(10)\nPRINT NTYPE[0]\n{second}\nWAIT IDLE\nPRINT MTYPE[0]"
