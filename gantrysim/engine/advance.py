@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import Protocol
 
@@ -18,6 +18,8 @@ from gantrysim.native.hook import installed, installed_law
 from gantrysim.native.row import MISSED, NOT_IN_MODEL
 from gantrysim.servo.laws.plain import PlainLaw
 
+Numbers = NDArray[np.intp]  # of simulations
+
 CALLS = 50  # of the stepping function for a run that shows its progress, or more
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 MOST_STEPS = 20_000  # per call: some 0.1 s, for Ctrl-C not to wait longer
@@ -26,42 +28,50 @@ MOST_STEPS = 20_000  # per call: some 0.1 s, for Ctrl-C not to wait longer
 class Steps(Protocol):
     """What steps simulations, by number."""
 
-    def step(self, steps: int, numbers: Sequence[int]) -> None:
+    def step(self, steps: int, numbers: Numbers) -> None:
         """Make a number of physics steps of some of them."""
 
-    def stops(self, numbers: Sequence[int]) -> NDArray[np.int64]:
+    def stops(self, numbers: Numbers) -> NDArray[np.int64]:
         """Return where the stops of their axes are, see `gantrysim.native.row`, (numbers,)."""
 
-    def with_state(self, numbers: Sequence[int]) -> list[int]:
+    def with_state(self, numbers: Numbers) -> list[int]:
         """Return those whose drives or laws have a state."""
 
-    def states(self, numbers: Sequence[int]) -> Floats:
+    def states(self, numbers: Numbers) -> Floats:
         """Return copies of MuJoCo's states, (numbers, size)."""
 
-    def set_states(self, states: Floats, numbers: Sequence[int]) -> None:
+    def set_states(self, states: Floats, numbers: Numbers) -> None:
         """Set MuJoCo's states, and forget its warnings."""
 
 
-def step_or_take_back(simulated: Steps, runs: Mapping[int, Started], steps: int, numbers: Sequence[int]) -> None:
-    """Make physics steps of some simulations; where an axis reaches a stop that a model lacks, again with the stops."""
-    if (simulated.stops(numbers) == MISSED).any():
+def step_or_take_back(simulated: Steps, runs: Mapping[int, Started], steps: int, numbers: Numbers) -> None:
+    """Make physics steps of some simulations; where an axis reaches a stop that a model lacks, again with the stops.
+
+    Args:
+        simulated: what steps the simulations.
+        runs: the simulations by number.
+        steps: number of physics steps.
+        numbers: of the simulations that are stepped, ascending.
+    """
+    stops = simulated.stops(numbers)
+    if (stops == MISSED).any():
         raise GantryError("the simulation was interrupted while it was rewound from a stop: start it again")
-    without = np.asarray(numbers)[simulated.stops(numbers) == NOT_IN_MODEL].tolist()
+    without = numbers[stops == NOT_IN_MODEL]
     states = simulated.states(without)
     others = {number: runs[number].state() for number in simulated.with_state(without)}
-    missed: list[int] = []
+    missed = without[:0]
     try:
         simulated.step(steps, numbers)
     finally:
-        places = np.flatnonzero(simulated.stops(without) == MISSED).tolist()
-        missed = [without[place] for place in places]
-        if missed:
-            simulated.set_states(states[places], missed)
-        for number in missed:
-            runs[number].stop_at_stops()
-            if number in others:
-                runs[number].set_state(others[number])
-    if missed:
+        is_missed = simulated.stops(without) == MISSED
+        if is_missed.any():
+            missed = without[is_missed]
+            simulated.set_states(states[is_missed], missed)
+            for number in missed.tolist():
+                runs[number].stop_at_stops()
+                if number in others:
+                    runs[number].set_state(others[number])
+    if missed.size:
         simulated.step(steps, missed)
 
 
@@ -100,7 +110,7 @@ def advance(
             count = min(needed, most, *(runs[number].steps_of_model for number in running))
             for number in running:
                 runs[number].make_room(count)
-            step_or_take_back(simulated, runs, count, running)
+            step_or_take_back(simulated, runs, count, np.array(running))
             if witness.steps == before:
                 return
             stepped += count
@@ -130,19 +140,19 @@ class Stepper:
             self.run.stop_at_stops()  # no step of it can be taken back
         advance(self, {0: self.run}, steps, hook=hook, progress=progress)
 
-    def step(self, steps: int, _: Sequence[int]) -> None:
+    def step(self, steps: int, _: Numbers) -> None:
         """Make physics steps."""
         mujoco.mj_step(self.run.model, self.data, steps)
 
-    def stops(self, numbers: Sequence[int]) -> NDArray[np.int64]:
+    def stops(self, numbers: Numbers) -> NDArray[np.int64]:
         """Return where the stops of the axes are, or nothing where no number is given."""
         return np.full(len(numbers), self.run.row["stops"], np.int64)
 
-    def with_state(self, numbers: Sequence[int]) -> list[int]:
+    def with_state(self, numbers: Numbers) -> list[int]:
         """Return the numbers if the drives or laws have a state."""
-        return list(numbers) if self.run.has_state else []
+        return numbers.tolist() if self.run.has_state else []
 
-    def states(self, numbers: Sequence[int]) -> Floats:
+    def states(self, numbers: Numbers) -> Floats:
         """Return MuJoCo's state, or nothing where no number is given."""
         size = mujoco.mj_stateSize(self.run.model, _STATE)
         states = np.empty((len(numbers), size))
@@ -150,7 +160,7 @@ class Stepper:
             mujoco.mj_getState(self.run.model, self.data, state, _STATE)
         return states
 
-    def set_states(self, states: Floats, _: Sequence[int]) -> None:
+    def set_states(self, states: Floats, _: Numbers) -> None:
         """Set MuJoCo's state, and forget its warnings."""
         mujoco.mj_resetData(self.run.model, self.data)
         for state in states:

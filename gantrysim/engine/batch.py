@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ from gantrysim.base.errors import GantryError, whole
 from gantrysim.base.progress import Progress, shown_progress
 from gantrysim.controllers.controller import Controller
 from gantrysim.dispenser.dispenser import Dispenser
-from gantrysim.engine.advance import MOST_STEPS, advance, step_or_take_back
+from gantrysim.engine.advance import MOST_STEPS, Numbers, advance, step_or_take_back
 from gantrysim.engine.batch_arguments import per_simulation, simulations_of
 from gantrysim.engine.learning import run_and_learn
 from gantrysim.engine.simulation import Simulation
@@ -99,7 +99,8 @@ def simulate_batch(
 
 
 # of a servo's row: they belong to the process and to a simulation's own arrays, not to the state of a run
-_OF_PROCESS = ("magic", "setpoints", "log", "axis_log", "gates", "stages", *OFFSETS)
+_OBSERVER = ("observer", "observer_argument", "observer_step")
+_OF_PROCESS = ("magic", "setpoints", "log", "axis_log", "gates", "stages", *_OBSERVER, *OFFSETS)
 
 
 class Moment(NamedTuple):
@@ -215,7 +216,7 @@ class Batch:
 
     def advance(
         self,
-        places: Iterable[int] | None = None,
+        places: Sequence[int] | Numbers | None = None,
         steps: int | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> None:
@@ -226,42 +227,59 @@ class Batch:
             steps: number of physics steps of each.
             progress: called after every call of MuJoCo with the number of setpoints that all of them have sent.
         """
-        stepped = list(self.runs if places is None else places)
+        stepped = np.array(list(self.runs), np.intp) if places is None else np.asarray(places, np.intp)
         if steps is not None and steps <= MOST_STEPS and progress is None and self._plain[stepped].all():
             # one call, without a look at each run, which would take longer than all else that an agent's decision takes
             done = (self._sent >= self._ticks) | (self._faults != 0)
-            running = [place for place in stepped if not done[place]]
-            if running:
+            running = stepped[~done[stepped]]
+            if running.size:
                 with installed():
                     step_or_take_back(self, self.runs, steps, running)
             return
-        advance(self, {place: self.runs[place] for place in stepped}, steps, progress=progress)
+        advance(self, {place: self.runs[place] for place in stepped.tolist()}, steps, progress=progress)
 
-    def step(self, steps: int, numbers: Sequence[int]) -> None:
+    def step(self, steps: int, numbers: Numbers) -> None:
         """Make physics steps of the simulations at some places."""
         changing = self._later[numbers] | ((self._stops[numbers] == IN_MODEL) != self._stops_in_model[numbers])
-        changed = {place: self.runs[place].model for place in np.asarray(numbers)[changing].tolist()}
+        changed = {place: self.runs[place].model for place in numbers[changing].tolist()}
         if any(self._models[place] is not model for place, model in changed.items()):
             for place, model in changed.items():
                 self._models[place] = model
             self._batch.set_models(self._models)
         if self.beside is not None:
             self.beside()
-        self._batch.step(numbers, nstep=steps)
+        self._batch.step(None if len(numbers) == len(self._models) else numbers, nstep=steps)
 
-    def stops(self, numbers: Sequence[int]) -> NDArray[np.int64]:
+    def observe(self, place: int, observer: int, argument: int) -> None:
+        """Have a C function called within the simulation at a place, at its step "observer_step", see `field`.
+
+        Args:
+            place: of a simulation that is loaded; the next one there is not observed.
+            observer: address of the function, of mjData, the servo's row and the argument.
+            argument: for the function.
+        """
+        row = self.runs[place].row
+        row["observer"] = observer
+        row["observer_argument"] = argument
+
+    def address(self, place: int) -> int:
+        """Return the address of the servo's row of the simulation at a place."""
+        return int(self._userdata.ctypes.data) + place * self._userdata.strides[0]
+
+    def stops(self, numbers: Numbers) -> NDArray[np.int64]:
         """Return where the stops of the axes are at some places, see `gantrysim.native.row`, (places,)."""
         return np.array(self._stops[numbers])
 
-    def with_state(self, numbers: Sequence[int]) -> list[int]:
+    def with_state(self, numbers: Numbers) -> list[int]:
         """Return those of some places whose drives or laws have a state."""
-        return np.asarray(numbers, int)[self._stateful[numbers]].tolist()
+        return numbers[self._stateful[numbers]].tolist()
 
-    def states(self, numbers: Sequence[int]) -> Floats:
+    def states(self, numbers: Numbers) -> Floats:
         """Return copies of MuJoCo's states at some places, (places, size)."""
-        return self._batch.state[numbers]
+        states: Floats = self._batch.state[numbers]  # a copy
+        return states
 
-    def set_states(self, states: Floats, numbers: Sequence[int]) -> None:
+    def set_states(self, states: Floats, numbers: Numbers) -> None:
         """Set MuJoCo's states at some places, and forget its warnings."""
         self._batch.reset(numbers, stage=mujoco.mjtStage.mjSTAGE_NONE)
         self._batch.state[numbers] = states

@@ -24,17 +24,14 @@ class DrawnAhead:
     def __init__(self, source: Source) -> None:
         self._source = source
         self._thread = ThreadPoolExecutor(1, "episodes")
-        self._asked: dict[int, tuple[Any, np.random.Generator]] = {}  # state before; copy of the random numbers
+        self._asked: dict[int, tuple[type[np.random.BitGenerator], Any]] = {}  # random numbers and their state
         self._over: list[Episode | None] = []
         self._next: dict[int, tuple[Any, Future[tuple[Episode, Any]]]] = {}  # state before; episode and state after
 
     def prepare(self, randoms: Mapping[int, np.random.Generator]) -> None:
         """Ask for the next episode of each place, from a copy of its random numbers."""
         for place, random in randoms.items():
-            before = random.bit_generator.state
-            copy = np.random.Generator(type(random.bit_generator)(0))
-            copy.bit_generator.state = before
-            self._asked[place] = before, copy
+            self._asked[place] = type(random.bit_generator), random.bit_generator.state
 
     def free(self, episodes: Iterable[Episode | None]) -> None:
         """Take episodes that are over, to free their memory on the thread too."""
@@ -44,8 +41,8 @@ class DrawnAhead:
         """Begin to draw the episodes that are asked for; best before Python waits for native code."""
         if self._over:
             self._thread.submit(self._over.clear)
-        for place, (before, copy) in self._asked.items():
-            self._next[place] = before, self._thread.submit(self._draw, copy)
+        for place, (kind, before) in self._asked.items():
+            self._next[place] = before, self._thread.submit(self._draw, kind, before)
         self._asked.clear()
 
     def take(self, randoms: Mapping[int, np.random.Generator]) -> dict[int, Episode]:
@@ -66,7 +63,9 @@ class DrawnAhead:
             episodes[place], random.bit_generator.state = self._next.pop(place)[1].result()
         return episodes
 
-    def _draw(self, random: np.random.Generator) -> tuple[Episode, Any]:
+    def _draw(self, kind: type[np.random.BitGenerator], before: Any) -> tuple[Episode, Any]:
+        random = np.random.Generator(kind(0))
+        random.bit_generator.state = before
         episode = self._source.draw(random)
         _ = episode.simulation.start  # computed here, for the thread that steps not to
         return episode, random.bit_generator.state

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,14 +16,12 @@ from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.ahead import DrawnAhead
 from gantrysim.env.episode_state import EpisodeState
 from gantrysim.env.episodes import Chosen, Episode, Source
-from gantrysim.env.interval import PER_AXIS, SHARED, SPAN, TOTAL, measure
+from gantrysim.env.interval import NOT_MEASURED, PER_AXIS, SHARED, SPAN, measure, measuring_stage
 from gantrysim.env.observation import Entry, IntervalValues
 from gantrysim.env.outcome import Ends, Outcome
 from gantrysim.env.settings import PathSettings
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
-
-_SHARED = 16  # places from which on threads share the measurements
 
 
 class EpisodeBatch(ABC):
@@ -68,15 +64,13 @@ class EpisodeBatch(ABC):
         if self._ahead is not None:
             # not earlier: a thread that draws holds Python's lock, for which this one would have to wait
             self._batch.beside = self._ahead.start
-        self._parts = min(places, os.cpu_count() or 1 if threads is None else threads)
-        self._threads = ThreadPoolExecutor(self._parts, "measurements")  # they begin when they are first needed
         field = self._batch.field  # live views
         self._gains = field("gains")
         self._ticks = field("tick")
         self._sent = field("index")
         self._faults = field("fault")
         self._steps = field("steps")
-        self._addresses = {name: field(name) for name in ("log", "axis_log", "setpoints")}
+        self._observer_step = field("observer_step")
         self._peak = np.array([axis.peak_torque for axis in machine.axes])
         self.entries = self._entries()
         low = np.array([entry.low for entry in self.entries], np.float32)
@@ -87,11 +81,14 @@ class EpisodeBatch(ABC):
         self._action = np.zeros((places, self._action_size()))
         self._rows = np.zeros((places, len(SHARED) + len(PER_AXIS) * self._axes))
         self._spans = np.zeros(places, SPAN)
-        self._spans["foot"] = -1
-        self._foot = self._spans["foot"]
-        self._measured = np.zeros(places, np.int64)  # ticks
+        self._spans["peak"] = self._peak.ctypes.data
+        self._spans["values"] = self._rows.ctypes.data + self._rows.strides[0] * np.arange(places)
+        self._foot = self._spans["before"]["foot"]
+        self._foot[:] = -1
+        self._measured = self._spans["before"]["tick"]
+        self._total = self._spans["before"]["total"]
+        self._measured_next = self._spans["after"]["tick"]
         self._setpoints = np.ones(places, np.int64)
-        self._total = np.zeros((places, TOTAL))
         self.measured = IntervalValues.of(self._rows)
 
     @abstractmethod
@@ -143,7 +140,7 @@ class EpisodeBatch(ABC):
         self._batch.load({place: drawn[place].simulation for place in sorted(drawn)})
         for place, episode in drawn.items():
             self._reset(place, episode)
-        self._measure(list(drawn))
+        self._measure(np.array(list(drawn), np.intp))
         if self._ahead is not None:
             self._ahead.prepare(randoms)
         return {place: episode.drawn for place, episode in drawn.items()}
@@ -156,6 +153,8 @@ class EpisodeBatch(ABC):
         self._foot[place] = -1
         self._measured[place] = 0
         span = self._spans[place]
+        self._measured_next[place] = NOT_MEASURED
+        self._batch.observe(place, measuring_stage(), self._span_address(place))
         dispense = episode.simulation.setpoints.dispense
         self._setpoints[place] = span["count"] = len(episode.simulation.position)
         span["dispense"] = dispense.ctypes.data
@@ -195,20 +194,21 @@ class EpisodeBatch(ABC):
             InputError: an action that is not finite, or of another shape.
         """
         actions = np.asarray(actions, float)
-        places = np.flatnonzero(mask).tolist()
+        stepped = np.flatnonzero(mask)
         if actions.shape != self._action.shape:
             size = self._action.shape[1]
             shape = actions.shape[1:]
             raise InputError(f"{len(actions)} actions of shape {shape}: must be {len(mask)} of shape ({size},)")
-        if not np.isfinite(actions[places]).all():
-            place = next(place for place in places if not np.isfinite(actions[place]).all())
-            raise InputError(f"action {actions[place].tolist()}: must be finite")
-        self._action[places] = np.clip(actions[places], -1.0, 1.0)
-        if not places:
-            return self._outcome(mask)
-        self._act(places)
-        self._run(places)
-        self._measure(places)
+        taken = actions[stepped]
+        is_finite = np.isfinite(taken)
+        if not is_finite.all():
+            wrong = taken[~is_finite.all(axis=1)][0]
+            raise InputError(f"action {wrong.tolist()}: must be finite")
+        self._action[stepped] = np.clip(taken, -1.0, 1.0)
+        if stepped.size:
+            self._act(stepped.tolist())
+            self._run(stepped)
+            self._measure(stepped)
         return self._outcome(mask)
 
     def close(self) -> None:
@@ -217,8 +217,6 @@ class EpisodeBatch(ABC):
             self._batch.beside = None
             self._ahead.close()
             self._ahead = None
-        self._parts = 1
-        self._threads.shutdown(wait=False)
 
     def record(self, place: int) -> Run:
         """Return the record of the episode at a place so far.
@@ -244,36 +242,36 @@ class EpisodeBatch(ABC):
         simulation = self._episode(place).simulation
         return perfect_follower(simulation.machine, simulation.setpoints, dispenser=simulation.dispenser)
 
-    def _run(self, places: Sequence[int]) -> None:
-        """Step until the next decision, or the end of the longest episode where that comes first."""
+    def _run(self, stepped: NDArray[np.intp]) -> None:
+        """Step until the next decision, or the end of the longest episode where that comes first, and measure."""
+        substeps = self._episode(int(stepped[0])).simulation.substeps
+        # last tick, if no stream waits at a gate; its first step
+        last = self._ticks - self._sent + self._spans["count"] - 1
+        end = last * substeps + 1
         steps = None
         if self.source.ticks is not None:
-            substeps = self._episode(places[0]).simulation.substeps
-            last = self._ticks - self._sent + self._spans["count"] - 1  # tick, if no stream waits at a gate
-            steps_left = int((last * substeps + 1 - self._steps)[places].max())
+            steps_left = int((end - self._steps)[stepped].max())
             steps = min(self.source.ticks, -(-steps_left // substeps)) * substeps  # decisions fall on ticks
-        self._batch.advance(places, steps)
+        self._measured_next[:] = NOT_MEASURED
+        self._observer_step[:] = end if steps is None else self._steps + steps
+        self._batch.advance(stepped, steps)
 
-    def _measure(self, places: Sequence[int]) -> None:
-        """Measure the ticks since the last decision."""
-        spans = self._spans
-        measured_places = np.array(places, np.int64)
-        for name, address in self._addresses.items():
-            spans[name] = address
-        spans["first"] = self._measured
-        spans["last"] = self._ticks
-        parts = np.array_split(measured_places, self._parts if len(measured_places) >= _SHARED else 1)
-        common = self.source.servo.period, self._peak, self._rows, self._total
-        others = [self._threads.submit(measure, spans, part, *common) for part in parts[1:]]
-        measure(spans, parts[0], *common)  # type: ignore[no-untyped-call]
-        for other in others:
-            other.result()
-        self._measured[measured_places] = self._ticks[measured_places]
+    def _measure(self, stepped: NDArray[np.intp]) -> None:
+        """Take the measurements since the last decision.
+
+        The threads that step make them, but at places where a run has ended before the decision or waits at a gate.
+        """
+        for place in stepped[(self._measured_next != self._ticks)[stepped]].tolist():
+            measure(self._batch.address(place), self._span_address(place))
+        firsts = self._measured[stepped]
+        self._spans["before"][stepped] = self._spans["after"][stepped]
         if type(self)._follow is not EpisodeBatch._follow:
-            firsts = spans["first"][measured_places].tolist()
-            lasts = spans["last"][measured_places].tolist()
-            for place, first, last in zip(places, firsts, lasts, strict=True):
+            lasts = self._measured[stepped]
+            for place, first, last in zip(stepped.tolist(), firsts.tolist(), lasts.tolist(), strict=True):
                 self._follow(place, first, last)
+
+    def _span_address(self, place: int) -> int:
+        return self._spans.ctypes.data + place * SPAN.itemsize
 
     def _follow(self, place: int, first: int, last: int) -> None:  # noqa: B027  most tasks have nothing of the kind
         """Update what the task measures at a place beside the machine, from one tick to before another."""

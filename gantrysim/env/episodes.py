@@ -29,6 +29,7 @@ from gantrysim.servo.servo import Servo
 
 TUNED_GAINS = ("kp", "kd", "velocity_ff", "acceleration_ff")  # set by the agent, in the order of the action
 SCALED = ("ki", *TUNED_GAINS)  # scaled by the action: ki with kp, so that the integral time stays
+SCALED_BY = [TUNED_GAINS.index("kp"), *range(len(TUNED_GAINS))]  # of `TUNED_GAINS`, each gain of `SCALED`
 
 SPIRAL = ("diameter", "thickness", "speed", "turns")
 _BEAD = 2.0  # cross-section of the bead on a spiral [mm²]
@@ -43,8 +44,8 @@ def gain_factors(action: Floats, gain_range: float) -> dict[str, Floats]:
         action: one row per gain of `TUNED_GAINS`, from -1 to 1, (gains, ...).
         gain_range: largest factor.
     """
-    factors = dict(zip(TUNED_GAINS, gain_range ** np.asarray(action), strict=True))
-    return {"ki": factors["kp"], **factors}
+    factors = gain_range ** np.asarray(action)
+    return {name: factors[k] for name, k in zip(SCALED, SCALED_BY, strict=True)}
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.env.episode_batch import EpisodeBatch
-from gantrysim.env.episodes import SCALED, TUNED_GAINS, Source, gain_factors
-from gantrysim.env.observation import Entry, entries, observe
+from gantrysim.env.episodes import SCALED, SCALED_BY, TUNED_GAINS, Source
+from gantrysim.env.observation import Entry, Observer, entries
 from gantrysim.env.outcome import Outcome
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.sensitivity import SensitivityTable
@@ -23,6 +23,8 @@ _CONTOUR = 6.0
 _RIPPLE = 4.0
 _FAULT = 12.0
 
+_COLUMNS = np.array([GAIN_NAMES.index(name) for name in SCALED])  # of the gains that the agent sets, in a servo's row
+
 
 class GainBatch(EpisodeBatch):
     """Places in which episodes run whose gains the agent sets; arguments as of `EpisodeBatch`."""
@@ -31,8 +33,9 @@ class GainBatch(EpisodeBatch):
 
     def __init__(self, settings: Settings, places: int, threads: int | None, ahead: bool) -> None:
         super().__init__(settings, places, threads, ahead, Source(settings, settings.detune))
-        self._centre = {name: np.array(self.source.servo.per_axis(name)) for name in SCALED}
+        self._centre = np.array([self.source.servo.per_axis(name) for name in SCALED])
         self.sensitivity = SensitivityTable(self.source.machine, self.source.servo, settings.gain_range)
+        self._observe = Observer(self._axes, self._action_size(), settings.tolerance, settings.ripple_limit)
 
     def _entries(self) -> list[Entry]:
         return entries(self.source.machine.axis_names, self.settings.per_axis)
@@ -42,12 +45,14 @@ class GainBatch(EpisodeBatch):
 
     def observations(self) -> NDArray[np.float32]:
         progress = np.minimum(self._sent / self._setpoints, 1.0)
-        return observe(self.measured, self._action, progress, self.settings.tolerance, self.settings.ripple_limit)
+        return self._observe(self.measured, self._action, progress)
 
     def _act(self, places: Sequence[int]) -> None:
-        chosen = self._action[places].reshape(len(places), len(TUNED_GAINS), -1)
-        for name, factor in gain_factors(np.moveaxis(chosen, 1, 0), self.settings.gain_range).items():
-            self._gains[places, : self._axes, GAIN_NAMES.index(name)] = self._centre[name] * factor
+        stepped = np.array(places)
+        chosen = self._action[stepped].reshape(len(places), len(TUNED_GAINS), -1)
+        factors = self.settings.gain_range**chosen
+        gains = self._centre * factors[:, SCALED_BY]  # (places, gains, axes)
+        self._gains[stepped[:, None, None], np.arange(self._axes), _COLUMNS[:, None]] = gains
 
     def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
         settings = self.settings

@@ -4,16 +4,20 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import ctypes
+from functools import cache
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import inner_jit, unlocked_jit
-from gantrysim.native.pointers import floats, logs_at, octets
+from gantrysim.base.jit import inner_jit
+from gantrysim.native.pointers import floats, logs_at, octets, row_at, typed_pointer
 from gantrysim.native.row import Log
+from gantrysim.native.stages import compiled_stage
 from gantrysim.paths.nearest import along_compiled
 
 # a row of measurements, see `IntervalValues`: those of the path, then those of one axis after the other
@@ -21,20 +25,28 @@ SHARED = ("contour_rms", "contour_max", "lateral", "speed", "heading", "curvatur
 PER_AXIS = ("following_rms", "following_max", "following_mean", "torque", "ripple")
 TOTAL = 3  # of an episode: ticks with the dispenser on, sum of their squared contour errors, largest
 
+# how far an episode is measured
+PROGRESS = np.dtype(
+    [
+        ("tick", np.int64),  # the first that is not
+        ("foot", np.int64),  # index of the point nearest to the nozzle at the tick before; -1: never dispensed so far
+        ("total", np.float64, (TOTAL,)),
+    ]
+)
+NOT_MEASURED = -1  # tick of the progress after an interval that is still to be measured
+
 # what is measured at a place, with the addresses of its arrays
 SPAN = np.dtype(
     [
-        ("log", np.int64),  # of `LOG_TICK`, (ticks,)
-        ("axis_log", np.int64),  # of `LOG_AXIS`, (ticks, axes)
-        ("setpoints", np.int64),  # for all axes, (n, axes)
         ("dispense", np.int64),  # whether the dispenser is on, (n,)
-        ("count", np.int64),  # n
+        ("count", np.int64),  # number of setpoints, n
         ("points", np.int64),  # along the requested path, (m, 3), by columns [mm]
         ("entries", np.int64),  # m
         ("spacing", np.float64),  # distance between the points [mm]
-        ("first", np.int64),  # tick
-        ("last", np.int64),  # the tick after the last
-        ("foot", np.int64),  # index of the point nearest to the nozzle at the last tick
+        ("peak", np.int64),  # peak torque of the drives, (axes,) [N·m]
+        ("values", np.int64),  # measurements, to be written: `SHARED`, then `PER_AXIS` for one axis after the other
+        ("before", PROGRESS),  # the interval, unchanged, as MuJoCo's steps may be taken back and made again
+        ("after", PROGRESS),  # it, to be written
     ]
 )
 
@@ -95,36 +107,65 @@ def _to_chord(points, i, tip):
     return np.sqrt(x * x + y * y + z * z), lateral
 
 
-@unlocked_jit
-def measure(spans, places, period, peak, rows, totals):
-    """Measure the ticks of some places from `first` to before `last`, and write the foot of the last.
+@intrinsic
+def _spans(context: Any, address: Any) -> Any:
+    return typed_pointer(numba.from_dtype(SPAN))
 
-    Errors of the axes are those of all these ticks, contour errors of those with the dispenser on. The distance to the
-    path is that to the chords between its points, whose sagitta is spacing^2 curvature / 8; its feet are found as those
-    of the analysis are, from the last foot on.
+
+@cache
+def measuring_stage() -> int:
+    """Return the address of a C function that measures an interval; its argument is the address of its `SPAN`.
+
+    Errors of the axes are those of all ticks since `before`, contour errors of those with the dispenser on. The
+    distance to the path is that to the chords between its points, whose sagitta is spacing^2 curvature / 8; its feet
+    are found as those of the analysis are, from the last foot on.
+
+    As the observer of a servo's row, see `gantrysim.native.row`, it measures on the thread that has stepped.
+    """
+
+    def stage(data, userdata, argument):
+        _measure(row_at(userdata), numba.carray(_spans(argument), (1,))[0])
+
+    return compiled_stage(stage)
+
+
+@cache
+def _measuring() -> Any:
+    return ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)(measuring_stage())
+
+
+def measure(userdata: int, span: int) -> None:
+    """Measure an interval, see `measuring_stage`.
 
     Args:
-        spans: of all places, whose arrays the caller keeps alive, (places,) of `SPAN`; a foot of -1 is for a dispenser
-            that was never on.
-        places: indices of those to be measured, (m,).
-        period: servo period [s].
-        peak: peak torque of the drives, (axes,) [N·m].
-        rows: measurements of all places, to be written: `SHARED`, then `PER_AXIS` for one axis after the other.
-        totals: of the episodes so far, (places, TOTAL), to be added to.
+        userdata: address of the servo's row, whose log is read.
+        span: address of the `SPAN`.
     """
-    axes = (rows.shape[1] - _PATH_COLUMNS) // _AXIS_COLUMNS
-    for place in places:
-        span = spans[place]
-        log = Log(*logs_at(span.log, span.axis_log, span.last, axes))
-        position = numba.carray(floats(span.setpoints), (span.count, axes))
-        dispense = numba.carray(octets(span.dispense), (span.count,))
-        points = numba.carray(floats(span.points), (3, span.entries)).T
-        row = rows[place]
-        row[:] = 0.0
-        ticks = (span.first, span.last)
-        tips, speed = _measure_axes(log, ticks, _Setpoints(position, dispense), period, peak, row)
-        span.foot = _measure_path(_Points(points, span.spacing, span.foot), tips, row, totals[place])
-        row[_SPEED] = speed
+    _measuring()(0, userdata, span)
+
+
+@inner_jit
+def _measure(row, span):
+    """Measure the ticks of a servo's row since `before`, and write values and progress after them."""
+    axes = row.axes
+    first = span.before.tick
+    last = row.tick
+    log = Log(*logs_at(row.log, row.axis_log, last, axes))
+    position = numba.carray(floats(row.setpoints), (span.count, axes))
+    dispense = numba.carray(octets(span.dispense), (span.count,))
+    points = numba.carray(floats(span.points), (3, span.entries)).T
+    peak = numba.carray(floats(span.peak), (axes,))
+    values = numba.carray(floats(span.values), (_PATH_COLUMNS + _AXIS_COLUMNS * axes,))
+    for column in range(len(values)):
+        values[column] = 0.0
+    for k in range(TOTAL):
+        span.after.total[k] = span.before.total[k]
+    setpoints = _Setpoints(position, dispense)
+    tips, speed = _measure_axes(log, (first, last), setpoints, row.period, peak, values)
+    path = _Points(points, span.spacing, span.before.foot)
+    span.after.foot = _measure_path(path, tips, values, span.after.total)
+    span.after.tick = last
+    values[_SPEED] = speed
 
 
 @inner_jit

@@ -109,37 +109,54 @@ class IntervalValues(NamedTuple):
         return cls(**shared, **axes)
 
 
-def observe(
-    measured: IntervalValues, gains: Floats, progress: Floats, tolerance: float, ripple_limit: float
-) -> NDArray[np.float32]:
-    """Return the observations, in the order of `entries`, clipped to their ranges, (n, entries).
+class Observer:
+    """Observations of a task whose agent sets gains, in the order of `entries`.
+
+    Values of one kind are converted together, as a decision has little time for each of NumPy's functions.
 
     Args:
-        measured: values of the last interval.
-        gains: last action, (n, gains).
-        progress: share of the setpoints sent, (n,).
+        axes: number of axes.
+        gains: number of gains.
         tolerance: tolerance of the contour error [mm].
         ripple_limit: limit of the torque ripple, share of the peak torque.
     """
-    mean = np.clip(measured.following_mean / tolerance, -_MEAN, _MEAN)
-    following = np.stack(
-        [_decades(measured.following_rms, tolerance), _decades(measured.following_max, tolerance), mean], 2
-    )
-    path = [
-        _decades(measured.contour_rms, tolerance),
-        _decades(measured.contour_max, tolerance),
-        np.clip(measured.lateral / tolerance, -_MEAN, _MEAN),
-        np.clip(measured.speed / _SPEED_UNIT, 0.0, _SPEED_RANGE),
-        np.clip(measured.curvature / _CURVATURE_UNIT, -_CURVATURE_RANGE, _CURVATURE_RANGE),
-        np.cos(measured.heading),
-        np.sin(measured.heading),
-    ]
-    torque = np.stack([np.clip(measured.torque, 0.0, 1.0), _decades(measured.ripple, ripple_limit)], 2)
-    n = len(progress)
-    parts = [following.reshape(n, -1), np.stack(path, 1), torque.reshape(n, -1), gains, progress[:, None]]
-    return np.concatenate(parts, 1, dtype=np.float32)
 
+    def __init__(self, axes: int, gains: int, tolerance: float, ripple_limit: float) -> None:
+        # rms and largest following errors, rms and largest contour error, ripple
+        self._magnitude_units = np.repeat([tolerance, ripple_limit], [2 * axes + 2, axes])
+        # mean following errors, mean contour error, speed, curvature, torque
+        counts = [axes + 1, 1, 1, axes]
+        self._units = np.repeat([tolerance, _SPEED_UNIT, _CURVATURE_UNIT, 1.0], counts)
+        self._lowest = np.repeat([-_MEAN, 0.0, -_CURVATURE_RANGE, 0.0], counts)
+        self._highest = np.repeat([_MEAN, _SPEED_RANGE, _CURVATURE_RANGE, 1.0], counts)
+        magnitudes, values, others = np.split(
+            np.arange(5 * axes + gains + 8), [len(self._magnitude_units), 5 * axes + 5]
+        )
+        following = [column for a in range(axes) for column in (magnitudes[a], magnitudes[axes + a], values[a])]
+        path = [*magnitudes[2 * axes : 2 * axes + 2], *values[axes : axes + 3], *others[:2]]
+        torque = [column for a in range(axes) for column in (values[axes + 3 + a], magnitudes[2 * axes + 2 + a])]
+        self._order = np.array([*following, *path, *torque, *others[2:]])
 
-def _decades(value: Floats, unit: float) -> Floats:
-    """Return the logarithm of a magnitude in units, clipped to the observed decades."""
-    return np.clip(np.log10(np.maximum(value, 1e-300) / unit), -_DECADES, _DECADES)
+    def __call__(self, measured: IntervalValues, gains: Floats, progress: Floats) -> NDArray[np.float32]:
+        """Return the observations, clipped to their ranges, (n, entries).
+
+        Args:
+            measured: values of the last interval.
+            gains: last action, (n, gains).
+            progress: share of the setpoints sent, (n,).
+        """
+        contour = (measured.contour_rms[:, None], measured.contour_max[:, None])
+        magnitudes = np.concatenate([measured.following_rms, measured.following_max, *contour, measured.ripple], 1)
+        decades = np.log10(np.maximum(magnitudes, 1e-300) / self._magnitude_units)
+        path = (measured.lateral[:, None], measured.speed[:, None], measured.curvature[:, None])
+        values = np.concatenate([measured.following_mean, *path, measured.torque], 1) / self._units
+        heading = measured.heading[:, None]
+        parts = [
+            np.minimum(np.maximum(decades, -_DECADES), _DECADES),
+            np.minimum(np.maximum(values, self._lowest), self._highest),
+            np.cos(heading),
+            np.sin(heading),
+            gains,
+            progress[:, None],
+        ]
+        return np.concatenate(parts, 1, dtype=np.float32).take(self._order, axis=1)

@@ -43,6 +43,7 @@ class SensitivityTable:
         self._peaks: dict[tuple[int, ...], Floats] = {}
         self._cost = lru_cache(_KEPT)(self._computed)
         self._plants: dict[int, Plant | None] = {}
+        self._common: dict[int, Floats] = {}  # costs of gains common to all axes, by payload
 
     def _plant(self, payload: int) -> Plant | None:
         """Return the plant with a payload, in steps of the table."""
@@ -69,10 +70,28 @@ class SensitivityTable:
             actions: (n, gains of `TUNED_GAINS`, 1 or axes), from -1 to 1.
             payloads: of the machines, beyond the nominal one's, one or (n,) [kg].
         """
-        gains = np.rint(np.asarray(actions, float)[:, _LOOP] * _STEPS)
-        loads = np.broadcast_to(np.rint(np.multiply(payloads, _PAYLOADS)), len(gains))
-        keys = np.column_stack([loads, gains.reshape(len(gains), -1)]).astype(int).tolist()
+        steps = np.rint(np.asarray(actions, float)[:, _LOOP] * _STEPS).astype(int)
+        loads = np.rint(np.multiply(payloads, _PAYLOADS)).astype(int)
+        if loads.ndim == 0 and steps.shape[2] == 1 and np.abs(steps).max(initial=0) <= _STEPS:
+            return self._of_common(steps[:, 0, 0], steps[:, 1, 0], int(loads))
+        keys = np.column_stack([np.broadcast_to(loads, len(steps)), steps.reshape(len(steps), -1)]).tolist()
         return np.array([self._cost(*key) for key in keys])
+
+    def _of_common(self, kp: NDArray[np.int_], kd: NDArray[np.int_], payload: int) -> Floats:
+        """Return the costs of gains that all axes have in common, in steps of the table, from an array of them, (n,).
+
+        A look into a dictionary for each would take longer than all else that follows from an action.
+        """
+        if payload not in self._common:
+            self._common[payload] = np.full((2 * _STEPS + 1, 2 * _STEPS + 1), np.nan)
+        table = self._common[payload]
+        costs = table[kp + _STEPS, kd + _STEPS]
+        unknown = np.isnan(costs)
+        if unknown.any():
+            for k in np.flatnonzero(unknown).tolist():
+                costs[k] = self._cost(payload, int(kp[k]), int(kd[k]))
+            table[kp + _STEPS, kd + _STEPS] = costs
+        return costs
 
     def _computed(self, payload: int, *gains: int) -> float:
         """Return the cost with a payload and with gains in steps of the table, the axes of kp, then those of kd."""

@@ -196,13 +196,13 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
         drawn = self._episodes.begin({place: self._randoms[place] for place in np.flatnonzero(mask).tolist()}, chosen)
         self._over[mask] = False
         infos: dict[str, Any] = {}
-        for name in dict.fromkeys(name for values in drawn.values() for name in values):
-            having = [place for place, values in drawn.items() if name in values]
-            values = np.zeros(self.num_envs, type(drawn[having[0]][name]))
-            has = np.zeros(self.num_envs, bool)
-            values[having] = [drawn[place][name] for place in having]
-            has[having] = True
-            infos |= {name: values, f"_{name}": has}
+        for place, values in drawn.items():
+            for name, value in values.items():
+                if name not in infos:
+                    infos[name] = np.zeros(self.num_envs, type(value))
+                    infos[f"_{name}"] = np.zeros(self.num_envs, bool)
+                infos[name][place] = value
+                infos[f"_{name}"][place] = True
         return infos
 
     def save(self, place: int) -> EpisodeState:
@@ -255,9 +255,10 @@ def _masked(values: dict[str, NDArray[Any]], mask: Flags) -> dict[str, Any]:
     """Return infos in Gymnasium's format: every array with a mask of the environments for which it holds values."""
     if not mask.any():
         return {}
+    without = np.flatnonzero(~mask)
     infos: dict[str, Any] = {}
     for name, array in values.items():
-        nothing: Any = None if array.dtype == object else array.dtype.type(0)
-        infos[name] = np.where(mask, array, nothing)
+        infos[name] = array.copy()
+        infos[name][without] = None if array.dtype == object else 0
         infos[f"_{name}"] = mask.copy()
     return infos

@@ -29,60 +29,60 @@ _AXIS_SIZE = LOG_AXIS.itemsize
 @intrinsic
 def integers(context: Any, address: Any) -> Any:
     """Return the pointer to 64-bit integers at an address."""
-    return _typed_pointer(types.int64)
+    return typed_pointer(types.int64)
 
 
 @intrinsic
 def whole(context: Any, address: Any) -> Any:
     """Return the pointer to 32-bit integers at an address."""
-    return _typed_pointer(types.int32)
+    return typed_pointer(types.int32)
 
 
 @intrinsic
 def octets(context: Any, address: Any) -> Any:
     """Return the pointer to bytes at an address."""
-    return _typed_pointer(types.uint8)
+    return typed_pointer(types.uint8)
 
 
 @intrinsic
 def floats(context: Any, address: Any) -> Any:
     """Return the pointer to doubles at an address."""
-    return _typed_pointer(types.float64)
+    return typed_pointer(types.float64)
 
 
 @intrinsic
 def _rows(context: Any, address: Any) -> Any:
-    return _typed_pointer(numba.from_dtype(ROW))
+    return typed_pointer(numba.from_dtype(ROW))
 
 
 @intrinsic
 def _tick_entries(context: Any, address: Any) -> Any:
-    return _typed_pointer(numba.from_dtype(LOG_TICK))
+    return typed_pointer(numba.from_dtype(LOG_TICK))
 
 
 @intrinsic
 def _axis_entries(context: Any, address: Any) -> Any:
-    return _typed_pointer(numba.from_dtype(LOG_AXIS))
+    return typed_pointer(numba.from_dtype(LOG_AXIS))
 
 
 @intrinsic
 def _stage_entries(context: Any, address: Any) -> Any:
-    return _typed_pointer(numba.from_dtype(STAGE))
+    return typed_pointer(numba.from_dtype(STAGE))
 
 
 @intrinsic
 def _fault_entries(context: Any, address: Any) -> Any:
-    return _typed_pointer(numba.from_dtype(FAULT))
+    return typed_pointer(numba.from_dtype(FAULT))
 
 
 @intrinsic
 def _drive_entries(context: Any, address: Any) -> Any:
-    return _typed_pointer(numba.from_dtype(DRIVE))
+    return typed_pointer(numba.from_dtype(DRIVE))
 
 
 @intrinsic
 def _law_entries(context: Any, address: Any) -> Any:
-    return _typed_pointer(numba.from_dtype(LAW))
+    return typed_pointer(numba.from_dtype(LAW))
 
 
 @intrinsic
@@ -98,7 +98,9 @@ def call(context: Any, address: Any, data: Any, userdata: Any, argument: Any) ->
     return types.void(types.int64, types.int64, types.int64, types.int64), codegen
 
 
-def _typed_pointer(target: types.Type) -> Any:
+def typed_pointer(target: types.Type) -> Any:
+    """Return what an intrinsic needs to make a pointer to a type of numba's: its signature, and its code."""
+
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.inttoptr(args[0], context.get_value_type(signature.return_type))
 

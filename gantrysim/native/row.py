@@ -95,6 +95,9 @@ _WHOLE = [
     "fault_axis",
     "fault_tick",
     "stops",  # one of the below
+    "observer",  # address of a C function (mjData, userdata, argument)
+    "observer_argument",
+    "observer_step",  # number of physics steps begun at whose last the observer is called, 0 for never
 ]
 # Where the stops of the axes are: in the model; not in it, and no axis has been at one; not in it, but missed
 IN_MODEL, NOT_IN_MODEL, MISSED = range(3)

@@ -13,7 +13,7 @@ from gantrysim.base.jit import inner_jit
 from gantrysim.native.compiling import part
 from gantrysim.native.laws import take
 from gantrysim.native.layout import WARNING_NUMBER, WARNING_SIZE
-from gantrysim.native.pointers import axis_log, field, floats, gains_of, row_at, tick_log, vector, whole
+from gantrysim.native.pointers import axis_log, call, field, floats, gains_of, row_at, tick_log, vector, whole
 from gantrysim.native.row import (
     DIVERGED,
     FOLLOWING_ERROR,
@@ -258,6 +258,8 @@ def output(data, userdata):
     row.phase += 1
     if row.phase == row.substeps:
         row.phase = 0
+    if row.steps == row.observer_step:
+        call(row.observer, data, userdata, row.observer_argument)
 
 
 @inner_jit
@@ -278,7 +280,8 @@ def step(model, data, nuserdata_at, userdata_at, row_size, key):
     row = row_at(userdata)
     if row.magic != key:
         return
-    if sample(data, userdata):
+    # before the call, which most steps then save
+    if row.phase == 0 and sample(data, userdata):
         _apply_law(data, row, userdata)
         command(data, userdata)
     output(data, userdata)

@@ -1,11 +1,13 @@
 """Measurements between two decisions, tick by tick, against paths and numbers given by hand."""
 
+import gymnasium
 import numpy as np
 import pytest
 
-from gantrysim.env.interval import PER_AXIS, SHARED, SPAN, TOTAL, measure
+from gantrysim.env import episode_batch
+from gantrysim.env.interval import PER_AXIS, SHARED, SPAN, measure
 from gantrysim.env.observation import IntervalValues
-from gantrysim.native.row import Log
+from gantrysim.native.row import ROW, Log
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.spirals import Involute
 
@@ -23,35 +25,45 @@ def log_of(tips, encoder=None, demand=None):
     return log
 
 
-def span_of(path, tips, on, log, foot=-1):
+def row_of(tips, log, ticks):
+    """The part of a servo's row that is read, with the addresses of arrays that are to be kept alive: these."""
+    setpoints = np.ascontiguousarray(tips[:, :AXES])
+    row = np.zeros(1, ROW)
+    row["axes"], row["period"], row["tick"] = AXES, 1e-3, ticks
+    row["log"], row["axis_log"] = log.tick.ctypes.data, log.axis.ctypes.data
+    row["setpoints"] = setpoints.ctypes.data
+    return row, setpoints
+
+
+def span_of(path, on, peak, values, foot=-1):
     """What is to be measured, with the addresses of arrays that are to be kept alive: these."""
     s, points = path.table
-    arrays = np.ascontiguousarray(tips[:, :AXES]), np.ascontiguousarray(on, bool), np.asfortranarray(points)
+    arrays = np.ascontiguousarray(on, bool), np.asfortranarray(points), np.array(peak, float), values
     span = np.zeros(1, SPAN)
-    span["log"], span["axis_log"] = log.tick.ctypes.data, log.axis.ctypes.data
-    span["setpoints"], span["dispense"], span["points"] = (array.ctypes.data for array in arrays)
-    span["count"], span["entries"], span["spacing"], span["foot"] = len(tips), len(points), s[1], foot
+    span["dispense"], span["points"], span["peak"], span["values"] = (array.ctypes.data for array in arrays)
+    span["count"], span["entries"], span["spacing"], span["before"]["foot"] = len(on), len(points), s[1], foot
     return span, arrays
-
-
-def empty_rows(places):
-    """Rows to be written, of which nothing may stay."""
-    return np.full((places, len(SHARED) + AXES * len(PER_AXIS)), 7.0)
 
 
 def measured(path, tips, dispense=None, foot=-1, log=None, cuts=(), peak=(1.0, 1.0)):
     """The values of one interval after the other, the totals after each, and the last foot."""
     log = log_of(tips) if log is None else log
     on = np.ones(len(tips), bool) if dispense is None else dispense
-    span, _kept = span_of(path, tips, on, log, foot)
-    rows, totals, total = [], [], np.zeros((1, TOTAL))
-    for first, last in zip((0, *cuts), (*cuts, len(tips)), strict=True):
-        row = empty_rows(1)
-        span["first"], span["last"] = first, last
-        measure(span, np.array([0]), 1e-3, np.array(peak), row, total)
-        rows.append(row[0])
-        totals.append(total[0].copy())
-    return IntervalValues.of(np.array(rows)), np.array(totals), int(span["foot"][0])
+    values = np.zeros(len(SHARED) + AXES * len(PER_AXIS))
+    span, _kept = span_of(path, on, peak, values, foot)
+    rows, totals = [], []
+    for last in (*cuts, len(tips)):
+        row, _setpoints = row_of(tips, log, last)
+        before = span["before"].copy()
+        for _ in range(2):  # as an interval is measured again where its steps are taken back
+            values[:] = 7.0
+            measure(row.ctypes.data, span.ctypes.data)
+        assert span["before"] == before
+        assert span["after"]["tick"] == last
+        span["before"] = span["after"]
+        rows.append(values.copy())
+        totals.append(span["after"]["total"][0].copy())
+    return IntervalValues.of(np.array(rows)), np.array(totals), int(span["after"]["foot"][0])
 
 
 def test_a_trace_nearer_to_the_next_turn_stays_on_its_own():
@@ -140,20 +152,33 @@ def test_before_the_first_interval_nothing_is_measured():
     assert seen.curvature[0] == pytest.approx(0.1, rel=1e-3)  # but where the path begins is known
 
 
-def test_only_the_places_that_are_asked_for_are_measured():
-    line = ArcChain((0.0, 0.0), 0.0, [0.0], [10.0])
-    kept, spans = [], np.zeros(3, SPAN)
-    for place, off in enumerate((0.1, 0.2, 0.3)):
-        tips = line.position(np.linspace(0, 10.0, 101)) + np.array([0.0, off, 0.0])
-        log = log_of(tips)
-        span, arrays = span_of(line, tips, np.ones(101), log)
-        spans[place] = span[0]
-        kept.append((log, arrays))
-    spans["first"], spans["last"] = 0, 101
-    rows, totals = empty_rows(3), np.zeros((3, TOTAL))
-    measure(spans, np.array([2, 0]), 1e-3, np.ones(AXES), rows, totals)
-    assert np.all(rows[1] == 7.0)
-    assert spans["foot"][1] == -1
-    assert IntervalValues.of(rows).contour_max[[0, 2]] == pytest.approx([0.1, 0.3])
-    assert totals[:, 0].tolist() == [101, 0, 101]
-    assert spans["foot"][[0, 2]].tolist() == [len(line.table[0]) - 1] * 2
+@pytest.mark.parametrize("name", ["GainBandit-v0", "SpiralTuning-v0"])
+@pytest.mark.parametrize("last_action", [0.3, 1.0], ids=["to the end", "faults"])
+def test_the_steps_measure_what_a_look_at_the_log_afterwards_does(name, last_action, monkeypatch):
+    looks = []
+
+    def look(*addresses):
+        looks.append(addresses)
+        measure(*addresses)
+
+    def outcomes(is_observed):
+        envs = gymnasium.make_vec(f"gantrysim/{name}", num_envs=4, decision_interval=0.05)
+        envs.reset(seed=3)
+        looks.clear()
+        if not is_observed:
+            monkeypatch.setattr(envs.unwrapped._episodes, "_observer_step", np.zeros(4, np.int64))
+        actions = [0.1, 0.2, 0.3, *[last_action] * 5]
+        yield from (envs.step(np.full((4, 4), action, np.float32)) for action in actions)
+        envs.close()
+
+    monkeypatch.setattr(episode_batch, "measure", look)
+    by_steps = list(outcomes(True))
+    over = sum(np.count_nonzero(terminated | truncated) for _, _, terminated, truncated, _ in by_steps[:-1])
+    assert len(looks) == over  # at the start of the next episodes alone
+    by_looks = list(outcomes(False))
+    assert len(looks) == 4 * len(by_looks)
+    for (seen, *outcome, infos), (seen_after, *outcome_after, infos_after) in zip(by_steps, by_looks, strict=True):
+        assert np.array_equal(seen, seen_after)
+        assert all(map(np.array_equal, outcome, outcome_after))
+        assert infos.keys() == infos_after.keys()
+        assert all(np.array_equal(values, infos_after[key]) for key, values in infos.items())

@@ -31,7 +31,7 @@ def test_the_key_of_the_tick_changes_with_its_layout_and_each_of_its_parts(monke
     ingredients = fingerprint._ingredients
     monkeypatch.setattr(fingerprint, "_ingredients", lambda f: seen.add(f.__name__) or ingredients(f))
     fingerprint.fingerprint.__wrapped__(tick.step)
-    assert {"sample", "_apply_law", "torque_demand", "filtered", "trip", "row_at", "_rows", "_typed_pointer"} <= seen
+    assert {"sample", "_apply_law", "torque_demand", "filtered", "trip", "row_at", "_rows", "typed_pointer"} <= seen
     assert repr(ROW.descr) in "".join(fingerprint._texts(tick.row_at.py_func, {}))
 
 
