@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
@@ -23,6 +24,10 @@ from gantrysim.env.settings import PathSettings
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 
+# By default so many for each core. With one, the thread that shares its core with the drawing of the next episodes is
+# late with the last place, while the other cores have nothing left to do.
+_THREADS = 2
+
 
 class EpisodeBatch(ABC):
     """Places in which episodes run; all advance in one native call.
@@ -38,7 +43,7 @@ class EpisodeBatch(ABC):
     Args:
         settings: of the environment.
         places: number of places.
-        threads: number of threads; by default all cores.
+        threads: number of threads; by default two for each core.
         ahead: whether the next episodes are drawn on a thread while these run.
         source: of the episodes, by default of spirals and machines alone.
 
@@ -59,7 +64,8 @@ class EpisodeBatch(ABC):
         self.source = Source(settings) if source is None else source
         machine = self.source.machine
         self._axes = len(machine.axes)
-        self._batch = Batch(machine, places, threads)
+        cores = os.cpu_count() or 1
+        self._batch = Batch(machine, places, min(places, _THREADS * cores) if threads is None else threads)
         self._ahead = DrawnAhead(self.source) if ahead else None
         if self._ahead is not None:
             # not earlier: a thread that draws holds Python's lock, for which this one would have to wait
@@ -245,9 +251,8 @@ class EpisodeBatch(ABC):
     def _run(self, stepped: NDArray[np.intp]) -> None:
         """Step until the next decision, or the end of the longest episode where that comes first, and measure."""
         substeps = self._episode(int(stepped[0])).simulation.substeps
-        # last tick, if no stream waits at a gate; its first step
-        last = self._ticks - self._sent + self._spans["count"] - 1
-        end = last * substeps + 1
+        last = self._ticks - self._sent + self._spans["count"] - 1  # tick, if no stream waits at a gate
+        end = last * substeps + 1  # its first step
         steps = None
         if self.source.ticks is not None:
             steps_left = int((end - self._steps)[stepped].max())

@@ -55,6 +55,17 @@ def test_each_axis_counts_with_its_own_gains(machine, servo, table):
         assert cost[1 + axis] > 0.1
 
 
+def test_gains_common_to_all_axes_cost_what_they_cost_axis_by_axis_however_often_they_are_asked_for(machine, servo):
+    table = SensitivityTable(machine, servo, RANGE)
+    kp, kd = np.meshgrid([-1.0, 0.25, 1.0], [-1.0, 0.0, 0.25, 1.0])
+    actions = np.stack([kp, kd, 0 * kp, 0 * kp], axis=-1).reshape(-1, 4, 1)
+    swapped = actions[:, [1, 0, 2, 3]]
+    beyond = np.concatenate([actions, 1.25 * actions])
+    assert len(set(table.cost(actions))) > 3
+    for asked in (actions, swapped, actions[::-1], swapped[:4], beyond):
+        assert np.array_equal(table.cost(asked), table.cost(np.repeat(asked, 2, axis=2)))
+
+
 @pytest.mark.parametrize("name", [TUNING, BANDIT])
 def test_an_environment_tells_the_cost_of_its_gains_also_where_it_faults(name):
     env = gymnasium.make(name, **SHORT)
