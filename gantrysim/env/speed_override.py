@@ -132,6 +132,12 @@ class SpeedOverrideBatch(EpisodeBatch):
         super().restore(place, replace(state, values=values), random)
         self._episode(place).simulation.position[: len(written)] = written
 
+    def record(self, place: int) -> Run:
+        run = super().record(place)
+        # the record is read-only down to the memory of the setpoints, of which the next are still to be written
+        self._episode(place).simulation.position.flags.writeable = True
+        return run
+
     def follower(self, place: int) -> Run:
         """Return the record of the whole episode at the program's speed without following error."""
         simulation = self._episode(place).simulation

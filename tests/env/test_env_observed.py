@@ -147,3 +147,21 @@ def test_values_of_an_episode_do_not_depend_on_those_before():
     assert ends[0]["episode_contour_rms"] == pytest.approx(np.sqrt((distance**2).mean()), rel=0.03)
     assert ends[0]["episode_contour_max"] >= np.abs(distance).max() - 1e-3
     assert ends[0]["episode_contour_max"] == pytest.approx(np.abs(distance).max(), rel=0.1)
+
+
+@pytest.mark.parametrize("kind", [BeadWidthEnv, ServoTorqueEnv, SpeedOverrideEnv, SpiralTuningEnv])
+def test_an_episode_goes_on_after_a_look_at_its_record(kind):
+    looked_at, other = kind(), kind()
+    for env in (looked_at, other):
+        env.reset(seed=5)
+    action = np.full(other.action_space.shape, 0.3, np.float32)
+    records = []
+    for _ in range(3):
+        (observation, reward, *_), (unseen, reward_unseen, *_) = looked_at.step(action), other.step(action)
+        assert np.array_equal(observation, unseen)
+        assert reward == reward_unseen
+        records.append(looked_at.run)
+    first, *_, last = records
+    assert not first.commanded.flags.writeable
+    assert np.array_equal(first.commanded, last.commanded[: len(first.time)])
+    assert np.array_equal(last.commanded, other.run.commanded)
