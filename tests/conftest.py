@@ -79,7 +79,7 @@ def pytest_configure(config):
 
 
 def pytest_collection_finish(session):
-    """Keep the garbage collector from what all tests share: looking through it took a twelfth of their time."""
+    """Keep the garbage collector from what all tests share: looking through it took a twentieth of their time."""
     gc.freeze()
 
 
