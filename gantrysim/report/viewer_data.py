@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
-from gantrysim.base.columns import by_blocks
+from gantrysim.base.columns import blocks, by_blocks
 from gantrysim.bead import Bead
 from gantrysim.bead.climb import leaves_plane
 from gantrysim.job.lines import program_lines_at
@@ -125,9 +125,10 @@ class ViewerData:
         for axis, name in enumerate("xyz"):
             if name == "z" and float(np.ptp(run.nozzle[:, 2])) < _LEVEL:
                 continue
-            yield Series(name, name, "mm", "", partial(_coordinate, run.nozzle, axis), None, "nozzle in the work frame")
+            position = partial(_coordinate, run, "nozzle", axis)
+            yield Series(name, name, "mm", "", position, None, "nozzle in the work frame")
             if name != "z":
-                yield Series(f"d{name}", f"d{name}", "mm", "", partial(_coordinate, nozzle.offset, axis), ticks)
+                yield Series(f"d{name}", f"d{name}", "mm", "", partial(_coordinate, nozzle, "offset", axis), ticks)
 
     def _errors(self) -> Iterator[Series]:
         budget = self.results.budget
@@ -135,21 +136,16 @@ class ViewerData:
         corner = {} if budget.corner is None else {CORNER: budget.corner}
         parts = {"contour": budget.contour, **budget.parts, **corner}
         for name, part in parts.items():
-            label = name
-            yield Series(
-                name, label, "µm", ERROR, partial(_micrometres, part.lateral), ticks, DESCRIPTIONS.get(name, "")
-            )
-        size = budget.analysis.nozzle.distance
-        beside = size - np.abs(budget.contour.lateral)
-        if float(np.abs(beside).max()) > _LEVEL:
-            vertical = budget.contour.vertical
-            if float(np.abs(vertical).max()) > _LEVEL:
-                yield Series(
-                    "vertical", "vertical", "µm", ERROR, partial(_micrometres, vertical), ticks, "normal to path"
-                )
-            yield Series(
-                "distance", "distance", "µm", "", partial(_micrometres, size), ticks, "nozzle to requested path"
-            )
+            lateral = partial(_micrometres, part, "lateral")
+            yield Series(name, name, "µm", ERROR, lateral, ticks, DESCRIPTIONS.get(name, ""))
+        contour = budget.contour
+        nozzle = budget.analysis.nozzle
+        if _largest(lambda block: nozzle.distance[block] - np.abs(contour.lateral[block]), ticks.size) > _LEVEL:
+            if _largest(lambda block: contour.vertical[block], ticks.size) > _LEVEL:
+                vertical = partial(_micrometres, contour, "vertical")
+                yield Series("vertical", "vertical", "µm", ERROR, vertical, ticks, "normal to path")
+            distance = partial(_micrometres, nozzle, "distance")
+            yield Series("distance", "distance", "µm", "", distance, ticks, "nozzle to requested path")
 
     def _motion(self) -> Iterator[Series]:
         run = self.results.budget.analysis.run
@@ -218,12 +214,22 @@ class ViewerData:
         return json.dumps(self.content(), allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def _coordinate(points: Floats, axis: int) -> Floats:
+# These take a table and the name of its column, as the columns of a long run must not all be in memory together.
+
+
+def _coordinate(table: object, column: str, axis: int) -> Floats:
+    points: Floats = getattr(table, column)
     return by_blocks(lambda block: points[block, axis], len(points))
 
 
-def _micrometres(error: Floats) -> Floats:
+def _micrometres(table: object, column: str) -> Floats:
+    error: Floats = getattr(table, column)
     return _UM * error
+
+
+def _largest(values: Callable[[slice], Floats], rows: int) -> float:
+    """Return the largest size of values that are computed for one block after the other."""
+    return max(float(np.abs(values(block)).max(initial=0.0)) for block in blocks(rows))
 
 
 def _bead_series(bead: Bead) -> Iterator[Series]:

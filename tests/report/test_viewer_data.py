@@ -5,7 +5,9 @@ import gzip
 import hashlib
 import itertools
 import json
+from functools import partial
 from importlib.resources import files
+from inspect import getclosurevars
 
 import numpy as np
 import pytest
@@ -205,6 +207,17 @@ def test_a_thinned_run_keeps_its_largest_errors(shown):
     lines = decoded(content["columns"]["line"], rows)
     ticks = np.arange(content["ticks"])
     assert set(lines) == set(program_lines_at(shown.job, ticks.size, shown.budget.analysis.run.time))
+
+
+def test_a_column_is_read_only_when_it_is_wanted(shown):
+    """The columns of a long run lie in files: those that a series held would all be in memory together."""
+    for series in ViewerData(shown).series:
+        held = (
+            series.values.args
+            if isinstance(series.values, partial)
+            else getclosurevars(series.values).nonlocals.values()
+        )
+        assert not any(isinstance(value, np.ndarray) for value in held), series.name
 
 
 def test_the_page_of_ten_thousand_samples_is_small(tmp_path):
