@@ -5,6 +5,7 @@ An array of a file is mapped at each access, so that it takes memory only while 
 
 from __future__ import annotations
 
+import math
 import tempfile
 import weakref
 from collections.abc import Callable, Iterator, Mapping
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base import memory
+from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 
 BLOCK = 16_384  # rows that are computed at a time
@@ -144,6 +146,17 @@ def by_blocks(function: Callable[[slice], _Array], rows: int) -> _Array:
     for block in every:
         joined[block] = function(block)
     return cast(_Array, joined)
+
+
+def extent(function: Callable[[slice], Floats], rows: int) -> float:
+    """Return the extent of the values that a function returns for blocks of so many rows, 0 where there are none."""
+    low = math.inf
+    high = -math.inf
+    for block in blocks(rows):
+        values = function(block)
+        low = min(low, float(values.min(initial=math.inf)))
+        high = max(high, float(values.max(initial=-math.inf)))
+    return max(high - low, 0.0)
 
 
 def table_by_blocks(parts: Iterator[_Table], rows: int) -> _Table:

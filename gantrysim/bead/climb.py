@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.columns import extent
 from gantrysim.record.run import Run
 
 LEVEL = 1.0  # climb up to which a bead is flat; it holds the sag of a table and the errors of a needle's height [mm]
@@ -17,4 +18,4 @@ def climb(nozzle: Floats) -> float:
 
 def leaves_plane(run: Run) -> bool:
     """Return whether the nozzle climbs by more than `LEVEL` in the work frame while it dispenses."""
-    return climb(run.nozzle[run.dispense]) > LEVEL
+    return extent(lambda block: run.nozzle[block, 2][run.dispense[block]], len(run.time)) > LEVEL

@@ -158,6 +158,7 @@ class Evaluation:
 
         results = self.results
         job = results.job
+        memory.give_back()  # what the page's figures took: a film of a long run needs as much
         with self._optional("video", folder), share_bar("film", self._go_on) as advance:
             try:
                 encoder_file()  # before a film is prepared that cannot be written

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
-from gantrysim.base.columns import blocks, by_blocks
+from gantrysim.base.columns import blocks, by_blocks, extent
 from gantrysim.bead import Bead
 from gantrysim.bead.climb import leaves_plane
 from gantrysim.job.lines import program_lines_at
@@ -123,7 +123,7 @@ class ViewerData:
         nozzle = budget.analysis.nozzle
         yield Series("s", "s", "mm", "", lambda: nozzle.s, ticks, "distance along the requested path")
         for axis, name in enumerate("xyz"):
-            if name == "z" and float(np.ptp(run.nozzle[:, 2])) < _LEVEL:
+            if name == "z" and extent(lambda block: run.nozzle[block, 2], len(run.time)) < _LEVEL:
                 continue
             position = partial(_coordinate, run, "nozzle", axis)
             yield Series(name, name, "mm", "", position, None, "nozzle in the work frame")
@@ -218,8 +218,11 @@ class ViewerData:
 
 
 def _coordinate(table: object, column: str, axis: int) -> Floats:
-    points: Floats = getattr(table, column)
-    return by_blocks(lambda block: points[block, axis], len(points))
+    def coordinate(block: slice) -> Floats:
+        points: Floats = getattr(table, column)  # for each block, as the rows that have been read stay in memory
+        return points[block, axis]
+
+    return by_blocks(coordinate, len(getattr(table, column)))
 
 
 def _micrometres(table: object, column: str) -> Floats:

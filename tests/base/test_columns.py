@@ -12,7 +12,7 @@ import pytest
 
 from gantrysim.base import columns, memory
 from gantrysim.base.arrays import Floats
-from gantrysim.base.columns import Column, FileTable, by_blocks, table_by_blocks
+from gantrysim.base.columns import Column, FileTable, by_blocks, extent, table_by_blocks
 from gantrysim.base.errors import InputError
 
 
@@ -53,6 +53,15 @@ def test_parts_are_joined_in_memory_and_in_a_file(monkeypatch, edges, kept):
     assert isinstance(vars(joined)["point"], np.ndarray) == (kept == ROWS)
     np.testing.assert_array_equal(joined.number, NUMBER)
     np.testing.assert_array_equal(joined.point, POINT)
+
+
+@pytest.mark.parametrize("block", [1, 7, ROWS])
+def test_an_extent_is_that_of_all_blocks(monkeypatch, block):
+    monkeypatch.setattr(columns, "BLOCK", block)
+    assert extent(lambda rows: POINT[rows, 2], ROWS) == np.ptp(POINT[:, 2])
+    some = POINT[:, 2] > 1.0
+    assert extent(lambda rows: POINT[rows, 2][some[rows]], ROWS) == np.ptp(POINT[some, 2])
+    assert extent(lambda rows: POINT[rows, 2][:0], ROWS) == 0.0
 
 
 def test_fewer_rows_than_there_might_have_been(in_a_file):
