@@ -387,7 +387,7 @@ BENCHMARKS = {
     "page": Benchmark(page, "at most 45.0"),
     "film": Benchmark(film, "at most 175"),
     "setpoints": Benchmark(setpoints, "at most 0.15"),
-    "analysis": Benchmark(analysis, "at most 1.50"),
+    "analysis": Benchmark(analysis, "at most 1.00"),
 }
 
 
