@@ -11,9 +11,9 @@ from gantrysim.record.run import Run
 LEVEL = 1.0  # climb up to which a bead is flat; it holds the sag of a table and the errors of a needle's height [mm]
 
 
-def climb(nozzle: Floats) -> float:
-    """Return the extent in z of positions of the nozzle with glue, (n, 3) [mm], 0 for none."""
-    return float(np.ptp(nozzle[:, 2])) if len(nozzle) else 0.0
+def climb(heights: Floats) -> float:
+    """Return the extent of heights of the nozzle with glue, (n,) [mm], 0 for none."""
+    return float(np.ptp(heights)) if heights.size else 0.0
 
 
 def leaves_plane(run: Run) -> bool:

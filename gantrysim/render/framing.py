@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.columns import by_blocks
 from gantrysim.bead.climb import LEVEL, climb
 from gantrysim.record.run import Run
 
@@ -37,9 +39,16 @@ class Framing:
     @classmethod
     def of(cls, runs: Sequence[Run], azimuth: float) -> Framing:
         """Return the framing of the beads of some runs; of one that lays none, of the whole path of its nozzle."""
-        laid = np.concatenate([run.nozzle[run.dispense] if run.dispense.any() else run.nozzle for run in runs])
-        elevation = _FLAT_ELEVATION if climb(laid) <= LEVEL else _STEEP_ELEVATION
-        return cls(1e-3 * laid[:: max(1, len(laid) // _MOST_POINTS)], azimuth, elevation)
+        shown = [np.flatnonzero(run.dispense) if run.dispense.any() else np.arange(len(run.time)) for run in runs]
+        sizes = [ticks.size for ticks in shown]
+        every = max(1, sum(sizes) // _MOST_POINTS)
+        points: list[Floats] = []
+        heights: list[Floats] = []
+        for run, ticks, before in zip(runs, shown, np.cumsum([0, *sizes[:-1]]).tolist(), strict=True):
+            points.append(run.nozzle[ticks[-before % every :: every]])  # evenly from all runs together
+            heights.append(_heights(run, ticks))
+        elevation = _FLAT_ELEVATION if climb(np.concatenate(heights)) <= LEVEL else _STEEP_ELEVATION
+        return cls(1e-3 * np.concatenate(points), azimuth, elevation)
 
     @cached_property
     def centre(self) -> Floats:
@@ -90,3 +99,8 @@ class Framing:
     def position(self, width_over_height: float) -> Floats:
         """Return the place of the camera in the frame of the work, (3,) [m]."""
         return self.centre - self.distance(width_over_height) * self.axes[0]
+
+
+def _heights(run: Run, ticks: NDArray[np.intp]) -> Floats:
+    """Return the height of the nozzle at ticks, (n,) [mm]; block by block, as a long run does not fit in memory."""
+    return by_blocks(lambda block: run.nozzle[ticks[block], 2], ticks.size)

@@ -304,6 +304,6 @@ def test_a_page_has_the_third_dimension_where_the_bead_climbs(shown):
     run = climbing_job().run()
     assert leaves_plane(run)
     assert not leaves_plane(shown.budget.analysis.run)
-    flat = run.nozzle[run.dispense] * [1, 1, 0.999 / 16]
+    flat = run.nozzle[run.dispense][:, 2] * (0.999 / 16)
     assert climb(flat) < LEVEL
     assert ViewerData(shown).content()["space"] is None
