@@ -100,6 +100,8 @@ class _Run:
                 self._stop()
             for process in state.processes:  # which they may add to
                 self._scheduler.execute(process, state.tick)
+            # after a statement, what another process waits for may have come about already
+            is_settled = self._clock.count == count or len(state.processes) == 1
             state.processes = [process for process in state.processes if not process.ended]
             positions.extend([axis.position for axis in axes])
             outputs.append(self._valve in state.outputs)
@@ -111,8 +113,7 @@ class _Run:
                     f"line {lines[-1]}: the program still runs after {self._limits.time:g} s: must end before, or "
                     "raise time_limit, or give stop_after to take the first seconds"
                 )
-            # after a statement, what a process waits for may have come about already
-            ahead = self._undisturbed(most if state.stopped else min(most, last)) if self._clock.count == count else 1
+            ahead = self._undisturbed(most if state.stopped else min(most, last)) if is_settled else 1
             passed = motion.glide(ahead, self._recorded)
             state.tick += len(passed)
             if len(passed) < ahead:
