@@ -92,7 +92,7 @@ class Motion(Buffers):
         """Advance the axes of a move to the distances s; return their positions there, (axes, n) [units]."""
         displaced = np.empty((len(moved), len(s) + 1))
         displaced[:, 0] = move.displaced
-        displaced[:, 1:] = move.shape.displacements(s).T
+        displaced[:, 1:] = move.shape.displacements(s)
         # summed from the position on, one step after the other, as `step` adds them
         places = np.empty_like(displaced)
         places[:, 0] = [axis.position for axis in moved]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import bisect
+import cmath
 import math
 from dataclasses import dataclass, field
+from itertools import repeat
 from typing import Protocol
 
 import numpy as np
@@ -50,8 +52,8 @@ class Shape(Protocol):
         """Displacements of the axes from the start at the distance s."""
 
     def displacements(self, s: Floats) -> Floats:
-        """Displacements at each of the distances, (n, axes)."""
-        return np.array([self.displacement(distance) for distance in s.tolist()])
+        """Displacements at each of the distances, (axes, n)."""
+        return np.array([self.displacement(distance) for distance in s.tolist()]).T
 
 
 def _finite(length: float) -> float:
@@ -78,7 +80,7 @@ class Straight(Shape):
         return tuple(share * delta for delta in self.deltas)
 
     def displacements(self, s: Floats) -> Floats:
-        return np.multiply.outer(s / self.length, self.deltas)
+        return np.multiply.outer(self.deltas, s / self.length)
 
 
 @dataclass
@@ -132,11 +134,15 @@ class Arc(Shape):
 
     def displacements(self, s: Floats) -> Floats:
         share = s / self.length
-        # the library's cosine of single numbers: NumPy's of arrays differs in the last bit
         psi = (self.begin + (-1 if self.clockwise else 1) * self.angle * share).tolist()
-        x = self.centre[0] + self.radius * np.fromiter(map(math.cos, psi), float, len(psi))
-        y = self.centre[1] + self.radius * np.fromiter(map(math.sin, psi), float, len(psi))
-        return np.transpose([x, y] if self.rise is None else [x, y, self.rise * share])
+        places = np.empty((2 if self.rise is None else 3, len(psi)))
+        # the library's cosine and sine of single numbers: NumPy's of arrays differ in the last bit
+        turned = np.fromiter(map(cmath.rect, repeat(self.radius), psi), complex, len(psi))
+        np.add(self.centre[0], turned.real, out=places[0])
+        np.add(self.centre[1], turned.imag, out=places[1])
+        if self.rise is not None:
+            np.multiply(self.rise, share, out=places[2])
+        return places
 
 
 @dataclass
