@@ -94,8 +94,12 @@ class Chain(Path):
         self._columns: Columns = {name: np.ascontiguousarray(rows[name]) for name in ROW.names or ()}
         frame = self._columns["frame"]
         frame[:, 2] = np.cross(frame[:, 0], frame[:, 1])
+        direction = self._columns["direction"]
         # sine of a line's climb
-        self._columns["straight"] = np.einsum("ij,ij->i", frame[:, 2], self._columns["direction"])
+        self._columns["straight"] = np.einsum("ij,ij->i", frame[:, 2], direction)
+        products = frame[:, :2] * direction[:, None]
+        along, across = (products[..., 0] + products[..., 1] + products[..., 2] + 0.0).T  # 0, not -0, for no component
+        self._columns["heading"] = np.arctan2(across, along)  # 0 for coils, which have no direction
         self._check_joints()
         self._join_headings()
 

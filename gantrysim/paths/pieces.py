@@ -21,6 +21,7 @@ XY: Frame = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 ZX: Frame = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
 YZ: Frame = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 XZ: Frame = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+_PLANES = (XY, ZX, YZ, XZ)
 
 SHORTEST = 1e-9  # length up to which a piece is dropped [mm]
 _SQUARE = 1e-9  # tolerance of a frame's scalar products
@@ -111,6 +112,8 @@ def _check(piece: str, frame: Frame, **values: Any) -> None:
     for name, value in values.items():
         if not all(map(math.isfinite, value if isinstance(value, Iterable) else (value,))):
             raise InputError(f"{piece}: {name} = {value}: must be finite")
+    if frame in _PLANES:
+        return
     u, v = frame
     products = (sum(map(operator.mul, a, b)) for a, b in ((u, u), (u, v), (v, v)))
     # so written that a nan is refused
@@ -136,13 +139,11 @@ def length_of(piece: Line | Coil) -> float:
 
 
 def row_of(piece: Line | Coil, length: float) -> tuple[Any, ...]:
-    """Return a piece of positive length as a row of numbers, without the frame's normal."""
-    frame = np.array([*piece.frame, (0.0, 0.0, 0.0)])
-    u, v = frame[:2]
+    """Return a piece of positive length as a row of numbers, without the frame's normal and a line's heading."""
+    frame = (*piece.frame, (0.0, 0.0, 0.0))
     if isinstance(piece, Line):
-        direction = np.subtract(piece.end, piece.start) / length
-        heading = np.arctan2(direction @ v, direction @ u)
-        return False, frame, piece.start, direction, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, heading
+        x, y, z = ((end - start) / length for start, end in zip(piece.start, piece.end, strict=True))
+        return False, frame, piece.start, (x, y, z), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     growth, rise = _growth(piece)
     turn = math.copysign(1.0, piece.angle)
     angle = abs(piece.angle)

@@ -80,11 +80,10 @@ def exact(
         placement: of the program on the work.
     """
     columns = {number: k for k, number in enumerate(numbers[:3])}
-    frame = cache(partial(_frame, placement))
-    pieces: list[Line | Coil] = []
-    place = start.tolist()
     if unstated & columns.keys():
         return None
+    corners = [start.tolist()]
+    shapes: list[tuple[Arc, list[int]] | None] = []  # from each corner to the next, with an arc's columns
     for move in moves:
         real = [number for number in move.axes if number in columns]
         if not real:
@@ -92,20 +91,26 @@ def exact(
         if not move.finished or columns.keys() & set(move.beside):
             return None
         ends = move.shape.displacement(move.shape.length) if move.shape.length else (0.0,) * len(move.axes)
+        place = corners[-1]
         end = list(place)
         for number, first, moved in zip(move.axes, move.start, ends, strict=True):
             if number in columns:
                 if abs(place[columns[number]] - first) > _JOINT:
                     return None
                 end[columns[number]] += moved
-        if isinstance(move.shape, Arc):
-            if len(real) < len(move.axes):
-                return None
-            pieces.append(_coil(move.shape, [columns[number] for number in move.axes], place, placement, frame))
-        elif math.dist(place, end) > SHORTEST:
-            begin, finish = placement.point([place, end])
-            pieces.append(Line(vector(begin), vector(finish)))
-        place = end
+        if isinstance(move.shape, Arc) and len(real) < len(move.axes):
+            return None
+        arc = (move.shape, [columns[number] for number in move.axes]) if isinstance(move.shape, Arc) else None
+        shapes.append(arc)
+        corners.append(end)
+    frame = cache(partial(_frame, placement))
+    pieces: list[Line | Coil] = []
+    on_work = [(x, y, z) for x, y, z in placement.point(corners).tolist()]
+    for k, arc in enumerate(shapes):
+        if arc is not None:
+            pieces.append(_coil(*arc, corners[k], placement, frame))
+        elif math.dist(corners[k], corners[k + 1]) > SHORTEST:
+            pieces.append(Line(on_work[k], on_work[k + 1]))
     return Chain(pieces) if pieces else None
 
 
