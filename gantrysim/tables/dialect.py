@@ -17,6 +17,7 @@ _POINT = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _COMMA = re.compile(r"[-+]?(?:\d+,\d+|,\d+)(?:[eE][-+]?\d+)?")
 _QUOTED = re.compile(r'"([^"]*)"|(\S+)')
 _EXAMINED = 200  # lines
+_ROUNDING = 1e-9  # of shares that are equal
 _ANY = 1e-3  # of a cell: a sign that divides lines without numbers is better than none
 
 
@@ -72,7 +73,7 @@ def dialect_of(lines: Sequence[str]) -> Dialect:
     for sign in SIGNS:
         dialect = Dialect(sign, _has_decimal_comma(lines, sign))
         share = _share_of_numbers(lines, dialect)
-        if share > best_share:
+        if share > best_share * (1 + _ROUNDING):
             best = dialect
             best_share = share
     return best

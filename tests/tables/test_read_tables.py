@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gantrysim import InputError
@@ -208,6 +208,14 @@ def test_any_text_is_read_or_refused_in_one_line(tmp_path_factory, text, blocks)
     mark=st.booleans(),
     preamble=st.sampled_from(((), ("# any remark",), ("Model,TBS2000", "Points;1000", "# more"), ("made by hand",))),
     quoting=st.sampled_from((csv.QUOTE_MINIMAL, csv.QUOTE_ALL)),
+)
+@example(  # blanks and tabs divide as many lines into numbers
+    rows=[(0.0, 0.0, 0, "on")] * 2,
+    separator="\t",
+    decimal_comma=False,
+    mark=False,
+    preamble=("Model,TBS2000", "Points;1000", "# more"),
+    quoting=csv.QUOTE_MINIMAL,
 )
 def test_a_table_that_the_csv_module_writes_in_any_dialect_is_read_as_it_was(
     tmp_path_factory, rows, separator, decimal_comma, mark, preamble, quoting
