@@ -58,7 +58,7 @@ def command(gantrysim_command, monkeypatch, small, tmp_path):
     """What a command prints at a width; the run is simulated once."""
     record, causes = small
     monkeypatch.setattr(Job, "run", lambda job, progress=None: record.replaced(job=job))
-    monkeypatch.setattr("gantrysim.cli.evaluation.causes_of", lambda *_: causes)
+    monkeypatch.setattr("gantrysim.cli.evaluation.causes_of", lambda *_, **__: causes)
     monkeypatch.chdir(tmp_path)
 
     def run(width, *arguments):
