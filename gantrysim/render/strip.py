@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.columns import blocks
 from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.plots.style import COLOURS, INK
 from gantrysim.render.encoding import Picture
@@ -143,9 +144,10 @@ class Strip:
         value = np.interp(edges, run.time, run.error, left=np.nan, right=np.nan)
         low = np.fmin(value[:-1], value[1:])
         high = np.fmax(value[:-1], value[1:])
-        column_of_tick = np.clip(np.round(run.time / per_column).astype(int), 0, len(columns) - 1)
-        np.fmin.at(low, column_of_tick, run.error)
-        np.fmax.at(high, column_of_tick, run.error)
+        for block in blocks(len(run.time)):  # a long run does not fit in memory
+            column_of_tick = np.clip(np.round(run.time[block] / per_column).astype(int), 0, len(columns) - 1)
+            np.fmin.at(low, column_of_tick, run.error[block])
+            np.fmax.at(high, column_of_tick, run.error[block])
         rows = np.arange(self.above, self.bottom + 1)[:, None]
         upper = self.row(high) - 0.5 * thick  # type: ignore[arg-type]
         lower = self.row(low) + 0.5 * thick  # type: ignore[arg-type]
