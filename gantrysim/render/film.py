@@ -151,6 +151,7 @@ class Film(Closing):
         self._captions = [
             Caption(take.verdict, note, cell.width, letters) for take, cell in zip(takes, self.cells, strict=True)
         ]
+        memory.give_back()  # frames of a long run need it
 
     def _places(self, labels: Sequence[str], rows: int, room: int) -> tuple[Cell, ...]:
         """Draw the headers and return the places of the pictures, row by row, in the height above the panel."""
