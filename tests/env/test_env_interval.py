@@ -51,7 +51,8 @@ def measured(path, tips, dispense=None, foot=-1, log=None, cuts=(), peak=(1.0, 1
     on = np.ones(len(tips), bool) if dispense is None else dispense
     values = np.zeros(len(SHARED) + AXES * len(PER_AXIS))
     span, _kept = span_of(path, on, peak, values, foot)
-    rows, totals = [], []
+    rows = []
+    totals = []
     for last in (*cuts, len(tips)):
         row, _setpoints = row_of(tips, log, last)
         before = span["before"].copy()

@@ -31,7 +31,9 @@ def test_minima_in_windows_longer_and_shorter_than_the_buffer(window, buffer):
         points = np.asfortranarray(waves.T)
         point = rng.normal(size=3)
         squares = np.concatenate([[np.inf], ((points - point) ** 2).sum(axis=1), [np.inf]])
-        here, before, after = squares[1:-1], squares[:-2], squares[2:]
+        here = squares[1:-1]
+        before = squares[:-2]
+        after = squares[2:]
         expected = [k for k in range(low, high + 1) if here[k] <= before[k] and here[k] < after[k]]
         is_minimum = bool(expected)
         expected = expected or [low + int(here[low : high + 1].argmin())]
