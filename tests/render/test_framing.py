@@ -1,6 +1,7 @@
 """The camera that is fitted to the bead: closed forms, and what the pictures show."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -179,3 +180,17 @@ def test_a_film_begins_with_the_machine_and_ends_at_the_bead():
         assert shares == [0.0, 0.0, 1.0, 1.0]
         assert film._flight_share(0.0, None) == 1.0  # a single picture
         np.testing.assert_array_equal(film.frame(film.end), film.frame(film.end, None))
+
+
+@pytest.mark.parametrize("sizes", [(50,), (7000,), (7001, 4999, 3)])
+def test_a_framing_looks_at_places_evenly_from_all_runs(sizes):
+    """Those that every so many rows of all places with glue give, or all places of a run without glue."""
+    random = np.random.default_rng(1)
+    runs = [
+        SimpleNamespace(nozzle=random.normal(size=(size, 3)), dispense=random.random(size) < 0.7, time=np.arange(size))
+        for size in sizes
+    ]
+    runs[-1].dispense[:] = False
+    places = np.concatenate([run.nozzle[run.dispense] if run.dispense.any() else run.nozzle for run in runs])
+    expected = 1e-3 * places[:: max(1, len(places) // 2000)]
+    np.testing.assert_array_equal(Framing.of(runs, 30.0).points, expected)
