@@ -37,8 +37,8 @@ class Reduction:
     def __init__(self, count: int, rule: str, build: Build) -> None:
         self.count = count
         self.rule = rule
-        self.build = build
         self.passes_on = count == 1 and isinstance(build, ExpandSingleChild)
+        self.build = build
 
 
 class State:
@@ -82,14 +82,15 @@ class TableParser:
             if isinstance(symbol, Terminal) and not (symbol.filter_out and _drops(lark, rule))
         )
         automaton = lark.parser.parser.parser
+        builds = automaton.callbacks
+        reductions = {rule: Reduction(len(rule.expansion), str(rule.origin.name), builds[rule]) for rule in builds}
         table = automaton.parse_table
         states = {number: State() for number in table.states}
         for number, state in states.items():
             for symbol, (action, target) in table.states[number].items():
                 name = str(symbol)  # lark's own are tokens, which compare slowly
                 if action.name == "Reduce":
-                    build = automaton.callbacks[target]
-                    state.actions[name] = Reduction(len(target.expansion), str(target.origin.name), build)
+                    state.actions[name] = reductions[target]
                 elif name in self._terminals:
                     state.actions[name] = states[target]
                 else:
@@ -121,32 +122,41 @@ class TableParser:
         values: list[Any] = []
         place = 0
         line = 1
-        while place < len(text):
-            lexeme = (state.match or self._prepared(state))(text, place)
-            if lexeme is None:
-                raise _StuckError
-            name = lexeme.lastgroup or ""
-            spelled = lexeme[0]
-            place += len(spelled)
+        while state is not self._end:
+            if place < len(text):
+                lexeme = (state.match or self._prepared(state))(text, place)
+                if lexeme is None:
+                    raise _StuckError
+                name = lexeme.lastgroup or ""
+                spelled = lexeme[0]
+                place += len(spelled)
+            else:
+                name = END
+                spelled = ""
             if name not in ignored:
                 if name in state.keywords:
                     name = _word(state.keywords[name], spelled, name)
                 action = state.actions.get(name)
                 while isinstance(action, Reduction):
-                    state = _reduced(action, states, values)
+                    if action.count == 1:
+                        if not action.passes_on:
+                            values[-1] = action.build(values[-1:])
+                        state = states[-2].successors[action.rule]
+                        states[-1] = state
+                    else:
+                        first = len(values) - action.count
+                        values[first:] = [action.build(values[first:])]
+                        state = states[first].successors[action.rule]
+                        states[first + 1 :] = [state]  # one for every value, after the start
                     action = state.actions.get(name)
-                if not isinstance(action, State):
+                if isinstance(action, State):
+                    state = action
+                    states.append(state)
+                    values.append(_token(name, spelled, line) if name in valued else None)
+                elif state is not self._end:
                     raise _StuckError
-                state = action
-                states.append(state)
-                values.append(_token(name, spelled, line) if name in valued else None)
             if "\n" in spelled:
                 line += spelled.count("\n")
-        while state is not self._end:
-            action = state.actions.get(END)
-            if not isinstance(action, Reduction):
-                raise _StuckError
-            state = _reduced(action, states, values)
         return values[-1]
 
     def _prepared(self, state: State) -> Match:
@@ -184,26 +194,6 @@ def _word(keywords: dict[str, str], spelled: str, name: str) -> str:
     if not spelled.isascii():  # its capitals may be another word than lark sees in it
         raise _StuckError
     return keywords.get(spelled.upper(), name)
-
-
-def _reduced(reduction: Reduction, states: list[State], values: list[Any]) -> State:
-    """End a rule, and return the state after it."""
-    count = reduction.count
-    if count == 1:
-        if not reduction.passes_on:
-            values[-1] = reduction.build(values[-1:])
-        state = states[-2].successors[reduction.rule]
-        states[-1] = state
-        return state
-    parts: list[Any] = []
-    if count:
-        parts = values[-count:]
-        del values[-count:]
-        del states[-count:]
-    values.append(reduction.build(parts))
-    state = states[-1].successors[reduction.rule]
-    states.append(state)
-    return state
 
 
 def _token(name: str, spelled: str, line: int) -> Token:
