@@ -117,13 +117,15 @@ class TableParser:
     def _parse(self, text: str) -> Any:
         ignored = self._ignored
         valued = self._valued
+        end = self._end
+        length = len(text)
         state = self._start
         states = [state]
         values: list[Any] = []
         place = 0
         line = 1
-        while state is not self._end:
-            if place < len(text):
+        while state is not end:
+            if place < length:
                 lexeme = (state.match or self._prepared(state))(text, place)
                 if lexeme is None:
                     raise _StuckError
@@ -153,7 +155,7 @@ class TableParser:
                     state = action
                     states.append(state)
                     values.append(_token(name, spelled, line) if name in valued else None)
-                elif state is not self._end:
+                elif state is not end:
                     raise _StuckError
             if "\n" in spelled:
                 line += spelled.count("\n")

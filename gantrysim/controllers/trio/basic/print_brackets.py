@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+_BRACKETED = re.compile(r"PRINT[ \t]*\(", re.IGNORECASE)
 _PLACES = re.compile(r"\"[^\"\n]*\"|'[^\n]*|\bREM\b[^\n]*|(?P<print>\bPRINT[ \t]*)\(", re.IGNORECASE)
 _INSIDE = re.compile(r"\"[^\"\n]*\"|[()\n']")
 _END = re.compile(r"[ \t]*(?:$|[:\n']|REM\b|ELSE\b)", re.IGNORECASE)
@@ -11,6 +12,8 @@ _END = re.compile(r"[ \t]*(?:$|[:\n']|REM\b|ELSE\b)", re.IGNORECASE)
 
 def without_print_brackets(text: str) -> str:
     """Return a text in which blanks replace the brackets about everything that a PRINT shows."""
+    if not _BRACKETED.search(text):
+        return text
     characters = list(text)
     for place in _PLACES.finditer(text):
         if place["print"] is None:
