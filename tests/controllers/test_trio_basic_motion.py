@@ -11,6 +11,8 @@ from gantrysim.base.errors import InputError
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.trio import Basic, InterpreterTime
 from gantrysim.controllers.trio.basic import interpreter
+from gantrysim.controllers.trio.basic.moves import Arc
+from gantrysim.controllers.trio.basic.profile import Speed
 
 POSITION = 1e-9  # of positions [mm]
 NO_TIME = InterpreterTime(0, 0, 0, 0)
@@ -370,3 +372,38 @@ def test_periods_passed_at_once_are_those_passed_one_by_one(text, changed, monke
         assert np.array_equal(getattr(at_once, name), getattr(one_by_one, name))
     assert at_once.state.printed == one_by_one.state.printed
     assert at_once.state.motion.axes[0].step == one_by_one.state.motion.axes[0].step
+
+
+OUT_OF_REACH = 1e12  # stretch that no period reaches the end of [mm]
+
+
+@given(
+    value=st.floats(0.1, 300), target=st.sampled_from([0.0, 50.0, 300.0, None]), remaining=st.floats(1e-3, 500),
+    down=st.sampled_from([100.0, 5000.0, math.inf]), period=st.sampled_from([1e-3, 0.03, 2e-12, 1e-12, 5e-13]),
+)  # fmt: skip
+@settings(max_examples=100, deadline=None)
+def test_a_period_is_the_same_with_an_end_that_it_does_not_reach(value, target, remaining, down, period):
+    """Without that end a period at SPEED, far from where the axis brakes, is passed without a look at its phases.
+
+    A period that is rounding, such as is left after a joint, moves nothing either way.
+    """
+    rates = (value if target is None else target, 800.0, down, period)
+    ways = []
+    for stretch in (math.inf, OUT_OF_REACH):
+        speed = Speed(value)
+        ways.append((*speed.advance_to(stretch, remaining, rates), speed.value, speed.braking))
+    assert ways[0] == ways[1]
+    assert period > 1e-12 or ways[0][:2] == (0.0, period)
+
+
+@given(
+    st.floats(0.1, 50), st.floats(-4, 4), st.floats(0.1, 6.2), st.booleans(), st.floats(-20, 20) | st.none(),
+)  # fmt: skip
+@settings(max_examples=50, deadline=None)
+def test_places_along_an_arc_are_the_same_one_by_one(radius, begin, angle, clockwise, rise):
+    centre = (-radius * math.cos(begin), -radius * math.sin(begin))
+    last = begin + (-angle if clockwise else angle)
+    end = (centre[0] + radius * math.cos(last), centre[1] + radius * math.sin(last))
+    arc = Arc(end, centre, clockwise, rise)
+    s = np.linspace(0.0, 0.999, 40) * arc.length
+    assert arc.displacements(s).T.tolist() == [list(arc.displacement(distance)) for distance in s.tolist()]

@@ -9,12 +9,13 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
+from gantrysim.base.jit import plain_jit
 from gantrysim.controllers.trio.basic.axis import Axis
 from gantrysim.controllers.trio.basic.buffers import Buffers
 from gantrysim.controllers.trio.basic.corners import distance_to_stop, joint_speed, speed_along
 from gantrysim.controllers.trio.basic.links import follow
 from gantrysim.controllers.trio.basic.moves import CONNECT, Move
-from gantrysim.controllers.trio.basic.profile import Glide, Speed
+from gantrysim.controllers.trio.basic.profile import Speed
 
 FARTHEST = 1e12  # position of an axis, still exact to 0.0002 [units]
 _FEWEST = 8  # periods that take longer one by one than at once
@@ -70,18 +71,21 @@ class Motion(Buffers):
         axes = self.axes.values()
         if most < _FEWEST or not all(self._steady(axis) for axis in axes):
             return np.empty((0, len(recorded)))
-        glides = [(axis, axis.move, self._glide(axis, axis.move, most)) for axis in axes if axis.move is not None]
-        count = min((len(glide.s) for _, _, glide in glides), default=most)
+        moves = [(axis, axis.move) for axis in axes if axis.move is not None]
+        glides = [self._glide(base, move, most) for base, move in moves]
+        count = min((len(s) for s, _ in glides), default=most)
         positions = np.empty((count, len(recorded)))
         if count == 0:
             return positions
         positions[:] = [self.axes[n].position for n in recorded]
+        if len(glides) > 1:  # the speeds of all at the end of the shortest
+            glides = [self._glide(base, move, count) for base, move in moves]
         for axis in axes:
             axis.step = 0.0
-        for base, move, glide in glides:
+        for (base, move), (s, speed) in zip(moves, glides, strict=True):
             moved = [self.axes[n] for n in move.axes]
-            places = self._run_along(move, moved, glide.s[:count])
-            base.along = Speed(float(glide.speed[count - 1]), bool(glide.braking[count - 1]))
+            places = self._run_along(move, moved, s)
+            base.along = speed
             for axis, column in zip(moved, places, strict=True):
                 self._check(axis)
                 if axis.number in recorded:
@@ -93,16 +97,13 @@ class Motion(Buffers):
         displaced = np.empty((len(moved), len(s) + 1))
         displaced[:, 0] = move.displaced
         displaced[:, 1:] = move.shape.displacements(s)
-        # summed from the position on, one step after the other, as `step` adds them
         places = np.empty_like(displaced)
         places[:, 0] = [axis.position for axis in moved]
-        steps = np.subtract(displaced[:, 1:], displaced[:, :-1], out=places[:, 1:])
-        for k, axis in enumerate(moved):
-            axis.step = float(steps[k, -1])
-            axis.moved = axis.moved or bool(steps[k].any())
-        places = places.cumsum(axis=1)
-        for axis, place in zip(moved, places[:, -1].tolist(), strict=True):
-            axis.position = place
+        _add_steps(displaced, places)
+        for axis, displacements, last in zip(moved, displaced, places[:, -1].tolist(), strict=True):
+            axis.step = float(displacements[-1] - displacements[-2])
+            axis.moved = axis.moved or bool((displacements != displacements[0]).any())
+            axis.position = last
         move.s = float(s[-1])
         move.displaced = tuple(displaced[:, -1].tolist())
         return places[:, 1:]
@@ -118,14 +119,15 @@ class Motion(Buffers):
         """Whether the axis has a drive, and that is not enabled."""
         return axis.number in self._settings.real and not (axis.servo and self.enabled)
 
-    def _glide(self, base: Axis, move: Move, most: int) -> Glide:
-        """Periods of a move by itself, until it ends or passes into the next."""
+    def _glide(self, base: Axis, move: Move, most: int) -> tuple[Floats, Speed]:
+        """Return the distances that a move covers by itself, until it ends or passes into the next, and its speed."""
         down = base.deceleration if move.shape.brakes else math.inf
         speed = base.speed
-        lengths = [move.shape.length, *self._merged_lengths(base, move)]
+        chain = self._chain(base, move)
+        lengths = [follower.shape.length for follower in chain]
         if self._has_limits(base, move):
             speed = speed_along(move, base.speed)
-            stop = distance_to_stop(self._chain(base, move), base.speed, down)
+            stop = distance_to_stop(chain, base.speed, down)
             lengths = [move.shape.length, stop - move.shape.length]
         return base.along.glide(move.s, np.array(lengths), (speed, base.acceleration, down, self.period), most)
 
@@ -145,16 +147,12 @@ class Motion(Buffers):
         follows = base.queue[0] if base.merge and base.queue else None
         return follows if follows is not None and _merge(move, follows) else None
 
-    def _merged_lengths(self, base: Axis, move: Move) -> Iterator[float]:
-        """Lengths of the buffered moves up to the next stop."""
-        for follows in self._followers(base, move):
-            yield follows.shape.length
-
     def _chain(self, base: Axis, move: Move) -> list[Move]:
         """A move and the buffered ones up to the next end of the merged path."""
         return [move, *self._followers(base, move)]
 
     def _followers(self, base: Axis, move: Move) -> Iterator[Move]:
+        """The buffered moves up to the next end of the merged path."""
         if self._merged(base, move) is None:
             return
         are_aimed = any(follows.targets is not None for follows in base.queue)
@@ -170,7 +168,7 @@ class Motion(Buffers):
     def _has_limits(self, base: Axis, move: Move) -> bool:
         """Whether more than SPEED may limit the speed of a move and of those merged with it."""
         return move.has_limits or (
-            self._merged(base, move) is not None and any(follows.has_limits for follows in base.queue)
+            any(follows.has_limits for follows in base.queue) and self._merged(base, move) is not None
         )
 
     def _advance_with_limits(self, base: Axis, move: Move, steps: dict[int, float]) -> None:
@@ -216,8 +214,8 @@ class Motion(Buffers):
             return
         remaining = move.shape.length - move.s
         speed = base.along
-        for length in self._merged_lengths(base, move):
-            remaining += length
+        for follower in self._followers(base, move):
+            remaining += follower.shape.length
         braked = move.shape.brakes or move.stopping
         down = base.deceleration if braked else math.inf
         target = 0.0 if move.stopping else base.speed
@@ -247,6 +245,19 @@ class Motion(Buffers):
             steps[n] += now - before
         move.s = s
         move.displaced = displaced
+
+
+@plain_jit
+def _add_steps(displaced: Floats, places: Floats) -> None:
+    """Write the positions of axes after a first one, each by the step to it, as `Motion.step` adds them.
+
+    Args:
+        displaced: displacements, (axes, n) [units].
+        places: positions, of which the first is given, (axes, n) [units].
+    """
+    for k in range(1, displaced.shape[1]):
+        for a in range(displaced.shape[0]):
+            places[a, k] = places[a, k - 1] + (displaced[a, k] - displaced[a, k - 1])
 
 
 def _merge(move: Move, follows: Move) -> bool:

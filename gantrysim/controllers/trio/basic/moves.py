@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import bisect
-import cmath
 import math
 from dataclasses import dataclass, field
-from itertools import repeat
 from typing import Protocol
 
 import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
+from gantrysim.base.jit import plain_jit
 from gantrysim.controllers.trio.basic.corner_rules import FULL_SPEED, CornerRules, MoveSpeeds
 
 IDLE = 0
@@ -133,16 +132,31 @@ class Arc(Shape):
         return (x, y) if self.rise is None else (x, y, self.rise * share)
 
     def displacements(self, s: Floats) -> Floats:
-        share = s / self.length
-        psi = (self.begin + (-1 if self.clockwise else 1) * self.angle * share).tolist()
-        places = np.empty((2 if self.rise is None else 3, len(psi)))
-        # the library's cosine and sine of single numbers: NumPy's of arrays differ in the last bit
-        turned = np.fromiter(map(cmath.rect, repeat(self.radius), psi), complex, len(psi))
-        np.add(self.centre[0], turned.real, out=places[0])
-        np.add(self.centre[1], turned.imag, out=places[1])
+        places = np.empty((2 if self.rise is None else 3, len(s)))
+        turned = (-1 if self.clockwise else 1) * self.angle
+        _find_turned(s, (self.length, self.begin, turned, self.radius, *self.centre), places)
         if self.rise is not None:
-            np.multiply(self.rise, share, out=places[2])
+            np.multiply(self.rise, s / self.length, out=places[2])
         return places
+
+
+@plain_jit
+def _find_turned(s: Floats, arc: tuple[float, float, float, float, float, float], places: Floats) -> None:
+    """Write the first two displacements along an arc, (axes, n) [units].
+
+    Compiled for the library's cosine and sine of single numbers, as `Arc.displacement` takes them: NumPy's of arrays
+    differ in the last bit.
+
+    Args:
+        s: distances, (n,) [units].
+        arc: length, angle at its beginning, angle swept, radius, and centre.
+        places: written.
+    """
+    length, begin, turned, radius, x, y = arc
+    for k in range(s.size):
+        psi = begin + turned * (s[k] / length)
+        places[0, k] = x + radius * math.cos(psi)
+        places[1, k] = y + radius * math.sin(psi)
 
 
 @dataclass

@@ -83,7 +83,7 @@ def exact(
     if unstated & columns.keys():
         return None
     corners = [start.tolist()]
-    shapes: list[tuple[Arc, list[int]] | None] = []  # from each corner to the next, with an arc's columns
+    arcs: list[tuple[Arc, list[int]] | None] = []  # with its columns, from each corner to the next; None for a line
     for move in moves:
         real = [number for number in move.axes if number in columns]
         if not real:
@@ -98,17 +98,17 @@ def exact(
                 if abs(place[columns[number]] - first) > _JOINT:
                     return None
                 end[columns[number]] += moved
-        if isinstance(move.shape, Arc) and len(real) < len(move.axes):
+        arc = move.shape if isinstance(move.shape, Arc) else None
+        if arc is not None and len(real) < len(move.axes):
             return None
-        arc = (move.shape, [columns[number] for number in move.axes]) if isinstance(move.shape, Arc) else None
-        shapes.append(arc)
+        arcs.append(None if arc is None else (arc, [columns[number] for number in move.axes]))
         corners.append(end)
     frame = cache(partial(_frame, placement))
     pieces: list[Line | Coil] = []
     on_work = [(x, y, z) for x, y, z in placement.point(corners).tolist()]
-    for k, arc in enumerate(shapes):
-        if arc is not None:
-            pieces.append(_coil(*arc, corners[k], placement, frame))
+    for k, curve in enumerate(arcs):
+        if curve is not None:
+            pieces.append(_coil(*curve, corners[k], placement, frame))
         elif math.dist(corners[k], corners[k + 1]) > SHORTEST:
             pieces.append(Line(on_work[k], on_work[k + 1]))
     return Chain(pieces) if pieces else None

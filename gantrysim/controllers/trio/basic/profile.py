@@ -4,29 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import inner_jit, jit
+from gantrysim.base.jit import inner_jit, jit, plain_jit
 
 _TINY = 1e-12
-
-
-class Glide(NamedTuple):
-    """Periods of a move, one after the other.
-
-    Attributes:
-        s: distance covered after each, (n,) [units].
-        speed: then, (n,) [units/s].
-        braking: whether the axis then slows down for the end of its path, (n,).
-    """
-
-    s: Floats
-    speed: Floats
-    braking: NDArray[np.bool_]
 
 
 # SPEED, ACCEL, DECEL, inf for no limit, and the servo period [units/s, units/s², units/s², s]. A plain tuple: numba
@@ -69,8 +53,10 @@ class Speed:
         distance, self.value, self.braking, time_left = _advance(self.value, self.braking, remaining, stretch, rates)
         return distance, time_left
 
-    def glide(self, s: float, lengths: Floats, rates: Rates, most: int) -> Glide:
-        """Return the next periods before the one in which a path ends; the speed itself stays.
+    def glide(self, s: float, lengths: Floats, rates: Rates, most: int) -> tuple[Floats, Speed]:
+        """Return the distances covered after the next periods, (n,) [units], and the speed after the last of them.
+
+        The speed itself stays. The period in which the path ends is not among them.
 
         Args:
             s: distance covered of the path [units].
@@ -78,7 +64,9 @@ class Speed:
             rates: of the axis.
             most: periods.
         """
-        return Glide(*_glide((self.value, self.braking), s, lengths, rates, most))
+        covered = np.empty(most)
+        count, value, braking = _glide(self.value, self.braking, s, lengths, rates, covered)
+        return covered[:count], Speed(value, braking)
 
 
 @inner_jit
@@ -125,6 +113,10 @@ def _advance(
 ) -> tuple[float, float, bool, float]:
     """Return the distance covered in a period or to the end of a stretch, speed and braking then, and the time left."""
     target, up, down, period = rates
+    if 0 < value == target and not braking and math.isinf(stretch) and period > _TINY:
+        at_speed = period * value
+        if remaining - 0.5 * value**2 / down > 2 * at_speed + 1e-9:  # far from where it brakes: the loop's one phase
+            return at_speed, value, False, 0.0
     if braking and remaining > 0.5 * value**2 / down * (1 + 1e-6) + 1e-9:
         braking = False  # a move was merged behind, or DECEL was raised
     covered = 0.0
@@ -160,24 +152,20 @@ def _advance(
     return covered, value, braking, time_left
 
 
-@jit
+@plain_jit
 def _glide(
-    state: tuple[float, bool], s: float, lengths: Floats, rates: Rates, most: int
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Return distance covered, speed and braking after each period."""
-    value, braking = state
-    covered = np.empty(most)
-    speed = np.empty(most)
-    brakes = np.empty(most, np.bool_)
-    for k in range(most):
+    value: float, braking: bool, s: float, lengths: Floats, rates: Rates, covered: Floats
+) -> tuple[int, float, bool]:
+    """Write the distance covered after each period; return the number of periods, and speed and braking then."""
+    for k in range(covered.size):
         remaining = lengths[0] - s
-        for length in lengths[1:]:
-            remaining += length
-        distance, value, braking, _ = _advance(value, braking, remaining, math.inf, rates)
+        for follower in range(1, lengths.size):
+            remaining += lengths[follower]
+        distance, value_after, brakes_after, _ = _advance(value, braking, remaining, math.inf, rates)
         s += distance
         if s >= lengths[0] or distance >= remaining:
-            return covered[:k], speed[:k], brakes[:k]
+            return k, value, braking
         covered[k] = s
-        speed[k] = value
-        brakes[k] = braking
-    return covered, speed, brakes
+        value = value_after
+        braking = brakes_after
+    return covered.size, value, braking

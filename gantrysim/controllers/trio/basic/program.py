@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import pathlib
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -190,7 +190,7 @@ class Basic(Controller):
             state = State(
                 Motion(settings), {code.name: code for code in self.codes}, frozenset(self.inputs), self.wait_resolution
             )
-            times = asdict(self.interpreter_time)
+            times = dict(vars(self.interpreter_time))
             limits = Limits(self.statement_limit, min(self.time_limit, MAX_TICKS * period), self.stop_after or math.inf)
             with located(self.text):
                 self._runs[period] = interpreter.run(self.codes, state, times, recorded, self.valve, limits)
