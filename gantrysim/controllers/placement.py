@@ -46,6 +46,9 @@ class Placement:
 
     def point(self, points: ArrayLike) -> Floats:
         """Return the program's points, (..., 3), in the work frame [mm]."""
+        if self._only_shifts:
+            shifted: Floats = np.asarray(points, float) + self._shift
+            return shifted
         return self.direction(points) + self._shift
 
     @property
@@ -53,9 +56,14 @@ class Placement:
         """Sign of the program's z in the work frame: 1, or -1 for depths, which mirror its planes."""
         return -1.0 if self.z_down else 1.0
 
+    @property
+    def _only_shifts(self) -> bool:
+        """Whether a product with the rotation would return the same numbers."""
+        return self.scale == 1 and self.rotate == 0 and not self.z_down
+
     @cached_property
     def _shift(self) -> Floats:
-        return np.array([self.x, self.y, self.z])
+        return np.array([self.x, self.y, self.z]) + 0.0  # 0, not -0, which a point at -0 would keep
 
     @cached_property
     def _turn(self) -> Floats:

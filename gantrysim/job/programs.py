@@ -61,6 +61,7 @@ PROGRAMS = Programs(
 )
 
 _MAGNITUDES = 1e-100, 1e12  # of numbers; smaller ones than 1e-12 are rounding
+_NO_TABLES = (str, int, float, list, tuple)  # whether anything else is a mapping takes longer to find out
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
 
 
@@ -123,10 +124,13 @@ def reject_booleans(kind: type[Any], values: Mapping[str, Any], prefix: str = ""
     """
     hints = _hints(kind)  # type: ignore[arg-type]  # mypy takes a type for not hashable
     for name, value in values.items():
+        items = value if isinstance(value, list | tuple) else [value]
+        has_booleans = bool in map(type, items)
+        if not has_booleans and isinstance(value, _NO_TABLES):
+            continue
         hint = hints.get(name)
         kinds = {hint, *get_args(hint)}
-        items = value if isinstance(value, list | tuple) else [value]
-        if any(isinstance(item, bool) for item in items) and hint and bool not in kinds and Any not in kinds:
+        if has_booleans and hint and bool not in kinds and Any not in kinds:
             raise InputError(f"{prefix}{name} = {str(value).lower()}: true and false are not numbers")
         nested = next((part for part in kinds if isinstance(part, type) and is_dataclass(part)), None)
         if isinstance(value, Mapping) and nested is not None:
@@ -140,17 +144,18 @@ def _hints(kind: type[Any]) -> dict[str, Any]:
 
 def _reject_extremes(name: str, value: object) -> None:
     """Raise InputError for a number, in a value or in its parts, that no machine has and arithmetic may not survive."""
-    if isinstance(value, Mapping):
-        for key, part in value.items():
-            _reject_extremes(f"{name}.{key}" if name else str(key), part)
+    if isinstance(value, int | float):
+        least, most = _MAGNITUDES
+        is_plain = not value or isinstance(value, bool) or least <= abs(value) <= most
+        if not (is_plain or abs(value) == math.inf or value != value):
+            shown = f"{value:g}" if isinstance(value, float) else f"an integer of {len(str(value))} digits"
+            raise InputError(f"{name} = {shown}: must be 0 or from {least:g} to {most:g} in magnitude")
     elif isinstance(value, list | tuple):
         for part in value:
             _reject_extremes(name, part)
-    elif isinstance(value, int | float) and value and not isinstance(value, bool):
-        least, most = _MAGNITUDES
-        if not (least <= abs(value) <= most or abs(value) == math.inf or value != value):
-            shown = f"{value:g}" if isinstance(value, float) else f"an integer of {len(str(value))} digits"
-            raise InputError(f"{name} = {shown}: must be 0 or from {least:g} to {most:g} in magnitude")
+    elif not isinstance(value, _NO_TABLES) and isinstance(value, Mapping):
+        for key, part in value.items():
+            _reject_extremes(f"{name}.{key}" if name else str(key), part)
 
 
 def suffixes() -> tuple[str, ...]:

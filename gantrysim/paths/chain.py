@@ -93,20 +93,23 @@ class Chain(Path):
         rows = np.array([row_of(piece, length) for piece, length in positive], ROW)
         self._columns: Columns = {name: np.ascontiguousarray(rows[name]) for name in ROW.names or ()}
         frame = self._columns["frame"]
-        frame[:, 2] = np.cross(frame[:, 0], frame[:, 1])
+        frame[:, 2] = _normals(*frame[:, :2].transpose(1, 2, 0))
         direction = self._columns["direction"]
         # sine of a line's climb
         self._columns["straight"] = np.einsum("ij,ij->i", frame[:, 2], direction)
         products = frame[:, :2] * direction[:, None]
         along, across = (products[..., 0] + products[..., 1] + products[..., 2] + 0.0).T  # 0, not -0, for no component
         self._columns["heading"] = np.arctan2(across, along)  # 0 for coils, which have no direction
-        self._check_joints()
-        self._join_headings()
+        # the starts and ends of all pieces at once, as every call of a compiled function takes its time
+        count = len(self.pieces)
+        distance = np.concatenate([np.zeros(count), np.diff(self._s)])
+        places = self._at(np.tile(np.arange(count), 2), distance)
+        self._check_joints(places.point[:count], places.point[count:])
+        along_normal = ~self._columns["coil"] & (np.hypot(along, across) < 1e-9)
+        self._join_headings(places.heading[:count], places.heading[count:], along_normal)
 
-    def _check_joints(self) -> None:
-        lengths = np.diff(self._s)
-        k = np.arange(len(self.pieces))
-        gap = np.linalg.norm(self._at(k[1:], 0 * lengths[1:]).point - self._at(k[:-1], lengths[:-1]).point, axis=1)
+    def _check_joints(self, starts: Floats, ends: Floats) -> None:
+        gap = np.linalg.norm(starts[1:] - ends[:-1], axis=1)
         if gap.max(initial=0.0) > _JOINT:
             worst = int(gap.argmax())
             raise InputError(
@@ -114,16 +117,14 @@ class Chain(Path):
                 f"must be within {_JOINT:g} mm"
             )
 
-    def _join_headings(self) -> None:
-        """Make the headings continuous except at corners."""
-        pieces = np.arange(len(self.pieces))
-        lengths = np.diff(self._s)
-        first = self._at(pieces, 0 * lengths).heading
-        last = self._at(pieces, lengths).heading
-        frame = self._columns["frame"]
-        direction = self._columns["direction"]
-        in_plane = np.linalg.norm(np.einsum("kij,kj->ki", frame[:, :2], direction), axis=1)
-        along_normal = ~self._columns["coil"] & (in_plane < 1e-9)
+    def _join_headings(self, first: Floats, last: Floats, along_normal: NDArray[np.bool_]) -> None:
+        """Make the headings continuous except at corners.
+
+        Args:
+            first: heading at the start of every piece, (m,) [rad].
+            last: heading at its end, (m,) [rad].
+            along_normal: whether it is a line along its plane's normal, (m,).
+        """
         before = None
         headings = self._columns["heading"].tolist()
         for k, (begin, end) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
@@ -227,6 +228,11 @@ class Chain(Path):
 
     def frame(self, s: ArrayLike) -> Floats:
         return self._columns["frame"][self._locate(s)[0]]
+
+
+def _normals(u: Floats, v: Floats) -> Floats:
+    """Return the products u x v, (m, 3), of directions (3, m); NumPy's own function takes longer for short arrays."""
+    return np.stack([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]], axis=1)
 
 
 @plain_jit

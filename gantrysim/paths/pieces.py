@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -110,7 +110,8 @@ def piece_from(arguments: Mapping[str, Any]) -> Line | Coil:
 
 def _check(piece: str, frame: Frame, **values: Any) -> None:
     for name, value in values.items():
-        if not all(map(math.isfinite, value if isinstance(value, Iterable) else (value,))):
+        # its attribute, as the type of whatever is iterable takes longer to find out
+        if not all(map(math.isfinite, value if hasattr(value, "__iter__") else (value,))):
             raise InputError(f"{piece}: {name} = {value}: must be finite")
     if frame in _PLANES:
         return

@@ -108,7 +108,7 @@ class Setpoints:
                 row = int(np.argmin(np.isfinite(rows).all(axis=1)))
                 raise InputError(f"setpoint {block.start + row} = {rows[row].tolist()}: must be finite")
         gates = np.array(self.gates, np.int64)
-        if gates.ndim != 1 or np.any(np.diff(gates, prepend=-1, append=len(position)) <= 0):
+        if gates.ndim != 1 or (gates.size and np.any(np.diff(gates, prepend=-1, append=len(position)) <= 0)):
             raise InputError(f"gates {gates.tolist()}: must be ascending indices of the {len(position)} setpoints")
         gates.flags.writeable = False
         for name, value in (*stored.items(), ("gates", gates)):
