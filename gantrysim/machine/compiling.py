@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -95,10 +94,3 @@ def without_visuals(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> mujoco.MjM
     physics.opt.disableflags = compiled.opt.disableflags
     _no_force_early(physics)
     return physics
-
-
-def digest_of(model: mujoco.MjModel) -> str:
-    """Return the SHA-256 of a compiled model."""
-    buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
-    mujoco.mj_saveModel(model, None, buffer)
-    return hashlib.sha256(buffer.tobytes()).hexdigest()

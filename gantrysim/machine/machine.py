@@ -17,7 +17,8 @@ from gantrysim.base.errors import InputError
 from gantrysim.machine.axis import Axis, axis_table
 from gantrysim.machine.axis_dynamics import motion_of, with_dynamics
 from gantrysim.machine.axis_reading import element_index, perturbed_axes, read_axes, stated_geometry
-from gantrysim.machine.compiling import compile_mjcf, digest_of, without_visuals
+from gantrysim.machine.compiling import compile_mjcf, without_visuals
+from gantrysim.machine.digest import digest_of
 from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.height import height_above, needle_size
 from gantrysim.machine.kinematic_errors import KinematicErrors
@@ -157,7 +158,7 @@ class Machine:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of `physics`; it covers included files and assets, not the visual elements."""
+        """SHA-256 of the physics, see `digest_of`; it covers included files, not the visual elements."""
         return digest_of(self.physics)
 
     @property
