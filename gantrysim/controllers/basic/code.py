@@ -23,7 +23,7 @@ class Instruction(Generic[FrameType]):
         line: of the text.
         act: executes it; returns the index of the next instruction, None for the following one.
         cost: kind of statement that its time is counted as; None for a part of the statement before, without time.
-        pure: whether it only tests and jumps.
+        pure: whether it only tests, jumps and lets time pass.
         target: index of the instruction that it jumps to.
     """
 
@@ -98,7 +98,17 @@ class Frame:
             if instruction.cost is not None:
                 begin(instruction.line, instruction.cost)
             goal = instruction.act(self)
+            if not instruction.pure:
+                self.note_change()
+            if goal is not None and goal <= self.position:
+                self.come_back(goal)
             self.position = self.position + 1 if goal is None else goal
+
+    def note_change(self) -> None:
+        """Note that an instruction has done more than test, jump and let time pass."""
+
+    def come_back(self, goal: int) -> None:
+        """Act before a jump back to an instruction, from the end of a pass of a loop to its beginning."""
 
     def call(self, after: int, target: int) -> int:
         """Return the index of a subroutine, and remember where it returns to.

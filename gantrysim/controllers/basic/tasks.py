@@ -39,6 +39,11 @@ class StatementClock:
         self._most = most
         self._refusal = refusal
 
+    @property
+    def remaining(self) -> int:
+        """Number of statements that may still be begun."""
+        return self._most - self.count
+
     def begin(self, line: int, cost: str | None) -> float:
         """Count a statement and return the time that it takes [s].
 

@@ -14,10 +14,11 @@ from gantrysim.controllers.basic.tasks import StatementClock
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.softmc.basic import properties
 from gantrysim.controllers.softmc.basic.elements import Elements
-from gantrysim.controllers.softmc.basic.live import LIVE
+from gantrysim.controllers.softmc.basic.live import LIVE, STEADY
 from gantrysim.controllers.softmc.basic.recording import Recording
 from gantrysim.controllers.softmc.basic.timeline import LONGEST, Mark, Timeline
 from gantrysim.controllers.softmc.basic.values import CONSTANTS, Element, Value, Variable, array, number, text_of
+from gantrysim.controllers.softmc.basic.waits import Waits
 from gantrysim.controllers.softmc.commands import Command, SoftMCError
 from gantrysim.controllers.softmc.geometry import AXES
 from gantrysim.controllers.softmc.group import Group
@@ -33,6 +34,12 @@ class RoutineFrame(Frame):
     """Code under way with the program that it belongs to."""
 
     execution: Execution
+
+    def note_change(self) -> None:
+        self.execution.waits.changed = True
+
+    def come_back(self, goal: int) -> None:
+        self.execution.waits.come_back(self, goal)
 
 
 Expression = Callable[[RoutineFrame], Value]
@@ -87,6 +94,7 @@ class Execution:
         elements: axes, group and system.
         clock: of the statements.
         time: the motions, and the program's time.
+        waits: loops that wait for a motion.
         depth: calls under way within one another.
         begins: where the group begins, in words, where no start is given.
         printed: lines, the first of `prints`.
@@ -110,6 +118,7 @@ class Execution:
         self.time = Timeline(
             settings.placement, None if start is None else np.array([*start, *[0.0] * (len(AXES) - len(start))])
         )
+        self.waits = Waits(self.time, self.clock)
         self.depth = 0
         self.begins = ""
         self.printed: list[str] = []
@@ -137,12 +146,7 @@ class Execution:
         Raises:
             InputError: too many statements, or too long a program.
         """
-        self.time.clock += self.clock.begin(line, cost)
-        if self.time.clock > LONGEST:
-            raise self._too_long()
-
-    def _too_long(self) -> SoftMCError:
-        return SoftMCError(f"the program runs for more than {LONGEST:g} s: must end before")
+        self.pass_time(self.clock.begin(line, cost))
 
     def pass_time(self, duration: float) -> None:
         """Let time pass [s].
@@ -150,9 +154,9 @@ class Execution:
         Raises:
             SoftMCError: too long a program.
         """
-        self.time.clock += duration
+        self.waits.pass_time(duration)
         if self.time.clock > LONGEST:
-            raise self._too_long()
+            raise SoftMCError(f"the program runs for more than {LONGEST:g} s: must end before")
 
     def call(self, code: Code[RoutineFrame], variables: dict[str, Any]) -> None:
         """Execute code within a statement, which goes on afterwards."""
@@ -214,6 +218,7 @@ class Execution:
     def read_known(self, element: Element, short: str, name: str) -> Value:
         """Return the value of a property that there is, by its canonical name."""
         if short in LIVE:
+            self.waits.changed |= short not in STEADY  # the next pass of a loop reads another value
             return LIVE[short](self.time, self.elements, element)
         if short in element.properties:
             value: Value = element.properties[short]

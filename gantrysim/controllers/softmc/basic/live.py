@@ -29,6 +29,7 @@ def _position(time: Timeline, elements: Elements, element: Element) -> Value:
     return Point(tuple(place[: elements.axes or len(AXES)]))
 
 
+STEADY = ("elementname", "ismoving")  # of them, those that stay as they are while a motion is under way
 LIVE: dict[str, Callable[[Timeline, Elements, Element], Value]] = {
     "clock": _clock,
     "time": _clock,

@@ -11,6 +11,8 @@ from gantrysim.controllers.softmc.basic.execution import Action, RoutineFrame
 from gantrysim.controllers.softmc.basic.tree import Node, line_of, trees
 from gantrysim.controllers.softmc.commands import SoftMCError
 
+_WAITING = "sleep"  # the command that only lets time pass
+
 
 class LocatedError(SoftMCError):
     """An error with its line."""
@@ -45,7 +47,7 @@ class TreeAssembler(Assembler[RoutineFrame]):
             raise LocatedError(f"line {line_of(tree)}: a {kind} must stand outside of others")
         try:
             if kind in self._commands:
-                self.emit(line, self._commands[kind](tree), cost)
+                self.emit(line, self._commands[kind](tree), cost, pure=kind == _WAITING)
             else:
                 self._blocks_by_name[kind](self, tree, line)
         except LocatedError:
