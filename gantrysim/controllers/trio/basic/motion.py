@@ -73,13 +73,14 @@ class Motion(Buffers):
             return np.empty((0, len(recorded)))
         moves = [(axis, axis.move) for axis in axes if axis.move is not None]
         glides = [self._glide(base, move, most) for base, move in moves]
-        count = min((len(s) for s, _ in glides), default=most)
+        if len(glides) > 1:  # the speeds of all at the end of the shortest
+            count = min(len(s) for s, _ in glides)
+            glides = [self._glide(base, move, count) for base, move in moves]
+        count = len(glides[0][0]) if glides else most
         positions = np.empty((count, len(recorded)))
         if count == 0:
             return positions
-        positions[:] = [self.axes[n].position for n in recorded]
-        if len(glides) > 1:  # the speeds of all at the end of the shortest
-            glides = [self._glide(base, move, count) for base, move in moves]
+        columns: dict[int, Floats] = {}
         for axis in axes:
             axis.step = 0.0
         for (base, move), (s, speed) in zip(moves, glides, strict=True):
@@ -88,25 +89,25 @@ class Motion(Buffers):
             base.along = speed
             for axis, column in zip(moved, places, strict=True):
                 self._check(axis)
-                if axis.number in recorded:
-                    positions[:, recorded.index(axis.number)] = column
+                columns[axis.number] = column
+        for k, n in enumerate(recorded):
+            positions[:, k] = columns[n] if n in columns else self.axes[n].position
         return positions
 
     def _run_along(self, move: Move, moved: list[Axis], s: Floats) -> Floats:
         """Advance the axes of a move to the distances s; return their positions there, (axes, n) [units]."""
-        displaced = np.empty((len(moved), len(s) + 1))
-        displaced[:, 0] = move.displaced
-        displaced[:, 1:] = move.shape.displacements(s)
+        displaced = move.shape.displacements(s)
         places = np.empty_like(displaced)
-        places[:, 0] = [axis.position for axis in moved]
-        _add_steps(displaced, places)
-        for axis, displacements, last in zip(moved, displaced, places[:, -1].tolist(), strict=True):
-            axis.step = float(displacements[-1] - displacements[-2])
-            axis.moved = axis.moved or bool((displacements != displacements[0]).any())
-            axis.position = last
+        now = np.array([move.displaced, [axis.position for axis in moved], [0.0] * len(moved)])
+        _add_steps(displaced, now, places)
+        last_displaced, last_places, steps = now.tolist()
+        for k, axis in enumerate(moved):
+            axis.step = steps[k]
+            axis.moved = axis.moved or bool((displaced[k] != move.displaced[k]).any())
+            axis.position = last_places[k]
         move.s = float(s[-1])
-        move.displaced = tuple(displaced[:, -1].tolist())
-        return places[:, 1:]
+        move.displaced = tuple(last_displaced)
+        return places
 
     def _steady(self, axis: Axis) -> bool:
         """Whether no move begins on an axis in the next period, and the one that moves it has a profile."""
@@ -248,16 +249,26 @@ class Motion(Buffers):
 
 
 @plain_jit
-def _add_steps(displaced: Floats, places: Floats) -> None:
-    """Write the positions of axes after a first one, each by the step to it, as `Motion.step` adds them.
+def _add_steps(displaced: Floats, now: Floats, places: Floats) -> None:
+    """Write the positions of axes at displacements, each by the step to it, as `Motion.step` adds them.
 
     Args:
         displaced: displacements, (axes, n) [units].
-        places: positions, of which the first is given, (axes, n) [units].
+        now: displacement, position and last step of every axis, before them and then after them, (3, axes) [units].
+        places: positions, (axes, n) [units].
     """
-    for k in range(1, displaced.shape[1]):
-        for a in range(displaced.shape[0]):
-            places[a, k] = places[a, k - 1] + (displaced[a, k] - displaced[a, k - 1])
+    for a in range(displaced.shape[0]):
+        before = now[0, a]
+        place = now[1, a]
+        step = 0.0
+        for k in range(displaced.shape[1]):
+            step = displaced[a, k] - before
+            before = displaced[a, k]
+            place += step
+            places[a, k] = place
+        now[0, a] = before
+        now[1, a] = place
+        now[2, a] = step
 
 
 def _merge(move: Move, follows: Move) -> bool:
