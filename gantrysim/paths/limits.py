@@ -9,7 +9,7 @@ can still be reached; one forward pass takes the highest reachable speeds below.
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -149,7 +149,8 @@ def velocity_bound(s: Floats, first: Floats, velocity: ArrayLike) -> Floats:
         derivative = np.abs(first)[neighbour][inside]
         largest[node][inside] = np.maximum(largest[node][inside], derivative)
     with np.errstate(divide="ignore"):
-        return (np.asarray(velocity, float) / largest).min(axis=1)
+        bounds = np.asarray(velocity, float) / largest
+    return reduce(np.minimum, bounds.T)
 
 
 class Derivatives(NamedTuple):
@@ -195,7 +196,8 @@ def fastest(
     limit = np.asarray(acceleration, float) * (1 - MARGIN)
     with np.errstate(divide="ignore", invalid="ignore"):
         for bound in ((np.asarray(velocity, float) / np.abs(first)) ** 2, limit / np.abs(second)):
-            top = np.minimum(top, np.nanmin(np.where(np.isnan(bound), np.inf, bound), axis=1, initial=np.inf))
+            for of_axis in bound.T:  # one after the other, as NumPy takes short rows slowly
+                top = np.fmin(top, of_axis)  # nan is no limit: such as of an infinite one where the axis rests
     if not np.isfinite(limit).any():
         return Limited(s, np.sqrt(top))
     finite = np.isfinite(limit)
