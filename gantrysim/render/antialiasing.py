@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.jit import inner_jit, jit
+from gantrysim.base.jit import plain_inner_jit, plain_jit
 from gantrysim.render.encoding import Picture
 
 _CONTRAST = 0.08  # of luma around a pixel, relative to the largest, below which there is no edge
@@ -22,65 +22,107 @@ _FAR = 1 / 2
 _SLACK = 0.03  # of the gradient, so that no direction is undefined
 _LEAST_SLACK = 0.5
 _LUMA = (0.299, 0.587, 0.114)  # of red, green and blue
+_SINGLE_LUMA = tuple(np.float32(share) for share in _LUMA)
+_SINGLE_CONTRAST = np.float32(_CONTRAST)
+_SINGLE_DARK = np.float32(_DARK)
 
 
 Luma = NDArray[np.float32]
+Pixel = tuple[float, float, float]
 
 
 def smoothed(picture: Picture) -> Picture:
     """Return a picture with smooth edges, (height, width, 3)."""
     drawn = np.ascontiguousarray(picture)
-    luma = (drawn @ np.array(_LUMA, np.float32)).astype(np.float32, copy=False)
+    luma = np.empty(drawn.shape[:2], np.float32)
     result = drawn.copy()
-    _smooth(drawn, luma, result)
+    _smooth(drawn, luma, np.empty(drawn.shape[1], np.bool_), result)
     return result
 
 
-@jit
-def _smooth(picture: Picture, luma: Luma, result: Picture) -> None:
-    """Write the smoothed pixels of all edges, but for those at the rim of the picture."""
+@plain_jit
+def _smooth(picture: Picture, luma: Luma, edges: NDArray[np.bool_], result: Picture) -> None:
+    """Write the smoothed pixels of all edges, but for those at the rim of the picture; luma and edges are scratch.
+
+    The edges of a row are looked for before any is smoothed: that loop has no branch, so it runs on many pixels at once.
+    """
     height, width = luma.shape
+    for row in range(height):
+        for column in range(width):
+            luma[row, column] = (
+                _SINGLE_LUMA[0] * np.float32(picture[row, column, 0])
+                + _SINGLE_LUMA[1] * np.float32(picture[row, column, 1])
+                + _SINGLE_LUMA[2] * np.float32(picture[row, column, 2])
+            )
     for row in range(1, height - 1):
         for column in range(1, width - 1):
-            middle = luma[row, column]
-            above_left = luma[row - 1, column - 1]
-            above_right = luma[row - 1, column + 1]
-            below_left = luma[row + 1, column - 1]
-            below_right = luma[row + 1, column + 1]
-            least = min(middle, above_left, above_right, below_left, below_right)
-            largest = max(middle, above_left, above_right, below_left, below_right)
-            if largest - least < max(_CONTRAST * largest, _DARK):
-                continue
-            # along the edge: square to the gradient
-            across = (below_left + below_right) - (above_left + above_right)
-            down = (above_left + below_left) - (above_right + below_right)
-            slack = max(0.25 * _SLACK * (above_left + above_right + below_left + below_right), _LEAST_SLACK)
-            scale = 1.0 / (min(abs(across), abs(down)) + slack)
-            across = min(max(across * scale, -_FURTHEST), _FURTHEST)
-            down = min(max(down * scale, -_FURTHEST), _FURTHEST)
-            mean = 0.0
-            for channel in range(3):
-                near = _pair(picture, (row, column), (_NEAR * down, _NEAR * across), channel)
-                far = _pair(picture, (row, column), (_FAR * down, _FAR * across), channel)
-                result[row, column, channel] = np.uint8(0.5 * (near + far) + 0.5)
-                mean += _LUMA[channel] * result[row, column, channel]
-            if mean < least or mean > largest:
-                for channel in range(3):
-                    near = _pair(picture, (row, column), (_NEAR * down, _NEAR * across), channel)
-                    result[row, column, channel] = np.uint8(near + 0.5)
+            least, largest = _range(luma, row, column)
+            edges[column] = largest - least >= max(_SINGLE_CONTRAST * largest, _SINGLE_DARK)
+        for column in range(1, width - 1):
+            if edges[column]:
+                _smooth_pixel(picture, luma, row, column, result)
 
 
-@inner_jit
-def _pair(picture: Picture, pixel: tuple[int, int], along: tuple[float, float], channel: int) -> float:
-    """Return the mean of a channel at two places on both sides of a pixel, (rows, columns) away from it."""
-    before = _sample(picture, pixel[0] - along[0], pixel[1] - along[1], channel)
-    after = _sample(picture, pixel[0] + along[0], pixel[1] + along[1], channel)
-    return 0.5 * (before + after)
+@plain_inner_jit
+def _range(luma: Luma, row: int, column: int) -> tuple[float, float]:
+    """Return the least and the largest luma of a pixel and its neighbours at its corners."""
+    middle = luma[row, column]
+    above_left = luma[row - 1, column - 1]
+    above_right = luma[row - 1, column + 1]
+    below_left = luma[row + 1, column - 1]
+    below_right = luma[row + 1, column + 1]
+    least = min(middle, min(min(above_left, above_right), min(below_left, below_right)))
+    largest = max(middle, max(max(above_left, above_right), max(below_left, below_right)))
+    return least, largest
 
 
-@inner_jit
-def _sample(picture: Picture, row: float, column: float, channel: int) -> float:
-    """Return a channel between four pixels; beyond the rim that of the rim."""
+@plain_inner_jit
+def _smooth_pixel(picture: Picture, luma: Luma, row: int, column: int, result: Picture) -> None:
+    """Write a smoothed pixel."""
+    down, across = _along(luma, row, column)
+    near = _pair(picture, row, column, _NEAR * down, _NEAR * across)
+    far = _pair(picture, row, column, _FAR * down, _FAR * across)
+    red = np.uint8(0.5 * (near[0] + far[0]) + 0.5)
+    green = np.uint8(0.5 * (near[1] + far[1]) + 0.5)
+    blue = np.uint8(0.5 * (near[2] + far[2]) + 0.5)
+    mean = _LUMA[0] * red + _LUMA[1] * green + _LUMA[2] * blue
+    least, largest = _range(luma, row, column)
+    if mean < least or mean > largest:
+        red = np.uint8(near[0] + 0.5)
+        green = np.uint8(near[1] + 0.5)
+        blue = np.uint8(near[2] + 0.5)
+    result[row, column, 0] = red
+    result[row, column, 1] = green
+    result[row, column, 2] = blue
+
+
+@plain_inner_jit
+def _along(luma: Luma, row: int, column: int) -> tuple[float, float]:
+    """Return the way along the edge at a pixel, square to the gradient: rows and columns, at most the furthest."""
+    above_left = luma[row - 1, column - 1]
+    above_right = luma[row - 1, column + 1]
+    below_left = luma[row + 1, column - 1]
+    below_right = luma[row + 1, column + 1]
+    across = (below_left + below_right) - (above_left + above_right)
+    down = (above_left + below_left) - (above_right + below_right)
+    slack = max(0.25 * _SLACK * (above_left + above_right + below_left + below_right), _LEAST_SLACK)
+    scale = 1.0 / (min(abs(across), abs(down)) + slack)
+    across = min(max(across * scale, -_FURTHEST), _FURTHEST)
+    down = min(max(down * scale, -_FURTHEST), _FURTHEST)
+    return down, across
+
+
+@plain_inner_jit
+def _pair(picture: Picture, row: int, column: int, down: float, across: float) -> Pixel:
+    """Return the mean of the colours at two places on both sides of a pixel, so many rows and columns away from it."""
+    before = _sample(picture, row - down, column - across)
+    after = _sample(picture, row + down, column + across)
+    return 0.5 * (before[0] + after[0]), 0.5 * (before[1] + after[1]), 0.5 * (before[2] + after[2])
+
+
+@plain_inner_jit
+def _sample(picture: Picture, row: float, column: float) -> Pixel:
+    """Return the colour between four pixels; beyond the rim that of the rim."""
     height, width, _ = picture.shape
     row = min(max(row, 0.0), height - 1.001)
     column = min(max(column, 0.0), width - 1.001)
@@ -88,6 +130,16 @@ def _sample(picture: Picture, row: float, column: float, channel: int) -> float:
     c = int(column)
     y = row - r
     x = column - c
+    return (
+        _between(picture, r, c, y, x, 0),
+        _between(picture, r, c, y, x, 1),
+        _between(picture, r, c, y, x, 2),
+    )
+
+
+@plain_inner_jit
+def _between(picture: Picture, r: int, c: int, y: float, x: float, channel: int) -> float:
+    """Return a channel at shares y and x of the way to the next row and column."""
     above = (1 - x) * picture[r, c, channel] + x * picture[r, c + 1, channel]
     below = (1 - x) * picture[r + 1, c, channel] + x * picture[r + 1, c + 1, channel]
     return (1 - y) * above + y * below
