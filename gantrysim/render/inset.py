@@ -7,6 +7,7 @@ import numpy as np
 
 from gantrysim.render.encoding import Picture
 from gantrysim.render.framing import Framing
+from gantrysim.render.geoms import Geoms
 from gantrysim.render.scene import Scene
 
 _CAMERA = "nozzle"
@@ -49,10 +50,9 @@ class Inset:
         covered = [int(np.count_nonzero(np.all(places * corner > free, axis=1))) for corner in _CORNERS]
         return cls(scene, _CORNERS[int(np.argmin(covered))], size)
 
-    def render(self, scene: Scene, drawn: mujoco.MjvScene, context: mujoco.MjrContext) -> None:
-        """Draw the inset over the picture in the present buffer."""
-        everything = mujoco.mjtCatBit.mjCAT_ALL.value
-        mujoco.mjv_updateScene(scene.model, scene.data, mujoco.MjvOption(), None, self._view, everything, drawn)
+    def render(self, scene: Scene, geoms: Geoms, drawn: mujoco.MjvScene, context: mujoco.MjrContext) -> None:
+        """Draw the inset over the picture in the present buffer, without shadows."""
+        geoms.update(scene.data, self._view, drawn, self.viewport.width / self.viewport.height, shadows=False)
         scene.decorate(drawn)
         mujoco.mjr_render(self.viewport, drawn, context)
 

@@ -15,6 +15,7 @@ from gantrysim.render.colours import Scale
 from gantrysim.render.encoding import Picture
 from gantrysim.render.flight import Flight
 from gantrysim.render.framing import Framing
+from gantrysim.render.geoms import Geoms
 from gantrysim.render.inset import Inset
 from gantrysim.render.opengl import Closing, NoOpenGLError, offscreen
 from gantrysim.render.scene import Scene
@@ -99,7 +100,7 @@ class Renderer(Closing):
             raise NoOpenGLError(f"OpenGL cannot draw pictures of {width} x {height} pixels: {error}") from None
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._drawn = mujoco.MjvScene(model, maxgeom=_MOST_GEOMS)
-        self._option = mujoco.MjvOption()
+        self._geoms = Geoms(model, [self.scene.geom])
 
     def _refined_lights(self) -> list[int]:
         """Narrow the shadow maps of the lights for a fixed camera near the tip; return the lights to be aimed at it.
@@ -166,13 +167,12 @@ class Renderer(Closing):
         self._gl.make_current()
         scene.draw_bead(scene.widening)
         mujoco.mjr_uploadMesh(scene.model, self._context, scene.mesh)
-        everything = mujoco.mjtCatBit.mjCAT_ALL.value
-        mujoco.mjv_updateScene(scene.model, scene.data, self._option, None, self.view, everything, self._drawn)
-        scene.decorate(self._drawn)
-        # a shadow map doubles the time of a picture, and its teeth show from near: there the bead is lit without
-        if self._flight is not None:
-            self._drawn.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = share == 0
         width, height = self.size
+        # a shadow map doubles the time of a picture, and its teeth show from near: there the bead is lit without
+        shadows = self._flight is None or share == 0
+        self._drawn.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
+        self._geoms.update(self.data, self.view, self._drawn, width / height, shadows=shadows)
+        scene.decorate(self._drawn)
         viewport = mujoco.MjrRect(0, 0, width, height)
         mujoco.mjr_render(viewport, self._drawn, self._context)
         inset = self._inset if share == 1 else None
@@ -180,7 +180,7 @@ class Renderer(Closing):
             if scene.widening != 1:  # from near the bead is seen as it is
                 scene.draw_bead(1.0)
                 mujoco.mjr_uploadMesh(scene.model, self._context, scene.mesh)
-            inset.render(scene, self._drawn, self._context)
+            inset.render(scene, self._geoms, self._drawn, self._context)
         image = np.empty((height, width, 3), np.uint8)
         mujoco.mjr_readPixels(image, None, viewport, self._context)
         if self._flight is None:

@@ -44,6 +44,7 @@ class Scene:
         model: the compiled machine with the bead.
         data: posed by `pose`.
         mesh: number of the bead's mesh in the model, to be uploaded after `pose`.
+        geom: number of the geom that shows it.
         scale: of the colours, None for a plain bead.
         widening: factor by which pictures show the bead wider than it is.
 
@@ -68,6 +69,7 @@ class Scene:
         self.model = _with_bead(machine, self.sweep, self.scale)
         self.data = mujoco.MjData(self.model)
         self.mesh = int(self.model.mesh(_BEAD).id)
+        self.geom = int(self.model.geom(_BEAD).id)
         self._vertices = _mesh_part(self.model, self.mesh, "vert")
         self._normals = _mesh_part(self.model, self.mesh, "normal")
         self.pose(0)
