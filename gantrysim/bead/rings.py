@@ -65,6 +65,16 @@ class Mesh:
 _ARRAYS = [field.name for field in fields(Mesh)]
 
 
+def faces(count: int) -> NDArray[np.int32]:
+    """Return the triangles between rings, (f, 3)."""
+    k, j = np.meshgrid(np.arange(count - 1), np.arange(SIDES), indexing="ij")
+    a = (k * (SIDES + 1) + j).ravel()
+    b = a + 1
+    c = a + SIDES + 1
+    d = a + SIDES + 2
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([b, d, c], axis=1)]).astype(np.int32)
+
+
 def rings(
     point: Floats,
     heading: Floats,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError
-from gantrysim.bead.rings import SIDES, Mesh, joined, rings
+from gantrysim.bead.rings import SIDES, Mesh, faces, joined, rings
 from gantrysim.bead.section import Section
 from gantrysim.bead.settings import BeadSettings
 from gantrysim.bead.trace import BeadTrace
@@ -76,15 +76,14 @@ class Sweep:
 
     def faces(self) -> NDArray[np.int32]:
         """Triangles of the mesh, (f, 3)."""
-        k, j = np.meshgrid(np.arange(self.rings - 1), np.arange(SIDES), indexing="ij")
-        a = (k * (SIDES + 1) + j).ravel()
-        b = a + 1
-        c = a + SIDES + 1
-        d = a + SIDES + 2
-        return np.concatenate([np.stack([a, b, c], axis=1), np.stack([b, d, c], axis=1)]).astype(np.int32)
+        return faces(self.rings)
 
     def mesh(self, tick: int) -> Mesh:
         """Return the bead laid up to a tick, of all its rings."""
+        return self.laid(tick).of_length(self.rings)
+
+    def laid(self, tick: int) -> Mesh:
+        """Return the bead laid up to a tick, of the rings that this takes; one below the start if it is none."""
         laid = float(self.bead_trace.length[tick])
         volume = float(self.bead_trace.volume[tick])
         starts, stops = self._stretches.T
@@ -92,7 +91,7 @@ class Sweep:
         stops = stops[begun]
         complete = int(np.sum((self._edges[stops] <= laid) & (self._held[stops] <= volume)))
         growing = [self._stretch(k, laid, volume) for k in begun[complete:]]
-        return joined([*self._complete(complete), *growing] or [self._nothing]).of_length(self.rings)
+        return joined([*self._complete(complete), *growing] or [self._nothing])
 
     def _complete(self, count: int) -> list[Mesh]:
         """Return the first stretches as one mesh, if there are any; cached until the next one is complete."""

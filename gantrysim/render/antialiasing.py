@@ -44,7 +44,7 @@ def smoothed(picture: Picture) -> Picture:
 def _smooth(picture: Picture, luma: Luma, edges: NDArray[np.bool_], result: Picture) -> None:
     """Write the smoothed pixels of all edges, but for those at the rim of the picture; luma and edges are scratch.
 
-    The edges of a row are looked for before any is smoothed: that loop has no branch, so it runs on many pixels at once.
+    All edges of a row are found before any is smoothed: that loop has no branch, so it runs on many pixels at once.
     """
     height, width = luma.shape
     for row in range(height):

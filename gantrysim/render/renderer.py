@@ -74,8 +74,8 @@ class Renderer(Closing):
     ) -> None:
         self.size = checked_size("picture", size)
         width, height = self.size
-        self.scene = Scene(machine, run, bead, colour=colour, scale=scale)
         is_fitted = camera == BEAD or isinstance(camera, Framing)
+        self.scene = Scene(machine, run, bead, colour=colour, scale=scale, in_pieces=True, near=is_fitted)
         self.view = self.scene.camera(camera if isinstance(camera, str) and not is_fitted else None)
         model = self.scene.model
         model.vis.global_.offwidth = width
@@ -100,7 +100,7 @@ class Renderer(Closing):
             raise NoOpenGLError(f"OpenGL cannot draw pictures of {width} x {height} pixels: {error}") from None
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._drawn = mujoco.MjvScene(model, maxgeom=_MOST_GEOMS)
-        self._geoms = Geoms(model, [self.scene.geom])
+        self._geoms = Geoms(model, self.scene.bead_geoms)
 
     def _refined_lights(self) -> list[int]:
         """Narrow the shadow maps of the lights for a fixed camera near the tip; return the lights to be aimed at it.
@@ -165,8 +165,7 @@ class Renderer(Closing):
             offset = self.data.site_xpos[self._tip] - self.data.light_xpos[light]
             self.data.light_xdir[light] = offset / np.linalg.norm(offset)
         self._gl.make_current()
-        scene.draw_bead(scene.widening)
-        mujoco.mjr_uploadMesh(scene.model, self._context, scene.mesh)
+        self._upload(scene.draw_bead(scene.widening))
         width, height = self.size
         # a shadow map doubles the time of a picture, and its teeth show from near: there the bead is lit without
         shadows = self._flight is None or share == 0
@@ -178,8 +177,7 @@ class Renderer(Closing):
         inset = self._inset if share == 1 else None
         if inset is not None:
             if scene.widening != 1:  # from near the bead is seen as it is
-                scene.draw_bead(1.0)
-                mujoco.mjr_uploadMesh(scene.model, self._context, scene.mesh)
+                self._upload(scene.draw_bead(1.0, near=True))
             inset.render(scene, self._geoms, self._drawn, self._context)
         image = np.empty((height, width, 3), np.uint8)
         mujoco.mjr_readPixels(image, None, viewport, self._context)
@@ -189,3 +187,7 @@ class Renderer(Closing):
         if inset is not None:
             inset.frame(image)
         return image[::-1]
+
+    def _upload(self, meshes: list[int]) -> None:
+        for mesh in meshes:
+            mujoco.mjr_uploadMesh(self.model, self._context, mesh)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +16,12 @@ from gantrysim.bead.trace import BeadTrace
 from gantrysim.machine.machine import NEEDLE, NOZZLE, WORK, Machine
 from gantrysim.native.quiet import quiet
 from gantrysim.record.run import Run
+from gantrysim.render.bead_mesh import BeadMesh, add_pieces, piece_slices
 from gantrysim.render.colours import PLAIN, Scale, scale_for, values_along
 from gantrysim.render.workpiece import workpiece
 
 _BEAD = "gantrysim bead"
+_NEAR_BEAD = "gantrysim near bead"
 _PIECE = "gantrysim work piece"
 _GLUE = (0.98, 0.58, 0.10, 1.0)
 _TURNED = (0.45, 0.47, 0.50, 1.0)
@@ -39,12 +43,15 @@ class Scene:
         bead: settings of the bead, or the bead itself.
         colour: quantity that colours the bead, one of `gantrysim.render.colours.COLOURS`.
         scale: of the colours; by default one that fits the run.
+        in_pieces: whether the bead consists of several meshes, so that less is uploaded for a picture. It then has to
+            be drawn by `draw_bead`.
+        near: whether the model has a second bead, for views from near between pictures of a wider one.
 
     Attributes:
         model: the compiled machine with the bead.
         data: posed by `pose`.
-        mesh: number of the bead's mesh in the model, to be uploaded after `pose`.
-        geom: number of the geom that shows it.
+        mesh: number of the bead's mesh in the model, or of its first piece, to be uploaded after `pose`.
+        bead_geoms: numbers of the geoms that show the bead.
         scale: of the colours, None for a plain bead.
         widening: factor by which pictures show the bead wider than it is.
 
@@ -60,18 +67,21 @@ class Scene:
         *,
         colour: str = "plain",
         scale: Scale | None = None,
+        in_pieces: bool = False,
+        near: bool = False,
     ) -> None:
         self.machine = machine
         self.scale = scale_for(colour, [run], [bead]) if scale is None else scale
         self.widening = 1.0
         self._colour = colour
         self._set_run(run, Sweep(run, bead))
-        self.model = _with_bead(machine, self.sweep, self.scale)
+        pieces = piece_slices(self.sweep.rings, in_pieces)
+        self.model, names = _with_bead(machine, self.sweep, self.scale, pieces, near)
         self.data = mujoco.MjData(self.model)
-        self.mesh = int(self.model.mesh(_BEAD).id)
-        self.geom = int(self.model.geom(_BEAD).id)
-        self._vertices = _mesh_part(self.model, self.mesh, "vert")
-        self._normals = _mesh_part(self.model, self.mesh, "normal")
+        self._beads = [BeadMesh(self.model, piece_names, pieces) for piece_names in names]
+        self.mesh = self._beads[0].meshes[0]
+        self.bead_geoms = [geom for bead_mesh in self._beads for geom in bead_mesh.geoms]
+        self._in_pieces = in_pieces
         self.pose(0)
 
     def _set_run(self, run: Run, sweep: Sweep) -> None:
@@ -93,21 +103,31 @@ class Scene:
         self.data.qpos[:] = self.machine.to_qpos(self.run.encoder[tick])
         with quiet():
             mujoco.mj_forward(self.model, self.data)
-        mesh = self.sweep.mesh(tick)
-        self._drawn = mesh
-        self._vertices[:] = mesh.vertices
-        self._normals[:] = mesh.normals
-        if self.scale is not None:
-            bead_trace = self.sweep.bead_trace
-            values = mesh.width if self._colour == "width" else np.interp(mesh.place, bead_trace.place, self._along)
-            coordinates = _mesh_part(self.model, self.mesh, "texcoord")
-            places = (0.5 + 255 * self.scale.share(values)) / 256  # from the first texel's middle to the last one's
-            coordinates[:, 0] = places.repeat(len(coordinates) // len(values))
+        self._laid = self.sweep.laid(tick)
         self._drop = _drop_at(self.sweep, tick)
+        if not self._in_pieces:
+            self.draw_bead(1.0)
 
-    def draw_bead(self, factor: float) -> None:
-        """Draw the bead of the present pose so many times as wide as it is."""
-        self._vertices[:] = self._drawn.widened(factor)
+    def draw_bead(self, factor: float, *, near: bool = False) -> list[int]:
+        """Draw the bead of the present pose so many times as wide as it is, and return the meshes to be uploaded.
+
+        Args:
+            factor: of its width.
+            near: whether to show the second bead, and not the first.
+        """
+        for bead_mesh in self._beads:
+            bead_mesh.hide()
+        return self._beads[1 if near else 0].write(self._laid, factor, self._texture_places())
+
+    def _texture_places(self) -> NDArray[np.float32]:
+        """Return the places of the laid rings in the texture of colours, (rings,)."""
+        mesh = self._laid
+        if self.scale is None:
+            return np.zeros(mesh.place.size, np.float32)
+        bead_trace = self.sweep.bead_trace
+        values = mesh.width if self._colour == "width" else np.interp(mesh.place, bead_trace.place, self._along)
+        places = (0.5 + 255 * self.scale.share(values)) / 256  # from the first texel's middle to the last one's
+        return places.astype(np.float32)
 
     def decorate(self, scene: mujoco.MjvScene) -> None:
         """Add the drop at the nozzle, which is not part of the model, to a scene that holds the model's geoms."""
@@ -153,20 +173,21 @@ class Scene:
         return view
 
 
-def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.MjModel:
-    """Compile the machine with the bead's mesh, and the body under a climbing bead, in the work's frame."""
+def _with_bead(
+    machine: Machine, sweep: Sweep, scale: Scale | None, pieces: list[slice], near: bool
+) -> tuple[mujoco.MjModel, list[list[str]]]:
+    """Compile the machine with the bead, and the body under a climbing one, in the work's frame.
+
+    Returns:
+        model: the compiled model.
+        names: of the pieces of the bead, and with near of those of a second one.
+    """
     spec = machine.spec.copy()
     run = sweep.bead_trace.run
-    drawn = sweep.mesh(len(run.time) - 1)
-    mesh = spec.add_mesh(name=_BEAD)
-    # the compiler requires a volume; the drawn vertices are written later
-    mesh.uservert = np.random.default_rng(0).uniform(-1, 1, drawn.vertices.size).astype(np.float32)
-    mesh.usernormal = drawn.normals.ravel()
-    mesh.userface = sweep.faces().ravel()
-    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+    beads = (_BEAD, _NEAR_BEAD) if near else (_BEAD,)
+    names = [add_pieces(spec, bead, pieces, scale is not None) for bead in beads]
     material = spec.add_material(name=_BEAD, rgba=_GLUE, specular=0.6, shininess=0.7)
     if scale is not None:
-        mesh.usertexcoord = np.full(2 * len(drawn.vertices), 0.5, np.float32)
         texture = spec.add_texture(name=_BEAD, type=mujoco.mjtTexture.mjTEXTURE_2D, nchannel=3)
         texture.width = len(scale.table)
         texture.height = 2
@@ -175,7 +196,8 @@ def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.Mj
         material.rgba = (_LIT, _LIT, _LIT, 1)
         material.emission = _GLOW
         material.specular = 0.0
-    _add_to_work(spec, _BEAD, group=0)
+    for name in itertools.chain(*names):
+        _add_to_work(spec, name, _BEAD, group=0)
     if machine.needle is not None:
         _fit_needle(spec, run)
     level = float(machine.tip(np.zeros(len(machine.axes)))[2])
@@ -185,17 +207,18 @@ def _with_bead(machine: Machine, sweep: Sweep, scale: Scale | None) -> mujoco.Mj
         mesh.uservert = piece.vertices.ravel().astype(np.float32)
         mesh.userface = piece.faces.ravel()
         spec.add_material(name=_PIECE, rgba=_TURNED, specular=0.3, shininess=0.4)
-        _add_to_work(spec, _PIECE, group=2)
+        _add_to_work(spec, _PIECE, _PIECE, group=2)
     model = spec.compile()
-    geom = model.geom(_BEAD).id
-    # the compiler moves the mesh to its inertial frame; the drawn vertices are in the work's
-    model.geom_pos[geom] = 0
-    model.geom_quat[geom] = (1, 0, 0, 0)
-    model.geom_sameframe[geom] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+    for name in itertools.chain(*names):
+        geom = model.geom(name).id
+        # the compiler moves the mesh to its inertial frame; the drawn vertices are in the work's
+        model.geom_pos[geom] = 0
+        model.geom_quat[geom] = (1, 0, 0, 0)
+        model.geom_sameframe[geom] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
     # views and light are scaled to the machine, or to a larger bead
     model.stat.center[:] = machine.model.stat.center
     model.stat.extent = max(float(machine.model.stat.extent), 2e-3 * float(np.ptp(run.nozzle, axis=0).max()))
-    return model
+    return model, names
 
 
 def _fit_needle(spec: mujoco.MjSpec, run: Run) -> None:
@@ -224,16 +247,10 @@ def _fit_needle(spec: mujoco.MjSpec, run: Run) -> None:
             geom.fromto = (moved + tip).ravel()
 
 
-def _add_to_work(spec: mujoco.MjSpec, name: str, group: int) -> None:
-    """Add a mesh with its material to the work, without mass or contacts."""
-    looks = {"type": mujoco.mjtGeom.mjGEOM_MESH, "meshname": name, "material": name, "group": group}
+def _add_to_work(spec: mujoco.MjSpec, name: str, material: str, group: int) -> None:
+    """Add a mesh with a material to the work, without mass or contacts."""
+    looks = {"type": mujoco.mjtGeom.mjGEOM_MESH, "meshname": name, "material": material, "group": group}
     spec.body(WORK).add_geom(name=name, mass=0, contype=0, conaffinity=0, **looks)
-
-
-def _mesh_part(model: mujoco.MjModel, mesh: int, part: str) -> NDArray[np.float32]:
-    start = int(getattr(model, f"mesh_{part}adr")[mesh])
-    count = int(getattr(model, f"mesh_{part}num")[mesh])
-    return getattr(model, f"mesh_{part}")[start : start + count]
 
 
 def _drop_at(sweep: Sweep, tick: int) -> tuple[Floats, float, float] | None:

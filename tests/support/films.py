@@ -78,9 +78,9 @@ def glue_share(renderer):
     mujoco.mjr_readPixels(picture, None, viewport, renderer._context)
     flags[numbered] = 0
     numbers = picture.astype(int) @ [1, 2**8, 2**16] - 1  # a segment's colour is its number, and 1 more
-    bead = renderer.model.geom("gantrysim bead").id
     geoms = renderer._drawn.geoms[: renderer._drawn.ngeom]
-    segments = [g.segid for g in geoms if g.objtype == mujoco.mjtObj.mjOBJ_GEOM and g.objid == bead]
+    beads = renderer.scene.bead_geoms
+    segments = [g.segid for g in geoms if g.objtype == mujoco.mjtObj.mjOBJ_GEOM and g.objid in beads]
     glue = np.isin(numbers, segments)
     if inset is not None:
         place = inset.viewport

@@ -19,12 +19,12 @@ def in_sight(renderer, points):
     """Whether nothing but the work lies between the camera and each point [m]."""
     model, data = renderer.model, renderer.data
     eye = data.cam_xpos[renderer.view.fixedcamid].copy()
-    bead = model.geom("gantrysim bead").id
+    bead = renderer.scene.bead_geoms
     visible = []
     for point in points:
         way = point - eye
         geom = np.full(1, -1, np.int32)
-        shown = model.geom_group[bead]
+        shown = model.geom_group[bead].copy()
         model.geom_group[bead] = 5
         groups = np.array([1, 1, 1, 0, 0, 0], np.uint8)
         distance = mujoco.mj_ray(model, data, eye, way / np.linalg.norm(way), groups, 1, -1, geom, None)
