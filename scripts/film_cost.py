@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-import mujoco
 from rich.console import Console
 from rich.table import Table
 
@@ -45,10 +44,7 @@ def without(part: str, shown: Film) -> ExitStack:
         ],
         "smooth edges": [patch.object(renderer, "smoothed", lambda picture: picture)],
         "inset": [patch.object(drawer, "_inset", None)],
-        "bead": [
-            patch.object(drawer.scene, "draw_bead", lambda *_: None),
-            patch.object(mujoco, "mjr_uploadMesh", lambda *_: None),
-        ],
+        "bead": [patch.object(drawer.scene, "draw_bead", lambda *_, **__: [])],
         "the whole picture": [patch.object(drawer, "frame", lambda *_: 0)],
     }
     context = ExitStack()

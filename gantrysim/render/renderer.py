@@ -26,6 +26,7 @@ _FRAMED = 4 / 3  # width over height for which the machines' cameras are framed
 _MOST_GEOMS = 2000
 _LARGEST = 8192  # side of a picture [pixels]; a square one takes some GB to draw
 _NEAR = 0.25  # distance of a camera to the tip, below which shadows are refined [m]
+_SHADOW_TEXELS = 1.28  # side of the finest shadow map that a picture of the whole machine shows, over its larger side
 _SHADOWED = 0.11  # radius around the tip that then has shadows [m]
 
 
@@ -88,6 +89,8 @@ class Renderer(Closing):
         self._flight = Flight(self.scene, machine, width / height, framing) if is_fitted else None
         if is_fitted:
             model.vis.quality.offsamples = 0  # edges are smoothed afterwards, see `smoothed`
+            finest = round(_SHADOW_TEXELS * max(size))  # shadows are seen in views of the whole machine alone
+            model.vis.quality.shadowsize = min(model.vis.quality.shadowsize, finest)
         self.framing = None if self._flight is None else self._flight.framing
         self._inset = None if self.framing is None else Inset.of(self.scene, self.framing, self.size)
         self._tip = int(model.site(NOZZLE).id)
