@@ -76,7 +76,8 @@ class Renderer(Closing):
         self.size = checked_size("picture", size)
         width, height = self.size
         is_fitted = camera == BEAD or isinstance(camera, Framing)
-        self.scene = Scene(machine, run, bead, colour=colour, scale=scale, in_pieces=True, near=is_fitted)
+        beads = 2 if is_fitted else 1  # a second one for the inset
+        self.scene = Scene(machine, run, bead, colour=colour, scale=scale, beads_in_pieces=beads)
         self.view = self.scene.camera(camera if isinstance(camera, str) and not is_fitted else None)
         model = self.scene.model
         model.vis.global_.offwidth = width

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
@@ -43,9 +44,9 @@ class Scene:
         bead: settings of the bead, or the bead itself.
         colour: quantity that colours the bead, one of `gantrysim.render.colours.COLOURS`.
         scale: of the colours; by default one that fits the run.
-        in_pieces: whether the bead consists of several meshes, so that less is uploaded for a picture. It then has to
-            be drawn by `draw_bead`.
-        near: whether the model has a second bead, for views from near between pictures of a wider one.
+        beads_in_pieces: number of beads of several meshes each, so that less is uploaded for a picture; they have to
+            be drawn by `draw_bead`. A second one is for views from near between pictures of a wider one. By default 0,
+            for a bead of one mesh.
 
     Attributes:
         model: the compiled machine with the bead.
@@ -67,21 +68,21 @@ class Scene:
         *,
         colour: str = "plain",
         scale: Scale | None = None,
-        in_pieces: bool = False,
-        near: bool = False,
+        beads_in_pieces: int = 0,
     ) -> None:
         self.machine = machine
         self.scale = scale_for(colour, [run], [bead]) if scale is None else scale
         self.widening = 1.0
         self._colour = colour
         self._set_run(run, Sweep(run, bead))
-        pieces = piece_slices(self.sweep.rings, in_pieces)
-        self.model, names = _with_bead(machine, self.sweep, self.scale, pieces, near)
+        self._in_pieces = beads_in_pieces > 0
+        pieces = piece_slices(self.sweep.rings, self._in_pieces)
+        beads = (_BEAD, _NEAR_BEAD)[: max(beads_in_pieces, 1)]
+        self.model, names = _with_beads(machine, self.sweep, self.scale, pieces, beads)
         self.data = mujoco.MjData(self.model)
         self._beads = [BeadMesh(self.model, piece_names, pieces) for piece_names in names]
         self.mesh = self._beads[0].meshes[0]
         self.bead_geoms = [geom for bead_mesh in self._beads for geom in bead_mesh.geoms]
-        self._in_pieces = in_pieces
         self.pose(0)
 
     def _set_run(self, run: Run, sweep: Sweep) -> None:
@@ -173,18 +174,17 @@ class Scene:
         return view
 
 
-def _with_bead(
-    machine: Machine, sweep: Sweep, scale: Scale | None, pieces: list[slice], near: bool
+def _with_beads(
+    machine: Machine, sweep: Sweep, scale: Scale | None, pieces: list[slice], beads: Sequence[str]
 ) -> tuple[mujoco.MjModel, list[list[str]]]:
-    """Compile the machine with the bead, and the body under a climbing one, in the work's frame.
+    """Compile the machine with beads of some names, and the body under climbing ones, in the work's frame.
 
     Returns:
         model: the compiled model.
-        names: of the pieces of the bead, and with near of those of a second one.
+        names: of the pieces of each bead.
     """
     spec = machine.spec.copy()
     run = sweep.bead_trace.run
-    beads = (_BEAD, _NEAR_BEAD) if near else (_BEAD,)
     names = [add_pieces(spec, bead, pieces, scale is not None) for bead in beads]
     material = spec.add_material(name=_BEAD, rgba=_GLUE, specular=0.6, shininess=0.7)
     if scale is not None:

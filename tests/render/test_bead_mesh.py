@@ -49,7 +49,7 @@ def in_order(rows):
 def test_what_is_shown_of_the_uploaded_pieces_is_the_bead_of_every_picture_in_any_order(xy, run):
     scale = scale_for("error", [run])
     whole = Scene(xy, run, BeadSettings(), colour="error", scale=scale)
-    scene = Scene(xy, run, BeadSettings(), colour="error", scale=scale, in_pieces=True, near=True)
+    scene = Scene(xy, run, BeadSettings(), colour="error", scale=scale, beads_in_pieces=2)
     assert len(scene.bead_geoms) > 20
     last = len(run.time) - 1
     uploaded = {}
@@ -84,7 +84,7 @@ def test_what_is_shown_of_the_uploaded_pieces_is_the_bead_of_every_picture_in_an
 
 
 def test_a_growing_bead_uploads_the_piece_with_its_end_and_what_stays_nothing(xy, run):
-    scene = Scene(xy, run, in_pieces=True)
+    scene = Scene(xy, run, beads_in_pieces=1)
     for tick in range(0, len(run.time) - 60, 40):
         scene.pose(tick)
         uploads = scene.draw_bead(1.0)
