@@ -189,11 +189,11 @@ def constants(machine: Machine, setpoints: Setpoints, dispenser: Dispenser) -> d
         "requested": setpoints.requested,
         "period": setpoints.period,
         "gap": machine.gap,
-        **_needle(machine, dispenser),
+        **needle_values(machine, dispenser),
     }
 
 
-def _needle(machine: Machine, dispenser: Dispenser) -> dict[str, float]:
+def needle_values(machine: Machine, dispenser: Dispenser) -> dict[str, float]:
     """Return the size of the dispenser's needle, or else of the machine's; empty where neither has one."""
     needle = dispenser.needle
     size = machine.needle if needle is None else (needle.face, needle.length)

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 
-from gantrysim.base import memory
 from gantrysim.base.errors import whole
 from gantrysim.job.job import Job
 from gantrysim.metrics.budget import Budget
+from gantrysim.remedy.deviation import Deviation
+from gantrysim.remedy.family import Family
 from gantrysim.remedy.outcome import Measured, Motion, Outcome, measured_together, motion_key
+from gantrysim.remedy.recent import Recent
 
-ROOM = memory.LONG  # ticks: a record and its analysis take a kilobyte for each
 Progress = Callable[[int, int, str], None]  # called with the runs done, those known by now, and what runs
 
 
@@ -26,29 +26,6 @@ class Task:
     name: str = "the job"
     done: int = 0
     known: int = 1
-
-
-class Motions:
-    """Motions that have been simulated, by `motion_key`; of those used last, as many as have `ROOM` ticks together."""
-
-    def __init__(self) -> None:
-        self._motions: dict[str, Motion] = {}  # that used last at the end
-
-    def get(self, key: str) -> Motion | None:
-        """Return the motion of a key, None where it is not kept."""
-        motion = self._motions.pop(key, None)
-        if motion is not None:
-            self._motions[key] = motion
-        return motion
-
-    def keep(self, key: str, motion: Motion) -> None:
-        """Keep a motion, and drop those for which there is no room then."""
-        self._motions.pop(key, None)
-        self._motions[key] = motion
-        ticks = sum(len(stored.run.time) for stored in self._motions.values())
-        while ticks > ROOM:
-            oldest = next(iter(self._motions))
-            ticks -= len(self._motions.pop(oldest).run.time)
 
 
 class Bench:
@@ -66,6 +43,7 @@ class Bench:
         progress: called before the first run and after each.
 
     Attributes:
+        family: of the jobs.
         task: what is under way.
 
     Raises:
@@ -75,11 +53,11 @@ class Bench:
     def __init__(self, base: Job, workers: int | None = None, progress: Progress | None = None) -> None:
         cores = os.cpu_count() or 1
         self._workers = cores if workers is None else min(whole("workers", workers, 1), cores)
-        self._base = base
+        self.family = Family(base)
         self._progress = progress
         self._outcomes: dict[str, Outcome] = {}
-        self._motions = Motions()
-        self._deviations: dict[str, float] = {}  # by `motion_key`
+        self._motions: Recent[Motion] = Recent()  # by `motion_key`
+        self._deviations: dict[str, Deviation] = {}  # likewise
         self.task = Task()
 
     def add(self, job: Job, budget: Budget) -> None:
@@ -93,9 +71,9 @@ class Bench:
         """Return the motion of a job where it is kept."""
         return self._motions.get(motion_key(job))
 
-    def deviation(self, job: Job) -> float:
-        """Return the largest distance of the nozzle from its command in the run of a job; inf if it is unknown [mm]."""
-        return self._deviations.get(motion_key(job), math.inf)
+    def deviation(self, job: Job) -> Deviation:
+        """Return how far the nozzle is from its command in the run of a job."""
+        return self._deviations.get(motion_key(job)) or Deviation.unknown()
 
     def measure(self, job: Job) -> Outcome:
         """Return what the run of a job shows."""
@@ -109,7 +87,7 @@ class Bench:
         self._tell()
         motions: dict[str, dict[str, Job]] = {}
         for key, job in missing.items():
-            motions.setdefault(motion_key(job), {})[key] = job.sharing(self._base)
+            motions.setdefault(motion_key(job), {})[key] = self.family.member(job)
         groups = [list(group.values()) for group in motions.values()]
         earlier = list(map(self._motions.get, motions))
         with ExitStack() as stack:
@@ -125,7 +103,7 @@ class Bench:
         return [self._outcomes[key] for key in keys]
 
     def _keep_motion(self, key: str, motion: Motion) -> None:
-        self._motions.keep(key, motion)
+        self._motions.keep(key, motion, len(motion.run.time))
         if key not in self._deviations:
             self._deviations[key] = motion.deviation
 

@@ -73,6 +73,7 @@ class Combinations:
         start: the state of the job as it is.
         measure_all: returns what the runs of jobs show.
         bad_rows: returns the names of the rows that are to pass and do not, from what a run shows.
+        member: returns a job that shares with others what it has in common with them.
         forecast: of the burden of combinations; None to simulate them all.
     """
 
@@ -81,11 +82,13 @@ class Combinations:
         start: State,
         measure_all: Callable[[Sequence[Job]], list[Outcome]],
         bad_rows: Callable[[Outcome], set[str]],
+        member: Callable[[Job], Job],
         forecast: Forecast | None = None,
     ) -> None:
         self._start = start
         self._measure_all = measure_all
         self._bad_rows = bad_rows
+        self._member = member
         self._forecast = forecast
         self._states: dict[tuple[tuple[str, str], ...], State] = {}  # by names of levers and labels of settings
 
@@ -105,7 +108,7 @@ class Combinations:
         return self._states[key]
 
     def _changed(self, state: State, setting: Setting) -> Job:
-        return state.job.changed(setting.changes).sharing(self._start.job)
+        return self._member(state.job.changed(setting.changes))
 
     def joined(self, picks: Sequence[Pick], levers: Iterable[Lever]) -> list[Pick] | None:
         """Return the combination with the lever that helps most, None where none does."""
@@ -132,11 +135,13 @@ class Combinations:
         needed = list(picks)
         for pick in sorted(picks, key=lambda pick: -pick.lever.effort):
             fewer = [other for other in needed if other is not pick]
+            present = self.state_of(needed).outcome.burden
             try:
-                burden = self.state_of(fewer).outcome.burden
+                state = self.state_of(fewer)
             except GantryError:
                 continue
-            if (1 - SHARE) * burden <= self.state_of(needed).outcome.burden:
+            (least,) = self._forecasts(needed, [Candidate(tuple(fewer), state.job)])
+            if (1 - SHARE) * least <= present and (1 - SHARE) * state.outcome.burden <= present:
                 needed = fewer
         return needed
 
@@ -162,15 +167,23 @@ class Combinations:
     def _promising(self, picks: Sequence[Pick], candidates: Sequence[Candidate]) -> dict[int, Outcome]:
         """Return what the runs show of candidates that may be the best, or as good, by their numbers in order.
 
-        Those with the least forecast are simulated first, then those whose forecast leaves them a chance.
+        Those with the least forecast are simulated first. The better the best of them is, the fewer others have a
+        forecast that leaves them a chance.
         """
         forecasts = self._forecasts(picks, candidates)
-        first = min(forecasts)
-        outcomes = self._measured(candidates, [k for k, burden in enumerate(forecasts) if burden == first])
         present = self.state_of(picks).outcome.burden
-        least = min(outcome.burden for outcome in outcomes.values())
-        bound = min(least + SHARE * present, present)  # see `_best`
-        outcomes |= self._measured(candidates, [k for k, burden in enumerate(forecasts) if first < burden <= bound])
+        waiting = sorted(range(len(candidates)), key=lambda k: forecasts[k])
+        outcomes: dict[int, Outcome] = {}
+        bound = (1 - SHARE) * present  # see `_best`
+        while waiting and forecasts[waiting[0]] <= bound:
+            # those that are as good by their forecasts run beside one another
+            near = min(forecasts[waiting[0]] + SHARE * present, bound)
+            together = [k for k in waiting if forecasts[k] <= near]
+            waiting = waiting[len(together) :]
+            outcomes |= self._measured(candidates, together)
+            least = min(outcome.burden for outcome in outcomes.values())
+            if least <= (1 - SHARE) * present:
+                bound = least + SHARE * present
         return dict(sorted(outcomes.items()))
 
     def _measured(self, candidates: Sequence[Candidate], numbers: Sequence[int]) -> dict[int, Outcome]:
@@ -197,6 +210,8 @@ class Combinations:
             return None
         present = self.state_of(picks).outcome.burden
         promising = self._promising(picks, candidates)
+        if not promising:
+            return None
         candidates = [candidates[k] for k in promising]
         outcomes = list(promising.values())
         least = min(outcome.burden for outcome in outcomes)

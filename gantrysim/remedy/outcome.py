@@ -11,9 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gantrysim.base import memory
-from gantrysim.base.arrays import Floats, dot
-from gantrysim.base.columns import by_blocks
 from gantrysim.base.errors import GantryError
 from gantrysim.bead import Bead
 from gantrysim.engine.record_columns import dispensed_otherwise
@@ -21,6 +18,7 @@ from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
+from gantrysim.remedy.deviation import Deviation
 from gantrysim.results.checks import FAIL, PASS
 from gantrysim.results.score import burden_of
 from gantrysim.results.verdict import Verdict
@@ -123,31 +121,10 @@ class Motion:
         run = job.run()
         return cls(job, run, Budget(Analysis(run)) if run.fault is None else None)
 
-    @classmethod
-    def ideal(cls, job: Job) -> Motion:
-        """Return the motion of a machine that follows a job's program exactly, without simulating it.
-
-        Raises:
-            GantryError: the job is refused.
-        """
-        run = job.follow()
-        if len(run.time) > memory.LONG:
-            job.__dict__.pop("setpoints", None)  # they fill the memory, and are computed again on demand
-        return cls(job, run, Budget(Analysis(run)))
-
     @cached_property
-    def deviation(self) -> float:
-        """Largest distance of the nozzle from its command while the dispenser is on; inf if a fault came first [mm]."""
-        if self.budget is None:
-            return math.inf
-        ticks = self.budget.analysis.ticks
-
-        def squares(block: slice) -> Floats:
-            rows = ticks[block]
-            apart = self.run.nozzle[rows] - self.run.commanded_tip[rows]
-            return dot(apart, apart)
-
-        return math.sqrt(float(by_blocks(squares, ticks.size).max()))
+    def deviation(self) -> Deviation:
+        """How far the nozzle is from its command."""
+        return Deviation.unknown() if self.budget is None else Deviation.of(self.budget)
 
     def outcome(self, job: Job) -> Outcome:
         """Return what the run of a job with this motion shows.

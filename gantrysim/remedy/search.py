@@ -41,7 +41,10 @@ class Search:
         self._bench = bench
         self._rows = frozenset(rows)
         self._causes = causes
-        self._combinations = Combinations(self.start, self._measure_all, self._bad_rows, Forecast(job, bench))
+        forecast = Forecast(job, bench)
+        self._combinations = Combinations(
+            self.start, self._measure_all, self._bad_rows, bench.family.member, forecast
+        )
 
     def plausible(self, levers: Sequence[Lever]) -> tuple[list[Lever], list[Skipped]]:
         """Return the levers to try, and those that cannot help: the rows they act on pass, or no cause is theirs."""

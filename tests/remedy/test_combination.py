@@ -21,9 +21,6 @@ class FactorJob:
     def changed(self, changes):
         return FactorJob((*self.levers, *changes))
 
-    def sharing(self, other):
-        return self
-
 
 def lever(name, effort=Effort.SETTING):
     return Lever(name, "", "", ("path",), lambda state: [Setting("", {name: 1})], effort=effort)
@@ -41,7 +38,7 @@ def combinations(factors, forecast=None, measured=None):
             measured.extend(jobs)
         return [measure(job) for job in jobs]
 
-    return Combinations(State(FactorJob(), measure), measure_all, lambda _: {"path"}, forecast)
+    return Combinations(State(FactorJob(), measure), measure_all, lambda _: {"path"}, lambda job: job, forecast)
 
 
 def names(picks):
