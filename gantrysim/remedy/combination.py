@@ -1,10 +1,10 @@
 """The best combination of levers, found greedily.
 
 All settings of all levers that are left are tried on top of the combination, and the one with the least burden joins,
-as long as it lowers the burden by at least `SHARE`. Those that cannot be the best, by the error of their program and
-the margins of their loops alone (`gantrysim.remedy.forecast`), are not simulated. Of levers that are as good, the one
-that takes least joins. Where none helps any more, another setting of a lever that has joined is tried: the best loop
-period, for one, is another once its waits are exact.
+as long as it lowers the burden by at least `SHARE`. They are simulated in the order of their forecasts, by the error of
+their program and the margins of their loops (`gantrysim.remedy.forecast`), until the others cannot be the best, nor as
+good. Of levers that are as good, the one that takes least joins. Where none helps any more, another setting of a lever
+that has joined is tried: the best loop period, for one, is another once its waits are exact.
 
 Levers that only need another setting of the controller come first; those that cost cycle time or change the bead join
 where these do not suffice, and other hardware comes last. Where not even that suffices, each lever of the combination

@@ -57,8 +57,8 @@ class Deviation:
         largest = np.zeros(PARTS)
         np.maximum.at(largest, part_of(analysis.nozzle.s, length), square)
         largest = np.sqrt(largest)
-        # the nozzle's foot is at most about as far from that of its command as the two are apart
-        reach = min(1 + math.ceil(largest.max() / length * PARTS), PARTS) if length > 0 else PARTS
+        # the nozzle's foot is about as far from that of its command as the two are apart, at most
+        reach = min(1 + int(largest.max() / length * PARTS), PARTS) if length > 0 else PARTS
         around = sliding_window_view(np.pad(largest, reach), 2 * reach + 1).max(axis=1)
         return cls(length, np.maximum(around, _LEAST * math.sqrt(float(square.mean()))))
 

@@ -23,6 +23,8 @@ from gantrysim.results.checks import FAIL, PASS
 from gantrysim.results.score import burden_of
 from gantrysim.results.verdict import Verdict
 
+_OF_MOTION = ("built_servo", "margins", "setpoints")  # of a job, computed for its run
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -138,8 +140,8 @@ class Motion:
         run = self.run
         if job is not self.job:
             run = dispensed_otherwise(run, job.dispenser)
-            servo = {"built_servo": self.job.built_servo, "margins": self.job.margins}
-            job = job.sharing(self.job).model_copy(update=servo)
+            same = {name: getattr(self.job, name) for name in _OF_MOTION if name in self.job.__dict__}
+            job = job.sharing(self.job).model_copy(update=same)
         bead = Bead(run, job.bead, self.budget.analysis)
         is_laid = bead.nominal > 0 and bead.total_volume > 0
         return Outcome(

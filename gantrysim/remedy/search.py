@@ -42,9 +42,7 @@ class Search:
         self._rows = frozenset(rows)
         self._causes = causes
         forecast = Forecast(job, bench)
-        self._combinations = Combinations(
-            self.start, self._measure_all, self._bad_rows, bench.family.member, forecast
-        )
+        self._combinations = Combinations(self.start, self._measure_all, self._bad_rows, bench.family.member, forecast)
 
     def plausible(self, levers: Sequence[Lever]) -> tuple[list[Lever], list[Skipped]]:
         """Return the levers to try, and those that cannot help: the rows they act on pass, or no cause is theirs."""
