@@ -130,7 +130,8 @@ class Dispenser:
         return self.needle if self.metering == TIME_PRESSURE else None
 
     @property
-    def _flows_at_all(self) -> bool:
+    def flows_at_all(self) -> bool:
+        """Whether glue flows while the dispenser is on."""
         return bool(self.flow or self.area or self.pressure)
 
     def flow_demand(self, dispense: ArrayLike, speed: ArrayLike) -> Floats:
@@ -141,7 +142,7 @@ class Dispenser:
             speed: mean commanded path speed over that period, (n,) [mm/s].
         """
         on = np.asarray(dispense, bool)
-        if not self._flows_at_all:
+        if not self.flows_at_all:
             return np.zeros(on.shape)
         return np.where(on, self._demand(np.asarray(speed, float)), 0.0)
 
@@ -167,7 +168,7 @@ class Dispenser:
         if not (speeds.min(initial=0.0) >= 0 and speeds.max(initial=0.0) < math.inf):
             tick = int(np.flatnonzero(~(np.isfinite(speeds) & (speeds >= 0)))[0])
             raise InputError(f"speed = {speeds[tick]:g} mm/s at tick {tick}: must be finite and at least 0 mm/s")
-        if not self._flows_at_all:
+        if not self.flows_at_all:
             return np.zeros(on.size)
         valve = self._valve(on, period)
         if not valve.opens.size:

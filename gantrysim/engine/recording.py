@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
 from typing import Any, cast
 
 import numpy as np
@@ -138,13 +139,16 @@ class LogBook:
         encoder = self.log.axis["encoder"][entry]
         return bool(np.isfinite(nozzle).all() and np.isfinite(encoder).all())
 
-    def record(self, ticks: int, fault: Fault | None) -> Run:
+    def record(self, ticks: int, fault: Fault | None, every: int = 1) -> Run:
         """Return the record of the first ticks.
 
         Args:
             ticks: number of them, at least one.
             fault: why the run ended early, or None.
+            every: number of ticks of the servo for each of the record.
         """
+        if every > 1 and self._remembers:
+            return thinned(self.record(ticks, fault), every)
         machine = self._machine
         setpoints = self._setpoints
         table = self._table
@@ -153,9 +157,14 @@ class LogBook:
         content: dict[str, Any] = {}
         if table is None:
             log = self.log.until(ticks)
+            if every > 1:
+                log = Log(log.tick[::every].copy(), log.axis[::every].copy())
             sent_columns(program, log.tick["setpoint"], content)
             content |= self._measured(log, 0)
             self._displace(content, None)
+            if every > 1:
+                content["time"] = np.arange(0, ticks, every) * setpoints.period
+                unchanging["period"] *= every
             return Run(**unchanging, **protected(content), fault=fault, injected=self._faults)
         self._write(ticks)
         sent = table.stored(ticks)["setpoint"].array() if setpoints.gates.size else np.arange(ticks)
@@ -165,6 +174,12 @@ class LogBook:
         for name in ("setpoint", IDEAL):
             stored.pop(name, None)
         return Run(**unchanging, **cast(dict[str, Any], stored), fault=fault, injected=self._faults)
+
+    @property
+    def _remembers(self) -> bool:
+        """Whether a row of the record follows from rows before it: glue, play, faults, and all that is in a file."""
+        acts = self._dispenser.flows_at_all or self._machine.geometry is not None or self._faults
+        return self._table is not None or bool(acts)
 
     def _displace(self, content: dict[str, Any], table: FileTable | None) -> None:
         """Displace the nozzle by the errors of the machine's geometry, if any; in the table where there is one."""
@@ -187,6 +202,13 @@ class LogBook:
 
     def _measured(self, log: Log, first: int) -> dict[str, Floats]:
         return measured(self._machine, log, first, self._setpoints.period, self._faults, self._drives)
+
+
+def thinned(run: Run, every: int) -> Run:
+    """Return one of so many ticks of a record."""
+    arrays = {field.name: getattr(run, field.name) for field in fields(run)}
+    columns: dict[str, Any] = {name: value[::every] for name, value in arrays.items() if isinstance(value, np.ndarray)}
+    return replace(run, **columns, period=run.period * every)
 
 
 def perfect_record(machine: Machine, setpoints: Setpoints, position: Floats, dispenser: Dispenser) -> Run:

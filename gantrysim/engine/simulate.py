@@ -61,24 +61,29 @@ def simulate(
             the machine cannot have.
     """
     simulation = Simulation.of(machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser, faults=faults)
-    runs = servo.laws.runs if law is None else 1
+    return stepped(simulation, law, progress).record()
+
+
+def stepped(simulation: Simulation, law: PlainLaw | None = None, progress: Progress = None) -> Started:
+    """Run a simulation and return it at its end; law and progress as of `simulate`."""
+    runs = simulation.servo.laws.runs if law is None else 1
     done = 0
     count = runs * len(simulation.position)
 
     def run(simulations: Sequence[Simulation]) -> list[Started]:
         nonlocal done
-        (stepped,) = simulations
-        stepper = Stepper(stepped)
+        (repeat,) = simulations
+        stepper = Stepper(repeat)
         share_done = advance
         stepper.advance(
             law=law, progress=None if share_done is None else lambda sent: share_done((done + sent) / count)
         )
-        done += len(stepped.position)
+        done += len(repeat.position)
         return [stepper.run]
 
     with shown_progress("simulate", progress) as advance:
         (started,) = run([simulation]) if law is not None else run_and_learn([simulation], run)
-    return started.record()
+    return started
 
 
 def perfect_follower(machine: Machine, setpoints: Setpoints, *, dispenser: Dispenser | None = None) -> Run:

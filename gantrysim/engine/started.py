@@ -182,11 +182,12 @@ class Started:
         time = float(row["fault_tick"] * simulation.servo.period)
         return Fault(kind, axis.name, time, value, limit, unit, reaction)
 
-    def record(self, *, partial: bool = False) -> Run:
+    def record(self, *, partial: bool = False, every: int = 1) -> Run:
         """Return the record so far, of at least one tick.
 
         Args:
             partial: whether the run may be unfinished.
+            every: number of servo ticks for each tick of the record.
 
         Raises:
             GantryError: a run that is neither at its end nor stopped by a fault.
@@ -201,7 +202,7 @@ class Started:
             )
         if fault is not None and not simulation.book.finite(ticks - 1):
             ticks -= 1  # the tick at which it diverged has no position to record
-        return simulation.book.record(ticks, fault)
+        return simulation.book.record(ticks, fault, every)
 
 
 def _supervision_stages(simulation: Simulation) -> list[Stage]:

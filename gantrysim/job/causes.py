@@ -219,17 +219,18 @@ def causes_of(
         record = setup.run(part(0, 1))
     if record.fault is not None:
         raise InputError(f"job {job.name}: ends in a fault, {record.fault}: causes are those of a complete run")
-    errors = errors_of(Budget(record) if budget is None else budget)
-    return Causes(errors, _effects(causes, setup, errors, part(1, len(causes))))
+    known = Budget(record) if budget is None else budget
+    return Causes(errors_of(known), _effects(causes, setup, known, part(1, len(causes))))
 
 
 def _effects(
-    causes: Sequence[Cause], setup: Setup, errors: Errors, progress: Callable[[float], None] | None
+    causes: Sequence[Cause], setup: Setup, budget: Budget, progress: Callable[[float], None] | None
 ) -> tuple[Effect, ...]:
-    """Return the effects of causes, from runs beside one another.
+    """Return the effects of causes on the errors of a budget, from runs beside one another.
 
     A run without a cause that has another physics step is compared with one of the job at that step.
     """
+    errors = errors_of(budget)
     refused: dict[str, str] = {}
     setups: dict[str | float, Setup] = {}  # by the cause without which it is, or by the physics step of the whole job
     steps: dict[str, float] = {}
@@ -244,7 +245,7 @@ def _effects(
             if abs(ideal.step - setup.step) >= _SAME_STEP * setup.step:
                 steps[cause.name] = ideal.step
                 setups[ideal.step] = replace(setup, physics_step=ideal.step)
-    outcomes = dict(zip(setups, outcomes_of(list(setups.values()), progress), strict=True))
+    outcomes = dict(zip(setups, outcomes_of(list(setups.values()), progress, budget.analysis), strict=True))
 
     def effect(cause: Cause) -> Effect:
         if cause.name in refused:

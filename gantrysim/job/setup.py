@@ -6,18 +6,22 @@ import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from gantrysim.base import memory
+from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError
-from gantrysim.engine.simulate import simulate
+from gantrysim.engine.simulate import stepped
+from gantrysim.engine.simulation import Simulation
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.timing import substeps_of
-from gantrysim.metrics.analysis import ErrorSize
+from gantrysim.metrics.analysis import Analysis, ErrorSize
 from gantrysim.metrics.budget import Budget
+from gantrysim.paths.path import Projection
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.servo import Servo
@@ -52,14 +56,8 @@ class Setup:
 
     def run(self, progress: Callable[[float], None] | None = None) -> Run:
         """Run it without glue and return the record at the ticks of the program."""
-        record = simulate(self.machine, self.servo, self.setpoints, physics_step=self.physics_step, progress=progress)
-        if self.ticks == 1:
-            return record
-        arrays = {field.name: getattr(record, field.name) for field in fields(record)}
-        columns: dict[str, Any] = {
-            name: value[:: self.ticks] for name, value in arrays.items() if isinstance(value, np.ndarray)
-        }
-        return replace(record, **columns, period=record.period * self.ticks)
+        simulation = Simulation.of(self.machine, self.servo, self.setpoints, physics_step=self.physics_step)
+        return stepped(simulation, progress=progress).record(every=self.ticks)
 
 
 class RunOutcome(NamedTuple):
@@ -74,7 +72,32 @@ class RunOutcome(NamedTuple):
     failure: str = ""
 
 
-def outcomes_of(setups: Sequence[Setup], progress: Callable[[float], None] | None = None) -> list[RunOutcome]:
+class _SameCommand(Analysis):
+    """The analysis of a run that may have the command of another, whose projection it then is.
+
+    Args:
+        run: the run.
+        other: analysis of the other run.
+    """
+
+    def __init__(self, run: Run, other: Analysis) -> None:
+        super().__init__(run)
+        self._other = other
+
+    @cached_property
+    def commanded(self) -> Projection:
+        """Projection of the commanded positions."""
+        other = self._other.run
+        if self.run.requested is not other.requested or not np.array_equal(self.run.dispense, other.dispense):
+            return super().commanded
+        tip = self.run.commanded_tip
+        same = all(np.array_equal(tip[block], other.commanded_tip[block]) for block in blocks(len(tip)))
+        return self._other.commanded if same else super().commanded
+
+
+def outcomes_of(
+    setups: Sequence[Setup], progress: Callable[[float], None] | None = None, known: Analysis | None = None
+) -> list[RunOutcome]:
     """Return what the runs of setups show, in their order.
 
     MuJoCo steps without Python's lock, so that threads share the work. Of long runs, one is made at a time.
@@ -82,6 +105,7 @@ def outcomes_of(setups: Sequence[Setup], progress: Callable[[float], None] | Non
     Args:
         setups: what is run.
         progress: called now and then with the completed share, 0 to 1, from one thread at a time.
+        known: analysis of a run that has the command of most of these.
     """
     shares = [0.0] * len(setups)
     alone = threading.Lock()
@@ -99,7 +123,7 @@ def outcomes_of(setups: Sequence[Setup], progress: Callable[[float], None] | Non
             return RunOutcome({}, str(error))
         if record.fault is not None:
             return RunOutcome({}, str(record.fault))
-        return RunOutcome(errors_of(Budget(record)))
+        return RunOutcome(errors_of(Budget(record if known is None else _SameCommand(record, known))))
 
     if not setups:
         return []
