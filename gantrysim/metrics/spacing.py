@@ -115,9 +115,8 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
                 break
         met = (met_at <= s[-1]) & (met_at > 0.5 * (place + guess))  # not on the turn that it left
         met[active] = False  # Newton's method has not settled there
-        if parts[0] != parts[-1]:
-            after = np.clip(np.searchsorted(s, met_at), 1, s.size - 1)
-            met &= parts[after] == parts[after - 1]  # no trace, and no glue, in a gap between stretches
+        after = np.clip(np.searchsorted(s, met_at), 1, s.size - 1)
+        met &= parts[after] == parts[after - 1]  # no trace, and no glue, in a gap between stretches
         link = np.stack([point, trace(met_at)[0]], axis=1)
         distance = np.abs(dot(link[:, 1] - point, normal))
         return Spacing(place[met], heading[rows][met] / (2 * np.pi), distance[met], met_at[met], link[met])
