@@ -230,10 +230,7 @@ class Dispenser:
 
     def held_back(self, setpoints: Setpoints) -> Setpoints:
         """Return the setpoints, delayed if the start lead is longer than the time before the first dispensing."""
-        first = int(np.argmax(setpoints.dispense))
-        if not setpoints.dispense[first]:
-            return setpoints
-        return setpoints.wait(max(self.start_lead - first * setpoints.period, 0.0))
+        return setpoints.wait(max(self.start_lead - time_before(setpoints), 0.0))
 
     def _demand(self, speed: Floats) -> Floats:
         """Return the flow while the dispenser is on, of the speed's shape [mm³/s]."""
@@ -280,3 +277,9 @@ class Dispenser:
             return needle.conductance * driven_volumes(duration, request, lag, law, state)
         air = (self.syringe.rate, self.syringe.critical_ratio)
         return syringe_volumes(duration, request, lag, law, air, state)
+
+
+def time_before(setpoints: Setpoints) -> float:
+    """Return the time before the first dispensing of setpoints, inf where there is none [s]."""
+    first = int(np.argmax(setpoints.dispense))
+    return first * setpoints.period if setpoints.dispense[first] else math.inf

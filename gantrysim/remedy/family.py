@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 from gantrysim.job.job import Job
+from gantrysim.remedy.outcome import time_before_glue
 
 _MACHINE = {"machine", "names", "travel", "geometry"}
 _OF_SERVO = ("built_servo", "margins")  # of a job, computed at their first use
@@ -24,6 +25,7 @@ class Family:
     def __init__(self, base: Job) -> None:
         self._base = base
         self._first: dict[str, Job] = {}  # by servo and machine
+        self._before: dict[str, float] = {}  # by program and period [s]
 
     def member(self, job: Job) -> Job:
         """Return a job that shares with others what it has in common with them."""
@@ -34,3 +36,10 @@ class Family:
             return shared
         computed = {name: first.__dict__[name] for name in _OF_SERVO if name in first.__dict__}
         return shared.model_copy(update=computed)
+
+    def time_before_glue(self, job: Job) -> float:
+        """Return the time before the first dispensing of a job's program, 0 for a program that is refused [s]."""
+        key = json.dumps([job.servo.period, job.program], sort_keys=True, default=str)
+        if key not in self._before:
+            self._before[key] = time_before_glue(job)
+        return self._before[key]

@@ -13,6 +13,7 @@ import numpy as np
 
 from gantrysim.base.errors import GantryError
 from gantrysim.bead import Bead
+from gantrysim.dispenser.dispenser import time_before
 from gantrysim.engine.record_columns import dispensed_otherwise
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
@@ -69,17 +70,32 @@ def measured(job: Job) -> Outcome:
     return measured_together([job]).outcomes[0]
 
 
-def motion_key(job: Job) -> str:
+def motion_key(job: Job, before: float | None = None) -> str:
     """Return a text that is the same for jobs with the same motion, which differ in their glue alone.
 
     A start lead may hold the program back, and the needle stands in the record.
+
+    Args:
+        job: the job.
+        before: time before the first dispensing of its program, if it is known [s].
     """
     if job.faults:
         return job.toml()
     content = job.model_dump(exclude={"bead", "tolerance"})
-    dispenser = content["dispenser"]
-    content["dispenser"] = {name: dispenser[name] for name in ("start_lead", "needle")}
+    lead = job.dispenser.start_lead
+    if lead > 0:
+        known = time_before_glue(job) if before is None else before
+        lead = max(lead - known, 0.0)
+    content["dispenser"] = {"needle": content["dispenser"]["needle"], "hold": lead}
     return json.dumps(content, sort_keys=True, default=str)
+
+
+def time_before_glue(job: Job) -> float:
+    """Return the time before the first dispensing of a job's program, 0 for a program that is refused [s]."""
+    try:
+        return time_before(job.controller.setpoints(job.servo.period))
+    except GantryError:  # its run tells why
+        return 0.0
 
 
 def measured_together(jobs: Sequence[Job], motion: Motion | None = None) -> Measured:

@@ -21,7 +21,7 @@ from gantrysim.remedy.outcome import measured, measured_together, motion_key
 from gantrysim.remedy.report import TITLE, change_section
 from gantrysim.remedy.search import Search, another_part
 
-from support.remedies import CIRCLE, DOTS, LINE, SIDES, fixed_flow, lagging, lines_job, outcome, rubbing
+from support.remedies import CIRCLE, DOTS, LAG, LINE, SIDES, fixed_flow, lagging, lines_job, outcome, rubbing
 
 GLUE_LEVERS = ("flow by speed", "lag compensation", "leads")
 
@@ -178,6 +178,18 @@ def test_glue_laid_along_a_record_is_that_of_a_run_of_its_own(changes):
     assert measured_together([job, other]).outcomes == (measured(job), measured(other))
     laid = dispensed_otherwise(job.run(), other.dispenser)
     assert laid.flow.tolist() == other.run().flow.tolist()
+
+
+def test_a_start_lead_that_does_not_hold_the_program_back_leaves_the_motion():
+    """The line begins to be laid after a move of 40 mm, which takes longer than the first lead and not the second."""
+    job = lines_job(LINE, dispenser={"area": 2.0, **LAG})
+    early = job.changed({"dispenser.start_lead": 0.2})
+    assert motion_key(early) == motion_key(job)
+    assert measured_together([job, early]).outcomes == (measured(job), measured(early))
+    assert measured(early) != measured(job)
+    held = job.changed({"dispenser.start_lead": 1.0})
+    assert motion_key(held) != motion_key(job)
+    assert held.run().time[-1] > job.run().time[-1]
 
 
 def test_a_motion_is_simulated_once_as_long_as_it_is_kept(monkeypatch):
