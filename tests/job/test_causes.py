@@ -85,6 +85,15 @@ def test_the_errors_are_those_of_the_job_and_worths_are_differences(found):
     assert causes_of(job, run) == causes
 
 
+def test_only_a_cause_that_acts_on_the_command_changes_the_part_of_the_program(found):
+    _, causes = found
+    for name, effect in by_name(causes).items():
+        if name == "program":
+            assert effect.without["program"].max < EXACT < causes.errors["program"].max
+        elif name != "sampling":
+            assert effect.without["program"] == causes.errors["program"]
+
+
 def test_the_gains_stay_those_of_the_real_machine(found):
     job, _ = found
     setup = Setup(job.built_machine, job.built_servo, job.setpoints)
