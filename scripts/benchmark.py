@@ -386,7 +386,7 @@ BENCHMARKS = {
     "verdict": Benchmark(verdict, "at most 25.0"),
     "page": Benchmark(page, "at most 45.0"),
     "film": Benchmark(film, "at most 175"),
-    "setpoints": Benchmark(setpoints, "at most 0.15"),
+    "setpoints": Benchmark(setpoints, "at most 0.10"),
     "analysis": Benchmark(analysis, "at most 1.00"),
 }
 
