@@ -99,3 +99,11 @@ def test_groups_that_are_hidden_stay_hidden_and_others_as_they_are(xy, run):
         drawn = {geom.objid for geom in renderer._drawn.geoms[: renderer._drawn.ngeom]}
         assert renderer.model.geom("carriage").id not in drawn
         np.testing.assert_array_equal(renderer.model.geom_group[machine_geoms], groups)
+
+
+@pytest.mark.parametrize(("size", "side"), [((400, 300), 512), ((1600, 1200), 1536)])
+def test_shadows_are_as_fine_as_the_picture_shows_them_and_no_finer_than_the_machine_has_them(xy, run, size, side):
+    with Renderer(xy, run, "bead", size) as renderer:
+        assert renderer.model.vis.quality.shadowsize == side
+    with Renderer(xy, run, "overview", SIZE) as renderer:
+        assert renderer.model.vis.quality.shadowsize == xy.model.vis.quality.shadowsize == 1536
