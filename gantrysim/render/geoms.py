@@ -29,6 +29,7 @@ class Geoms:
         self._radius = model.geom_rbound.copy()
         self._radius[self._is_plane] = np.inf
         self._radius[unbounded] = np.inf
+        self._has_mirror = bool(np.any(model.mat_reflectance > 0))  # which may show what is outside the picture
         self._first = mujoco.MjvOption()
         self._drawn_groups = self._first.geomgroup.astype(bool)
         self._planes = mujoco.MjvOption()
@@ -54,7 +55,7 @@ class Geoms:
         model = self._model
         groups = model.geom_group.copy()
         drawn = self._drawn_groups[groups]
-        if not shadows:
+        if not shadows and not self._has_mirror:
             mujoco.mjv_updateCamera(model, data, view, scene)
             drawn &= self._inside(data, scene.camera, shape)
         try:

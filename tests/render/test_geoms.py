@@ -38,6 +38,15 @@ def test_the_pictures_are_those_of_all_geoms_in_the_order_of_the_model(xy, run, 
     np.testing.assert_array_equal(ours, expected)
 
 
+def test_a_mirror_shows_what_is_outside_the_picture(run, monkeypatch):
+    machine = Machine("xy")
+    machine.spec.material("piece").reflectance = 0.5
+    with Renderer(machine, run, "bead", SIZE) as renderer:
+        ours = renderer.frame(len(run.time) // 2)
+        monkeypatch.setattr(Geoms, "update", plain)
+        np.testing.assert_array_equal(ours, renderer.frame(len(run.time) // 2))
+
+
 def test_from_near_most_geoms_are_left_out_and_with_shadows_none(xy, run):
     with Renderer(xy, run, "bead", SIZE) as renderer:
         renderer.frame(len(run.time) - 1)
