@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
-from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -85,21 +83,9 @@ def sheet(width: float, height: float) -> Iterator[Figure]:
         yield figure
 
 
-@cache
 def _figure_class() -> type[Figure]:
-    """Return a class of figures that are drawn once when they are saved, where matplotlib draws them twice."""
-    from matplotlib.figure import Figure  # slow to import
-
-    class Sheet(Figure):
-        """A figure of which a drawing without output, made before it is saved, leaves nothing but its layout."""
-
-        def draw(self, renderer: Any) -> None:
-            engine = self.get_layout_engine()
-            is_muted = isinstance(renderer.draw_path, FunctionType)  # in the place of a method
-            if engine is not None and is_muted:
-                engine.execute(self)
-            else:
-                super().draw(renderer)
+    """Return the class of all figures."""
+    from gantrysim.plots.sheet_figure import Sheet  # slow to import
 
     return Sheet
 
