@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import re
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
@@ -26,6 +27,8 @@ _FONT = re.compile(r"font: ([^;']*px) [^;]*")  # as matplotlib writes it
 _FAMILY = re.compile(r"font-family: [^;]*; ?")
 _REFERENCE = re.compile(r"url\(#([^)]+)\)")
 _COMMAND = re.compile(r"([A-Za-z])([^A-Za-z]*)")
+_POLYLINE = re.compile("M[^A-Za-z]*(L[^A-Za-z]*)*")
+_LETTERS = re.compile("[ML]")
 _COORDINATES = ("x", "y")
 _PNG = "data:image/png;base64,"
 _PALETTE = 256  # colours that an image with a palette has at most
@@ -166,6 +169,8 @@ def _short_path(data: str) -> str:
     Args:
         data: commands M, L, Q, C and Z in absolute coordinates, as matplotlib writes them.
     """
+    if _POLYLINE.fullmatch(data):
+        return _short_line(data)
     unit = 10**_DECIMALS
     here = [0, 0]
     start = here
@@ -188,12 +193,22 @@ def _short_path(data: str) -> str:
     return "".join(parts)
 
 
+def _short_line(data: str) -> str:
+    """Return the commands of one line, see `_short_path`: most points of a page are those of lines."""
+    points = np.array(_LETTERS.sub(" ", data).split(), dtype=np.float64).reshape(-1, 2)
+    counts = np.rint(points * 10**_DECIMALS).astype(np.int64)
+    steps = np.diff(counts, axis=0).ravel().tolist()
+    move = _joined("m", [_short(count) for count in counts[0].tolist()])
+    return move + _joined("l", [_short(step) for step in steps]) if steps else move
+
+
 def _joined(command: str, numbers: list[str]) -> str:
     """Return a command, empty for the one before again, with its numbers; a minus separates as a space does."""
     text = " ".join(numbers).replace(" -", "-")
     return f" {text}" if not command and not text.startswith("-") else command + text
 
 
+@lru_cache(maxsize=1 << 16)  # steps from point to point are small, and often the same
 def _short(count: int) -> str:
     """Return a number of the smallest units, `10**-_DECIMALS`, as short text."""
     text = f"{count / 10**_DECIMALS:.{_DECIMALS}f}".rstrip("0").rstrip(".")

@@ -169,6 +169,7 @@ def test_short_paths_are_the_same_paths():
     axes = figure.add_subplot()
     axes.add_patch(Circle((0.3, 0.6), 0.2, color="#ff0000"))  # curves, closed
     axes.fill([0, 0.2, 0.1, -0.3], [1, 2, -1.5, 0.25], color="#00ff00")
+    axes.plot(*np.random.default_rng(1).normal(size=(2, 100)))  # a line, of too few points to be simplified
     file = io.BytesIO()
     with rc_context({"svg.fonttype": "none"}):
         figure.savefig(file, format="svg", transparent=True)
