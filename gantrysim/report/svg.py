@@ -150,14 +150,16 @@ def _with_palette(address: str) -> str:
         return address
     image = Image.open(io.BytesIO(base64.b64decode(address.removeprefix(_PNG)))).convert("RGBA")
     pixels = np.asarray(image).reshape(-1, 4).copy().view("<u4").ravel()
-    colours, numbers = np.unique(pixels, return_inverse=True)
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(pixels)) + 1])  # of neighbours of one colour, to sort few
+    colours, of_runs = np.unique(pixels[starts], return_inverse=True)
     if colours.size > _PALETTE:
         return address
-    indexed = Image.fromarray(numbers.reshape(image.height, image.width).astype(np.uint8), "P")
+    numbers = np.repeat(of_runs.astype(np.uint8), np.diff(starts, append=pixels.size))
+    indexed = Image.fromarray(numbers.reshape(image.height, image.width), "P")
     palette = colours.view(np.uint8).reshape(-1, 4)
     indexed.putpalette(palette[:, :3].tobytes())
     file = io.BytesIO()
-    indexed.save(file, "PNG", optimize=True, transparency=palette[:, 3].tobytes())
+    indexed.save(file, "PNG", transparency=palette[:, 3].tobytes())
     return _PNG + base64.b64encode(file.getvalue()).decode("ascii")
 
 
