@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -139,13 +139,17 @@ class Evaluation:
         page = None
         if self._wanted.report:
             from gantrysim.plots import save_plots
-            from gantrysim.report.page import run_page
+            from gantrysim.report.figures import figures_ahead
+            from gantrysim.report.page import run_page, sections_with_figures
 
+            figures = None
             with self._optional("plot", folder), share_bar("plots", self._go_on) as advance:
-                save_plots(results.budget, folder / PLOTS, bead=results.bead, progress=advance)
+                with suppress(Exception):  # what fails is drawn again, where its error is reported
+                    figures = figures_ahead(sections_with_figures(results), folder / PLOTS, advance)
+                save_plots(results.budget, folder / PLOTS, results.bead, progress=advance, only_missing=True)
             with self._optional("report", folder), share_bar("page", self._go_on) as advance:
                 video = folder / VIDEO if self._wanted.video else None
-                page = run_page(results, video, advance, self._changes)
+                page = run_page(results, video, advance, self._changes, figures)
         if self._wanted.video:
             self._film(folder)
         if page is not None:

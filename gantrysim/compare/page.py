@@ -23,7 +23,8 @@ from gantrysim.metrics.analysis import THOUSANDTH
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.parts import ERROR, ERROR_SIZES, PART_SIZES
 from gantrysim.plots.style import COLOURS
-from gantrysim.report.document import Column, Section, Table, write_page
+from gantrysim.report.document import Column, Section, Table
+from gantrysim.report.drawn_page import write_page
 from gantrysim.report.sections import drawn
 from gantrysim.report.summary import versions
 

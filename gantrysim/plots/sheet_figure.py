@@ -7,7 +7,10 @@ from contextlib import contextmanager
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, cast
 
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
@@ -23,6 +26,22 @@ class Sheet(Figure):
         with _remembered_ticks(self):
             super().savefig(*args, **options)
 
+    def arrange(self, resolution: float) -> None:
+        """Lay the figure out for a resolution [dpi] once and for all: it is saved faster from then on."""
+        engine = self.get_layout_engine()
+        if engine is not None:
+            with _remembered_ticks(self), _at_resolution(self, resolution):
+                engine.execute(self)
+            self.set_layout_engine("none")
+
+    def pixels(self, resolution: float) -> NDArray[np.uint8]:
+        """Return the figure drawn at a resolution [dpi], (height, width, 4)."""
+        # that of `arrange` knows the sizes of all texts
+        canvas: Any = self.canvas if type(self.canvas) is FigureCanvasAgg else FigureCanvasAgg(self)
+        with _remembered_ticks(self), _at_resolution(self, resolution):
+            canvas.draw()
+        return np.asarray(canvas.buffer_rgba())
+
     def draw(self, renderer: Any) -> None:
         engine = self.get_layout_engine()
         is_muted = isinstance(renderer.draw_path, FunctionType)  # in the place of a method
@@ -30,6 +49,16 @@ class Sheet(Figure):
             engine.execute(self)
         else:
             super().draw(renderer)
+
+
+@contextmanager
+def _at_resolution(figure: Figure, resolution: float) -> Iterator[None]:
+    usual = figure.dpi
+    figure.dpi = resolution
+    try:
+        yield
+    finally:
+        figure.dpi = usual
 
 
 @contextmanager

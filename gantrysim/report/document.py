@@ -1,29 +1,23 @@
-"""A page of sections with text, tables, figures and video, written as one self-contained HTML file."""
+"""The sections of a page: text, tables, figures and video."""
 
 from __future__ import annotations
 
-import base64
-import os
-import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from importlib.resources import files
 from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gantrysim.base.errors import InputError
-from gantrysim.base.files import replaced
 from gantrysim.base.quantity import Quantity, number_text
 from gantrysim.plots.style import INK
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    Drawing = Figure | Callable[[], Figure]
+    from gantrysim.plots.pictures import Plot
 
-_WIDE = 600  # width of a figure above which a narrow page has a narrow one of its own [pixels]
-_PIXELS_PER_INCH = 104  # of a figure: its type of 10 points is slightly smaller than the text
+    Drawing = Figure | Plot | Callable[[], Figure]
 
 
 @dataclass(frozen=True)
@@ -121,6 +115,11 @@ class Section:
     folded: bool = False
 
     @property
+    def has_figures(self) -> bool:
+        """Whether there are figures, on a screen or in print."""
+        return self.figure is not None or self.still is not None
+
+    @property
     def lacks_video(self) -> bool:
         """Whether the section is nothing but a video, and that does not exist."""
         missing = self.video is not None and not self.video.exists()
@@ -130,146 +129,6 @@ class Section:
 def with_minus(text: str) -> str:
     """Return a number as text with a minus sign in the place of a hyphen."""
     return f"−{text[1:]}" if text.startswith("-") else text
-
-
-def write_page(
-    file: str | os.PathLike[str],
-    title: str,
-    subtitle: str,
-    sections: Sequence[Section],
-    warning: str | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> None:
-    """Draw and write a page, see `draw_page` and `DrawnPage.write`."""
-    draw_page(title, subtitle, sections, warning, progress).write(file)
-
-
-@dataclass(frozen=True)
-class DrawnPage:
-    """A page whose figures are drawn, which takes seconds; what takes longer, as a film, may come before it is written.
-
-    Attributes:
-        title: title of the page.
-        subtitle: line below the title.
-        sections: the unique name of each section, the section, and its figures as SVG with their widths.
-        warning: shown above all else.
-    """
-
-    title: str
-    subtitle: str
-    sections: Sequence[tuple[str, Section, list[dict[str, Any]]]]
-    warning: str | None = None
-
-    def write(self, file: str | os.PathLike[str]) -> None:
-        """Write the page as one HTML file that includes style, figures and video; an earlier one stays until then.
-
-        The same content gives the same bytes. All text is escaped.
-
-        Args:
-            file: to write or replace.
-
-        Raises:
-            InputError: the file cannot be written.
-        """
-        from jinja2 import Environment, StrictUndefined  # slow to import
-        from markupsafe import Markup
-
-        folder = files("gantrysim.report")
-        environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-        environment.filters.update(several=_several, base64=_base64)
-        template = environment.from_string((folder / "page.html").read_text(encoding="utf-8"))
-        content = template.render(
-            title=self.title,
-            subtitle=self.subtitle,
-            warning=self.warning,
-            style=Markup((folder / "page.css").read_text(encoding="utf-8")),
-            viewer=_viewer_files() if any(section.viewer for _, section, _ in self.sections) else None,
-            space=_space_script() if any(section.in_space for _, section, _ in self.sections) else None,
-            sections=[entry for entry in self.sections if not entry[1].lacks_video],
-        )
-        with replaced(file) as partial:
-            partial.write_text(content, encoding="utf-8")
-
-
-def draw_page(
-    title: str,
-    subtitle: str,
-    sections: Sequence[Section],
-    warning: str | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> DrawnPage:
-    """Return a page with its figures drawn.
-
-    Args:
-        title: title of the page.
-        subtitle: line below the title.
-        sections: from top to bottom.
-        warning: shown above all else, such as a fault that ended the run.
-        progress: called with the completed share.
-    """
-    return DrawnPage(title, subtitle, list(_with_figures(sections, progress or (lambda share: None))), warning)
-
-
-def _base64(file: Path) -> str:
-    return base64.b64encode(file.read_bytes()).decode("ascii")
-
-
-def _with_figures(
-    sections: Sequence[Section], progress: Callable[[float], None]
-) -> Iterator[tuple[str, Section, list[dict[str, Any]]]]:
-    """Yield the unique name of each section, the section, and its figures as SVG."""
-    names: set[str] = set()
-    for k, section in enumerate(sections, 1):
-        name = re.sub(r"[^a-z0-9]+", "-", section.title.lower()).strip("-") or "section"
-        if name in names:
-            name += f"-{k}"
-        names.add(name)
-        yield name, section, _drawn(section, f"f{k}")
-        progress(k / len(sections))
-
-
-def _drawn(section: Section, prefix: str) -> list[dict[str, Any]]:
-    from markupsafe import Markup
-
-    from gantrysim.report.narrow import make_narrow
-    from gantrysim.report.svg import description, inline_svg
-
-    drawn = []
-    replaced_by_viewer = _several(section.still)
-    for i, drawing in enumerate([*_several(section.figure), *replaced_by_viewer], 1):
-        figure = drawing() if callable(drawing) else drawing
-        alternative = ": ".join(filter(None, (section.title, description(figure))))
-        svg = Markup(inline_svg(figure, f"{prefix}-{i}", alternative))
-        width = round(_PIXELS_PER_INCH * figure.get_size_inches()[0])
-        still = drawing in replaced_by_viewer
-        narrow = None
-        # not where it is folded, as a page's size and time count more there
-        if width > _WIDE and not still and not section.folded and make_narrow(figure):
-            narrow = Markup(inline_svg(figure, f"{prefix}-{i}n", alternative))
-        drawn.append({"svg": svg, "width": width, "still": still, "narrow": narrow})
-    return drawn
-
-
-def _viewer_files() -> dict[str, Any]:
-    """Return the viewer's script and style, which the page includes."""
-    from markupsafe import Markup
-
-    web = files("gantrysim.report") / "web"
-    script = (web / "viewer.min.js").read_text(encoding="utf-8")
-    style = "".join((web / name).read_text(encoding="utf-8") for name in ("uplot.css", "viewer.css"))
-    return {"script": Markup(script), "style": Markup(style)}
-
-
-def _space_script() -> str:
-    """Return the script of the viewer's 3-D view, compressed by gzip, in base64; the page expands it."""
-    script = files("gantrysim.report") / "web" / "viewer3d.min.js.gz"
-    return base64.b64encode(script.read_bytes()).decode("ascii")
-
-
-def _several(content: Any) -> list[Any]:
-    if content is None:
-        return []
-    return list(content) if isinstance(content, list | tuple) else [content]
 
 
 def _cell(cell: Any, form: str) -> str:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from gantrysim.job.steps import run_notes
 from gantrysim.report.causes import causes_section
-from gantrysim.report.document import DrawnPage, Section, Table, draw_page
+from gantrysim.report.document import Section, Table
+from gantrysim.report.drawn_page import DrawnPage, draw_page
+from gantrysim.report.figures import Figures
 from gantrysim.report.headline import headline
 from gantrysim.report.job_section import job_section
 from gantrysim.report.order import in_order
@@ -50,6 +52,7 @@ def run_page(
     video: str | os.PathLike[str] | None = None,
     progress: Callable[[float], None] | None = None,
     changes: Section | None = None,
+    figures: Mapping[str, Figures] | None = None,
 ) -> DrawnPage:
     """Return the report of a run with its figures drawn, ready to be written.
 
@@ -58,6 +61,7 @@ def run_page(
         video: MP4 file that is included where it exists when the page is written.
         progress: called with the completed share.
         changes: section on what to change in the job, which a room above this one makes.
+        figures: of `sections_with_figures` of these results, drawn ahead; None to draw them here.
     """
     run = results.budget.analysis.run
     job = results.job
@@ -67,7 +71,13 @@ def run_page(
         in_order(run_sections(results, None if video is None else Path(video), changes)),
         warning=None if run.fault is None else f"Fault: {run.fault}. All values are up to the fault.",
         progress=progress,
+        figures=figures,
     )
+
+
+def sections_with_figures(results: RunResults) -> list[Section]:
+    """Return the sections of a run's report that have figures, which `figures_ahead` draws."""
+    return [section for section in in_order(run_sections(results)) if section.has_figures]
 
 
 def run_sections(results: RunResults, video: Path | None = None, changes: Section | None = None) -> Iterator[Section]:

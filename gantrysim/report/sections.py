@@ -6,8 +6,6 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-import numpy as np
-
 from gantrysim.base.quantity import RANGE, RMS, number_text
 from gantrysim.bead import Bead, BeadValues
 from gantrysim.bead.bead_quantities import BEAD, VOLUME_ERROR_PERCENT
@@ -17,12 +15,20 @@ from gantrysim.metrics.analysis import THOUSANDTH, Analysis
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import CONTOUR, FOLLOWING_ALONG, LAG, PROGRAM
 from gantrysim.metrics.parts import PART_COLUMNS, PART_PLACE, PART_SIZES, PartValues
-from gantrysim.plots.bead import draw_bead_along, draw_height_map
-from gantrysim.plots.budget import draw_budget, draw_budget_along
-from gantrysim.plots.error import draw_error
-from gantrysim.plots.plan import draw_plan, plan_extent
-from gantrysim.plots.spacing import draw_polar_spacing, draw_spacing
-from gantrysim.plots.style import COLOURS, sheet, view_height
+from gantrysim.plots.bead import draw_bead_along
+from gantrysim.plots.budget import draw_budget
+from gantrysim.plots.pictures import (
+    HALF,
+    PAGE_COLUMNS,
+    WIDE,
+    budget_plot,
+    error_plot,
+    height_plot,
+    plan_plot,
+    spacing_plot,
+)
+from gantrysim.plots.spacing import draw_polar_spacing
+from gantrysim.plots.style import COLOURS, sheet
 from gantrysim.record.run import Run
 from gantrysim.report.document import Column, Section, Table, with_minus
 from gantrysim.report.headline import NO_ERROR
@@ -36,11 +42,6 @@ if TYPE_CHECKING:
 Subject = TypeVar("Subject")
 
 _RMS, _, _MAX, _SHARE = PART_COLUMNS
-# width of a plot across the page, and of one of two side by side [inch]
-_WIDE = 10.7
-_HALF = 5.3
-_PLAN = 7.6  # width of a plan view [inch]
-_COLUMNS = 350  # horizontal resolution of noisy lines, which make a page large
 
 
 def summary_facts(budget: Budget) -> list[RowTexts]:
@@ -84,8 +85,8 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
             f"max {LAG.text(values.lag.max)}.",
         ],
         table=[links, axes, _turns(budget)] if values.turns else [links, axes],
-        figure=drawn(draw_budget, budget, _WIDE, 4.4 if values.turns else 1.6),
-        still=drawn(_coarse_budget, budget, _WIDE, 8.0),
+        figure=drawn(draw_budget, budget, WIDE, 4.4 if values.turns else 1.6),
+        still=budget_plot(budget),
     )
 
 
@@ -122,7 +123,7 @@ def errors_section(analysis: Analysis) -> Section:
     ]
     return Section(
         "Errors over time",
-        figure=drawn(draw_error, analysis, _WIDE, 6.5 if len(set(run.units)) == 1 else 8.5),
+        figure=error_plot(analysis),
         table=Table(
             [
                 "axis",
@@ -147,9 +148,7 @@ def path_section(results: RunResults, video: Path | None = None) -> Section:
         results: of the run.
         video: film of the run, included where it exists.
     """
-    analysis = results.budget.analysis
-    height = view_height(*plan_extent(analysis), _PLAN)
-    plan = drawn(draw_plan, analysis, _PLAN, height)
+    plan = plan_plot(results.budget.analysis)
     viewer = ViewerData(results)
     return Section("Bead and path", video=video, viewer=viewer.text(), in_space=viewer.in_space, still=plan)
 
@@ -158,14 +157,13 @@ def spacing_section(analysis: Analysis) -> Section:
     """Return the section of the spacing of neighbouring turns."""
     return Section(
         "Spacing of neighbouring turns",
-        figure=[drawn(draw, analysis, _HALF, 4.8) for draw in (draw_polar_spacing, draw_spacing)],
+        figure=[drawn(draw_polar_spacing, analysis, HALF, 4.8), spacing_plot(analysis)],
     )
 
 
 def bead_section(bead: Bead) -> Section:
     """Return the section of the bead of a run with glue."""
     values = bead.values
-    height = view_height(float(np.ptp(bead.map.x)), float(np.ptp(bead.map.y)), _PLAN)
     remarks = [f"The height map has not settled: {values.ridge_note}."] if values.ridge else []
     if values.apart_share:
         remarks.append(f"{values.apart_note[0].upper()}{values.apart_note[1:]}.")
@@ -174,8 +172,8 @@ def bead_section(bead: Bead) -> Section:
         remarks or None,
         facts=facts_of(bead_rows(values)),
         figure=[
-            drawn(draw_height_map, bead, _PLAN, 0.9 * height),
-            drawn(_coarse_bead, bead, _WIDE, 5.4 if bead.analysis.spacing.distance.size else 3.0),
+            height_plot(bead),
+            drawn(_coarse_bead, bead, WIDE, 5.4 if bead.analysis.spacing.distance.size else 3.0),
         ],
         table=[_bead_sizes(values), _volumes(values)],
     )
@@ -216,12 +214,8 @@ def facts_of(rows: Iterable[RowTexts]) -> list[RowTexts]:
     return [(f"{name[0].upper()}{name[1:]}", with_minus(value), with_minus(remark)) for name, value, remark in rows]
 
 
-def _coarse_budget(figure: Figure, budget: Budget) -> None:
-    draw_budget_along(figure, budget, _COLUMNS)
-
-
 def _coarse_bead(figure: Figure, bead: Bead) -> None:
-    draw_bead_along(figure, bead, _COLUMNS)
+    draw_bead_along(figure, bead, PAGE_COLUMNS)
 
 
 def drawn(

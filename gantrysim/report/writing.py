@@ -16,8 +16,9 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.plots import save_plots
 from gantrysim.record.run import Run
 from gantrysim.report.document import Section
+from gantrysim.report.figures import figures_ahead
 from gantrysim.report.folder import PLOTS, REPORT, output_folder, write_fault, write_run
-from gantrysim.report.page import run_page
+from gantrysim.report.page import run_page, sections_with_figures
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import Verdict
 
@@ -55,9 +56,10 @@ def write_report(
             return None
         results = results_of(job, run, causes)
         write_run(scratch, results)
-        save_plots(results.budget, scratch / PLOTS, bead=results.bead)
+        figures = figures_ahead(sections_with_figures(results), scratch / PLOTS)
+        save_plots(results.budget, scratch / PLOTS, bead=results.bead, only_missing=True)
         section = None if changes is None else changes(job, results.verdict)
-        run_page(results, None, advance, section).write(scratch / REPORT)
+        run_page(results, None, advance, section, figures).write(scratch / REPORT)
     return target / REPORT
 
 

@@ -16,7 +16,8 @@ from gantrysim.base.files import ReplacedError
 from gantrysim.engine.simulate import simulate
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.report.document import Section, Table, write_page
+from gantrysim.report.document import Section, Table
+from gantrysim.report.drawn_page import write_page
 from gantrysim.report.folder import JOB, PLOTS, REPORT, Output
 from gantrysim.report.summary import versions
 from gantrysim.study.cases import OK, Case, Row, forget_jobs, is_fault

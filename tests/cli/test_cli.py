@@ -30,6 +30,8 @@ from gantrysim.cli.tables import outcome_table
 from gantrysim.cli.terminal import interruptible
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.budget import LINKS, Budget
+from gantrysim.plots import pictures
+from gantrysim.plots.png import write_png
 from gantrysim.report.summary import summary
 from gantrysim.results.quantities import ERROR_GROUP
 from gantrysim.results.run_results import RunResults
@@ -494,15 +496,38 @@ def test_partial_files_of_killed_runs_are_removed_and_those_of_active_ones_stay(
 
 
 def test_a_plot_that_fails_costs_nothing_else(gantrysim_command, tmp_path, monkeypatch):
-    def broken(*_, **__):
-        raise ValueError("no\nnumbers")
+    def broken(file, *picture):
+        if file.name == "error.png":
+            raise ValueError("no\nnumbers")
+        write_png(file, *picture)
 
-    monkeypatch.setattr("gantrysim.plots.draw_error", broken)
+    monkeypatch.setattr(pictures, "write_png", broken)
     status, printed, errors = gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
     assert (status, errors) == (1, "error: no plot: error.png: ValueError: no numbers\n")
     assert "Contour error: " in printed
     assert sorted(p.name for p in tmp_path.iterdir()) == ["job.toml", "plots", "report.html", "run.npz", "summary.json"]
     assert sorted(p.stem for p in (tmp_path / "plots").iterdir()) == ["bead", "budget", "plan", "spacing"]
+
+
+def test_a_drawing_that_fails_costs_its_plot_and_the_page(gantrysim_command, tmp_path, monkeypatch):
+    def broken(*_, **__):
+        raise ValueError("no numbers")
+
+    monkeypatch.setattr(pictures, "draw_error", broken)
+    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
+    sentences = ("no plot: error.png: ValueError: no numbers", "no report: ValueError: no numbers")
+    assert (status, errors) == (1, "".join(f"error: {sentence}\n" for sentence in sentences))
+    assert sorted(p.stem for p in (tmp_path / "plots").iterdir()) == ["bead", "budget", "plan", "spacing"]
+
+
+def test_sections_that_fail_cost_the_page_alone(gantrysim_command, tmp_path, monkeypatch):
+    def broken(*_, **__):
+        raise ValueError("no numbers")
+
+    monkeypatch.setattr("gantrysim.report.page.bead_section", broken)
+    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
+    assert (status, errors) == (1, "error: no report: ValueError: no numbers\n")
+    assert len(list((tmp_path / "plots").iterdir())) == 5
 
 
 def test_without_an_encoder_a_run_lacks_its_video_alone(gantrysim_command, tmp_path, monkeypatch):

@@ -52,8 +52,9 @@ def test_the_files_are_made_once_all_is_printed_and_the_film_last(
             order.append("write")
             file.write_text("page")
 
-    def draw(results, video, progress, changes):
+    def draw(results, video, progress, changes, figures):
         order.append("page")
+        drawn.append(figures)
         pages.append([section.title for section in run_sections(results, video, changes)])
         return Drawn()
 
@@ -61,6 +62,7 @@ def test_the_files_are_made_once_all_is_printed_and_the_film_last(
         order.append("plots")
         printed.append(capsys.readouterr().out)
 
+    drawn = []
     printed = []
     monkeypatch.setattr("gantrysim.plots.save_plots", plot)
     monkeypatch.setattr("gantrysim.report.page.run_page", draw)
@@ -71,6 +73,9 @@ def test_the_files_are_made_once_all_is_printed_and_the_film_last(
     for text in ("verdict ", "Contour error: ", "servo: ", "for the job file:"):
         assert text in printed[0]
     (titles,) = pages
+    (figures,) = drawn
+    assert {"Error budget", "Bead and path", "Bead", "Errors over time"} <= set(figures)
+    assert set(figures) <= set(titles)
     assert titles[:4] == ["Verdict", "Summary", "Error budget", "What to change"]
     assert "Bead and path" in titles  # which holds the film
 

@@ -2,6 +2,7 @@
 
 import copy
 import errno
+import io
 import os
 import re
 from dataclasses import replace
@@ -11,6 +12,7 @@ import matplotlib
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from PIL import Image
 
 from gantrysim import Dispenser, Servo, plots, simulate
 from gantrysim.bead import Bead
@@ -18,8 +20,11 @@ from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import LINKS, Budget
+from gantrysim.plots import pictures
 from gantrysim.plots.budget import stack_bars
 from gantrysim.plots.causes import draw_causes
+from gantrysim.plots.spacing import draw_spacing
+from gantrysim.plots.style import sheet
 from gantrysim.record.setpoints import Setpoints
 
 from support.jobs import job_run
@@ -366,13 +371,50 @@ def test_what_causes_are_worth_is_drawn_for_every_error():
 
 
 def test_a_full_disk_names_each_plot_once(analysis, tmp_path, monkeypatch):
-    def full(figure, file, **options):
+    def full(file, *_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(file))
 
-    monkeypatch.setattr(Figure, "savefig", full)
+    monkeypatch.setattr(pictures, "write_png", full)
     with pytest.raises(plots.PlotError) as refused:
         plots.save_plots(analysis, tmp_path)
     for sentence in str(refused.value).split("; "):
         assert sentence.count(".png") == 1
         assert sentence.endswith(".png: cannot be written: No space left on device")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_plot_on_a_page_is_the_one_that_is_saved(analysis, tmp_path):
+    """Its picture is written on the way; where that fails, it is left to be saved."""
+    plot = pictures.spacing_plot(analysis)
+    saved = plot.save(tmp_path)
+    content = saved.read_bytes()
+    saved.unlink()
+    figure = plot.figure(tmp_path)
+    assert saved.read_bytes() == content
+    plain = io.BytesIO()
+    with sheet(plot.width, plot.height) as usual:
+        draw_spacing(usual, analysis)
+        usual.savefig(plain, dpi=plot.resolution)
+    np.testing.assert_array_equal(*(np.asarray(Image.open(file).convert("RGB")) for file in (plain, saved)))
+    assert Image.open(saved).info["dpi"] == pytest.approx((plot.resolution, plot.resolution), abs=0.01)
+    assert figure.axes[0].get_position().bounds == pytest.approx(usual.axes[0].get_position().bounds)
+    assert plot.figure(tmp_path / "missing").axes
+    assert not replace(plot, fault="axis x").figure(tmp_path / "missing").texts
+
+
+def test_lines_are_coarser_on_a_page_than_in_the_picture(budget, tmp_path):
+    plot = replace(pictures.budget_plot(budget), columns=50)
+    fine = Figure()
+    plot.draw(fine)
+    for before, after in zip(fine.axes, plot.figure().axes, strict=True):
+        for line, coarse in zip(before.get_lines(), after.get_lines(), strict=True):
+            y, thinner = line.get_ydata(), coarse.get_ydata()
+            assert len(thinner) <= 4 * 50
+            assert (np.nanmin(thinner), np.nanmax(thinner)) == (np.nanmin(y), np.nanmax(y))
+
+
+def test_plots_that_exist_are_left_alone(analysis, tmp_path):
+    (tmp_path / "error.png").write_bytes(b"as it is")
+    saved = plots.save_plots(analysis, tmp_path, only_missing=True)
+    assert [file.name for file in saved] == ["plan.png", "budget.png", "spacing.png"]
+    assert (tmp_path / "error.png").read_bytes() == b"as it is"

@@ -6,7 +6,8 @@ import pytest
 from gantrysim import Job
 from gantrysim.cli.study import _say_report
 from gantrysim.metrics import RepeatedPath
-from gantrysim.report.document import Section, write_page
+from gantrysim.report.document import Section
+from gantrysim.report.drawn_page import write_page
 from gantrysim.study import CircleStudy, LawsStudy, LoopStudy, MachineStudy, RepeatStudy, SpeedStudy
 from gantrysim.study.acceptance import Acceptance, Scope, improve_command
 from gantrysim.study.laws.answer import laws_answer

@@ -24,7 +24,8 @@ from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.parts import PART_COLUMNS
 from gantrysim.plots.plan import plan_extent
 from gantrysim.plots.style import view_height
-from gantrysim.report.document import Column, Section, Table, with_minus, write_page
+from gantrysim.report.document import Column, Section, Table, with_minus
+from gantrysim.report.drawn_page import write_page
 from gantrysim.report.folder import Output, output_folder
 from gantrysim.report.sections import drawn
 from gantrysim.report.summary import package_versions
