@@ -13,6 +13,7 @@ from gantrysim.base import memory
 from gantrysim.base.errors import text_of
 from gantrysim.base.extras import MissingPackageError
 from gantrysim.bead import Bead
+from gantrysim.cli.figures import FiguresByTitle, draw_figures, figures_beside
 from gantrysim.cli.tables import causes_table, links_table, losses_table, outcome_table, scatter_table, verdict_table
 from gantrysim.cli.terminal import count_bar, say, share_bar, show, stage, warn
 from gantrysim.job.causes import causes_of
@@ -77,6 +78,7 @@ class Evaluation:
     Args:
         job: of the record.
         record: of a run whose dispenser was on.
+        folder: to write into.
         wanted: what the caller asks for.
         go_on: raises an interrupt that has come; called after an error, which may be one in disguise.
 
@@ -85,7 +87,7 @@ class Evaluation:
         failed: why files are missing, each in a line.
     """
 
-    def __init__(self, job: Job, record: Run, wanted: Wanted, go_on: Callable[[], None]) -> None:
+    def __init__(self, job: Job, record: Run, folder: Path, wanted: Wanted, go_on: Callable[[], None]) -> None:
         with stage("errors"):
             analysis = Analysis(record)
             budget = Budget(analysis)
@@ -94,7 +96,9 @@ class Evaluation:
         self.results = RunResults(job, job.built_machine, budget, bead)
         self.failed: list[str] = []
         self._changes: Section | None = None
+        self._figures: FiguresByTitle | None = None
         self._record = record
+        self._folder = folder
         self._wanted = wanted
         self._go_on = go_on
 
@@ -129,8 +133,9 @@ class Evaluation:
         self._find_changes()
         sys.stdout.flush()
 
-    def write(self, folder: Path) -> None:
+    def write(self) -> None:
         """Write the files; a plot, the page or the film may fail, the film comes last."""
+        folder = self._folder
         results = self.results
         with stage("record"):
             write_run(folder, results)
@@ -139,31 +144,31 @@ class Evaluation:
         page = None
         if self._wanted.report:
             from gantrysim.plots import save_plots
-            from gantrysim.report.figures import figures_ahead
-            from gantrysim.report.page import run_page, sections_with_figures
+            from gantrysim.report.page import run_page
 
-            figures = None
-            with self._optional("plot", folder), share_bar("plots", self._go_on) as advance:
+            if self._figures is None:
                 with suppress(Exception):  # what fails is drawn again, where its error is reported
-                    figures = figures_ahead(sections_with_figures(results), folder / PLOTS, advance)
+                    self._figures = draw_figures(results, folder / PLOTS, self._go_on)
+            with self._optional("plot"), share_bar("plots", self._go_on) as advance:
                 save_plots(results.budget, folder / PLOTS, results.bead, progress=advance, only_missing=True)
-            with self._optional("report", folder), share_bar("page", self._go_on) as advance:
+            with self._optional("report"), share_bar("page", self._go_on) as advance:
                 video = folder / VIDEO if self._wanted.video else None
-                page = run_page(results, video, advance, self._changes, figures)
+                page = run_page(results, video, advance, self._changes, self._figures)
         if self._wanted.video:
-            self._film(folder)
+            self._film()
         if page is not None:
-            with self._optional("report", folder):
+            with self._optional("report"):
                 page.write(folder / REPORT)
 
-    def _film(self, folder: Path) -> None:
+    def _film(self) -> None:
         from gantrysim.render import NoOpenGLError, save_video
         from gantrysim.render.encoding import NoEncoderError, encoder_file
 
+        folder = self._folder
         results = self.results
         job = results.job
         memory.give_back()  # what the page's figures took: a film of a long run needs as much
-        with self._optional("video", folder), share_bar("film", self._go_on) as advance:
+        with self._optional("video"), share_bar("film", self._go_on) as advance:
             try:
                 encoder_file()  # before a film is prepared that cannot be written
                 save_video(
@@ -218,32 +223,46 @@ class Evaluation:
         wanted = self._wanted.improve is not False and verdict.state != PASS
         if not wanted or _reason_to_skip(job, self._record, is_default=is_default):
             return
+        if not self._wanted.report:
+            self._show_changes()
+            return
+        with figures_beside(self.results, self._folder / PLOTS) as figures:
+            self._show_changes()
+            sys.stdout.flush()
+            self._figures = figures()
+
+    def _show_changes(self) -> None:
         from gantrysim.cli.improve import show_changes
         from gantrysim.remedy.improve import improve, worst_rows
         from gantrysim.remedy.outcome import Outcome
         from gantrysim.remedy.report import change_section
 
-        rows = worst_rows(Outcome(verdict))
+        results = self.results
         with count_bar("improve") as advance:
 
             def progress(done: int, known: int, name: str) -> None:
                 self._go_on()
                 advance(done, known, name)
 
-            causes = self.results.causes
-            budget = self.results.budget
-            improvement = improve(job, rows=rows, causes=causes, budget=budget, fastest=False, progress=progress)
+            improvement = improve(
+                results.job,
+                rows=worst_rows(Outcome(results.verdict)),
+                causes=results.causes,
+                budget=results.budget,
+                fastest=False,
+                progress=progress,
+            )
         self._changes = change_section(improvement)
         show_changes(improvement)
 
     @contextmanager
-    def _optional(self, kind: str, folder: Path) -> Iterator[None]:
+    def _optional(self, kind: str) -> Iterator[None]:
         """Report an error of the block; the other files are still written."""
         try:
             yield
         except Exception as error:
             self._go_on()
-            self.failed.append(f"no {kind}: {text_of(error).replace(f'{folder}/', '')}")
+            self.failed.append(f"no {kind}: {text_of(error).replace(f'{self._folder}/', '')}")
 
 
 def show_verdict(verdict: Verdict) -> None:

@@ -156,9 +156,9 @@ def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
             _show_early_fault(record)
             write_fault(scratch, job, job.built_machine, record)
         else:
-            evaluation = Evaluation(job, record, wanted, go_on)
+            evaluation = Evaluation(job, record, scratch, wanted, go_on)
             evaluation.show()
-            evaluation.write(scratch)
+            evaluation.write()
         written = sorted(item.name for item in scratch.iterdir() if item.is_file() or any(item.iterdir()))
     failed = [] if evaluation is None else evaluation.failed
     for text in failed:

@@ -1,4 +1,4 @@
-"""The class of figures that plots are drawn on: matplotlib's, saved in a third less time with the same result."""
+"""The class of figures that plots are drawn on: matplotlib's, saved in less time with the same result."""
 
 from __future__ import annotations
 
