@@ -129,6 +129,10 @@ class _WithoutCollection(Listener):  # type: ignore[misc]
     def on_end(self, event: Any) -> None:
         self._depth -= 1
         if self._depth == 0 and self._paused:
+            if gc.get_freeze_count() == 0:
+                # What was made counts as old: its next collection would else look at all of it, once a function.
+                gc.freeze()
+                gc.unfreeze()
             gc.enable()
             self._paused = False
 

@@ -10,13 +10,17 @@ This relies on parts of numba that are not public, so it is used for those versi
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
+import llvmlite.binding
 import numba
 from numba import _dynfunc
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder, Flags, _LowerResult
 from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.errors import new_error_context
 from numba.core.typed_passes import InlineOverloads, NativeLowering, NopythonRewrites
 from numba.core.untyped_passes import (
     DeadBranchPrune,
@@ -29,6 +33,8 @@ from numba.core.untyped_passes import (
     RewriteDynamicRaises,
     WithLifting,
 )
+
+from gantrysim.base.contexts import Target, remembering
 
 TESTED = ("0.68.",)
 
@@ -68,6 +74,31 @@ class _WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
+
+
+class _Passes(PassManager):  # type: ignore[misc]
+    """The shorter list of passes, without an event for each and without looking up all variables' lives after each."""
+
+    _ENFORCING = False
+
+    def _runPass(self, index: int, pss: Any, internal_state: Any) -> None:  # noqa: N802 - numba's name
+        pss.analysis = self._analysis
+        with new_error_context("Pass {name}", name=pss.name()):
+            pss.run_pass(internal_state)
+
+
+@contextmanager
+def _unobserved() -> Iterator[None]:
+    """Call LLVM in the block without the two events of each call, which take longer than most of these calls."""
+    lock = llvmlite.binding.ffi.lib._lock
+    with lock._lock:
+        observers = lock._cblist
+        lock._cblist = []
+    try:
+        yield
+    finally:
+        with lock._lock:
+            lock._cblist = observers
 
 
 class _QuickFlags(Flags):  # type: ignore[misc]
@@ -152,12 +183,19 @@ class _ShortCompiler(CompilerBase):  # type: ignore[misc]
         for name in state.asked:
             flags.discard(name)
         state.flags = flags
+        state.typingctx = remembering(state.typingctx)
+        state.targetctx.__class__ = Target
+        state.targetctx.typing_context = state.typingctx
+
+    def _compile_core(self) -> Any:
+        with _unobserved():
+            return super()._compile_core()
 
     def define_pipelines(self) -> list[Any]:
         return [self._passes(_LEFT_OUT), self._passes(set())]
 
     def _passes(self, left_out: set[type]) -> Any:
-        manager = PassManager("short")
+        manager = _Passes("short") if left_out else PassManager("whole")
         for step, description in DefaultPassBuilder.define_nopython_pipeline(self.state).passes:
             if step not in left_out:
                 manager.add_pass(self.lowering if step is NativeLowering else step, description)
