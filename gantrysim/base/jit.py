@@ -129,9 +129,10 @@ class _WithoutCollection(Listener):  # type: ignore[misc]
     def on_end(self, event: Any) -> None:
         self._depth -= 1
         if self._depth == 0 and self._paused:
-            if gc.get_freeze_count() == 0:
-                # What was made counts as old: its next collection would else look at all of it, once a function.
-                gc.freeze()
+            # What was made counts as old: the next collection would else look at all of it, after every function.
+            frozen = gc.get_freeze_count() > 0
+            gc.freeze()
+            if not frozen:
                 gc.unfreeze()
             gc.enable()
             self._paused = False

@@ -12,21 +12,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import llvmlite.binding
 import numba
+from llvmlite.binding import Linkage
 from numba import _dynfunc
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder, Flags, _LowerResult
 from numba.core.compiler_machinery import PassManager, register_pass
 from numba.core.errors import new_error_context
-from numba.core.typed_passes import InlineOverloads, NativeLowering, NopythonRewrites
+from numba.core.ir_utils import build_definitions
+from numba.core.target_extension import CPU, jit_registry
+from numba.core.typed_passes import AnnotateTypes, InlineOverloads, NativeLowering, NopythonRewrites, PreLowerStripPhis
 from numba.core.untyped_passes import (
     DeadBranchPrune,
     FindLiterallyCalls,
     InlineClosureLikes,
     InlineInlinables,
+    IRProcessing,
     LiteralPropagationSubPipelinePass,
     LiteralUnroll,
     MakeFunctionToJitFunction,
@@ -51,6 +56,8 @@ _LEFT_OUT = {
     LiteralPropagationSubPipelinePass,
     InlineOverloads,
     NopythonRewrites,
+    IRProcessing,
+    AnnotateTypes,
 }
 _LOWERING_ALONE = ("no_cpython_wrapper", "no_cfunc_wrapper", "no_compile")
 
@@ -61,10 +68,15 @@ class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
 
-    def _optimize_final_module(self) -> None:
-        pass
-
-    def _finalize_final_module(self) -> None:
+    def finalize(self) -> None:
+        """Link in what the helper calls; numba checks the whole."""
+        for library in dict.fromkeys(self._linking_libraries):
+            self._reload_init.update(library._reload_init)
+            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage == Linkage.external:
+                function.linkage = "linkonce_odr"  # several callers may bring it along
+        self._shared_module = self._final_module
         self._finalize_dynamic_globals()
         self._finalized = True
 
@@ -101,6 +113,17 @@ def _unobserved() -> Iterator[None]:
             lock._cblist = observers
 
 
+@contextmanager
+def _short_overloads() -> Iterator[None]:
+    """Compile numba's own functions that are written in Python, such as max, as helpers in the block."""
+    decorator = jit_registry[CPU]
+    dict.__setitem__(jit_registry, CPU, partial(numba.jit, pipeline_class=PartCompiler))  # its own sets a key but once
+    try:
+        yield
+    finally:
+        dict.__setitem__(jit_registry, CPU, decorator)
+
+
 class _QuickFlags(Flags):  # type: ignore[misc]
     """Numba's flags, compared without a list of all their values: numba looks them up at every operation."""
 
@@ -114,6 +137,18 @@ class _QuickFlags(Flags):  # type: ignore[misc]
         if type(other) is _QuickFlags and self._values == other._values:
             return True
         return bool(super().__eq__(other))
+
+
+@register_pass(mutates_CFG=False, analysis_only=False)
+class _StripPhis(PreLowerStripPhis):  # type: ignore[misc]
+    """Numba's pass without a look at all variables' lives, which the next pass takes anyway."""
+
+    _name = "short_strip_phis"
+
+    def run_pass(self, state: Any) -> bool:
+        state.func_ir = self._strip_phi_nodes(state.func_ir)
+        state.func_ir._definitions = build_definitions(state.func_ir.blocks)
+        return True
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -188,7 +223,7 @@ class _ShortCompiler(CompilerBase):  # type: ignore[misc]
         state.targetctx.typing_context = state.typingctx
 
     def _compile_core(self) -> Any:
-        with _unobserved():
+        with _unobserved(), _short_overloads():
             return super()._compile_core()
 
     def define_pipelines(self) -> list[Any]:
@@ -196,9 +231,12 @@ class _ShortCompiler(CompilerBase):  # type: ignore[misc]
 
     def _passes(self, left_out: set[type]) -> Any:
         manager = _Passes("short") if left_out else PassManager("whole")
+        changed = {NativeLowering: self.lowering}
+        if left_out:
+            changed[PreLowerStripPhis] = _StripPhis
         for step, description in DefaultPassBuilder.define_nopython_pipeline(self.state).passes:
             if step not in left_out:
-                manager.add_pass(self.lowering if step is NativeLowering else step, description)
+                manager.add_pass(changed.get(step, step), description)
         manager.finalize()
         return manager
 

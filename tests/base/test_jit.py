@@ -43,3 +43,47 @@ def test_the_command_tells_it_to_a_terminal_alone(monkeypatch, is_terminal):
     terminal.tell_compiling.__wrapped__()
     numba.njit(lambda a: a * 3)(2)
     assert stream.getvalue().count("compiling your functions, once for this machine") == int(is_terminal)
+
+
+class _Collector:
+    """Python's garbage collector: objects that are young, old, or frozen."""
+
+    def __init__(self, frozen: int) -> None:
+        self.young, self.old, self.frozen = 3, 0, frozen
+        self.enabled = True
+
+    def isenabled(self):
+        return self.enabled
+
+    def disable(self):
+        self.enabled = False
+
+    def enable(self):
+        self.enabled = True
+
+    def get_freeze_count(self):
+        return self.frozen
+
+    def freeze(self):
+        self.frozen += self.young + self.old
+        self.young = self.old = 0
+
+    def unfreeze(self):
+        self.old += self.frozen
+        self.frozen = 0
+
+
+@pytest.mark.parametrize("frozen", [0, 5])
+def test_what_a_compilation_made_is_old_and_what_was_frozen_stays_so(monkeypatch, frozen):
+    collector = _Collector(frozen)
+    monkeypatch.setattr(jit, "gc", collector)
+    pause = jit._WithoutCollection()
+    pause.on_start(None)
+    pause.on_start(None)  # what it calls is compiled within
+    pause.on_end(None)
+    assert not collector.enabled
+    pause.on_end(None)
+    assert collector.enabled
+    assert collector.young == 0
+    assert collector.frozen >= frozen
+    assert (collector.old > 0) == (frozen == 0)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numba.core.caching import NullCache
 from numba.core.compiler import Flags
+from numba.core.target_extension import CPU, jit_registry
 
 from gantrysim.base import pipeline
 from gantrysim.base.jit import inner_jit, jit, plain_inner_jit, plain_jit
@@ -46,6 +47,28 @@ def test_a_helper_has_no_code_of_its_own():
     (helper,) = _length.overloads.values()
     assert isinstance(helper.library, pipeline._PartLibrary)
     assert helper.library.get_pointer_to_function(helper.fndesc.llvm_func_name) == 0
+
+
+def test_numbas_own_functions_are_helpers_too(monkeypatch):
+    def highest(numbers):
+        return max(numbers)
+
+    numbers = tuple(np.arange(7, dtype=np.float32))  # so many are compared nowhere else
+    names = []
+    finalize = pipeline._PartLibrary.finalize
+    monkeypatch.setattr(pipeline._PartLibrary, "finalize", lambda part: names.append(part.name) or finalize(part))
+    compiled = jit(highest)
+    compiled._cache = NullCache()  # from which nothing is compiled
+    assert compiled(numbers) == 6
+    assert any("ol_max" in name for name in names)
+    names.clear()
+    assert numba.njit(highest)(numbers) == 6
+    assert not names
+    assert jit_registry[CPU] is numba.jit
+
+
+def test_a_function_of_a_users_may_call_a_helper():
+    assert numba.njit(lambda rows: _mean(rows, 2.0))(ROWS) == jit(lambda rows: _mean(rows, 2.0))(ROWS)
 
 
 def test_what_the_short_way_does_not_compile_takes_all_passes():
