@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import Any, TypeVar, cast
 
 import numba
@@ -110,6 +111,12 @@ def tell_compiling(tell: Callable[[str], None]) -> None:
     register("numba:compile", _Told(tell))
 
 
+@cache
+def _freezes() -> bool:
+    """Return whether this process takes objects out of the collection, as the command does; counting them is slow."""
+    return gc.get_freeze_count() > 0
+
+
 class _WithoutCollection(Listener):  # type: ignore[misc]
     """Pauses Python's garbage collection while numba compiles.
 
@@ -130,7 +137,7 @@ class _WithoutCollection(Listener):  # type: ignore[misc]
         self._depth -= 1
         if self._depth == 0 and self._paused:
             # What was made counts as old: the next collection would else look at all of it, after every function.
-            frozen = gc.get_freeze_count() > 0
+            frozen = _freezes()
             gc.freeze()
             if not frozen:
                 gc.unfreeze()

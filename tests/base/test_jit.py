@@ -77,6 +77,7 @@ class _Collector:
 def test_what_a_compilation_made_is_old_and_what_was_frozen_stays_so(monkeypatch, frozen):
     collector = _Collector(frozen)
     monkeypatch.setattr(jit, "gc", collector)
+    monkeypatch.setattr(jit, "_freezes", jit._freezes.__wrapped__)
     pause = jit._WithoutCollection()
     pause.on_start(None)
     pause.on_start(None)  # what it calls is compiled within
