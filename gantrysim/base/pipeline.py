@@ -134,9 +134,14 @@ class _QuickFlags(Flags):  # type: ignore[misc]
         return self._hash
 
     def __eq__(self, other: object) -> bool:
-        if type(other) is _QuickFlags and self._values == other._values:
-            return True
-        return bool(super().__eq__(other))
+        if not isinstance(other, Flags):
+            return NotImplemented
+        return bool(self._values == other._values or _changed(self) == _changed(other))
+
+
+def _changed(flags: Flags) -> dict[str, Any]:
+    """Return the flags that differ from their defaults."""
+    return {name: value for name, value in flags._values.items() if value != flags.options[name].default}
 
 
 @register_pass(mutates_CFG=False, analysis_only=False)
