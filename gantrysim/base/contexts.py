@@ -1,7 +1,8 @@
-"""What numba knows while it compiles: types of results, and LLVM code of operations, without looking for them again.
+"""Numba's typing and target contexts, with results that are looked up once.
 
-Numba types a function at least twice and once more where it makes its code. Every time it tries for a sum of two
-numbers all that NumPy's `add` accepts, and it asks of every array that is looked at whether it wraps another.
+Numba resolves the type of an operation at least twice while it types a function and once more while it writes LLVM
+code; for a sum of two numbers it tries all signatures of NumPy's `add` each time. For every array that is used it looks
+for a wrapper around it, and for none that exists it goes through all of its registries.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numba.core.typing import Context
 
 
 class _Operation(Function):  # type: ignore[misc]
-    """A function of numba's, such as an operator, that remembers the types of its results."""
+    """Numba's type of a function or an operator, with the types of results that were resolved before."""
 
     def __init__(self, function: Function) -> None:
         super().__init__(function.templates)
@@ -40,7 +41,7 @@ def _remembering(function: Function) -> _Operation:
 
 
 class _Typing(Context):  # type: ignore[misc]
-    """Numba's typing context with functions that remember."""
+    """Numba's typing context with such functions."""
 
     def _lookup_global(self, gv: Any) -> Any:
         known = super()._lookup_global(gv)
@@ -49,23 +50,24 @@ class _Typing(Context):  # type: ignore[misc]
 
 @cache
 def remembering(context: Any) -> Any:
-    """Return a typing context that remembers, with all that is declared, now and later, in numba's own."""
+    """Return a typing context that shares all declarations, present and future, with numba's own."""
     typing = object.__new__(_Typing)
     typing.__dict__ = context.__dict__
     return typing
 
 
 class Target(CPUContext):  # type: ignore[misc]
-    """Numba's context of the processor, which does not look for the same things again."""
+    """Numba's target context of the processor, without repeated look-ups."""
 
     _sizes: ClassVar[dict[str, int]] = {}
 
     def get_function(self, fn: Any, sig: Any, _firstcall: bool = True) -> Any:
-        """Return what makes the code of a function. No array here wraps another, which numba asks at every use."""
+        """Return the function that writes the LLVM code of a call."""
+        # No array here wraps another, for which numba would read all registries again at every use of one.
         return super().get_function(fn, sig, _firstcall=_firstcall and fn != "__array__")
 
     def get_abi_sizeof(self, ty: Any) -> int:
-        """Return a type's size in bytes, for which LLVM parses a module."""
+        """Return the size of an LLVM type in bytes; LLVM parses a module to find it."""
         name = str(ty)
         if name not in self._sizes:
             self._sizes[name] = super().get_abi_sizeof(ty)

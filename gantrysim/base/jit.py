@@ -113,7 +113,7 @@ def tell_compiling(tell: Callable[[str], None]) -> None:
 
 @cache
 def _freezes() -> bool:
-    """Return whether this process takes objects out of the collection, as the command does; counting them is slow."""
+    """Return whether this process exempts objects from collection, as the command does; counting them is slow."""
     return gc.get_freeze_count() > 0
 
 
@@ -136,7 +136,7 @@ class _WithoutCollection(Listener):  # type: ignore[misc]
     def on_end(self, event: Any) -> None:
         self._depth -= 1
         if self._depth == 0 and self._paused:
-            # What was made counts as old: the next collection would else look at all of it, after every function.
+            # New objects count as old: otherwise the next collection would traverse them all, after every function.
             frozen = _freezes()
             gc.freeze()
             if not frozen:

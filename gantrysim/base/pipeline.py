@@ -69,7 +69,7 @@ class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]
         ll_module.data_layout = self._codegen._data_layout
 
     def finalize(self) -> None:
-        """Link in what the helper calls; numba checks the whole."""
+        """Link the functions that the helper calls; the code is verified with its callers."""
         for library in dict.fromkeys(self._linking_libraries):
             self._reload_init.update(library._reload_init)
             self._final_module.link_in(library._get_module_for_linking(), preserve=True)
@@ -89,7 +89,7 @@ class _WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
 
 
 class _Passes(PassManager):  # type: ignore[misc]
-    """The shorter list of passes, without an event for each and without looking up all variables' lives after each."""
+    """The shorter list of passes, without events and without an analysis of variables' lifetimes after each."""
 
     _ENFORCING = False
 
@@ -101,7 +101,7 @@ class _Passes(PassManager):  # type: ignore[misc]
 
 @contextmanager
 def _unobserved() -> Iterator[None]:
-    """Call LLVM in the block without the two events of each call, which take longer than most of these calls."""
+    """Suppress, in the block, the two events of every call of LLVM: they take longer than most of the calls."""
     lock = llvmlite.binding.ffi.lib._lock
     with lock._lock:
         observers = lock._cblist
@@ -116,8 +116,9 @@ def _unobserved() -> Iterator[None]:
 @contextmanager
 def _short_overloads() -> Iterator[None]:
     """Compile numba's own functions that are written in Python, such as max, as helpers in the block."""
+    # dict's own method: the registry refuses to set a key again
     decorator = jit_registry[CPU]
-    dict.__setitem__(jit_registry, CPU, partial(numba.jit, pipeline_class=PartCompiler))  # its own sets a key but once
+    dict.__setitem__(jit_registry, CPU, partial(numba.jit, pipeline_class=PartCompiler))
     try:
         yield
     finally:
@@ -146,7 +147,7 @@ def _changed(flags: Flags) -> dict[str, Any]:
 
 @register_pass(mutates_CFG=False, analysis_only=False)
 class _StripPhis(PreLowerStripPhis):  # type: ignore[misc]
-    """Numba's pass without a look at all variables' lives, which the next pass takes anyway."""
+    """Numba's pass without its analysis of variables' lifetimes, which the next pass repeats."""
 
     _name = "short_strip_phis"
 
