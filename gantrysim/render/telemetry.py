@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import jit
+from gantrysim.base.columns import Column, blocks, table_by_blocks
+from gantrysim.base.jit import plain_jit
 from gantrysim.base.quantity import number_text
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.metrics.analysis import Analysis
@@ -17,8 +20,17 @@ from gantrysim.record.run import Run
 _LARGE = 100.0  # error from which rms and maximum together are shown without decimals, for want of room [µm]
 
 
+@dataclass(frozen=True)
+class _Errors:
+    """Contour error at every tick, and its rms and maximum until then, (n,) [µm]."""
+
+    error: Column[Floats] = Column()
+    rms: Column[Floats] = Column()
+    max: Column[Floats] = Column()
+
+
 class Telemetry:
-    """Time, path speed and contour error of a run at every tick; each is computed on first use.
+    """Time, path speed and contour error of a run at every tick; errors are computed on first use.
 
     Args:
         run: the record, also of a run that has only begun.
@@ -45,28 +57,46 @@ class Telemetry:
             return 0.0
         return float(np.linalg.norm(np.gradient(around, self.run.period, axis=0)[tick - before]))
 
-    @cached_property
+    @property
     def error(self) -> Floats:
         """Contour error: distance of the nozzle to the requested path; nan while the dispenser is off, (n,) [µm].
 
         Its final rms and maximum are summary.json's "contour_rms_um" and "contour_max_um".
         """
-        error = np.full(len(self.run.time), np.nan)
-        if self.run.dispense.any():
-            analysis = Analysis(self.run) if self._bead is None else self._bead.analysis
-            error[analysis.ticks] = analysis.nozzle.distance
-            error *= CONTOUR.factor
-        return error
+        return self._errors.error
 
-    @cached_property
+    @property
     def rms(self) -> Floats:
         """Root mean square of the contour error up to each tick; nan before the dispenser is on, (n,) [µm]."""
-        return _running_rms(self.error)
+        return self._errors.rms
 
-    @cached_property
+    @property
     def max(self) -> Floats:
         """Largest contour error up to each tick; nan before the dispenser is on, (n,) [µm]."""
-        return np.fmax.accumulate(self.error)
+        return self._errors.max
+
+    @cached_property
+    def _errors(self) -> _Errors:
+        return table_by_blocks(self._blocks_of_errors(), len(self.run.time))
+
+    def _blocks_of_errors(self) -> Iterator[_Errors]:
+        """Yield the errors of one block of ticks after the other."""
+        analysis = None
+        if self.run.dispense.any():
+            analysis = Analysis(self.run) if self._bead is None else self._bead.analysis
+        state = np.zeros(2)  # number of errors so far, and the sum of their squares
+        largest = np.nan
+        for block in blocks(len(self.run.time)):
+            error = np.full(block.stop - block.start, np.nan)
+            if analysis is not None:
+                first, after = np.searchsorted(analysis.ticks, (block.start, block.stop))
+                distance = analysis.nozzle.distance[first:after]
+                error[analysis.ticks[first:after] - block.start] = CONTOUR.factor * distance
+            rms = np.empty(error.size)
+            _write_running_rms(error, state, rms)
+            until = np.fmax.accumulate(np.append(largest, error))
+            largest = until[-1]
+            yield _Errors(error, rms, until[1:])
 
     def tick(self, time: float) -> int:
         """Return the tick at a time [s]; the last one after the end."""
@@ -93,15 +123,17 @@ class Telemetry:
         return f"{number_text(self.rms[tick], form)} / {number_text(self.max[tick], form)} {CONTOUR.unit}"
 
 
-@jit
-def _running_rms(values: Floats) -> Floats:
-    """Return the root mean square of the finite values up to each, nan before the first, (n,); without other arrays."""
-    rms = np.empty(values.size)
-    count = 0
-    square = 0.0
+@plain_jit
+def _write_running_rms(values: Floats, state: Floats, rms: Floats) -> None:
+    """Write the root mean square of the finite values up to each, nan before the first, (n,).
+
+    Args:
+        values: of a block.
+        state: number of finite values in the blocks before, and the sum of their squares; brought up to date.
+        rms: to be written.
+    """
     for k in range(values.size):
         if np.isfinite(values[k]):
-            count += 1
-            square += values[k] ** 2
-        rms[k] = np.sqrt(square / count) if count else np.nan
-    return rms
+            state[0] += 1
+            state[1] += values[k] ** 2
+        rms[k] = np.sqrt(state[1] / state[0]) if state[0] else np.nan
