@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import Fault, InputError
+from gantrysim.base import columns, memory
 from gantrysim.metrics.analysis import Analysis, path_speed
 from gantrysim.plots.style import COLOURS, INK
 from gantrysim.render.colours import Scale, scale_for
@@ -169,11 +170,20 @@ def test_the_axes_span_the_run_and_its_errors(strip, telemetry):
     assert highest == pytest.approx(largest, abs=2 * PIXEL)
 
 
+def test_errors_do_not_depend_on_the_blocks_in_which_they_are_computed(run, telemetry, monkeypatch):
+    """Nor on whether they are kept in memory or, as those of a long run, in a file."""
+    monkeypatch.setattr(columns, "BLOCK", 37)
+    monkeypatch.setattr(memory, "LONG", 100)
+    in_blocks = Telemetry(run)
+    for name in ("error", "rms", "max"):
+        np.testing.assert_array_equal(getattr(in_blocks, name), getattr(telemetry, name))
+    assert isinstance(vars(vars(in_blocks)["_errors"])["error"], columns.Stored)
+
+
 def test_a_spike_of_one_tick_is_drawn_in_full(run, strip):
-    spiked = Telemetry(run)
-    error = spiked.error.copy()
+    error = Telemetry(run).error.copy()
     error[700] = 1.5 * np.nanmax(error)
-    spiked.__dict__["error"] = error
+    spiked = type("Spiked", (Telemetry,), {"error": error, "max": np.fmax.accumulate(error)})(run)
     drawn = Strip([spiked], [INK], SIZE, font(LETTERS))
     picture = drawn.picture(drawn.end)
     time_at, error_at, per_column, per_row = scales(drawn, picture)
