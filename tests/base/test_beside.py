@@ -39,7 +39,8 @@ with beside(lambda: "x" * 10_000_000) as value:
 def refuse():
     raise BlockingIOError("no process is left")
 
-fork, os.fork = os.fork, refuse
+fork = os.fork
+os.fork = refuse
 with beside(os.getpid) as value:
     told["refused"] = value()
 os.fork = fork

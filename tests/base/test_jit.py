@@ -49,7 +49,9 @@ class _Collector:
     """Python's garbage collector: objects that are young, old, or frozen."""
 
     def __init__(self, frozen: int) -> None:
-        self.young, self.old, self.frozen = 3, 0, frozen
+        self.young = 3
+        self.old = 0
+        self.frozen = frozen
         self.enabled = True
 
     def isenabled(self):
