@@ -134,9 +134,8 @@ class Involute(Path):
 
     def position(self, s: ArrayLike) -> Floats:
         phi = self.phi(s)
-        # not compiled: cosine and sine of another library round differently, which would be another path
         points = np.empty((phi.size, 3))
-        _find_points(phi, np.cos(phi), np.sin(phi), self._numbers, points)
+        _find_points(phi, self._numbers, points)
         return points
 
     @cached_property
@@ -163,15 +162,17 @@ class Involute(Path):
 
 
 @plain_jit
-def _find_points(phi: Floats, cosine: Floats, sine: Floats, numbers: _Numbers, points: Floats) -> None:
-    """Write the points of an involute at angles with these cosines and sines, (n, 3) [mm]."""
+def _find_points(phi: Floats, numbers: _Numbers, points: Floats) -> None:
+    """Write the points of an involute at the angles phi, (n, 3) [mm]."""
     radius = numbers.radius
     a = numbers.a
     c, d = numbers.direction
     for k in range(phi.size):
         rho = radius - a * phi[k]
-        along = a - a * cosine[k] + rho * sine[k]
-        lateral = numbers.turn * (radius - a * sine[k] - rho * cosine[k])
+        cosine = np.cos(phi[k])
+        sine = np.sin(phi[k])
+        along = a - a * cosine + rho * sine
+        lateral = numbers.turn * (radius - a * sine - rho * cosine)
         points[k, 0] = numbers.start[0] + along * c - lateral * d
         points[k, 1] = numbers.start[1] + along * d + lateral * c
         points[k, 2] = numbers.rise * phi[k]
