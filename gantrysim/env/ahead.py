@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
@@ -9,6 +10,11 @@ from typing import Any
 import numpy as np
 
 from gantrysim.env.episodes import Episode, Source
+
+# Of many places for each core, one thread for each core is done soonest. Where they are few, the next episodes take as
+# long to draw as a decision, and the thread that shares its core with them is late with the last place, while the other
+# cores have nothing left to do: two threads for each core then.
+_MANY = 16
 
 
 class DrawnAhead:
@@ -73,3 +79,9 @@ class DrawnAhead:
     def close(self) -> None:
         """Draw no more."""
         self._thread.shutdown(wait=False, cancel_futures=True)
+
+
+def threads_for(places: int) -> int:
+    """Return the number of threads that step so many places soonest while the next episodes are drawn."""
+    cores = os.cpu_count() or 1
+    return cores if places >= _MANY * cores else min(places, 2 * cores)

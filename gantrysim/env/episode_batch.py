@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.errors import GantryError, InputError
 from gantrysim.engine.batch import Batch
 from gantrysim.engine.simulate import perfect_follower
-from gantrysim.env.ahead import DrawnAhead
+from gantrysim.env.ahead import DrawnAhead, threads_for
 from gantrysim.env.episode_state import EpisodeState
 from gantrysim.env.episodes import Chosen, Episode, Source
 from gantrysim.env.interval import NOT_MEASURED, PER_AXIS, SHARED, SPAN, measure, measuring_stage
@@ -23,10 +22,6 @@ from gantrysim.env.outcome import Ends, Outcome
 from gantrysim.env.settings import PathSettings
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
-
-# By default so many for each core. With one, the thread that shares its core with the drawing of the next episodes is
-# late with the last place, while the other cores have nothing left to do.
-_THREADS = 2
 
 
 class EpisodeBatch(ABC):
@@ -43,7 +38,7 @@ class EpisodeBatch(ABC):
     Args:
         settings: of the environment.
         places: number of places.
-        threads: number of threads; by default two for each core.
+        threads: number of threads; by default one for each core, two where a core has few places.
         ahead: whether the next episodes are drawn on a thread while these run.
         source: of the episodes, by default of spirals and machines alone.
 
@@ -64,8 +59,7 @@ class EpisodeBatch(ABC):
         self.source = Source(settings) if source is None else source
         machine = self.source.machine
         self._axes = len(machine.axes)
-        cores = os.cpu_count() or 1
-        self._batch = Batch(machine, places, min(places, _THREADS * cores) if threads is None else threads)
+        self._batch = Batch(machine, places, threads_for(places) if threads is None else threads)
         self._ahead = DrawnAhead(self.source) if ahead else None
         if self._ahead is not None:
             # not earlier: a thread that draws holds Python's lock, for which this one would have to wait

@@ -34,7 +34,7 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
 
     Args:
         num_envs: number of environments.
-        threads: number of threads that step them; by default two for each core.
+        threads: number of threads that step them; by default one for each core, two where a core has few places.
         autoreset_mode: one of Gymnasium's modes: when the next episode follows one that has ended.
         render_mode: None or "rgb_array".
         size: width and height of the pictures [pixels].
