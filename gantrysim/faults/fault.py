@@ -155,7 +155,11 @@ class Lasting(InjectedFault):
     def _shares(self, edges: Floats) -> Floats:
         """Return the share of every period, given by their edges, for which the fault lasts, (n,)."""
         inside = np.clip(edges, self.time, self.time + self.duration)
-        return np.diff(inside) / np.diff(edges)
+        shares = np.diff(inside) / np.diff(edges)
+        # an edge at the begin or end of the fault is beside it by a rounding
+        shares[shares < _ROUNDING] = 0.0
+        shares[shares > 1 - _ROUNDING] = 1.0
+        return shares
 
 
 def check_counts(counts: float) -> None:
