@@ -56,7 +56,7 @@ def _fill(machine: Machine, servo: Servo, row: np.void) -> None:
         if mode != "torque":  # the drives limit torques themselves
             row["torque_limit"][a] = axis.speed_limit if mode == "velocity" else np.inf
     row["drive_gain"][: servo.axes] = machine.drive_gain
-    for name, values in zip(("joint", "stop_low", "stop_high"), stops_of(machine.physics), strict=True):
+    for name, values in zip(("joint", "stop_low", "stop_high"), stops_of(machine.layout), strict=True):
         row[name][: servo.axes] = values
     for a, (axis, address) in enumerate(zip(machine.plain_axes, machine.addresses, strict=True)):
         for name in ("control", "output", "current"):

@@ -108,7 +108,7 @@ class Simulation:
         voltage = any(drive.current_bandwidth for drive in servo.drives)
         # a run that is to be taken back where an axis reaches a stop may not act on anything but its own state
         own_state = not faults and servo.laws.user is None
-        stops = not (own_state and has_no_constraints_but_stops(machine.physics))
+        stops = not (own_state and has_no_constraints_but_stops(machine.layout))
         model = machine.stepping(servo.period / substeps, voltage, stops)
         drives = drive_entries(machine, servo, servo.period / substeps)
         torque = axis_torques(machine, setpoints)

@@ -16,6 +16,7 @@ from gantrysim.identify.result import AxisFit
 from gantrysim.machine.axis import PER_SI
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, STATIC
+from gantrysim.machine.springs import spring_of
 
 _ROUNDS = 4  # of the correction of inertias, which depend on those of the axes that an axis carries
 _LEAST = 1e-12  # inertia of a body [kg·m²]
@@ -56,7 +57,7 @@ def _edit(machine: Machine, fits: Sequence[AxisFit], *, first: bool) -> Callable
             if first:
                 _set_friction(spec.actuators[index], spec.joint(fit.axis), fit)
             armature = fit.model.inertia - now.inertia
-            spring = machine.spring_of(index)
+            spring = spring_of(machine.layout, index)
             if fit.shows_mode and spring is not None:
                 load = fit.model.inertia * fit.model.share - now.inertia * now.share
                 armature -= load

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import mujoco
@@ -26,10 +26,10 @@ from gantrysim.machine.kinematics import kinematics_of
 from gantrysim.machine.kinematics.frame import check_work_frame
 from gantrysim.machine.levers import Levers
 from gantrysim.machine.models import model_file
-from gantrysim.machine.motors import stepping_model
 from gantrysim.machine.perturbation import Perturbation, geometry_factors, perturbed_model
+from gantrysim.machine.physics_models import PhysicsModels
 from gantrysim.machine.posing import Posing, checked_position
-from gantrysim.machine.springs import driven_joints, spring_of, springs_have_axes
+from gantrysim.machine.springs import driven_joints
 from gantrysim.native.quiet import quiet
 from gantrysim.native.row import MAX_AXES
 from gantrysim.stability.motion import Motion
@@ -68,7 +68,6 @@ class Machine:
         source: path of the MJCF.
         name: name of the MJCF file without the suffix.
         spec: the MJCF before compilation.
-        physics: compiled model used for stepping, without visual-only elements.
         plain_axes: axes in the order of the actuators, without inertia and motion.
         addresses: indices of the axes in MuJoCo's arrays.
         drive_gain: delivered torque per torque demand; 1 unless a perturbation changes the motor constant, (axes,).
@@ -108,19 +107,18 @@ class Machine:
         axes, self.addresses = read_axes(physics)
         self.drive_gain: Floats = np.ones(len(axes))
         self.plain_axes = axes
-        self._use(physics)
+        self._use(PhysicsModels(physics))
         self.kinematics = kinematics_of(physics, driven_joints(physics), self.nozzle, self.work)
         self._posing = Posing(physics, axes, self.addresses, self.kinematics, self.nozzle, self.work)
         _ = self.axes  # checks the motion
         if not self.turns_work:
             check_work_frame(self.kinematics, self.home, self.tip)
 
-    def _use(self, physics: mujoco.MjModel) -> None:
-        """Set the model that is stepped, and drop everything derived from the one before."""
-        self.physics = physics
+    def _use(self, models: PhysicsModels) -> None:
+        """Set the models of the physics, and drop everything derived from the ones before."""
+        self._models = models
         self._axes: tuple[Axis, ...] | None = None
         self._model: mujoco.MjModel | None = None
-        self._stepping: dict[tuple[float, bool, bool], mujoco.MjModel] = {}
 
     def __repr__(self) -> str:
         return f"Machine({str(self.source)!r})"
@@ -157,6 +155,16 @@ class Machine:
         return self._model
 
     @property
+    def physics(self) -> mujoco.MjModel:
+        """The compiled model used for stepping, without visual-only elements."""
+        return self._models.physics
+
+    @property
+    def layout(self) -> mujoco.MjModel:
+        """A model with the joints, stops and options of `physics`, which perturbations do not change."""
+        return self._models.layout
+
+    @property
     def digest(self) -> str:
         """SHA-256 of the physics, see `digest_of`; it covers included files, not the visual elements."""
         return digest_of(self.physics)
@@ -182,15 +190,6 @@ class Machine:
         return needle_size(self._compiled, self.nozzle, NEEDLE)
 
     @property
-    def springs_have_axes(self) -> bool:
-        """Whether each axis can have its own stiffness factor."""
-        return springs_have_axes(self.physics)
-
-    def spring_of(self, axis: int) -> str | None:
-        """Return the name of the spring joint between the motor of an axis and its load, None where it has none."""
-        return spring_of(self.physics, axis)
-
-    @property
     def home(self) -> Floats:
         """The program's coordinates with all axes at zero, (coordinates,) [mm or deg]."""
         return self.kinematics.forward(np.zeros((1, len(self.plain_axes))))[0]
@@ -208,9 +207,10 @@ class Machine:
         """
         machine = copy.copy(self)
         machine._perturbations = (*self._perturbations, perturbation)
-        with quiet():
-            machine._use(perturbed_model(self.physics, perturbation, self.plain_axes, self.nozzle, self.work))
-        machine.plain_axes = perturbed_axes(machine.physics, self.plain_axes)
+        make = partial(perturbed_model, self.physics, perturbation, self.plain_axes, self.nozzle, self.work)
+        model = make()
+        machine.plain_axes = perturbed_axes(model, self.plain_axes)
+        machine._use(self._models.perturbed(make, model))
         machine.drive_gain = self.drive_gain * perturbation.per_axis("motor_constant", self.axis_names)
         return machine
 
@@ -265,17 +265,14 @@ class Machine:
             voltage: whether the bus voltage is the only limit on a dcmotor's control, as a current loop requires.
             stops: whether to include the stops of the axes and all other constraints, see `gantrysim.machine.stops`.
         """
-        key = timestep, voltage, stops
-        if key not in self._stepping:
-            self._stepping[key] = stepping_model(self.physics, *key)
-        return self._stepping[key]
+        return self._models.stepping(timestep, voltage, stops)
 
     def to_qpos(self, position: ArrayLike) -> Floats:
         """Return MuJoCo's qpos for a position of the axes, (axes,) [mm or deg].
 
         The joints of a closed chain follow the axes; all other joints are at their reference.
         """
-        return self._posing.qpos(self.physics, position)
+        return self._posing.qpos(self._models.reference, position)
 
     def motion(self, position: ArrayLike | None = None) -> Motion:
         """Return the linear dynamics of all axes about rest, from torque demands to motor positions.

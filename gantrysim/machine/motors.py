@@ -28,9 +28,8 @@ BRISTLE_DAMPING = 6
 _NEGLIGIBLE = 1e-30
 
 
-def stepping_model(model: mujoco.MjModel, timestep: float, voltage: bool, stops: bool) -> mujoco.MjModel:
-    """Return a copy of a compiled model for steps of a length; arguments as of `Machine.stepping`."""
-    model = copy.copy(model)
+def set_for_steps(model: mujoco.MjModel, timestep: float, voltage: bool, stops: bool) -> None:
+    """Set a compiled model for steps of a length; arguments as of `Machine.stepping`."""
     model.opt.timestep = positive("physics step", timestep, "s")
     damp_bristles(model)
     if not model.nplugin:  # a plugin may act on what it senses
@@ -39,7 +38,6 @@ def stepping_model(model: mujoco.MjModel, timestep: float, voltage: bool, stops:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     if voltage:
         model.actuator_ctrllimited[dcmotors(model)[:, 0] > 0] = False
-    return model
 
 
 def damp_bristles(model: mujoco.MjModel) -> None:

@@ -26,6 +26,7 @@ from gantrysim.machine.springs import (
     spring_joints,
     wraps_of,
 )
+from gantrysim.native.quiet import quiet
 
 PerAxis = float | tuple[float, ...]  # one value for all axes, or one per axis
 _thread = threading.local()  # .data: a state of .model, kept because allocating one is slow
@@ -127,7 +128,8 @@ def perturbed_model(
     changed.actuator_ctrlrange[:] *= constant[:, None]
     if perturbation.payload:
         _add_payload(changed, perturbation.payload, nozzle, work)
-        mujoco.mj_setConst(changed, _scratch(model))
+        with quiet():
+            mujoco.mj_setConst(changed, _scratch(model))
     _offset_home(changed, perturbation.per_axis("home_offset", names) / [PER_SI[axis.unit] for axis in axes])
     return changed
 

@@ -51,18 +51,18 @@ class Posing:
         self._chain = Chain(physics, nozzle, work, [*self._joints, *self._followers], per_si)
         self.turns_work = self._chain.turns_body
 
-    def qpos(self, physics: mujoco.MjModel, position: ArrayLike) -> Floats:
+    def qpos(self, reference: Floats, position: ArrayLike) -> Floats:
         """Return qpos at a position of the axes, (nq,); joints that neither move nor follow are at their reference.
 
         Args:
-            physics: the compiled model, which may have home offsets.
+            reference: qpos0 of the model, which may have home offsets, (nq,).
             position: of the axes, (axes,) [mm or deg].
         """
         position = np.asarray(position, float)
-        qpos = physics.qpos0.copy()
+        qpos = reference.copy()
         qpos[self._joints] = position / self._per_si
         # a home offset moves the reference: encoders read zero where the axis is not
-        offset = (self._reference - physics.qpos0)[self._joints] * self._per_si
+        offset = (self._reference - reference)[self._joints] * self._per_si
         qpos[self._followers] = self._kinematics.follow((position + offset)[None])[0]
         return qpos
 

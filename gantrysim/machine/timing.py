@@ -21,7 +21,7 @@ def substeps_of(machine: Machine, period: float, physics_step: float | None = No
     Raises:
         InputError: a step that is too short, or longer than the MJCF's.
     """
-    longest = float(machine.physics.opt.timestep)
+    longest = float(machine.layout.opt.timestep)
     if inner:
         return round(period / inner) * substeps_of(machine, inner, physics_step)
     if physics_step is None:

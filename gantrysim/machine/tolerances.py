@@ -13,6 +13,7 @@ from gantrysim.base.errors import InputError, at_least, unknown, whole
 from gantrysim.machine.geometry import ERRORS
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import FACTORS, Perturbation
+from gantrysim.machine.springs import springs_have_axes
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ class Tolerances:
             tolerance = getattr(self, name)
             if not tolerance:
                 continue
-            per_axis = name != "stiffness" or machine.springs_have_axes
+            per_axis = name != "stiffness" or springs_have_axes(machine.layout)
             names = [f"{name}_{axis}" for axis in machine.axis_names] if per_axis else [name]
             columns |= dict.fromkeys(names, tolerance)
         errors = machine.kinematic_errors

@@ -1,6 +1,5 @@
 """Many simulations in one call: each the same to the last bit as alone, whatever the number of threads."""
 
-import copy
 import dataclasses
 import math
 
@@ -118,9 +117,7 @@ def test_an_argument_is_one_for_all_or_one_for_each(xy, servo):
 
 def test_a_warning_of_mujoco_in_one_simulation_stops_no_other(xy, servo):
     servo = servo.with_values(following_error_limit=(math.inf, math.inf))
-    wild = copy.copy(xy)
-    wild.physics = copy.copy(xy.physics)
-    wild._stepping = {}
+    wild = xy.perturbed(Perturbation())
     wild.physics.jnt_limited[:] = 0
     wild.physics.opt.gravity[0] = 1e13  # an acceleration that MuJoCo calls bad
     wild.plain_axes = tuple(

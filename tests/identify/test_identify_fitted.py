@@ -8,6 +8,7 @@ import pytest
 from gantrysim import InputError, Machine
 from gantrysim.identify.fitted import fitted_machine
 from gantrysim.identify.model import model_of
+from gantrysim.machine.springs import spring_of
 
 # factors on the nominal values
 CHANGED = {"inertia": 1.15, "share": 0.9, "stiffness": 0.7, "damping": 1.4, "viscous": 1.3, "coulomb": 1.2}
@@ -26,7 +27,7 @@ def fit_of(machine, index, **factors):
 def test_the_machine_has_the_inertia_mode_and_friction_that_were_fitted(name, axis, inertia):
     machine = Machine(name)
     index = machine.axis_names.index(axis)
-    springs = machine.spring_of(index) is not None
+    springs = spring_of(machine.layout, index) is not None
     factors = CHANGED if springs else {key: CHANGED[key] for key in ("inertia", "viscous", "coulomb")}
     fit = fit_of(machine, index, **{**factors, "inertia": inertia})
     fitted = model_of(fitted_machine(SimpleNamespace(machine=machine, accepted=[fit])), index)
