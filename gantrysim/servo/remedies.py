@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -175,9 +176,10 @@ def _integral_time(request: ServoRequest) -> Change | None:
     time = request.used_integral_time
     if time == math.inf:
         return None
-    decades = range(math.floor(math.log10(time)), math.ceil(math.log10(time * _LONGER)))
+    longest = min(_LONGER * time, sys.float_info.max)
+    decades = range(math.floor(math.log10(time)), math.ceil(math.log10(longest)))
     longer = [float(f"{number}e{decade}") for decade in decades for number in _PREFERRED]
-    finite = [value for value in longer if time < value <= _LONGER * time]
+    finite = [value for value in longer if time < value <= longest]
     in_words = (*(f"{value:g} s" for value in finite), "inf")
     return Change("integral_time", f"{time:g} s", (*finite, math.inf), in_words)
 

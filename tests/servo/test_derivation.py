@@ -108,6 +108,7 @@ def test_the_time_proposed_is_the_shortest_of_its_series():
             "or current_bandwidth = 8 Hz",
         ),
         ({"law": ["pid", "observer"], "integral_time": 1e-3}, "integral_time = 0.001 s", "use integral_time = 0.005 s"),
+        ({"period": 0.2, "integral_time": 1.7e308}, "integral_time = 1.7e\\+308 s", "use integral_time = inf"),
     ],
 )
 def test_whatever_keeps_a_loop_from_its_margins_is_named_with_a_value_that_does(values, blamed, proposal):
