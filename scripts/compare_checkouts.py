@@ -59,10 +59,9 @@ FAULTS = {
     "air bubble": "time=0.5, volume=1.0",
 }
 STEPS = 200  # of an environment
-RENAMED = {"SpiralTuning-v1": "SpiralTuning-v0"}  # from the name in OLD to that in NEW
-REMOVED = ("SpiralTuning-v0",)  # names in OLD
-# The format's version, and checksums: a machine's covers the room for the servo's row, a file's all of these.
-UNLIKE = ("format", "sha256", "machine_sha256")
+RENAMED: dict[str, str] = {}  # from the name in OLD to that in NEW
+REMOVED: tuple[str, ...] = ()  # names in OLD
+UNLIKE = ("format", "sha256")  # the format's version, and the checksum of a file, which covers it
 
 
 def probe_margins(folder: Path) -> None:
