@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.basic.code import STATEMENT, Act, Code, ForLoop, Frame, Instruction
+from gantrysim.controllers.basic.code import STATEMENT, Act, Code, ForLoop, Frame, Instruction, Target
 from gantrysim.controllers.basic.open_block import ENDS, OpenBlock
 
 FrameType = TypeVar("FrameType", bound=Frame)
@@ -25,34 +25,30 @@ class Assembler(Generic[FrameType]):
 
     def __init__(self) -> None:
         self.code: Code[FrameType] = []
-        self._blocks: list[OpenBlock[FrameType]] = []
+        self._blocks: list[OpenBlock] = []
         self._labels: dict[str, int] = {}
-        self._jumps: list[tuple[str, int, Callable[[int], None]]] = []
+        self._jumps: list[tuple[str, int, Target]] = []
 
     @property
     def here(self) -> int:
         """Index of the instruction that comes next."""
         return len(self.code)
 
-    def emit(
-        self, line: int, act: Act[FrameType], cost: str | None = STATEMENT, pure: bool = False
-    ) -> Instruction[FrameType]:
+    def emit(self, line: int, act: Act[FrameType], cost: str | None = STATEMENT, pure: bool = False) -> None:
         """Add an instruction."""
-        instruction = Instruction(line, act, cost, pure)
-        self.code.append(instruction)
-        return instruction
+        self.code.append(Instruction(line, act, cost, pure))
 
-    def jump(self, line: int, cost: str | None = STATEMENT) -> Instruction[FrameType]:
-        """Add a jump, whose target is filled in later."""
-        instruction = self.emit(line, lambda frame: None, cost, pure=True)
-        instruction.act = lambda frame: instruction.target
-        return instruction
+    def jump(self, line: int, cost: str | None = STATEMENT) -> Target:
+        """Add a jump and return its target, to be filled in."""
+        target = Target()
+        self.emit(line, lambda frame: target.index, cost, pure=True)
+        return target
 
-    def test(self, line: int, condition: Condition[FrameType], cost: str | None = STATEMENT) -> Instruction[FrameType]:
-        """Add an instruction that jumps where a condition is false."""
-        instruction = self.emit(line, lambda frame: None, cost, pure=True)
-        instruction.act = lambda frame: None if condition(frame) else instruction.target
-        return instruction
+    def test(self, line: int, condition: Condition[FrameType], cost: str | None = STATEMENT) -> Target:
+        """Add an instruction that jumps where a condition is false; return its target, to be filled in."""
+        target = Target()
+        self.emit(line, lambda frame: None if condition(frame) else target.index, cost, pure=True)
+        return target
 
     def finish(self) -> Code[FrameType]:
         """Return the code.
@@ -63,15 +59,15 @@ class Assembler(Generic[FrameType]):
         if self._blocks:
             block = self._blocks[-1]
             raise InputError(f"line {block.line}: {block.kind} without its {ENDS[block.kind]}")
-        for name, line, fill_in in self._jumps:
+        for name, line, target in self._jumps:
             if name not in self._labels:
                 raise InputError(f"line {line}: label {name}: must stand before a colon at the start of a line")
-            fill_in(self._labels[name])
+            target.index = self._labels[name]
         return self.code
 
     # blocks
 
-    def close(self, word: str, *kinds: str) -> OpenBlock[FrameType]:
+    def close(self, word: str, *kinds: str) -> OpenBlock:
         """Return the innermost block, which a word ends.
 
         Raises:
@@ -94,28 +90,28 @@ class Assembler(Generic[FrameType]):
     def begin_elseif(self, line: int, condition: Condition[FrameType], cost: str | None = STATEMENT) -> None:
         """End a branch and begin the next."""
         block = self._end_branch("ELSEIF", line)
-        block.test = self.test(line, condition, cost)
+        block.past = self.test(line, condition, cost)
 
     def begin_else(self, line: int) -> None:
         """End a branch and begin the last, which is run where no condition holds."""
         self._end_branch("ELSE", line)
 
-    def _end_branch(self, word: str, line: int) -> OpenBlock[FrameType]:
+    def _end_branch(self, word: str, line: int) -> OpenBlock:
         block = self.close(word, "IF")
-        if block.test is None:
+        if block.past is None:
             raise InputError(f"{word} after the ELSE of the IF of line {block.line}")
         block.exits.append(self.jump(line, None))
-        block.test.target = self.here
-        block.test = None
+        block.past.index = self.here
+        block.past = None
         self._blocks.append(block)
         return block
 
     def end_if(self) -> None:
         """End an IF."""
         block = self.close("ENDIF", "IF")
-        for instruction in (*block.exits, block.test):
-            if instruction is not None:
-                instruction.target = self.here
+        for target in (*block.exits, block.past):
+            if target is not None:
+                target.index = self.here
 
     def begin_while(self, line: int, condition: Condition[FrameType]) -> None:
         """Begin a loop that is tested before each pass."""
@@ -125,17 +121,17 @@ class Assembler(Generic[FrameType]):
     def end_while(self, line: int) -> None:
         """End a loop that is tested before each pass."""
         block = self.close("WEND", "WHILE")
-        self.jump(line).target = block.first
-        if block.test is not None:
-            block.test.target = self.here
+        self.jump(line).index = block.first
+        if block.past is not None:
+            block.past.index = self.here
 
     def test_again(self, line: int, condition: Condition[FrameType]) -> None:
         """End a loop that is tested before each pass, where its end is no statement: the test stands here again."""
         block = self.close("WEND", "WHILE")
         body = block.first + 1
         self.emit(line, lambda frame: body if condition(frame) else None, pure=True)
-        if block.test is not None:
-            block.test.target = self.here
+        if block.past is not None:
+            block.past.index = self.here
 
     def begin_repeat(self, line: int) -> None:
         """Begin a loop that is tested after each pass."""
@@ -143,24 +139,25 @@ class Assembler(Generic[FrameType]):
 
     def end_repeat(self, line: int, condition: Condition[FrameType]) -> None:
         """End a loop that goes on until a condition holds."""
-        test = self.test(line, condition)
-        test.target = self.close("UNTIL", "REPEAT").first
+        again = self.test(line, condition)
+        again.index = self.close("UNTIL", "REPEAT").first
 
     def begin_do(self, line: int, condition: Condition[FrameType] | None = None) -> None:
         """Begin a loop that is tested before each pass, or not there."""
         first = self.here
-        test = self.jump(line) if condition is None else self.test(line, condition)
         if condition is None:
-            test.target = first + 1
-        self._blocks.append(OpenBlock("DO", line, first, None if condition is None else test))
+            self.jump(line).index = first + 1
+            self._blocks.append(OpenBlock("DO", line, first))
+        else:
+            self._blocks.append(OpenBlock("DO", line, first, self.test(line, condition)))
 
     def end_do(self, line: int, until: Condition[FrameType] | None = None) -> None:
         """End a loop of DO: go on until a condition holds, or for ever."""
         block = self.close("LOOP", "DO")
         again = self.jump(line) if until is None else self.test(line, until)
-        again.target = block.first
-        if block.test is not None:
-            block.test.target = self.here
+        again.index = block.first
+        if block.past is not None:
+            block.past.index = self.here
 
     def begin_for(self, line: int, variable: str, start: Callable[[FrameType], ForLoop]) -> None:
         """Begin a FOR loop.
@@ -171,16 +168,17 @@ class Assembler(Generic[FrameType]):
             start: sets the variable to its first value.
         """
         key = self.here
+        past = Target()
 
         def act(frame: FrameType) -> int | None:
             loop = start(frame)
             frame.loops[key] = loop
-            return None if loop.inside else instruction.target
+            return None if loop.inside else past.index
 
-        instruction = self.emit(line, act)
-        self._blocks.append(OpenBlock("FOR", line, key, instruction, variable=variable))
+        self.emit(line, act)
+        self._blocks.append(OpenBlock("FOR", line, key, past, variable=variable))
 
-    def end_for(self, line: int, block: OpenBlock[FrameType]) -> None:
+    def end_for(self, line: int, block: OpenBlock) -> None:
         """End a FOR loop, given its block."""
         key = block.first
 
@@ -192,8 +190,8 @@ class Assembler(Generic[FrameType]):
             return key + 1 if loop.inside else None
 
         self.emit(line, act)
-        if block.test is not None:
-            block.test.target = self.here
+        if block.past is not None:
+            block.past.index = self.here
 
     def select(self, line: int, choice: Callable[[FrameType], int], branches: Sequence[Callable[[], None]]) -> None:
         """Add branches of which one is run.
@@ -203,16 +201,16 @@ class Assembler(Generic[FrameType]):
             choice: index of the branch; one that there is not runs none.
             branches: each adds its statements.
         """
-        targets: dict[int, int] = {}
-        self._choose(line, choice, targets, lambda frame, target: target)
+        targets: dict[int, Target] = {}
+        self._choose(line, choice, targets, lambda frame, index: index)
         skip = self.jump(line, None)
         exits = [skip]
         for k, branch in enumerate(branches):
-            targets[k] = self.here
+            targets[k] = Target(self.here)
             branch()
             exits.append(self.jump(line, None))
-        for instruction in exits:
-            instruction.target = self.here
+        for target in exits:
+            target.index = self.here
 
     # labels and jumps
 
@@ -228,18 +226,19 @@ class Assembler(Generic[FrameType]):
 
     def goto(self, line: int, label: str) -> None:
         """Jump to a label."""
-        self._to_label(self.jump(line), label)
+        target = self._label_target(line, label)
+        self.emit(line, lambda frame: target.index, pure=True)
 
     def gosub(self, line: int, label: str) -> None:
         """Call the subroutine at a label."""
         after = self.here + 1
-        instruction = self.emit(line, lambda frame: frame.call(after, instruction.target))
-        self._to_label(instruction, label)
+        target = self._label_target(line, label)
+        self.emit(line, lambda frame: frame.call(after, target.index))
 
     def on_error(self, line: int, label: str) -> None:
         """Name the label at which the task goes on after an error."""
-        instruction = self.emit(line, lambda frame: frame.watch(instruction.target))
-        self._to_label(instruction, label)
+        target = self._label_target(line, label)
+        self.emit(line, lambda frame: frame.watch(target.index))
 
     def leave(self, line: int) -> None:
         """Return from a subroutine."""
@@ -247,40 +246,31 @@ class Assembler(Generic[FrameType]):
 
     def goto_one_of(self, line: int, choice: Callable[[FrameType], int], labels: Sequence[str]) -> None:
         """Jump to the label of a number from 1 on, to none where it has none."""
-        targets: dict[int, int] = {}
-        self._choose(line, choice, targets, lambda frame, target: target)
-        self._to_labels(line, targets, labels)
+        self._choose(line, choice, self._label_targets(line, labels), lambda frame, index: index)
 
     def gosub_one_of(self, line: int, choice: Callable[[FrameType], int], labels: Sequence[str]) -> None:
         """Call the subroutine at the label of a number from 1 on, none where it has none."""
-        targets: dict[int, int] = {}
         after = self.here + 1
-        self._choose(line, choice, targets, lambda frame, target: frame.call(after, target))
-        self._to_labels(line, targets, labels)
+        self._choose(line, choice, self._label_targets(line, labels), lambda frame, index: frame.call(after, index))
 
     def _choose(
         self,
         line: int,
         choice: Callable[[FrameType], int],
-        targets: dict[int, int],
+        targets: dict[int, Target],
         jump: Callable[[FrameType, int], int],
     ) -> None:
         def act(frame: FrameType) -> int | None:
             target = targets.get(choice(frame))
-            return None if target is None else jump(frame, target)
+            return None if target is None else jump(frame, target.index)
 
         self.emit(line, act)
 
-    def _to_label(self, instruction: Instruction[FrameType], label: str) -> None:
-        def fill_in(target: int) -> None:
-            instruction.target = target
+    def _label_target(self, line: int, label: str) -> Target:
+        """Return the target that a label of a line stands for, known at the end."""
+        target = Target()
+        self._jumps.append((label.upper(), line, target))
+        return target
 
-        self._jumps.append((label.upper(), instruction.line, fill_in))
-
-    def _to_labels(self, line: int, targets: dict[int, int], labels: Sequence[str]) -> None:
-        for k, label in enumerate(labels, 1):
-
-            def fill_in(target: int, k: int = k) -> None:
-                targets[k] = target
-
-            self._jumps.append((label.upper(), line, fill_in))
+    def _label_targets(self, line: int, labels: Sequence[str]) -> dict[int, Target]:
+        return {k: self._label_target(line, label) for k, label in enumerate(labels, 1)}

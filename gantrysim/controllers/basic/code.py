@@ -15,7 +15,18 @@ FrameType = TypeVar("FrameType", bound="Frame")
 Act = Callable[[FrameType], int | None]
 
 
-@dataclass
+@dataclass(slots=True)
+class Target:
+    """The place that jumps go to, shared with them until it is known.
+
+    Attributes:
+        index: of its instruction.
+    """
+
+    index: int = -1
+
+
+@dataclass(slots=True)
 class Instruction(Generic[FrameType]):
     """A statement, or a part of one, as it is executed.
 
@@ -24,14 +35,12 @@ class Instruction(Generic[FrameType]):
         act: executes it; returns the index of the next instruction, None for the following one.
         cost: kind of statement that its time is counted as; None for a part of the statement before, without time.
         pure: whether it only tests, jumps and lets time pass.
-        target: index of the instruction that it jumps to.
     """
 
     line: int
     act: Act[FrameType]
     cost: str | None = STATEMENT
     pure: bool = False
-    target: int = -1
 
 
 Code = list[Instruction[FrameType]]
