@@ -1,22 +1,24 @@
 """Parsing with the tables of a lark parser: the same values as from its own loop, in a part of the time.
 
-Lark tries the keywords that a state accepts one after the other, makes a token of every bracket and comma, and compares
-rules symbol by symbol. Here a word is looked up, a token that no rule keeps is not made, and a state holds what follows
-it. A text that is not read to its end is read once more by lark, which then states the error.
+Lark tries the keywords that a state accepts one after the other, makes a token of every bracket and comma and a tree of
+every part of a list, and compares rules symbol by symbol. Here a word is looked up, nothing is made that no rule keeps,
+and a state holds what follows it. A text that is not read to its end is read once more by lark, which then states the
+error.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
-from lark import Lark, Token
+from lark import Lark, Token, Tree
 from lark.grammar import Rule, Terminal
 from lark.lexer import PatternRE, PatternStr, TerminalDef
-from lark.parse_tree_builder import ExpandSingleChild
 
 END = "$END"  # lark's terminal behind the text
+_NONE = -1  # place of a part that the text may have, and that a rule is without
 
 Match = Callable[[str, int], "re.Match[str] | None"]
 Build = Callable[[list[Any]], Any]
@@ -25,36 +27,55 @@ Build = Callable[[list[Any]], Any]
 class Reduction:
     """The end of a rule.
 
+    Args:
+        rule: the rule.
+        build: returns its value, given those of its symbols that it keeps.
+
     Attributes:
         count: number of the rule's symbols.
         rule: its name.
-        build: returns its value, given those of its symbols.
         passes_on: whether its value is that of its only symbol.
     """
 
-    __slots__ = ("build", "count", "passes_on", "rule")
+    __slots__ = ("_build", "_gives_way", "_kept", "count", "passes_on", "rule")
 
-    def __init__(self, count: int, rule: str, build: Build) -> None:
-        self.count = count
-        self.rule = rule
-        self.passes_on = count == 1 and isinstance(build, ExpandSingleChild)
-        self.build = build
+    def __init__(self, rule: Rule, build: Build) -> None:
+        self.count = len(rule.expansion)
+        self.rule = str(rule.origin.name)
+        self._build = build
+        self._kept = tuple(_kept(rule))
+        self._gives_way = bool(rule.options.expand1 and not rule.alias)
+        self.passes_on = self._gives_way and self.count == 1 and self._kept == ((0, False),)
+
+    def value(self, values: list[Any]) -> Any:
+        """Return the rule's value, given those of its symbols."""
+        kept: list[Any] = []
+        for place, is_list in self._kept:
+            if place == _NONE:
+                kept.append(None)
+            elif is_list:
+                kept += values[place]
+            else:
+                kept.append(values[place])
+        if self._gives_way and len(kept) == 1:
+            return kept[0]
+        return self._build(kept)
 
 
 class State:
     """A state of the parser.
 
     Attributes:
-        actions: by the name of the terminal that follows: the next state, or the rule that ends before it.
-        successors: next state by the name of a rule that has ended.
+        reductions: by the name of the terminal that follows: the rule that ends before it.
+        successors: next state by the name of a terminal, or of a rule that has ended.
         match: matches a terminal that is accepted, or ignored, as the group of its name; None until it is needed.
         keywords: by the name of a terminal that matches words: the keywords that are accepted, by their capitals.
     """
 
-    __slots__ = ("actions", "keywords", "match", "successors")
+    __slots__ = ("keywords", "match", "reductions", "successors")
 
     def __init__(self) -> None:
-        self.actions: dict[str, State | Reduction] = {}
+        self.reductions: dict[str, Reduction] = {}
         self.successors: dict[str, State] = {}
         self.match: Match | None = None
         self.keywords: dict[str, dict[str, str]] = {}
@@ -65,7 +86,7 @@ class _StuckError(Exception):
 
 
 class TableParser:
-    """Parses texts as a lark parser does.
+    """Parses texts as a lark parser does; of the places of its tokens and trees it states the line alone.
 
     Args:
         lark: a parser of kind LALR with a contextual lexer, whose keywords have no case.
@@ -79,20 +100,17 @@ class TableParser:
             symbol.name
             for rule in lark.rules
             for symbol in rule.expansion
-            if isinstance(symbol, Terminal) and not (symbol.filter_out and _drops(lark, rule))
+            if isinstance(symbol, Terminal) and not _drops(rule, symbol)
         )
-        automaton = lark.parser.parser.parser
-        builds = automaton.callbacks
-        reductions = {rule: Reduction(len(rule.expansion), str(rule.origin.name), builds[rule]) for rule in builds}
-        table = automaton.parse_table
+        self._places_trees = bool(lark.options.propagate_positions)
+        table = lark.parser.parser.parser.parse_table
+        reductions = {rule: Reduction(rule, _builder(lark, rule)) for rule in lark.rules}
         states = {number: State() for number in table.states}
         for number, state in states.items():
             for symbol, (action, target) in table.states[number].items():
                 name = str(symbol)  # lark's own are tokens, which compare slowly
                 if action.name == "Reduce":
-                    state.actions[name] = reductions[target]
-                elif name in self._terminals:
-                    state.actions[name] = states[target]
+                    state.reductions[name] = reductions[target]
                 else:
                     state.successors[name] = states[target]
         self._start = states[table.start_states["start"]]
@@ -117,11 +135,13 @@ class TableParser:
     def _parse(self, text: str) -> Any:
         ignored = self._ignored
         valued = self._valued
+        places_trees = self._places_trees
         end = self._end
         length = len(text)
         state = self._start
         states = [state]
         values: list[Any] = []
+        lines: list[int] = []  # of the first token of every value, 0 for a value without one
         place = 0
         line = 1
         while state is not end:
@@ -138,23 +158,27 @@ class TableParser:
             if name not in ignored:
                 if name in state.keywords:
                     name = _word(state.keywords[name], spelled, name)
-                action = state.actions.get(name)
-                while isinstance(action, Reduction):
-                    if action.count == 1:
-                        if not action.passes_on:
-                            values[-1] = action.build(values[-1:])
-                        state = states[-2].successors[action.rule]
+                reduction = state.reductions.get(name)
+                while reduction is not None:
+                    if reduction.passes_on:
+                        state = states[-2].successors[reduction.rule]
                         states[-1] = state
                     else:
-                        first = len(values) - action.count
-                        values[first:] = [action.build(values[first:])]
-                        state = states[first].successors[action.rule]
+                        first = len(values) - reduction.count
+                        value = reduction.value(values[first:])
+                        values[first:] = [value]
+                        state = states[first].successors[reduction.rule]
                         states[first + 1 :] = [state]  # one for every value, after the start
-                    action = state.actions.get(name)
-                if isinstance(action, State):
-                    state = action
+                        if places_trees:
+                            lines[first:] = [_line_of(value, lines[first:])]
+                    reduction = state.reductions.get(name)
+                successor = state.successors.get(name)
+                if successor is not None:
+                    state = successor
                     states.append(state)
                     values.append(_token(name, spelled, line) if name in valued else None)
+                    if places_trees:
+                        lines.append(line)
                 elif state is not end:
                     raise _StuckError
             if "\n" in spelled:
@@ -163,7 +187,8 @@ class TableParser:
 
     def _prepared(self, state: State) -> Match:
         """Return what matches the terminals that a state accepts, in the order in which lark tries them."""
-        accepted = [self._terminals[name] for name in {*state.actions, *self._ignored} - {END}]
+        names = {*state.reductions, *state.successors, *self._ignored}
+        accepted = [self._terminals[name] for name in self._terminals.keys() & names]
         accepted.sort(key=_order)
         texts = [terminal for terminal in accepted if isinstance(terminal.pattern, PatternStr)]
         looked_up = set()
@@ -178,9 +203,36 @@ class TableParser:
         return state.match
 
 
-def _drops(lark: Lark, rule: Rule) -> bool:
-    """Whether a rule's value needs none of the tokens that have no name, not even for its place in the text."""
-    return not (rule.options.keep_all_tokens or lark.options.propagate_positions)
+def _drops(rule: Rule, symbol: Any) -> bool:
+    """Whether a rule's value has no place for a symbol: a terminal that has no name."""
+    return symbol.is_term and symbol.filter_out and not rule.options.keep_all_tokens
+
+
+def _kept(rule: Rule) -> Iterator[tuple[int, bool]]:
+    """Yield the places of the symbols that a rule keeps, and whether the value of each is a list of parts."""
+    place = 0
+    for is_missing in rule.options.empty_indices or (False,) * len(rule.expansion):
+        if is_missing:
+            yield _NONE, False
+            continue
+        symbol = rule.expansion[place]
+        if not _drops(rule, symbol):
+            yield place, _is_list(symbol)
+        place += 1
+
+
+def _is_list(symbol: Any) -> bool:
+    """Whether lark puts the parts of a symbol's value in the place of the value."""
+    return not symbol.is_term and symbol.name.startswith("_")
+
+
+def _builder(lark: Lark, rule: Rule) -> Build:
+    """Return what makes a rule's value of its parts: a function of the parser's transformer, or else a tree."""
+    if _is_list(rule.origin):
+        return list
+    name = str(rule.alias or rule.origin.name)
+    builder: Build = getattr(lark.options.transformer, name, None) or partial(Tree, name)
+    return builder
 
 
 def _order(terminal: TerminalDef) -> tuple[int, int, int, str]:
@@ -199,14 +251,20 @@ def _word(keywords: dict[str, str], spelled: str, name: str) -> str:
 
 
 def _token(name: str, spelled: str, line: int) -> Token:
-    """Return a token that states its line, and no columns; lark's own constructor takes longer than a rule."""
+    """Return a token that states its line, and no other place; lark's own constructor takes longer than a rule."""
     token = str.__new__(Token, spelled)
     token.type = name
     token.value = spelled
     token.line = line
-    token.end_line = line
-    token.column = None
-    token.end_column = None
-    token.start_pos = None
-    token.end_pos = None
     return token
+
+
+def _line_of(value: Any, lines: list[int]) -> int:
+    """Return the line of the first token of a rule, 0 without one, given those of its symbols; enter it into a tree."""
+    if isinstance(value, Token):  # the only part of a rule that gives way to it
+        return int(value.line or 0)
+    line = next(filter(None, lines), 0)
+    if line and isinstance(value, Tree) and value.meta.empty:
+        value.meta.line = line
+        value.meta.empty = False
+    return line

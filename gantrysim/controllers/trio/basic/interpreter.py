@@ -124,6 +124,7 @@ class _Run:
             positions.frombytes(passed.tobytes())
             outputs += outputs[-1:] * len(passed)
             lines += lines[-1:] * len(passed)
+        state.latest.clear()  # processes that hold the state: freed with it, not only once cycles are looked for
         position = np.frombuffer(positions, float).reshape(-1, len(axes))
         is_on = np.frombuffer(outputs, np.uint8).astype(bool)
         return Trace(motion.period, position, is_on, np.frombuffer(lines, np.int64), state)

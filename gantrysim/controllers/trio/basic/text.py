@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 import threading
-from collections.abc import Callable
 from functools import cached_property, partial
 from importlib.resources import files
 from typing import Any, cast
@@ -57,7 +56,10 @@ class _Parser(threading.local):
         """Return the statements of a text, line by line, after so many lines; add the variables that it reads."""
         self.builder.source = source
         self.builder.before = before
-        return cast(list[list[Raw]], self.tables.parse(text, source.forget))
+        try:
+            return cast(list[list[Raw]], self.tables.parse(text, source.forget))
+        finally:
+            del self.builder.source  # which holds the statements: a thousand objects, until the next text
 
 
 _parser = _Parser()
@@ -152,21 +154,19 @@ class _Builder(Transformer):  # type: ignore[type-arg]
 
     def line(self, children: list[Any]) -> list[Raw]:
         """The statements of a line; IFs with a branch in it end with it."""
+        if len(children) > 1 and isinstance(children[0], Raw) and getattr(children[1], "type", None) == "COLON":
+            children[0] = _label_in(children[0])
         flat: list[Raw] = []
         inline = 0
-        for k, child in enumerate(children):
+        for child in children:
             if isinstance(child, Token):
                 if child.type == "ELSE":
                     flat.append(Raw("else", self.line_of(child), (), inline > 0))
-                continue
-            parts = child if isinstance(child, list) else [child]
-            colon = k + 1 < len(children) and getattr(children[k + 1], "type", None) == "COLON"
-            if k == 0 and colon and _is_label(parts[0]):
-                parts = [Raw("label", parts[0].line, (parts[0].data[0].name,))]
-            elif k == 0 and colon and parts[0].kind == "loop":
-                parts = [Raw("loop_or_label", parts[0].line)]
-            inline += sum(part.inline for part in parts)
-            flat += parts
+            elif isinstance(child, Raw):
+                flat.append(child)
+            else:  # an IF with its branch
+                flat += child
+                inline += sum(part.inline for part in child)
         return flat + [Raw("endif", flat[-1].line)] * inline if flat else flat
 
     def elseif(self, children: list[Any]) -> list[Raw]:
@@ -240,7 +240,10 @@ class _Builder(Transformer):  # type: ignore[type-arg]
         return OPERATORS.read(children, self._operation)
 
     def _operation(self, sign: str, operator: RankedOperator, operands: list[Expression]) -> Expression:
-        return self._located(cast(Token, sign), lambda: operation(sign, operator, operands))
+        try:
+            return operation(sign, operator, operands)
+        except InputError as error:
+            raise _located(error, self.line_of(cast(Token, sign))) from None
 
     def decimal(self, children: list[Any]) -> Expression:
         token: Token = children[0]
@@ -250,19 +253,29 @@ class _Builder(Transformer):  # type: ignore[type-arg]
         return constant(value)
 
     def hexadecimal(self, children: list[Any]) -> Expression:
-        return self._located(children[0], lambda: constant(number_of(str(children[0]), "$")))
+        token: Token = children[0]
+        try:
+            return constant(number_of(str(token), "$"))
+        except OverflowError:
+            raise InputError(f"line {self.line_of(token)}: number too large") from None
 
     def value(self, children: list[Any]) -> Expression:
-        return self._located(children[0], lambda: value_of(children[0], self.source))
-
-    def _located(self, place: Token | Reference, build: Callable[[], Expression]) -> Expression:
-        """Build an expression; an error names the line of a token or word of it."""
+        ref: Reference = children[0]
         try:
-            return build()
-        except (OverflowError, InputError) as error:
-            line = place.line if isinstance(place, Reference) else self.line_of(place)
-            reason = "number too large" if isinstance(error, OverflowError) else error
-            raise InputError(f"line {line}: {reason}") from None
+            return value_of(ref, self.source)
+        except InputError as error:
+            raise _located(error, ref.line) from None
+
+
+def _located(error: InputError, line: int) -> InputError:
+    return InputError(f"line {line}: {error}")
+
+
+def _label_in(raw: Raw) -> Raw:
+    """Return the label that a statement before a colon, at the start of a line, is; or else the statement."""
+    if raw.kind == "loop":
+        return Raw("loop_or_label", raw.line)
+    return Raw("label", raw.line, (raw.data[0].name,)) if _is_label(raw) else raw
 
 
 def _is_label(raw: Raw) -> bool:
