@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import finite, positive
+from gantrysim.paths.pieces import Vector, vector
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,18 @@ class Placement:
             shifted: Floats = np.asarray(points, float) + self._shift
             return shifted
         return self.direction(points) + self._shift
+
+    def direct(self, direction: Vector) -> Vector:
+        """Return the same as `direction` for a single one, as numbers: arrays of three take longer."""
+        return direction if self._only_shifts else vector(self.direction(direction))
+
+    def place(self, point: Vector) -> Vector:
+        """Return the same as `point` for a single one, as numbers."""
+        if not self._only_shifts:
+            return vector(self.point(point))
+        x, y, z = point
+        shift_x, shift_y, shift_z = self._shift.tolist()
+        return x + shift_x, y + shift_y, z + shift_z
 
     @property
     def upward(self) -> float:

@@ -61,7 +61,10 @@ PROGRAMS = Programs(
 )
 
 _MAGNITUDES = 1e-100, 1e12  # of numbers; smaller ones than 1e-12 are rounding
-_NO_TABLES = (str, int, float, list, tuple)  # whether anything else is a mapping takes longer to find out
+# tuples, as a union would be made anew at every use
+_NUMBERS = (int, float)
+_LISTS = (list, tuple)
+_NO_TABLES = (str, *_NUMBERS, *_LISTS)  # whether anything else is a mapping takes longer to find out
 _STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
 
 
@@ -122,35 +125,35 @@ def reject_booleans(kind: type[Any], values: Mapping[str, Any], prefix: str = ""
         values: by name.
         prefix: of the names in the message.
     """
-    hints = _hints(kind)  # type: ignore[arg-type]  # mypy takes a type for not hashable
+    kinds_of = _kinds_by_name(kind)  # type: ignore[arg-type]  # mypy takes a type for not hashable
     for name, value in values.items():
-        items = value if isinstance(value, list | tuple) else [value]
+        items = value if isinstance(value, _LISTS) else (value,)
         has_booleans = bool in map(type, items)
         if not has_booleans and isinstance(value, _NO_TABLES):
             continue
-        hint = hints.get(name)
-        kinds = {hint, *get_args(hint)}
-        if has_booleans and hint and bool not in kinds and Any not in kinds:
+        kinds = kinds_of.get(name, ())
+        if has_booleans and kinds and bool not in kinds and Any not in kinds:
             raise InputError(f"{prefix}{name} = {str(value).lower()}: true and false are not numbers")
         nested = next((part for part in kinds if isinstance(part, type) and is_dataclass(part)), None)
-        if isinstance(value, Mapping) and nested is not None:
+        if nested is not None and isinstance(value, Mapping):
             reject_booleans(nested, value, f"{prefix}{name}.")
 
 
 @cache
-def _hints(kind: type[Any]) -> dict[str, Any]:
-    return get_type_hints(kind)  # slow
+def _kinds_by_name(kind: type[Any]) -> dict[str, tuple[Any, ...]]:
+    """Return the type of every field, and the types that a union consists of."""
+    return {name: (hint, *get_args(hint)) for name, hint in get_type_hints(kind).items()}  # slow
 
 
 def _reject_extremes(name: str, value: object) -> None:
     """Raise InputError for a number, in a value or in its parts, that no machine has and arithmetic may not survive."""
-    if isinstance(value, int | float):
+    if isinstance(value, _NUMBERS):
         least, most = _MAGNITUDES
         is_plain = not value or isinstance(value, bool) or least <= abs(value) <= most
         if not (is_plain or abs(value) == math.inf or value != value):
             shown = f"{value:g}" if isinstance(value, float) else f"an integer of {len(str(value))} digits"
             raise InputError(f"{name} = {shown}: must be 0 or from {least:g} to {most:g} in magnitude")
-    elif isinstance(value, list | tuple):
+    elif isinstance(value, _LISTS):
         for part in value:
             _reject_extremes(name, part)
     elif not isinstance(value, _NO_TABLES) and isinstance(value, Mapping):

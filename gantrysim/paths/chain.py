@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.base.arrays import Floats, seen
+from gantrysim.base.arrays import Floats, dot, lengths, seen
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import plain_jit
 from gantrysim.paths.lengths import find_swept
@@ -26,6 +26,7 @@ from gantrysim.paths.pieces import (
 )
 
 Columns = dict[str, NDArray[Any]]
+_PIECES = (Line, Coil)  # a union would be made anew for every piece
 _JOINT = 1e-6  # largest gap between two pieces [mm]
 _EVEN = 0.02  # change of an arc's radius by the rounding of its end point [mm]
 _SHARP = 1e-4  # jump of the unit tangent at a corner
@@ -81,9 +82,9 @@ class Chain(Path):
     """
 
     def __init__(self, pieces: Iterable[Line | Coil | Mapping[str, Any]]) -> None:
-        built = [piece if isinstance(piece, Line | Coil) else piece_from(piece) for piece in pieces]
-        lengths = [length_of(piece) for piece in built]
-        positive = [(piece, length) for piece, length in zip(built, lengths, strict=True) if length > SHORTEST]
+        built = [piece if isinstance(piece, _PIECES) else piece_from(piece) for piece in pieces]
+        measured = [(piece, length_of(piece)) for piece in built]
+        positive = [(piece, length) for piece, length in measured if length > SHORTEST]
         if not positive:
             raise InputError("chain: must have a piece of positive length")
         self.pieces: tuple[Line | Coil, ...] = tuple(piece for piece, _ in positive)
@@ -96,20 +97,21 @@ class Chain(Path):
         frame[:, 2] = _normals(*frame[:, :2].transpose(1, 2, 0))
         direction = self._columns["direction"]
         # sine of a line's climb
-        self._columns["straight"] = np.einsum("ij,ij->i", frame[:, 2], direction)
+        self._columns["straight"] = dot(frame[:, 2], direction)
         products = frame[:, :2] * direction[:, None]
         along, across = (products[..., 0] + products[..., 1] + products[..., 2] + 0.0).T  # 0, not -0, for no component
         self._columns["heading"] = np.arctan2(across, along)  # 0 for coils, which have no direction
         # the starts and ends of all pieces at once, as every call of a compiled function takes its time
         count = len(self.pieces)
-        distance = np.concatenate([np.zeros(count), np.diff(self._s)])
-        places = self._at(np.tile(np.arange(count), 2), distance)
+        k = np.arange(count)
+        distance = np.concatenate([np.zeros(count), self._s[1:] - self._s[:-1]])
+        places = self._at(np.concatenate([k, k]), distance)
         self._check_joints(places.point[:count], places.point[count:])
         along_normal = ~self._columns["coil"] & (np.hypot(along, across) < 1e-9)
         self._join_headings(places.heading[:count], places.heading[count:], along_normal)
 
     def _check_joints(self, starts: Floats, ends: Floats) -> None:
-        gap = np.linalg.norm(starts[1:] - ends[:-1], axis=1)
+        gap = lengths(starts[1:] - ends[:-1])
         if gap.max(initial=0.0) > _JOINT:
             worst = int(gap.argmax())
             raise InputError(

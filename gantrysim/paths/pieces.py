@@ -58,7 +58,9 @@ class Line:
     frame: Frame = XY
 
     def __post_init__(self) -> None:
-        _check("line", self.frame, start=self.start, end=self.end)
+        if not all(map(math.isfinite, (*self.start, *self.end))):
+            raise _infinite("line", vars(self))
+        _check_frame("line", self.frame)
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,9 @@ class Coil:
     frame: Frame = XY
 
     def __post_init__(self) -> None:
-        _check("coil", self.frame, **{name: value for name, value in vars(self).items() if name != "frame"})
+        if not all(map(math.isfinite, (*self.centre, *self.radius, self.begin, self.angle, self.rise))):
+            raise _infinite("coil", vars(self))
+        _check_frame("coil", self.frame)
         if min(self.radius) < -SHORTEST:
             raise InputError(f"coil: radius = {min(self.radius):g} mm: must be at least 0 mm")
         if not self.angle and (self.rise or self.radius[0] != self.radius[1]):
@@ -108,11 +112,14 @@ def piece_from(arguments: Mapping[str, Any]) -> Line | Coil:
     return kinds[kind](**values)
 
 
-def _check(piece: str, frame: Frame, **values: Any) -> None:
-    for name, value in values.items():
-        # its attribute, as the type of whatever is iterable takes longer to find out
-        if not all(map(math.isfinite, value if hasattr(value, "__iter__") else (value,))):
-            raise InputError(f"{piece}: {name} = {value}: must be finite")
+def _infinite(piece: str, values: Mapping[str, Any]) -> InputError:
+    """Return the error for the first value of a piece that is not finite."""
+    infinite = (name for name, value in values.items() if name != "frame" and not np.isfinite(value).all())
+    name = next(infinite)
+    return InputError(f"{piece}: {name} = {values[name]}: must be finite")
+
+
+def _check_frame(piece: str, frame: Frame) -> None:
     if frame in _PLANES:
         return
     u, v = frame

@@ -116,11 +116,7 @@ def placed(legs: list[PathLeg], placement: Placement) -> list[PathLeg]:
     """Return the motions where a program lies on the work."""
     if placement == Placement():
         return legs
-    return [replace(leg, start=_point(leg.start, placement), piece=_piece(leg.piece, placement)) for leg in legs]
-
-
-def _point(point: Vector, placement: Placement) -> Vector:
-    return vector(placement.point(point))
+    return [replace(leg, start=placement.place(leg.start), piece=_piece(leg.piece, placement)) for leg in legs]
 
 
 def _piece(piece: Line | Coil | None, placement: Placement) -> Line | Coil | None:
@@ -128,12 +124,12 @@ def _piece(piece: Line | Coil | None, placement: Placement) -> Line | Coil | Non
         return None
     u, v = (vector(placement.direction(axis) / placement.scale) for axis in piece.frame)
     if isinstance(piece, Line):
-        return Line(_point(piece.start, placement), _point(piece.end, placement), (u, v))
+        return Line(placement.place(piece.start), placement.place(piece.end), (u, v))
     first, last = piece.radius
     scale = placement.scale
     return replace(
         piece,
-        centre=_point(piece.centre, placement),
+        centre=placement.place(piece.centre),
         radius=(scale * first, scale * last),
         rise=scale * placement.upward * piece.rise,  # along u x v, which a mirrored frame turns round
         frame=(u, v),

@@ -80,13 +80,13 @@ def placed(path: Segment, placement: Placement) -> Segment:
     end = np.array([*placement.point(path.end[:3]), path.end[3] + placement.rotate])
     piece = path.piece
     if isinstance(piece, Line):
-        return Segment(Line(vector(placement.point(piece.start)), vector(placement.point(piece.end))), end)
+        return Segment(Line(placement.place(piece.start), placement.place(piece.end)), end)
     if isinstance(piece, Coil):
         radius = piece.radius
         scale = placement.scale
         turned = replace(
             piece,
-            centre=vector(placement.point(piece.centre)),
+            centre=placement.place(piece.centre),
             radius=(scale * radius[0], scale * radius[1]),
             rise=scale * placement.upward * piece.rise,  # along u x v, which a mirrored frame turns round
         )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import bisect
 import math
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
@@ -36,8 +35,8 @@ STATED = frozenset({MOVE, MOVEABS, MHELICAL, MOVECIRC, MOVESP, MOVEABSSP, MHELIC
 OFF_CIRCLE = 1e-3  # largest difference of the end's and the start's distance from a circle's centre [units]
 
 
-class Shape(Protocol):
-    """A path in the units of its axes.
+class Shape:
+    """A path in the units of its axes: no protocol, as `isinstance` of its subclasses would take long.
 
     Attributes:
         length: to its end along the path, inf for none.
@@ -49,6 +48,7 @@ class Shape(Protocol):
 
     def displacement(self, s: float) -> tuple[float, ...]:
         """Displacements of the axes from the start at the distance s."""
+        raise NotImplementedError
 
     def displacements(self, s: Floats) -> Floats:
         """Displacements at each of the distances, (axes, n)."""

@@ -15,11 +15,12 @@ from gantrysim.base.errors import InputError, finite, point, positive, whole
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.trio.basic.moves import Arc, Move
 from gantrysim.paths.chain import Chain
-from gantrysim.paths.pieces import SHORTEST, Coil, Frame, Line, vector
+from gantrysim.paths.pieces import SHORTEST, Coil, Frame, Line, Vector, vector
 from gantrysim.paths.spirals import Involute
 
 TOLERANCE = 5e-4  # of the commanded trace that stands for a path which the program does not state [mm]
 _JOINT = 1e-6  # [mm]
+_UNITS: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))  # of the columns
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ def exact(
         real = [number for number in move.axes if number in columns]
         if not real:
             continue
-        if not move.finished or columns.keys() & set(move.beside):
+        if not move.finished or not columns.keys().isdisjoint(move.beside):
             return None
         ends = move.shape.displacement(move.shape.length) if move.shape.length else (0.0,) * len(move.axes)
         place = corners[-1]
@@ -116,8 +117,7 @@ def exact(
 
 def _frame(placement: Placement, first: int, second: int) -> Frame:
     """Return the plane of two columns on the work."""
-    u, v = placement.direction(np.eye(3)[[first, second]])
-    return vector(u), vector(v)
+    return placement.direct(_UNITS[first]), placement.direct(_UNITS[second])
 
 
 def _coil(
@@ -127,13 +127,14 @@ def _coil(
     centre = list(start)
     centre[first] += arc.centre[0]
     centre[second] += arc.centre[1]
+    x, y, z = centre
     angle = -arc.angle if arc.clockwise else arc.angle
     rise = 0.0
     if arc.rise is not None:
-        u, v = np.eye(3)[[first, second]]
-        rise = arc.rise * placement.upward * float(np.cross(u, v)[columns[2]])
+        normal = np.cross(_UNITS[first], _UNITS[second])
+        rise = arc.rise * placement.upward * float(normal[columns[2]])
     radius = (arc.radius, arc.radius)
-    return Coil(vector(placement.point(centre)), radius, arc.begin, angle, rise, frame(first, second))
+    return Coil(placement.place((x, y, z)), radius, arc.begin, angle, rise, frame(first, second))
 
 
 def polyline(points: Floats) -> Chain:
