@@ -30,11 +30,13 @@ class Programs(Mapping[str, type[Controller]]):
 
     def __init__(self, places: Mapping[str, tuple[str, str]]) -> None:
         self._places = dict(places)
+        self._imported: dict[str, type[Controller]] = {}
 
     def __getitem__(self, name: str) -> type[Controller]:
-        module, kind = self._places[name]
-        program: type[Controller] = getattr(import_module(f"gantrysim.{module}"), kind)
-        return program
+        if name not in self._imported:
+            module, kind = self._places[name]
+            self._imported[name] = getattr(import_module(f"gantrysim.{module}"), kind)
+        return self._imported[name]
 
     def __contains__(self, name: object) -> bool:
         return name in self._places

@@ -53,10 +53,12 @@ class Reduction:
         for place, is_list in self._kept:
             if place == _NONE:
                 kept.append(None)
-            elif is_list:
-                kept += values[place]
-            else:
+            elif not is_list:
                 kept.append(values[place])
+            elif kept:
+                kept += values[place]
+            else:  # no copy: a list grows by a part at a time
+                kept = values[place]
         if self._gives_way and len(kept) == 1:
             return kept[0]
         return self._build(kept)
@@ -156,8 +158,11 @@ class TableParser:
                 name = END
                 spelled = ""
             if name not in ignored:
-                if name in state.keywords:
-                    name = _word(state.keywords[name], spelled, name)
+                words = state.keywords.get(name)
+                if words is not None:
+                    if not spelled.isascii():  # its capitals may be another word than lark sees in it
+                        raise _StuckError
+                    name = words.get(spelled.upper(), name)
                 reduction = state.reductions.get(name)
                 while reduction is not None:
                     if reduction.passes_on:
@@ -229,10 +234,14 @@ def _is_list(symbol: Any) -> bool:
 def _builder(lark: Lark, rule: Rule) -> Build:
     """Return what makes a rule's value of its parts: a function of the parser's transformer, or else a tree."""
     if _is_list(rule.origin):
-        return list
+        return _itself
     name = str(rule.alias or rule.origin.name)
     builder: Build = getattr(lark.options.transformer, name, None) or partial(Tree, name)
     return builder
+
+
+def _itself(parts: list[Any]) -> list[Any]:
+    return parts
 
 
 def _order(terminal: TerminalDef) -> tuple[int, int, int, str]:
@@ -241,13 +250,6 @@ def _order(terminal: TerminalDef) -> tuple[int, int, int, str]:
 
 def _matches(terminal: TerminalDef, text: TerminalDef) -> bool:
     return re.fullmatch(terminal.pattern.to_regexp(), text.pattern.value) is not None
-
-
-def _word(keywords: dict[str, str], spelled: str, name: str) -> str:
-    """Return the keyword that a word is, else the name of what matches words."""
-    if not spelled.isascii():  # its capitals may be another word than lark sees in it
-        raise _StuckError
-    return keywords.get(spelled.upper(), name)
 
 
 def _token(name: str, spelled: str, line: int) -> Token:

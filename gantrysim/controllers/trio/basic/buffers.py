@@ -209,6 +209,10 @@ class Buffers:
         base.move = None
         base.along = Speed()
 
+    def _begins(self, base: Axis) -> bool:
+        """Whether the next move of an axis can begin."""
+        return base.move is None and bool(base.queue) and self._free(base.queue[0])
+
     def _load_next(self, base: Axis) -> None:
-        if base.move is None and base.queue and self._free(base.queue[0]):
+        if base.queue and self._begins(base):
             self._load(base, base.queue.pop(0))

@@ -84,6 +84,9 @@ def value_of(ref: Reference, source: Source) -> Expression:
 
 def _value_of(ref: Reference, source: Source) -> Expression:
     name = ref.name
+    is_plain = ref.arguments is None and ref.axis is None and ref.process is None
+    if is_plain and name in source.variables:
+        return source.variables[name]
     if name in _READERS:
         return _READERS[name](ref)
     if name in COMMANDS or name in words.KEYWORDS:
@@ -91,11 +94,15 @@ def _value_of(ref: Reference, source: Source) -> Expression:
     if name in source.arrays and ref.arguments is not None:
         places = [argument.value for argument in ref.plain(len(ref.arguments))]
         return _nested(lambda process: process.element(name, [place(process) for place in places]), *ref.arguments)
-    if ref.arguments is not None or ref.axis is not None or ref.process is not None:
+    if not is_plain:
         raise unknown_word(ref)
     _check_emulated(ref)
-    source.read.setdefault(name, ref.line)
+    source.read[name] = ref.line
+    source.variables[name] = _variable(name)
+    return source.variables[name]
 
+
+def _variable(name: str) -> Expression:
     def value(process: Process) -> float:
         variable: float | None = process.variables.get(name)
         return process.state.shared_value(name) if variable is None else variable
@@ -172,7 +179,7 @@ _READERS = {name: read for table, read in _TABLES for name in table}
 
 
 def _nested(value: Evaluate, *parts: Expression) -> Expression:
-    depth = 1 + max((part.depth for part in parts), default=0)
+    depth = 1 + max([part.depth for part in parts], default=0)
     if depth > DEEPEST:
         raise InputError(f"expression nested more than {DEEPEST} deep: use a variable for a part of it")
     return Expression(value, depth)

@@ -90,6 +90,7 @@ class _Run:
         positions = array("d")
         outputs = bytearray()
         lines = array("q")
+        counts = array("q")  # of the ticks at which the valve and the line are these
         axes = [motion.axis(number) for number in self._recorded]
         state.run(name, 0.0)
         most = math.ceil(self._limits.time / motion.period)
@@ -106,6 +107,7 @@ class _Run:
             positions.extend([axis.position for axis in axes])
             outputs.append(self._valve in state.outputs)
             lines.append(self._active_line(axes))
+            counts.append(1)
             if not state.processes and motion.resting(self._recorded):
                 break
             if state.tick >= most:
@@ -122,12 +124,11 @@ class _Run:
             else:
                 passed = passed[:-1]
             positions.frombytes(passed.tobytes())
-            outputs += outputs[-1:] * len(passed)
-            lines += lines[-1:] * len(passed)
+            counts[-1] += len(passed)
         state.latest.clear()  # processes that hold the state: freed with it, not only once cycles are looked for
         position = np.frombuffer(positions, float).reshape(-1, len(axes))
-        is_on = np.frombuffer(outputs, np.uint8).astype(bool)
-        return Trace(motion.period, position, is_on, np.frombuffer(lines, np.int64), state)
+        is_on = np.frombuffer(outputs, bool).repeat(counts)
+        return Trace(motion.period, position, is_on, np.frombuffer(lines, np.int64).repeat(counts), state)
 
     def _stop(self) -> None:
         """Stop the processes and bring the axes to rest."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from functools import partial
+from itertools import takewhile
 
 import numpy as np
 
@@ -34,11 +35,15 @@ class Motion(Buffers):
             self._load_next(axis)
         steps = dict.fromkeys(self.axes, 0.0)
         self._ended = []
-        linked = {axis.number: axis.move for axis in axes if axis.move is not None and not axis.move.profiled}
+        linked: dict[int, Move] = {}
+        is_superimposed = False
         for axis in axes:
+            is_superimposed |= axis.superimposed is not None
             if axis.move is not None and axis.move.profiled:
                 self._advance(axis, axis.move, steps)
-        if linked or any(axis.superimposed is not None for axis in axes):
+            elif axis.move is not None:
+                linked[axis.number] = axis.move
+        if linked or is_superimposed:
             follow(self.axes, linked, steps, self._end_link)
         for axis in axes:
             axis.step = steps[axis.number]
@@ -69,7 +74,7 @@ class Motion(Buffers):
         period is next, where an axis is linked, has its move cancelled or its drive off, and for a few periods.
         """
         axes = self.axes.values()
-        if most < _FEWEST or not all(self._steady(axis) for axis in axes):
+        if most < _FEWEST or not all(map(self._steady, axes)):
             return np.empty((0, len(recorded)))
         moves = [(axis, axis.move) for axis in axes if axis.move is not None]
         glides = [self._glide(base, move, most) for base, move in moves]
@@ -96,14 +101,14 @@ class Motion(Buffers):
 
     def _run_along(self, move: Move, moved: list[Axis], s: Floats) -> Floats:
         """Advance the axes of a move to the distances s; return their positions there, (axes, n) [units]."""
-        displaced = move.shape.displacements(s)
-        places = np.empty_like(displaced)
+        places = move.shape.displacements(s)
+        for axis, displaced, before in zip(moved, places, move.displaced, strict=True):
+            axis.moved = axis.moved or bool((displaced != before).any())
         now = np.array([move.displaced, [axis.position for axis in moved], [0.0] * len(moved)])
-        _add_steps(displaced, now, places)
+        _add_steps(places, now)
         last_displaced, last_places, steps = now.tolist()
         for k, axis in enumerate(moved):
             axis.step = steps[k]
-            axis.moved = axis.moved or bool((displaced[k] != move.displaced[k]).any())
             axis.position = last_places[k]
         move.s = float(s[-1])
         move.displaced = tuple(last_displaced)
@@ -111,8 +116,7 @@ class Motion(Buffers):
 
     def _steady(self, axis: Axis) -> bool:
         """Whether no move begins on an axis in the next period, and the one that moves it has a profile."""
-        begins = axis.move is None and axis.queue and self._free(axis.queue[0])
-        if begins or self._is_off(axis) or axis.superimposed is not None:
+        if self._begins(axis) or self._is_off(axis) or axis.superimposed is not None:
             return False
         return axis.member is None or (axis.member.profiled and not axis.member.stopping)
 
@@ -124,11 +128,11 @@ class Motion(Buffers):
         """Return the distances that a move covers by itself, until it ends or passes into the next, and its speed."""
         down = base.deceleration if move.shape.brakes else math.inf
         speed = base.speed
-        chain = self._chain(base, move)
-        lengths = [follower.shape.length for follower in chain]
-        if self._has_limits(base, move):
+        followers = self._followers(base, move)
+        lengths = [move.shape.length, *[follower.shape.length for follower in followers]]
+        if self._has_limits(base, move, followers):
             speed = speed_along(move, base.speed)
-            stop = distance_to_stop(chain, base.speed, down)
+            stop = distance_to_stop([move, *followers], base.speed, down)
             lengths = [move.shape.length, stop - move.shape.length]
         return base.along.glide(move.s, np.array(lengths), (speed, base.acceleration, down, self.period), most)
 
@@ -148,36 +152,28 @@ class Motion(Buffers):
         follows = base.queue[0] if base.merge and base.queue else None
         return follows if follows is not None and _merge(move, follows) else None
 
-    def _chain(self, base: Axis, move: Move) -> list[Move]:
-        """A move and the buffered ones up to the next end of the merged path."""
-        return [move, *self._followers(base, move)]
-
-    def _followers(self, base: Axis, move: Move) -> Iterator[Move]:
-        """The buffered moves up to the next end of the merged path."""
+    def _followers(self, base: Axis, move: Move) -> list[Move]:
+        """The buffered moves after a move up to the next end of the merged path."""
         if self._merged(base, move) is None:
-            return
-        are_aimed = any(follows.targets is not None for follows in base.queue)
-        place = _plus(move.start, move.shape.displacement(move.shape.length)) if are_aimed else ()
-        for follows in base.queue:
-            if not _merge(move, follows):
-                break
-            if are_aimed:
+            return []
+        followers = list(takewhile(partial(_merge, move), base.queue))
+        if any(follows.targets is not None for follows in followers):
+            place = _plus(move.start, move.shape.displacement(move.shape.length))
+            for follows in followers:
                 self._aim(follows, place)
                 place = _plus(place, follows.shape.displacement(follows.shape.length))
-            yield follows
+        return followers
 
-    def _has_limits(self, base: Axis, move: Move) -> bool:
+    def _has_limits(self, base: Axis, move: Move, followers: list[Move]) -> bool:
         """Whether more than SPEED may limit the speed of a move and of those merged with it."""
-        return move.has_limits or (
-            any(follows.has_limits for follows in base.queue) and self._merged(base, move) is not None
-        )
+        return move.has_limits or (bool(followers) and any(follows.has_limits for follows in base.queue))
 
     def _advance_with_limits(self, base: Axis, move: Move, steps: dict[int, float]) -> None:
         """Advance moves with speeds of their own, joint by joint within the period."""
         speed = base.along
         time_left = self.period
         while True:
-            chain = self._chain(base, move)
+            chain = [move, *self._followers(base, move)]
             down = base.deceleration
             remaining = distance_to_stop(chain, base.speed, down) - move.s
             target = 0.0 if move.stopping else speed_along(move, base.speed)
@@ -210,12 +206,13 @@ class Motion(Buffers):
 
     def _advance(self, base: Axis, move: Move, steps: dict[int, float]) -> None:
         """Advance the move with a profile that an axis holds, and those merged with it."""
-        if self._has_limits(base, move):
+        followers = self._followers(base, move)
+        if self._has_limits(base, move, followers):
             self._advance_with_limits(base, move, steps)
             return
         remaining = move.shape.length - move.s
         speed = base.along
-        for follower in self._followers(base, move):
+        for follower in followers:
             remaining += follower.shape.length
         braked = move.shape.brakes or move.stopping
         down = base.deceleration if braked else math.inf
@@ -249,21 +246,20 @@ class Motion(Buffers):
 
 
 @plain_jit
-def _add_steps(displaced: Floats, now: Floats, places: Floats) -> None:
-    """Write the positions of axes at displacements, each by the step to it, as `Motion.step` adds them.
+def _add_steps(places: Floats, now: Floats) -> None:
+    """Write the positions of axes over their displacements, each by the step to it, as `Motion.step` adds them.
 
     Args:
-        displaced: displacements, (axes, n) [units].
+        places: displacements, then positions, (axes, n) [units].
         now: displacement, position and last step of every axis, before them and then after them, (3, axes) [units].
-        places: positions, (axes, n) [units].
     """
-    for a in range(displaced.shape[0]):
+    for a in range(places.shape[0]):
         before = now[0, a]
         place = now[1, a]
         step = 0.0
-        for k in range(displaced.shape[1]):
-            step = displaced[a, k] - before
-            before = displaced[a, k]
+        for k in range(places.shape[1]):
+            step = places[a, k] - before
+            before = places[a, k]
             place += step
             places[a, k] = place
         now[0, a] = before

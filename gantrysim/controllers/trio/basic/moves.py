@@ -79,7 +79,8 @@ class Straight(Shape):
         return tuple(share * delta for delta in self.deltas)
 
     def displacements(self, s: Floats) -> Floats:
-        return np.multiply.outer(self.deltas, s / self.length)
+        places: Floats = np.array(self.deltas)[:, None] * (s / self.length)
+        return places
 
 
 @dataclass

@@ -99,14 +99,19 @@ class Source:
         lines: its statements, line by line.
         read: variables that it reads, with the line of the first time.
         arrays: names that DIM gives to arrays.
+        variables: values of the variables that it reads, by name.
+        numbers: values of the numbers that stand in it.
     """
 
     name: str
     lines: list[list[Raw]] = field(default_factory=list)
     read: dict[str, int] = field(default_factory=dict)
     arrays: set[str] = field(default_factory=set)
+    variables: dict[str, Expression] = field(default_factory=dict)
+    numbers: dict[float, Expression] = field(default_factory=dict)
 
     def forget(self) -> None:
         """Forget what its statements have named, before its text is read anew."""
         self.read.clear()
         self.arrays.clear()
+        self.variables.clear()

@@ -42,12 +42,13 @@ def cmd_command(assembler: ProcessAssembler, raw: Raw) -> None:
     arguments = [argument.value for argument in ref.between(command.least, command.most)]
     run = command.act
     line = raw.line
+    spelled = ref.spelled  # so that the command does not hold its words
 
     def act(process: Process) -> None:
         values = [argument(process) for argument in arguments]
-        for k, value in enumerate(values, 1):
-            if not math.isfinite(value):
-                raise InputError(f"{ref.spelled}: value {k} = {value:g}: must be finite")
+        if not all(map(math.isfinite, values)):
+            k, value = next((k, value) for k, value in enumerate(values, 1) if not math.isfinite(value))
+            raise InputError(f"{spelled}: value {k} = {value:g}: must be finite")
         run(process, values, line)
 
     assembler.emit(line, act if ref.axis is None else _on_axis(ref.axis, act), command.cost)
@@ -75,11 +76,12 @@ def cmd_assign(assembler: ProcessAssembler, raw: Raw) -> None:
     expression: Expression = raw.data[1]
     value = expression.value
     store = _store(ref, assembler.arrays)
+    spelled = ref.spelled
 
     def act(process: Process) -> None:
         result = value(process)
         if not math.isfinite(result):
-            raise InputError(f"{ref.spelled} = {result:g}: must be finite")
+            raise InputError(f"{spelled} = {result:g}: must be finite")
         store(process, result)
 
     assembler.emit(raw.line, act)

@@ -250,7 +250,10 @@ class _Builder(Transformer):  # type: ignore[type-arg]
         value = float(token)
         if math.isinf(value):
             raise InputError(f"line {self.line_of(token)}: number {token[:LONGEST_WORD]}: too large")
-        return constant(value)
+        numbers = self.source.numbers
+        if value not in numbers:
+            numbers[value] = constant(value)
+        return numbers[value]
 
     def hexadecimal(self, children: list[Any]) -> Expression:
         token: Token = children[0]
