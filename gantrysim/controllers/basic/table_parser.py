@@ -29,26 +29,28 @@ class Reduction:
 
     Args:
         rule: the rule.
-        build: returns its value, given those of its symbols that it keeps.
+        make: returns its value, given those of its symbols that it keeps.
 
     Attributes:
         count: number of the rule's symbols.
         rule: its name.
         passes_on: whether its value is that of its only symbol.
+        build: returns its value, given those of all its symbols.
     """
 
-    __slots__ = ("_build", "_gives_way", "_kept", "count", "passes_on", "rule")
+    __slots__ = ("_gives_way", "_kept", "_make", "build", "count", "passes_on", "rule")
 
-    def __init__(self, rule: Rule, build: Build) -> None:
+    def __init__(self, rule: Rule, make: Build) -> None:
         self.count = len(rule.expansion)
         self.rule = str(rule.origin.name)
-        self._build = build
+        self._make = make
         self._kept = tuple(_kept(rule))
         self._gives_way = bool(rule.options.expand1 and not rule.alias)
-        self.passes_on = self._gives_way and self.count == 1 and self._kept == ((0, False),)
+        keeps_all = self._kept == tuple((place, False) for place in range(self.count))
+        self.passes_on = self._gives_way and self.count == 1 and keeps_all
+        self.build: Build = make if keeps_all else self._build
 
-    def value(self, values: list[Any]) -> Any:
-        """Return the rule's value, given those of its symbols."""
+    def _build(self, values: list[Any]) -> Any:
         kept: list[Any] = []
         for place, is_list in self._kept:
             if place == _NONE:
@@ -61,7 +63,7 @@ class Reduction:
                 kept = values[place]
         if self._gives_way and len(kept) == 1:
             return kept[0]
-        return self._build(kept)
+        return self._make(kept)
 
 
 class State:
@@ -170,7 +172,7 @@ class TableParser:
                         states[-1] = state
                     else:
                         first = len(values) - reduction.count
-                        value = reduction.value(values[first:])
+                        value = reduction.build(values[first:])
                         values[first:] = [value]
                         state = states[first].successors[reduction.rule]
                         states[first + 1 :] = [state]  # one for every value, after the start

@@ -123,8 +123,9 @@ class _Run:
                 state.tick += 1
             else:
                 passed = passed[:-1]
-            positions.frombytes(passed.tobytes())
-            counts[-1] += len(passed)
+            if len(passed):
+                positions.frombytes(passed.tobytes())
+                counts[-1] += len(passed)
         state.latest.clear()  # processes that hold the state: freed with it, not only once cycles are looked for
         position = np.frombuffer(positions, float).reshape(-1, len(axes))
         is_on = np.frombuffer(outputs, bool).repeat(counts)

@@ -102,16 +102,13 @@ class Motion(Buffers):
     def _run_along(self, move: Move, moved: list[Axis], s: Floats) -> Floats:
         """Advance the axes of a move to the distances s; return their positions there, (axes, n) [units]."""
         places = move.shape.displacements(s)
-        for axis, displaced, before in zip(moved, places, move.displaced, strict=True):
-            axis.moved = axis.moved or bool((displaced != before).any())
-        now = np.array([move.displaced, [axis.position for axis in moved], [0.0] * len(moved)])
-        _add_steps(places, now)
-        last_displaced, last_places, steps = now.tolist()
-        for k, axis in enumerate(moved):
-            axis.step = steps[k]
-            axis.position = last_places[k]
+        displaced = []
+        for axis, column, before in zip(moved, places, move.displaced, strict=True):
+            axis.moved = axis.moved or bool((column != before).any())
+            last, axis.position, axis.step = _add_steps(column, before, axis.position)
+            displaced.append(last)
         move.s = float(s[-1])
-        move.displaced = tuple(last_displaced)
+        move.displaced = tuple(displaced)
         return places
 
     def _steady(self, axis: Axis) -> bool:
@@ -147,14 +144,9 @@ class Motion(Buffers):
             raise InputError(f"{where}axis {axis.number} is to move while {switch} = OFF: must be ON")
         raise InputError(f"{where}axis {axis.number} is at {axis.position:g}: must stay within {FARTHEST:g} units")
 
-    def _merged(self, base: Axis, move: Move) -> Move | None:
-        """The buffered move that follows a move without a stop, if any."""
-        follows = base.queue[0] if base.merge and base.queue else None
-        return follows if follows is not None and _merge(move, follows) else None
-
     def _followers(self, base: Axis, move: Move) -> list[Move]:
         """The buffered moves after a move up to the next end of the merged path."""
-        if self._merged(base, move) is None:
+        if not base.merge:
             return []
         followers = list(takewhile(partial(_merge, move), base.queue))
         if any(follows.targets is not None for follows in followers):
@@ -219,20 +211,19 @@ class Motion(Buffers):
         target = 0.0 if move.stopping else base.speed
         distance = speed.advance(remaining, (target, base.acceleration, down, self.period))
         s = move.s + distance
-        stopped = distance >= remaining
-        while True:
-            follows = self._merged(base, move)
-            if follows is None and stopped:
-                self._place(move, move.shape.length, steps)
-                move.finished = True
-                self._end_path(base)
-                return
-            if follows is None or s < move.shape.length:
+        for follows in followers:
+            if s < move.shape.length:
                 break
             self._place(move, move.shape.length, steps)
             s -= move.shape.length
             self._pass_on(base, move, follows, steps)
             move = follows
+        else:  # the last move of the path
+            if distance >= remaining:
+                self._place(move, move.shape.length, steps)
+                move.finished = True
+                self._end_path(base)
+                return
         self._place(move, s, steps)
         if move.stopping and speed.value <= 0:
             self._end_path(base)
@@ -246,25 +237,24 @@ class Motion(Buffers):
 
 
 @plain_jit
-def _add_steps(places: Floats, now: Floats) -> None:
-    """Write the positions of axes over their displacements, each by the step to it, as `Motion.step` adds them.
+def _add_steps(column: Floats, before: float, place: float) -> tuple[float, float, float]:
+    """Write an axis' positions over its displacements, each by the step to it, as `Motion.step` adds them.
 
     Args:
-        places: displacements, then positions, (axes, n) [units].
-        now: displacement, position and last step of every axis, before them and then after them, (3, axes) [units].
+        column: displacements, then positions, (n,) [units].
+        before: displacement before them [units].
+        place: position there [units].
+
+    Returns:
+        The last displacement, position and step [units].
     """
-    for a in range(places.shape[0]):
-        before = now[0, a]
-        place = now[1, a]
-        step = 0.0
-        for k in range(places.shape[1]):
-            step = places[a, k] - before
-            before = places[a, k]
-            place += step
-            places[a, k] = place
-        now[0, a] = before
-        now[1, a] = place
-        now[2, a] = step
+    step = 0.0
+    for k in range(column.size):
+        step = column[k] - before
+        before = column[k]
+        place += step
+        column[k] = place
+    return before, place, step
 
 
 def _merge(move: Move, follows: Move) -> bool:

@@ -86,23 +86,27 @@ def exact(
     corners = [start.tolist()]
     arcs: list[tuple[Arc, list[int]] | None] = []  # with its columns, from each corner to the next; None for a line
     for move in moves:
-        real = [number for number in move.axes if number in columns]
-        if not real:
+        moved = [columns.get(number) for number in move.axes]
+        on_machine = [column for column in moved if column is not None]
+        if not on_machine:
             continue
         if not move.finished or not columns.keys().isdisjoint(move.beside):
             return None
-        ends = move.shape.displacement(move.shape.length) if move.shape.length else (0.0,) * len(move.axes)
+        shape = move.shape
+        ends = shape.displacement(shape.length) if shape.length else (0.0,) * len(moved)
         place = corners[-1]
         end = list(place)
-        for number, first, moved in zip(move.axes, move.start, ends, strict=True):
-            if number in columns:
-                if abs(place[columns[number]] - first) > _JOINT:
+        for column, first, displaced in zip(moved, move.start, ends, strict=True):
+            if column is not None:
+                if abs(place[column] - first) > _JOINT:
                     return None
-                end[columns[number]] += moved
-        arc = move.shape if isinstance(move.shape, Arc) else None
-        if arc is not None and len(real) < len(move.axes):
+                end[column] += displaced
+        if not isinstance(shape, Arc):
+            arcs.append(None)
+        elif len(on_machine) == len(moved):
+            arcs.append((shape, on_machine))
+        else:
             return None
-        arcs.append(None if arc is None else (arc, [columns[number] for number in move.axes]))
         corners.append(end)
     frame = cache(partial(_frame, placement))
     pieces: list[Line | Coil] = []

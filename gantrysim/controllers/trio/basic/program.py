@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats
+from gantrysim.base.arrays import Floats, read_only
 from gantrysim.base.errors import InputError, at_least, finite, positive, whole
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
@@ -221,10 +221,10 @@ class Basic(Controller):
 
     def _points(self, trace: Trace) -> Floats:
         """The linear axes on the work, (n, 3) [mm]."""
-        points = np.zeros((len(trace.position), 3))
-        for k in range(min(len(self._numbers(trace)), 3)):  # column by column, as NumPy copies short rows slowly
-            points[:, k] = trace.position[:, k]
-        return self.placement.point(points)
+        columns = np.zeros((3, len(trace.position)))  # as NumPy adds to short rows slowly
+        count = min(len(self._numbers(trace)), 3)
+        columns[:count] = trace.position.T[:count]
+        return self.placement.point(columns.T)
 
     def _requested(self, trace: Trace) -> Path:
         if self.spiral is not None:
@@ -235,7 +235,7 @@ class Basic(Controller):
         points = self._points(trace)
         if np.ptp(points, axis=0).max() < 1e-6:
             raise InputError("program moves none of the machine's axes x, y, z: must move one; see axis_numbers")
-        return polyline(points)
+        return polyline(np.ascontiguousarray(points))
 
     def _stated(self, trace: Trace) -> Path | None:
         motion = trace.state.motion
@@ -279,6 +279,7 @@ class Basic(Controller):
         position = np.stack([*points.T[: len(numbers)], *trace.position.T[3 : len(numbers)]], axis=1)
         if len(position) < 2:
             position = np.repeat(position, 2, axis=0)
+        position = read_only(position)  # which Setpoints does not copy
         requested = self.requested if period == self.servo_period else self._requested(trace)
         return Setpoints(period, _AXES[: len(numbers)], position, self._dispense(trace, position), requested)
 
