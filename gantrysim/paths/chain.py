@@ -96,8 +96,7 @@ class Chain(Path):
         frame = self._columns["frame"]
         frame[:, 2] = _normals(*frame[:, :2].transpose(1, 2, 0))
         direction = self._columns["direction"]
-        # sine of a line's climb
-        self._columns["straight"] = dot(frame[:, 2], direction)
+        self._columns["straight"] = dot(frame[:, 2], direction)  # sine of a line's climb
         products = frame[:, :2] * direction[:, None]
         along, across = (products[..., 0] + products[..., 1] + products[..., 2] + 0.0).T  # 0, not -0, for no component
         self._columns["heading"] = np.arctan2(across, along)  # 0 for coils, which have no direction

@@ -26,3 +26,14 @@ def test_each_of_turn_scale_and_depth_counts(changed):
     point = Placement(1.0, 2.0, z=3.0, **changed).point([4.0, 5.0, 6.0])
     wanted = {"rotate": [-4.0, 6.0, 9.0], "scale": [9.0, 12.0, 15.0], "z_down": [5.0, 7.0, -3.0]}
     assert point.tolist() == wanted[next(iter(changed))]
+
+
+@given(st.tuples(numbers, numbers, numbers), st.tuples(numbers, numbers, numbers), st.sampled_from([0.0, 33.0]))
+@settings(max_examples=100, deadline=None)
+def test_a_single_point_lies_where_an_array_of_it_does(point, shift, rotate):
+    x, y, z = shift
+    placement = Placement(x, y, rotate, z=z)
+    placed = placement.place(point)
+    assert placed == tuple(placement.point(point).tolist())
+    assert not any(np.signbit(number) for number in placed if number == 0) or rotate
+    assert placement.direct(point) == tuple(placement.direction(point).tolist())

@@ -49,6 +49,7 @@ PARTS = (
 LINES = (
     *("a=1", "if a then b.3=2", "for i=0 to 10 step a", "on a goto x, y,z", "wait idle", "b1(1,(a and 2)) = c.4+.5"),
     *("if a then if b then wait LOADED", "' only a comment", "to = step", "a = _\n b", "for i=0TO10", "x = 3and4", ""),
+    *("a = ( _\n 3) and 2", "a = (( _\n b1(1 _\n)))", "if ( _\n'x y') then b1"),
 )
 
 

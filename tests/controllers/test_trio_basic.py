@@ -1,7 +1,9 @@
 """Trio BASIC: the language, by what programs print, and its refusals by line."""
 
+import gc
 import math
 import re
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -455,3 +457,17 @@ def test_known_words_come_in_one_order():
     assert isinstance(found, list)
     assert found == sorted(set(found))
     assert {"MOVE", "CONNECT", "WAIT", "TABLE"} <= set(found)
+
+
+def test_a_program_that_has_run_is_freed_with_the_last_that_holds_it():
+    program = basic(
+        'RUN "OTHER",3\nFOR i=1 TO 3\nIF i=2 THEN\nGOSUB more\nENDIF\nNEXT i\nSTOP\n'
+        "more:\nWHILE x<3: x=x+1: WEND\nMOVE(x)\nRETURN\n'$PROGRAM other\nWAIT UNTIL PROC_STATUS PROC(0)=0\n"
+    )
+    state = weakref.ref(program.trace(0.001).state)
+    gc.disable()  # which would free a cycle too
+    try:
+        del program
+        assert state() is None
+    finally:
+        gc.enable()

@@ -51,19 +51,19 @@ class Reduction:
         self.build: Build = make if keeps_all else self._build
 
     def _build(self, values: list[Any]) -> Any:
-        kept: list[Any] = []
+        parts: list[Any] = []
         for place, is_list in self._kept:
             if place == _NONE:
-                kept.append(None)
+                parts.append(None)
             elif not is_list:
-                kept.append(values[place])
-            elif kept:
-                kept += values[place]
+                parts.append(values[place])
+            elif parts:
+                parts += values[place]
             else:  # no copy: a list grows by a part at a time
-                kept = values[place]
-        if self._gives_way and len(kept) == 1:
-            return kept[0]
-        return self._make(kept)
+                parts = values[place]
+        if self._gives_way and len(parts) == 1:
+            return parts[0]
+        return self._make(parts)
 
 
 class State:
