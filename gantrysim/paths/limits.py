@@ -141,13 +141,11 @@ def velocity_bound(s: Floats, first: Floats, velocity: ArrayLike) -> Floats:
         first: derivatives of the axes by the arc length, (m, axes).
         velocity: limits of the axes, (axes,); inf for none.
     """
-    largest = np.abs(first)
-    inside = np.diff(s) > 0
-    before = slice(None, -1)
-    after = slice(1, None)
-    for node, neighbour in ((before, after), (after, before)):
-        derivative = np.abs(first)[neighbour][inside]
-        largest[node][inside] = np.maximum(largest[node][inside], derivative)
+    derivative = np.abs(first)
+    largest = derivative.copy()
+    inside = (np.diff(s) > 0)[:, None]
+    np.maximum(largest[:-1], derivative[1:], out=largest[:-1], where=inside)
+    np.maximum(largest[1:], derivative[:-1], out=largest[1:], where=inside)
     with np.errstate(divide="ignore"):
         bounds = np.asarray(velocity, float) / largest
     return reduce(np.minimum, bounds.T)
