@@ -53,11 +53,11 @@ class Placement:
         return self.direction(points) + self._shift
 
     def direct(self, direction: Vector) -> Vector:
-        """Return the same as `direction` for a single one, as numbers: arrays of three take longer."""
+        """Return a single direction in the work frame as numbers: arrays of three take longer."""
         return direction if self._only_shifts else vector(self.direction(direction))
 
     def place(self, point: Vector) -> Vector:
-        """Return the same as `point` for a single one, as numbers."""
+        """Return a single point in the work frame as numbers [mm], the same as `point`."""
         if not self._only_shifts:
             return vector(self.point(point))
         x, y, z = point

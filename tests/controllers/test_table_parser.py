@@ -9,7 +9,7 @@ from gantrysim.controllers.basic.statements import with_keywords
 from gantrysim.controllers.basic.table_parser import TableParser
 
 # words that are keywords here and names there, a bit that looks like a number, parts that may be missing, a rule that
-# gives way to its only part, comments and lines that go on
+# gives way to its only part, one that may be empty, comments and lines that go on
 GRAMMAR = with_keywords(
     r"""
 start: (line? _NL)*
@@ -17,8 +17,10 @@ start: (line? _NL)*
     | FOR NAME "=" expr TO expr [STEP expr]
     | ON expr GOTO NAME ("," NAME)*
     | WAIT (IDLE | LOADED) -> wait
+    | bits LOADED -> marked
     | ref "=" expr -> assign
     | ref
+bits: BIT*
 ref: NAME ["(" expr ("," expr)* ")"] [BIT]
 ?expr: operand
     | _chain -> chain
@@ -49,7 +51,7 @@ PARTS = (
 LINES = (
     *("a=1", "if a then b.3=2", "for i=0 to 10 step a", "on a goto x, y,z", "wait idle", "b1(1,(a and 2)) = c.4+.5"),
     *("if a then if b then wait LOADED", "' only a comment", "to = step", "a = _\n b", "for i=0TO10", "x = 3and4", ""),
-    *("a = ( _\n 3) and 2", "a = (( _\n b1(1 _\n)))", "if ( _\n'x y') then b1"),
+    *("loaded", ".1 _\n.2 loaded", "a = ( _\n 3) and 2", "a = (( _\n b1(1 _\n)))", 'if ( _\n"x y") then b1 = 2'),
 )
 
 

@@ -59,7 +59,7 @@ class _Parser(threading.local):
         try:
             return cast(list[list[Raw]], self.tables.parse(text, source.forget))
         finally:
-            del self.builder.source  # which holds the statements: a thousand objects, until the next text
+            del self.builder.source  # its statements would be kept in memory until the next text is read
 
 
 _parser = _Parser()
