@@ -4,6 +4,7 @@ import math
 import subprocess
 import sys
 
+import llvmlite.binding
 import numba
 import numpy as np
 import pytest
@@ -69,6 +70,67 @@ def test_numbas_own_functions_are_helpers_too(monkeypatch):
 
 def test_a_function_of_a_users_may_call_a_helper():
     assert numba.njit(lambda rows: _mean(rows, 2.0))(ROWS) == jit(lambda rows: _mean(rows, 2.0))(ROWS)
+
+
+def test_a_helper_of_two_helpers_is_linked_once(monkeypatch):
+    @inner_jit
+    def square(row):
+        return row[0] * row[0]
+
+    @inner_jit
+    def first(rows):
+        return square(rows[0])
+
+    @inner_jit
+    def last(rows):
+        return square(rows[-1])
+
+    linked = []
+    link_in = llvmlite.binding.ModuleRef.link_in
+
+    def counted(module, other, preserve=False):
+        if preserve:  # code that is linked elsewhere too
+            linked.append(other.name.rpartition(".")[2])
+        link_in(module, other, preserve)
+
+    monkeypatch.setattr(llvmlite.binding.ModuleRef, "link_in", counted)
+    compiled = jit(lambda rows: first(rows) + last(rows))
+    compiled._cache = NullCache()  # from which nothing is compiled
+    assert compiled(ROWS) == ROWS[0, 0] * ROWS[0, 0] + ROWS[-1, 0] * ROWS[-1, 0]
+    assert {"square", "first", "last"} <= set(linked)
+    assert len(linked) == len(set(linked))
+
+
+def _attributes(compiled):
+    """Return the attributes of a compiled function's wrapper, and of the function itself."""
+    compiled._cache = NullCache()  # code from a cache cannot be looked at
+    compiled(ROWS)
+    (result,) = compiled.overloads.values()
+    description = result.fndesc
+    functions = [
+        result.library.get_function(name)
+        for name in (description.llvm_cpython_wrapper_name, description.llvm_func_name)
+    ]
+    return [b" ".join(function.attributes) for function in functions]
+
+
+@pytest.mark.parametrize("decorator", [jit, plain_jit])
+def test_the_wrapper_alone_is_not_optimised(decorator):
+    wrapper, function = _attributes(decorator(lambda rows: rows[0, 0] * rows[1, 1]))
+    assert b"optnone" in wrapper
+    assert b"optnone" not in function
+
+
+def test_errors_pass_the_wrapper():
+    def positive(rows):
+        if rows[0, 0] < 0.0:
+            raise ValueError("must be positive")
+        return rows
+
+    compiled = jit(positive)
+    assert compiled(np.abs(ROWS)).tolist() == np.abs(ROWS).tolist()
+    with pytest.raises(ValueError, match="must be positive"):
+        compiled(-np.abs(ROWS))
 
 
 def test_what_the_short_way_does_not_compile_takes_all_passes():
