@@ -164,7 +164,7 @@ class Started:
         """The fault, if there is one."""
         row = self.row
         simulation = self.simulation
-        code = int(row["fault"])
+        code = row["fault"]
         if not code:
             return None
         kind = FAULTS[code]

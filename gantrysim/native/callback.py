@@ -7,6 +7,7 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
+import numpy as np
 from numba import types
 
 from gantrysim.base.fingerprint import fingerprint
@@ -26,10 +27,11 @@ def magic() -> int:
 @cache
 def callback() -> Any:
     """Return the tick as a C function (mjModel, mjData), compiled or from numba's cache."""
-    nuserdata_at = offsets()["nuserdata"]
-    userdata_at = offsets()["userdata"]
-    row_size = ROW_NUMBERS
-    key = magic()
+    # of NumPy's type, as numba compiles functions anew for literals of Python's
+    nuserdata_at = np.int64(offsets()["nuserdata"])
+    userdata_at = np.int64(offsets()["userdata"])
+    row_size = np.int64(ROW_NUMBERS)
+    key = np.int64(magic())
 
     def tick(model, data):
         step(model, data, nuserdata_at, userdata_at, row_size, key)

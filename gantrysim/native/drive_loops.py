@@ -7,13 +7,12 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from gantrysim.base.jit import inner_jit
 from gantrysim.native.compiling import part
 from gantrysim.native.drives import follow_demand
 from gantrysim.native.encoders import read
-from gantrysim.native.pointers import axis_log, drives_at, gains_of, row_at, vector
+from gantrysim.native.pointers import axis_log, drives_at, gains_of, leading, row_at, vector
 from gantrysim.native.row import POINTS, POSITION, VELOCITY
 from gantrysim.native.stages import compiled_stage, run_stages
 from gantrysim.native.stepping_field import field_at, turn_target
@@ -93,7 +92,7 @@ def closed_loop(data, row, userdata, axis, drive):
                 gains_of(row, axis),
             )
             torque, drive.first, drive.second = _filtered(
-                torque, to_fixed_tuple(row.notch[axis], _COEFFICIENTS), drive.first, drive.second
+                torque, leading(row.notch[axis], _COEFFICIENTS), drive.first, drive.second
             )
             drive.before = error
             drive.position = seen

@@ -8,11 +8,10 @@ from functools import cache
 from typing import Any
 
 import numba
-from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from gantrysim.base.jit import inner_jit
 from gantrysim.native.compiling import part
-from gantrysim.native.pointers import floats, gains_of, laws_at, row_at, tick_log
+from gantrysim.native.pointers import floats, gains_of, laws_at, leading, row_at, tick_log
 from gantrysim.native.stages import compiled_stage
 from gantrysim.servo import notch
 from gantrysim.servo.laws.law import BaseLaw
@@ -25,7 +24,7 @@ _COEFFICIENTS = len(notch.Coefficients._fields)
 def take(row, axis, torque, integral):
     """Take the torque of a base law and its integral after this tick, the torque through the axis' notch."""
     row.torque[axis], row.notch_first[axis], row.notch_second[axis] = _filtered(
-        torque, to_fixed_tuple(row.notch[axis], _COEFFICIENTS), row.notch_first[axis], row.notch_second[axis]
+        torque, leading(row.notch[axis], _COEFFICIENTS), row.notch_first[axis], row.notch_second[axis]
     )
     row.next_integral[axis] = integral
 

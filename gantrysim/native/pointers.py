@@ -13,8 +13,8 @@ from typing import Any
 import numba
 from llvmlite import ir
 from numba import types
+from numba.core.errors import RequireLiteralValue
 from numba.extending import intrinsic
-from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from gantrysim.base.jit import inner_jit
 from gantrysim.native.row import DRIVE, FAULT, LAW, LOG_AXIS, LOG_TICK, ROW, STAGE
@@ -98,6 +98,25 @@ def call(context: Any, address: Any, data: Any, userdata: Any, argument: Any) ->
     return types.void(types.int64, types.int64, types.int64, types.int64), codegen
 
 
+@intrinsic
+def leading(context: Any, array: Any, count: Any) -> Any:
+    """Return the first numbers of a contiguous array as a tuple, as many as a constant tells.
+
+    For numba's `to_fixed_tuple` a function is compiled that fills the tuple in a loop.
+    """
+    if not isinstance(count, types.IntegerLiteral):
+        raise RequireLiteralValue("count")
+    size = count.literal_value
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        data = context.make_array(array)(context, builder, args[0]).data
+        places = [ir.Constant(ir.IntType(64), k) for k in range(size)]
+        numbers = [builder.load(builder.gep(data, [place])) for place in places]
+        return context.make_tuple(builder, signature.return_type, numbers)
+
+    return types.UniTuple(array.dtype, size)(array, count), codegen
+
+
 def typed_pointer(target: types.Type) -> Any:
     """Return what an intrinsic needs to make a pointer to a type of numba's: its signature, and its code."""
 
@@ -173,4 +192,4 @@ def laws_at(address, axes):
 @inner_jit
 def gains_of(row, axis):
     """Return the gains of an axis, a copy."""
-    return Gains(*to_fixed_tuple(row.gains[axis], _GAINS))
+    return Gains(*leading(row.gains[axis], _GAINS))

@@ -22,7 +22,7 @@ OVERSPEED = 1.2
 
 # The torque limit can hold an unstable loop in a limit cycle whose error looks harmless. It is detected by this many
 # swings of the demand from one limit to the other, each within this time of the last.
-OSCILLATION_SWINGS = 20
+OSCILLATION_SWINGS = 20.0
 OSCILLATION_TIME = 0.1  # [s]
 
 LARGEST_TORQUE = 1e9  # [N·m]; MuJoCo zeroes a control of more than 1e10, with no more than a warning
@@ -38,8 +38,9 @@ FAULTS = (
     "position error",
     "settling",
 )
-FOLLOWING_ERROR, TRAVEL, OVERSPEEDING, DIVERGED, OSCILLATION = range(1, 6)
-POSITION_ERROR, POSITION_ERROR_AT_REST, SETTLING = range(6, 9)
+# of NumPy's type, as numba compiles a function anew for every literal of Python's that it is called with
+FOLLOWING_ERROR, TRAVEL, OVERSPEEDING, DIVERGED, OSCILLATION = map(np.int64, range(1, 6))
+POSITION_ERROR, POSITION_ERROR_AT_REST, SETTLING = map(np.int64, range(6, 9))
 
 WARNINGS = int(mujoco.mjtWarning.mjNWARNING)  # kinds of MuJoCo's warnings; any of them makes the state invalid
 
