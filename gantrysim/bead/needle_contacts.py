@@ -240,7 +240,9 @@ def _chord(position: _Position, sections: Sections, k: int) -> tuple[float, floa
     along = abs(dx * sections.cosine[k] + dy * sections.sine[k])
     across = abs(dy * sections.cosine[k] - dx * sections.sine[k])
     height = max(position.z - sections.surface[k], 0.0) / sections.steep[k] + sections.drop[k]
-    chord = sections.flat[k] + math.sqrt(max(sections.radius[k] ** 2 - height**2, 0.0))
+    radius = sections.radius[k]
+    # products, as numba compiles a loop for a power
+    chord = sections.flat[k] + math.sqrt(max(radius * radius - height * height, 0.0))
     return max(along - sections.thickness, 0.0), max(across - chord, 0.0)
 
 
@@ -274,7 +276,7 @@ def _touch(position: _Position, needle: Needle, sections: Sections, cells: Cells
             break
         if _counts(position, needle, sections, k):
             along, beside = _chord(position, sections, k)
-            if along**2 + beside**2 < needle.radius**2:
+            if along * along + beside * beside < needle.radius * needle.radius:
                 touched[k] = True
                 depth = max(depth, sections.top[k] - position.z)
     return depth

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -172,7 +173,7 @@ def _furthest_turned(heading: Floats, s: Floats) -> tuple[int, int]:
     before = 0.0  # sense of the last turning
     for k in range(n - 1):
         if heading[k + 1] != heading[k]:
-            before = np.sign(heading[k + 1] - heading[k])
+            before = math.copysign(1.0, heading[k + 1] - heading[k])
             break
     if before == 0.0:
         return 0, 0
@@ -186,7 +187,7 @@ def _furthest_turned(heading: Floats, s: Floats) -> tuple[int, int]:
         if k < n - 1:
             change = heading[k + 1] - heading[k]
             if change != 0.0:
-                before = np.sign(change)
+                before = math.copysign(1.0, change)
             # a straight belongs to the turning before it, a corner to no stretch
             sense = 0.0 if abs(change) > _CORNER and s[k + 1] - s[k] < _CORNER_LENGTH else before
         if k == 0:

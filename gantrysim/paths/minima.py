@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,7 @@ class Minima(NamedTuple):
     squares: Floats
 
 
-ZERO = np.int64(0)  # of NumPy's type, as numba compiles a function anew for a literal of Python's
+ZERO: Any = np.int64(0)  # of NumPy's type, as numba compiles a function anew for a literal of Python's
 
 
 @plain_inner_jit

@@ -8,7 +8,7 @@ import numpy as np
 
 from gantrysim.base.arrays import seen
 from gantrysim.base.jit import inner_jit, plain_inner_jit, plain_jit
-from gantrysim.paths.minima import Minima, Table, find_minima, first_near_entry, nearest_entry, square_distance
+from gantrysim.paths.minima import ZERO, Minima, Table, find_minima, first_near_entry, nearest_entry, square_distance
 from gantrysim.paths.sequences import (
     BEAM,
     CANDIDATES,
@@ -65,7 +65,7 @@ def _start(table, point, begin):
         reach = 2
     else:
         first = min(begin, len(points) - 1)
-        reach = int((2 * np.sqrt(square_distance(point, points[first])) + _BACK) / table.spacing)
+        reach = int((2 * np.sqrt(square_distance(points[first], point)) + _BACK) / table.spacing)
     first = nearest_entry(points, point, first - reach, first + reach)
     return nearest_entry(points, point, first - _AROUND, first + _AROUND)
 
@@ -102,7 +102,7 @@ def _extend(table, trace, sequences, buffers):
     extended_cost = buffers.cost
     extended_place = buffers.place
     minima = buffers.minima
-    count = 0
+    count = ZERO
     lowest = 0.0
     for k in range(1, len(trace.points)):
         point = trace.points[k]
@@ -113,7 +113,7 @@ def _extend(table, trace, sequences, buffers):
         low = max(first - int((_BACK + length) / spacing), 0)
         for ahead in (_BACK, _REACH):  # far ahead only where no foot nearby advances as the trace does
             high = min(last + int((ahead + 4 * length) / spacing) + 1, last_entry)
-            count = 0
+            count = ZERO
             for c in range(find_minima(points, point, low, high, minima)):
                 best = 0
                 least = np.inf
@@ -196,7 +196,7 @@ def along_compiled(points, trace, travel, spacing, begin):
     ends = Ends(np.zeros(BEAM), np.zeros(BEAM))
     numbers = np.empty((3, CANDIDATES))
     minima = Minima(np.empty(CANDIDATES, np.int64), numbers[0], numbers[1], numbers[2])
-    buffers = Buffers(ends, np.empty(BEAM), np.empty(BEAM), minima, np.empty(BEAM, np.int64))
+    buffers = Buffers(ends, np.empty(BEAM), np.empty(BEAM), minima, np.empty(BEAM, np.int32))
     table = Table(points, spacing)
     first = _start(table, trace[0], begin)
     sequences.entry[0, 0] = first

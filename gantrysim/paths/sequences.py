@@ -69,7 +69,7 @@ class Buffers(NamedTuple):
     cost: Floats
     place: Floats
     minima: Minima
-    slots: NDArray[np.int64]
+    slots: NDArray[np.int32]
 
 
 def begun(entry):
@@ -80,7 +80,7 @@ def begun(entry):
     ends.place[0] = entry
     numbers = np.zeros((3, CANDIDATES))
     minima = Minima(np.zeros(CANDIDATES, np.int64), numbers[0], numbers[1], numbers[2])
-    return sequences, Buffers(ends, np.zeros(BEAM), np.zeros(BEAM), minima, np.zeros(BEAM, np.int64))
+    return sequences, Buffers(ends, np.zeros(BEAM), np.zeros(BEAM), minima, np.zeros(BEAM, np.int32))
 
 
 def extended(sequences, count):
