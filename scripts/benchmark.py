@@ -54,20 +54,24 @@ SWING = 400  # steps with one direction of the torque
 ENV = "gantrysim/GainBandit-v0"
 INTERVAL = 0.1  # between its decisions [s]
 ALONE = ("--no-causes", "--no-improve")  # options of the command for no run but the job's
-COMMAND = "from gantrysim.cli.main import main; main()"
+COMMAND = "from gantrysim.cli.start import main; main()"  # as the installed command begins
 # ends the command at the moment its verdict is printed
 TO_VERDICT = """
 import os, sys
-from gantrysim.cli import evaluation
-show = evaluation.show_verdict
+from gantrysim.base.import_hooks import when_imported
+from gantrysim.cli.start import main
 
-def show_and_end(verdict):
-    show(verdict)
-    sys.stdout.flush()
-    os._exit(0)
+def end_at_verdict(evaluation):
+    show = evaluation.show_verdict
 
-evaluation.show_verdict = show_and_end
-from gantrysim.cli.main import main
+    def show_and_end(verdict):
+        show(verdict)
+        sys.stdout.flush()
+        os._exit(0)
+
+    evaluation.show_verdict = show_and_end
+
+when_imported("gantrysim.cli.evaluation", end_at_verdict)
 main()
 """
 NEAR = 0.2  # of the action space: near enough to the derived gains for no episode to end in a fault
