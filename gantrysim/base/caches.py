@@ -13,7 +13,7 @@ from typing import Any
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, NullCache, _Cache
 from numba.core.runtime import rtsys
 
-from gantrysim.base import contexts, pipeline
+from gantrysim.base import contexts, libraries, pipeline
 from gantrysim.base.fingerprint import code_hash, fingerprint
 
 
@@ -116,6 +116,6 @@ class Cached(_Cache):  # type: ignore[misc]
 def _compiler_hash() -> str:
     """Return a hash of what this package changes in numba's compiler."""
     digest = sha256()
-    for module in (pipeline, contexts):
+    for module in (pipeline, contexts, libraries):
         digest.update(Path(str(module.__file__)).read_bytes())
     return digest.hexdigest()

@@ -12,7 +12,7 @@ from numba.core.caching import NullCache
 from numba.core.compiler import Flags
 from numba.core.target_extension import CPU, jit_registry
 
-from gantrysim.base import pipeline
+from gantrysim.base import libraries, pipeline
 from gantrysim.base.jit import inner_jit, jit, plain_inner_jit, plain_jit
 
 ROWS = np.random.default_rng(3).normal(size=(50, 3))
@@ -46,7 +46,7 @@ def test_numbers_are_those_of_numbas_own_compiler():
 def test_a_helper_has_no_code_of_its_own():
     jit(weighted)(ROWS, 0.3)
     (helper,) = _length.overloads.values()
-    assert isinstance(helper.library, pipeline._PartLibrary)
+    assert isinstance(helper.library, libraries.PartLibrary)
     assert helper.library.get_pointer_to_function(helper.fndesc.llvm_func_name) == 0
 
 
@@ -56,8 +56,8 @@ def test_numbas_own_functions_are_helpers_too(monkeypatch):
 
     numbers = tuple(np.arange(7, dtype=np.float32))  # so many are compared nowhere else
     names = []
-    finalize = pipeline._PartLibrary.finalize
-    monkeypatch.setattr(pipeline._PartLibrary, "finalize", lambda part: names.append(part.name) or finalize(part))
+    finalize = libraries.PartLibrary.finalize
+    monkeypatch.setattr(libraries.PartLibrary, "finalize", lambda part: names.append(part.name) or finalize(part))
     compiled = jit(highest)
     compiled._cache = NullCache()  # from which nothing is compiled
     assert compiled(numbers) == 6
