@@ -238,11 +238,12 @@ def _next_block(table, block, sequences, buffers, entries, is_last):
         best = _least(buffers.ends.cost, count)
         slots[0] = best
         count = 1
-    least, largest = _range(slots, count)
-    while k > 0 and least != largest:
+    while True:
+        least, largest = _range(slots, count)
+        if k == 0 or least == largest:
+            break
         for c in range(count):
             slots[c] = sequences.origin[k, slots[c]]
-        least, largest = _range(slots, count)
         k -= 1
     if least == largest:
         _trace_back(sequences, slots[0], entries[: k + 1])
