@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from gantrysim.base import fingerprint
+from gantrysim.base.jit import inner_jit
 from gantrysim.native import tick
 from gantrysim.native.compiling import part
-from gantrysim.native.row import ROW
+from gantrysim.native.row import DIVERGED, FOLLOWING_ERROR, OSCILLATION, OVERSPEEDING, ROW, SETTLING, TRAVEL
 from gantrysim.servo.laws.observer import observe
 
 LIMIT = 2.0
@@ -39,6 +40,24 @@ def test_a_part_is_compiled_with_the_plain_functions_that_it_calls():
     compiled = part(_outer)
     assert numba.njit(lambda value: compiled(value))(5.0) == _outer(5.0) == 3.0
     assert part(_outer) is part(_outer)
+
+
+def _calling(helper, number):
+    return numba.njit(lambda: helper(number))
+
+
+def test_a_helper_is_compiled_once_for_all_constants_of_the_tick():
+    """For a number of Python's it would be compiled once for each."""
+
+    @inner_jit
+    def same(number):
+        return number
+
+    for number in (FOLLOWING_ERROR, TRAVEL, OVERSPEEDING, DIVERGED, OSCILLATION, SETTLING, tick.CURRENT, tick.VOLTAGE):
+        assert _calling(same, number)() == number
+    assert len(same.overloads) == 1
+    assert _calling(same, int(SETTLING))() == SETTLING
+    assert len(same.overloads) == 2
 
 
 def test_the_stages_of_a_law_run_as_plain_python_too():
