@@ -83,6 +83,7 @@ class WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
         super().finalize()
 
     def _optimize_final_module(self) -> None:
+        # numba's first pass inlines, so that counted references to arrays can be omitted: most functions count none
         if any(function.name == "NRT_incref" for function in self._final_module.functions):
             super()._optimize_final_module()
         else:
