@@ -39,10 +39,13 @@ def test_nan_equals_nan_and_words_are_told_apart(capsys):
     assert "equal but for words: ['b']" in capsys.readouterr().out
 
 
-def test_names_that_changed_are_compared_and_those_removed_are_not():
-    before = {"SpiralTuning-v0 alone.json: values": 1.0, "SpiralTuning-v1 alone.json: values": 2.0}
-    assert SCRIPT["compared"]("work", before, {"SpiralTuning-v0 alone.json: values": 2.0})
-    assert not SCRIPT["compared"]("work", before, {"SpiralTuning-v0 alone.json: values": 1.0})
+def test_names_that_changed_are_compared_and_those_removed_are_not(monkeypatch, capsys):
+    lists = SCRIPT["compared"].__globals__
+    monkeypatch.setitem(lists, "RENAMED", {"Tuning-v1": "Tuning-v0"})
+    monkeypatch.setitem(lists, "REMOVED", ("Tuning-v0",))
+    before = {"Tuning-v0 alone.json: values": 1.0, "Tuning-v1 alone.json: values": 2.0}
+    assert SCRIPT["compared"]("work", before, {"Tuning-v0 alone.json: values": 2.0})
+    assert not SCRIPT["compared"]("work", before, {"Tuning-v0 alone.json: values": 1.0})
 
 
 def test_files_of_results_are_read_whole(tmp_path):
