@@ -108,7 +108,7 @@ def fit_axis(nominal: AxisModel, log: AxisLog, progress: Callable[[], None] = la
     if error.correlation(best) > WHITE:
         best = _with_another_mode(error, best, without_mode, (_HELD if log.held else _SAMPLED) / log.period)
     if nominal.share and error.correlation(best) > WHITE:
-        best = _with_gap(error, best, without_mode)
+        best = _with_gap(error, best, replace(without_mode, deflection=nominal.deflection))
     model, estimates = _with_law(best, law)
     return AxisFit(
         axis=log.axis,
@@ -230,14 +230,30 @@ def _with_gap(error: PredictionError, best: Minimum, without_mode: AxisModel) ->
     Args:
         error: of the log.
         best: the fit without a backlash.
-        without_mode: a model with the mode of the MJCF: a backlash hides the mode, and the fit has bent it.
+        without_mode: a model with mode and bristles of the MJCF: a backlash hides the mode and looks like presliding,
+            and the fit has bent both.
     """
-    stiff = [replace(without_mode, stiffness=factor * without_mode.stiffness) for factor in _HIDDEN]
-    grid = [replace(model, gap=gap * error.size) for model in (best.model, *stiff) for gap in _GAPS]
     noise = _CALM * float(np.std(error.torque))
-    nearest = min(grid, key=lambda model: error.cost(model, noise))
-    if not error.cost(nearest, noise) < best.cost:  # another structure is missing
+    starts = [start for filled in (False, True) for start in _starts(error, best.model, without_mode, noise, filled)]
+    likely = [start for start in dict.fromkeys(starts) if error.cost(start, noise) < best.cost]
+    if not likely:  # another structure is missing
         return best
-    gapped = refined(error, nearest, noise, [*_RIGID, *MODE, "gap"], 2 * _FEW, _COARSE)
+    fits = [refined(error, start, noise, [*_RIGID, *MODE, "gap"], 2 * _FEW, _COARSE) for start in likely]
+    gapped = min(fits, key=lambda fit: fit.cost)
     gain = error.used.sum() * math.log(best.cost / gapped.cost)
     return gapped if gain > _GAIN and gapped.relative("gap") < _UNSEEN else best
+
+
+def _starts(
+    error: PredictionError, fitted: AxisModel, without_mode: AxisModel, noise: float, filled: bool
+) -> tuple[AxisModel, AxisModel]:
+    """Return starts of a fit with a backlash, with the fitted presliding and with what is best beside a gap.
+
+    Arguments are as of `_with_gap`, and whether grease fills the gap.
+    """
+    stiff = [replace(without_mode, stiffness=factor * without_mode.stiffness) for factor in _HIDDEN]
+    models = [replace(model, deflection=fitted.deflection, filled=filled) for model in (fitted, *stiff)]
+    grid = [replace(model, gap=gap * error.size) for model in models for gap in _GAPS]
+    nearest = min(grid, key=lambda model: error.cost(model, noise))
+    bristles = [replace(nearest, deflection=factor * without_mode.deflection) for factor in _DEFLECTIONS]
+    return nearest, min(bristles, key=lambda model: error.cost(model, noise))

@@ -6,7 +6,8 @@ With the motor at q, the load at p, d = q - p [u] and w the motor's speed, torqu
     Jl p'' =                                    k slack(d) + c slack'(d)
     F = s0 z + s1 z',    z' = w - s0 |w| z / g,    g = Fc + (Fs - Fc) exp(-(w / ws)²)
 
-slack(d) is d without the half gap of the backlash on its side: within the gap neither spring nor damper acts.
+slack(d) is d without the half gap of the backlash on its side: within the gap neither spring nor damper acts. In a gap
+that is filled the damper does, by c d'.
 """
 
 # ruff: noqa: N806 - matrices bear the letters of the equations
@@ -43,6 +44,7 @@ class AxisModel:
         offset: constant torque, such as an uncompensated weight [N·m].
         delay: from the torque in the log to its effect [s].
         gap: backlash between motor and load [u].
+        filled: whether the damper acts within the gap too, as grease does.
         scale: travel per motor angle [u/rad].
         stribeck: ws [rad/s].
         deflection: Fc / s0: of the bristles in sliding, at slow speed [rad].
@@ -60,6 +62,7 @@ class AxisModel:
     offset: float
     delay: float
     gap: float
+    filled: bool
     scale: float
     stribeck: float
     deflection: float
@@ -162,6 +165,7 @@ def model_of(machine: Machine, axis: int) -> AxisModel:
         offset=0.0,
         delay=0.0,
         gap=0.0,
+        filled=False,
         scale=driven.scale,
         stribeck=stribeck,
         deflection=deflection,

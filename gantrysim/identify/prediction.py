@@ -68,10 +68,16 @@ class Course(NamedTuple):
 
 
 class Spring(NamedTuple):
-    """Stiffness [N·m/u] and damping [N·m·s/u] between motor and load, and backlash [u]."""
+    """Spring and damper between motor and load.
+
+    Attributes:
+        stiffness: [N·m/u].
+        lost_damping: what does not act within the gap [N·m·s/u].
+        gap: backlash [u].
+    """
 
     stiffness: float
-    damping: float
+    lost_damping: float
     gap: float
 
 
@@ -128,7 +134,8 @@ def innovations(model: AxisModel, noise: float, samples: Samples) -> Floats:
     if course is not None:
         means = means - course.ripple[:, None]
         level = course.level
-    return _predict(position, means, predictor, friction, Spring(model.stiffness, model.damping, model.gap), level)
+    spring = Spring(model.stiffness, 0.0 if model.filled else model.damping, model.gap)
+    return _predict(position, means, predictor, friction, spring, level)
 
 
 def error_variance(model: AxisModel, noise: float, period: float) -> float:
@@ -229,7 +236,7 @@ def _predict(
             z = end + (z - end) * math.exp(-step * rate)  # from the middle of the last step to that of this one
             back = 0.0
             if half > 0.0 and n == 4:
-                back = _slack(x[0] - x[2], x[1] - x[3], spring.stiffness, spring.damping, half)
+                back = _slack(x[0] - x[2], x[1] - x[3], spring.stiffness, spring.lost_damping, half)
             # speed and stretch in the middle of the step, from the force at its begin: bristle damping is strong
             force = torque[tick, j] - bristles * (z + bristle_time * (w - rate * z))
             for i in range(n):
@@ -241,7 +248,7 @@ def _predict(
             if half > 0.0 and n == 4:
                 stretch = 0.5 * (x[0] - x[2] + y[0] - y[2])
                 rate = 0.5 * (x[1] - x[3] + y[1] - y[3])
-                back = _slack(stretch, rate, spring.stiffness, spring.damping, half)
+                back = _slack(stretch, rate, spring.stiffness, spring.lost_damping, half)
             _, rate = _bristles(w, coulomb, excess, stribeck, bristles)
             force = torque[tick, j] - bristles * (z + bristle_time * (w - rate * z))
             for i in range(n):
