@@ -14,8 +14,8 @@ from gantrysim.machine.motors import set_for_steps
 class PhysicsModels:
     """The model of a machine's physics, and copies of it for steps of some length.
 
-    A copy takes a tenth of the time in which an agent's episode is drawn. That of a perturbed machine is therefore made
-    when it is first asked for: an episode needs the stepped model alone.
+    A copy takes a tenth of the time in which an agent's episode is drawn, and an episode needs the stepped model alone.
+    The physics of a perturbed machine is therefore made when it is first asked for.
 
     Args:
         physics: the model.
