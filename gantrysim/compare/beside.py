@@ -88,6 +88,7 @@ def beside(trace: Trace, alignment: Alignment, run: Run, machine: Machine) -> tu
                 flow=run.flow[tick],
                 flow_demand=run.flow_demand[tick],
                 dispense=run.dispense[tick],
+                progress=None if run.progress is None else np.interp(instants, run.time, run.progress),
             )
         )
     return records[0], records[1]

@@ -17,7 +17,7 @@ from gantrysim.base.quantity import contents
 from gantrysim.compare.alignment import Alignment
 from gantrysim.compare.beside import beside, evenly
 from gantrysim.compare.compare_quantities import DIFFERENCES, EXPLAINED, PEAK, ROTATION, SHIFT
-from gantrysim.compare.coverage import arc_length, coverage
+from gantrysim.compare.coverage import coverage
 from gantrysim.compare.measured import Trace
 from gantrysim.compare.trace_faults import aligned_as_named, scale_and_clock
 from gantrysim.machine.machine import Machine
@@ -113,7 +113,6 @@ class Comparison:
                 f"the trace has the command of some axes alone, not of {', '.join(unmeasured)}: must have that of "
                 "every axis in motion, the encoders or the nozzle"
             )
-        whole = Analysis(run)
         alignment = aligned_as_named(trace, run, what)
         measured, simulated = beside(trace, alignment, run, machine)
         notes = [*trace.notes, *scale_and_clock(trace, run, alignment)]
@@ -122,9 +121,8 @@ class Comparison:
         notes += coverage(measured, run, alignment)
         if not evenly(measured.time):
             notes.append("the samples have no even rate: there is no spectrum")
-        begin = arc_length(whole, measured.time[0])
-        of_trace = Budget(Analysis(measured, begin))
-        of_run = Budget(Analysis(simulated, begin))
+        of_trace = Budget(Analysis(measured))
+        of_run = Budget(Analysis(simulated))
         return cls(of_trace, of_run, trace.links, unmeasured, alignment, machine, tuple(notes))
 
     @property

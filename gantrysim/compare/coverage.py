@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from gantrysim.compare.alignment import Alignment
-from gantrysim.metrics.analysis import Analysis
 from gantrysim.record.run import Run
 
 _WHOLE = 0.999  # of the dispensing time, from which a trace covers it all
@@ -27,10 +24,3 @@ def coverage(measured: Run, run: Run, alignment: Alignment) -> list[str]:
             "covers is not identified"
         )
     return notes
-
-
-def arc_length(analysis: Analysis, time: float) -> float:
-    """Return the arc length of the command at an instant [mm]; without glue, where the last stretch of it ended."""
-    dispensing = analysis.run.time[analysis.ticks]
-    tick = int(np.searchsorted(dispensing, time, side="right")) - 1
-    return float(analysis.commanded.s[tick]) if tick >= 0 else 0.0

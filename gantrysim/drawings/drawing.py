@@ -223,8 +223,12 @@ class Drawing(Controller):
     @cached_property
     def requested(self) -> Chain:
         """The path as drawn, with the travel between: its corners are sharp, its curves ten times finer."""
+        return self._requested_route.chain
+
+    @cached_property
+    def _requested_route(self) -> Route:
         fine = replace(self._manner, chord=_FINER * self.chord_tolerance, corner=0.0)
-        return routed(list(self._strokes), fine).chain
+        return routed(list(self._strokes), fine)
 
     @cached_property
     def profile(self) -> Paused:
@@ -258,7 +262,14 @@ class Drawing(Controller):
         resting = profile.resting(time)
         dots = np.array([leg.dot for leg in self.route.legs if leg.pause > 0])
         dispense[resting >= 0] = dots[resting[resting >= 0]]
-        return Setpoints(period, self.axes, chain.position(s)[:, : len(self.axes)], dispense, self.requested)
+        return Setpoints(
+            period=period,
+            axes=self.axes,
+            position=chain.position(s)[:, : len(self.axes)],
+            dispense=dispense,
+            requested=self.requested,
+            progress=self.route.progress(s, self._requested_route),
+        )
 
     @property
     def _left_out(self) -> str:

@@ -67,6 +67,19 @@ class Route:
     stretches: int
     corners: Count
 
+    def progress(self, s: Floats, requested: Route) -> Floats:
+        """Return the arc lengths of the requested route of the same drawing at those of this one, (n,) [mm]."""
+        order = np.interp(s, *self._order)
+        arc_length, place = requested._order
+        return np.interp(order, place, arc_length)
+
+    @property
+    def _order(self) -> tuple[Floats, Floats]:
+        """Arc lengths at the ends of the legs, and their places in the order of the drawing, (n + 1,) each."""
+        arc_length = np.concatenate([[0.0], self.chain.ends])
+        place = np.array([self.legs[0].order[0], *(leg.order[1] for leg in self.legs)])
+        return arc_length, np.maximum.accumulate(place)
+
 
 def routed(strokes: list[Stroke], manner: Manner) -> Route:
     """Return the path along strokes, whose `glue` is given.
@@ -83,12 +96,12 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
     count = Count()
     up = np.array([0.0, 0.0, manner.lift])
     position = manner.start
-    for stretch in stretches:
+    for number, stretch in enumerate(stretches):
         dot = stretch[0].dot
         drawn: list[Leg] = []
         first = dot
         if dot is None:
-            drawn = rounded(_drawn(stretch, manner), manner.corner, count)
+            drawn = rounded(_drawn(stretch, manner, 2.0 * number + 1), manner.corner, count)
             if not drawn:  # shorter than any piece
                 continue
             first = drawn[0].start
@@ -98,10 +111,11 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
             travel = _travel(position, first, manner.lift, started=bool(legs))
         elif manner.lift > 0:
             travel = [Line(vector(first + up), vector(first))]
-        legs += [Leg(line, False, manner.travel_speed, travel=True) for line in travel]
+        legs += _ordered([Leg(line, False, manner.travel_speed, travel=True) for line in travel], 2.0 * number, 1.0)
         if dot is not None:
             if not legs:  # the time of a dot is a pause at the end of a leg
-                legs.append(Leg(Line(_beside(dot, stretches), vector(dot)), False, manner.travel_speed, travel=True))
+                line = Line(_beside(dot, stretches), vector(dot))
+                legs += _ordered([Leg(line, False, manner.travel_speed, travel=True)], 2.0 * number, 1.0)
             lays_glue = bool((stretch[0].glue or (1,))[0])
             stated_time = stretch[0].dot_time
             dot_time = manner.dot_time if stated_time is None else stated_time
@@ -112,8 +126,16 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
     if position is None or not legs:
         raise InputError("drawing: must have a line of positive length that is traced")
     if manner.lift > 0:
-        legs.append(Leg(Line(vector(position), vector(position + up)), False, manner.travel_speed, travel=True))
+        lift = Leg(Line(vector(position), vector(position + up)), False, manner.travel_speed, travel=True)
+        legs += _ordered([lift], 2.0 * len(stretches), 1.0)
     return Route(tuple(legs), Chain(leg.piece for leg in legs), len(stretches), count)
+
+
+def _ordered(legs: list[Leg], begin: float, size: float) -> list[Leg]:
+    """Return legs with their place in the order of the drawing, from `begin` on, in shares of their lengths."""
+    ends = np.cumsum([0.0, *(leg.length for leg in legs)])
+    places = begin + size * ends / max(float(ends[-1]), _SHORTEST)
+    return [replace(leg, order=order) for leg, order in zip(legs, pairwise(places.tolist()), strict=True)]
 
 
 def _beside(dot: Floats, stretches: list[list[Stroke]]) -> tuple[float, float, float]:
@@ -193,9 +215,17 @@ def _by_distance(stretches: list[list[Stroke]], reverse: bool) -> list[list[Stro
         k = int((to_end if backwards else to_start).argmin())
 
 
-def _drawn(stretch: list[Stroke], manner: Manner) -> list[Leg]:
-    """Legs along the strokes of a stretch, each from the end of the one before."""
+def _drawn(stretch: list[Stroke], manner: Manner, begin: float) -> list[Leg]:
+    """Legs along the strokes of a stretch, each from the end of the one before.
+
+    Args:
+        stretch: the strokes.
+        manner: of the path.
+        begin: of the stretch in the order of the drawing; it ends 1 further on.
+    """
     legs: list[Leg] = []
+    size = 1 / max(sum(len(stroke.shapes) for stroke in stretch), 1)
+    number = 0
     for stroke in stretch:
         glue = stroke.glue or (True,) * len(stroke.shapes)
         speeds = stroke.speed or (math.nan,) * len(stroke.shapes)
@@ -205,7 +235,8 @@ def _drawn(stretch: list[Stroke], manner: Manner) -> list[Leg]:
             if math.isnan(stated_speed):
                 speed = manner.speed if lays else manner.travel_speed
             pieces = pieces_of(shape, manner.chord)
-            legs_of_shape = [Leg(piece, lays, speed) for piece in pieces]
+            legs_of_shape = _ordered([Leg(piece, lays, speed) for piece in pieces], begin + number * size, size)
+            number += 1
             climbs = any(leg.start[2] != leg.end[2] for leg in legs_of_shape)
             if len(pieces) > 1 and isinstance(pieces[0], Line) and climbs:
                 space += legs_of_shape
@@ -253,7 +284,7 @@ def _closed_up(legs: list[Leg], leg: Leg) -> Leg:
         if turned is not None:
             return replace(leg, piece=turned)
     if math.dist(end, start) > _SHORTEST:
-        legs.append(replace(leg, piece=Line(vector(end), vector(start))))
+        legs.append(replace(leg, piece=Line(vector(end), vector(start)), order=(leg.order[0], leg.order[0])))
     return leg
 
 

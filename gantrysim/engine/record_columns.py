@@ -19,13 +19,16 @@ from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 
 
-def columns_of(axes: int, *, waiting: bool, geometry: bool) -> dict[str, tuple[np.dtype[Any], tuple[int, ...]]]:
+def columns_of(
+    axes: int, *, waiting: bool, geometry: bool, progress: bool
+) -> dict[str, tuple[np.dtype[Any], tuple[int, ...]]]:
     """Return the columns of a record in a file."""
     number = np.dtype(np.float64)
     names = {"": ("time", "flow", "flow_demand"), "axes": ("commanded", *OF_AXES), "tip": (*TIPS, "commanded_tip")}
     tails = {"": (), "axes": (axes,), "tip": (3,)}
     columns = {name: (number, tails[kind]) for kind, group in names.items() for name in group}
     columns |= {name: (number, (3,)) for name in ("geometric_tip", IDEAL) if geometry}
+    columns |= {"progress": (number, ())} if progress else {}
     whole = {"setpoint": (np.dtype(np.int64), ())} if waiting else {}
     return {**columns, "dispense": (np.dtype(np.bool_), ()), **whole}
 
@@ -174,6 +177,8 @@ def sent_columns(
         "flow_demand": dispenser.flow_demand(dispense, speed),
         "dispense": dispense,
     }
+    if setpoints.progress is not None:
+        columns["progress"] = setpoints.progress[sent] if waited else setpoints.progress[:n]
     if table is None:
         content |= columns
     else:

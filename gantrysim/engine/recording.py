@@ -73,7 +73,12 @@ class LogBook:
         self.first = 0
         self._most = setpoints.most_ticks
         if count > memory.LONG:
-            columns = columns_of(axes, waiting=setpoints.gates.size > 0, geometry=machine.geometry is not None)
+            columns = columns_of(
+                axes,
+                waiting=setpoints.gates.size > 0,
+                geometry=machine.geometry is not None,
+                progress=setpoints.progress is not None,
+            )
             self._table = FileTable(self._most, columns)
             self.log = Log.of(0, axes)
         else:

@@ -152,7 +152,7 @@ class BeadWidthBatch(EpisodeBatch):
         self._speeds[place] = np.append(speeds, 0.0)
         random = np.random.default_rng(int(episode.drawn["camera"] * 2**53))
         self._noise[place] = settings.camera_noise * random.standard_normal(_NOISES)
-        self._look[place] = LookAhead(episode.points)
+        self._look[place] = LookAhead(episode.table.points)
 
     def _act(self, places: Sequence[int]) -> None:
         most = math.log(self.settings.override_range)

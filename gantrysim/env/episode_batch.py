@@ -50,7 +50,7 @@ class EpisodeBatch(ABC):
     """
 
     # attributes with one row per place, which a saved state holds
-    saved: ClassVar[tuple[str, ...]] = ("_action", "_rows", "_foot", "_measured", "_total")
+    saved: ClassVar[tuple[str, ...]] = ("_action", "_rows", "_foot", "_reach", "_place", "_measured", "_total")
 
     def __init__(
         self, settings: PathSettings, places: int, threads: int | None, ahead: bool, source: Source | None = None
@@ -84,7 +84,8 @@ class EpisodeBatch(ABC):
         self._spans["peak"] = self._peak.ctypes.data
         self._spans["values"] = self._rows.ctypes.data + self._rows.strides[0] * np.arange(places)
         self._foot = self._spans["before"]["foot"]
-        self._foot[:] = -1
+        self._reach = self._spans["before"]["reach"]
+        self._place = self._spans["before"]["place"]
         self._measured = self._spans["before"]["tick"]
         self._total = self._spans["before"]["total"]
         self._measured_next = self._spans["after"]["tick"]
@@ -150,7 +151,9 @@ class EpisodeBatch(ABC):
         self.episodes[place] = episode
         self._action[place] = 0.0
         self._total[place] = 0.0  # the rows are written by `measure`
-        self._foot[place] = -1
+        self._foot[place] = 0
+        self._reach[place] = 0.0
+        self._place[place] = 0.0
         self._measured[place] = 0
         span = self._spans[place]
         self._measured_next[place] = NOT_MEASURED
@@ -158,9 +161,11 @@ class EpisodeBatch(ABC):
         dispense = episode.simulation.setpoints.dispense
         self._setpoints[place] = span["count"] = len(episode.simulation.position)
         span["dispense"] = dispense.ctypes.data
-        span["points"] = episode.points.ctypes.data
-        span["entries"] = len(episode.points)
-        span["spacing"] = episode.spacing
+        span["progress"] = episode.progress.ctypes.data
+        span["points"] = episode.table.points.ctypes.data
+        span["s"] = episode.table.s.ctypes.data
+        span["entries"] = len(episode.table.s)
+        span["widest"] = episode.table.widest
 
     def save(self, place: int, random: np.random.Generator) -> EpisodeState:
         """Return the present state of the episode at a place."""

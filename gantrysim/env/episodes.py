@@ -13,12 +13,15 @@ from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, positive, unknown, whole
 from gantrysim.dispenser.dispenser import Dispenser
+from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.settings import LEAST_DIAMETER, PathSettings
 from gantrysim.job.job import Job
 from gantrysim.machine.geometry import ERRORS
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.tolerances import Tolerances
+from gantrysim.paths.assignment import assigned_progress
+from gantrysim.paths.nearest import Table
 from gantrysim.paths.path import Path
 from gantrysim.paths.profile import PointToPoint, Profile
 from gantrysim.paths.spirals import Involute
@@ -54,14 +57,14 @@ class Episode:
 
     Attributes:
         simulation: its setpoints on its machine.
-        points: points along the requested path, evenly spaced but for the corners, (m, 3), by columns [mm].
-        spacing: their spacing [mm].
+        table: points along the requested path.
+        progress: arc length for which each setpoint stands, (n,) [mm].
         drawn: values drawn for the path and the machine, by name.
     """
 
     simulation: Simulation
-    points: Floats
-    spacing: float
+    table: Table
+    progress: Floats
     drawn: dict[str, float]
 
 
@@ -86,15 +89,6 @@ class Plan:
     setpoints: Setpoints
     dispenser: Dispenser
     drawn: dict[str, float]
-
-    @cached_property
-    def points(self) -> tuple[Floats, float]:
-        """Points along the requested path, with its corners, and their spacing."""
-        path = self.setpoints.requested
-        s, points = path.table
-        if path.corners.size:
-            points = np.insert(points, np.searchsorted(s, path.corners), path.position(path.corners), axis=0)
-        return np.asfortranarray(points), float(s[1])
 
 
 class Source:
@@ -175,7 +169,12 @@ class Source:
                 f"an episode of {len(simulation.position)} servo ticks: must have at most {memory.LONG}, which are "
                 "kept in memory; use a shorter or faster path"
             )
-        return Episode(simulation, *plan.points, {**plan.drawn, **values, **task})
+        setpoints = simulation.setpoints
+        progress = setpoints.progress
+        if progress is None:
+            tip = machine.tip(axis_positions(machine, setpoints))
+            progress = assigned_progress(setpoints.requested, tip)
+        return Episode(simulation, plan.setpoints.requested.table, progress, {**plan.drawn, **values, **task})
 
     def _simulation(self, machine: Machine, plan: Plan) -> Simulation:
         return Simulation.of(

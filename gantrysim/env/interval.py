@@ -18,7 +18,7 @@ from gantrysim.base.jit import inner_jit
 from gantrysim.native.pointers import floats, logs_at, octets, row_at, typed_pointer
 from gantrysim.native.row import Log
 from gantrysim.native.stages import compiled_stage
-from gantrysim.paths.nearest import along_compiled
+from gantrysim.paths.nearest import Table, chord_at, nearest_chord, to_chord, widened
 
 # a row of measurements, see `IntervalValues`: those of the path, then those of one axis after the other
 SHARED = ("contour_rms", "contour_max", "lateral", "speed", "heading", "curvature")
@@ -29,7 +29,9 @@ TOTAL = 3  # of an episode: ticks with the dispenser on, sum of their squared co
 PROGRESS = np.dtype(
     [
         ("tick", np.int64),  # the first that is not
-        ("foot", np.int64),  # index of the point nearest to the nozzle at the tick before; -1: never dispensed so far
+        ("foot", np.int64),  # index of the chord nearest to the nozzle at the last tick with the dispenser on
+        ("reach", np.float64),  # how far from the progress its feet may lie, see `gantrysim.paths.nearest` [mm],
+        ("place", np.float64),  # and the progress there [mm]
         ("total", np.float64, (TOTAL,)),
     ]
 )
@@ -39,10 +41,12 @@ NOT_MEASURED = -1  # tick of the progress after an interval that is still to be 
 SPAN = np.dtype(
     [
         ("dispense", np.int64),  # whether the dispenser is on, (n,)
+        ("progress", np.int64),  # arc length for which each setpoint stands, (n,) [mm]
         ("count", np.int64),  # number of setpoints, n
         ("points", np.int64),  # along the requested path, (m, 3), by columns [mm]
+        ("s", np.int64),  # arc lengths of the points, (m,) [mm]
         ("entries", np.int64),  # m
-        ("spacing", np.float64),  # distance between the points [mm]
+        ("widest", np.float64),  # largest distance between neighbouring points [mm]
         ("peak", np.int64),  # peak torque of the drives, (axes,) [N·m]
         ("values", np.int64),  # measurements, to be written: `SHARED`, then `PER_AXIS` for one axis after the other
         ("before", PROGRESS),  # the interval, unchanged, as MuJoCo's steps may be taken back and made again
@@ -64,18 +68,11 @@ _CHORD = 8  # points of the path to either side of a foot, over which heading an
 
 
 class _Setpoints(NamedTuple):
-    """Positions of all axes, (n, axes), and whether the dispenser is on, (n,)."""
+    """Positions of all axes, (n, axes), whether the dispenser is on, (n,), and the progress, (n,) [mm]."""
 
     position: Floats
     dispense: NDArray[np.uint8]
-
-
-class _Points(NamedTuple):
-    """Points along the requested path, (m, 3) [mm], their spacing [mm], and the last foot."""
-
-    points: Floats
-    spacing: float
-    foot: int
+    progress: Floats
 
 
 @inner_jit
@@ -84,27 +81,6 @@ def _distance(a, b):
     y = a[1] - b[1]
     z = a[2] - b[2]
     return np.sqrt(x * x + y * y + z * z)
-
-
-@inner_jit
-def _to_chord(points, i, tip):
-    """Distance of a tip to the chord from point i to the next, and to the left of it in the XY plane."""
-    a = points[i]
-    b = points[i + 1]
-    u = b[0] - a[0]
-    v = b[1] - a[1]
-    w = b[2] - a[2]
-    x = tip[0] - a[0]
-    y = tip[1] - a[1]
-    z = tip[2] - a[2]
-    square = u * u + v * v + w * w
-    share = min(max((x * u + y * v + z * w) / square, 0.0), 1.0) if square > 0 else 0.0
-    x = x - share * u
-    y = y - share * v
-    z = z - share * w
-    level = np.sqrt(u * u + v * v)
-    lateral = (u * y - v * x) / level if level > 0 else 0.0
-    return np.sqrt(x * x + y * y + z * z), lateral
 
 
 @intrinsic
@@ -118,7 +94,7 @@ def measuring_stage() -> int:
 
     Errors of the axes are those of all ticks since `before`, contour errors of those with the dispenser on. The
     distance to the path is that to the chords between its points, whose sagitta is spacing^2 curvature / 8; its feet
-    are found as those of the analysis are, from the last foot on.
+    are found as those of the analysis are, near the progress of the command.
 
     As the observer of a servo's row, see `gantrysim.native.row`, it measures on the thread that has stepped.
     """
@@ -154,23 +130,28 @@ def _measure(row, span):
     position = numba.carray(floats(row.setpoints), (span.count, axes))
     dispense = numba.carray(octets(span.dispense), (span.count,))
     points = numba.carray(floats(span.points), (3, span.entries)).T
+    s = numba.carray(floats(span.s), (span.entries,))
+    progress = numba.carray(floats(span.progress), (span.count,))
     peak = numba.carray(floats(span.peak), (axes,))
     values = numba.carray(floats(span.values), (_PATH_COLUMNS + _AXIS_COLUMNS * axes,))
     for column in range(len(values)):
         values[column] = 0.0
     for k in range(TOTAL):
         span.after.total[k] = span.before.total[k]
-    setpoints = _Setpoints(position, dispense)
+    setpoints = _Setpoints(position, dispense, progress)
     tips, speed = _measure_axes(log, (first, last), setpoints, row.period, peak, values)
-    path = _Points(points, span.spacing, span.before.foot)
-    span.after.foot = _measure_path(path, tips, values, span.after.total)
+    # no corner needs to be known for the distance from chords
+    path = Table(s, points, np.empty(0, np.bool_), span.widest)
+    _measure_path(path, tips, span, values)
     span.after.tick = last
     values[_SPEED] = speed
 
 
 @inner_jit
 def _measure_axes(log, ticks, setpoints, period, peak, row):
-    """Measure following errors and torques of the axes, and return the nozzle's places while it dispenses, its speed.
+    """Measure following errors and torques of the axes; return the nozzle while it dispenses, and its speed.
+
+    The nozzle's places are followed by the progress of the command at the same ticks, (k, 4) [mm].
 
     Args:
         log: the servo's.
@@ -181,9 +162,9 @@ def _measure_axes(log, ticks, setpoints, period, peak, row):
         row: of measurements, zero so far; to be written.
     """
     first, last = ticks
-    position, dispense = setpoints
+    position, dispense, progress = setpoints
     n = position.shape[1]
-    tips = np.empty((last - first, 3))
+    tips = np.empty((last - first, 4))
     laid = 0
     count = 0
     pairs = 0
@@ -212,6 +193,7 @@ def _measure_axes(log, ticks, setpoints, period, peak, row):
         if dispense[setpoint] != 0:
             for i in range(3):
                 tips[laid, i] = tip[i]
+            tips[laid, 3] = progress[setpoint]
             laid += 1
     for a in range(n):
         column = _PATH_COLUMNS + _AXIS_COLUMNS * a
@@ -223,43 +205,58 @@ def _measure_axes(log, ticks, setpoints, period, peak, row):
 
 
 @inner_jit
-def _measure_path(path, tips, row, total):
-    """Measure the contour errors of the nozzle's places while it dispenses, and return the last foot.
+def _measure_path(path, tips, span, row):
+    """Measure the contour errors of the nozzle's places while it dispenses.
 
     Args:
-        path: points along the requested path, and the foot before.
-        tips: places of the nozzle, (k, 3) [mm].
+        path: points along the requested path.
+        tips: places of the nozzle, and the progress of the command, (k, 4) [mm].
+        span: with the state before, and that after it to be written.
         row: of measurements, to be written.
-        total: of the episode, to be added to.
     """
-    points, spacing, foot = path
+    points = path.points
+    s = path.s
     laid = len(tips)
-    feet = along_compiled(points, tips, np.zeros(laid), spacing, max(foot, 0)) if laid else np.zeros(0, np.int64)
+    foot = span.before.foot
+    reach = span.before.reach
+    place = span.before.place
+    total = span.after.total
     square = 0.0
     largest = 0.0
     sideways = 0.0
     for k in range(laid):
-        foot = feet[k]
-        distance = np.inf
-        lateral = 0.0
-        for i in range(max(foot - 1, 0), min(foot + 1, len(points) - 1)):
-            to_chord, side = _to_chord(points, i, tips[k])
-            if to_chord < distance:
-                distance = to_chord
-                lateral = side
-        square += distance * distance
-        largest = max(largest, distance)
-        sideways += lateral
+        x = tips[k, 0]
+        y = tips[k, 1]
+        z = tips[k, 2]
+        here = chord_at(s, tips[k, 3])
+        share = (tips[k, 3] - s[here]) / (s[here + 1] - s[here])
+        away = 0.0
+        for i in range(3):
+            away += (tips[k, i] - points[here, i] - share * (points[here + 1, i] - points[here, i])) ** 2
+        reach = widened(reach, np.sqrt(away), tips[k, 3] - place)
+        place = tips[k, 3]
+        foot = nearest_chord(path, x, y, z, place, reach)
+        distance = to_chord(points, foot, x, y, z)[0]
+        u = points[foot + 1, 0] - points[foot, 0]
+        v = points[foot + 1, 1] - points[foot, 1]
+        level = np.sqrt(u * u + v * v)
+        square += distance
+        largest = max(largest, np.sqrt(distance))
+        sideways += (u * (y - points[foot, 1]) - v * (x - points[foot, 0])) / level if level > 0.0 else 0.0
+    span.after.foot = foot
+    span.after.reach = reach
+    span.after.place = place
     total[0] += laid
     total[1] += square
     total[2] = max(total[2], largest)
     middle = min(max(foot, _CHORD), len(points) - 1 - _CHORD)
-    x = points[middle] - points[middle - _CHORD]
-    y = points[middle + _CHORD] - points[middle]
-    turned = np.arctan2(x[0] * y[1] - x[1] * y[0], x[0] * y[0] + x[1] * y[1])
+    x_before = points[middle, 0] - points[middle - _CHORD, 0]
+    y_before = points[middle, 1] - points[middle - _CHORD, 1]
+    x_after = points[middle + _CHORD, 0] - points[middle, 0]
+    y_after = points[middle + _CHORD, 1] - points[middle, 1]
+    turned = np.arctan2(x_before * y_after - y_before * x_after, x_before * x_after + y_before * y_after)
     row[_CONTOUR_RMS] = np.sqrt(square / max(laid, 1))
     row[_CONTOUR_MAX] = largest
     row[_LATERAL] = sideways / max(laid, 1)
-    row[_HEADING] = np.arctan2(x[1] + y[1], x[0] + y[0])
-    row[_CURVATURE] = turned / (_CHORD * spacing)
-    return foot
+    row[_HEADING] = np.arctan2(y_before + y_after, x_before + x_after)
+    row[_CURVATURE] = turned / (0.5 * (s[middle + _CHORD] - s[middle - _CHORD]))

@@ -81,7 +81,8 @@ class SpeedOverrideBatch(EpisodeBatch):
         return self.source.most_ticks // (self.source.ticks or 1)
 
     def _reset(self, place: int, episode: Episode) -> None:
-        super()._reset(place, episode)
+        # to be written as the episode goes on, as its positions are
+        super()._reset(place, replace(episode, progress=np.zeros(len(episode.progress))))
         self._override[place] = math.log(self.settings.override)
         self._along[place] = 0.0
         self._losses[place] = 0.0
@@ -90,7 +91,7 @@ class SpeedOverrideBatch(EpisodeBatch):
         setpoints = episode.simulation.setpoints
         self._length[place] = setpoints.requested.length
         self._speed[place] = self.source.program_speed(episode.drawn)
-        self._look[place] = LookAhead(episode.points)
+        self._look[place] = LookAhead(episode.table.points)
 
     def _act(self, places: Sequence[int]) -> None:
         settings = self.settings
@@ -116,6 +117,7 @@ class SpeedOverrideBatch(EpisodeBatch):
         axes = simulation.setpoints.axes
         sent = Setpoints(period, axes, path.position(way)[:, : len(axes)], np.ones(interval, bool), path)
         simulation.position[begin : begin + interval] = axis_positions(simulation.machine, sent)
+        self._episode(place).progress[begin : begin + interval] = way
         self._written[place] = begin + interval
         self._way[place] = self._along[place, 0] - before
         if way[-1] >= path.length:
@@ -123,20 +125,29 @@ class SpeedOverrideBatch(EpisodeBatch):
 
     def save(self, place: int, random: np.random.Generator) -> EpisodeState:
         state = super().save(place, random)
-        written = self._episode(place).simulation.position[: self._written[place]].copy()
-        return replace(state, values={**state.values, "position": written})
+        episode = self._episode(place)
+        written = slice(0, int(self._written[place]))
+        columns = {
+            "position": episode.simulation.position[written].copy(),
+            "progress": episode.progress[written].copy(),
+        }
+        return replace(state, values={**state.values, **columns})
 
     def restore(self, place: int, state: EpisodeState, random: np.random.Generator) -> None:
         values = {**state.values}
-        written = values.pop("position")
+        position = values.pop("position")
+        progress = values.pop("progress")
         super().restore(place, replace(state, values=values), random)
-        self._episode(place).simulation.position[: len(written)] = written
+        episode = self._episode(place)
+        episode.simulation.position[: len(position)] = position
+        episode.progress[: len(progress)] = progress
 
     def record(self, place: int) -> Run:
         run = super().record(place)
         # the record is read-only down to the memory of the setpoints, of which the next are still to be written
-        self._episode(place).simulation.position.flags.writeable = True
-        return run
+        episode = self._episode(place)
+        episode.simulation.position.flags.writeable = True
+        return run.replaced(progress=episode.progress[: len(run)])
 
     def follower(self, place: int) -> Run:
         """Return the record of the whole episode at the program's speed without following error."""

@@ -152,7 +152,7 @@ class SpiralTuningBatch(EpisodeBatch):
         position = episode.simulation.position
         sliding, _ = model_torques(axes, position, self.source.servo.period)
         self._motion[place] = sliding, np.diff(position, axis=0, prepend=position[:1])
-        self._look[place] = LookAhead(episode.points)
+        self._look[place] = LookAhead(episode.table.points)
         self._log[place] = self._start_log
         self._sums[place] = self._prior
         self._error[place] = 0.0

@@ -85,7 +85,14 @@ class SpeedOverrideSource(ChangingFriction):
         super()._simulation(machine, plan)  # checks travel, and the speed of the program
         count = self._room(asked.requested.length, self.program_speed(plan.drawn))
         position = np.repeat(asked.requested.position(0.0)[:, : len(asked.axes)], count, axis=0)
-        setpoints = Setpoints(self.servo.period, asked.axes, position, np.ones(count, bool), asked.requested)
+        setpoints = Setpoints(
+            period=self.servo.period,
+            axes=asked.axes,
+            position=position,
+            dispense=np.ones(count, bool),
+            requested=asked.requested,
+            progress=np.zeros(count),
+        )
         simulation = Simulation.of(machine, self.servo, setpoints, dispenser=Dispenser(area=_BEAD))
         position = simulation.position.copy()  # to be written as the episode goes on
         book = LogBook(machine, setpoints, position, simulation.dispenser, drives=simulation.drives)

@@ -35,12 +35,17 @@ def on_the_path(machine: Machine, setpoints: Setpoints) -> Setpoints:
     position = program_positions(machine, setpoints).copy()
     tip = machine.tip(kinematics.inverse(position))
     on = np.flatnonzero(setpoints.dispense)
-    foot = setpoints.requested.follow(tip, begin=0.0, rows=on)
+    foot = setpoints.requested.follow(tip[on], None if setpoints.progress is None else setpoints.progress[on])
     if foot.distance.max() < _ON_THE_PATH:
         return setpoints
     spans = np.split(np.arange(on.size), np.flatnonzero(np.diff(on) > 1) + 1)
-    progress = np.concatenate([unhurried(foot.s[span], tip[on[span]]) for span in spans])
-    correction = setpoints.requested.position(progress) - tip[on]
+    places = np.concatenate([unhurried(foot.s[span], tip[on[span]]) for span in spans])
+    correction = setpoints.requested.position(places) - tip[on]
+    progress = setpoints.progress
+    if progress is not None:
+        progress = progress.copy()
+        progress[on] = places
+        progress = np.maximum.accumulate(np.clip(progress, 0.0, setpoints.requested.length))
     shift = np.stack([np.interp(np.arange(len(tip)), on, component) for component in correction.T], axis=1)
     slides = [
         k for k, along in enumerate(kinematics.coordinates) if along.unit == "mm" and along.name in setpoints.axes
@@ -51,7 +56,8 @@ def on_the_path(machine: Machine, setpoints: Setpoints) -> Setpoints:
     else:  # x, y and z are the nozzle's
         moved = [np.tile(np.eye(3)["xyz".index(kinematics.names[k])], (len(tip), 1)) for k in slides]
     position[:, slides] += np.einsum("nai,ni->na", np.linalg.pinv(np.stack(moved, axis=2)), shift)
-    return replace(setpoints, position=position[:, [kinematics.names.index(name) for name in setpoints.axes]])
+    columns = [kinematics.names.index(name) for name in setpoints.axes]
+    return replace(setpoints, position=position[:, columns], progress=progress)
 
 
 def unhurried(s: Floats, tip: Floats) -> Floats:
@@ -107,6 +113,7 @@ def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tupl
         supervision=replace(setpoints.supervision, position_error_delay=delay),
         gates=n * setpoints.gates,
         torque=None if setpoints.torque is None else np.repeat(setpoints.torque, n, axis=0)[: len(position)],
+        progress=None if setpoints.progress is None else np.interp(tick, np.arange(len(knots)), setpoints.progress),
     )
     inner = min(period, servo.drive_period) if servo.inner_period else servo.drive_period
     return replace(servo, period=period, delay=0.0, feedback_delay=0, drive_period=inner), fine

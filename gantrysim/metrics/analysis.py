@@ -19,7 +19,8 @@ from gantrysim.base.columns import blocks, by_blocks
 from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError
 from gantrysim.metrics.spacing import Spacing, spacing_of
-from gantrysim.paths.path import Projection
+from gantrysim.paths.assignment import assigned_progress
+from gantrysim.paths.feet import Projection
 from gantrysim.record.run import Run, check_run
 
 THOUSANDTH = {"mm": "µm", "deg": "mdeg"}  # unit of an axis' errors, by the axis' own
@@ -108,27 +109,51 @@ class AnalysisValues:
 class Analysis(Shown):
     """A run's traces projected onto its requested path; each projection is computed once, on first use.
 
-    The traces are taken at `ticks`, where the dispenser is on, and followed along the path in the order of the motion:
-    a point belongs to its own turn, not to a neighbouring one that may be nearer. The record of a run over a part of
-    the path begins at its arc length `begin` [mm].
+    The traces are taken at `ticks`, where the dispenser is on. Their feet lie near the progress that the controller
+    states: a point belongs to its own turn, not to a neighbouring one that may be nearer, see
+    `gantrysim.paths.nearest`.
 
     Raises:
         InputError: the dispenser is never on.
     """
 
-    def __init__(self, run: Run, begin: float = 0.0) -> None:
+    def __init__(self, run: Run) -> None:
         check_run(run)
         self.run = run
-        self._begin = begin
         self.ticks = _dispensing_ticks(run)
 
     def facts(self) -> dict[str, str]:
         return {**self.run.facts(), "dispensing": f"{len(self.ticks)} ticks"}
 
+    @property
+    def progress_is_stated(self) -> bool:
+        """Whether the controller states the progress of the command; otherwise one is assigned to it."""
+        return self.run.progress is not None
+
+    @cached_property
+    def progress(self) -> Floats:
+        """Arc length along the requested path for which the command stands, (m,) [mm]."""
+        stated = self.run.progress
+        if stated is not None:
+            return stated[self.ticks]
+        return assigned_progress(self.run.requested, self.run.commanded_tip)[self.ticks]
+
+    @cached_property
+    def _reach(self) -> Floats:
+        """How far from the progress the feet of a tick may lie, one for all traces, (m,) [mm]."""
+        run = self.run
+        tips = [run.commanded_tip, run.encoder_tip, run.motor_tip, run.nozzle]
+        if run.geometric_tip is not None:
+            tips.append(run.geometric_tip)
+        return run.requested.reach(tips, self.progress, self.ticks)
+
     @cached_property
     def commanded(self) -> Projection:
         """Projection of the commanded positions; its distance is the program error."""
-        return self.run.requested.follow(self.run.commanded_tip, self._begin, self.ticks)
+        return self._near(self.run.commanded_tip)
+
+    def _near(self, trace: Floats) -> Projection:
+        return self.run.requested.near(trace, self.progress, self._reach, self.ticks)
 
     @cached_property
     def encoder(self) -> Projection:
@@ -159,7 +184,7 @@ class Analysis(Shown):
         # following is the longest part of an analysis; with exact encoders or a rigid machine traces are equal
         if all(np.array_equal(trace[block], other[block]) for block in blocks(len(trace))):
             return getattr(self, name)
-        return self.run.requested.follow(trace, self._begin, self.ticks)
+        return self._near(trace)
 
     @cached_property
     def spacing(self) -> Spacing:

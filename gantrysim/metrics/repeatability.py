@@ -102,7 +102,7 @@ def offset_over_length(path: Path, trace: ArrayLike) -> tuple[Floats, Floats]:
     Returns:
         Arc lengths, ascending (r,) [mm], and offsets normal to the path, (r, 3) [mm].
     """
-    foot = path.follow(trace, begin=0.0)
+    foot = path.follow(trace)
     ahead = forward(foot.s)
     return foot.s[ahead], foot.offset[ahead]
 

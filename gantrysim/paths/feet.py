@@ -1,4 +1,4 @@
-"""Feet of points on a path, within an interval of arc lengths or on the nearer leg of a corner."""
+"""Feet of points on a path: the nearest points of smooth parts of it."""
 
 from __future__ import annotations
 
@@ -6,24 +6,17 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, at_rows, lengths, seen
-from gantrysim.base.columns import Column, by_blocks
-from gantrysim.base.jit import plain_jit
-from gantrysim.paths.corners import Corners
+from gantrysim.base.arrays import Floats, dot
+from gantrysim.base.columns import Column
 from gantrysim.paths.local import Local
-from gantrysim.paths.newton import INSIDE, LAST_STEP, Feet, Places, Search, step
 
 _STEPS = 60
-# Within so many entries of the table the feet on both sides of a corner are compared; of a trace and a corner so sharp
-# that the path nearly retraces itself within NEAR_SHARP entries and a step of the trace, where it cannot tell the two
-# legs apart.
-_NEAR_CORNER = 12
-NEAR_SHARP = 2
-# Where a path does not nearly retrace itself, the foot of a point at a distance d inside a corner lies at most
-# d tan(alpha / 2) from it, alpha being the angle by which the tangent turns there, at most 143 degrees.
-_INSIDE_CORNER = 3.1
+_LAST_STEP = 1e-7  # after which the error is of the order of its square [mm]
+_BISECTED = 1e-11  # interval that is no longer halved [mm]
+# inside the ends of a smooth part, where its own tangent holds, not that behind a corner [mm]
+_INSIDE = 1e-11
+_INSIDE_ROUNDING = 4.0  # and at least so many times the rounding of the arc length
 
 
 @dataclass(frozen=True)
@@ -51,140 +44,59 @@ class Projection:
 class Curve(Protocol):
     """A path, as far as feet need it."""
 
-    @property
-    def length(self) -> float:
-        """Arc length [mm]."""
-
-    @property
-    def corners(self) -> Floats:
-        """Arc lengths at which the tangent jumps, ascending, (m,) [mm]."""
-
-    @property
-    def legs(self) -> Corners:
-        """The corners, and the frames of the legs between them."""
-
     def local(self, s: Floats) -> Local:
         """Points and the path's frame at arc lengths."""
 
 
 def foot_between(path: Curve, p: Floats, low: Floats, high: Floats, guess: Floats) -> Projection:
-    """Project points onto the parts of a path between two arc lengths, from a guess.
+    """Project points onto smooth parts of a path between two arc lengths, from a guess.
 
-    Newton's method on g(s) = (c(s) - p).t(s) = 0, with g' = 1 + (c(s) - p).t'(s). Where its step leaves the
-    interval, as at the path's ends, jumps of curvature or centres of curvature, the end is tried, then bisection.
+    Newton's method on g(s) = (c(s) - p).t(s) = 0, with g' = 1 + (c(s) - p).t'(s). A step beyond an end of the part
+    goes to that end, which is the foot if g points outwards there; one beyond a place that is known to be on the other
+    side of the foot, as at centres of curvature, is replaced by bisection.
 
     Args:
         path: the path.
         p: points, (n, 3) [mm].
-        low: begin of each interval, (n,) [mm].
-        high: end of each interval, (n,) [mm].
+        low: begin of each part, (n,) [mm].
+        high: end of each part, (n,) [mm].
         guess: of the foot, (n,) [mm].
     """
-    n = len(p)
-    search = Search(
-        point=seen(np.ascontiguousarray(p)),
-        first=low,
-        last=high,
-        low=low.copy(),
-        high=high.copy(),
-        s=np.clip(guess, low, high),
-        end_tried=np.zeros(n, bool),
-    )
-    feet = Feet(np.empty(n), np.empty((n, 3)), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
-    active = np.arange(n)
+    inset = np.maximum(_INSIDE, _INSIDE_ROUNDING * np.spacing(high))
+    first = np.minimum(low + inset, high)
+    last = np.maximum(high - inset, first)
+    s = np.clip(guess, first, last)
+    behind = first - 1.0  # of the foot: the furthest place that is known to be, none so far
+    ahead = last + 1.0
+    rows = np.arange(len(p))
     for _ in range(_STEPS):
-        places = _places(path.local(search.s[active]))
-        active = active[: step(search, places, active, feet, False)]  # type: ignore[no-untyped-call]
-        if not active.size:
+        here = path.local(s[rows])
+        back = here.position - p[rows]
+        g = dot(back, here.tangent)
+        slope = 1.0 + dot(back, here.curvature)
+        now = s[rows]
+        ahead[rows] = np.where(g > 0, now, ahead[rows])
+        behind[rows] = np.where(g > 0, behind[rows], now)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            moved = now - np.where(slope > 0, g / slope, np.copysign(np.inf, g))
+        moved = np.clip(moved, first[rows], last[rows])
+        known = (moved <= behind[rows]) & (g > 0) | (moved >= ahead[rows]) & (g <= 0)
+        moved = np.where(known, 0.5 * (behind[rows] + ahead[rows]), moved)
+        s[rows] = moved
+        rows = rows[np.abs(moved - now) > np.where(known, _BISECTED, _LAST_STEP)]
+        if not rows.size:
             break
-    else:  # no convergence about a corner without a foot on either side
-        step(search, _places(path.local(search.s[active])), active, feet, True)  # type: ignore[no-untyped-call]
-    return Projection(*feet)
-
-
-def _places(local: Local) -> Places:
-    """Return the path at arc lengths as compiled code takes it."""
-    cosine, sine = local.heading
-    return Places(local.position, cosine, sine, local.sine, local.turning, local.frames, local.plane)
-
-
-def compare_legs(path: Curve, p: Floats, projection: Projection, spacing: float, sharp: Floats | float) -> None:
-    """Replace feet near a corner whose other leg is nearer.
-
-    Args:
-        path: a path with corners.
-        p: points, (n, 3) [mm].
-        projection: of the points, updated.
-        spacing: of the path's table [mm].
-        sharp: distance from a sharp corner within which that is done, (n,) [mm].
-    """
-    corners = path.corners
-    edges = np.concatenate([[0.0], corners, [path.length]])
-    k = 1 + np.searchsorted(0.5 * (corners[1:] + corners[:-1]), projection.s)
-    reach = np.maximum(_NEAR_CORNER * spacing, _INSIDE_CORNER * projection.distance)
-    reach = np.where(path.legs.sharp[k - 1], np.minimum(_NEAR_CORNER * spacing, sharp), reach)
-    near = np.flatnonzero(np.abs(edges[k] - projection.s) <= reach)
-    corner = edges[k[near]]
-    before = np.maximum(edges[k[near] - 1], corner - reach[near])
-    after = np.minimum(edges[k[near] + 1], corner + reach[near])
-    # the last step to a foot may have crossed the corner, with the frame of the leg that it left
-    crossed = np.abs(projection.s[near] - corner) <= 2 * LAST_STEP
-    ahead = projection.s[near] > corner
-    for side, low, high in ((~ahead, before, corner), (ahead, corner, after)):
-        other = foot_between(path, p[near], low, high, 0.5 * (low + high))
-        closer = other.distance < projection.distance[near] - INSIDE  # a tie leaves the foot as it is
-        closer |= crossed & side
-        for name, values in vars(projection).items():
-            values[near[closer]] = getattr(other, name)[closer]
-
-
-def longer_steps(trace: Floats, rows: NDArray[np.intp]) -> Floats:
-    """Return the longer of the steps before and after some points of a trace, (m,) [mm].
-
-    A point at rest has the last step before the rest, and the first after it.
-
-    Args:
-        trace: points, (n, 3) [mm].
-        rows: of the points, ascending, (m,).
-    """
-
-    def steps(block: slice) -> Floats:
-        return lengths(np.diff(at_rows(trace, rows[block.start : block.stop + 1]), axis=0))
-
-    longer = np.zeros(rows.size)
-    _find_longer(by_blocks(steps, rows.size - 1), longer)
-    return longer
-
-
-def travel_between(trace: Floats, rows: NDArray[np.intp]) -> Floats:
-    """Return the length of a trace from each of some points to the next, where others lie between, else 0.
-
-    Args:
-        trace: points, (n, 3) [mm].
-        rows: of the points, ascending, (m,).
-
-    Returns:
-        The length from the point before each, (m,) [mm].
-    """
-    travel = np.zeros(rows.size)
-    for k in np.flatnonzero(np.diff(rows) > 1):
-        between = trace[rows[k] : rows[k + 1] + 1]
-        steps = lengths(np.diff(between, axis=0))
-        travel[k + 1] = steps.sum()
-    return travel
-
-
-@plain_jit
-def _find_longer(steps: Floats, longer: Floats) -> None:
-    """Write the longer of the steps before and after each point, (m,), of steps from each to the next, (m - 1,)."""
-    longer[0] = 0.0
-    moved = 0.0
-    for k in range(len(steps)):
-        if steps[k] > 0.0:
-            moved = steps[k]
-        longer[k + 1] = moved
-    moved = 0.0
-    for k in range(len(steps) - 1, -1, -1):
-        if steps[k] > 0.0:
-            moved = steps[k]
-        longer[k] = max(longer[k], moved)
+    here = path.local(s)
+    offset = p - here.position
+    normal = here.normal
+    tangent = here.tangent
+    at_low = s <= first
+    at_high = s >= last
+    return Projection(
+        s=np.where(at_low, low, np.where(at_high, high, s)),
+        offset=offset,
+        lateral=dot(offset, normal),
+        vertical=dot(offset, np.cross(tangent, normal)),
+        beyond=dot(offset, tangent),
+        distance=np.sqrt(dot(offset, offset)),
+    )

@@ -1,283 +1,227 @@
-"""The feet of a trace on a path, as entries of a table of points along it, in the order of the motion; compiled."""
+"""The part of a path that is nearest to each point of a trace, near the progress of the command; compiled.
+
+A motion controller knows at every tick which point of the requested path its command stands for: the progress p_k. The
+command, and what follows it, lie about c(p_k). So the feet of all of them are the nearest points of one stretch of the
+path, from p_k - w_k to p_k + w_k, with
+
+    r_k = max(d_k, r_(k-1) - (p_k - p_(k-1)) / 2),    w_k = 2 r_k,
+
+where d_k is the distance of the furthest of them from c(p_k). On a line w_k = d_k would do. Behind a corner the
+distance from a follower on the leg before shrinks, but not its lag: what it was before the corner counts until the
+command has left the corner behind.
+
+As all points of a tick have the same stretch, the distance from it changes by no more than the points are apart.
+"""
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
-from gantrysim.base.arrays import seen
-from gantrysim.base.jit import inner_jit, plain_inner_jit, plain_jit
-from gantrysim.paths.minima import ZERO, Minima, Table, find_minima, first_near_entry, nearest_entry, square_distance
-from gantrysim.paths.sequences import (
-    BEAM,
-    CANDIDATES,
-    Buffers,
-    Ends,
-    Sequences,
-    Trace,
-    begun,
-    extended,
-)
+from gantrysim.base.arrays import Floats
+from gantrysim.base.jit import plain_inner_jit, plain_jit
 
-# A foot advances by at most _REACH more than four times the point's step, and goes back by at most _BACK more than it
-# [mm].
-_REACH = 10.0
-_BACK = 1.0
-_AROUND = 12  # entries about the first foot that are searched for a nearer one
-_WEIGHT = 0.02  # of the distance from the path, per mm of the trace, against the difference in progress [1/mm]
-# Between two points with others left out between them the path may go with the trace, or leave that motion out: any
-# progress from the distance of the two to the length of the trace between them is likely, and that length the likelier.
-_LEFT_OUT = 0.1  # weight of the remaining length against a progress beyond either
-_ROUNDING = 1e-9  # of lengths [mm]
+_FADING = 0.5  # of the reach, per millimetre of progress
+_WIDTH = 2.0  # half-width of the stretch, in units of the reach
+_LEAST = 1e-6  # half-width of the stretch [mm]
+_ON_PATH = 1e-3  # distance of a command that lies on the path: the sagitta of chords, and rounding [mm]
 
 
-@plain_inner_jit
-def _range(values, count):
-    """Return the least and the largest of the first `count` values."""
-    least = values[0]
-    largest = values[0]
-    for i in range(1, count):
-        value = values[i]
-        if value < least:
-            least = value
-        if value > largest:
-            largest = value
-    return least, largest
+class Table(NamedTuple):
+    """Points along a path, with all of its corners; between two of them the path is smooth, and nearly a chord.
+
+    Attributes:
+        s: arc lengths, ascending, (m,) [mm].
+        points: (m, 3), by columns [mm].
+        is_corner: whether the tangent jumps there, (m,).
+        widest: largest distance between two neighbours along the path [mm].
+    """
+
+    s: Floats
+    points: Floats
+    is_corner: NDArray[np.bool_]
+    widest: float
 
 
 @plain_inner_jit
-def _least(values, count):
-    """Return the index of the least of the first `count` values."""
-    least = 0
-    for i in range(1, count):
-        if values[i] < values[least]:
-            least = i
-    return least
+def to_chord(points, i, x, y, z):
+    """Return the squared distance of a point from the chord of entry i to the next, and the share of its foot."""
+    u = points[i + 1, 0] - points[i, 0]
+    v = points[i + 1, 1] - points[i, 1]
+    w = points[i + 1, 2] - points[i, 2]
+    a = x - points[i, 0]
+    b = y - points[i, 1]
+    c = z - points[i, 2]
+    square = u * u + v * v + w * w
+    share = min(max((a * u + b * v + c * w) / square, 0.0), 1.0) if square > 0.0 else 0.0
+    a -= share * u
+    b -= share * v
+    c -= share * w
+    return a * a + b * b + c * c, share
+
+
+@plain_inner_jit
+def chord_at(s, place):
+    """Return the index of the chord at an arc length, the later of two that meet there."""
+    low = 0
+    high = len(s) - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if s[middle] <= place:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@plain_inner_jit
+def widened(reach, distance, advance):
+    """Return the reach r at a tick, from that at the tick before, the distance d and the progress between them."""
+    return max(distance, reach - _FADING * advance)
+
+
+@plain_inner_jit
+def nearest_chord(table, x, y, z, progress, reach):
+    """Return the index of the chord nearest to a point within the stretch about a progress, the nearer of two to it.
+
+    The search goes outwards from the progress. Chords are left out that are too near to one at a large distance to
+    be nearer than the best: the distance changes by at most the way along the path.
+    """
+    s, points, _, widest = table
+    start = chord_at(s, progress)
+    half = _WIDTH * reach + _LEAST
+    best = start
+    least = np.sqrt(to_chord(points, start, x, y, z)[0])
+    last = chord_at(s, progress + half)
+    i = start + 1
+    while i <= last:
+        distance = np.sqrt(to_chord(points, i, x, y, z)[0])
+        if distance < least:
+            least = distance
+            best = i
+        i += 1 + int((distance - least) / widest)
+    first = chord_at(s, progress - half)
+    i = start - 1
+    while i >= first:
+        distance = np.sqrt(to_chord(points, i, x, y, z)[0])
+        if distance < least:
+            least = distance
+            best = i
+        i -= 1 + int((distance - least) / widest)
+    return best
 
 
 @plain_jit
-def _start(table, point, begin):
-    """Return the index of the entry at the first foot of a trace that begins at a point; arguments as in `along`."""
-    points = table.points
-    if begin < 0:
-        first = first_near_entry(table, point)
-        reach = 2
-    else:
-        first = min(begin, len(points) - 1)
-        reach = int((2 * np.sqrt(square_distance(points[first], point)) + _BACK) / table.spacing)
-    first = nearest_entry(points, point, first - reach, first + reach)
-    return nearest_entry(points, point, first - _AROUND, first + _AROUND)
-
-
-@plain_inner_jit
-def _misfit(advance, step, length):
-    """Return by how much a foot's progress differs from the trace's [mm].
+def find_reaches(distance, progress, reach):
+    """Write the reach r of every tick, (n,) [mm].
 
     Args:
-        advance: progress of the foot along the path [mm].
-        step: distance of the two points [mm].
-        length: of the trace between them where points are left out, else 0 [mm].
+        distance: of the furthest point from the path at the progress, d, (n,) [mm].
+        progress: of the command, ascending, (n,) [mm].
+        reach: to be written; its first element is that of the tick before the first.
     """
-    if length <= step + _ROUNDING:
-        return abs(advance - step)
-    beyond = max(step - advance, 0.0) + max(advance - length, 0.0)
-    return _LEFT_OUT * abs(advance - length) + (1.0 - _LEFT_OUT) * beyond
+    at_tick = reach[0]
+    before = progress[0]
+    for k in range(len(progress)):
+        at_tick = widened(at_tick, distance[k], progress[k] - before)
+        before = progress[k]
+        reach[k] = at_tick
 
 
-@plain_inner_jit
-def _extend(table, trace, sequences, buffers):
-    """Extend the best sequences of feet from the first point of a trace to all others.
-
-    Args:
-        table: points along the path.
-        trace: the trace.
-        sequences: of its points, the first row given, the others written.
-        buffers: with the ends of the sequences, which are updated.
-    """
-    points = table.points
-    spacing = table.spacing
-    last_entry = len(points) - 1
-    ends = buffers.ends
-    extended_cost = buffers.cost
-    extended_place = buffers.place
-    minima = buffers.minima
-    count = ZERO
-    lowest = 0.0
-    for k in range(1, len(trace.points)):
-        point = trace.points[k]
-        step = np.sqrt(square_distance(point, trace.points[k - 1]))
-        length = max(trace.travel[k], step)
-        before = sequences.candidates[k - 1]
-        first, last = _range(sequences.entry[k - 1], before)
-        low = max(first - int((_BACK + length) / spacing), 0)
-        for ahead in (_BACK, _REACH):  # far ahead only where no foot nearby advances as the trace does
-            high = min(last + int((ahead + 4 * length) / spacing) + 1, last_entry)
-            count = ZERO
-            for c in range(find_minima(points, point, low, high, minima)):
-                best = 0
-                least = np.inf
-                for j in range(before):
-                    advance = (minima.place[c] - ends.place[j]) * spacing
-                    cost = ends.cost[j] + _misfit(advance, step, trace.travel[k])
-                    if cost < least:
-                        best = j
-                        least = cost
-                least += _WEIGHT * minima.distance[c] * length
-                # where all slots are taken, the costliest sequence gives way
-                slot = count
-                if count < BEAM:
-                    count += 1
-                else:
-                    slot = 0
-                    for j in range(1, BEAM):
-                        if extended_cost[j] > extended_cost[slot]:
-                            slot = j
-                    if extended_cost[slot] <= least:
-                        continue
-                extended_cost[slot] = least
-                extended_place[slot] = minima.place[c]
-                sequences.entry[k, slot] = minima.entry[c]
-                sequences.origin[k, slot] = best
-            lowest = extended_cost[_least(extended_cost, count)]
-            if lowest <= 0.5 * length:
-                break
-        alive = 0
-        for c in range(count):  # those far behind the best do not come back
-            if extended_cost[c] <= lowest + 2 * _REACH:
-                ends.cost[alive] = extended_cost[c] - lowest
-                ends.place[alive] = extended_place[c]
-                sequences.entry[k, alive] = sequences.entry[k, c]
-                sequences.origin[k, alive] = sequences.origin[k, c]
-                alive += 1
-        sequences.candidates[k] = alive
-
-
-@plain_inner_jit
-def _trace_back(sequences, slot, entries):
-    """Write the sequence that ends at a candidate of the last point of `entries`."""
-    for k in range(len(entries) - 1, -1, -1):
-        entries[k] = sequences.entry[k, slot]
-        slot = sequences.origin[k, slot]
-
-
-def along(points, trace, travel, spacing, begin):
-    """Return the index of the entry at the foot of every point of a trace, in the order of the motion, (n,).
-
-    Candidates are the points of the path that are nearer than their neighbours. Among all sequences of candidates s_k
-    within reach of one another the one with the least
-
-        sum of |s_k - s_(k-1) - l_k| + w d_k l_k,    l_k = |p_k - p_(k-1)|,
-
-    is chosen (Viterbi's algorithm), d being the distance from the path. So the foot advances along the path as the
-    trace does, where the path retraces itself or nearly does, and is the nearest where it may be either of two.
+@plain_jit
+def find_feet(table, trace, progress, reach, low, high, guess):
+    """Write a smooth part of the path on which the foot of every point lies, and a guess of the foot, (n,) each [mm].
 
     Args:
-        points: of a table along the path, (m, 3) [mm].
+        table: along the path.
         trace: points, (n, 3) [mm].
-        travel: length of the trace from the point before where others between them are left out, 0 elsewhere, (n,)
-            [mm]. It stands for l_k there, see `_misfit`.
-        spacing: of the table [mm].
-        begin: index at which the trace begins; -1 to search the whole table.
+        progress: of the command, (n,) [mm].
+        reach: as of `find_reaches`, (n,) [mm]; inf for the whole path.
+        low: begin of the part, to be written.
+        high: its end, to be written.
+        guess: of the foot, to be written.
     """
-    table = Table(points, spacing)
-    sequences, buffers = begun(_start(table, trace[0], begin))
-    entries = np.empty(len(trace), np.int64)
-    _next_block(table, Trace(trace, travel), extended(sequences, len(trace) - 1), buffers, entries, True)
-    return entries
-
-
-@inner_jit
-def along_compiled(points, trace, travel, spacing, begin):
-    """Return what `along` does, for compiled callers."""
-    n = len(trace)
-    # empty: to clear them takes a tenth of the time of a short trace
-    sequences = Sequences(np.empty((n, BEAM), np.int32), np.empty((n, BEAM), np.int8), np.empty(n, np.int64))
-    ends = Ends(np.zeros(BEAM), np.zeros(BEAM))
-    numbers = np.empty((3, CANDIDATES))
-    minima = Minima(np.empty(CANDIDATES, np.int64), numbers[0], numbers[1], numbers[2])
-    buffers = Buffers(ends, np.empty(BEAM), np.empty(BEAM), minima, np.empty(BEAM, np.int32))
-    table = Table(points, spacing)
-    first = _start(table, trace[0], begin)
-    sequences.entry[0, 0] = first
-    sequences.candidates[0] = 1
-    ends.place[0] = first
-    _extend(table, Trace(trace, travel), sequences, buffers)
-    entries = np.empty(n, np.int64)
-    _trace_back(sequences, _least(ends.cost, sequences.candidates[n - 1]), entries)
-    return entries
+    s, points, is_corner, _ = table
+    last = len(s) - 1
+    for k in range(len(trace)):
+        x = trace[k, 0]
+        y = trace[k, 1]
+        z = trace[k, 2]
+        i = nearest_chord(table, x, y, z, progress[k], reach[k])
+        share = to_chord(points, i, x, y, z)[1]
+        guess[k] = s[i] + share * (s[i + 1] - s[i])
+        # the foot on the curve may lie behind the end of its chord, but not behind a corner
+        low[k] = s[i] if i == 0 or is_corner[i] else s[i - 1]
+        high[k] = s[i + 1] if i + 1 == last or is_corner[i + 1] else s[i + 2]
 
 
 @plain_jit
-def _next_block(table, block, sequences, buffers, entries, is_last):
-    """Extend sequences by a block of a trace, and write what all of them have in common.
+def find_progress_on_path(table, trace, progress):
+    """Write the progress of a command that lies on the path, in the order of the motion, and return how many have one.
 
-    Arrays are made by the caller: numba would compile that too.
-
-    Args:
-        table: points along the path.
-        block: of the trace, after the last point of the block before, k + 1 points.
-        sequences: of the points that are not decided and of the block, (u + k,), of which those of the block, from its
-            second point on, are written.
-        buffers: with the ends of the sequences, which are updated.
-        entries: of the same points, (u + k,), written as far as they are decided.
-        is_last: whether the block is the last.
-
-    Returns:
-        The number of decided points less one.
-    """
-    first = len(entries) - len(block.points)
-    new = Sequences(sequences.entry[first:], sequences.origin[first:], sequences.candidates[first:])
-    _extend(table, block, new, buffers)
-    k = len(entries) - 1
-    count = sequences.candidates[k]
-    slots = buffers.slots
-    for c in range(count):
-        slots[c] = c
-    if is_last:
-        best = _least(buffers.ends.cost, count)
-        slots[0] = best
-        count = 1
-    while True:
-        least, largest = _range(slots, count)
-        if k == 0 or least == largest:
-            break
-        for c in range(count):
-            slots[c] = sequences.origin[k, slots[c]]
-        k -= 1
-    if least == largest:
-        _trace_back(sequences, slots[0], entries[: k + 1])
-    return k
-
-
-def along_blocks(points, blocks, count, spacing, begin):
-    """Return what `along` does, (n,), for a trace that is given block by block.
+    Each point has the first place of the path, from that of the point before on, that is within rounding of it.
 
     Args:
-        points: as in `along`.
-        blocks: iterator of the trace's points in their order, (k, 3) each, and their `travel`, (k,) each [mm].
-        count: number of points, n.
-        spacing: as in `along`.
-        begin: as in `along`.
+        table: along the path.
+        trace: points, (n, 3) [mm].
+        progress: to be written, (n,) [mm].
     """
-    trace, travel = next(blocks)
-    if len(trace) == count:
-        return along(points, trace, travel, spacing, begin)
-    table = Table(points, spacing)
-    entries = np.empty(count, np.int64)
-    decided = 0
-    received = 0
-    undecided, buffers = begun(_start(table, trace[0], begin))
-    while received < count:
-        received = decided + len(undecided.candidates) + len(trace) - 1
-        sequences = extended(undecided, len(trace) - 1)
-        block = Trace(trace, travel)
-        k = _next_block(table, block, sequences, buffers, entries[decided:received], received == count)
-        undecided = Sequences(sequences.entry[k:], sequences.origin[k:], sequences.candidates[k:])
-        decided += k
-        if received < count:
-            last = trace[-1:]
-            trace, travel = next(blocks)
-            trace = seen(np.concatenate([last, trace]))
-            travel = np.concatenate([[0.0], travel])
-    return entries
+    s, points, _, widest = table
+    i = 0
+    reached = 0.0
+    for k in range(len(trace)):
+        x = trace[k, 0]
+        y = trace[k, 1]
+        z = trace[k, 2]
+        first = i
+        while True:
+            square, share = to_chord(points, i, x, y, z)
+            distance = np.sqrt(square)
+            place = s[i] + share * (s[i + 1] - s[i])
+            if distance <= _ON_PATH and (i > first or place >= reached - _ON_PATH):
+                break
+            i += 1 + max(int((distance - _ON_PATH) / widest), 0)
+            if i > len(s) - 2:
+                return k
+        reached = max(reached, place)
+        progress[k] = reached
+    return len(trace)
+
+
+@plain_jit
+def find_assignment(points, trace, cost, is_ahead, entries):
+    """Write the entries of points along a path that stand for a trace: never falling, with the least sum of squares.
+
+    A dynamic program over all entries and all points of the trace: exact, and as slow as their product.
+
+    Args:
+        points: along the path, (m, 3) [mm].
+        trace: points in the order of the motion, (n, 3) [mm].
+        cost: for the work, zeros, (m,).
+        is_ahead: for the work, (n, m).
+        entries: to be written, (n,).
+    """
+    count = len(points)
+    for k in range(len(trace)):
+        for j in range(count):
+            # at no cost the entry may advance from one point of the trace to the next
+            is_ahead[k, j] = j > 0 and cost[j - 1] < cost[j]
+            if is_ahead[k, j]:
+                cost[j] = cost[j - 1]
+        for j in range(count):
+            a = trace[k, 0] - points[j, 0]
+            b = trace[k, 1] - points[j, 1]
+            c = trace[k, 2] - points[j, 2]
+            cost[j] += a * a + b * b + c * c
+    j = 0
+    for i in range(1, count):
+        if cost[i] < cost[j]:
+            j = i
+    for k in range(len(trace) - 1, -1, -1):
+        entries[k] = j
+        while is_ahead[k, j]:
+            j -= 1

@@ -12,28 +12,30 @@ to the left; without a climb that is the signed curvature.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.base.arrays import Floats, at_rows, read_only, seen
-from gantrysim.base.columns import blocks, table_by_blocks
+from gantrysim.base.arrays import Floats, at_rows, lengths, read_only, seen
+from gantrysim.base.columns import blocks, by_blocks, table_by_blocks
 from gantrysim.base.errors import InputError
+from gantrysim.paths.assignment import assigned_progress
 from gantrysim.paths.corners import Corners
-from gantrysim.paths.feet import NEAR_SHARP, Projection, compare_legs, foot_between, longer_steps, travel_between
+from gantrysim.paths.feet import Projection, foot_between
 from gantrysim.paths.local import Local
-from gantrysim.paths.minima import vertices
-from gantrysim.paths.nearest import along_blocks
+from gantrysim.paths.nearest import Table, find_feet, find_reaches
 
-# Table of points from which a projection starts. The wrong branch of a path can be chosen only where the distances
-# of two differ by less than spacing^2 / (8 distance).
+# Table of points from which a projection starts: of two stretches of the path the wrong one can be chosen where their
+# distances differ by less than the sagitta of a chord, curvature spacing^2 / 8.
 _TABLE_SPACING = 0.05  # [mm]
 _TABLE_SIZE = (256, 1_000_000)  # beyond that the spacing grows,
 _WIDEST_SPACING = 0.5  # but not above that [mm]: a bead's neighbour is further away
 _UPRIGHT = read_only(np.eye(3)[None])  # the frame of the XY plane
 _LONGEST = 1e7  # that memory has room for: 640 MB of points [mm]
+_ROUNDING = 1e-9  # of a number of chords
 
 
 class Path(ABC):
@@ -91,8 +93,8 @@ class Path(ABC):
         return _in_frame(self.frame(s), -np.sin(theta), np.cos(theta), np.zeros_like(theta))
 
     @cached_property
-    def table(self) -> tuple[Floats, Floats]:
-        """Arc lengths, evenly spaced from start to end, (m,), and the points there, (m, 3), by columns [mm].
+    def table(self) -> Table:
+        """Points along the path, evenly spaced from corner to corner.
 
         Raises:
             InputError: a path too long for the table.
@@ -100,9 +102,18 @@ class Path(ABC):
         if self.length > _LONGEST:
             raise InputError(f"path length = {self.length:.4g} mm: must be at most {_LONGEST:g} mm to find feet on it")
         count = int(np.clip(np.ceil(self.length / _TABLE_SPACING), *_TABLE_SIZE))
-        count = max(count, int(np.ceil(self.length / _WIDEST_SPACING))) + 1
-        s = np.linspace(0.0, self.length, count)
-        return s, np.asfortranarray(self.position(s))
+        spacing = min(self.length / count, _WIDEST_SPACING)
+        edges = np.concatenate([[0.0], self.corners, [self.length]])
+        sizes = np.diff(edges)
+        counts = np.maximum(np.ceil(sizes / spacing - _ROUNDING), 1).astype(np.intp)
+        leg = np.repeat(np.arange(counts.size), counts)
+        ends = np.cumsum(counts)
+        number = np.arange(ends[-1]) - (ends - counts)[leg]
+        s = np.append(edges[leg] + number * (sizes / counts)[leg], self.length)
+        is_corner = np.zeros(s.size, bool)
+        is_corner[ends[:-1]] = True
+        points = np.asfortranarray(self.position(s))
+        return Table(seen(s), seen(points), seen(is_corner), float((sizes / counts).max()))
 
     def project(self, points: ArrayLike) -> Projection:
         """Project points onto the path: the nearest point of the whole curve, ends included.
@@ -110,54 +121,70 @@ class Path(ABC):
         Args:
             points: in any order, (n, 3) [mm].
         """
-        from scipy.spatial import cKDTree  # slow to import
-
         p = _points(points)
-        return self._foot(p, cKDTree(self.table[1]).query(p)[1])
+        return self.near(p, np.zeros(len(p)), np.full(len(p), np.inf))
 
-    def follow(self, trace: ArrayLike, begin: float | None = None, rows: NDArray[np.intp] | None = None) -> Projection:
-        """Project a trace onto the path in the order of its points: the feet advance as the trace does.
+    def follow(self, trace: ArrayLike, progress: Floats | None = None) -> Projection:
+        """Project a trace onto the path in the order of its points, each near its own progress.
 
         A trace thus stays on its own turn of a spiral, at any distance, and on its own leg of a path that retraces
-        itself. See `gantrysim.paths.nearest.along`.
+        itself.
 
         Args:
             trace: points in the order of the motion, (n, 3) [mm].
-            begin: arc length at which the trace begins; its first foot is at most twice the distance to there
-                along the path from it. By default the nearest of the whole path, the earlier of two [mm].
-            rows: of the trace that count, ascending, (m,); by default all.
+            progress: arc length of the path that each point stands for, ascending, (n,) [mm]; by default as of
+                `gantrysim.paths.assignment`, which takes long.
         """
-        all_points = np.atleast_2d(np.asarray(trace, float))
+        p = _points(trace)
+        if progress is None:
+            progress = assigned_progress(self, p)
+        return self.near(p, progress, self.reach([p], progress))
+
+    def reach(self, traces: Sequence[Floats], progress: Floats, rows: NDArray[np.intp] | None = None) -> Floats:
+        """Return how far from its progress the feet of a tick may lie, see `gantrysim.paths.nearest`, (n,) [mm].
+
+        Args:
+            traces: the command and what follows it, (m, 3) each [mm].
+            progress: of the command, ascending, (n,) [mm].
+            rows: of the traces, (n,); by default all.
+        """
         if rows is None:
-            rows = np.arange(len(all_points))
-        # where the first point that counts is not the trace's, the way to it decides on which turn it lies
-        led_in = begin is not None and rows.size > 0 and rows[0] > 0
-        followed = np.concatenate([[0], rows]) if led_in else rows
-        travel = travel_between(all_points, followed)
-        s_table, p_table = self.table
-        spacing = s_table[1]
-        # distance from a sharp corner within which both its legs are searched [mm]
-        sharp: Floats | None = None
-        if self.corners.size and self.legs.sharp.any():
-            sharp = NEAR_SHARP * spacing + longer_steps(all_points, followed)
+            rows = np.arange(progress.size)
 
-        def points(block: slice) -> Floats:
-            return _points(at_rows(all_points, followed[block]))
+        def furthest(block: slice) -> Floats:
+            place = self.position(progress[block])
+            return np.max([lengths(at_rows(trace, rows[block]) - place) for trace in traces], axis=0)
 
-        first = -1 if begin is None else round(float(np.clip(begin, 0.0, self.length)) / spacing)
-        count = followed.size
-        parts = ((points(block), travel[block]) for block in blocks(count))
-        entries = along_blocks(p_table, parts, count, spacing, first)  # type: ignore[no-untyped-call]
-        if led_in:
-            followed = rows
-            entries = entries[1:]
-            sharp = None if sharp is None else sharp[1:]
-        count = rows.size
+        reach = np.zeros(progress.size)
+        find_reaches(by_blocks(furthest, progress.size), progress, reach)  # type: ignore[no-untyped-call]
+        return reach
+
+    def near(self, trace: Floats, progress: Floats, reach: Floats, rows: NDArray[np.intp] | None = None) -> Projection:
+        """Project points onto the stretch of the path about the progress of each, see `gantrysim.paths.nearest`.
+
+        Args:
+            trace: points, (m, 3) [mm].
+            progress: arc length about which the foot of each lies, (n,) [mm].
+            reach: as of `reach`, (n,); inf for the whole path [mm].
+            rows: of the trace, (n,); by default all.
+        """
+        if rows is None:
+            rows = np.arange(progress.size)
 
         def feet(block: slice) -> Projection:
-            return self._foot(points(block), entries[block], np.inf if sharp is None else sharp[block])
+            p = _points(at_rows(trace, rows[block]))
+            low = np.empty(len(p))
+            high = np.empty(len(p))
+            guess = np.empty(len(p))
+            find_feet(self.table, p, seen(progress[block]), seen(reach[block]), low, high, guess)  # type: ignore[no-untyped-call]
+            projection = foot_between(self, p, low, high, guess)
+            if self.corners.size:
+                at_corner, components = self.legs.about(projection.s, projection.offset)
+                for name, values in vars(components).items():
+                    vars(projection)[name][at_corner] = values
+            return projection
 
-        return table_by_blocks((feet(block) for block in blocks(count)), count)
+        return table_by_blocks((feet(block) for block in blocks(progress.size)), progress.size)
 
     @cached_property
     def corners(self) -> Floats:
@@ -168,29 +195,6 @@ class Path(ABC):
     def legs(self) -> Corners:
         """The corners, and the frames of the legs between them."""
         return Corners.of(self)
-
-    def _foot(self, p: Floats, nearest: NDArray[np.intp], sharp: Floats | float = np.inf) -> Projection:
-        """Project points, given the nearest entries of the table.
-
-        The foot is between the neighbours of that entry; near a corner both sides are searched.
-
-        Args:
-            p: points, (n, 3) [mm].
-            nearest: entries of the table, (n,).
-            sharp: distance from a sharp corner within which that is done, (n,) [mm].
-        """
-        s_table, p_table = self.table
-        spacing = s_table[1]
-        low = s_table[np.maximum(nearest - 1, 0)]
-        high = s_table[np.minimum(nearest + 1, s_table.size - 1)]
-        guess = vertices(p_table, p, nearest) * spacing  # type: ignore[no-untyped-call]
-        projection = foot_between(self, p, low, high, guess)
-        if self.corners.size:
-            compare_legs(self, p, projection, spacing, sharp)
-            rows, at_corners = self.legs.about(projection.s, projection.offset)
-            for name, values in vars(at_corners).items():
-                vars(projection)[name][rows] = values
-        return projection
 
     def project_on_leg(self, points: ArrayLike, leg: NDArray[np.intp]) -> Projection:
         """Project points onto one leg each, between two corners or ends of the path.

@@ -59,6 +59,8 @@ class Run(Conveniences, Shown):
             sum(flow[:-1]) * period.
         flow_demand: flow requested by the program over the same period, (n,) [mm³/s].
         dispense: dispenser command, (n,).
+        progress: arc length along the requested path for which the command stands, never falling, (n,) [mm]; None where
+            the setpoints do not state it.
         face: outer diameter of the needle at its tip [mm].
         needle_length: length of the needle [mm].
         fault: the `Fault` that ended the run early, or None.
@@ -90,6 +92,7 @@ class Run(Conveniences, Shown):
     flow_demand: Column[Floats] = Column()
     dispense: Column[NDArray[np.bool_]] = Column()
     geometric_tip: OptionalColumn[Floats] = OptionalColumn()
+    progress: OptionalColumn[Floats] = OptionalColumn()
     face: float = 0.82  # of the 21 gauge needle of the built-in machines
     needle_length: float = 25.4
     fault: Fault | None = None

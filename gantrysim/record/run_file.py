@@ -20,7 +20,7 @@ from gantrysim.record.fault import Fault
 
 RUN = "run.npz"  # the record in an output folder
 
-_FORMAT = 7  # a number of its own for every change of the members; no other is read
+_FORMAT = 8  # a number of its own for every change of the members; no other is read
 _NUMBERS = ("period", "gap", "face", "needle_length")
 _TEXTS = ("machine", "requested", "fault", "injected", "job_sha256", "machine_sha256")
 _LISTS = ("axes", "units")
@@ -30,8 +30,9 @@ _COLUMNS = {
     **dict.fromkeys(("commanded_tip", "encoder_tip", "motor_tip", "nozzle"), 3),
     **dict.fromkeys(("commanded", "encoder", "motor", "demand", "torque", "current", "voltage"), None),
 }
-_OPTIONAL = {"geometric_tip": 3}  # columns that a record may lack
+_OPTIONAL = {"geometric_tip": 3, "progress": 0}  # columns that a record may lack
 _NAN = ("current", "voltage")
+_ROUNDING = 1e-9  # relative, of lengths
 _LAST = ("demand", "torque", "current", "voltage")  # not finite where a fault ends the run, in the tick that diverged
 
 
@@ -82,6 +83,8 @@ def _content(archive: Archive) -> dict[str, Any]:
         raise InputError(f"requested has a length of {length:g} mm")
     content["fault"] = None if fault is None else _fault(fault, content["axes"])
     content["injected"] = tuple(fault_of(table) for table in json.loads(content["injected"]))
+    if "progress" in raw:
+        _check_progress(array_of(raw["progress"]), length)
     for name, column in raw.items():
         content[name] = read_only(column) if isinstance(column, np.ndarray) else column
     return content
@@ -161,6 +164,13 @@ def _check_values(content: Mapping[str, Any], columns: Mapping[str, NDArray[Any]
             not_finite += finite.size - np.count_nonzero(finite)
         if not_finite:
             raise InputError(f"{name} has {not_finite} values that are not finite")
+
+
+def _check_progress(progress: NDArray[Any], length: float) -> None:
+    """Check that a progress lies on a path of a length [mm], and never falls."""
+    rounding = _ROUNDING * (1 + length)
+    if np.any(np.diff(progress) < 0) or not (-rounding <= progress[0] and progress[-1] <= length + rounding):
+        raise InputError(f"progress falls, or is not from 0 to {length:g} mm")
 
 
 def _fault(content: Any, axes: Sequence[str]) -> Fault:

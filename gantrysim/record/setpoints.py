@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, read_only
-from gantrysim.base.columns import Column, Stored, array_of, blocks, by_blocks, table_by_blocks
+from gantrysim.base.columns import Column, OptionalColumn, Stored, array_of, blocks, by_blocks, table_by_blocks
 from gantrysim.base.errors import InputError, at_least, positive, whole
 from gantrysim.base.memory import check_ticks
 from gantrysim.paths.path import Path
@@ -53,20 +53,22 @@ class Supervision:
         at_least("settle_timeout", self.settle_timeout, settle_time, "s")
 
 
-_COLUMNS: dict[str, type[np.generic]] = {"position": np.float64, "dispense": np.bool_}
+_COLUMNS: dict[str, type[np.generic]] = {"position": np.float64, "dispense": np.bool_, "progress": np.float64}
 
 
 @dataclass(frozen=True)
 class SetpointTable:
-    """Positions and dispenser command of consecutive setpoints, as in `Setpoints`; in a file where there are many.
+    """Columns of consecutive setpoints, as in `Setpoints`; in a file where there are many.
 
     Attributes:
         position: (n, axes) [mm or deg].
         dispense: (n,).
+        progress: (n,) [mm].
     """
 
     position: Column[Floats] = Column()
     dispense: Column[NDArray[np.bool_]] = Column()
+    progress: Column[Floats] = Column()
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,8 @@ class Setpoints:
         supervision: limits that the controller monitors.
         gates: indices of the setpoints at which the stream waits until all axes settle, ascending, (m,); read-only.
         torque: torque demands that the servo adds to its own, (n, axes) [N·m]; read-only; None for none.
+        progress: arc length along the requested path for which each setpoint stands, never falling, (n,) [mm];
+            read-only; None where it is not known. Without it an analysis assigns one, which takes long.
     """
 
     period: float
@@ -92,10 +96,12 @@ class Setpoints:
     supervision: Supervision = Supervision()
     gates: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     torque: Floats | None = None
+    progress: OptionalColumn[Floats] = OptionalColumn()
 
     def __post_init__(self) -> None:
         positive("period", self.period, "s")
-        stored = {name: _own(vars(self)[name], dtype) for name, dtype in _COLUMNS.items()}
+        given = {name: dtype for name, dtype in _COLUMNS.items() if vars(self)[name] is not None}
+        stored = {name: _own(vars(self)[name], dtype) for name, dtype in given.items()}
         position = array_of(stored["position"])
         dispense = array_of(stored["dispense"])
         if position.ndim != 2 or position.shape[1] != len(self.axes) or len(position) < 2:
@@ -107,6 +113,8 @@ class Setpoints:
             if not np.isfinite(rows).all():  # axis by axis it would take much longer
                 row = int(np.argmin(np.isfinite(rows).all(axis=1)))
                 raise InputError(f"setpoint {block.start + row} = {rows[row].tolist()}: must be finite")
+        if "progress" in stored:
+            self._check_progress(array_of(stored["progress"]), dispense.shape)
         gates = np.array(self.gates, np.int64)
         if gates.ndim != 1 or (gates.size and np.any(np.diff(gates, prepend=-1, append=len(position)) <= 0)):
             raise InputError(f"gates {gates.tolist()}: must be ascending indices of the {len(position)} setpoints")
@@ -119,6 +127,21 @@ class Setpoints:
                 raise InputError(f"torques of shape {torque.shape}: must be {position.shape}, all finite")
             torque.flags.writeable = False
             object.__setattr__(self, "torque", torque)
+
+    def _check_progress(self, progress: Floats, shape: tuple[int, ...]) -> None:
+        """Check that a progress lies on the path and never falls."""
+        if progress.shape != shape:
+            raise InputError(f"progress of shape {progress.shape}: must be {shape}")
+        length = self.requested.length
+        rounding = _ROUNDING * (1 + length)
+        low = progress[0]
+        high = progress[-1]
+        falls = np.diff(progress) < 0
+        if falls.any() or not (-rounding <= low and high <= length + rounding):
+            raise InputError(
+                f"progress from {low:g} to {high:g} mm, falling {np.count_nonzero(falls)} times: must be from 0 to "
+                f"{length:g} mm, the length of the requested path, and never fall"
+            )
 
     @property
     def time(self) -> Floats:
@@ -154,8 +177,15 @@ class Setpoints:
 
     def part(self, rows: slice) -> Setpoints:
         """Return consecutive setpoints, without waits at gates and torques."""
+        progress = None if self.progress is None else self.progress[rows]
         return Setpoints(
-            self.period, self.axes, self.position[rows], self.dispense[rows], self.requested, self.supervision
+            period=self.period,
+            axes=self.axes,
+            position=self.position[rows],
+            dispense=self.dispense[rows],
+            requested=self.requested,
+            supervision=self.supervision,
+            progress=progress,
         )
 
     def _padded(self, before: int, after: int) -> Setpoints:
@@ -166,7 +196,8 @@ class Setpoints:
         check_ticks(total, f"hold of {duration:g} s in periods of {self.period:g} s", "hold for a shorter time")
         table = table_by_blocks(self._padded_blocks(before, after), total)
         torque = None if self.torque is None else np.pad(self.torque, ((before, after), (0, 0)), "edge")
-        return replace(self, **vars(table), gates=self.gates + before, torque=torque)
+        columns = vars(table) if self.progress is not None else {**vars(table), "progress": None}
+        return replace(self, **columns, gates=self.gates + before, torque=torque)
 
     def _padded_blocks(self, before: int, after: int) -> Iterator[SetpointTable]:
         """Yield the blocks of these setpoints after and before so many of the first and last position."""
@@ -176,8 +207,9 @@ class Setpoints:
             first, last = k.clip(0, count - 1)[[0, -1]]
             position = self.position[first : last + 1]
             dispense = self.dispense[first : last + 1]
+            progress = np.zeros(len(position)) if self.progress is None else self.progress[first : last + 1]
             inside = k.clip(0, count - 1) - first
-            yield SetpointTable(position[inside], dispense[inside] & (k >= 0) & (k < count))
+            yield SetpointTable(position[inside], dispense[inside] & (k >= 0) & (k < count), progress[inside])
 
     @classmethod
     def of_blocks(
@@ -196,6 +228,7 @@ class Setpoints:
         requested: Path | None = None,
         axes: tuple[str, ...] = ("x", "y"),
         coordinates: Callable[[Floats], Floats] | None = None,
+        progress: Callable[[Floats], Floats] | None = None,
     ) -> Setpoints:
         """Return setpoints along the whole `path`, with the dispenser on.
 
@@ -208,6 +241,8 @@ class Setpoints:
             requested: the requested path, by default `path` itself.
             axes: names of the axes, the first of x, y, z.
             coordinates: function from arc lengths, (n,), to axis positions, (n, axes); by default points of the path.
+            progress: function from arc lengths to those of the requested path, (n,) [mm]; by default the same where
+                that is the path, and unknown where it is another one.
         """
         positive("period", period, "s")
         # the first by its type: whether an object has what the protocol asks for takes longer to find out
@@ -216,17 +251,35 @@ class Setpoints:
             raise InputError(f"profile of {profile.length:.6g} mm: must be as long as the path, {path.length:.6g} mm")
         n = ticks(profile.duration, period)
 
-        def positions(block: slice) -> Floats:
+        if progress is None and requested is None:
+            progress = _same
+
+        def places(block: slice) -> Floats:
             s = profile.position(np.arange(block.start, block.stop) * period)
             if block.stop > n:
                 s[-1] = path.length
+            return s
+
+        def positions(block: slice) -> Floats:
+            s = places(block)
             if coordinates is not None:
                 return coordinates(s)
             # stacked, as NumPy copies short rows of a longer array much slower than columns
             return np.stack([*path.position(s).T[: len(axes)]], axis=1)
 
-        position = by_blocks(positions, n + 1)
-        return cls(period, axes, position, np.ones(n + 1, bool), path if requested is None else requested)
+        along = progress
+        return cls(
+            period=period,
+            axes=axes,
+            position=by_blocks(positions, n + 1),
+            dispense=np.ones(n + 1, bool),
+            requested=path if requested is None else requested,
+            progress=None if along is None else by_blocks(lambda block: along(places(block)), n + 1),
+        )
+
+
+def _same(s: Floats) -> Floats:
+    return s
 
 
 def _own(values: NDArray[Any] | Stored, dtype: type[np.generic]) -> NDArray[Any] | Stored:

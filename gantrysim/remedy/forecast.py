@@ -72,7 +72,8 @@ class ProgramError:
         for law in servo.laws.added:
             setpoints = law.sent(servo.laws.by_name(), setpoints)
         tip = job.built_machine.tip(axis_positions(job.built_machine, setpoints))
-        foot = setpoints.requested.follow(tip, 0.0, np.flatnonzero(setpoints.dispense))
+        on = np.flatnonzero(setpoints.dispense)
+        foot = setpoints.requested.follow(tip[on], None if setpoints.progress is None else setpoints.progress[on])
         if len(tip) > memory.LONG:
             job.__dict__.pop("setpoints", None)  # they fill the memory, and are computed again on demand
         length = float(setpoints.requested.length)

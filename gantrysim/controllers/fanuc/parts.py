@@ -24,8 +24,8 @@ class Part:
 
     Attributes:
         duration: [s].
-        sample: from times since its start, (n,), to x, y, z and the rotary axis, (n, 4), and whether glue is laid,
-            (n,).
+        sample: from times since its start, (n,), to x, y, z, the rotary axis and the progress along the requested path,
+            (n, 5), and whether glue is laid, (n,).
         lines: from those times to the lines of the text that run, 0 for those of another file, (n,).
     """
 
@@ -34,8 +34,15 @@ class Part:
     lines: Callable[[Floats], NDArray[np.intp]]
 
 
-def stretch(legs: list[PathLeg], feeding: Feeding, begun: float) -> Part:
-    """Return motions without a stop between them, from the time at which they begin [s]."""
+def stretch(legs: list[PathLeg], feeding: Feeding, begun: float, reached: float) -> Part:
+    """Return motions without a stop between them.
+
+    Args:
+        legs: the motions.
+        feeding: their feeds.
+        begun: time at which they begin [s].
+        reached: arc length of the requested path there [mm].
+    """
     chain = Chain(leg.piece for leg in legs if leg.piece is not None)
     profile = Planner(legs, chain, feeding).profile(begun)
     rotary = np.array([leg.rotary for leg in legs])
@@ -51,8 +58,9 @@ def stretch(legs: list[PathLeg], feeding: Feeding, begun: float) -> Part:
     def sample(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         s = profile.position(t)
         k = index(s)
-        place = np.empty((s.size, 4))
+        place = np.empty((s.size, 5))
         place[:, 3] = rotary[k, 0]
+        place[:, 4] = reached + s
         if np.ptp(rotary):
             place[:, :3], share = chain.position_and_share(s)
             place[:, 3] += share * np.diff(rotary, axis=1)[k, 0]
@@ -63,8 +71,8 @@ def stretch(legs: list[PathLeg], feeding: Feeding, begun: float) -> Part:
     return Part(profile.duration, sample, lines)
 
 
-def in_place(leg: PathLeg, here: Vector, feeding: Feeding) -> Part:
-    """A stop, or a motion of the rotary axis alone."""
+def in_place(leg: PathLeg, here: Vector, feeding: Feeding, reached: float) -> Part:
+    """A stop, or a motion of the rotary axis alone, at a place and an arc length of the requested path [mm]."""
     first, last = leg.rotary
     speed = min(leg.feed, feeding.rotary_velocity)
     profile: Profile | None = None
@@ -76,7 +84,8 @@ def in_place(leg: PathLeg, here: Vector, feeding: Feeding) -> Part:
     def sample(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         turned = np.zeros(t.shape) if profile is None else profile.position(t)
         angle = first + math.copysign(1.0, last - first) * turned
-        return np.column_stack([np.tile(here, (t.size, 1)), angle]), np.full(t.shape, leg.dispense)
+        place = np.column_stack([np.tile(here, (t.size, 1)), angle, np.full(t.shape, reached)])
+        return place, np.full(t.shape, leg.dispense)
 
     def lines(t: Floats) -> NDArray[np.intp]:
         return np.full(t.shape, leg.source.line, np.intp)

@@ -173,12 +173,16 @@ class Program(Controller):
         parts: list[Part] = []
         here: Vector = vector(self.placement.point(self.start))
         begun = 0.0
+        reached = 0.0
         for moving, group in groupby(self._with_holds(), key=lambda leg: leg.piece is not None):
             legs = list(group)
-            group_parts = [stretch(legs, feeding, begun)] if moving else [in_place(leg, here, feeding) for leg in legs]
+            if moving:
+                group_parts = [stretch(legs, feeding, begun, reached)]
+            else:
+                group_parts = [in_place(leg, here, feeding, reached) for leg in legs]
             parts += group_parts
             begun += sum(part.duration for part in group_parts)
-            x, y, z, _ = parts[-1].sample(np.array([parts[-1].duration]))[0][0].tolist()
+            x, y, z, _, reached = parts[-1].sample(np.array([parts[-1].duration]))[0][0].tolist()
             here = (x, y, z)
         return tuple(parts)
 
@@ -232,7 +236,7 @@ class Program(Controller):
         ticks(float(begun[-1]) + self.blend_time, period)  # raises where the average makes too many
         time = np.arange(n + 1) * period
         time[-1] = begun[-1]  # the last tick is up to a period after the end, and commands the end
-        place = np.empty((n + 1, 4))
+        place = np.empty((n + 1, 5))
         dispense = np.zeros(n + 1, bool)
         which = np.clip(np.searchsorted(begun, time, side="right") - 1, 0, len(self._parts) - 1)
         for k, part in enumerate(self._parts):
@@ -242,7 +246,8 @@ class Program(Controller):
             place, dispense = averaged(place, dispense, round(self.blend_time / period))
         columns = {"x": 0, "y": 1, "z": 2, self.rotary_axis: 3}
         position = place[:, [columns[name] for name in self.axes]]
-        return Setpoints(period, self.axes, position, dispense, self.requested)
+        progress = np.maximum.accumulate(np.clip(place[:, 4], 0.0, self.requested.length))  # of rounding
+        return Setpoints(period, self.axes, position, dispense, self.requested, progress=progress)
 
 
 def _block(item: object, k: int) -> Block:

@@ -197,8 +197,8 @@ class GCode(Controller):
 
     def _commands(self, period: float, block: slice, count: int) -> SetpointTable:
         """Return the setpoints of a block out of so many."""
-        place, dispense = self.plan.at(self._times(period, block, count))
-        return SetpointTable(np.ascontiguousarray(place[:, : len(self.axes)]), dispense)
+        place, dispense, progress = self.plan.at(self._times(period, block, count))
+        return SetpointTable(np.ascontiguousarray(place[:, : len(self.axes)]), dispense, progress)
 
     def _times(self, period: float, block: slice, count: int) -> Floats:
         time = np.arange(block.start, block.stop, dtype=np.float64) * period

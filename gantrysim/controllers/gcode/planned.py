@@ -64,6 +64,7 @@ class PathPlan:
         requested: path of all moves, in the work frame.
         path: the commanded one.
         profile: speed along it, without dwells.
+        progress: arc length of `requested` at the ends of the pieces of `path`, see `_progress`, (n + 1,) [mm].
         source: row of the moves for every piece of `path`, (n,).
         moves: the rows.
         dwells: between the pieces.
@@ -76,6 +77,7 @@ class PathPlan:
     requested: Track
     path: Rounded
     profile: Limited
+    progress: Floats
     source: NDArray[np.intp]
     moves: Floats
     dwells: Dwells
@@ -89,10 +91,10 @@ class PathPlan:
         """Of the motion with its dwells [s]."""
         return self.profile.duration + float(self.dwells.times.sum())
 
-    def at(self, t: ArrayLike) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return points (n, 3) [mm], and whether glue is laid, (n,), at times (n,) [s]."""
+    def at(self, t: ArrayLike) -> tuple[Floats, NDArray[np.bool_], Floats]:
+        """Return points (n, 3) [mm], whether glue is laid, (n,), and the progress, (n,) [mm], at times (n,) [s]."""
         s, row = self._rows(np.asarray(t, float))
-        return self.path.position(s), self.moves[row, GLUE] != 0
+        return self.path.position(s), self.moves[row, GLUE] != 0, np.interp(s, self.path.ends, self.progress)
 
     def lines(self, t: ArrayLike) -> NDArray[np.intp]:
         """Return the program's lines that run at times, (n,)."""
@@ -184,6 +186,7 @@ def plan(program: Interpreted, placement: Placement, settings: PlanSettings) -> 
         requested=requested,
         path=path,
         profile=profile,
+        progress=_progress(path, base, requested, rows),
         source=source,
         moves=table,
         dwells=Dwells(begin, table[dwell_rows, FEED], dwell_rows, pieces),
@@ -192,6 +195,27 @@ def plan(program: Interpreted, placement: Placement, settings: PlanSettings) -> 
         cut=corners.cut,
         axis_speeds=axis_speeds,
     )
+
+
+def _progress(path: Rounded, base: _Base, requested: Track, rows: NDArray[np.intp]) -> Floats:
+    """Return the arc length of the requested path that each end of a piece of the commanded path stands for, (n + 1,).
+
+    A line that replaces several moves ends with the last of them; an arc stands for the ends of the two legs that it
+    joins, its middle for their corner.
+
+    Args:
+        path: the commanded path.
+        base: the path before its corners are rounded.
+        requested: the path of all moves.
+        rows: of the moves, for every piece of `requested`.
+    """
+    begun = np.concatenate([[0.0], base.track.ends])
+    at_base = begun[path.piece] + path.begin
+    arcs = np.flatnonzero(path.arc >= 0)
+    at_base[arcs] = at_base[arcs - 1] + path.lengths[arcs - 1]
+    at_base = np.maximum.accumulate(np.append(at_base, begun[-1]))
+    last = np.searchsorted(rows, base.rows)
+    return np.interp(at_base, begun, np.concatenate([[0.0], requested.ends[last]]))
 
 
 class _Corners(NamedTuple):

@@ -135,6 +135,7 @@ class Program(Controller):
             self.requested,
             self.group.supervision,
             gates,
+            progress=streamed.progress,
         )
 
 

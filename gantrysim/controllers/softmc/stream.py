@@ -43,15 +43,20 @@ class Leg:
         """Time of the motion [s]."""
         return self.profile.duration
 
-    def coordinates(self, t: Floats) -> Floats:
-        """Return x, y, z [mm] and r [deg] at times since the start of the command, (n, 4)."""
+    @property
+    def length(self) -> float:
+        """Length of its path [mm]."""
+        return 0.0 if self.path.piece is None else length_of(self.path.piece)
+
+    def coordinates(self, t: Floats) -> tuple[Floats, Floats]:
+        """Return x, y, z [mm] and r [deg] at times since the start of the command, (n, 4), and the way, (n,) [mm]."""
         s = self.profile.position(t)
         share = s / self.profile.length if self.profile.length > 0 else np.ones(s.shape)
         place = np.tile(self.start, (s.size, 1))
         if self.path.piece is not None:
             place[:, :3] = Chain([self.path.piece]).position(s)
         place[:, 3] += share * (self.path.end[3] - self.start[3])
-        return place
+        return place, share * self.length
 
 
 @dataclass(frozen=True)
@@ -74,11 +79,13 @@ class Stream:
     Attributes:
         position: x, y, z [mm] and r [deg] at every servo period, (n, 4).
         dispense: whether glue is laid, (n,).
+        progress: length of the legs' paths so far, (n,) [mm].
         ends: setpoints at the ends of the legs and rests, (m,).
     """
 
     position: Floats
     dispense: NDArray[np.bool_]
+    progress: Floats
     ends: NDArray[np.int64]
 
 
@@ -127,13 +134,20 @@ def stream(steps: Sequence[Leg | Rest], period: float) -> Stream:
     check_ticks(sum(counts), f"program in periods of {period:g} s", "use a shorter program or a longer period")
     here = next(step.start for step in steps if isinstance(step, Leg))
     position = np.tile(here, (sum(counts) + 1, 1))
+    progress = np.zeros(sum(counts) + 1)
+    reached = 0.0
     ends = np.cumsum(counts)
     for step, n, last in zip(steps, counts, ends, strict=True):
         if isinstance(step, Leg):
-            position[last - n + 1 : last] = step.coordinates(np.arange(1, n, dtype=np.float64) * period)
+            place, way = step.coordinates(np.arange(1, n, dtype=np.float64) * period)
+            position[last - n + 1 : last] = place
+            progress[last - n + 1 : last] = reached + way
             here = step.path.end
+            reached += step.length
             position[last] = here
+            progress[last] = reached
         else:
             position[last - n + 1 : last + 1] = here
+            progress[last - n + 1 : last + 1] = reached
     dispense = np.repeat([isinstance(step, Leg) and step.dispense for step in steps], counts)
-    return Stream(position, np.append(dispense, dispense[-1:]), ends.astype(np.int64))
+    return Stream(position, np.append(dispense, dispense[-1:]), progress, ends.astype(np.int64))

@@ -17,6 +17,7 @@ from gantrysim.controllers.trio.listing import LITERAL_CIRCLES, differences
 from gantrysim.controllers.trio.loop import MAX_PASSES, RATIO_BITS, EndlessError, Loop, Passes, RatioTooSmallError
 from gantrysim.controllers.trio.remedies import fewer_turns, for_late_axes
 from gantrysim.controllers.trio.theory import SpiralTheory
+from gantrysim.paths.lengths import arc_length
 from gantrysim.paths.path import Path
 from gantrysim.paths.spirals import Involute
 from gantrysim.record.setpoints import Setpoints
@@ -284,14 +285,32 @@ class MoveSpiral(Controller):
             )
         if self.loop_period == 0:
             return Setpoints.along(
-                self._flat, self.speed, period, requested=self.requested, axes=self.axes, coordinates=self._climbing
+                self._flat,
+                self.speed,
+                period,
+                requested=self.requested,
+                axes=self.axes,
+                coordinates=self._climbing,
+                progress=lambda s: self._progress(self._flat.phi(s)),
             )
         lengths = (
             np.hypot(self.passes.connected * self.radius, self._climb) * np.diff(self.passes.distance) / self.radius
         )
+        ends = np.concatenate([[0.0], np.cumsum(lengths)])
+        # within a pass the ratio is constant, and the real axes advance as the virtual ones
         return Setpoints.along(
-            self.generated, self.passes.connect(lengths), period, requested=self.requested, axes=self.axes
+            self.generated,
+            self.passes.connect(lengths),
+            period,
+            requested=self.requested,
+            axes=self.axes,
+            progress=lambda s: self._progress(np.interp(s, ends, self.passes.distance) / self.radius),
         )
+
+    def _progress(self, angle: Floats) -> Floats:
+        """Arc lengths of the requested path where its tangent has turned by the angles of the virtual circles, (n,)."""
+        path = self.requested
+        return arc_length(path.radius, -path.a, abs(self._climb), np.clip(angle, 0.0, path.angle))
 
     def _climbing(self, s: Floats) -> Floats:
         """The axes at arc lengths of the flat path: SPEED is that of the circle."""

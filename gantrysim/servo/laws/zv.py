@@ -81,7 +81,14 @@ def shaped(
         dispense=setpoints.dispense[source][late],
         gates=moved,
         torque=None if setpoints.torque is None else _convolved(setpoints.torque[source], weights),
+        progress=None if setpoints.progress is None else _shaped_progress(setpoints.progress[source], weights),
     )
+
+
+def _shaped_progress(progress: Floats, weights: Floats) -> Floats:
+    """Return a progress filtered as the positions are; rounding of the sums must not make it fall."""
+    filtered: Floats = np.maximum.accumulate(_convolved(progress[:, None], weights)[:, 0])
+    return np.minimum(filtered, progress[-1], out=filtered)
 
 
 def _convolved(values: Floats, weights: Floats) -> Floats:

@@ -174,6 +174,7 @@ class Basic(Controller):
             self.requested,
             supervised.supervision,
             gates,
+            progress=streamed.progress,
         )
 
     def _stream(self, period: float) -> Stream:

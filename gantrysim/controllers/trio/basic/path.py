@@ -10,14 +10,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from gantrysim.base.arrays import Floats
+from gantrysim.base.arrays import Floats, seen
 from gantrysim.base.errors import InputError, finite, point, positive, whole
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.trio.basic.moves import Arc, Move
 from gantrysim.paths.chain import Chain
+from gantrysim.paths.nearest import find_progress_on_path
+from gantrysim.paths.path import Path
 from gantrysim.paths.pieces import SHORTEST, Coil, Frame, Line, Vector, vector
 from gantrysim.paths.spirals import Involute
 
+_PER_TURN = 720  # angles of a spiral that are tabulated
 TOLERANCE = 5e-4  # of the commanded trace that stands for a path which the program does not state [mm]
 _JOINT = 1e-6  # [mm]
 _UNITS: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))  # of the columns
@@ -139,6 +142,45 @@ def _coil(
         rise = arc.rise * placement.upward * float(normal[columns[2]])
     radius = (arc.radius, arc.radius)
     return Coil(placement.place((x, y, z)), radius, arc.begin, angle, rise, frame(first, second))
+
+
+def on_path(path: Path, points: Floats) -> Floats | None:
+    """Return the progress of a trace on the path of its moves, (n,) [mm], or None where it leaves the path.
+
+    The moves run one after the other and each to its end: of a place that the path passes several times, the trace is
+    at the first that it has not left behind.
+
+    Args:
+        path: made of the moves.
+        points: the trace, (n, 3) [mm].
+    """
+    progress = np.empty(len(points))
+    count = find_progress_on_path(path.table, seen(np.ascontiguousarray(points)), progress)  # type: ignore[no-untyped-call]
+    return progress if count == len(points) else None
+
+
+def around(spiral: Involute, points: Floats) -> Floats:
+    """Return the progress of a trace along the spiral that its program means, (n,) [mm].
+
+    The spiral is there at the same angle about its centre as the trace, as both turn with the virtual axes.
+
+    Args:
+        spiral: the spiral.
+        points: the trace, (n, 3) [mm].
+    """
+    s = np.linspace(0.0, spiral.length, max(math.ceil(spiral.turns * _PER_TURN), 2))
+    turn = -1.0 if spiral.clockwise else 1.0
+
+    def angle(places: Floats) -> Floats:
+        arm = places - spiral.centre
+        angles: Floats = turn * np.unwrap(np.arctan2(arm[:, 1], arm[:, 0]))
+        return angles
+
+    of_spiral = angle(spiral.position(s))
+    of_trace = angle(points)
+    # where the trace begins half a turn before or behind the spiral, the nearer of the two
+    of_trace += 2 * np.pi * np.round((of_spiral[0] - of_trace[0]) / (2 * np.pi))
+    return np.interp(np.maximum.accumulate(of_trace), np.maximum.accumulate(of_spiral), s)
 
 
 def polyline(points: Floats) -> Chain:

@@ -24,9 +24,10 @@ from gantrysim.controllers.trio.basic.files import located, with_files
 from gantrysim.controllers.trio.basic.interpreter import Limits, Trace
 from gantrysim.controllers.trio.basic.motion import Motion
 from gantrysim.controllers.trio.basic.notes import notes_of
-from gantrysim.controllers.trio.basic.path import StatedSpiral, exact, polyline
+from gantrysim.controllers.trio.basic.path import StatedSpiral, around, exact, on_path, polyline
 from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, Printed, ProgramCode, State
 from gantrysim.paths.path import Path
+from gantrysim.paths.spirals import Involute
 from gantrysim.record.setpoints import MAX_TICKS, Setpoints
 
 _AXES = ("x", "y", "z", "r")
@@ -281,7 +282,16 @@ class Basic(Controller):
             position = np.repeat(position, 2, axis=0)
         position = read_only(position)  # which Setpoints does not copy
         requested = self.requested if period == self.servo_period else self._requested(trace)
-        return Setpoints(period, _AXES[: len(numbers)], position, self._dispense(trace, position), requested)
+        linear = np.zeros((len(position), 3))
+        linear[:, : min(len(numbers), 3)] = position[:, : min(len(numbers), 3)]
+        return Setpoints(
+            period=period,
+            axes=_AXES[: len(numbers)],
+            position=position,
+            dispense=self._dispense(trace, position),
+            requested=requested,
+            progress=around(requested, linear) if isinstance(requested, Involute) else on_path(requested, linear),
+        )
 
     def _dispense(self, trace: Trace, position: Floats) -> NDArray[np.bool_]:
         if self.valve in trace.state.switched:
