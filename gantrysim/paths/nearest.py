@@ -103,7 +103,10 @@ def nearest_chord(table, x, y, z, progress, reach):
         if distance < least:
             least = distance
             best = i
-        i += 1 + int((distance - least) / widest)
+        beyond = (distance - least) / widest
+        if not beyond < last - i:
+            break
+        i += 1 + int(beyond)
     first = chord_at(s, progress - half)
     i = start - 1
     while i >= first:
@@ -111,7 +114,10 @@ def nearest_chord(table, x, y, z, progress, reach):
         if distance < least:
             least = distance
             best = i
-        i -= 1 + int((distance - least) / widest)
+        beyond = (distance - least) / widest
+        if not beyond < i - first:
+            break
+        i -= 1 + int(beyond)
     return best
 
 

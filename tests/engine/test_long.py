@@ -124,19 +124,21 @@ def test_a_long_record_is_read_only_and_a_simulation_can_be_run_again(long, xy):
 
 @pytest.mark.parametrize("block", [2, 13, 600])
 def test_a_trace_between_two_legs_is_followed_alike_in_any_blocks(monkeypatch, block):
-    """Out and back on nearly the same line: which leg a foot is on is decided long after."""
+    """Out and back on nearly the same line."""
     path = Chain([Line((0, 0, 0), (30, 0, 0)), Line((30, 0, 0), (30, 0.01, 0)), Line((30, 0.01, 0), (0, 0.01, 0))])
     x = np.concatenate([np.linspace(0, 30, 400), np.linspace(30, 0, 400)])
     noise = np.random.default_rng(3).normal(scale=0.02, size=(x.size, 3))
     trace = np.stack([x, 0.005 + 0 * x, 0 * x], axis=1) + noise
-    whole = path.follow(trace, 0.0)
+    s = np.concatenate([np.linspace(0, 30, 400), np.linspace(30.01, 60.01, 400)])
+    whole = path.follow(trace, s)
     monkeypatch.setattr(columns, "BLOCK", block)
-    again = path.follow(trace, 0.0)
+    again = path.follow(trace, s)
     for name in ("s", "offset", "lateral", "beyond", "distance"):
         np.testing.assert_array_equal(getattr(again, name), getattr(whole, name), name)
     assert np.ptp(whole.s) > 50  # it goes back on the other leg
     rows = np.arange(3, 750, 2)
-    np.testing.assert_array_equal(path.follow(trace, 0.0, rows).s, path.follow(trace[rows], 0.0).s)
+    reach = path.reach([trace], s)
+    np.testing.assert_array_equal(path.near(trace, s[rows], reach[rows], rows).s, whole.s[rows])
 
 
 NEEDLE = Needle(bore=0.84, length=25.0, consistency=50.0, index=0.6, yield_stress=20.0)

@@ -13,6 +13,7 @@ from gantrysim.paths.spirals import Involute
 
 CHORD = 1e-4  # [mm], that a chord of 0.05 mm is off a curve of 3 mm radius
 AXES = 2
+LINE = np.linspace(0, 10.0, 101)  # progress along a line of 10 mm
 
 
 def log_of(tips, encoder=None, demand=None):
@@ -35,22 +36,24 @@ def row_of(tips, log, ticks):
     return row, setpoints
 
 
-def span_of(path, on, peak, values, foot=-1):
+def span_of(path, progress, on, peak, values):
     """What is to be measured, with the addresses of arrays that are to be kept alive: these."""
-    s, points = path.table
-    arrays = np.ascontiguousarray(on, bool), np.asfortranarray(points), np.array(peak, float), values
+    table = path.table
+    arrays = np.ascontiguousarray(on, bool), table.points, np.array(peak, float), values, table.s, progress
     span = np.zeros(1, SPAN)
-    span["dispense"], span["points"], span["peak"], span["values"] = (array.ctypes.data for array in arrays)
-    span["count"], span["entries"], span["spacing"], span["before"]["foot"] = len(on), len(points), s[1], foot
+    names = ("dispense", "points", "peak", "values", "s", "progress")
+    for name, array in zip(names, arrays, strict=True):
+        span[name] = array.ctypes.data
+    span["count"], span["entries"], span["widest"] = len(on), len(table.s), table.widest
     return span, arrays
 
 
-def measured(path, tips, dispense=None, foot=-1, log=None, cuts=(), peak=(1.0, 1.0)):
+def measured(path, tips, progress, dispense=None, log=None, cuts=(), peak=(1.0, 1.0)):
     """The values of one interval after the other, the totals after each, and the last foot."""
     log = log_of(tips) if log is None else log
     on = np.ones(len(tips), bool) if dispense is None else dispense
     values = np.zeros(len(SHARED) + AXES * len(PER_AXIS))
-    span, _kept = span_of(path, on, peak, values, foot)
+    span, _kept = span_of(path, np.array(progress, float), on, peak, values)
     rows = []
     totals = []
     for last in (*cuts, len(tips)):
@@ -72,19 +75,19 @@ def test_a_trace_nearer_to_the_next_turn_stays_on_its_own():
     s = np.linspace(0, path.length, 6001)
     off = 0.7 * 8.0  # to the outside, where the turn before lies nearer; the first turn has none
     tips = path.position(s) + off * path.normal(s)
-    seen, _, foot = measured(path, tips, cuts=(2000, 4000))
+    seen, _, foot = measured(path, tips, s, cuts=(2000, 4000))
     assert np.allclose(seen.contour_rms, off, atol=1e-3)
     assert np.allclose(seen.contour_max, off, atol=CHORD)
     assert np.allclose(seen.lateral, off, atol=1e-3)
-    assert foot == pytest.approx(len(path.table[0]) - 1, abs=3)
+    assert foot == pytest.approx(len(path.table.s) - 1, abs=3)
 
 
 def test_a_trace_begins_at_the_start_of_a_closed_path():
     circle = ArcChain((10.0, 0.0), 0.5 * np.pi, [0.1], [2 * np.pi * 10.0])
     s = np.linspace(0, 20.0, 201)
     tips = circle.position(s) - 0.02 * circle.tangent(s[:1])  # a little behind: the end of the path is nearer
-    *_, foot = measured(circle, tips)
-    assert foot * circle.table[0][1] == pytest.approx(20.0, abs=0.1)
+    *_, foot = measured(circle, tips, s)
+    assert circle.table.s[foot] == pytest.approx(20.0, abs=0.1)
 
 
 def test_with_the_dispenser_off_following_errors_count_and_contour_errors_do_not():
@@ -93,7 +96,7 @@ def test_with_the_dispenser_off_following_errors_count_and_contour_errors_do_not
     on = np.zeros(101, bool)
     on[50:] = True
     log = log_of(tips, encoder=tips[:, :AXES] - [0.1, -0.2])
-    seen, totals, _ = measured(line, tips, on, log=log, cuts=(50, 60))
+    seen, totals, _ = measured(line, tips, LINE, on, log=log, cuts=(50, 60))
     assert totals[:, 0].tolist() == [0, 10, 51]
     assert totals[:, 1] == pytest.approx(0.3**2 * totals[:, 0])
     assert totals[:, 2] == pytest.approx([0.0, 0.3, 0.3])
@@ -109,7 +112,7 @@ def test_the_mean_contour_error_is_taken_with_the_dispenser_on():
     line = ArcChain((0.0, 0.0), 0.0, [0.0], [10.0])
     tips = line.position(np.linspace(0, 10.0, 101)) + np.array([0.0, -0.3, 0.0])
     on = np.arange(101) >= 75
-    seen, *_ = measured(line, tips, on)
+    seen, *_ = measured(line, tips, LINE, on)
     assert seen.lateral == pytest.approx([-0.3])
     assert seen.contour_rms == pytest.approx([0.3])
 
@@ -117,9 +120,9 @@ def test_the_mean_contour_error_is_taken_with_the_dispenser_on():
 def test_the_tick_of_a_divergence_counts_for_nothing():
     line = ArcChain((0.0, 0.0), 0.0, [0.0], [10.0])
     tips = line.position(np.linspace(0, 10.0, 101)) + np.array([0.0, 0.3, 0.0])
-    whole, totals, _ = measured(line, tips[:100])
+    whole, totals, _ = measured(line, tips[:100], LINE[:100])
     tips[100] = np.nan
-    seen, after, _ = measured(line, tips)
+    seen, after, _ = measured(line, tips, LINE)
     assert all(np.isfinite(values).all() for values in seen)
     assert all(map(np.array_equal, seen, whole))
     assert np.array_equal(after, totals)
@@ -129,7 +132,7 @@ def test_torque_use_and_ripple_of_given_demands():
     line = ArcChain((0.0, 0.0), 0.0, [0.0], [10.0])
     tips = line.position(np.linspace(0, 10.0, 101))
     demand = np.stack([0.1 * (-1.0) ** np.arange(101), np.linspace(0, -0.5, 101)], axis=1)
-    seen, *_ = measured(line, tips, log=log_of(tips, demand=demand), cuts=(40,), peak=(1.0, 2.0))
+    seen, *_ = measured(line, tips, LINE, log=log_of(tips, demand=demand), cuts=(40,), peak=(1.0, 2.0))
     assert seen.torque == pytest.approx(np.array([[0.1, 0.0975], [0.1, 0.25]]))
     # the very first tick has no change before it, and counts for none
     assert seen.ripple[:, 0] == pytest.approx(np.sqrt(0.5) * 0.2)
@@ -139,7 +142,7 @@ def test_torque_use_and_ripple_of_given_demands():
 def test_speed_heading_and_turning_are_those_of_an_arc():
     arc = ArcChain((0.0, 0.0), 0.25 * np.pi, [-0.05], [15.0])
     s = np.linspace(0, 15.0, 151)
-    seen, *_ = measured(arc, arc.position(s), cuts=(76,))
+    seen, *_ = measured(arc, arc.position(s), s, cuts=(76,))
     assert seen.curvature == pytest.approx([-0.05, -0.05], rel=1e-3)
     assert seen.heading == pytest.approx(0.25 * np.pi - 0.05 * np.array([7.5, 14.6]), abs=2e-3)
     assert seen.speed == pytest.approx([75 / 76 * 100, 100.0], rel=1e-4)
@@ -147,7 +150,8 @@ def test_speed_heading_and_turning_are_those_of_an_arc():
 
 def test_before_the_first_interval_nothing_is_measured():
     arc = ArcChain((0.0, 0.0), 0.0, [0.1], [15.0])
-    seen, totals, foot = measured(arc, arc.position(np.linspace(0, 15, 151)), cuts=(0,))
+    s = np.linspace(0, 15, 151)
+    seen, totals, foot = measured(arc, arc.position(s), s, cuts=(0,))
     assert foot > 0
     assert all(np.all(v[0] == 0) for v in (seen.contour_rms, seen.following_rms, seen.ripple, seen.speed, totals))
     assert seen.curvature[0] == pytest.approx(0.1, rel=1e-3)  # but where the path begins is known

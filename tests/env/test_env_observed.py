@@ -54,7 +54,7 @@ def stepped(env, count):
 def test_what_lies_ahead_is_that_of_the_involute(build):
     env = build()
     values = stepped(env, 17)[-1]
-    s, _ = foot(env.run.nozzle[-1], env._episodes.episodes[0].points[0])
+    s, _ = foot(env.run.nozzle[-1], env._episodes.episodes[0].table.points[0])
     assert s > 15  # the nozzle is under way
     curvature = -1 / (RADIUS - A * angle(s + AHEAD))  # clockwise
     found = [values[name] for name in ("curvature", "curvature_2", "curvature_5", "curvature_10")]
@@ -82,7 +82,7 @@ def test_the_gain_schedule_observes_the_last_interval_and_the_next_demand():
     step = np.diff(simulation.position, axis=0) / period
     change = (step[sent + ticks - 2] - step[sent - 2]) / (ticks * period)
     assert [values["acceleration_x"], values["acceleration_y"]] == pytest.approx(change / 1000, rel=1e-4)
-    start = env._episodes.episodes[0].points[0]
+    start = env._episodes.episodes[0].table.points[0]
     distance = np.array([foot(nozzle, start)[1] for nozzle in run.nozzle[-ticks:]])
     assert values["contour_mean"] == pytest.approx(distance.mean() / 0.01, abs=0.01)
     assert values["contour_rms"] == pytest.approx(np.sqrt((distance**2).mean()) / 0.01, abs=0.01)
@@ -105,7 +105,7 @@ def test_the_servo_torque_observes_the_last_interval_and_the_next_demand():
         assert values[f"following_change_{axis}"] == pytest.approx((errors[1, a] - errors[0, a]) / tolerance, rel=1e-4)
         velocity = (demand[-1, a] - demand[0, a]) / (ticks * period)
         assert values[f"velocity_{axis}"] == pytest.approx(velocity / 100, rel=1e-5)
-    start = env._episodes.episodes[0].points[0]
+    start = env._episodes.episodes[0].table.points[0]
     distance = np.array([foot(nozzle, start)[1] for nozzle in run.nozzle[-ticks:]])
     assert values["contour_mean"] == pytest.approx(distance.mean() / tolerance, abs=0.02)
     assert 0 < values["progress"] < 1
@@ -142,7 +142,7 @@ def test_values_of_an_episode_do_not_depend_on_those_before():
         ends.append(info)
     assert ends[0]["episode_contour_rms"] == ends[1]["episode_contour_rms"]
     laid = fresh.run.dispense
-    start = fresh._episodes.episodes[0].points[0]
+    start = fresh._episodes.episodes[0].table.points[0]
     distance = np.array([foot(nozzle, start)[1] for nozzle in fresh.run.nozzle[laid][::10]])
     assert ends[0]["episode_contour_rms"] == pytest.approx(np.sqrt((distance**2).mean()), rel=0.03)
     assert ends[0]["episode_contour_max"] >= np.abs(distance).max() - 1e-3

@@ -32,7 +32,7 @@ def still(_observation):
 
 def test_reversals_of_a_spiral_lie_where_its_tangent_is_along_an_axis():
     path = Involute(30.0, 8.0, 2, start=(-30.0, 0.0))
-    s, points = path.table
+    s, points, *_ = path.table
     look = LookAhead(points)
     expected = np.interp(0.5 * np.pi * np.arange(1, 8), path.phi(s), s)
     assert look.reversals == pytest.approx(expected, abs=SPACING)

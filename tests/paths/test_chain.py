@@ -432,7 +432,7 @@ def test_projection_off_a_climbing_path_returns_the_arc_length_of_the_point(name
     around = np.linspace(0, 40, 400)[:, None]
     offset = off * (np.cos(around) * normal + np.sin(around) * np.cross(tangent, normal))
     trace = path.position(s) + offset
-    for foot in (path.project(trace), path.follow(trace), path.follow(trace, begin=0.5)):
+    for foot in (path.project(trace), path.follow(trace), path.follow(trace, s)):
         assert foot.s == pytest.approx(s, abs=FOOT)
         assert foot.distance == pytest.approx(np.full(400, off), abs=FOOT)
         assert foot.offset == pytest.approx(offset, abs=FOOT)
@@ -444,7 +444,7 @@ def test_a_trace_stays_on_its_turn_of_a_helix_where_the_next_is_nearer():
     s = np.linspace(1, path.length - 170, 3000)  # there is another turn above
     sagging = np.concatenate([np.linspace(0, 4, 1000), np.full(2000, 4.0)])  # beyond half the pitch
     trace = path.position(s) + sagging[:, None] * [0, 0, 1]
-    followed = path.follow(trace, begin=1.0)
+    followed = path.follow(trace, s)
     # 4 mm straight up: nearest on its own turn is ahead by 4 sin(beta)
     sine = path.climb(0)[0]
     assert followed.s[1500:] == pytest.approx(s[1500:] + 4 * sine, abs=0.05)

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from gantrysim import Budget, Job, Machine, Servo, metrics, perfect_follower, simulate
 from gantrysim.base.errors import InputError
 from gantrysim.controllers import fanuc
-from gantrysim.paths import minima, nearest, newton
+from gantrysim.paths import nearest
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Coil, Line
 
 EXACT = 1e-9  # [mm]
-NEAR_A_TIP = 0.2  # [mm] of arc length: within half of it from a sharp corner its two sides are not told apart
+NEAR_A_TIP = 1e-3  # [mm] of arc length: where a path retraces itself its two sides are not told apart
 
 
 def chain(lengths, inner, arcs):
@@ -81,7 +81,7 @@ def paths(draw):
 @settings(max_examples=100)
 def test_a_trace_on_its_path_is_followed_as_it_was_made(path, step, rests):
     s = progress(path, step, rests)
-    foot = path.follow(path.position(s), begin=0.0)
+    foot = path.follow(path.position(s), s)
     assert foot.distance.max() < EXACT
     assert np.abs(foot.s - s).max() <= 2 * step + NEAR_A_TIP
 
@@ -91,7 +91,7 @@ def test_a_trace_on_its_path_is_followed_as_it_was_made(path, step, rests):
 def test_a_trace_beside_its_path_is_no_further_than_it_was_made(path, step, size, period):
     s = progress(path, step, [0.5])
     trace = wave(path, s, size, period)
-    foot = path.follow(trace, begin=0.0)
+    foot = path.follow(trace, s)
     own = np.linalg.norm(trace - path.position(s), axis=1)
     assert (foot.distance <= own + EXACT).all()
     assert foot.distance == pytest.approx(np.linalg.norm(trace - path.position(foot.s), axis=1), abs=EXACT)
@@ -110,8 +110,8 @@ def test_a_turned_path_has_the_same_feet(path, step, angle):
             pieces.append(Line(tuple(turn @ piece.start), tuple(turn @ piece.end)))
         else:
             pieces.append(Coil(tuple(turn @ piece.centre), piece.radius, piece.begin + angle, piece.angle))
-    turned = Chain(pieces).follow(trace @ turn.T, begin=0.0)
-    assert turned.distance == pytest.approx(path.follow(trace, begin=0.0).distance, abs=1e-6)
+    turned = Chain(pieces).follow(trace @ turn.T, s)
+    assert turned.distance == pytest.approx(path.follow(trace, s).distance, abs=1e-6)
 
 
 PROGRAMS = {
@@ -155,10 +155,10 @@ def test_traces_are_followed_by_one_kind_of_code():
     path = chain([20.0, 15.0], [90.0], [0.0, 0.0])
     trace = path.position(np.linspace(0.0, path.length, 400))
     trace.flags.writeable = False
-    compiled = (nearest._next_block, nearest._start, newton.step, minima._find_vertices)
+    compiled = (nearest.find_feet, nearest.find_reaches, nearest.find_assignment)
     path.follow(trace)
     kinds = [len(function.signatures) for function in compiled]
     path.follow(trace.copy())
-    path.follow(trace, 0.0, np.flatnonzero(np.arange(400) % 50 > 5))
+    path.follow(trace, np.linspace(0.0, path.length, 400))
     path.project(trace)
     assert [len(function.signatures) for function in compiled] == kinds

@@ -298,6 +298,6 @@ def test_a_spirals_start_is_two_finite_numbers(start):
 def test_a_trace_with_large_jumps_is_followed():
     circle = ArcChain([20, 0], math.pi / 2, [1 / 20], [40 * math.pi])
     trace = np.array([[20.0, 0, 0], [20.1, 1, 0], [1e15, 2e15, 0]])
-    found = circle.follow(trace, begin=0.0)
+    found = circle.follow(trace, np.array([0.0, 1.0, 2.0]))
     assert found.s[:2] == pytest.approx([0, 20 * math.atan2(1, 20.1)], abs=1e-9)
     assert found.distance[2] == pytest.approx(math.hypot(1e15, 2e15), rel=1e-12)
