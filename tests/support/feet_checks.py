@@ -1,0 +1,137 @@
+"""What a run's feet must satisfy, at every tick while glue flows, whatever the program: checks of an error budget.
+
+Three invariants of distances alone, and the contour error by brute force:
+
+    |nozzle, path| <= |commanded, path| + |nozzle - commanded|
+    |link|         <= l + kappa l^2 / 2,   with l the distance of the two points that it lies between
+    |contour|      >= distance from the nearest point of the whole path
+    contour, rms and largest, within bounds by `support.brute_force_feet`
+
+The lower bound is the distance in the order of motion with the widest reach, twice the distance of nozzle and command;
+the upper one that with no reach, or that from the stretch of the path near the command's own progress where it is
+larger: at a rounded corner of nearly 180 degrees a nozzle beside one leg belongs as well to the other, whose command it
+follows.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from gantrysim import Budget
+
+from support.brute_force_feet import Polyline, coupled, near_progress
+
+ROUNDING = 1e-6  # [mm]
+SAMPLED = 5e-5  # of a distance from the sampled path [mm]
+LEAST_WRONG = 1e-3  # by which a contour error is wrong: more than a micrometre
+WRONG = 0.05  # and more than that share of it
+LEAST_REACH = 0.1  # [mm]
+
+
+@dataclass(frozen=True)
+class FeetChecks:
+    """How far a run breaks what its feet must satisfy; nothing is broken where all are below `ROUNDING`, or within.
+
+    Attributes:
+        triangle: largest distance of the nozzle beyond that of the command and that between both [mm].
+        links: largest size of each link beyond the distance of its points and the path's curvature, by name [mm].
+        below: largest distance of the nearest point of the whole path beyond the contour error [mm].
+        total: largest difference of the sum of all links from the contour error [mm].
+        contour: rms and largest contour error of the package [mm].
+        lower: rms and largest contour error by brute force with the widest reach [mm].
+        upper: the same with no reach, or near the command's progress [mm].
+        nearest: rms and largest distance from the nearest point of the whole path [mm].
+    """
+
+    triangle: float
+    links: dict[str, float]
+    below: float
+    total: float
+    contour: tuple[float, float]
+    lower: tuple[float, float]
+    upper: tuple[float, float]
+    nearest: tuple[float, float]
+
+    @property
+    def broken(self):
+        """What is broken, a text each."""
+        told = []
+        if self.triangle > ROUNDING:
+            told.append(f"triangle: nozzle {self.triangle:.6f} mm further from the path than command and lag allow")
+        for name, excess in self.links.items():
+            if excess > ROUNDING:
+                told.append(f"link {name}: {excess:.6f} mm larger than the distance of its points")
+        if self.below > SAMPLED:
+            told.append(f"below: contour {self.below:.6f} mm less than the distance of the nearest point")
+        if self.total > ROUNDING:
+            told.append(f"total: links add up to the contour but for {self.total:.6f} mm")
+        for name, value, low, high in zip(("rms", "max"), self.contour, self.lower, self.upper, strict=True):
+            if not low - margin(low) <= value <= high + margin(high):
+                told.append(f"contour {name}: {value:.6f} mm, by brute force {low:.6f} to {high:.6f} mm")
+        return told
+
+
+def margin(value):
+    return max(LEAST_WRONG, WRONG * value)
+
+
+def sizes(distance):
+    return float(np.sqrt(np.mean(distance**2))), float(distance.max())
+
+
+def feet_checks(run):
+    """Check the error budget of a run."""
+    budget = Budget(run)
+    analysis = budget.analysis
+    on = analysis.ticks
+    contour = budget.contour.size
+    path = Polyline(run.requested)
+    apart = path.distances(run.nozzle)
+    nearest = apart.min(axis=1)[on].astype(float)
+    lag = np.linalg.norm(run.nozzle - run.commanded_tip, axis=1)
+    reach = max(2 * float(lag.max()), LEAST_REACH)
+    command = coupled(path.distances(run.commanded_tip), path.cell, 0.0)
+    # progress is known to a cell or two
+    beside = near_progress(apart, path.cell, command.progress, lag + 2 * path.cell)
+    lower, strict, following = (
+        sizes(distance[on])
+        for distance in (coupled(apart, path.cell, reach).distance, coupled(apart, path.cell, 0.0).distance, beside)
+    )
+    return FeetChecks(
+        triangle=float((analysis.nozzle.distance - analysis.commanded.distance - lag[on]).max()),
+        links=link_excess(budget),
+        below=float((nearest - contour).max()),
+        total=remainder(budget),
+        contour=sizes(contour),
+        lower=lower,
+        upper=(max(strict[0], following[0]), max(strict[1], following[1])),
+        nearest=sizes(nearest),
+    )
+
+
+def link_excess(budget):
+    """Largest size of each link beyond what the distance of its points and the path's curvature allow, by name [mm]."""
+    analysis = budget.analysis
+    run = analysis.run
+    on = analysis.ticks
+    chain = [(run.commanded_tip, analysis.commanded), (run.encoder_tip, analysis.encoder)]
+    chain.append((run.motor_tip, analysis.motor))
+    if run.geometric_tip is not None:
+        chain.append((run.geometric_tip, analysis.geometric))
+    chain.append((run.nozzle, analysis.nozzle))
+    bends = [np.abs(run.requested.curvature(foot.s)) for _, foot in chain]
+    names = [name for name in budget.parts if name != "program"]
+    found = {}
+    ends = zip(pairwise(chain), pairwise(bends), strict=True)
+    for name, (((before, _), (after, _)), bend) in zip(names, ends, strict=True):
+        length = np.linalg.norm((after - before)[on], axis=1)
+        bound = length + 0.5 * np.maximum(*bend) * length**2
+        found[name] = float((budget.parts[name].size - bound).max())
+    return found
+
+
+def remainder(budget):
+    parts = [*budget.parts.values(), *([] if budget.corner is None else [budget.corner])]
+    names = ("lateral", "vertical", "beyond")
+    return max(np.abs(sum(getattr(p, name) for p in parts) - getattr(budget.contour, name)).max() for name in names)
