@@ -61,10 +61,13 @@ class Wanted(NamedTuple):
         return self.fail_on is not None and (state == FAIL or state == self.fail_on)
 
 
-def _reason_to_skip(job: Job, record: Run, *, is_default: bool) -> str:
+def _reason_to_skip(job: Job, budget: Budget, *, is_default: bool) -> str:
     """Return why a run is not run again with changes, to find causes or remedies; empty where it is."""
+    record = budget.analysis.run
     if record.fault is not None:
         return "the run ended in a fault"
+    if budget.contradictions:
+        return "the errors of the run are not known"
     if job.faults:
         return "the job has deliberate faults"
     if is_default and len(record.time) > memory.LONG:
@@ -199,7 +202,7 @@ class Evaluation:
         if self._wanted.causes is False:
             return
         is_default = self._wanted.causes is None
-        reason = _reason_to_skip(self.results.job, self._record, is_default=is_default)
+        reason = _reason_to_skip(self.results.job, self.results.budget, is_default=is_default)
         if reason:
             say(f"causes skipped: {reason}{'; --causes finds them' if reason == _LONG_RUN else ''}")
         else:
@@ -221,7 +224,7 @@ class Evaluation:
         job = self.results.job
         is_default = self._wanted.improve is None
         wanted = self._wanted.improve is not False and verdict.state != PASS
-        if not wanted or _reason_to_skip(job, self._record, is_default=is_default):
+        if not wanted or _reason_to_skip(job, self.results.budget, is_default=is_default):
             return
         if not self._wanted.report:
             self._show_changes()
@@ -267,7 +270,7 @@ class Evaluation:
 
 def show_verdict(verdict: Verdict) -> None:
     """Print the verdict; of a run that ended in a fault, what happened."""
-    if verdict.fault:
+    if verdict.unjudged:
         say(str(verdict), wrap=True)
     else:
         show(verdict_table(verdict))

@@ -155,7 +155,7 @@ def _file_of_job(file: Path) -> Path:
 def _show(improvement: Improvement) -> None:
     from gantrysim.cli.tables import verdict_table
 
-    if improvement.verdict.fault:
+    if improvement.verdict.unjudged:
         say(str(improvement.verdict), wrap=True)
         say(improvement.sentence, wrap=True)
         return

@@ -13,6 +13,11 @@ from gantrysim.servo.servo import Servo
 
 _FULL_STEPS = 4  # per electrical period
 
+_ASSIGNED = (
+    "The setpoints state no progress along the requested path: each was given the place of the path that fits the whole "
+    "trace best, which takes long; see `Setpoints.progress`."
+)
+
 
 class LostSteps(NamedTuple):
     """Steps that an axis has lost: its rotor has come to rest whole electrical periods from where the field is.
@@ -62,5 +67,6 @@ def lost_steps(machine: Machine, servo: Servo, run: Run) -> tuple[LostSteps, ...
 
 
 def run_notes(job: Job, run: Run) -> tuple[str, ...]:
-    """Return the notes of a job, and those on the steps that were lost in its run."""
-    return (*job.notes, *map(str, lost_steps(job.built_machine, job.built_servo, run)))
+    """Return the notes of a job, those on the steps that were lost in its run, and on where its errors are taken."""
+    notes = (*job.notes, *map(str, lost_steps(job.built_machine, job.built_servo, run)))
+    return notes if run.progress is not None else (*notes, _ASSIGNED)

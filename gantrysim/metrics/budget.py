@@ -41,6 +41,7 @@ from gantrysim.base.columns import by_blocks
 from gantrysim.base.display import table_html
 from gantrysim.base.frames import pandas_frame
 from gantrysim.metrics.analysis import Analysis, ErrorSize, ErrorSpread
+from gantrysim.metrics.contradictions import contradictions
 from gantrysim.metrics.following import RigidMachine, servo_by_axis
 from gantrysim.metrics.links import Trace, links, offset_of
 from gantrysim.metrics.parts import CORNER, ERROR, PART_COLUMNS, BudgetValues, Part, PartValues, TurnValues
@@ -59,7 +60,7 @@ DESCRIPTIONS: dict[str, str] = {
     "encoder": "encoder to motor",
     GEOMETRY: "motor to true axes",
     "structure": "motor to nozzle",
-    CORNER: "change of leg at a sharp corner",
+    CORNER: "change of leg of the path",
     "contour": "requested path to nozzle",
 }
 
@@ -150,11 +151,22 @@ class Budget:
 
     @property
     def corner(self) -> Part | None:
-        """Contribution of changes of leg at sharp corners, see `gantrysim.metrics.links`; None if it is 0."""
+        """Contribution of changes of leg of the path, see `gantrysim.metrics.links`; None if it is 0."""
         return self._links[1]
 
     @cached_property
     def _links(self) -> tuple[dict[str, Part], Part | None]:
+        parts, corner = links(self.analysis.run.requested, self._chain)
+        return dict(zip(links_of(self.analysis.run), parts, strict=True)), corner
+
+    @cached_property
+    def contradictions(self) -> tuple[str, ...]:
+        """What contradicts the errors of this run, see `gantrysim.metrics.contradictions`; empty in a right one."""
+        after_program = {name: part for name, part in self.parts.items() if name != "program"}
+        return tuple(contradictions(self.analysis, self._chain, after_program))
+
+    @cached_property
+    def _chain(self) -> list[Trace]:
         analysis = self.analysis
         run = analysis.run
         chain = [
@@ -165,8 +177,7 @@ class Budget:
         if run.geometric_tip is not None:
             chain.append(Trace(analysis.geometric, run.geometric_tip, analysis.ticks))
         chain.append(Trace(analysis.nozzle, run.nozzle, analysis.ticks))
-        parts, corner = links(run.requested, chain)
-        return dict(zip(links_of(run), parts, strict=True)), corner
+        return chain
 
     @property
     def lag(self) -> Floats:

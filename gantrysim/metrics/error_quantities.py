@@ -35,7 +35,7 @@ CORNER_ERROR = replace(
     CONTOUR,
     name=CORNER,
     label=f"{CORNER} error",
-    meaning="Part of the contour error from a change of leg at a sharp corner, which belongs to no link",
+    meaning="Part of the contour error from a change of leg of the path, which belongs to no link",
     path=("values", "corner"),
 )
 LAG: Quantity[Budget] = replace(

@@ -4,10 +4,10 @@ The offset of a point from its foot, as components in the path's frame, changes 
 smooth paths but for their curvature and at corners by `gantrysim.paths.corners`. So the difference of the
 offsets of two neighbouring points of the chain is never larger than the displacement between them.
 
-That holds where both feet are the nearest on a stretch of the path that joins them. A trace is followed in the order of
-the motion, though, and where a path nearly retraces itself the feet of two points may lie on legs that no such stretch
-joins: on the way there and on the way back. Then both points are measured from one leg, that of the later link, and
-what is missing to the offset from the other leg is the corner's, not the link's.
+That holds where the foot of a point between them moves on without a jump. Where it jumps from one leg to another that
+lies on the other side of the points, as at a retrace, or to an end of the path, the link is the displacement itself, as
+components in the frame at the foot of the later point, and what is missing to the offset of the nozzle is the change of
+leg's, not the link's.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, at_rows, lengths
+from gantrysim.base.arrays import Floats, at_rows, dot, lengths
 from gantrysim.base.columns import blocks, table_by_blocks
-from gantrysim.metrics.parts import Part, difference
+from gantrysim.metrics.parts import Part
 from gantrysim.paths.corners import Components
 from gantrysim.paths.path import Path, Projection
 
@@ -47,19 +47,16 @@ class Trace(NamedTuple):
 
 
 def links(path: Path, chain: list[Trace]) -> tuple[list[Part], Part | None]:
-    """Return the part of the error that each link of a chain adds, and the part of the corners.
+    """Return the part of the error that each link of a chain adds, and the part of changes of leg.
 
     Args:
         path: the requested path.
         chain: traces of the commanded position, of each that follows it, and of the nozzle.
 
     Returns:
-        The offset of the first trace and the part of each link between two; and the part of corners at which the path
-        nearly retraces itself, None where it is 0. All add up to the offset of the last trace.
+        The offset of the first trace and the part of each link between two; and the part of changes of leg, None where
+        it is 0. All add up to the offset of the last trace.
     """
-    if not path.corners.size:
-        errors = [offset_of(trace.foot) for trace in chain]
-        return [errors[0], *(difference(after, before) for before, after in pairwise(errors))], None
     rows = len(chain[0].foot.s)
     nozzle = chain[-1].foot
     begin = table_by_blocks((_carried(path, chain[0].foot, nozzle, block) for block in blocks(rows)), rows)
@@ -77,28 +74,35 @@ def offset_of(foot: Projection) -> Part:
     return Part(columns["lateral"], columns["vertical"], columns["beyond"])
 
 
+def largest_link(path: Path, before: Trace, after: Trace, block: slice) -> Floats:
+    """Return how large the link between two traces can be: their distance, and its part by curvature, (n,) [mm]."""
+    apart = lengths(after.at(block) - before.at(block))
+    bend = np.maximum(*(np.abs(path.curvature(trace.foot.s[block])) for trace in (before, after)))
+    return apart + 0.5 * bend * apart**2
+
+
 def _carried(path: Path, foot: Projection, target: Projection, block: slice) -> Part:
     """Return the offsets from some feet in the frame of the legs of other feet."""
     offset = Components(foot.lateral[block], foot.vertical[block], foot.beyond[block])
-    carried = path.legs.carry(offset, foot.s[block], target.s[block])
-    return Part(carried.lateral, carried.vertical, carried.beyond)
+    if path.corners.size:
+        offset = path.legs.carry(offset, foot.s[block], target.s[block])
+    return Part(offset.lateral, offset.vertical, offset.beyond)
 
 
 def _link(path: Path, before: Trace, after: Trace, nozzle: Projection, block: slice) -> Part:
     """Return the part of one link at some ticks, in the frame of the legs of the nozzle's feet."""
     part = _carried(path, after.foot, nozzle, block) - _carried(path, before.foot, nozzle, block)
-    s_before = before.foot.s[block]
-    s_after = after.foot.s[block]
-    displacement = lengths(after.at(block) - before.at(block))
-    too_large = part.size > displacement + _ROUNDING  # the two feet lie on legs that nearly retrace each other
-    rows = np.flatnonzero(too_large & path.legs.between(s_before, s_after))
+    too_large = part.size > largest_link(path, before, after, block) + _ROUNDING
+    rows = np.flatnonzero(too_large)
     if not rows.size:
         return part
-    leg = path.legs.leg(s_after[rows])
-    there = path.project_on_leg(after.at(block)[rows], leg)
-    here = path.project_on_leg(before.at(block)[rows], leg)
-    moved = Components(there.lateral - here.lateral, there.vertical - here.vertical, there.beyond - here.beyond)
-    moved = path.legs.carry(moved, s_after[rows], nozzle.s[block][rows])
+    s = after.foot.s[block][rows]
+    displacement = (after.at(block) - before.at(block))[rows]
+    normal = path.normal(s)
+    along = np.zeros(rows.size)
+    moved = Components(dot(displacement, normal), dot(displacement, np.cross(path.tangent(s), normal)), along)
+    if path.corners.size:
+        moved = path.legs.carry(moved, s, nozzle.s[block][rows])
     part.lateral[rows] = moved.lateral
     part.vertical[rows] = moved.vertical
     part.beyond[rows] = moved.beyond

@@ -118,7 +118,7 @@ class BudgetValues:
 
     Attributes:
         parts: the part of every link, in the order of the chain.
-        corner: what changing legs at sharp corners adds, None where that is nothing; see `gantrysim.metrics.links`.
+        corner: what changing legs of the path adds, None where that is nothing; see `gantrysim.metrics.links`.
         contour: the whole error normal to the path, the sum of all these.
         lag: lag of the nozzle behind the command along the path [mm].
         turns: the errors within each turn of a spiral, and before and after them; empty for a path without turns.

@@ -158,6 +158,10 @@ class Chain(Path):
         return joints[np.linalg.norm(jump, axis=1) > _SHARP]
 
     @property
+    def joints(self) -> Floats:
+        return self._s[1:-1]
+
+    @property
     def turn_spacing(self) -> float | None:
         """Change of the radius per turn, to a nanometre, if all spirals of the chain have the same."""
         spacing = {

@@ -29,7 +29,6 @@ _AT_CORNER = 1e-8  # largest distance of a foot that is the corner [mm]
 _ON_EDGE = 1e-9  # of the wedge outside a corner, by rounding [mm]
 _FOLD = 2e-3  # sine of the angle between two legs, one back along the other, within which they count as one line
 _ROUNDING = 1e-9  # of frames
-_SHARP = -0.8  # cosine between the legs' tangents, below which the path nearly retraces itself
 
 
 class Framed(Protocol):
@@ -70,7 +69,6 @@ class Corners:
         before, after: unit tangents t1 and t2 of the legs, (m, 3).
         normal: left normal of the leg before, (m, 3).
         axis: unit vector a about which the tangent turns; zero where the path retraces itself, (m, 3).
-        sharp: whether the path nearly retraces itself, (m,).
         carried: the normal and binormal of each leg, as components of those of the first leg carried along the path
             without torsion, (m + 1, 2, 2): one vector a column. Unit matrices on a path in one plane.
     """
@@ -80,7 +78,6 @@ class Corners:
     after: Floats
     normal: Floats
     axis: Floats
-    sharp: NDArray[np.bool_]
     carried: Floats
 
     @classmethod
@@ -108,7 +105,7 @@ class Corners:
         u, _, v = np.linalg.svd(np.moveaxis(np.array(columns), -1, 0))
         change = u @ v  # the nearest orthogonal matrix, as the two lines of a fold are not exactly one
         change[np.abs(change - np.eye(2)).max(axis=(1, 2), initial=0.0) < _ROUNDING] = np.eye(2)  # which is no torsion
-        return cls(s, before, after, normal, axis, cosine < _SHARP, _products(change))
+        return cls(s, before, after, normal, axis, _products(change))
 
     def leg(self, s: Floats) -> NDArray[np.intp]:
         """Return the leg of feet, (n,), from 0; a corner belongs to the leg before it."""

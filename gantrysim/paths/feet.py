@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from gantrysim.base.arrays import Floats, dot
+from gantrysim.base.arrays import Floats, dot, scaled
 from gantrysim.base.columns import Column
 from gantrysim.paths.local import Local
 
@@ -92,8 +92,10 @@ def foot_between(path: Curve, p: Floats, low: Floats, high: Floats, guess: Float
     tangent = here.tangent
     at_low = s <= first
     at_high = s >= last
+    foot = np.where(at_low, low, np.where(at_high, high, s))
+    offset -= scaled(tangent, foot - s)  # from just inside the end to the end
     return Projection(
-        s=np.where(at_low, low, np.where(at_high, high, s)),
+        s=foot,
         offset=offset,
         lateral=dot(offset, normal),
         vertical=dot(offset, np.cross(tangent, normal)),

@@ -4,11 +4,12 @@ A motion controller knows at every tick which point of the requested path its co
 command, and what follows it, lie about c(p_k). So the feet of all of them are the nearest points of one stretch of the
 path, from p_k - w_k to p_k + w_k, with
 
-    r_k = max(d_k, r_(k-1) - (p_k - p_(k-1)) / 2),    w_k = 2 r_k,
+    r_k = max(d_k, r_(k-1) - (p_k - p_(k-1)) / 2),    w_k = 4 r_k,
 
-where d_k is the distance of the furthest of them from c(p_k). On a line w_k = d_k would do. Behind a corner the
-distance from a follower on the leg before shrinks, but not its lag: what it was before the corner counts until the
-command has left the corner behind.
+where d_k is the distance of the furthest of them from c(p_k). On a line w_k = d_k would do; where two legs meet at an
+inner angle phi, the nearest point of the other leg is at most 2 d_k / sin(phi / 2) away along the path, so that w_k
+holds it down to 60 degrees, and a sharper corner nearly so. Behind a corner the distance from a follower on the leg
+before shrinks, but not its lag: what it was before the corner counts until the command has left the corner behind.
 
 As all points of a tick have the same stretch, the distance from it changes by no more than the points are apart.
 """
@@ -26,7 +27,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import plain_inner_jit, plain_jit
 
 _FADING = 0.5  # of the reach, per millimetre of progress
-_WIDTH = 2.0  # half-width of the stretch, in units of the reach
+_WIDTH = 4.0  # half-width of the stretch, in units of the reach
 _LEAST = 1e-6  # half-width of the stretch [mm]
 _ON_PATH = 1e-3  # distance of a command that lies on the path: the sagitta of chords, and rounding [mm]
 
@@ -48,8 +49,18 @@ class Table(NamedTuple):
 
 
 @plain_inner_jit
-def to_chord(points, i, x, y, z):
-    """Return the squared distance of a point from the chord of entry i to the next, and the share of its foot."""
+def to_chord(points, i, x, y, z, low=0.0, high=1.0):
+    """Return the squared distance of a point from the chord of entry i to the next, and the share of its foot.
+
+    Args:
+        points: along the path, (m, 3) [mm].
+        i: entry.
+        x: of the point [mm].
+        y: of the point [mm].
+        z: of the point [mm].
+        low: share of the chord at which it begins to count.
+        high: share up to which it counts.
+    """
     u = points[i + 1, 0] - points[i, 0]
     v = points[i + 1, 1] - points[i, 1]
     w = points[i + 1, 2] - points[i, 2]
@@ -57,7 +68,7 @@ def to_chord(points, i, x, y, z):
     b = y - points[i, 1]
     c = z - points[i, 2]
     square = u * u + v * v + w * w
-    share = min(max((a * u + b * v + c * w) / square, 0.0), 1.0) if square > 0.0 else 0.0
+    share = min(max((a * u + b * v + c * w) / square, low), high) if square > 0.0 else low
     a -= share * u
     b -= share * v
     c -= share * w
@@ -85,40 +96,63 @@ def widened(reach, distance, advance):
 
 
 @plain_inner_jit
+def stretch(s, progress, reach):
+    """Return begin and end of the stretch of the path in which the feet of a tick lie."""
+    half = _WIDTH * reach + _LEAST
+    return max(progress - half, s[0]), min(progress + half, s[-1])
+
+
+@plain_inner_jit
+def _share_at(s, i, place):
+    """Return the share of the chord of entry i at an arc length, from 0 to 1."""
+    return min(max((place - s[i]) / (s[i + 1] - s[i]), 0.0), 1.0)
+
+
+@plain_inner_jit
+def _coarsely_nearest(points, x, y, z):
+    """Return a chord that is near to a point, out of some over the whole path."""
+    count = len(points) - 1
+    best = 0
+    least = np.inf
+    for i in range(0, count, int(np.sqrt(count)) + 1):
+        square = to_chord(points, i, x, y, z)[0]
+        if square < least:
+            least = square
+            best = i
+    return best
+
+
+@plain_inner_jit
 def nearest_chord(table, x, y, z, progress, reach):
-    """Return the index of the chord nearest to a point within the stretch about a progress, the nearer of two to it.
+    """Return the chord nearest to a point within the stretch about a progress, the nearer of two to it, and its foot.
 
     The search goes outwards from the progress. Chords are left out that are too near to one at a large distance to
     be nearer than the best: the distance changes by at most the way along the path.
     """
     s, points, _, widest = table
-    start = chord_at(s, progress)
-    half = _WIDTH * reach + _LEAST
+    low, high = stretch(s, progress, reach)
+    start = _coarsely_nearest(points, x, y, z) if reach == np.inf else chord_at(s, progress)
     best = start
-    least = np.sqrt(to_chord(points, start, x, y, z)[0])
-    last = chord_at(s, progress + half)
-    i = start + 1
-    while i <= last:
-        distance = np.sqrt(to_chord(points, i, x, y, z)[0])
-        if distance < least:
-            least = distance
-            best = i
-        beyond = (distance - least) / widest
-        if not beyond < last - i:
-            break
-        i += 1 + int(beyond)
-    first = chord_at(s, progress - half)
-    i = start - 1
-    while i >= first:
-        distance = np.sqrt(to_chord(points, i, x, y, z)[0])
-        if distance < least:
-            least = distance
-            best = i
-        beyond = (distance - least) / widest
-        if not beyond < i - first:
-            break
-        i -= 1 + int(beyond)
-    return best
+    least, foot = to_chord(points, start, x, y, z, _share_at(s, start, low), _share_at(s, start, high))
+    for ahead in (True, False):
+        i = start + 1 if ahead else start - 1
+        while 0 <= i < len(s) - 1 and s[i] < high and s[i + 1] > low:
+            begin = _share_at(s, i, low) if s[i] < low else 0.0
+            end = _share_at(s, i, high) if s[i + 1] > high else 1.0
+            square, share = to_chord(points, i, x, y, z, begin, end)
+            if square < least:
+                least = square
+                best = i
+                foot = share
+            skipped = 1
+            # before the root, which most chords near the foot do not need
+            if square > least + widest * widest:
+                beyond = (np.sqrt(square) - np.sqrt(least)) / widest
+                if not beyond < len(s):
+                    break
+                skipped += int(beyond)
+            i += skipped if ahead else -skipped
+    return best, foot
 
 
 @plain_jit
@@ -151,18 +185,18 @@ def find_feet(table, trace, progress, reach, low, high, guess):
         high: its end, to be written.
         guess: of the foot, to be written.
     """
-    s, points, is_corner, _ = table
+    s, _, is_corner, _ = table
     last = len(s) - 1
     for k in range(len(trace)):
         x = trace[k, 0]
         y = trace[k, 1]
         z = trace[k, 2]
-        i = nearest_chord(table, x, y, z, progress[k], reach[k])
-        share = to_chord(points, i, x, y, z)[1]
+        i, share = nearest_chord(table, x, y, z, progress[k], reach[k])
+        begin, end = stretch(s, progress[k], reach[k])
         guess[k] = s[i] + share * (s[i + 1] - s[i])
         # the foot on the curve may lie behind the end of its chord, but not behind a corner
-        low[k] = s[i] if i == 0 or is_corner[i] else s[i - 1]
-        high[k] = s[i + 1] if i + 1 == last or is_corner[i + 1] else s[i + 2]
+        low[k] = max(s[i] if i == 0 or is_corner[i] else s[i - 1], begin)
+        high[k] = min(s[i + 1] if i + 1 == last or is_corner[i + 1] else s[i + 2], end)
 
 
 @plain_jit

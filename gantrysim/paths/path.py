@@ -31,11 +31,14 @@ from gantrysim.paths.nearest import Table, find_feet, find_reaches
 # Table of points from which a projection starts: of two stretches of the path the wrong one can be chosen where their
 # distances differ by less than the sagitta of a chord, curvature spacing^2 / 8.
 _TABLE_SPACING = 0.05  # [mm]
+_SAGITTA = 5e-6  # [mm] at that spacing; at a larger one in proportion to its square
+_MOST_PARTS = 64  # of a chord, where the path is curved: a spiral may end at its centre
 _TABLE_SIZE = (256, 1_000_000)  # beyond that the spacing grows,
 _WIDEST_SPACING = 0.5  # but not above that [mm]: a bead's neighbour is further away
 _UPRIGHT = read_only(np.eye(3)[None])  # the frame of the XY plane
 _LONGEST = 1e7  # that memory has room for: 640 MB of points [mm]
 _ROUNDING = 1e-9  # of a number of chords
+_INSIDE = 1e-6  # of a chord's length, from its ends
 
 
 class Path(ABC):
@@ -94,7 +97,7 @@ class Path(ABC):
 
     @cached_property
     def table(self) -> Table:
-        """Points along the path, evenly spaced from corner to corner.
+        """Points along the path, with all corners and joints; between them evenly spaced, more densely where it bends.
 
         Raises:
             InputError: a path too long for the table.
@@ -103,17 +106,15 @@ class Path(ABC):
             raise InputError(f"path length = {self.length:.4g} mm: must be at most {_LONGEST:g} mm to find feet on it")
         count = int(np.clip(np.ceil(self.length / _TABLE_SPACING), *_TABLE_SIZE))
         spacing = min(self.length / count, _WIDEST_SPACING)
-        edges = np.concatenate([[0.0], self.corners, [self.length]])
-        sizes = np.diff(edges)
-        counts = np.maximum(np.ceil(sizes / spacing - _ROUNDING), 1).astype(np.intp)
-        leg = np.repeat(np.arange(counts.size), counts)
-        ends = np.cumsum(counts)
-        number = np.arange(ends[-1]) - (ends - counts)[leg]
-        s = np.append(edges[leg] + number * (sizes / counts)[leg], self.length)
-        is_corner = np.zeros(s.size, bool)
-        is_corner[ends[:-1]] = True
-        points = np.asfortranarray(self.position(s))
-        return Table(seen(s), seen(points), seen(is_corner), float((sizes / counts).max()))
+        edges = np.concatenate([[0.0], self.joints, [self.length]])
+        s = _divided(edges, np.ceil(np.diff(edges) / spacing - _ROUNDING))
+        sizes = np.diff(s)
+        inside = _INSIDE * sizes  # of the piece on which each chord lies
+        bend = np.maximum(np.abs(self.curvature(s[:-1] + inside)), np.abs(self.curvature(s[1:] - inside)))
+        sagitta = _SAGITTA * max(spacing / _TABLE_SPACING, 1.0) ** 2
+        s = _divided(s, np.minimum(np.ceil(sizes * np.sqrt(bend / (8 * sagitta))), _MOST_PARTS))
+        is_corner = np.isin(s, self.corners)
+        return Table(seen(s), seen(np.asfortranarray(self.position(s))), seen(is_corner), float(np.diff(s).max()))
 
     def project(self, points: ArrayLike) -> Projection:
         """Project points onto the path: the nearest point of the whole curve, ends included.
@@ -191,25 +192,25 @@ class Path(ABC):
         """Arc lengths at which the tangent jumps, ascending, (m,) [mm]."""
         return np.zeros(0)
 
+    @property
+    def joints(self) -> Floats:
+        """Arc lengths at which pieces of the path meet, its corners among them, ascending, (m,) [mm]."""
+        return self.corners
+
     @cached_property
     def legs(self) -> Corners:
         """The corners, and the frames of the legs between them."""
         return Corners.of(self)
 
-    def project_on_leg(self, points: ArrayLike, leg: NDArray[np.intp]) -> Projection:
-        """Project points onto one leg each, between two corners or ends of the path.
 
-        At the leg's ends `beyond` is the distance along its tangent, at a corner too.
-
-        Args:
-            points: (n, 3) [mm].
-            leg: numbers of the legs from 0, (n,).
-        """
-        p = _points(points)
-        edges = np.concatenate([[0.0], self.corners, [self.length]])
-        low = edges[leg]
-        high = edges[leg + 1]
-        return foot_between(self, p, low, high, 0.5 * (low + high))
+def _divided(edges: Floats, counts: Floats) -> Floats:
+    """Return ascending numbers, with so many even intervals, but at least one, from each to the next."""
+    whole = np.maximum(counts, 1).astype(np.intp)
+    interval = np.repeat(np.arange(whole.size), whole)
+    begins = np.cumsum(whole) - whole
+    share = (np.arange(interval.size) - begins[interval]) / whole[interval]
+    divided = edges[interval] + share * np.diff(edges)[interval]
+    return np.append(divided, edges[-1])
 
 
 def _points(points: ArrayLike) -> Floats:

@@ -78,6 +78,8 @@ class Improvement(Shown):
     @cached_property
     def sentence(self) -> str:
         """The result in a sentence or two."""
+        if self.verdict.contradiction:
+            return "No lever is tried: the errors of the run are not known."
         if self.verdict.fault:
             return f"{self.verdict.fault} The run ends in a fault: no lever is tried before that is repaired."
         if self.before.burden == 0 and not self.combination:
@@ -192,7 +194,7 @@ class Improvement(Shown):
 
 def _usages(verdict: Verdict | None, rows: int = 0) -> list[str]:
     """Return the share of the limits that the worst check of each row uses, as text."""
-    if verdict is None or verdict.fault:
+    if verdict is None or verdict.unjudged:
         return [NOTHING] * (rows or len(verdict.rows if verdict is not None else ()))
     return [_usage(row) for row in verdict.rows]
 

@@ -26,7 +26,7 @@ def changes_of(job: Job, verdict: Verdict) -> Section | None:
 
     None for a verdict that is a pass, and for a run with faults, whose cause is known.
     """
-    if verdict.state == PASS or verdict.fault or job.faults:
+    if verdict.state == PASS or verdict.unjudged or job.faults:
         return None
     return change_section(improve(job, rows=worst_rows(Outcome(verdict)), fastest=False))
 
@@ -64,7 +64,7 @@ def comparison_of(improvement: Improvement) -> RunComparison | None:
 
     The runs of a search are not kept: each would hold its record in memory.
     """
-    if not improvement.changes_anything or improvement.verdict.fault:
+    if not improvement.changes_anything or improvement.verdict.unjudged:
         return None
     runs = [job.run() for job in (improvement.base, improvement.job)]
     return compare_runs(*runs, names=NAMES)

@@ -59,7 +59,7 @@ def _gain(row: Row, check: Check | None, after: Verdict | None) -> Gain:
     gain = Gain(row.name, usage_before=usage_of(row))
     if check is not None:
         gain = replace(gain, quantity=check.quantity, unit=check.unit, form=check.form, before=check.value)
-    if after is None or after.fault:
+    if after is None or after.unjudged:
         return gain
     changed = after[row.name]
     same = None if check is None else _check(changed, check.name)

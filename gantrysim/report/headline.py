@@ -31,6 +31,8 @@ def headline(budget: Budget, causes: Causes | None = None) -> str:
     run = budget.analysis.run
     if run.fault is not None or reached(run):
         return f"{happened(run)} {_error_with_faults(budget)}"
+    if budget.contradictions:
+        return "The errors of this run are not known: they contradict one another, see the verdict."
     along = _along(budget)
     if contour.rms < NO_ERROR:
         exactly = "" if along else " exactly"

@@ -69,10 +69,18 @@ def run_page(
         f"{job.name} on {results.machine.name}",
         f"{job.program['controller']}, servo period {1e3 * run.period:g} ms",
         in_order(run_sections(results, None if video is None else Path(video), changes)),
-        warning=None if run.fault is None else f"Fault: {run.fault}. All values are up to the fault.",
+        warning=_warning(results),
         progress=progress,
         figures=figures,
     )
+
+
+def _warning(results: RunResults) -> str | None:
+    """Return what stands above the whole page: a fault, or that the errors contradict one another."""
+    run = results.budget.analysis.run
+    if run.fault is not None:
+        return f"Fault: {run.fault}. All values are up to the fault."
+    return results.verdict.contradiction or None
 
 
 def sections_with_figures(results: RunResults) -> list[Section]:

@@ -8,7 +8,7 @@ from gantrysim.results.verdict import Verdict
 
 def verdict_section(verdict: Verdict) -> Section:
     """Return the section of the verdict: a row per value that it shows."""
-    if verdict.fault:
+    if verdict.unjudged:
         return Section("Verdict", verdict.headline)
     rows = [
         [f"{row.symbol} {row.state}" if k == 0 else "", row.name if k == 0 else "", text]

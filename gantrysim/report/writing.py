@@ -81,7 +81,7 @@ def results_of(job: Job, run: Run, causes: bool = True) -> RunResults:
         healthy = job.without_faults().run()
         losses = Losses.of(bead, Bead(healthy, job.bead)) if healthy.dispense.any() else None
     budget = Budget(analysis)
-    wanted = causes and run.fault is None and not job.faults
+    wanted = causes and run.fault is None and not job.faults and not budget.contradictions
     return RunResults(
         job,
         job.built_machine,

@@ -49,5 +49,5 @@ def burden_of_usages(usages: Iterable[float]) -> float:
 
 
 def burden_of(verdict: Verdict) -> float:
-    """Return the burden of a verdict, inf for a run that ended in a fault."""
-    return math.inf if verdict.fault else sum(row_burden(row) for row in verdict.rows)
+    """Return the burden of a verdict, inf for a run that is not judged."""
+    return math.inf if verdict.unjudged else sum(row_burden(row) for row in verdict.rows)

@@ -45,6 +45,8 @@ class Verdict(Shown):
     Attributes:
         rows: verdict on path, glue, stability and machine.
         fault: description of the fault that ended the run early; empty for a complete run. No row is then judged.
+        contradiction: why the errors of a complete run are not known, see `gantrysim.metrics.contradictions`; empty
+            where they are. No row is then judged.
         tolerance: limits; None for a run that a fault ended.
         disturbances: deliberate faults that occurred in a complete run, by time; its rows are judged with them.
     """
@@ -53,6 +55,7 @@ class Verdict(Shown):
     fault: str = ""
     tolerance: Tolerance | None = None
     disturbances: tuple[str, ...] = ()
+    contradiction: str = ""
 
     @classmethod
     def of(cls, job: Job, run: Run) -> Verdict:
@@ -85,6 +88,8 @@ class Verdict(Shown):
         run = budget.analysis.run
         if run.fault is not None:
             return cls.of_fault(run)
+        if budget.contradictions:
+            return cls.of_contradictions(budget.contradictions)
         width = float(bead.nominal_section.width[0]) if bead.nominal > 0 else float("nan")
         tolerance = Tolerance.of(job, run.face, width)
 
@@ -103,6 +108,18 @@ class Verdict(Shown):
         )
         return cls(rows, "", tolerance, tuple(str(fault) for fault in reached(run)))
 
+    @classmethod
+    def of_contradictions(cls, found: tuple[str, ...]) -> Verdict:
+        """Return the verdict on a run whose errors contradict one another: none, and nothing is blamed."""
+        rows = (Row(name, remark="the errors of this run are not known") for name in (PATH, GLUE, STABILITY, MACHINE))
+        text = f"errors not known, because {'; '.join(found)}. This is a defect of the analysis: please report the job."
+        return cls(tuple(rows), contradiction=text)
+
+    @property
+    def unjudged(self) -> str:
+        """Why no row is judged: a fault, or a contradiction; empty where they are."""
+        return self.fault or self.contradiction
+
     @property
     def state(self) -> str:
         """The worst row: "pass", "warn" or "fail"; "warn" if a row is not judged and none fails."""
@@ -114,8 +131,8 @@ class Verdict(Shown):
     @property
     def headline(self) -> str:
         """The verdict in one line."""
-        if self.fault:
-            return f"{SYMBOLS[FAIL]} {FAIL}: {self.fault}"
+        if self.unjudged:
+            return f"{SYMBOLS[self.state]} {self.state}: {self.unjudged}"
         blamed = [row.name for row in self.rows if row.state != PASS and row.state in (self.state, UNJUDGED)]
         names = f": {', '.join(blamed)}" if blamed else ""
         # the fault in a word and its time: what it does is told beside it
@@ -125,7 +142,7 @@ class Verdict(Shown):
     @property
     def lines(self) -> tuple[str, ...]:
         """The verdict as text: its headline, and for a complete run a line for each displayed value."""
-        if self.fault:
+        if self.unjudged:
             return (f"verdict {self.headline}",)
         lines = [f"verdict {self.headline}"]
         for row in self.rows:
@@ -150,6 +167,7 @@ class Verdict(Shown):
             "state": self.state,
             "headline": self.headline,
             "fault": self.fault or None,
+            "contradiction": self.contradiction or None,
             "disturbances": list(self.disturbances),
             **rows,
         }
