@@ -30,6 +30,7 @@ MOST_TICKS = 8000
 MOST_TRIES = 30
 LONGEST = 6.0  # [s]
 LEAST_STROKES = 3
+TABLE = 440.0  # travel of the stage's table [deg]
 PAGE = 200.0  # of an SVG [mm]
 
 
@@ -249,7 +250,7 @@ def stage_outline(draw):
     angles = [2 * math.pi * (k + rng.uniform(-0.3, 0.3)) / count for k in range(count)]
     places = [size * rng.uniform(0.3, 1) * cmath.exp(-1j * angle) for angle in angles]
     corners = tuple((place.real, place.imag) for place in places)
-    return OutlineTrace(
+    trace = OutlineTrace(
         corners=corners,
         corner_radius=log_uniform(rng, 0.3, 0.3 * size),
         speed=max(draw.speed, 20.0),
@@ -257,6 +258,9 @@ def stage_outline(draw):
         acceleration=(float(rng.choice([2000, 8000])), 2000.0, 2000.0),
         blend=float(rng.choice([0.0, 1.0, log_uniform(rng, 0.2, 15)])),
     )
+    if np.abs(trace.setpoints(0.01).position[:, 0]).max() > TABLE:
+        raise InputError("outline: turns beyond the table's travel")
+    return trace
 
 
 def drawn(draw, text, **more):
