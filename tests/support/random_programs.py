@@ -7,6 +7,7 @@ What a controller refuses is drawn anew, see `RandomProgram.refused`.
 import cmath
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -30,6 +31,7 @@ MOST_TICKS = 8000
 MOST_TRIES = 30
 LONGEST = 6.0  # [s]
 LEAST_STROKES = 3
+LINES_BEFORE = 2  # the first move, in a FANUC program
 TABLE = 440.0  # travel of the stage's table [deg]
 PAGE = 200.0  # of an SVG [mm]
 
@@ -156,7 +158,16 @@ def fanuc_text(draw):
 
 
 def fanuc_stops(draw):
-    return fanuc.Program(fanuc_text(draw), acceleration=float(draw.rng.choice([draw.acceleration, math.inf])))
+    """With a stop at each corner, some of straight moves rounded by the program itself."""
+    lines = fanuc_text(draw).splitlines()
+    rounding = draw.rng.choice([0.0, draw.rng.uniform(0.05, 0.4)])
+    if rounding and not any(stroke.rest for stroke in draw.strokes):
+        for k, (stroke, after) in enumerate(pairwise(draw.strokes), LINES_BEFORE):
+            turn = abs(cmath.phase((after.end - after.start) / (stroke.end - stroke.start)))
+            if not (stroke.bend or after.bend) and 0.1 < turn < 3:
+                radius = rounding * min(stroke.length, after.length) / math.tan(0.5 * turn)
+                lines[k] += f",R{radius:.4f}"
+    return fanuc.Program("\n".join(lines), acceleration=float(draw.rng.choice([draw.acceleration, math.inf])))
 
 
 def fanuc_blended(draw):
