@@ -101,6 +101,7 @@ class Source:
         arrays: names that DIM gives to arrays.
         variables: values of the variables that it reads, by name.
         numbers: values of the numbers that stand in it.
+        remarks: on what it writes otherwise than the controller reads it.
     """
 
     name: str
@@ -109,9 +110,11 @@ class Source:
     arrays: set[str] = field(default_factory=set)
     variables: dict[str, Expression] = field(default_factory=dict)
     numbers: dict[float, Expression] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
 
     def forget(self) -> None:
         """Forget what its statements have named, before its text is read anew."""
         self.read.clear()
         self.arrays.clear()
+        self.remarks.clear()
         self.variables.clear()
