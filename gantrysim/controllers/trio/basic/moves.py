@@ -121,14 +121,11 @@ class Arc(Shape):
         self.radius = math.hypot(cx, cy)
         if self.radius <= SMALLEST_RADIUS:
             raise InputError(
-                f"circle about ({cx:g}, {cy:g}) from the start: radius {self.radius:g} must be above "
-                f"{SMALLEST_RADIUS:g}"
+                f"circle about ({cx:g}, {cy:g}) of radius {self.radius:g}: a radius must be above {SMALLEST_RADIUS:g}"
             )
         to_end = math.hypot(ex - cx, ey - cy)
         if to_end <= SMALLEST_RADIUS:
-            raise InputError(
-                f"circle about ({cx:g}, {cy:g}): its end ({ex:g}, {ey:g}) is its centre: must lie on the circle"
-            )
+            raise InputError(f"circle about ({cx:g}, {cy:g}): its end is its centre: must lie on the circle")
         stretch = self.radius / to_end
         self.off_circle = abs(to_end - self.radius)
         self.begin = math.atan2(-cy, -cx)

@@ -11,6 +11,8 @@ from gantrysim.controllers.trio.basic.process import Process
 
 Evaluate = Callable[[Process], float]
 
+MISPRINTS = {"MHELIX": "MHELICAL"}  # words of published programs for those of the language
+
 
 class Expression(NamedTuple):
     """An expression.
@@ -111,6 +113,16 @@ class Source:
     variables: dict[str, Expression] = field(default_factory=dict)
     numbers: dict[float, Expression] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
+
+    def corrected(self, word: str, line: int) -> str:
+        """Return the word of the language that a published misprint stands for, with a remark; others as they are."""
+        meant = MISPRINTS.get(word)
+        if meant is None:
+            return word
+        self.remarks.append(
+            f"line {line}: {word}, as AN-225 prints it, is not a command of the controller; {meant} is used instead"
+        )
+        return meant
 
     def forget(self) -> None:
         """Forget what its statements have named, before its text is read anew."""

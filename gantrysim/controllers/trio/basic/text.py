@@ -221,14 +221,8 @@ class _Builder(Transformer):  # type: ignore[type-arg]
         axis = place if isinstance(place, Expression) else None
         process = None if place is None or axis is not None else place[0]
         number = None if bit is None else int(bit[1:])
-        word = name.upper()
-        meant = words.MISPRINTS.get(word)
-        if meant is not None:
-            self.source.remarks.append(
-                f"line {self.line_of(name)}: {word}, as AN-225 prints it, is not a command of the controller; {meant} "
-                "is used instead"
-            )
-        return Reference(meant or word, arguments, axis, self.line_of(name), str(name), process, number)
+        word = self.source.corrected(name.upper(), self.line_of(name))
+        return Reference(word, arguments, axis, self.line_of(name), str(name), process, number)
 
     def arguments(self, children: list[Any]) -> tuple[Expression, ...]:
         comma = children[-1]
