@@ -26,6 +26,7 @@ _UNITS |= {11: 1e-7, 12: 1e-6, 13: 1e-3, 14: 100.0}
 _BY_BLOCK = 0
 _BY_LAYER = 256
 _DEEPEST = 32  # nested blocks
+_NAMED = 5  # entities in a remark
 _MOST = 200_000  # entities, those of blocks counted each time
 _SPLINE_FRAME = 16  # flag of a vertex that is a control point
 
@@ -40,12 +41,14 @@ class _Reading:
         document: of ezdxf.
         dots: whether points are traced.
         ignored: entities that are not traced, by kind.
+        without_extent: names of entities that lie in one point.
         count: entities so far.
     """
 
     document: Any
     dots: bool
     ignored: Counter[str] = field(default_factory=Counter)
+    without_extent: list[str] = field(default_factory=list)
     count: int = 0
 
 
@@ -86,7 +89,15 @@ def read_dxf(text: str, unit: float | None, dots: bool) -> Sheet:
     except Exception as error:  # as above, while entities are read
         raise InputError(f"dxf: {_short(error)}: must be a valid drawing") from None
     scaled = tuple(stroke.moved(lambda points: factor * points) for stroke in strokes)
-    return Sheet(scaled, dict(reading.ignored), remarks)
+    return Sheet(scaled, dict(reading.ignored), (*remarks, *_remarks(reading.without_extent)))
+
+
+def _remarks(without_extent: list[str]) -> tuple[str, ...]:
+    if not without_extent:
+        return ()
+    unnamed = len(without_extent) - _NAMED
+    names = ", ".join(without_extent[:_NAMED]) + (f" and {unnamed} more" if unnamed > 0 else "")
+    return (f"not traced, as they have no extent: {names}",)
 
 
 def _short(error: Exception) -> str:
@@ -125,7 +136,11 @@ def _strokes(reading: _Reading, entities: Any, block: _Block | None, depth: int)
             reading.ignored.update(["ATTRIB"] * len(entity.attribs))
         else:
             names = frozenset({layer.lower()}) | inherited.colours
-            where = f"dxf: {kind} {entity.dxf.get('handle') or ''}".strip()
+            name = f"{kind} {entity.dxf.get('handle') or ''}".strip()
+            where = f"dxf: {name}"
+            if _has_no_extent(entity):
+                reading.without_extent.append(name)
+                continue
             try:
                 stroke = _stroke(reading, entity, where, names)
             except InputError as error:
@@ -134,6 +149,20 @@ def _strokes(reading: _Reading, entities: Any, block: _Block | None, depth: int)
                 reading.ignored[kind] += 1
             else:
                 yield stroke
+
+
+def _has_no_extent(entity: Any) -> bool:
+    """Whether a curve of an entity's kind shrinks to a point: CAD programs leave such arcs where they trim others."""
+    kind = entity.dxftype()
+    dxf = entity.dxf
+    if kind in ("ARC", "CIRCLE"):
+        return float(dxf.radius) == 0
+    if kind == "ELLIPSE":
+        return not _vector(dxf.major_axis).any()
+    if kind == "SPLINE":
+        points = entity.control_points if len(entity.control_points) else entity.fit_points
+        return len({tuple(place) for place in points}) <= 1
+    return False
 
 
 def _visible(reading: _Reading, entity: Any, layer: str) -> bool:
@@ -212,7 +241,7 @@ def _round(entity: Any) -> Ellipse:
         end = begin + ((end - begin) % 360.0 or 360.0)  # equal angles are a whole circle
     radius = float(dxf.radius)
     if not 0 < radius < math.inf:
-        raise InputError(f"radius = {radius:g}: must be greater than 0")
+        raise InputError(f"radius = {radius:g}: must be greater than 0 and finite")
     u, v = (_vector(ocs.to_wcs(axis)) for axis in ((radius, 0, 0), (0, radius, 0)))
     return Ellipse(_vector(ocs.to_wcs(dxf.center)), u, v, math.radians(begin), math.radians(end))
 

@@ -257,7 +257,7 @@ def _shape(segment: Any) -> Shape:
         return bezier(begin, _point(segment.control), end)
     if isinstance(segment, CubicBezier):
         return bezier(begin, _point(segment.control1), _point(segment.control2), end)
-    if isinstance(segment, Arc):
+    if isinstance(segment, Arc) and segment.rx and segment.ry:  # SVG: without a radius it is a straight line
         rotation = float(segment.get_rotation())
         c = math.cos(rotation)
         s = math.sin(rotation)

@@ -171,6 +171,7 @@ class Dialect(ABC):
         assumes: assumptions about controller and drive.
         carries: fields of `Servo` that its parameters express for a torque drive.
         carries_of_velocity: fields of `Servo` that its parameters express for a velocity drive.
+        settings: parameters beside the gains that are named where a text has them, and what each means for the servo.
     """
 
     name: ClassVar[str]
@@ -180,6 +181,7 @@ class Dialect(ABC):
     assumes: ClassVar[str]
     carries: ClassVar[tuple[str, ...]]
     carries_of_velocity: ClassVar[tuple[str, ...]]
+    settings: ClassVar[Mapping[str, str]] = {}
 
     def carried(self, mode: str) -> tuple[str, ...]:
         """Return the fields of `Servo` that the parameters express for a drive in a mode."""
@@ -212,7 +214,8 @@ class Dialect(ABC):
 
     def remarks(self, words: Mapping[str, float], axis: AxisServo) -> list[str]:
         """Return notes on parameters of an axis that are read but not used."""
-        return []
+        unused = [f"{name} = {words[name]:g}, {meaning}" for name, meaning in self.settings.items() if words.get(name)]
+        return [f"not taken over for axis {axis.name}: {'; '.join(unused)}"] if unused else []
 
     def has_gains(self, text: str) -> bool:
         """Return whether a text has gains of any axis; one without may be the file of a position drive."""

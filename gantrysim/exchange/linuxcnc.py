@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar
@@ -22,6 +23,10 @@ _TERMS = (
 )
 _DEADBAND = ("deadband", "DEADBAND")
 _FOREIGN = (("FF0", "FF0"), ("FF3", "FF3"), ("bias", "BIAS"), _DEADBAND)  # that the servo lacks
+_BOUND = "a bound of the loop, which the servo lacks"
+_LIMITS = "set by the job's program: axis_speeds, acceleration"
+# of the motion, in units of length; only MAX_OUTPUT is in those of the output
+_OF_LENGTH = ("DEADBAND", "MAX_ERROR", "BACKLASH", "FERROR", "MIN_FERROR", "MAX_VELOCITY", "MAX_ACCELERATION")
 _PERIOD = "SERVO_PERIOD"  # in section [EMCMOT] [ns]
 _SAME_PERIOD = 1e-3  # relative difference that rounding explains
 _OLDER = {"P": "PGAIN", "I": "IGAIN", "D": "DGAIN"}  # names of keys that a HAL file may have instead
@@ -56,6 +61,14 @@ class LinuxCNC(Dialect):
         "torque_limit",
     )
     carries_of_velocity: ClassVar[tuple[str, ...]] = tuple(name for name in carries if name != "torque_limit")
+    settings: ClassVar[Mapping[str, str]] = {
+        "maxerror": _BOUND,
+        "maxerrorI": _BOUND,
+        "maxerrorD": _BOUND,
+        "maxcmdD": _BOUND,
+        "maxcmdDD": _BOUND,
+        "maxoutput": "the bound of the output: servo.torque_limit of torque drives",
+    }
     keys = 0  # which name of `_TERMS` is the dialect's
 
     def words(self, axis: AxisServo) -> list[Word]:
@@ -75,12 +88,16 @@ class LinuxCNC(Dialect):
     def remarks(self, words: Mapping[str, float], axis: AxisServo) -> list[str]:
         name = _DEADBAND[self.keys]
         deadband = words.get(name, 0.0)
+        own = {"maxoutput": axis.full_scale, "MAX_OUTPUT": axis.full_scale, "FERROR": axis.following_error_limit}
+        same = {key for key, value in own.items() if math.isclose(words.get(key, 0.0), value)}
+        remarks = super().remarks({key: value for key, value in words.items() if key not in same}, axis)
         if not deadband:
-            return []
+            return remarks
         counts = f" = {deadband / axis.resolution:.2g} encoder counts" if axis.resolution else ""
         return [
+            *remarks,
             f"{name} of axis {axis.name} = {deadband:.4g} {axis.unit}{counts}: left out, the servo has none; the real "
-            "axis may stay that far from its command"
+            "axis may stay that far from its command",
         ]
 
     def body(self, axes: Sequence[AxisServo]) -> list[str]:
@@ -102,12 +119,12 @@ class LinuxCNC(Dialect):
     def read(self, text: str, axes: Sequence[AxisServo]) -> list[dict[str, float]]:
         values: list[dict[str, float]] = [{} for _ in axes]
         places = {axis.name.lower(): a for a, axis in enumerate(axes)} | {str(a): a for a in range(len(axes))}
-        known = {term[0].lower(): term[0] for term in (*_TERMS, *_FOREIGN)}
+        known = {name.lower(): name for name in (*(term[0] for term in (*_TERMS, *_FOREIGN)), *self.settings)}
         for owner, pin, value in by_name(rf"setp\s+(?:pid\.)?([\w-]+)\.([\w-]+)\s+({NUMBER})\s*(?:#.*)?", text):
             a = places.get(owner.lower())
             if a is not None and pin.lower() in known:
                 values[a][known[pin.lower()]] = float(value)
-        return values
+        return [words if any(term[0] in words for term in _TERMS) else {} for words in values]
 
 
 class LinuxCNCIni(LinuxCNC):
@@ -117,6 +134,17 @@ class LinuxCNCIni(LinuxCNC):
     suffix = ".ini"
     carries = (*LinuxCNC.carries, "following_error_limit")
     carries_of_velocity = (*LinuxCNC.carries_of_velocity, "following_error_limit")
+    settings: ClassVar[Mapping[str, str]] = {
+        "MAX_ERROR": _BOUND,
+        "MAX_ERROR_I": _BOUND,
+        "MAX_ERROR_D": _BOUND,
+        "MAX_OUTPUT": "the bound of the output: servo.torque_limit of torque drives",
+        "BACKLASH": "the controller's compensation of backlash, which is not simulated",
+        "FERROR": "servo.following_error_limit of the job",
+        "MIN_FERROR": "the limit of the following error at low speed: the servo has one for all speeds",
+        "MAX_VELOCITY": _LIMITS,
+        "MAX_ACCELERATION": _LIMITS,
+    }
     keys = 1
 
     def body(self, axes: Sequence[AxisServo]) -> list[str]:
@@ -142,6 +170,13 @@ class LinuxCNCIni(LinuxCNC):
 
     def remarks(self, words: Mapping[str, float], axis: AxisServo) -> list[str]:
         remarks = super().remarks(words, axis)
+        bound = words.get("MAX_ERROR", 0.0)
+        if bound:
+            unit = f"{axis.unit}/s" if axis.takes_velocity else "N·m"
+            remarks.append(
+                f"MAX_ERROR of axis {axis.name} bounds the correction of P to P x {bound:g} = "
+                f"{words.get('P', 0.0) * bound:.4g} {unit}: beyond that error the real loop no longer catches up faster"
+            )
         period = 1e-9 * words.get(_PERIOD, 0.0)
         if period and abs(period / axis.period - 1) > _SAME_PERIOD:
             remarks.append(
@@ -156,7 +191,7 @@ class LinuxCNCIni(LinuxCNC):
         if section is None or ini.makes_steps(section):
             return {}
         words = {}
-        for key in (term[1] for term in (*_TERMS, *_FOREIGN)):
+        for key in (*(term[1] for term in (*_TERMS, *_FOREIGN)), *LinuxCNCIni.settings):
             value = ini.number(section, key)
             if value is None:
                 value = ini.number(section, _OLDER.get(key, key))
@@ -171,7 +206,9 @@ class LinuxCNCIni(LinuxCNC):
             for key in words:
                 # per unit of length where the output is a torque; a speed has the unit itself, which cancels
                 factor = 1 / ini.length if axis.mode == "torque" else 1.0
-                words[key] *= ini.length if key == "DEADBAND" else factor
+                if key == "MAX_OUTPUT":
+                    factor = 1.0 if axis.mode == "torque" else ini.length
+                words[key] *= ini.length if key in _OF_LENGTH else factor
         return words
 
     def limits(self, text: str) -> tuple[AxisLimits, ...]:

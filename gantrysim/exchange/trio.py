@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 from gantrysim.base.errors import InputError
 from gantrysim.base.patterns import NUMBER
@@ -49,6 +51,11 @@ class Trio(Dialect):
     )
 
     carries_of_velocity = tuple(name for name in carries if name != "torque_limit")
+    settings: ClassVar[Mapping[str, str]] = {
+        "FE_LIMIT": "servo.following_error_limit of the job",
+        "FE_RANGE": "the warning of the following error, which the servo lacks",
+        "OUTLIMIT": "the bound of the output: servo.torque_limit of torque drives",
+    }
 
     def words(self, axis: AxisServo) -> list[Word]:
         values = (gain * factor for gain, factor in zip(self._known(axis), self._factors(axis), strict=True))
@@ -63,6 +70,11 @@ class Trio(Dialect):
         _check_edges(words, axis)
         scaled = [words.get(name, 0.0) / factor for name, factor in zip(_WORDS, factors, strict=True)]
         return dict(zip(_GAINS, scaled, strict=True)) | {"acceleration_ff": 0.0}
+
+    def remarks(self, words: Mapping[str, float], axis: AxisServo) -> list[str]:
+        is_same = math.isclose(words.get("FE_LIMIT", 0.0), axis.following_error_limit)
+        other = {name: value for name, value in words.items() if name != "FE_LIMIT" or not is_same}
+        return super().remarks(other, axis)
 
     def body(self, axes: Sequence[AxisServo]) -> list[str]:
         lines = [
@@ -83,7 +95,7 @@ class Trio(Dialect):
                 chosen = _BASE.fullmatch(statement.strip())
                 base = int(chosen[1]) if chosen else base
                 given = _LINE.fullmatch(statement.strip())
-                if given and given[1].upper() in (*_WORDS, *_SETTINGS):
+                if given and given[1].upper() in (*_WORDS, *_SETTINGS, *self.settings):
                     number = base if given[2] is None else int(given[2])
                     if number < len(values):
                         values[number][given[1].upper()] = float(given[3])

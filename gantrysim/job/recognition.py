@@ -15,13 +15,13 @@ _COMMENT = re.compile(r"\([^()\n]*\)|;.*")
 _LOOKED_AT = 200_000  # characters of a text: a slicer's first layer is longer than its header
 _LEAST_SHARE = 0.5  # of the lines that have to be blocks
 _BLOCK = re.compile(
-    r"^\s*/?\s*(?:N\s*\d+\s*)?(?:(?:[GMTSFXYZIJKRE]\s*[-+]?[\d.]|[XYZIJKRSFE]\s*[#\[]).*|O\s*[\d<].*|(?:WHILE|IF)\s*\[.*|(?:GOTO|END)\s*\d.*|#[\d<].*|%|[$?!~].*)$",
+    r"^\s*/?\s*(?:N\s*\d+\s*)?(?:(?:[GMTSFXYZIJKRE]\s*[-+]?[\d.]|[XYZIJKRSFE]\s*[#\[]).*|O\s*[\d<].*|(?:WH(?:ILE)?|IF)\s*\[.*|(?:GO(?:TO)?|END?)\s*\d.*|#[\d<].*|%|[$?!~].*)$",
     re.IGNORECASE,
 )
 _MOTION = re.compile(r"(?<![A-Z])(?:G\s*0*[0-3](?![\d.])|[XYZ]\s*[-+]?[\d.#\[])", re.IGNORECASE)
 _O_NUMBER = re.compile(r"\s*O\s*\d{1,8}\s*$", re.IGNORECASE)
 _FANUC_WORDS = re.compile(
-    r"^\s*/?\s*(?:N\s*\d+\s*)?(?:WHILE\s*\[.*\]\s*DO\s*\d|GOTO\s*[\d#\[]|IF\s*\[.*\]\s*(?:GOTO|THEN))",
+    r"^\s*/?\s*(?:N\s*\d+\s*)?(?:WH(?:ILE)?\s*\[.*\]\s*DO\s*\d|GO(?:TO)?\s*[\d#\[]|IF\s*\[.*\]\s*(?:GO|TH))",
     re.IGNORECASE | re.MULTILINE,
 )
 _FANUC_CODES = re.compile(
@@ -29,8 +29,10 @@ _FANUC_CODES = re.compile(
     re.IGNORECASE | re.MULTILINE,
 )
 _FED = re.compile(r"^\s*(?:N\s*\d+\s*)?G\s*\d[^(;\n]*?[\s\d.]E\s*[-+]?[\d.]", re.IGNORECASE | re.MULTILINE)
+# M100 to M199 may be a machine's own in LinuxCNC: of them those of heaters alone
 _FIRMWARE = re.compile(
-    r"^\s*(?:M\s*(?:82|83|104|109|140|190|204|205|207|208|221|900)(?!\d)|[A-Z]+_[A-Z_]+(?:\s|$))",
+    r"^\s*(?:N\s*\d+\s*)?(?:M\s*0*(?:1[78]|8[234]|104|109|140|190|20[1-8]|22[01]|30[0-4]|40[0-2]|42[01]"
+    r"|50[0-4]|600|851|90[067]|91[345])(?!\d)|[A-Z]+_[A-Z_]+(?:\s|$))",
     re.IGNORECASE | re.MULTILINE,
 )
 

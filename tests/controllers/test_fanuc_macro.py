@@ -26,6 +26,15 @@ def ends(text, **settings):
         ("#1=5.\nG01 X-#1 F600", [(-5, 0)]),
         ("G01 X1 Y#2 F600", [(1, 0)]),  # a variable that was never set leaves its word out
         ("#1=1\nWHILE[#1LE3]DO1\nG01 X#1 F600\n#1=#1+1\nEND1", [(1, 0), (2, 0), (3, 0)]),
+        # the first two letters of a word stand for it
+        ("#1=1\nN5WH[#1LE3]DO1\nG01 X#1 F600\n#1=#1+1\nN6EN1", [(1, 0), (2, 0), (3, 0)]),
+        (
+            "#1=0\nN10 #1=#1+1\nG01 X#1 F600\nIF[#1LT2]GO10\nIF[[1EQ1]AN[1EQ1]]TH#2=9\nGO20\nX5\nN20 Y#2",
+            [(1, 0), (2, 0), (2, 9)],
+        ),
+        ("#1=SQ[16]\n#2=RO[AB[-2.6]]\nG01 X[#1*CO[60]] Y[SI[30]+#2+FI[1.9]+FU[1.1]] F600", [(2, 6.5)]),
+        ("#1=EX[LN[2]]\n#2=AT[1]/[1]\nG01 X#1 Y[[#2+AS[1]+AC[1]+AT[0]]/45] F600", [(2, 3)]),
+        ("#1=7 MO 4\nG01 X#1 Y[TA[45]] F600", [(3, 1)]),
         ("#1=0\nN10 #1=#1+1\nG01 X#1 F600\nIF[#1LT2]GOTO10\nY9", [(1, 0), (2, 0), (2, 9)]),
         ("IF[1EQ2]THEN#5=7\nIF[1EQ1]THEN#6=8\nG01 X#6 Y#5 F600", [(8, 0)]),
         ("G01 X1 F600\nGOTO20\nX5\nN20 Y2", [(1, 0), (1, 2)]),

@@ -1,5 +1,6 @@
 """FANUC's program text: files of blocks, and every alarm with its words."""
 
+import math
 import pickle
 
 import numpy as np
@@ -94,6 +95,10 @@ def test_blocks_after_the_end_do_not_move(end):
         (
             "G02 X10 R3 F100",
             "020 OVER TOLERANCE OF RADIUS in block 1 (line 1): R = 3 mm: must be at least half the chord, 5 mm",
+        ),
+        (
+            "G02 X10.0202 R5 F100",
+            "020 OVER TOLERANCE OF RADIUS in block 1 (line 1): R = 5 mm: must be at least half the chord, 5.0101 mm",
         ),
         (
             "G02 X0 Y0 I5 K2 F10",
@@ -225,3 +230,30 @@ def test_the_feed_is_in_the_unit_of_the_lengths(unit, millimetres):
 def test_an_arc_that_ends_within_or_beyond_its_circle_is_refused(end, reached):
     with pytest.raises(Alarm, match=rf"radius = 10 mm at the start, {reached:g} mm at the end: difference 0\.1 mm"):
         Program(f"G17 G02 X{end} Y0 I10 J0 F600").requested.length  # noqa: B018
+
+
+def test_a_half_circle_by_a_rounded_radius_is_one():
+    """The chord of 10.001 mm is longer than twice R, within the tolerance of the radius."""
+    made = Program("G02 X10.001 Y0 R5 F600")
+    assert made.requested.length == pytest.approx(0.5 * math.pi * 10.001)
+    assert made.requested.position(0.5 * made.requested.length)[0, :2] == pytest.approx([5.0005, 5.0005])
+
+
+@pytest.mark.parametrize("words", ["G17 G02 X0 Y0 I5 J0 K0.000", "G17 G02 X0 Y0 Z2 I5 J0 K0"])
+def test_a_third_centre_word_of_0_has_no_effect(words):
+    made = Program(f"{words} F600")
+    plain = Program(f"{words.partition(' K')[0]} F600")
+    assert made.requested.length == plain.requested.length
+    assert made.notes == (
+        "1 arcs with a third centre word of 0, as K0 in G17: without an effect on the path.",
+        *plain.notes,
+    )
+
+
+def test_a_dwell_without_a_time_is_an_exact_stop():
+    common = {"acceleration": 1000.0, "blend_time": 0.05}
+    passing, stopping, longer = (
+        Program(f"G01 X10 F3000\n{dwell}G01 X20", **common) for dwell in ("", "G04\n", "G04 P500\n")
+    )
+    assert stopping.duration > passing.duration + 0.05 - 1e-9
+    assert longer.duration == pytest.approx(stopping.duration + 0.5, abs=0.06)

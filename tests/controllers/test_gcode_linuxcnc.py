@@ -154,6 +154,9 @@ def test_feeds_are_in_their_units(text, feed):
         ("F1 G2 X10 I1", "line 1: radius = 1 mm at the start, 9 mm at the end"),
         ("F1 G2 X10 R1", "line 1: R = 1 mm: must be at least half the chord, 5 mm"),
         ("F1 G2 X10 I5 K1", "line 1: K in G17"),
+        ("F1 G2 X10 I10", "line 1: the end of the arc is its centre, by I, J: radius = 10 mm at the start, 0 mm at"),
+        ("F1 G18 G3 Z10 K10", "line 1: the end of the arc is its centre, by K, I: radius = 10 mm at the start"),
+        ("F1 G2 X10 I0 J0", "line 1: the start of the arc is its centre, by I, J: radius = 0 mm must be greater than"),
         ("o1 call", "line 1: unknown subprogram '1'"),
         ("o1 while [1]\no1 endwhile", "lines have run"),
         ("o1 sub\no1 call\no1 endsub\no1 call", "deeper than 10"),
@@ -170,6 +173,31 @@ def test_feeds_are_in_their_units(text, feed):
 def test_what_is_refused_names_the_line_and_the_word(text, message):
     with pytest.raises(InputError, match=message):
         _ = Program(text=text, max_steps=1000).duration
+
+
+def test_a_third_centre_word_of_0_has_no_effect():
+    text = "F600 {plane} G2 {words} {third}0.000"
+    for plane, words, third in (("G17", "X10 I5", "K"), ("G18", "Z10 K5", "J"), ("G19", "Y10 J5", "I")):
+        made = Program(text=text.format(plane=plane, words=words, third=third))
+        assert made.requested.length == pytest.approx(5 * math.pi)
+        assert made.notes == (
+            f"Words without an effect on the path: {third}0 of arcs in {plane}, which LinuxCNC itself refuses (1).",
+        )
+
+
+@pytest.mark.parametrize(
+    ("radius", "off", "refused"),
+    [(10, 0.0049, False), (10, 0.0101, True), (4, 0.0051, True), (20, 0.0101, False), (20, 0.021, True)],
+)
+def test_arcs_that_grbl_refuses_are_noted(radius, off, refused):
+    """From (R, 0) about 0 to (0, R + off): more than 0.005 mm and a thousandth of R."""
+    text = f"F600 G0 X{radius}\nG1 Y1\nY0\nG3 X0 Y{radius + off} I-{radius} J0"
+    made = Program(text=text)
+    noted = [note for note in made.notes if "grbl" in note]
+    assert len(noted) == refused
+    if refused:
+        assert f"1 arcs end off their circle, by {off:.3g} mm in line 4" in noted[0]
+    assert not any("grbl" in note for note in Program(text="G64\n" + text).notes)
 
 
 def test_what_has_no_effect_is_counted():

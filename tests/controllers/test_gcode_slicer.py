@@ -71,6 +71,12 @@ def test_what_is_not_simulated_is_counted_and_said():
     assert "E feeds 4.5 mm, 0.055 to 0.145 mm per mm" in program.notes[-1]  # 0.1, 0.15 and 0.05 on lines
 
 
+def test_a_dwell_without_a_time_takes_none():
+    with_dwell, without = (Program(text=f"G1 X10 F600\n{dwell}\nG1 X20") for dwell in ("G4", "G4 P0"))
+    assert with_dwell.duration == without.duration
+    assert with_dwell.duration < Program(text="G1 X10 F600\nG4 P10\nG1 X20").duration - 0.0099
+
+
 def test_the_valve_follows_the_job():
     by_feed = Program(text=PART, dispense=Dispense("feed")).program.moves
     assert by_feed[by_feed[:, KIND] != 2, GLUE].all()

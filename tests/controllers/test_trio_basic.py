@@ -291,18 +291,19 @@ def test_a_loop_that_only_tests_keeps_its_phase():
         ("x=*2", r"line 1: syntax error, '\*' unexpected"),
         ("x=2*", r"line 1: syntax error, the line ends too early"),
         ("MOVE(1", r"line 1: syntax error, the line ends too early"),
-        ("x=1\nMOVECIRC(0,0,1,0,1,)", r"line 2: syntax error, '\)' unexpected"),
+        ("x=1\nMOVECIRC(0,0,1,0,1,,)", r"line 2: syntax error, ',' unexpected"),
+        ("x=1\nMOVECIRC(,)", r"line 2: syntax error, ',' unexpected"),
         ("x=1\n\n  y=?", r"line 3: syntax error, '\?' unexpected"),
         ('PRINT "a', r"line 1: syntax error, '\"' unexpected"),
         ("FROBNICATE(1)", r"line 1: unknown word 'FROBNICATE'"),
         ("x=1\nMOVETO 3,4", r"line 2: unknown word 'MOVETO': did you mean MOVE\?"),
         ("x=1\n'$PROGRAM b\n\nMOVETO 3,4", r"line 4 \(line 2 of B\): unknown word 'MOVETO'"),
         ("MOVE 3,4", r"line 1: syntax error, '3' unexpected"),
-        ("\nMHELIX(0,0,1,0,1,5)", r"line 2: unknown word 'MHELIX': did you mean MHELICAL\?"),
+        ("\nMHELI(0,0,1,0,1,5)", r"line 2: unknown word 'MHELI': did you mean MHELICAL\?"),
         ("x=SINE(1)", r"line 1: unknown word 'SINE': did you mean SIN\?"),
         ("x=1\nMODBUS(0,0)", r"line 2: MODBUS: a word of the controller that is not emulated"),
         ("x=1\ny=REGIST+x", r"line 2: REGIST: a word of the controller that is not emulated"),
-        ("speedd=1\nSPEED=sped", r"line 2: variable sped is assigned nowhere: it must be, or unassigned_zero = true"),
+        ("speedd=1\nSPEED=sped", r"line 2: variable sped is assigned nowhere, did you mean speedd\?: it must be"),
         ("x=MOVE", r"line 1: MOVE: is a command, it has no value"),
         ("DPOS", r"line 1: DPOS: is a value, not a command"),
         ("DPOS=3", r"line 1: DPOS = \.\.\.: is a word of the language that cannot be assigned"),
@@ -331,6 +332,19 @@ def test_a_loop_that_only_tests_keeps_its_phase():
 def test_a_text_that_is_refused_names_the_line(text, error):
     with pytest.raises(InputError, match=f"^{error}"):
         basic(text)
+
+
+def test_what_an_225_misprints_runs_with_a_note():
+    text = "BASE(0,1,2)\nSPEED=50\nMHELIX(0,0,10,0,1,5{comma})\nWAIT IDLE"
+    made = basic(text.format(comma=","))
+    right = basic(text.format(comma="").replace("MHELIX", "MHELICAL"))
+    assert made.notes[:2] == (
+        "line 3: a comma before a closing bracket, as AN-225 prints it, is a syntax error on the controller; it is "
+        "ignored",
+        "line 3: MHELIX, as AN-225 prints it, is not a command of the controller; MHELICAL is used instead",
+    )
+    assert made.notes[2:] == right.notes
+    np.testing.assert_array_equal(made.setpoints(0.001).position, right.setpoints(0.001).position)
 
 
 @pytest.mark.parametrize(
@@ -363,10 +377,12 @@ def test_a_text_that_is_refused_names_the_line(text, error):
         ('x=1\nRUN "other"', r"line 2: RUN 'other': must be one of the programs MAIN$"),
         ("SPEED=-1", r"line 1: SPEED = -1 of axis 0: must be at least 0$"),
         ("ACCEL AXIS(1)=0", r"line 1: ACCEL = 0 of axis 1: must be greater than 0$"),
+        ("MOVECIRC(3,0,3,0,1)", r"line 1: circle about \(3, 0\): its end is its centre: must lie on the circle$"),
         (
             "MOVECIRC(1,0,3,0,1)",
-            r"line 1: circle about \(3, 0\) of radius 3: its end \(1, 0\) must lie on it, it is off",
+            r"line 1: circle about \(3, 0\): its end \(1, 0\) lies in the direction of the start, but 1 off it",
         ),
+        ("MOVECIRC(1,0,0,0,1)", r"line 1: circle about \(0, 0\) of radius 0: a radius must be above 0\.001$"),
         ("MOVECIRC(0,0,3,0,2)", r"line 1: direction 2: must be 0 or 1$"),
         ("CONNECT(1,0)", r"line 1: axis 0 would follow itself through axis 0: links must have no circle$"),
         ("CONNECT(1,1)\nBASE(1)\nADDAX(0)", r"line 3: axis 1 would follow itself through axis 0: links must have no"),

@@ -136,6 +136,43 @@ def test_arcs_and_helices(cx, cy, angle, clockwise, rise, flat):
     assert setpoints.requested.project(setpoints.position).distance.max() < 1e-7
 
 
+@given(
+    st.floats(5, 50), st.floats(-math.pi, math.pi), st.floats(0.1, 2 * math.pi - 0.1), st.booleans(),
+    st.sampled_from([1, 2, 3, 4, 5]),
+)  # fmt: skip
+@settings(max_examples=60, deadline=None)
+def test_an_arc_with_a_rounded_end_ends_on_its_circle(radius, begin, swept, clockwise, digits):
+    """The stated end gives the angle alone: p = c + R e / |e|, with e from the centre to the stated end."""
+    sense = -1 if clockwise else 1
+    centre = -radius * np.exp(1j * begin)
+    stated = centre + radius * np.exp(1j * (begin + sense * swept))
+    cx, cy, ex, ey = (round(float(value), digits) for value in (centre.real, centre.imag, stated.real, stated.imag))
+    made = basic(
+        f"SPEED=50: ACCEL=1000: DECEL=1000: MERGE=ON\nMOVECIRC({ex:.5f},{ey:.5f},{cx:.5f},{cy:.5f},{int(clockwise)})\n"
+        "MOVE(3,-4)\nWAIT IDLE"
+    )
+    centre = complex(cx, cy)
+    arm = complex(ex, ey) - centre
+    end = centre + abs(centre) * arm / abs(arm)
+    angle = sense * float(np.angle(arm / -centre)) % (2 * math.pi)
+    found = made.setpoints(DT)
+    assert found.position[-1] == pytest.approx([end.real + 3, end.imag - 4], abs=POSITION)
+    assert found.requested.length == pytest.approx(abs(centre) * angle + 5, abs=1e-7)
+    assert found.requested.position(found.requested.length - 5)[0, :2] == pytest.approx([end.real, end.imag], abs=1e-7)
+    # no step at the end of the arc
+    assert np.abs(np.diff(found.position, axis=0)).max() <= 50 * DT * (1 + 1e-6)
+
+
+def test_a_stated_end_off_the_circle_is_noted_with_its_distance():
+    made = basic("MOVE(1,0)\nMOVECIRC(10.5,10,0,10,0)\nMOVECIRC(10.001,10,0,10,0)\nWAIT IDLE")
+    off = [note for note in made.notes if "off its circle" in note]
+    assert off == [
+        "line 2: the arc's stated end lies 0.5 mm off its circle (1 such arcs): as on the controller, the stated end "
+        "gives the angle alone, and the arc ends on the circle"
+    ]
+    assert made.setpoints(DT).position[-1] == pytest.approx([21, 20], abs=2e-9)
+
+
 def test_absolute_moves_and_defpos():
     text = "BASE(0,1): SPEED=100\nMOVEABS(20,5): WAIT IDLE\nDEFPOS(0,0): MOVEABS(1,1): WAIT IDLE\n"
     text += "PRINT DPOS[1];DPOS AXIS(1)[1]"

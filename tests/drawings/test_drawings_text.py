@@ -245,3 +245,30 @@ def test_points_in_one_place_and_splines_without_room_are_refused():
     far = "\n".join(f"{7e5 * (-1) ** k},{k}" for k in range(30_000))
     with pytest.raises(InputError, match="has points that are too close for its length"):
         Drawing(f"{far}\n0,0\n0.000002,0\n", curve="spline")
+
+
+def test_curves_without_extent_are_named_and_the_rest_is_traced():
+    def curve(kind, handle, *pairs):
+        marks = ((100, "AcDbEntity"), (8, "0"), (100, f"AcDb{kind.title()}"))
+        return group((0, kind), (5, handle), *marks, *pairs)
+
+    knots = [(40, float(k > 3)) for k in range(8)]
+    control = [(10 + 10 * axis, 1.0) for _ in range(4) for axis in range(3)]
+    curves = [
+        arc((3.0, 3.0), 0.0, 0.0, 90.0, (5, "1A")),
+        circle((1.0, 2.0), 0.0, "0", (5, "1B")),
+        curve("ELLIPSE", "1C", (10, 1.0), (20, 1.0), (30, 0.0), (11, 0.0), (21, 0.0), (31, 0.0), (40, 0.5)),
+        curve("SPLINE", "1D", (71, 3), (72, 8), (73, 4), *knots, *control),
+    ]
+    read = Drawing(dxf(line((0, 0), (10, 0)), *curves, line((10, 0), (10, 5))))
+    assert read.sheet.remarks == ("not traced, as they have no extent: ARC 1A, CIRCLE 1B, ELLIPSE 1C, SPLINE 1D",)
+    assert sum(math.dist(*shape.ends) for stroke in read.sheet.strokes for shape in stroke.shapes) == 15
+    many = Drawing(dxf(line((0, 0), (10, 0)), *[circle((1.0, 2.0), 0.0)] * 9))
+    assert many.sheet.remarks[0].endswith(" and 4 more")
+
+
+def test_an_arc_of_svg_without_a_radius_is_a_straight_line():
+    """SVG 1.1, F.6.2: rx = 0 or ry = 0 is a line to the end point."""
+    for radii in ("0 0", "0 5", "5 0"):
+        read = Drawing(svg(f'<path d="M1 1A{radii} 0 0 1 5 4"/>'))
+        assert read.requested.length == pytest.approx(5)

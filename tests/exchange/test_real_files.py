@@ -60,7 +60,12 @@ def test_gains_of_velocity_drives_do_not_depend_on_the_unit_of_length(xy, servos
     assert [gains.kp for gains in servo.gains] == [50, 40]  # by letters, the first P of a section
     assert [gains.kd for gains in servo.gains] == [0.5, 0]
     assert [gains.acceleration_ff for gains in servo.gains] == [0, 0.002]
-    (note,) = notes
+    assert notes[0] == (
+        "not taken over for axis x: FERROR = 1.27, servo.following_error_limit of the job; MAX_VELOCITY = 101.6, set "
+        "by the job's program: axis_speeds, acceleration; MAX_ACCELERATION = 254, set by the job's program: "
+        "axis_speeds, acceleration"
+    )
+    (note,) = [note for note in notes if "DEADBAND" in note]
     assert note.startswith("DEADBAND of axis y = 0.00254 mm = 2.5 encoder counts: left out")
 
 
@@ -225,3 +230,35 @@ def test_trio_s_gains_per_other_edges_or_periods_are_refused(xy, servos):
         imported("trio", "UNITS=4000\nP_GAIN=1\nBASE(1)\nP_GAIN=1", xy.axes, servos["torque"])
     with pytest.raises(InputError, match=r"SERVO_PERIOD = 500 us: the servo's is 1000 us, .*--set servo.period=0.0005"):
         imported("trio", "SERVO_PERIOD=500\nP_GAIN=1\nBASE(1)\nP_GAIN=1", xy.axes, servos["torque"])
+
+
+def test_settings_beside_the_gains_are_named(xy, servos):
+    """What of a joint's section acts on the real loop: the correction of P is at most 200/s x 0.0005 inch."""
+    joint = (
+        "TYPE = LINEAR\nP = 200\nFF1 = 1\nMAX_ERROR = 0.0005\nBACKLASH = 0.002\nMIN_FERROR = 0.004\nMAX_OUTPUT = 9\n"
+    )
+    text = f"[TRAJ]\nLINEAR_UNITS = inch\n[JOINT_0]\n{joint}[JOINT_1]\n{joint}"
+    _, notes = read_gains("linuxcnc-ini", text, xy.axes, servos["velocity"])
+    assert notes[0] == (
+        "not taken over for axis x: MAX_ERROR = 0.0127, a bound of the loop, which the servo lacks; MAX_OUTPUT = 228.6,"
+        " the bound of the output: servo.torque_limit of torque drives; BACKLASH = 0.0508, the controller's "
+        "compensation of backlash, which is not simulated; MIN_FERROR = 0.1016, the limit of the following error at "
+        "low speed: the servo has one for all speeds"
+    )
+    assert notes[1].startswith("MAX_ERROR of axis x bounds the correction of P to P x 0.0127 = 2.54 mm/s")
+    hal = "".join(f"setp pid.{axis}.Pgain 3\nsetp pid.{axis}.maxerror 0.1\n" for axis in "xy")
+    assert read_gains("linuxcnc", hal, xy.axes, servos["torque"])[1][1] == (
+        "not taken over for axis y: maxerror = 0.1, a bound of the loop, which the servo lacks"
+    )
+    trio = "".join(f"BASE({k})\nP_GAIN=1\nFE_LIMIT=7\n" for k in range(2))
+    assert read_gains("trio", trio, xy.axes, servos["torque"])[1] == [
+        f"not taken over for axis {axis}: FE_LIMIT = 7, servo.following_error_limit of the job" for axis in "xy"
+    ]
+
+
+@pytest.mark.parametrize("name", ["trio", "linuxcnc", "linuxcnc-ini"])
+def test_a_file_of_the_servo_s_own_has_nothing_that_is_not_taken_over(name, xy, servos):
+    servo = servos["torque"].with_values(acceleration_ff=0.0)
+    text, _ = exported(name, xy.axes, servo)
+    notes = read_gains(name, text, xy.axes, servo)[1]
+    assert [note for note in notes if note.startswith("not taken")] == []

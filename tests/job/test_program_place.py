@@ -9,11 +9,19 @@ from gantrysim.job.recognition import is_gcode, recognised
 PLAIN = "G21 G90\nG0 X10 Y5\nG1 X30 F600\nM2\n"
 DIALECTS = {
     "linuxcnc.Program": (PLAIN, "$H\n$30=1000\n?\n(laser)\n" + PLAIN, "o100 while [#1 LT 3]\nG1 X#1 F100\n"),
-    "slicer.Program": ("G28\nG1 X10 E0.5 F1200\nG1 Y10 E1\n", "M82\nG1 X3 F100\nG1 Y4\n", "G92 E0\nG1 X2\nG1 X3\n"),
+    "slicer.Program": (
+        "G28\nG1 X10 E0.5 F1200\nG1 Y10 E1\n",
+        "M82\nG1 X3 F100\nG1 Y4\n",
+        "G92 E0\nG1 X2\nG1 X3\n",
+        "G21\nG28\nG1 X10 Y10 Z0.3 F1200\nG4\nG1 X40\nM84\n",
+        "N1 M17\nN2 G1 X10 F1200\nN3 M400\n",
+    ),
     "fanuc.Program": (
         "%\nO1000\nG01 X5 F60\n%\n",
         "WHILE[#1LT3]DO1\nG01X#1F60\n#1=#1+1\nEND1\n",
         "O1(pad)\nG0X1\n",
+        "#1=0\nWH[#1LT3]DO1\nG01X#1F60\n#1=#1+1\nEN1\n",
+        "#1=0\nN5 #1=#1+1\nG01X#1F60\nIF[#1LT3]GO5\n",
         "G0X1\nG01X9F9,R2\nY9\n",
         "G68X1R9\nG0X3\n",
     ),

@@ -19,7 +19,7 @@ from support.brute_force_feet import FLAT, Polyline, coupled
 from support.feet_checks import feet_checks
 from support.random_programs import KINDS, random_program
 
-SUITE = 3  # programs of each kind in the suite
+SUITE = 4  # programs of each kind in the suite
 SOAK = 125  # and in the soak: 2,000 of 16 kinds
 FINE_STEP = 12.5e-6  # [s]
 STEP = 0.01  # of a value, between two physics steps, relative
@@ -56,10 +56,11 @@ def test_the_order_of_motion_tells_a_way_back_from_the_way_there():
     distances = path.distances(np.vstack([there, back]))
     assert distances.min(axis=1) == pytest.approx(np.full(800, 0.02), abs=1e-6)
     found = coupled(distances, path.cell, 0.0)
-    turn = slice(398, 402)
-    assert np.delete(found.distance, turn) == pytest.approx(np.full(796, 0.08), abs=1e-6)
+    # within a cell of the turn the order is not told
+    turn = slice(395, 405)
+    assert np.delete(found.distance, turn) == pytest.approx(np.full(790, 0.08), abs=1e-5)
     progress = np.append(x, 40.1 - x[::-1])
-    assert np.delete(found.progress - progress, turn) == pytest.approx(np.zeros(796), abs=2 * path.cell)
+    assert np.delete(found.progress - progress, turn) == pytest.approx(np.zeros(790), abs=2 * path.cell)
 
 
 @pytest.mark.parametrize(
@@ -73,7 +74,8 @@ def test_a_rounded_corner_and_teeth_before_long_legs(text, rms, largest):
     machine = Machine("xyz" if "z" in program.axes else "xy")
     run = simulate(machine, Servo.derive(machine.axes, 1e-3, integral_time=0.03), program.setpoints(1e-3))
     checks = feet_checks(run)
-    assert checks.upper == pytest.approx((1e-3 * rms, 1e-3 * largest), rel=0.02)
+    assert checks.lower == pytest.approx((1e-3 * rms, 1e-3 * largest), rel=2e-3)
+    assert checks.upper == pytest.approx((1e-3 * rms, 1e-3 * largest), rel=0.05)
     assert checks.broken == []
 
 

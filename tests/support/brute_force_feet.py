@@ -112,16 +112,17 @@ def reached(distances, cells):
     return found
 
 
-def coupled(distances, cell, reach):
+def coupled(distances, cell, reach, weight=SKIPPED):
     """The coupling of a trace and a path with the least sum of squares, by dynamic programming over all of both.
 
     Args:
         distances: of each point from each cell of the path, (n, m) [mm].
         cell: length of a cell [mm].
         reach: how far from its progress a point's foot may be [mm].
+        weight: of cells that are skipped.
     """
     near = reached(distances, int(np.ceil(reach / cell)))
-    at = _cheapest_way(near, SKIPPED)
+    at = _cheapest_way(near, weight)
     return Coupling((at + 0.5) * cell, near[np.arange(len(at)), at].astype(float))
 
 

@@ -5,12 +5,13 @@ Three invariants of distances alone, and the contour error by brute force:
     |nozzle, path| <= |commanded, path| + |nozzle - commanded|
     |link|         <= l + kappa l^2 / 2,   with l the distance of the two points that it lies between
     |contour|      >= distance from the nearest point of the whole path
-    contour, rms and largest, within bounds by `support.brute_force_feet`
+    contour and program error, rms and largest, within bounds by `support.brute_force_feet`
 
 The lower bound is the distance in the order of motion with the widest reach, twice the distance of nozzle and command;
 the upper one that with no reach, or that from the stretch of the path near the command's own progress where it is
 larger: at a rounded corner of nearly 180 degrees a nozzle beside one leg belongs as well to the other, whose command it
-follows.
+follows. Where legs are shorter than roundings or than the lag, the order of motion alone leaves progress open by some
+legs; the upper bound counts skipped cells more, and a value is wrong beyond a tenth of the rms, a fifth of the largest.
 """
 
 from dataclasses import dataclass
@@ -20,12 +21,13 @@ import numpy as np
 
 from gantrysim import Budget
 
-from support.brute_force_feet import Polyline, coupled, near_progress
+from support.brute_force_feet import SKIPPED, Polyline, coupled, near_progress
 
 ROUNDING = 1e-6  # [mm]
 SAMPLED = 5e-5  # of a distance from the sampled path [mm]
-LEAST_WRONG = 1e-3  # by which a contour error is wrong: more than a micrometre
-WRONG = 0.05  # and more than that share of it
+LEAST_WRONG = 1e-3  # by which an error is wrong: more than a micrometre, and more than a share of it
+WRONG = {"rms": 0.1, "max": 0.2}
+UPPER_SKIPPED = 0.1  # weight of skipped cells for the upper bound
 LEAST_REACH = 0.1  # [mm]
 
 
@@ -40,8 +42,11 @@ class FeetChecks:
         total: largest difference of the sum of all links from the contour error [mm].
         contour: rms and largest contour error of the package [mm].
         lower: rms and largest contour error by brute force with the widest reach [mm].
-        upper: the same with no reach, or near the command's progress [mm].
+        upper: the same with no reach, or near the command's progress, whichever is largest [mm].
         nearest: rms and largest distance from the nearest point of the whole path [mm].
+        program: rms and largest program error of the package [mm].
+        program_lower: rms and largest distance of the command by brute force, with a short reach [mm].
+        program_upper: the same with no reach [mm].
     """
 
     triangle: float
@@ -52,6 +57,9 @@ class FeetChecks:
     lower: tuple[float, float]
     upper: tuple[float, float]
     nearest: tuple[float, float]
+    program: tuple[float, float]
+    program_lower: tuple[float, float]
+    program_upper: tuple[float, float]
 
     @property
     def broken(self):
@@ -66,14 +74,18 @@ class FeetChecks:
             told.append(f"below: contour {self.below:.6f} mm less than the distance of the nearest point")
         if self.total > ROUNDING:
             told.append(f"total: links add up to the contour but for {self.total:.6f} mm")
-        for name, value, low, high in zip(("rms", "max"), self.contour, self.lower, self.upper, strict=True):
-            if not low - margin(low) <= value <= high + margin(high):
-                told.append(f"contour {name}: {value:.6f} mm, by brute force {low:.6f} to {high:.6f} mm")
-        return told
+        told += outside("contour", self.contour, self.lower, self.upper)
+        return told + outside("program", self.program, self.program_lower, self.program_upper)
 
 
-def margin(value):
-    return max(LEAST_WRONG, WRONG * value)
+def outside(error, found, lower, upper):
+    """What is wrong of the rms and the largest value of an error, a text each."""
+    rows = zip(WRONG.items(), found, lower, upper, strict=True)
+    return [
+        f"{error} {name}: {value:.6f} mm, by brute force {low:.6f} to {high:.6f} mm"
+        for (name, share), value, low, high in rows
+        if not low - max(LEAST_WRONG, share * low) <= value <= high + max(LEAST_WRONG, share * high)
+    ]
 
 
 def sizes(distance):
@@ -91,22 +103,24 @@ def feet_checks(run):
     nearest = apart.min(axis=1)[on].astype(float)
     lag = np.linalg.norm(run.nozzle - run.commanded_tip, axis=1)
     reach = max(2 * float(lag.max()), LEAST_REACH)
-    command = coupled(path.distances(run.commanded_tip), path.cell, 0.0)
+    commanded = path.distances(run.commanded_tip)
+    command = coupled(commanded, path.cell, 0.0)
     # progress is known to a cell or two
     beside = near_progress(apart, path.cell, command.progress, lag + 2 * path.cell)
-    lower, strict, following = (
-        sizes(distance[on])
-        for distance in (coupled(apart, path.cell, reach).distance, coupled(apart, path.cell, 0.0).distance, beside)
-    )
+    strict = [coupled(apart, path.cell, 0.0, weight).distance for weight in (SKIPPED, UPPER_SKIPPED)]
+    upper = [sizes(distance[on]) for distance in (*strict, beside)]
     return FeetChecks(
         triangle=float((analysis.nozzle.distance - analysis.commanded.distance - lag[on]).max()),
         links=link_excess(budget),
         below=float((nearest - contour).max()),
         total=remainder(budget),
         contour=sizes(contour),
-        lower=lower,
-        upper=(max(strict[0], following[0]), max(strict[1], following[1])),
+        lower=sizes(coupled(apart, path.cell, reach).distance[on]),
+        upper=tuple(map(max, *upper)),
         nearest=sizes(nearest),
+        program=sizes(analysis.commanded.distance),
+        program_lower=sizes(coupled(commanded, path.cell, LEAST_REACH).distance[on]),
+        program_upper=sizes(coupled(commanded, path.cell, 0.0, UPPER_SKIPPED).distance[on]),
     )
 
 

@@ -7,6 +7,7 @@ What a controller refuses is drawn anew, see `RandomProgram.refused`.
 import cmath
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -30,6 +31,8 @@ MOST_TICKS = 8000
 MOST_TRIES = 30
 LONGEST = 6.0  # [s]
 LEAST_STROKES = 3
+LINES_BEFORE = 2  # the first move, in a FANUC program
+TABLE = 440.0  # travel of the stage's table [deg]
 PAGE = 200.0  # of an SVG [mm]
 
 
@@ -155,7 +158,16 @@ def fanuc_text(draw):
 
 
 def fanuc_stops(draw):
-    return fanuc.Program(fanuc_text(draw), acceleration=float(draw.rng.choice([draw.acceleration, math.inf])))
+    """With a stop at each corner, some of straight moves rounded by the program itself."""
+    lines = fanuc_text(draw).splitlines()
+    rounding = draw.rng.choice([0.0, draw.rng.uniform(0.05, 0.4)])
+    if rounding and not any(stroke.rest for stroke in draw.strokes):
+        for k, (stroke, after) in enumerate(pairwise(draw.strokes), LINES_BEFORE):
+            turn = abs(cmath.phase((after.end - after.start) / (stroke.end - stroke.start)))
+            if not (stroke.bend or after.bend) and 0.1 < turn < 3:
+                radius = rounding * min(stroke.length, after.length) / math.tan(0.5 * turn)
+                lines[k] += f",R{radius:.4f}"
+    return fanuc.Program("\n".join(lines), acceleration=float(draw.rng.choice([draw.acceleration, math.inf])))
 
 
 def fanuc_blended(draw):
@@ -249,7 +261,7 @@ def stage_outline(draw):
     angles = [2 * math.pi * (k + rng.uniform(-0.3, 0.3)) / count for k in range(count)]
     places = [size * rng.uniform(0.3, 1) * cmath.exp(-1j * angle) for angle in angles]
     corners = tuple((place.real, place.imag) for place in places)
-    return OutlineTrace(
+    trace = OutlineTrace(
         corners=corners,
         corner_radius=log_uniform(rng, 0.3, 0.3 * size),
         speed=max(draw.speed, 20.0),
@@ -257,6 +269,9 @@ def stage_outline(draw):
         acceleration=(float(rng.choice([2000, 8000])), 2000.0, 2000.0),
         blend=float(rng.choice([0.0, 1.0, log_uniform(rng, 0.2, 15)])),
     )
+    if np.abs(trace.setpoints(0.01).position[:, 0]).max() > TABLE:
+        raise InputError("outline: turns beyond the table's travel")
+    return trace
 
 
 def drawn(draw, text, **more):

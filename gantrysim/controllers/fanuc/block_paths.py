@@ -104,7 +104,8 @@ def _arc(block: Arc, start: Vector, end: Vector, tolerance: float, fail: Fail) -
     if block.centre is not None:
         centre = a + complex(*block.centre)
     elif block.radius:
-        centre = _centre_by_radius(a, _in_plane(block, end), block.radius, block.clockwise, fail)
+        ends = (a, _in_plane(block, end))
+        centre = _centre_by_radius(ends, block.radius, block.clockwise, tolerance, fail)
     else:
         raise fail(22, "arc without a centre and without a radius: must have I, J, K of its plane, or R")
     turn = _Round(block, start, end, centre)
@@ -121,12 +122,16 @@ def _arc(block: Arc, start: Vector, end: Vector, tolerance: float, fail: Fail) -
     return turn.coil(_angle(turn))
 
 
-def _centre_by_radius(a: complex, b: complex, radius: float, clockwise: bool, fail: Fail) -> complex:
+def _centre_by_radius(
+    ends: tuple[complex, complex], radius: float, clockwise: bool, tolerance: float, fail: Fail
+) -> complex:
+    a, b = ends
     chord = b - a
     if abs(chord) < _ROUNDING:
         raise fail(22, "arc by R that ends at its start: has no centre; use I, J, K")
     square = radius**2 - 0.25 * abs(chord) ** 2
-    if square < -_ROUNDING * radius**2:
+    # R and the ends of half a circle are rounded
+    if square < 0 and 0.5 * abs(chord) - abs(radius) > tolerance:
         raise fail(20, f"R = {radius:g} mm: must be at least half the chord, {0.5 * abs(chord):.6g} mm")
     # counter-clockwise, an arc of less than half a circle has its centre to the left of the chord
     side = 1.0 if (radius > 0) != clockwise else -1.0

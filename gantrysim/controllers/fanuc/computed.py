@@ -13,7 +13,7 @@ from gantrysim.controllers.macro.grammar import FUNCTIONS, OPERATORS, Grammar, r
 from gantrysim.controllers.macro.scanner import Scanner
 from gantrysim.controllers.macro.variables import Parameters
 
-GRAMMAR = Grammar(OPERATORS, {**FUNCTIONS, "FIX": rounded_to_zero, "FUP": rounded_from_zero})
+GRAMMAR = Grammar(OPERATORS, {**FUNCTIONS, "FIX": rounded_to_zero, "FUP": rounded_from_zero}, shortened=True)
 _ARGUMENT_LETTERS = "EUVW"  # which only a call has, for its arguments
 _VARIABLE = re.compile(r"#([0-9]+)")
 

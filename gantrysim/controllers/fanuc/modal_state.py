@@ -43,6 +43,7 @@ class ModalState:
         feed: F; None before the first [mm/min].
         governed: whether the program switches the dispenser, by M03 and M05.
         glue: whether it is on.
+        zero_height: whether the block's arc has a height per turn of 0, as K0 in G17.
     """
 
     here: list[float]
@@ -69,6 +70,7 @@ class ModalState:
     feed: float | None = None
     governed: bool = False
     glue: bool = False
+    zero_height: bool = False
 
     @property
     def idle(self) -> bool:

@@ -23,7 +23,10 @@ def notes_of(legs: Sequence[PathLeg], path: Chain, blend_time: float, accelerati
     moving = [leg for leg in legs if leg.piece is not None and not leg.rapid]
     idle = sum(leg.source.idle for leg in moving)
     halting = sum(leg.source.halting for leg in moving)
+    zero_height = sum(leg.source.zero_height for leg in moving)
     notes = []
+    if zero_height:
+        notes.append(f"{zero_height} arcs with a third centre word of 0, as K0 in G17: without an effect on the path.")
     if idle:
         notes.append(
             f"{idle} motions in G41 or G42 have no D or an offset of 0: they follow the programmed path (offsets)."

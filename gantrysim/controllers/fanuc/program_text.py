@@ -37,12 +37,14 @@ class SourceBlock(BlockSource):
         idle: whether it is in G41 or G42 with an offset of 0, as without D.
         halting: whether it stops at its end in G64, as the program has G05.1 or G08 and they are off.
         continuous: whether the program asks for G64.
+        zero_height: whether its arc has a height per turn of 0, as K0 in G17.
     """
 
     block: Block
     idle: bool = False
     halting: bool = False
     continuous: bool = False
+    zero_height: bool = False
 
 
 def read(source: ProgramSource, start: Vector, offsets: Mapping[str, float], rotary: str) -> tuple[SourceBlock, ...]:
@@ -62,7 +64,7 @@ def read(source: ProgramSource, start: Vector, offsets: Mapping[str, float], rot
     state.governed = sequence.has(_SWITCHES_GLUE)
     state.contoured = sequence.has(_SWITCHES_LOOK_AHEAD)
     return tuple(
-        SourceBlock(words.name, words.line, block, state.idle, state.halting, state.continuous)
+        SourceBlock(words.name, words.line, block, state.idle, state.halting, state.continuous, state.zero_height)
         for words in sequence.run()
         for block in _run(state, words)
     )
@@ -143,6 +145,7 @@ def _motion(state: ModalState, words: Words) -> Block:
         "chamfer": _corner(state, words, ",C"),
         "dispense": state.glue if state.governed else None,
     }
+    state.zero_height = False
     block = MOTIONS[state.motion](state, words, arguments)
     if values:
         raise words.fail(9, f"address {next(iter(values))} is not used in {state.motion}")

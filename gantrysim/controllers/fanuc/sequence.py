@@ -15,15 +15,16 @@ from gantrysim.controllers.fanuc.alarm import Alarm, BlockSource
 from gantrysim.controllers.fanuc.block_words import Words, labelled, words_of
 from gantrysim.controllers.fanuc.computed import GRAMMAR, computed_words
 from gantrysim.controllers.fanuc.program_blocks import MOST_DIGITS, ProgramBlock, ProgramBlocks, ProgramSource, numbered
+from gantrysim.controllers.macro.grammar import SHORT
 from gantrysim.controllers.macro.order import END, Flow, FlowRefusal
 from gantrysim.controllers.macro.scanner import Scanner
 from gantrysim.controllers.macro.variables import LocalParameters, Numbering, Parameters, System
 
 _NUMBERING = Numbering(local=33, highest=9999)
 _ALARMS = {FlowRefusal.STEPS: 114, FlowRefusal.DEPTH: 77, FlowRefusal.UNMATCHED: 124}
-_MACRO = re.compile(r"[#\[=]|^(?:N\s*[0-9]+\s*)?(?:IF|WHILE|GOTO|DO|END|G\s*0*65(?![0-9.]))")
+_MACRO = re.compile(r"[#\[=]|^(?:N\s*[0-9]+\s*)?(?:IF|WH|GO|DO|EN|G\s*0*65(?![0-9.]))")
 _LABEL = re.compile(r"N\s*([0-9]+)")
-_LOOP = re.compile(r"(DO|END)([1-3])$")
+_LOOP = re.compile(r"(DO|END?)([1-3])$")
 # letters of a call's arguments and their variables
 _ARGUMENTS = dict(zip("ABCIJKDEFHMQRSTUVWXYZ", (1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 13, *range(17, 27)), strict=True))
 
@@ -31,16 +32,20 @@ Executed = tuple[int, Words | None]  # the next place, and the words of the bloc
 ControlHandler = Callable[["Sequence", Scanner], int | None]
 CallHandler = Callable[["Sequence", Words], Executed]
 Control = TypeVar("Control", bound=ControlHandler)
-_CONTROLS: dict[str, ControlHandler] = {}  # by the word with which a block begins
+_CONTROLS: dict[str, ControlHandler] = {}  # by the word with which a block begins, the whole one before its short form
 ENDS = frozenset({"M02", "M30"})  # codes that end the program
 CALLS: dict[str, CallHandler] = {}  # by the code, in the order of their precedence
 
 
 def control(word: str) -> Callable[[Control], Control]:
-    """Add a method as what a block does that begins with a word; it returns None where the block is no such one."""
+    """Add a method as what a block does that begins with a word, or with the first two letters of it.
+
+    It returns None where the block is no such one.
+    """
 
     def add(handler: Control) -> Control:
         _CONTROLS[word] = handler
+        _CONTROLS.setdefault(word[:SHORT], handler)
         return handler
 
     return add
@@ -77,7 +82,8 @@ class Sequence(Flow[Words]):
                 self.places.mark((self._program_at(place), numbered(label[1])), "N", place)
             loop = _LOOP.search("".join(block.text.split()))
             if loop:
-                self.places.mark((self._program_at(place), loop[2]), loop[1], place)
+                word = "DO" if loop[1] == "DO" else "END"
+                self.places.mark((self._program_at(place), loop[2]), word, place)
 
     def _program_at(self, place: int) -> int:
         """First block of the program that a block belongs to."""
@@ -137,9 +143,9 @@ class Sequence(Flow[Words]):
     def jump_or_assign_if(self, scanner: Scanner) -> int:
         """IF with GOTO, or with THEN and an assignment."""
         holds = scanner.value("IF")(self.parameters)
-        if scanner.take("GOTO"):
+        if scanner.take("GOTO") or scanner.take("GO"):
             return self.jump(scanner) if holds else self.following
-        if not scanner.take("THEN#"):
+        if not (scanner.take("THEN#") or scanner.take("TH#")):
             raise self._source.fail(114, "IF: must be followed by GOTO or by THEN and an assignment")
         return self.assign(scanner) if holds else self.following
 

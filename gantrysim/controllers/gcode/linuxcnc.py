@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 from gantrysim.base.errors import InputError, finite
 from gantrysim.controllers.gcode.dialects import LINUXCNC, GCodeDialect
 from gantrysim.controllers.gcode.gcode_program import GCode, Library
+from gantrysim.controllers.gcode.grbl import refused_by_grbl
+
+# words that no other controller of hobby machines reads
+_LINUXCNC_ALONE = re.compile(r"[#<]|\bO\s*\d|\bG\s*64", re.IGNORECASE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,6 +85,12 @@ class Program(GCode):
     @property
     def path_mode(self) -> float:
         return math.inf  # a program begins in G64 without P
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        if _LINUXCNC_ALONE.search(self.text):
+            return super().notes
+        return (*super().notes, *refused_by_grbl(self.program))
 
     @property
     def _remedy(self) -> str:

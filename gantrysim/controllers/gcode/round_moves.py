@@ -90,6 +90,10 @@ def _arc(state: ProgramState, block: WordBlock, ends: tuple[complex, complex], c
     start, end = ends
     i = block.values.pop(first, None)
     j = block.values.pop(second, None)
+    if block.values.get(across) == 0:
+        del block.values[across]
+        refused = "" if state.dialect.lenient else ", which LinuxCNC itself refuses"
+        state.ignored[f"{across}0 of arcs in G{17 + plane}{refused}"] += 1
     if across in block.values:
         raise InputError(f"{across} in G{17 + plane}: the centre must be given in the plane")
     radius = block.values.pop("R", None)
@@ -101,14 +105,19 @@ def _arc(state: ProgramState, block: WordBlock, ends: tuple[complex, complex], c
         raise InputError(f"arc without {first}, {second} and R: must have a centre or a radius")
     else:
         centre = complex(i or 0.0, j or 0.0) + (0.0 if state.modes.centres else start)
-    _check_radii(state, abs(start - centre), abs(end - centre))
+    _check_radii(state, abs(start - centre), abs(end - centre), (first, second))
     return _Arc(start, end, centre, swept_angle(start - centre, end - centre, clockwise, turns))
 
 
-def _check_radii(state: ProgramState, radius: float, reached: float) -> None:
+def _check_radii(state: ProgramState, radius: float, reached: float, words: tuple[str, str]) -> None:
     """Check that the end lies on the arc: coordinates are rounded, in inches to coarser steps."""
-    if min(radius, reached) < _SMALLEST:
-        raise InputError("radius = 0 mm: must be greater than 0 mm")
+    centre = "{}, {}".format(*words)
+    if radius < _SMALLEST:
+        raise InputError(f"the start of the arc is its centre, by {centre}: radius = 0 mm must be greater than 0 mm")
+    if reached < _SMALLEST:
+        raise InputError(
+            f"the end of the arc is its centre, by {centre}: radius = {radius:.6g} mm at the start, 0 mm at the end"
+        )
     error = abs(radius - reached)
     tolerance = state.setup.arc_tolerance * (1.0 if state.frames.unit == 1.0 else _COARSE)
     if error > _WORST * tolerance or (error > tolerance and error > _RELATIVE * max(radius, reached)):

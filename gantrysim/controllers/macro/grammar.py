@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import operator
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -18,6 +18,7 @@ from gantrysim.base.errors import InputError
 
 Function = Callable[[float], float]
 
+SHORT = 2  # letters of a word that stand for it, in a dialect that shortens words
 _SAME = 1e-6  # difference of numbers that compare as equal
 
 
@@ -127,22 +128,41 @@ class Grammar:
         functions: of one value in brackets, by their spelling.
         arc_tangent: name of the function of a ratio, NAME[y]/[x] or NAME[y] [deg].
         existence: name of the function that is 1 for a parameter that was set, else 0.
+        shortened: whether the first two letters of a word stand for it, as RO for ROUND.
     """
 
     operators: Mapping[str, BinaryOperator]
     functions: Mapping[str, Function]
     arc_tangent: str = "ATAN"
     existence: str = "EXISTS"
+    shortened: bool = False
+
+    @cached_property
+    def operators_by_spelling(self) -> dict[str, BinaryOperator]:
+        """The operators by all their spellings."""
+        return {spelled: self.operators[name] for spelled, name in self._spellings(self.operators).items()}
 
     @cached_property
     def operator_pattern(self) -> re.Pattern[str]:
         """Regular expression of an operator."""
-        return _any_of(self.operators)
+        return _any_of(self.operators_by_spelling)
+
+    @cached_property
+    def function_names(self) -> dict[str, str]:
+        """The names of the functions by all their spellings."""
+        return self._spellings((*self.functions, self.arc_tangent, self.existence))
 
     @cached_property
     def function_pattern(self) -> re.Pattern[str]:
         """Regular expression of a function's name."""
-        return _any_of((*self.functions, self.arc_tangent, self.existence))
+        return _any_of(self.function_names)
+
+    def _spellings(self, names: Iterable[str]) -> dict[str, str]:
+        spellings = {name: name for name in names}
+        if self.shortened:
+            for name in names:
+                spellings.setdefault(name[:SHORT] if name.isalpha() else name, name)
+        return spellings
 
     def called(self, name: str, x: float) -> float:
         """Return the value of a function.
@@ -156,6 +176,6 @@ class Grammar:
             raise InputError(f"{name}[{x:g}]: has no finite value") from None
 
 
-def _any_of(names: Mapping[str, BinaryOperator] | tuple[str, ...]) -> re.Pattern[str]:
+def _any_of(names: Iterable[str]) -> re.Pattern[str]:
     # the longest first: a pattern takes the first alternative that fits, and "*" begins "**"
     return re.compile("|".join(re.escape(name) for name in sorted(names, key=len, reverse=True)))

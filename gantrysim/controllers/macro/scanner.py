@@ -99,7 +99,7 @@ class Scanner:
             return _parameter(self.target())
         function = self.matched(self._grammar.function_pattern)
         if function:
-            return self._called(function[0])
+            return self._called(self._grammar.function_names[function[0]])
         raise InputError(f"{owner}{self.shown}: must be followed by a number, a parameter or an expression")
 
     def target(self) -> Target:
@@ -157,7 +157,7 @@ class Scanner:
             match = self.matched(self._grammar.operator_pattern)
             if not match:
                 break
-            operator = self._grammar.operators[match[0]]
+            operator = self._grammar.operators_by_spelling[match[0]]
             if operator.strength <= weakest:
                 self.position = start  # it belongs to the expression around this one
                 break

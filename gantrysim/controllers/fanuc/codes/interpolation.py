@@ -43,7 +43,11 @@ def _round(state: ModalState, words: Words, arguments: dict[str, Any]) -> Block:
     values = words.values
     i = values.pop(CENTRES[first], None)
     j = values.pop(CENTRES[second], None)
+    # posts write the third centre word of an arc in the plane, too
     height_per_turn = values.pop(CENTRES[across], None)
+    if height_per_turn == 0:
+        height_per_turn = None
+        state.zero_height = True
     change = values.pop("Q", None)
     turns = values.pop("L", None)
     radius = values.pop("R", None)
@@ -67,10 +71,10 @@ def _round(state: ModalState, words: Words, arguments: dict[str, Any]) -> Block:
 
 @action
 def g04(state: ModalState, words: Words) -> list[Block]:
-    """Dwell of X seconds or P milliseconds."""
+    """Dwell of X seconds or P milliseconds; without both the exact stop alone."""
     seconds = words.values.pop("X", None)
     milliseconds = words.values.pop("P", None)
     time = seconds if seconds is not None else (milliseconds or 0.0) * 1e-3
-    if words.values or (seconds is None and milliseconds is None) or time < 0:
+    if words.values or time < 0:
         raise words.fail(9, "G04 must have X [s] or P [ms], at least 0, and no other address")
     return [Dwell(time=time, dispense=state.glue)]

@@ -75,9 +75,11 @@ def g6_2(state: ProgramState, block: WordBlock) -> None:
 
 @action(shares_words=True)
 def g4(state: ProgramState, block: WordBlock) -> None:
-    """Dwell of P, or as printers have it S."""
+    """Dwell of P, or as printers have it S; a printer's G4 without both waits for the moves before it."""
     words = state.dialect.dwell
     times = [block.values.pop(letter) * unit for letter, unit in words if letter in block.values]
+    if not times and state.dialect.lenient:
+        times = [0.0]
     if not times or min(times) < 0:
         letters = " or ".join(letter for letter, _ in words)
         raise InputError(f"G4: must have {letters}, at least 0")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 from itertools import chain
 
 from gantrysim.base.errors import InputError
+from gantrysim.controllers.trio.basic.expressions import known_words
 from gantrysim.controllers.trio.basic.process import ProgramCode
 from gantrysim.controllers.trio.basic.process_assembler import ProcessAssembler
 from gantrysim.controllers.trio.basic.raw import Source
@@ -44,7 +46,7 @@ def assemble_all(sources: Sequence[Source], strict: bool) -> list[ProgramCode]:
         statements = assembler.finish()
         if strict and source.name not in included:
             _check_assigned(source, assembler.assigned | shared)
-        codes.append(ProgramCode(source.name, statements))
+        codes.append(ProgramCode(source.name, statements, tuple(source.remarks)))
     return codes
 
 
@@ -75,7 +77,9 @@ def _add(assembler: ProcessAssembler, source: Source) -> None:
 def _check_assigned(source: Source, assigned: set[str]) -> None:
     for name, line in source.read.items():
         if name not in assigned:
+            near = get_close_matches(name, sorted(assigned.difference(known_words())), n=1, cutoff=0.6)
+            hint = f", did you mean {near[0].lower()}?" if near else ""
             raise InputError(
-                f"line {line}: variable {name.lower()} is assigned nowhere: it must be, or unassigned_zero = "
+                f"line {line}: variable {name.lower()} is assigned nowhere{hint}: it must be, or unassigned_zero = "
                 "true, with which it reads as 0 as on the controller"
             )

@@ -32,7 +32,7 @@ MOVELINK = 22
 # moves that state their path
 STATED = frozenset({MOVE, MOVEABS, MHELICAL, MOVECIRC, MOVESP, MOVEABSSP, MHELICALSP, MOVECIRCSP})
 
-OFF_CIRCLE = 1e-3  # largest difference of the end's and the start's distance from a circle's centre [units]
+SMALLEST_RADIUS = 1e-3  # of a circle [units]
 
 
 class Shape:
@@ -87,12 +87,19 @@ class Straight(Shape):
 class Arc(Shape):
     """MOVECIRC and MHELICAL: an arc about a centre relative to the start, and an even climb.
 
+    As on the controller, the centre and the start give the radius, and the stated end gives the angle alone: where it
+    does not lie on the circle, the move ends on the circle, on the line from the centre through it.
+
     Args:
-        end: of the arc, relative to the start; (0, 0) for a full circle.
+        end: stated for the arc, relative to the start; (0, 0) for a full circle.
         centre: relative to the start.
         clockwise: direction 1, seen with the first axis to the right and the second one up.
         rise: of the third axis, None for two axes.
         flat: whether the length, which SPEED applies to, is that of the circle alone (mode 1 of MHELICAL).
+
+    Attributes:
+        reached: where the arc ends, relative to the start.
+        off_circle: distance of the stated end from there.
     """
 
     end: tuple[float, float]
@@ -100,6 +107,8 @@ class Arc(Shape):
     clockwise: bool
     rise: float | None = None
     flat: bool = True
+    reached: tuple[float, float] = field(init=False)
+    off_circle: float = field(init=False)
     radius: float = field(init=False)
     begin: float = field(init=False)
     angle: float = field(init=False)
@@ -110,23 +119,33 @@ class Arc(Shape):
         ex, ey = self.end
         cx, cy = self.centre
         self.radius = math.hypot(cx, cy)
-        off = math.hypot(ex - cx, ey - cy) - self.radius
-        if self.radius <= OFF_CIRCLE or abs(off) > OFF_CIRCLE:
+        if self.radius <= SMALLEST_RADIUS:
             raise InputError(
-                f"circle about ({cx:g}, {cy:g}) of radius {self.radius:g}: its end ({ex:g}, {ey:g}) must lie on it, "
-                f"it is off by {off:.4g}; a radius must be above {OFF_CIRCLE:g}"
+                f"circle about ({cx:g}, {cy:g}) of radius {self.radius:g}: a radius must be above {SMALLEST_RADIUS:g}"
             )
+        to_end = math.hypot(ex - cx, ey - cy)
+        if to_end <= SMALLEST_RADIUS:
+            raise InputError(f"circle about ({cx:g}, {cy:g}): its end is its centre: must lie on the circle")
+        stretch = self.radius / to_end
+        self.off_circle = abs(to_end - self.radius)
         self.begin = math.atan2(-cy, -cx)
         swept = (math.atan2(ey - cy, ex - cx) - self.begin) * (-1 if self.clockwise else 1)
         full = math.hypot(ex, ey) <= 1e-9 * self.radius
-        self.angle = 2 * math.pi if full else swept % (2 * math.pi)
+        turned = swept % (2 * math.pi)
+        if min(turned, 2 * math.pi - turned) <= 1e-9 and not full:
+            raise InputError(
+                f"circle about ({cx:g}, {cy:g}): its end ({ex:g}, {ey:g}) lies in the direction of the start, but "
+                f"{self.off_circle:.4g} off it: must be (0, 0) for a full circle"
+            )
+        self.angle = 2 * math.pi if full else turned
+        self.reached = (0.0, 0.0) if full else (cx + stretch * (ex - cx), cy + stretch * (ey - cy))
         arc = self.radius * self.angle
         self.length = _finite(arc if self.flat else math.hypot(arc, self.rise or 0.0))
 
     def displacement(self, s: float) -> tuple[float, ...]:
         share = s / self.length
         if share >= 1:
-            return self.end if self.rise is None else (*self.end, self.rise)
+            return self.reached if self.rise is None else (*self.reached, self.rise)
         psi = self.begin + (-1 if self.clockwise else 1) * self.angle * share
         x = self.centre[0] + self.radius * math.cos(psi)
         y = self.centre[1] + self.radius * math.sin(psi)

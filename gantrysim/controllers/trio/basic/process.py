@@ -25,10 +25,12 @@ class ProgramCode:
     Attributes:
         name: in capitals.
         statements: in their order.
+        remarks: on what its text writes otherwise than the controller reads it.
     """
 
     name: str
     statements: Code[Process]
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,8 @@ from gantrysim.controllers.trio.basic.process import Process
 
 Evaluate = Callable[[Process], float]
 
+MISPRINTS = {"MHELIX": "MHELICAL"}  # words of published programs for those of the language
+
 
 class Expression(NamedTuple):
     """An expression.
@@ -101,6 +103,7 @@ class Source:
         arrays: names that DIM gives to arrays.
         variables: values of the variables that it reads, by name.
         numbers: values of the numbers that stand in it.
+        remarks: on what it writes otherwise than the controller reads it.
     """
 
     name: str
@@ -109,9 +112,21 @@ class Source:
     arrays: set[str] = field(default_factory=set)
     variables: dict[str, Expression] = field(default_factory=dict)
     numbers: dict[float, Expression] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
+
+    def corrected(self, word: str, line: int) -> str:
+        """Return the word of the language that a published misprint stands for, with a remark; others as they are."""
+        meant = MISPRINTS.get(word)
+        if meant is None:
+            return word
+        self.remarks.append(
+            f"line {line}: {word}, as AN-225 prints it, is not a command of the controller; {meant} is used instead"
+        )
+        return meant
 
     def forget(self) -> None:
         """Forget what its statements have named, before its text is read anew."""
         self.read.clear()
         self.arrays.clear()
+        self.remarks.clear()
         self.variables.clear()

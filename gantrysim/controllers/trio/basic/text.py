@@ -221,10 +221,17 @@ class _Builder(Transformer):  # type: ignore[type-arg]
         axis = place if isinstance(place, Expression) else None
         process = None if place is None or axis is not None else place[0]
         number = None if bit is None else int(bit[1:])
-        return Reference(name.upper(), arguments, axis, self.line_of(name), str(name), process, number)
+        word = self.source.corrected(name.upper(), self.line_of(name))
+        return Reference(word, arguments, axis, self.line_of(name), str(name), process, number)
 
     def arguments(self, children: list[Any]) -> tuple[Expression, ...]:
-        return tuple(child for child in children if child is not None)
+        comma = children[-1]
+        if comma is not None:
+            self.source.remarks.append(
+                f"line {self.line_of(comma)}: a comma before a closing bracket, as AN-225 prints it, is a syntax error "
+                "on the controller; it is ignored"
+            )
+        return tuple(child for child in children[:-1] if child is not None)
 
     def axis(self, children: list[Any]) -> Expression:
         expression: Expression = children[0]
