@@ -14,8 +14,8 @@ from gantrysim.servo.servo import Servo
 _FULL_STEPS = 4  # per electrical period
 
 _ASSIGNED = (
-    "The setpoints state no progress along the requested path: each was given the place of the path that fits the whole "
-    "trace best, which takes long; see `Setpoints.progress`."
+    "The setpoints state no progress along the requested path: each was given the place of the path that fits the "
+    "whole trace best, which takes long; see `Setpoints.progress`."
 )
 
 
