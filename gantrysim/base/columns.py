@@ -88,6 +88,9 @@ class OptionalColumn(Column[_Array]):
             return None
         return super().__get__(table, owner)
 
+    def __set__(self, table: object, value: _Array | Stored | None) -> None:
+        table.__dict__[self._name] = value
+
 
 class FileTable:
     """Columns that are written block by block to one temporary file, which goes with the last user of a column.
