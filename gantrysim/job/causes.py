@@ -221,9 +221,7 @@ def causes_of(
         raise InputError(f"job {job.name}: ends in a fault, {record.fault}: causes are those of a complete run")
     known = Budget(record) if budget is None else budget
     if known.contradictions:
-        raise InputError(
-            f"job {job.name}: its errors are not known, and so are their causes: {known.contradictions[0]}"
-        )
+        raise InputError(f"job {job.name}: neither its errors nor their causes are known: {known.contradictions[0]}")
     return Causes(errors_of(known), _effects(causes, setup, known, part(1, len(causes))))
 
 
