@@ -40,8 +40,8 @@ class Leg:
         travel: whether it leads from one stroke to another.
         pause: time of rest at its end [s].
         dot: whether glue is laid in that time.
-        order: place of its begin and end in the order of the drawing: twice the number of the stroke's stretch, more
-            by the share of the way to it, or by 1 and the share of its shapes.
+        order: places in the order of the drawing of its begin, its end, and of points evenly between, if any: twice the
+            number of the stroke's stretch, more by the share of the way to it, or by 1 and the share of its shapes.
     """
 
     piece: Line | Coil
@@ -50,7 +50,7 @@ class Leg:
     travel: bool = False
     pause: float = 0.0
     dot: bool = False
-    order: tuple[float, float] = (0.0, 0.0)
+    order: tuple[float, ...] = (0.0, 0.0)
 
     @cached_property
     def length(self) -> float:
@@ -157,7 +157,7 @@ def rounded(legs: list[Leg], tolerance: float, count: Count) -> list[Leg]:
         if cut[k].any():
             low = cut[k, 0] / lengths[k]
             high = 1 - cut[k, 1] / lengths[k]
-            begin, end = leg.order
+            begin, *_, end = leg.order
             order = (begin + low * (end - begin), begin + high * (end - begin))
             if (high - low) * lengths[k] > SHORTEST:  # the chain would drop a shorter piece
                 rounded_legs.append(replace(leg, piece=part(leg.piece, low, high), order=order))
@@ -167,15 +167,14 @@ def rounded(legs: list[Leg], tolerance: float, count: Count) -> list[Leg]:
             continue
         after = legs[k + 1]
         # half of the blend stands for the end of the leg before the corner, half for the begin of the next
-        edges = (
-            leg.order[1] - cut[k, 1] / lengths[k] * (leg.order[1] - leg.order[0]),
-            leg.order[1],
-            after.order[0] + cut[k + 1, 0] / lengths[k + 1] * (after.order[1] - after.order[0]),
-        )
-        arcs = blends[k]
-        for number, piece in enumerate(arcs):
-            order = (edges[number], edges[number + 3 - len(arcs)])
-            rounded_legs.append(replace(leg, piece=piece, speed=min(leg.speed, after.speed), order=order))
+        corner_order = leg.order[-1]
+        before_corner = corner_order - cut[k, 1] / lengths[k] * (corner_order - leg.order[0])
+        behind_corner = after.order[0] + cut[k + 1, 0] / lengths[k + 1] * (after.order[-1] - after.order[0])
+        orders: list[tuple[float, ...]] = [(before_corner, corner_order, behind_corner)]
+        if len(blends[k]) > 1:
+            orders = [(before_corner, corner_order), (corner_order, behind_corner)]
+        for piece, blend_order in zip(blends[k], orders, strict=True):
+            rounded_legs.append(replace(leg, piece=piece, speed=min(leg.speed, after.speed), order=blend_order))
     return rounded_legs
 
 

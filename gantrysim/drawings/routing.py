@@ -75,10 +75,15 @@ class Route:
 
     @property
     def _order(self) -> tuple[Floats, Floats]:
-        """Arc lengths at the ends of the legs, and their places in the order of the drawing, (n + 1,) each."""
-        arc_length = np.concatenate([[0.0], self.chain.ends])
-        place = np.array([self.legs[0].order[0], *(leg.order[1] for leg in self.legs)])
-        return arc_length, np.maximum.accumulate(place)
+        """Arc lengths along the legs, and their places in the order of the drawing, (n,) each."""
+        edges = np.concatenate([[0.0], self.chain.ends])
+        arc_length = [0.0]
+        place = [self.legs[0].order[0]]
+        for leg, (begin, end) in zip(self.legs, pairwise(edges.tolist()), strict=True):
+            parts = len(leg.order) - 1
+            arc_length += [begin + (end - begin) * number / parts for number in range(1, parts + 1)]
+            place += leg.order[1:]
+        return np.array(arc_length), np.maximum.accumulate(place)
 
 
 def routed(strokes: list[Stroke], manner: Manner) -> Route:
