@@ -131,7 +131,7 @@ class Setpoints:
     def _check_progress(self, progress: Floats, shape: tuple[int, ...]) -> None:
         """Check that a progress lies on the path and never falls."""
         if progress.shape != shape:
-            raise InputError(f"progress of shape {progress.shape}: must be {shape}")
+            raise InputError(f"progress of shape {progress.shape}: must be {shape}, or None if it is not known")
         length = self.requested.length
         rounding = _ROUNDING * (1 + length)
         low = progress[0]
@@ -140,7 +140,7 @@ class Setpoints:
         if falls.any() or not (-rounding <= low and high <= length + rounding):
             raise InputError(
                 f"progress from {low:g} to {high:g} mm, falling {np.count_nonzero(falls)} times: must be from 0 to "
-                f"{length:g} mm, the length of the requested path, and never fall"
+                f"{length:g} mm, the length of the requested path, and never fall; None if it is not known"
             )
 
     @property

@@ -38,7 +38,7 @@ def bead_of(*moves, turn=0.0, period=PERIOD, settings=SESSILE):
     on = np.array([wet for _, wet in moves[1:]])[piece]
     # the requested path is the wet one, whose surface the dry moves do not change
     wet = Chain([part for part, (_, flows) in zip(pieces, moves[1:], strict=True) if flows])
-    setpoints = replace(setpoints, dispense=on, requested=wet)
+    setpoints = replace(setpoints, dispense=on, requested=wet, progress=None)
     run = perfect_follower(XYZ, setpoints, dispenser=Dispenser(flow=AREA * SPEED))
     return Bead(replace(run, face=FACE, gap=GAP), settings)
 

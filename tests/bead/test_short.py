@@ -43,6 +43,7 @@ def test_glue_laid_at_rest_behind_a_micrometre_is_a_drop(xy):
         setpoints,
         position=np.concatenate([setpoints.position, np.repeat(setpoints.position[-1:], 2000, axis=0)]),
         dispense=np.ones(len(setpoints.position) + 2000, bool),
+        progress=None,
     )
     bead = Bead(perfect_follower(xy, at_rest, dispenser=Dispenser(flow=10.0)), SESSILE)
     assert bead.values.volume == pytest.approx(20.01, rel=1e-3)

@@ -116,7 +116,7 @@ def test_progress_is_kept_by_waits_holds_and_parts():
         ([0.0, 2.0, 1.0], r"^progress from 0 to 1 mm, falling 1 times: must be from 0 to 10 mm"),
         ([0.0, 5.0, 11.0], r"^progress from 0 to 11 mm, falling 0 times: must be from 0 to 10 mm"),
         ([-1.0, 0.0, 1.0], r"^progress from -1 to 1 mm, falling 0 times"),
-        ([0.0, 1.0], r"^progress of shape \(2,\): must be \(3,\)$"),
+        ([0.0, 1.0], r"^progress of shape \(2,\): must be \(3,\), or None if it is not known$"),
     ],
 )
 def test_a_progress_that_falls_or_leaves_the_path_is_refused(progress, text):
