@@ -17,6 +17,7 @@ from gantrysim.faults.checks import fault_of
 from gantrysim.paths.kinds import kind_of, path_of
 from gantrysim.record.archive import CHECKSUM, Archive, Member, open_archive, write_archive
 from gantrysim.record.fault import Fault
+from gantrysim.record.setpoints import progress_fault
 
 RUN = "run.npz"  # the record in an output folder
 
@@ -32,7 +33,6 @@ _COLUMNS = {
 }
 _OPTIONAL = {"geometric_tip": 3, "progress": 0}  # columns that a record may lack
 _NAN = ("current", "voltage")
-_ROUNDING = 1e-9  # relative, of lengths
 _LAST = ("demand", "torque", "current", "voltage")  # not finite where a fault ends the run, in the tick that diverged
 
 
@@ -84,7 +84,9 @@ def _content(archive: Archive) -> dict[str, Any]:
     content["fault"] = None if fault is None else _fault(fault, content["axes"])
     content["injected"] = tuple(fault_of(table) for table in json.loads(content["injected"]))
     if "progress" in raw:
-        _check_progress(array_of(raw["progress"]), length)
+        fault_of_progress = progress_fault(array_of(raw["progress"]), length)
+        if fault_of_progress:
+            raise InputError(fault_of_progress)
     for name, column in raw.items():
         content[name] = read_only(column) if isinstance(column, np.ndarray) else column
     return content
@@ -164,13 +166,6 @@ def _check_values(content: Mapping[str, Any], columns: Mapping[str, NDArray[Any]
             not_finite += finite.size - np.count_nonzero(finite)
         if not_finite:
             raise InputError(f"{name} has {not_finite} values that are not finite")
-
-
-def _check_progress(progress: NDArray[Any], length: float) -> None:
-    """Check that a progress lies on a path of a length [mm], and never falls."""
-    rounding = _ROUNDING * (1 + length)
-    if np.any(np.diff(progress) < 0) or not (-rounding <= progress[0] and progress[-1] <= length + rounding):
-        raise InputError(f"progress falls, or is not from 0 to {length:g} mm")
 
 
 def _fault(content: Any, axes: Sequence[str]) -> Fault:

@@ -132,16 +132,9 @@ class Setpoints:
         """Check that a progress lies on the path and never falls."""
         if progress.shape != shape:
             raise InputError(f"progress of shape {progress.shape}: must be {shape}, or None if it is not known")
-        length = self.requested.length
-        rounding = _ROUNDING * (1 + length)
-        low = progress[0]
-        high = progress[-1]
-        falls = np.diff(progress) < 0
-        if falls.any() or not (-rounding <= low and high <= length + rounding):
-            raise InputError(
-                f"progress from {low:g} to {high:g} mm, falling {np.count_nonzero(falls)} times: must be from 0 to "
-                f"{length:g} mm, the length of the requested path, and never fall; None if it is not known"
-            )
+        fault = progress_fault(progress, self.requested.length)
+        if fault:
+            raise InputError(f"{fault}; None if it is not known")
 
     @property
     def time(self) -> Floats:
@@ -276,6 +269,22 @@ class Setpoints:
             requested=path if requested is None else requested,
             progress=None if along is None else by_blocks(lambda block: along(places(block)), n + 1),
         )
+
+
+def progress_fault(progress: Floats, length: float) -> str:
+    """Return what is wrong with a progress along a path of some length [mm]; empty for a right one."""
+    falls = 0
+    for block in blocks(progress.size):
+        falls += np.count_nonzero(~(np.diff(progress[block.start : block.stop + 1]) >= 0))
+    rounding = _ROUNDING * (1 + length)
+    low = progress[0]
+    high = progress[-1]
+    if not falls and -rounding <= low and high <= length + rounding:
+        return ""
+    return (
+        f"progress from {low:g} to {high:g} mm, falling {falls} times: must be from 0 to {length:g} mm, the length of "
+        "the requested path, and never fall"
+    )
 
 
 def _same(s: Floats) -> Floats:
