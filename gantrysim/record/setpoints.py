@@ -275,7 +275,7 @@ def progress_fault(progress: Floats, length: float) -> str:
     """Return what is wrong with a progress along a path of some length [mm]; empty for a right one."""
     falls = 0
     for block in blocks(progress.size):
-        falls += np.count_nonzero(~(np.diff(progress[block.start : block.stop + 1]) >= 0))
+        falls += int(np.count_nonzero(~(np.diff(progress[block.start : block.stop + 1]) >= 0)))
     rounding = _ROUNDING * (1 + length)
     low = progress[0]
     high = progress[-1]
