@@ -16,7 +16,7 @@ Three kinds of contact belong to laying a bead and do not count:
   30 deg or more lies within.
 - Neighbouring turns, which the face may brush while it dispenses: there the needle passes through a bead only where its
   axis does. How close turns lie is judged by their clearance.
-- Joints: a stretch of dispensing that begins or ends on a bead, its own in an outline that closes, with all of the
+- Joints: a stretch of dispensing that begins or ends at a bead, its own in an outline that closes, with all of the
   contact there within the reach of that begin or end. The reach is the length of glue being laid, or `start` and `stop`
   where those are longer. An overlap beyond it counts, and so does a stretch that lies on another bead throughout.
 
@@ -155,7 +155,9 @@ def _joints(bead: BeadTrace, touches: NDArray[np.intp], reach: tuple[float, floa
     """
     low = bead.length[np.maximum(touches[:, 0] - 1, 0)]
     high = bead.length[touches[:, 1] - 1]
-    near = 0.5 * bead.run.face
+    radius = 0.5 * bead.run.face
+    # the glue laid at a begin or end reaches the other bead
+    near = radius + 0.5 * float(bead.nominal_section.width[0])
     begins = bead.length[bead.stretches[:, 0]]
     ends = bead.length[np.minimum(bead.stretches[:, 1], bead.length.size - 1)]
     is_joint = np.zeros(len(touches), bool)
@@ -163,8 +165,8 @@ def _joints(bead: BeadTrace, touches: NDArray[np.intp], reach: tuple[float, floa
         # the contact comes near a place, and none of it lies farther than the reach from there
         nearest = np.searchsorted(places, np.maximum(low - near, high - within))
         is_joint |= nearest < np.searchsorted(places, np.minimum(high + near, low + within), "right")
-    first = np.searchsorted(begins, low - near)
-    is_whole = np.append(ends, np.inf)[first] <= high + near
+    first = np.searchsorted(begins, low - radius)
+    is_whole = np.append(ends, np.inf)[first] <= high + radius
     return touches[is_joint & ~is_whole]
 
 

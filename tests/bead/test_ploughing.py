@@ -202,8 +202,8 @@ def test_a_stroke_that_ends_on_another_bead_is_a_joint():
 
 
 def test_a_bead_crossed_near_the_begin_of_a_stroke_is_ploughed():
-    """The stroke begins where its face does not reach the bead that it then crosses."""
-    ploughing = ploughed(joined(90.0, at=20.0, beyond=RADIUS + FACE))
+    """The stroke begins where its glue does not reach the bead that it then crosses."""
+    ploughing = ploughed(joined(90.0, at=20.0, beyond=2 * RADIUS + FACE))
     assert ploughing.passes == 1
     assert ploughing.length == pytest.approx(FACE, abs=STATION)
 
