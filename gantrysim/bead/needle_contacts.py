@@ -23,6 +23,7 @@ class Needle(NamedTuple):
         length: of its trace, (n,) [mm].
         dispense: dispenser command, (n,).
         radius: of its face [mm].
+        counted: whether its contacts from the tick before to each one count, (n,).
         behind: length of trace behind it on which glue counts as being laid [mm].
         touching: height over a top at which the face still touches the glue [mm].
     """
@@ -30,6 +31,7 @@ class Needle(NamedTuple):
     nozzle: Floats
     length: Floats
     dispense: NDArray[np.bool_]
+    counted: NDArray[np.bool_]
     radius: float
     behind: float
     touching: float
@@ -157,36 +159,30 @@ class _Position(NamedTuple):
     Attributes:
         x, y, z: of the middle of its face [mm].
         laid: place on the trace up to which glue counts as laid before [mm].
-        low, high: places on the trace where a contact does not count [mm].
     """
 
     x: float
     y: float
     z: float
     laid: float
-    low: float
-    high: float
 
 
-def contacts(needle: Needle, sections: Sections, cells: Cells, closings: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+def contacts(needle: Needle, sections: Sections, cells: Cells) -> tuple[Floats, NDArray[np.bool_]]:
     """Return the depth of the face below tops at every tick, -inf without contact, (n,), and the sections touched."""
     depth = np.full(needle.length.size, -np.inf)
     touched = np.zeros(sections.place.size, np.bool_)
-    _search(needle, sections, cells, closings, depth, touched)
+    _search(needle, sections, cells, depth, touched)
     return depth, touched
 
 
 @plain_jit
-def _search(
-    needle: Needle, sections: Sections, cells: Cells, closings: Floats, depth: Floats, touched: NDArray[np.bool_]
-) -> None:
+def _search(needle: Needle, sections: Sections, cells: Cells, depth: Floats, touched: NDArray[np.bool_]) -> None:
     """Search for contacts; depth and touched, as of `contacts`, are written."""
     nozzle = needle.nozzle
     length = needle.length
-    stretch = -1
     for k in range(1, length.size):
-        while stretch + 1 < closings.shape[0] and closings[stretch + 1, 0] <= k:
-            stretch += 1
+        if not needle.counted[k]:
+            continue
         dx = nozzle[k, 0] - nozzle[k - 1, 0]
         dy = nozzle[k, 1] - nozzle[k - 1, 1]
         dz = nozzle[k, 2] - nozzle[k - 1, 2]
@@ -194,19 +190,11 @@ def _search(
         on = needle.dispense[k - 1]
         for step in range(steps):
             f = (step + 1) / steps
-            at_length = length[k - 1] + f * (length[k] - length[k - 1])
-            low = math.inf
-            high = -math.inf
-            if stretch >= 0 and closings[stretch, 3] <= at_length <= closings[stretch, 4]:
-                low = closings[stretch, 1]
-                high = closings[stretch, 2]
             position = _Position(
                 x=nozzle[k - 1, 0] + f * dx,
                 y=nozzle[k - 1, 1] + f * dy,
                 z=nozzle[k - 1, 2] + f * dz,
-                laid=at_length - needle.behind,
-                low=low,
-                high=high,
+                laid=length[k - 1] + f * (length[k] - length[k - 1]) - needle.behind,
             )
             if on and not _axis_inside(position, needle, sections, cells):
                 continue
@@ -225,10 +213,8 @@ def _cell(position: _Position, needle: Needle, cells: Cells) -> int:
 
 
 @plain_inner_jit
-def _counts(position: _Position, needle: Needle, sections: Sections, k: int) -> bool:
-    """Return whether the face is low enough to touch a section, and a contact there counts."""
-    if position.low <= sections.place[k] <= position.high:
-        return False
+def _is_low(position: _Position, needle: Needle, sections: Sections, k: int) -> bool:
+    """Return whether the face is low enough to touch a section."""
     return position.z <= sections.top[k] + needle.touching
 
 
@@ -256,7 +242,7 @@ def _axis_inside(position: _Position, needle: Needle, sections: Sections, cells:
         k = cells.section[entry]
         if sections.place[k] > position.laid:
             break
-        if _counts(position, needle, sections, k):
+        if _is_low(position, needle, sections, k):
             along, beside = _chord(position, sections, k)
             if beside == 0.0 and along < 0.5 * needle.radius:
                 return True
@@ -274,9 +260,11 @@ def _touch(position: _Position, needle: Needle, sections: Sections, cells: Cells
         k = cells.section[entry]
         if sections.place[k] > position.laid:
             break
-        if _counts(position, needle, sections, k):
+        if _is_low(position, needle, sections, k):
             along, beside = _chord(position, sections, k)
             if along * along + beside * beside < needle.radius * needle.radius:
                 touched[k] = True
-                depth = max(depth, sections.top[k] - position.z)
+                # glue that flows high above the work does not stand in the air: no face is deeper in it than it is high
+                height = (sections.top[k] - sections.surface[k]) / sections.steep[k]
+                depth = max(depth, min(sections.top[k] - position.z, height))
     return depth

@@ -16,8 +16,9 @@ Three kinds of contact belong to laying a bead and do not count:
   30 deg or more lies within.
 - Neighbouring turns, which the face may brush while it dispenses: there the needle passes through a bead only where its
   axis does. How close turns lie is judged by their clearance.
-- An outline that closes: the needle in the last `stop` of a stretch of dispensing, and on the way off it, passes over
-  the first `start` of the same stretch. A longer overlap counts.
+- Joints: a stretch of dispensing that begins or ends at a bead, its own in an outline that closes, with all of the
+  contact there within the reach of that begin or end. The reach is the length of glue being laid, or `start` and `stop`
+  where those are longer. An overlap beyond it counts, and so does a stretch that lies on another bead throughout.
 
 The round ends of a bead and the hollow between shoulders are left out: a section there is as long as at its station.
 """
@@ -61,8 +62,8 @@ class Ploughing:
 
         Args:
             bead: with a nominal section.
-            start: begin of a stretch that its own end may run onto [mm].
-            stop: end of a stretch that may do so [mm].
+            start: length after the begin of a stretch on which it may lie on a bead [mm].
+            stop: length before the end of a stretch on which it may do so [mm].
         """
         wet = _wet(bead)
         if not wet.any():
@@ -74,11 +75,18 @@ class Ploughing:
             nozzle=np.ascontiguousarray(run.nozzle),
             length=bead.length,
             dispense=np.ascontiguousarray(run.dispense),
+            counted=np.ones(bead.length.size, bool),
             radius=0.5 * run.face,
             behind=behind,
             touching=_TOUCHING * bead.gap,
         )
-        depth, touched = contacts(needle, sections, cells_of(sections, needle), _closings(bead, start, stop, behind))
+        cells = cells_of(sections, needle)
+        depth, touched = contacts(needle, sections, cells)
+        joints = _joints(bead, spans(depth > -np.inf), (max(start, behind), max(stop, behind)))
+        if len(joints):
+            for first, after in joints.tolist():
+                needle.counted[first:after] = False
+            depth, touched = contacts(needle, sections, cells)
         passes = _joined(spans(depth > -np.inf), bead.length, run.face)
         if not len(passes):
             return cls()
@@ -137,16 +145,29 @@ def _surface(bead: BeadTrace) -> Floats:
     return np.interp(bead.place, bead.length[ticks], bead.surface()[ticks])
 
 
-def _closings(bead: BeadTrace, start: float, stop: float, behind: float) -> Floats:
-    """Return where every stretch of dispensing may run onto its own begin, (k, 5).
+def _joints(bead: BeadTrace, touches: NDArray[np.intp], reach: tuple[float, float]) -> NDArray[np.intp]:
+    """Return the contacts at the begins and ends of stretches of dispensing, first tick and the one after the last.
 
-    The columns are its first tick, and the bounds of the places of its begin and of the needle [mm].
+    Args:
+        bead: with its trace.
+        touches: contacts, first tick and the one after the last, (m, 2).
+        reach: of the begin and of the end of a stretch, within which a contact there lies [mm].
     """
-    last = bead.length.size - 1
-    first = bead.stretches[:, 0]
-    begin = bead.length[first]
-    end = bead.length[np.minimum(bead.stretches[:, 1], last)]
-    return np.stack([first, begin - start, begin + start, end - stop, end + stop + behind], axis=1)
+    low = bead.length[np.maximum(touches[:, 0] - 1, 0)]
+    high = bead.length[touches[:, 1] - 1]
+    radius = 0.5 * bead.run.face
+    # the glue laid at a begin or end reaches the other bead
+    near = radius + 0.5 * float(bead.nominal_section.width[0])
+    begins = bead.length[bead.stretches[:, 0]]
+    ends = bead.length[np.minimum(bead.stretches[:, 1], bead.length.size - 1)]
+    is_joint = np.zeros(len(touches), bool)
+    for places, within in ((begins, reach[0]), (ends, reach[1])):
+        # the contact comes near a place, and none of it lies farther than the reach from there
+        nearest = np.searchsorted(places, np.maximum(low - near, high - within))
+        is_joint |= nearest < np.searchsorted(places, np.minimum(high + near, low + within), "right")
+    first = np.searchsorted(begins, low - radius)
+    is_whole = np.append(ends, np.inf)[first] <= high + radius
+    return touches[is_joint & ~is_whole]
 
 
 def _joined(passes: NDArray[np.intp], length: Floats, least: float) -> list[tuple[int, int]]:

@@ -9,6 +9,7 @@ import pytest
 
 from gantrysim import Dispenser, Machine
 from gantrysim.bead import Bead, BeadSettings, Ploughing
+from gantrysim.controllers.gcode.linuxcnc import Program
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Line
@@ -27,7 +28,10 @@ UP = 4.0  # of a lifted needle [mm]
 
 
 def bead_of(*moves, turn=0.0, period=PERIOD, settings=SESSILE):
-    """The bead of a perfect follower along moves: end point (x, y, z), and whether glue flows on the way there."""
+    """The bead of a perfect follower along moves: end point (x, y, z), and whether glue flows on the way there.
+
+    The requested path is the wet one, whose surface the dry moves do not change; of several strokes it is all of it.
+    """
     c = math.cos(turn)
     s = math.sin(turn)
     points = [(c * x - s * y, s * x + c * y, z) for (x, y, z), _ in moves]
@@ -36,9 +40,9 @@ def bead_of(*moves, turn=0.0, period=PERIOD, settings=SESSILE):
     setpoints = Setpoints.along(Chain(pieces), SPEED, period, axes=AXES)
     piece = np.minimum(np.searchsorted(lengths, SPEED * setpoints.time, side="right"), len(pieces) - 1)
     on = np.array([wet for _, wet in moves[1:]])[piece]
-    # the requested path is the wet one, whose surface the dry moves do not change
-    wet = Chain([part for part, (_, flows) in zip(pieces, moves[1:], strict=True) if flows])
-    setpoints = replace(setpoints, dispense=on, requested=wet, progress=None)
+    wet = [part for part, (_, flows) in zip(pieces, moves[1:], strict=True) if flows]
+    strokes = sum(flows and not before for (_, before), (_, flows) in pairwise(moves))
+    setpoints = replace(setpoints, dispense=on, requested=Chain(pieces if strokes > 1 else wet), progress=None)
     run = perfect_follower(XYZ, setpoints, dispenser=Dispenser(flow=AREA * SPEED))
     return Bead(replace(run, face=FACE, gap=GAP), settings)
 
@@ -163,6 +167,94 @@ def test_a_pressed_bead_has_its_top_at_the_needle_which_touches_it():
     ploughing = ploughed(thin)
     assert ploughing.passes == 1
     assert ploughing.depth == pytest.approx(0.0, abs=1e-9)
+
+
+def joined(angle, *, at=0.0, beyond=0.0, length=30.0):
+    """A bead along x, and a second stroke that begins on it, or so far before it, and leaves at an angle."""
+    c = math.cos(math.radians(angle))
+    s = math.sin(math.radians(angle))
+    return bead_of(
+        ((0, 0, 0), False),
+        ((40, 0, 0), True),
+        ((40, 0, UP), False),
+        ((at - beyond * c, -beyond * s, UP), False),
+        ((at - beyond * c, -beyond * s, 0), False),
+        ((at + length * c, length * s, 0), True),
+        ((at + length * c, length * s, UP), False),
+    )
+
+
+@pytest.mark.parametrize("at", [0.0, 20.0, 40.0])
+@pytest.mark.parametrize("angle", [30.0, 45.0, 90.0, 135.0, -60.0])
+def test_a_stroke_that_begins_on_another_bead_is_a_joint(angle, at):
+    """The axis leaves the bead after half its chord over the sine, within two widths and a diameter."""
+    assert half_chord(0.0) / abs(math.sin(math.radians(angle))) < 4 * RADIUS + FACE
+    assert ploughed(joined(angle, at=at)) == Ploughing()
+
+
+def test_a_stroke_that_ends_on_another_bead_is_a_joint():
+    for x in (0, 20, 40):
+        bead = bead_of(
+            ((0, 0, 0), False), ((40, 0, 0), True), ((40, 0, UP), False), ((x, 20, UP), False), ((x, 20, 0), False),
+            ((x, 0, 0), True), ((x, 0, UP), False),
+        )  # fmt: skip
+        assert ploughed(bead) == Ploughing()
+
+
+def test_a_bead_crossed_near_the_begin_of_a_stroke_is_ploughed():
+    """The stroke begins where its glue does not reach the bead that it then crosses."""
+    ploughing = ploughed(joined(90.0, at=20.0, beyond=2 * RADIUS + FACE))
+    assert ploughing.passes == 1
+    assert ploughing.length == pytest.approx(FACE, abs=STATION)
+
+
+@pytest.mark.parametrize(("length", "expected"), [(3.0, 3.0), (12.0, 12.0)])
+def test_a_stroke_that_lies_on_another_bead_is_no_joint(length, expected):
+    """Half a diameter of the needle is added at both ends."""
+    ploughing = ploughed(joined(0.0, at=10.0, length=length))
+    assert ploughing.length == pytest.approx(expected + FACE, abs=2 * STATION)
+    assert ploughing.depth == pytest.approx(RADIUS - GAP, abs=1e-3)
+
+
+def test_a_second_layer_is_ploughed_where_the_needle_has_not_risen_above_the_first():
+    low, high = (
+        bead_of(
+            ((0, 0, 0), False), ((40, 0, 0), True), ((40, 0, UP), False), ((0, 0, UP), False), ((0, 0, z), False),
+            ((40, 0, z), True), ((40, 0, UP), False),
+        )
+        for z in (0.1, RADIUS)
+    )  # fmt: skip
+    assert ploughed(low).length == pytest.approx(40.0, abs=2 * STATION)
+    assert ploughed(high) == Ploughing()
+
+
+@pytest.mark.parametrize("dwell", ["", "G4 P0.3"])
+def test_a_dwell_in_an_outline_that_closes_ploughs_nothing(dwell):
+    text = f"""G64 P0.02 F{60 * SPEED}
+        G0 Z{UP}
+        G0 Z0
+        G1 X30
+        {dwell}
+        G1 Y20
+        G1 X0
+        {dwell}
+        G1 Y0
+        G0 Z{UP}"""
+    setpoints = Program(text=text).setpoints(PERIOD)
+    assert np.count_nonzero(np.diff(setpoints.dispense.astype(int)) == 1) == (3 if dwell else 1)
+    run = perfect_follower(XYZ, setpoints, dispenser=Dispenser(area=AREA))
+    assert ploughed(Bead(replace(run, face=FACE, gap=GAP), SESSILE)) == Ploughing()
+
+
+def test_no_face_is_deeper_in_a_bead_than_the_bead_is_high():
+    """Glue laid 10 mm above the work, and the needle below it, on the work."""
+    bead = bead_of(
+        ((-20, 0, 10), False), ((20, 0, 10), True), ((20, 20, 10), False), ((0, 20, 10), False), ((0, 20, 0), False),
+        ((0, -20, 0), False),
+    )  # fmt: skip
+    ploughing = ploughed(bead)
+    assert ploughing.passes == 1
+    assert ploughing.depth == pytest.approx(RADIUS, abs=1e-3)
 
 
 def test_glue_that_flows_in_a_dive_lies_on_the_work_not_in_the_air():

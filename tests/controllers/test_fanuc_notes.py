@@ -4,7 +4,7 @@ import pytest
 
 from gantrysim.controllers.fanuc import Program
 
-MOVES = "M03\nG01 X10 F600\nX20\nX20 Y50\nX80\n"
+MOVES = "G01 X10 F600\nX20\nX20 Y50\nX80\n"
 SMOOTH = {"acceleration": 2000.0, "blend_time": 0.05}
 
 
@@ -14,19 +14,19 @@ def notes(text, **arguments):
 
 @pytest.mark.parametrize("side", ["G41", "G42", "G41 D0", "G42 D00"])
 def test_compensation_without_an_offset(side):
-    program = Program(f"{side}\n{MOVES}G40 Y0\nM05", offsets={"1": 3.0})
+    program = Program(f"{side}\n{MOVES}G40 Y0", offsets={"1": 3.0})
     assert program.notes == (
         "4 motions in G41 or G42 have no D or an offset of 0: they follow the programmed path (offsets).",
     )
-    plain = Program(f"{MOVES}G40 Y0\nM05")
+    plain = Program(f"{MOVES}G40 Y0")
     assert program.requested.length == plain.requested.length
 
 
 def test_compensation_with_an_offset_is_no_matter_for_a_note():
-    text = f"G41 D1\n{MOVES}G40 Y0\nM05"
+    text = f"G41 D1\n{MOVES}G40 Y0"
     assert notes(text, offsets={"1": 3.0}) == ()
     assert notes(text, offsets={"1": 0.0})[0].startswith("4 motions in G41 or G42 have no D or an offset of 0")
-    assert notes(f"G40\n{MOVES}M05") == ()
+    assert notes(f"G40\n{MOVES}") == ()
 
 
 def test_an_offset_given_later_counts_from_there():
@@ -37,20 +37,20 @@ def test_an_offset_given_later_counts_from_there():
 
 
 def test_g64_that_stops_at_corners_without_a_blend_time():
-    text = f"G64\n{MOVES}M05"
+    text = f"G64\n{MOVES}"
     stopping = Program(text, acceleration=2000.0)
     assert stopping.notes == ("2 stops at corners in G64, as blend_time is 0; blend_time = 0.05 passes them.",)
     assert notes(text, **SMOOTH) == ()
     assert notes(text) == ()  # without a limit of the acceleration nothing stops
-    assert notes(f"{MOVES}M05", acceleration=2000.0) == ()
-    assert notes(f"G64\nG61\n{MOVES}M05", acceleration=2000.0) == ()
+    assert notes(f"{MOVES}", acceleration=2000.0) == ()
+    assert notes(f"G64\nG61\n{MOVES}", acceleration=2000.0) == ()
     # and it does stop: longer by what the ramps at the two corners take, v / a for each
     faster = Program(text)
     assert stopping.duration - faster.duration == pytest.approx(3 * 10 / 2000, rel=2e-3)
 
 
 def test_g64_that_stops_at_every_piece_while_the_look_ahead_is_off():
-    text = f"G64\nG05.1 Q1\nM03\nG01 X-10 F600\nG05.1 Q0\n{MOVES}M05"
+    text = f"G64\nG05.1 Q1\nG01 X-10 F600\nG05.1 Q0\n{MOVES}"
     assert notes(text, **SMOOTH) == (
         "4 motions in G64 stop at their end, as G05.1 Q1 or G08 P1, which the program uses, is off.",
     )

@@ -299,7 +299,7 @@ def glue(text):
     ("text", "on"),
     [
         ("G00 X10\nG01 X20 F600\nG04 X1\nX30\nG00 X40", [False, True, False, True, False]),
-        ("G01 X10 F600\nM03\nX20\nG04 X1\nG00 X30\nM05\nG01 X40", [False, True, True, True, False]),
+        ("G01 X10 F600\nM03\nX20\nG04 X1\nG00 X30\nM05\nG01 X40", [False, True, True, False, False]),
         ("G01 X10 F600 M03\nG01 X20 M05", [True, False]),
     ],
 )

@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.fanuc.codes import AUXILIARY, g_codes
+from gantrysim.controllers.fanuc.codes import g_codes
 from gantrysim.controllers.fanuc.sequence import CALLS, ENDS
 from gantrysim.controllers.gcode.codes import CODES, Kind
 from gantrysim.controllers.gcode.codes.code_table import SLICER, setting
 from gantrysim.controllers.gcode.linuxcnc import Program as LinuxCNC
+from gantrysim.controllers.valve import CODES as VALVE_CODES
 
 ROOT = Path(__file__).parent.parent.parent
 PACKAGE = ROOT / "gantrysim"
@@ -59,6 +60,7 @@ sys.path.insert(0, sys.argv[1])
 import gantrysim
 from gantrysim.controllers.fanuc import Program as Fanuc
 from gantrysim.controllers.gcode.linuxcnc import Program as LinuxCNC
+from gantrysim.controllers.valve import CODES as VALVE_CODES
 from gantrysim.controllers.gcode.move_table import END
 from gantrysim.controllers.gcode.slicer import Program as Slicer
 
@@ -176,6 +178,6 @@ def test_codes_that_the_page_lists_for_slicers_are_there():
 
 def test_the_page_lists_the_codes_of_fanuc():
     names, ranges = codes_of(section("FANUC"))
-    known = {*g_codes(), *AUXILIARY, *CALLS, *ENDS}
+    known = {*g_codes(), *(f"M{code:02}" for code in VALVE_CODES), *CALLS, *ENDS}
     assert set(names) <= known
     assert sorted(name for name in known if not listed(name, names, ranges)) == []

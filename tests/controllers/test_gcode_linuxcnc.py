@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.dialects import Dispense
 from gantrysim.controllers.gcode.lines import GRAMMAR
 from gantrysim.controllers.gcode.linuxcnc import Program
-from gantrysim.controllers.gcode.move_table import ANGLE, DWELL, END, FEED, GLUE, KIND, SOURCE
+from gantrysim.controllers.gcode.move_table import ANGLE, DWELL, END, FEED, KIND, SOURCE
 from gantrysim.controllers.macro.scanner import Scanner
+from gantrysim.controllers.valve import Dispense
 
 LARGE = "9" * 200  # its square is infinite
 
@@ -206,36 +206,13 @@ def test_what_has_no_effect_is_counted():
         "T": 1,
         "M6": 1,
         "M3": 1,
-        "M8": 1,
         "axis A": 1,
         "M64": 1,
         "M0": 1,
-        "M9": 1,
         "M5": 1,
     }
-    assert "M8 (1)" in program.notes[0]
-
-
-def test_a_note_names_the_codes_of_the_program_that_could_switch_the_valve():
-    text = "M3 S1000\nG1 X1 F600\nM8\nX2\nM9\nX3\nM5"
-    option = """--set 'program.dispense={by = "codes", on = ["M8"], off = ["M9"]}' lays it from M8 to M9"""
-    assert any(option in note for note in Program(text=text).notes)
-    assert moves(text)[:, GLUE].tolist() == [1, 1, 1]
-    switched = Dispense("codes", ("M8",), ("M9",))
-    assert Program(text=text, dispense=switched).program.moves[:, GLUE].tolist() == [0, 1, 0]
-    without = [Program(text=text, dispense=switched), Program(text="M9\nG1 X1 F600"), Program(text="M3\nG1 X1 F60")]
-    assert not any("all moves at feed" in note for program in without for note in program.notes)
-
-
-def test_spindle_words_open_the_valve_only_where_the_job_says_so():
-    text = "G1 X1 F600\nM3 S1000\nX2\nM64 P1\nG0 X3\nG1 X4\nM65 P1\nX5\nM5\nX6"
-    assert moves(text)[:, GLUE].tolist() == [1, 1, 0, 1, 1, 1]
-    assert moves(text, dispense=Dispense("codes"))[:, GLUE].tolist() == [0, 1, 1, 1, 1, 0]
-    outputs = Dispense("codes", on=("M64 P1",), off=("M65 P1",))
-    assert moves(text, dispense=outputs)[:, GLUE].tolist() == [0, 0, 1, 1, 0, 0]
-    for bad in ("3", "M", "M3 Q1", "M64 P1 2"):
-        with pytest.raises(InputError, match="must be an M code"):
-            Dispense("codes", on=(bad,))
+    assert "M64 (1)" in program.notes[0]
+    assert "M8 opens the valve and M9 closes it" in program.notes[1]
 
 
 def test_a_feed_of_the_machine_is_assumed_with_a_note_unless_it_is_given():
@@ -297,19 +274,19 @@ def test_canned_cycles_go_down_at_feed_and_up(text, expected):
     assert rows == expected
 
 
-@pytest.mark.parametrize(("by", "dots"), [("feed", [1, 1]), ("codes", [0, 1])])
+@pytest.mark.parametrize(("by", "dots"), [("feed", [1, 1]), ("auto", [0, 1]), ("codes", [0, 1])])
 def test_a_cycle_with_a_dwell_lays_dots(by, dots):
     """By feed the valve is open in the dwells alone; by codes between the codes."""
     program = Program(text=HIGH + "M5\nG82 X4 Z1 R2 P0.4\nM3\nX5", dispense=Dispense(by=by))
     table = program.program.moves
-    dwells = table[table[:, KIND] == DWELL]
-    assert dwells[:, FEED].tolist() == [0.4, 0.4]
-    assert dwells[:, GLUE].tolist() == dots
-    if by == "feed":
-        assert table[:, GLUE].sum() == 2
+    dwells = table[:, KIND] == DWELL
+    assert table[dwells, FEED].tolist() == [0.4, 0.4]
+    assert program.program.glue[dwells].tolist() == dots
+    if by != "codes":
+        assert program.program.glue.sum() == sum(dots)
         setpoints = program.setpoints(0.001)
-        assert setpoints.dispense.sum() == pytest.approx(800, abs=4)
-        assert np.unique(setpoints.position[setpoints.dispense][:, 0].round(6)).tolist() == [4, 5]
+        assert setpoints.dispense.sum() == pytest.approx(400 * sum(dots), abs=4)
+        assert np.unique(setpoints.position[setpoints.dispense][:, 0].round(6)).tolist() == [4, 5][2 - sum(dots) :]
 
 
 def test_subprograms_in_files_of_their_own_are_called_by_name():

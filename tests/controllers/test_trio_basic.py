@@ -443,7 +443,7 @@ def test_what_has_no_effect_is_noted():
         "D_GAIN, P_GAIN: accepted without effect, the servo has gains of its own",
         "FE_LIMIT: accepted without effect, the servo and the machine have limits of their own",
         "SRAMP: accepted without effect, the motion stays that without it",
-        "OP(8) is never switched: the dispenser is on while the axes move",
+        "OP(8) is never switched: the dispenser is on while the axes move, but not straight up or down",
         "PRINT at 0.000 s: 1.0",
     )
 

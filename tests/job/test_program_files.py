@@ -142,12 +142,12 @@ def test_the_command_runs_a_program_file(gantrysim_command, square, tmp_path):
 def test_a_program_whose_valve_never_opens_is_noted(tmp_path, gantrysim_command):
     file = tmp_path / "part.ngc"
     file.write_text("G21 G90 G61 M64 P0\nG1 X40 F1800\nM65 P0\nG1 Y20\nM2\n")
-    valve = ("--set", "program.dispense.by=codes")
+    valve = ("--set", "program.dispense.on=['M3']")
     status, output, errors = gantrysim_command("check", file, *valve)
     assert status == 0, errors
     assert "note: no glue is laid" in " ".join(output.split())
     codes = ("--set", "program.dispense.on=['M64 P0']", "--set", "program.dispense.off=['M65 P0']")
-    status, output, errors = gantrysim_command("check", file, *valve, *codes)
+    status, output, errors = gantrysim_command("check", file, *codes)
     assert status == 0, errors
     assert "40.000 mm with glue" in " ".join(output.split())
     assert "no glue" not in output

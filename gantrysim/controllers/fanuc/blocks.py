@@ -26,7 +26,7 @@ class Motion:
         compensation: cutter compensation, positive to the left of the path (G41), negative to the right (G42) [mm].
         plane: "xy" (G17), "zx" (G18) or "yz" (G19).
         exact_stop: whether to stop at the end (G61).
-        dispense: whether glue is laid; by default in all motions except rapid ones.
+        dispense: whether glue is laid; by default in all motions except rapid ones and lines straight up or down.
         rounding: radius of the corner to the next motion, `,R`; 0 for none [mm].
         chamfer: of the corner to the next motion, `,C`, from the corner along both; 0 for none [mm].
     """

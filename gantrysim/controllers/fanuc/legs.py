@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from gantrysim.controllers.fanuc.block_paths import piece_of
 from gantrysim.controllers.fanuc.blocks import Dwell, Rapid, Spiral
 from gantrysim.controllers.fanuc.program_text import SourceBlock
 from gantrysim.controllers.placement import Placement
+from gantrysim.controllers.valve import Valve, is_upright
 from gantrysim.paths.pieces import Coil, Line, Vector, vector
 
 _SHORTEST = 1e-6  # length of a line; less is rounding of incremental coordinates [mm]
@@ -91,7 +94,8 @@ def legs_of(
         # a line without a length has no direction: only the rotary axis moves, if it does
         still = isinstance(piece, Line) and math.dist(piece.start, piece.end) <= _SHORTEST
         turned = angle if block.rotary is None else block.rotary
-        dispense = block.dispense if block.dispense is not None else not isinstance(block, Rapid)
+        is_dry = isinstance(block, Rapid) or (isinstance(piece, Line) and is_upright(piece.start, piece.end))
+        dispense = not is_dry if block.dispense is None else block.dispense
         legs.append(
             PathLeg(
                 source=line,
@@ -110,6 +114,16 @@ def legs_of(
         here = (x, y, z)
         angle = turned
     return legs
+
+
+def switched(legs: list[PathLeg], valve: Valve) -> list[PathLeg]:
+    """Return the motions of a text with the glue that its valve lays."""
+    work = np.array([leg.dispense for leg in legs], bool)
+    dwells = np.array([isinstance(leg.source.block, Dwell) for leg in legs], bool)
+    turns = np.array([leg.piece is None for leg in legs], bool) & ~dwells
+    is_on = np.array([valve.output in leg.source.outputs for leg in legs], bool)
+    laid = valve.lays(work, dwells, is_on, np.zeros(len(legs), bool)) & ~turns
+    return [replace(leg, dispense=lays) for leg, lays in zip(legs, laid.tolist(), strict=True)]
 
 
 def placed(legs: list[PathLeg], placement: Placement) -> list[PathLeg]:

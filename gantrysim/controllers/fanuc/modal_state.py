@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from gantrysim.controllers.fanuc.block_words import Words
 from gantrysim.controllers.fanuc.blocks import Plane
 from gantrysim.controllers.fanuc.program_turn import ProgramTurn
+from gantrysim.controllers.valve import Dispense, Outputs
 from gantrysim.paths.pieces import Vector
 
 ENDS = "XYZ"
@@ -41,8 +42,7 @@ class ModalState:
         continuous: whether the program asks for G64.
         in_machine: whether the coordinates of this block are the machine's (G53).
         feed: F; None before the first [mm/min].
-        governed: whether the program switches the dispenser, by M03 and M05.
-        glue: whether it is on.
+        outputs: that M codes switch.
         zero_height: whether the block's arc has a height per turn of 0, as K0 in G17.
     """
 
@@ -68,8 +68,7 @@ class ModalState:
     continuous: bool = False
     in_machine: bool = False
     feed: float | None = None
-    governed: bool = False
-    glue: bool = False
+    outputs: Outputs = field(default_factory=lambda: Outputs(Dispense()))
     zero_height: bool = False
 
     @property

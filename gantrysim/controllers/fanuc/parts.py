@@ -17,6 +17,8 @@ from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Vector
 from gantrysim.paths.profile import Constant, PointToPoint, Profile
 
+_ROUNDING = 1e-9  # of an arc length [mm]
+
 
 @dataclass(frozen=True)
 class Part:
@@ -50,7 +52,8 @@ def stretch(legs: list[PathLeg], feeding: Feeding, begun: float, reached: float)
     source = np.array([leg.source.line for leg in legs], np.intp)
 
     def index(s: Floats) -> NDArray[np.intp]:
-        return np.clip(np.searchsorted(chain.ends, s, side="right"), 0, len(legs) - 1)
+        # a leg ends where it should, whatever rounding makes of the place
+        return np.clip(np.searchsorted(chain.ends, s + _ROUNDING, side="right"), 0, len(legs) - 1)
 
     def lines(t: Floats) -> NDArray[np.intp]:
         return source[index(profile.position(t))]

@@ -19,12 +19,13 @@ from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, S
 from gantrysim.controllers.fanuc.compensation import compensated
 from gantrysim.controllers.fanuc.corners import cornered
 from gantrysim.controllers.fanuc.feed_clamp import Clamp, Feeding
-from gantrysim.controllers.fanuc.legs import PathLeg, legs_of, placed
+from gantrysim.controllers.fanuc.legs import PathLeg, legs_of, placed, switched
 from gantrysim.controllers.fanuc.notes import notes_of
 from gantrysim.controllers.fanuc.parts import Part, averaged, in_place, stretch
 from gantrysim.controllers.fanuc.program_text import SPEEDS, ProgramSource, SourceBlock, read
 from gantrysim.controllers.fanuc.speed import PER_MINUTE
 from gantrysim.controllers.placement import Placement
+from gantrysim.controllers.valve import Dispense, Outputs
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Vector, vector
 from gantrysim.record.setpoints import Setpoints, ticks
@@ -39,9 +40,9 @@ class Program(Controller):
     """A program of lines, arcs, helices, spirals and cones, with the controller's parameters.
 
     A text consists of blocks, such as `N10 G17 G02 X0 Y-30 I0 J-100 Q-20 F300`, with subprograms by M98, M99 and G65,
-    macro variables, IF, GOTO and WHILE; docs/g-code.md lists the words. Glue is laid in all motions at feed, unless the
-    program switches it by M03 and M05. G28 moves to `start`. If the program uses G05.1 or G08, blocks overlap by
-    `blend_time` only while that mode is on; elsewhere the motion stops between blocks.
+    macro variables, IF, GOTO and WHILE; docs/g-code.md lists the words. Glue is laid in motions at feed, and only
+    between the program's codes for the valve if it has any. G28 moves to `start`. If the program uses G05.1 or G08,
+    blocks overlap by `blend_time` only while that mode is on; elsewhere the motion stops between blocks.
 
     F is the constant speed along the path. With a limited acceleration, the motion stops before and after a spiral, at
     corners, at G61, and between rapid moves and moves at feed. With a `blend_time` it stops only at G61: a moving
@@ -75,6 +76,8 @@ class Program(Controller):
         placement: placement of the program on the work, `start` included.
         max_steps: largest number of blocks executed, loops included.
         subprograms: texts of subprograms kept in separate files, by file name without suffix, such as O1000.
+        dispense: when glue is laid in a text; by default in motions at feed, but only between the program's codes for
+            the valve if it has any.
 
     Raises:
         Alarm: a block that the controller refuses, with number, title, block and line.
@@ -108,6 +111,7 @@ class Program(Controller):
     placement: Placement = field(default_factory=Placement)
     max_steps: int = 1_000_000
     subprograms: dict[str, str] = field(default_factory=dict)
+    dispense: Dispense = field(default_factory=Dispense)
 
     def __post_init__(self) -> None:
         if not isinstance(self.program, str):
@@ -144,15 +148,22 @@ class Program(Controller):
             raise InputError("program: moves none of x, y, z; must have a block that does")
 
     @cached_property
+    def _outputs(self) -> Outputs:
+        """The outputs that the text switches; complete once `legs` are read."""
+        return Outputs(self.dispense)
+
+    @cached_property
     def legs(self) -> tuple[PathLeg, ...]:
         """The motions of the blocks."""
         if isinstance(self.program, str):
             source = ProgramSource(self.program, self.subprograms, self.block_skip, self.max_steps)
-            blocks = read(source, self.start, self.offsets, self.rotary_word)
+            blocks = read(source, self.start, self.offsets, self.rotary_word, self._outputs)
         else:
             blocks = tuple(SourceBlock(f"block {k}", 0, _block(item, k)) for k, item in enumerate(self.program, 1))
         legs = legs_of(blocks, self.start, self.rapid, self.end_point_tolerance, self.radius_tolerance)
         whole("max_steps", self.max_steps, 1)
+        if isinstance(self.program, str):
+            legs = switched(legs, self._outputs.valve())
         return tuple(placed(compensated(cornered(legs)), self.placement))
 
     @cached_property
@@ -215,7 +226,9 @@ class Program(Controller):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        return notes_of(self.legs, self.requested, self.blend_time, self.acceleration)
+        notes = notes_of(self.legs, self.requested, self.blend_time, self.acceleration)
+        valve = self._outputs.valve().note
+        return notes if valve is None else (valve, *notes)
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
         """As the feed override on the operator's panel does: every F, and the feed of the dry run."""

@@ -12,19 +12,19 @@ from typing import Any
 from gantrysim.controllers.fanuc.alarm import BlockSource
 from gantrysim.controllers.fanuc.block_words import COMMENT, CORNERS, Words
 from gantrysim.controllers.fanuc.blocks import Block
-from gantrysim.controllers.fanuc.codes import ACTIONS, AUXILIARY, CENTRES, MOTIONS, SETTINGS, g_codes_in_short
+from gantrysim.controllers.fanuc.codes import ACTIONS, CENTRES, MOTIONS, SETTINGS, g_codes_in_short
 from gantrysim.controllers.fanuc.modal_state import ENDS, ModalState
 from gantrysim.controllers.fanuc.program_blocks import ProgramSource
 from gantrysim.controllers.fanuc.sequence import Sequence
 from gantrysim.controllers.speeds import SpeedWords
+from gantrysim.controllers.valve import NUMBERED, Outputs
 from gantrysim.paths.pieces import Vector
 
 SPEEDS = SpeedWords(word=r"\bF|(?<=[0-9.\s])F", comment=COMMENT, key="feed")
 _LENGTHS = set("XYZIJKQR")
 # codes that change what a mirror image or a turn refers to
 _PLAIN_ONLY = {"G17", "G18", "G19", "G28", "G52", "G54", "G55", "G56", "G57", "G58", "G59", "G92"}
-# words of which a look at the whole text tells whether it switches something; without them it is on
-_SWITCHES_GLUE = r"M\s*0*[35](?![0-9])"
+# words of which a look at the whole text tells whether it switches the look-ahead; without them it is on
 _SWITCHES_LOOK_AHEAD = r"G\s*0*(?:5\.1|8)(?![0-9.])"
 
 
@@ -38,6 +38,7 @@ class SourceBlock(BlockSource):
         halting: whether it stops at its end in G64, as the program has G05.1 or G08 and they are off.
         continuous: whether the program asks for G64.
         zero_height: whether its arc has a height per turn of 0, as K0 in G17.
+        outputs: names of those that are on, as of `Outputs`.
     """
 
     block: Block
@@ -45,9 +46,12 @@ class SourceBlock(BlockSource):
     halting: bool = False
     continuous: bool = False
     zero_height: bool = False
+    outputs: tuple[str, ...] = ()
 
 
-def read(source: ProgramSource, start: Vector, offsets: Mapping[str, float], rotary: str) -> tuple[SourceBlock, ...]:
+def read(
+    source: ProgramSource, start: Vector, offsets: Mapping[str, float], rotary: str, outputs: Outputs
+) -> tuple[SourceBlock, ...]:
     """Return the motions of a program.
 
     Args:
@@ -55,16 +59,25 @@ def read(source: ProgramSource, start: Vector, offsets: Mapping[str, float], rot
         start: initial position [mm].
         offsets: cutter compensation by its number D [mm].
         rotary: letter of the rotary axis.
+        outputs: which the program switches.
 
     Raises:
         Alarm: an invalid word, or invalid combination of words.
     """
-    state = ModalState(list(start), offsets, rotary, start)
+    state = ModalState(list(start), offsets, rotary, start, outputs=outputs)
     sequence = Sequence(source, state.provided)
-    state.governed = sequence.has(_SWITCHES_GLUE)
     state.contoured = sequence.has(_SWITCHES_LOOK_AHEAD)
     return tuple(
-        SourceBlock(words.name, words.line, block, state.idle, state.halting, state.continuous, state.zero_height)
+        SourceBlock(
+            name=words.name,
+            line=words.line,
+            block=block,
+            idle=state.idle,
+            halting=state.halting,
+            continuous=state.continuous,
+            zero_height=state.zero_height,
+            outputs=outputs.now,
+        )
         for words in sequence.run()
         for block in _run(state, words)
     )
@@ -110,9 +123,11 @@ def _set_modes(state: ModalState, words: Words) -> None:
     if "D" in words.values:
         state.offset_number = f"{words.values.pop('D'):g}"
         state.offset = float(state.offsets.get(state.offset_number, 0.0))
-    for name in words.m_names:
-        if name in AUXILIARY:
-            AUXILIARY[name](state, words)
+    codes = [round(code) for code in words.auxiliary]
+    if codes or "S" in words.values:
+        state.outputs.switch(codes, words.values.get("P"), words.values.get("S"))
+        if not NUMBERED.isdisjoint(codes):
+            words.values.pop("P", None)
 
 
 def _motion(state: ModalState, words: Words) -> Block:
@@ -143,7 +158,6 @@ def _motion(state: ModalState, words: Words) -> Block:
         "exact_stop": state.exact_stop or state.halting,
         "rounding": _corner(state, words, ",R"),
         "chamfer": _corner(state, words, ",C"),
-        "dispense": state.glue if state.governed else None,
     }
     state.zero_height = False
     block = MOTIONS[state.motion](state, words, arguments)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from abc import abstractmethod
 from collections.abc import Callable
@@ -18,15 +17,16 @@ from gantrysim.base.columns import blocks, by_blocks
 from gantrysim.base.errors import InputError, at_least, place, positive, whole
 from gantrysim.base.memory import give_back
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.gcode.dialects import Dispense, GCodeDialect, codes_beside_feed
+from gantrysim.controllers.gcode.dialects import GCodeDialect
 from gantrysim.controllers.gcode.interpret import Interpreted, interpret
 from gantrysim.controllers.gcode.lifting import lifted
 from gantrysim.controllers.gcode.motion_limits import UNLIMITED, MotionLimits, PlanSettings
-from gantrysim.controllers.gcode.move_table import END, FEED, FLOW, GLUE, KIND, LINE
+from gantrysim.controllers.gcode.move_table import END, FEED, FLOW, KIND, LINE
 from gantrysim.controllers.gcode.o_words import ProgramText
 from gantrysim.controllers.gcode.planned import PathPlan, plan
 from gantrysim.controllers.gcode.program_state import UNSTATED_FEED, ProgramSetup
 from gantrysim.controllers.placement import Placement
+from gantrysim.controllers.valve import Dispense
 from gantrysim.paths.track import Track
 from gantrysim.record.setpoints import Setpoints, SetpointTable, ticks
 
@@ -130,7 +130,7 @@ class GCode(Controller):
         return dict(zip("xyz", self.plan.axis_speeds.tolist(), strict=True))
 
     def with_lift(self, height: float) -> dict[str, Any] | None:
-        text = lifted(self.text, self.dispense, self.start[2], height)
+        text = lifted(self.text, self.program.valve, self.start[2], height)
         return None if text is None else {"text": text}
 
     @property
@@ -241,14 +241,8 @@ class GCode(Controller):
         if self.program.ignored:
             words = ", ".join(f"{word} ({count})" for word, count in sorted(self.program.ignored.items()))
             notes.append(f"Words without an effect on the path: {words}.")
-        codes = codes_beside_feed(self.dispense, self.program.ignored)
-        if codes is not None:
-            on = ", ".join(codes.on)
-            table = f'by = "codes", on = {json.dumps(codes.on)}, off = {json.dumps(codes.off)}'
-            notes.append(
-                f"Glue is laid in all moves at feed; --set 'program.dispense={{{table}}}' lays it from {on} to "
-                f"{codes.off[0]} instead."
-            )
+        if self.program.valve.note:
+            notes.append(self.program.valve.note)
         if self.plan.stops:
             notes.append(
                 f"{self.plan.stops} corners between moves at feed are passed at less than a tenth of the feed; the "
@@ -285,7 +279,7 @@ class GCode(Controller):
     @property
     def _flow(self) -> tuple[str, ...]:
         table = self.program.moves
-        laid = (table[:, KIND] == LINE) & (table[:, GLUE] != 0) & (table[:, FLOW] > 0)
+        laid = (table[:, KIND] == LINE) & self.program.glue & (table[:, FLOW] > 0)
         if not laid.any():
             return ()
         points = np.concatenate([[self.program.start], table[:, END : END + 3]])

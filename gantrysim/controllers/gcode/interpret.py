@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import AxisError, InputError
 from gantrysim.controllers.gcode.checkpoints import Checkpoint, Follower, Recorder, Snapshots
 from gantrysim.controllers.gcode.motion_limits import MotionLimits
-from gantrysim.controllers.gcode.move_table import MoveTable
+from gantrysim.controllers.gcode.move_table import DWELL, END, FLOW, KIND, LINE, OUTPUTS, WORK, MoveTable
 from gantrysim.controllers.gcode.o_words import ProgramFlow, ProgramText
 from gantrysim.controllers.gcode.program_state import ProgramSetup, ProgramState
 from gantrysim.controllers.gcode.system import provided
 from gantrysim.controllers.gcode.word_blocks import Interpreter
+from gantrysim.controllers.valve import SAME_PLACE, Outputs, Valve
 
 
 @dataclass(frozen=True)
@@ -23,6 +27,8 @@ class Interpreted:
     Attributes:
         start: initial position [mm].
         moves: rows of `MoveTable`, (m, WIDTH).
+        glue: whether glue is laid in them, (m,).
+        valve: what opens it.
         ignored: words without an effect on the path, and how often they were met.
         without_feed: moves at a feed that the program has not stated.
         limits: to which the moves refer.
@@ -34,6 +40,8 @@ class Interpreted:
 
     start: tuple[float, float, float]
     moves: Floats
+    glue: NDArray[np.bool_]
+    valve: Valve
     ignored: Counter[str]
     without_feed: int = 0
     limits: tuple[MotionLimits, ...] = (MotionLimits(),)
@@ -96,9 +104,16 @@ def interpret(
         raise InputError(f"{flow.where}: a number is too large") from None
     checkpoints = observer.finished()
     flow.lines.clear()  # the flow and its parameters refer to one another, and would keep them until a collection
+    table = moves.table
+    fed = (table[:, FLOW] > 0) & (table[:, KIND] != DWELL)
+    valve = state.outputs.valve(feeds_material=bool(fed.any()))
+    for code in (*valve.on, *valve.off):
+        state.ignored.pop(code.split()[0], None)
     return Interpreted(
         start=start,
-        moves=moves.table,
+        moves=table,
+        glue=valve.lays(_is_work(table, start), table[:, KIND] == DWELL, _is_on(table, state.outputs, valve), fed),
+        valve=valve,
         ignored=state.ignored,
         without_feed=state.without_feed,
         limits=tuple(state.limits.rows),
@@ -107,3 +122,18 @@ def interpret(
         without_diameter=tuple(sorted(state.tools.without_diameter)),
         checkpoints=checkpoints,
     )
+
+
+def _is_work(table: Floats, start: tuple[float, float, float]) -> NDArray[np.bool_]:
+    """Whether moves and dwells are at work, but for those straight up or down, (m,)."""
+    work: NDArray[np.bool_] = table[:, WORK] != 0
+    plan = np.concatenate([[start[:2]], table[:, END : END + 2]])
+    stands = np.abs(np.diff(plan, axis=0)).max(axis=1, initial=0.0) <= SAME_PLACE
+    work[stands & (table[:, KIND] == LINE)] = False
+    return work
+
+
+def _is_on(table: Floats, outputs: Outputs, valve: Valve) -> NDArray[np.bool_]:
+    """Whether the output that opens the valve is on in moves and dwells, (m,)."""
+    on = np.array([valve.output in state for state in outputs.states])
+    return np.asarray(on[table[:, OUTPUTS].astype(np.intp)])

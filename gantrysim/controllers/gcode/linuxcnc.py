@@ -36,7 +36,8 @@ class Program(GCode):
         acceleration: acceleration limit of each of x, y and z; an assumption [mm/s²].
         cycle: period of the trajectory planner, in which the velocity may jump at a corner; an assumption [s].
         feed_override: factor applied to all feeds.
-        dispense: condition under which the valve is open; by default in all moves at feed.
+        dispense: when glue is laid; by default in moves at feed, but only between the program's codes for the valve if
+            it has any.
         arc_tolerance: accepted difference between an arc's radius at its end and at its start; larger ones are accepted
             up to a thousandth of the radius, at most 100 times this value; 2.54 times as much in inches [mm].
         block_skip: whether lines that begin with a slash are skipped.

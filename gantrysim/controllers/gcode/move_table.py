@@ -36,10 +36,11 @@ class MoveRow(NamedTuple):
         feed: path speed, 0 for a rapid move [mm/s], or the time of a dwell [s].
         mode: of the corner at its end [mm].
         naive: tolerance of merged lines [mm].
-        glue: whether glue is laid.
+        work: whether it is a move at feed, or a dwell at the bottom of a cycle.
         source: line of the program.
         flow: material fed [mm].
         limits: index of the limits in force.
+        outputs: index of the outputs that are on, as of `Outputs`.
     """
 
     kind: float
@@ -53,10 +54,11 @@ class MoveRow(NamedTuple):
     feed: float
     mode: float
     naive: float
-    glue: float
+    work: float
     source: float
     flow: float
     limits: float = 0.0
+    outputs: float = 0.0
 
 
 # columns of the table
@@ -68,12 +70,13 @@ ANGLE = MoveRow._fields.index("angle")
 FEED = MoveRow._fields.index("feed")
 MODE = MoveRow._fields.index("mode")
 NAIVE = MoveRow._fields.index("naive")
-GLUE = MoveRow._fields.index("glue")
+WORK = MoveRow._fields.index("work")
 SOURCE = MoveRow._fields.index("source")
 FLOW = MoveRow._fields.index("flow")
 LIMITS = MoveRow._fields.index("limits")
+OUTPUTS = MoveRow._fields.index("outputs")
 WIDTH = len(MoveRow._fields)
-_MOST = 5_000_000  # moves, of 120 bytes each
+_MOST = 5_000_000  # moves, of 128 bytes each
 _SAME = 1e-9  # relative to 1 rad
 
 

@@ -21,7 +21,6 @@ from gantrysim.controllers.gcode.move_table import (
     END,
     EXACT_PATH,
     FEED,
-    GLUE,
     KIND,
     LINE,
     MODE,
@@ -66,7 +65,7 @@ class PathPlan:
         profile: speed along it, without dwells.
         progress: arc length of `requested` at the ends of the pieces of `path`, see `_progress`, (n + 1,) [mm].
         source: row of the moves for every piece of `path`, (n,).
-        moves: the rows.
+        program: with the moves.
         dwells: between the pieces.
         stops: corners between moves at feed passed at less than a tenth of the feed.
         small: median length of the moves before those corners; 0 without [mm].
@@ -79,7 +78,7 @@ class PathPlan:
     profile: Limited
     progress: Floats
     source: NDArray[np.intp]
-    moves: Floats
+    program: Interpreted
     dwells: Dwells
     stops: int
     small: float
@@ -94,12 +93,12 @@ class PathPlan:
     def at(self, t: ArrayLike) -> tuple[Floats, NDArray[np.bool_], Floats]:
         """Return points (n, 3) [mm], whether glue is laid, (n,), and the progress, (n,) [mm], at times (n,) [s]."""
         s, row = self._rows(np.asarray(t, float))
-        return self.path.position(s), self.moves[row, GLUE] != 0, np.interp(s, self.path.ends, self.progress)
+        return self.path.position(s), self.program.glue[row], np.interp(s, self.path.ends, self.progress)
 
     def lines(self, t: ArrayLike) -> NDArray[np.intp]:
         """Return the program's lines that run at times, (n,)."""
         _, row = self._rows(np.asarray(t, float))
-        return self.moves[row, SOURCE].astype(np.intp)
+        return self.program.moves[row, SOURCE].astype(np.intp)
 
     def _rows(self, t: Floats) -> tuple[Floats, NDArray[np.intp]]:
         """Arc lengths, and rows of the moves or dwells, at times."""
@@ -175,7 +174,7 @@ def plan(program: Interpreted, placement: Placement, settings: PlanSettings) -> 
     moves_before = np.searchsorted(rows, dwell_rows)
     halts = np.zeros(rows.size + 1, bool)
     halts[moves_before] = True
-    base = _simplified(_Base(requested, rows, halts), table)
+    base = _simplified(_Base(requested, rows, halts), program)
     limits = limits_of(base.track, table, base.rows, program.limits, settings)
     axis_speeds = (limits.speed[:, None] * shares(base.track)).max(axis=0)
     path, corners = _rounded_corners(base, table, limits, settings)
@@ -188,7 +187,7 @@ def plan(program: Interpreted, placement: Placement, settings: PlanSettings) -> 
         profile=profile,
         progress=_progress(path, base, requested, rows),
         source=source,
-        moves=table,
+        program=program,
         dwells=Dwells(begin, table[dwell_rows, FEED], dwell_rows, pieces),
         stops=corners.stops,
         small=corners.small,
@@ -279,16 +278,17 @@ def _pieces_after(
     return np.where(moves_before > 0, np.searchsorted(order, last, side="right"), 0)
 
 
-def _simplified(base: _Base, table: Floats) -> _Base:
+def _simplified(base: _Base, program: Interpreted) -> _Base:
     """Merge lines within the tolerance of G64 Q."""
     rows = base.rows
-    naive = table[rows, NAIVE]
+    table = program.moves[rows]
+    naive = table[:, NAIVE]
     if not naive.any():
         return base
     joined = np.zeros(rows.size + 1, bool)
-    alike = table[rows][:, [FEED, GLUE, MODE, NAIVE]]
+    alike = np.column_stack([table[:, [FEED, MODE, NAIVE]], program.glue[rows]])
     same = (alike[:-1] == alike[1:]).all(axis=1)
-    line = (table[rows, KIND] == LINE) & (table[rows, FEED] > 0)
+    line = (table[:, KIND] == LINE) & (table[:, FEED] > 0)
     joined[1:-1] = same & line[:-1] & line[1:] & ~base.halts[1:-1] & (naive[:-1] > 0)
     points = base.track.points
     corner = merged(points, joined, np.append(naive, 0.0))

@@ -10,11 +10,12 @@ from typing import Any
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.coordinate_systems import CoordinateSystems, StartPosition
 from gantrysim.controllers.gcode.cutter_compensation import CutterCompensation
-from gantrysim.controllers.gcode.dialects import Dispense, GCodeDialect
+from gantrysim.controllers.gcode.dialects import GCodeDialect
 from gantrysim.controllers.gcode.limits_in_force import LimitsInForce
 from gantrysim.controllers.gcode.move_table import DWELL, EXACT_STOP, LINE, MoveRow, MoveTable
 from gantrysim.controllers.gcode.open_curve import OpenCurve
 from gantrysim.controllers.gcode.tools import Tools
+from gantrysim.controllers.valve import Dispense, Outputs
 
 FARTHEST = 1e7  # of a coordinate [mm]
 UNSTATED_FEED = 1500.0  # of printers' firmware before the first F, Klipper's [mm/min]
@@ -131,7 +132,7 @@ class ProgramState:
         frames: the coordinate systems.
         modes: the modes.
         motion: name of the code of motion in force.
-        glue: whether M codes have opened the valve.
+        outputs: that M codes switch.
         extruder: E of the extruder.
         relative_extruder: whether E is relative (M83).
         spline_control: last control point of the cubic spline before, from its end, as x + iy; None after other moves.
@@ -155,7 +156,7 @@ class ProgramState:
         self.frames = CoordinateSystems(list(moves.start), StartPosition(list(moves.start)), tools=setup.tools)
         self.modes = Modes(path=setup.path_mode)
         self.motion = "G1" if setup.dialect.extrudes else "G0"
-        self.glue = False
+        self.outputs = Outputs(setup.dispense)
         self.extruder = 0.0
         self.relative_extruder = False
         self.spline_control: complex | None = None
@@ -206,15 +207,6 @@ class ProgramState:
         self.extruder = self.extruder + e if self.relative_extruder else e
         return fed * self.frames.unit
 
-    def lays_glue(self, at_feed: bool, fed: float) -> bool:
-        """Return whether glue is laid in a move that feeds material [mm]."""
-        match self.setup.dispense.by:
-            case "codes":
-                return self.glue
-            case "extrusion":
-                return fed > 0
-        return at_feed
-
     def line_to(self, end: list[float], feed: float, fed: float = 0.0, *, at_work: bool = True) -> None:
         """Add a line at feed.
 
@@ -222,13 +214,13 @@ class ProgramState:
             end: in the machine's coordinates [mm].
             feed: path speed [mm/s].
             fed: material [mm].
-            at_work: whether glue is laid, where all moves at feed lay it.
+            at_work: whether glue is laid in it, if nothing switches the valve.
         """
-        self._line_to(end, feed, fed, self.lays_glue(at_work, fed))
+        self._line_to(end, feed, fed, at_work)
 
     def rapid_to(self, end: list[float]) -> None:
         """Add a rapid move to a place of the machine [mm]."""
-        self._line_to(end, 0.0, 0.0, self.lays_glue(False, 0.0))
+        self._line_to(end, 0.0, 0.0, False)
 
     def add(self, move: MoveRow) -> None:
         """Add a programmed move, beside its path under cutter compensation, and go to its end."""
@@ -241,19 +233,26 @@ class ProgramState:
             last = self.moves.row(len(self.moves) - 1)
             self.frames.here = [last.x, last.y, last.z]
 
-    def _line_to(self, end: list[float], feed: float, fed: float, glue: bool) -> None:
+    def _line_to(self, end: list[float], feed: float, fed: float, at_work: bool) -> None:
         x, y, z = end
         if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(z) <= FARTHEST):
             raise InputError(f"end at {[round(v, 3) for v in end]} mm: must be within {FARTHEST:g} mm")
         modes = self.modes
         limits = self.limits.index(fed > 0)
-        self.add(MoveRow(LINE, x, y, z, 0.0, 0.0, 0, 0.0, feed, modes.path, modes.naive, glue, self.line, fed, limits))
+        outputs = self.outputs.index
+        self.add(
+            MoveRow(
+                LINE, x, y, z, 0.0, 0.0, 0, 0.0, feed, modes.path, modes.naive, at_work, self.line, fed, limits, outputs
+            )
+        )
 
     def pause(self, time: float, *, at_work: bool = False) -> None:
-        """Add a dwell [s], with glue where moves at feed lay it and the needle is at work."""
-        glue = self.lays_glue(at_work, 0.0)
+        """Add a dwell [s], at the bottom of a cycle that lays dots or elsewhere."""
         x, y, z = self.frames.here
-        self.add(MoveRow(DWELL, x, y, z, 0.0, 0.0, 0, 0.0, time, EXACT_STOP, 0.0, glue, self.line, 0.0))
+        outputs = self.outputs.index
+        self.add(
+            MoveRow(DWELL, x, y, z, 0.0, 0.0, 0, 0.0, time, EXACT_STOP, 0.0, at_work, self.line, 0.0, 0.0, outputs)
+        )
 
     def save_modes(self, restored: bool) -> None:
         """Save the modes, and have them come back at the subroutine's end or not."""

@@ -75,10 +75,11 @@ def add_arc(state: ProgramState, block: WordBlock, clockwise: bool) -> None:
             feed=feed,
             mode=modes.path,
             naive=modes.naive,
-            glue=state.lays_glue(True, block.fed),
+            work=True,
             source=state.line,
             flow=block.fed,
             limits=state.limits.index(block.fed > 0),
+            outputs=state.outputs.index,
         )
     )
 

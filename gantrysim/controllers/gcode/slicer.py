@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 from gantrysim.base.errors import positive
-from gantrysim.controllers.gcode.dialects import SLICER, ByExtrusion, GCodeDialect
+from gantrysim.controllers.gcode.dialects import SLICER, GCodeDialect
 from gantrysim.controllers.gcode.gcode_program import GCode
 
 
@@ -15,8 +15,9 @@ class Program(GCode):
     """G-code in the dialect of slicers for 3D printers.
 
     G0 and G1 move at the feed F; I and J give the centre of G2 and G3. E feeds material, absolute (M82) or relative
-    (M83), and G92 sets its value. Moves that feed no material are travel, without glue; moves of E alone take their
-    time at standstill. Temperatures, fans, homing and all other M and G codes have no effect, but are counted.
+    (M83), and G92 sets its value. Moves that feed no material are travel, without glue; in a program that feeds none at
+    all, G0 is. Moves of E alone take their time at standstill. Temperatures, fans, homing and all other M and G codes
+    have no effect, but are counted.
 
     Args:
         text: text of the program.
@@ -27,7 +28,7 @@ class Program(GCode):
             assumption [mm/s²].
         cycle: period in which the velocity may jump at a corner that is not rounded; an assumption [s].
         feed_override: factor applied to all feeds.
-        dispense: condition under which the valve is open; by default in moves that feed material.
+        dispense: when glue is laid; by default in moves that feed material, and in a program without them as elsewhere.
         arc_tolerance: accepted difference between an arc's radius at its end and at its start; larger ones are accepted
             up to a thousandth of the radius, at most 100 times this value [mm].
         block_skip: whether lines that begin with a slash are skipped.
@@ -46,7 +47,6 @@ class Program(GCode):
     suffixes: ClassVar[tuple[str, ...]] = (".gcode",)
     corner_argument: ClassVar[str | None] = "corner_tolerance"
 
-    dispense: ByExtrusion = field(default_factory=ByExtrusion)
     arc_tolerance: float = 0.05
     corner_tolerance: float = 0.05
 

@@ -8,6 +8,7 @@ from gantrysim.base.errors import AxisError, InputError
 from gantrysim.controllers.gcode.codes import CODES, Code, Kind
 from gantrysim.controllers.gcode.lines import FirmwareCommand, Words
 from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
+from gantrysim.controllers.valve import SPEED_CODES
 
 # what cutter compensation allows; all else would change what the offset path refers to
 _OFFSET_MOTIONS = {"G0", "G1", "G2", "G3", "G80"}
@@ -51,6 +52,9 @@ class Interpreter:
         block.values.pop("N", None)
         if "T" in block.values:
             self._state.tools.selected = int(block.values["T"])
+        if auxiliary or "S" in block.values:
+            state = self._state
+            state.outputs.switch(auxiliary, block.values.get("P"), self._speed(block, codes, auxiliary))
         if auxiliary:
             for number in auxiliary:
                 self._apply_auxiliary(number, block)
@@ -62,6 +66,11 @@ class Interpreter:
                     return not block.ends
         self._apply(codes, block)
         return not block.ends
+
+    def _speed(self, block: WordBlock, codes: list[str], auxiliary: list[int]) -> float | None:
+        """Return S where it is a speed: in firmware it is a time, a temperature or other in most blocks."""
+        is_speed = SPEED_CODES.issuperset(auxiliary) and "G4" not in codes
+        return block.values.get("S") if is_speed or not self._dialect.extrudes else None
 
     def _command(self, line: FirmwareCommand) -> bool:
         code = self._codes.get(line.name)
@@ -80,10 +89,6 @@ class Interpreter:
 
     def _apply_auxiliary(self, number: int, block: WordBlock) -> None:
         state = self._state
-        dispense = state.setup.dispense
-        switched = dispense.switch(number, block.values.get("P")) if dispense.by == "codes" else None
-        if switched is not None:
-            state.glue = switched
         name = f"M{number}"
         code = self._codes.get(name)
         if code is None and not self._dialect.lenient:
@@ -91,8 +96,7 @@ class Interpreter:
         if code is not None and code.handler is not None:
             code.handler(state, block)
             return
-        if switched is None:
-            state.ignored[name] += 1
+        state.ignored[name] += 1
         if code is not None:
             block.drop(code.takes)
 

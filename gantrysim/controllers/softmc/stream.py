@@ -14,8 +14,9 @@ from gantrysim.base.memory import check_ticks
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.softmc.geometry import Segment, placed
 from gantrysim.controllers.softmc.group import Group
+from gantrysim.controllers.valve import is_upright
 from gantrysim.paths.chain import Chain
-from gantrysim.paths.pieces import SHORTEST, length_of
+from gantrysim.paths.pieces import SHORTEST, Line, length_of
 from gantrysim.paths.profile import Profile
 from gantrysim.record.setpoints import MAX_TICKS, ticks
 
@@ -98,7 +99,7 @@ def leg_of(
         path: in the program's coordinates.
         here: its start, x, y, z [mm] and r [deg], (4,).
         group: its properties for this motion.
-        dispense: whether glue is laid.
+        dispense: whether glue is laid, but for a line straight up or down.
         placement: of the program's coordinates on the work.
         line: of the program.
 
@@ -115,6 +116,8 @@ def leg_of(
     if length <= SHORTEST:
         raise InputError(f"path of {length:g} mm: must be longer than {SHORTEST:g} mm")
     profile = group.along(length, rotation)
+    if isinstance(path.piece, Line) and is_upright(path.piece.start, path.piece.end):
+        dispense = False
     return Leg(here, path, profile, dispense, line)
 
 

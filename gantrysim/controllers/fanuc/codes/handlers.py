@@ -23,7 +23,6 @@ _SHORTEST_RANGE = 2  # codes that are listed one by one
 SETTINGS: dict[str, Setting] = {}  # applied where they stand among the codes of their block
 ACTIONS: dict[str, Action] = {}  # carried out once, with the words of their block
 MOTIONS: dict[str, Motion] = {}  # carried out with the axis words of their block and of those that follow
-AUXILIARY: dict[str, Setting] = {}  # M codes
 
 
 def name_of(handler: Callable[..., Any]) -> str:
@@ -46,12 +45,6 @@ def action(handler: Action) -> Action:
 def motion(handler: Motion) -> Motion:
     """Add a code of motion."""
     MOTIONS[name_of(handler)] = handler
-    return handler
-
-
-def auxiliary(handler: Setting) -> Setting:
-    """Add an M code."""
-    AUXILIARY[name_of(handler)] = handler
     return handler
 
 

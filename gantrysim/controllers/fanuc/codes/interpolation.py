@@ -77,4 +77,4 @@ def g04(state: ModalState, words: Words) -> list[Block]:
     time = seconds if seconds is not None else (milliseconds or 0.0) * 1e-3
     if words.values or time < 0:
         raise words.fail(9, "G04 must have X [s] or P [ms], at least 0, and no other address")
-    return [Dwell(time=time, dispense=state.glue)]
+    return [Dwell(time=time)]

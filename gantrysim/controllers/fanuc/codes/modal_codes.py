@@ -1,9 +1,9 @@
-"""Modes: look-ahead, plane, units, compensation, stops, distances; and the dispenser."""
+"""Modes: look-ahead, plane, units, compensation, stops, distances."""
 
 from __future__ import annotations
 
 from gantrysim.controllers.fanuc.block_words import Words
-from gantrysim.controllers.fanuc.codes.handlers import auxiliary, setting
+from gantrysim.controllers.fanuc.codes.handlers import setting
 from gantrysim.controllers.fanuc.modal_state import ModalState
 
 INCH = 25.4  # [mm]
@@ -125,15 +125,3 @@ def g91(state: ModalState, words: Words) -> None:
 @setting
 def g94(state: ModalState, words: Words) -> None:
     """F is per minute, as it always is."""
-
-
-@auxiliary
-def m03(state: ModalState, words: Words) -> None:
-    """Dispenser on."""
-    state.glue = True
-
-
-@auxiliary
-def m05(state: ModalState, words: Words) -> None:
-    """Dispenser off."""
-    state.glue = False

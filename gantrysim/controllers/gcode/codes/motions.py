@@ -15,20 +15,24 @@ from gantrysim.controllers.gcode.splines import add_cubic, add_quadratic
 @motion(straight=True)
 def g0(state: ProgramState, block: WordBlock) -> None:
     """Rapid move; printers run it at the feed."""
-    if state.dialect.extrudes:
-        g1(state, block)
-        return
     state.spline_control = None
-    state.rapid_to(state.frames.end(block.values, block.in_machine))
+    if state.dialect.extrudes:
+        _line_at_feed(state, block, at_work=False)
+    else:
+        state.rapid_to(state.frames.end(block.values, block.in_machine))
 
 
 @motion(straight=True)
 def g1(state: ProgramState, block: WordBlock) -> None:
     """Line at feed."""
     state.spline_control = None
+    _line_at_feed(state, block, at_work=True)
+
+
+def _line_at_feed(state: ProgramState, block: WordBlock, at_work: bool) -> None:
     start = state.frames.here
     end = state.frames.end(block.values, block.in_machine)
-    state.line_to(end, state.feed_at(math.dist(start, end)), block.fed)
+    state.line_to(end, state.feed_at(math.dist(start, end)), block.fed, at_work=at_work)
 
 
 @motion(moved_by="IJKR")

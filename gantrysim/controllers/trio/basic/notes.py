@@ -34,7 +34,9 @@ def notes_of(state: State, stop_after: float, valve: int, stated: bool) -> tuple
         names = [name for name in sorted(state.ignored) if NOTED[name] == reason]
         notes.append(f"{', '.join(names)}: accepted without effect, {reason}")
     if valve not in state.switched:
-        notes.append(f"OP({valve}) is never switched: the dispenser is on while the axes move")
+        notes.append(
+            f"OP({valve}) is never switched: the dispenser is on while the axes move, but not straight up or down"
+        )
     if not stated:
         notes.append("the moves alone do not state the axes' path: the commanded trace is the requested path")
     for line in state.printed[:_SHOWN]:

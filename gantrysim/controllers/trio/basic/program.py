@@ -31,6 +31,7 @@ from gantrysim.paths.spirals import Involute
 from gantrysim.record.setpoints import MAX_TICKS, Setpoints
 
 _AXES = ("x", "y", "z", "r")
+_Z = 2  # column of a position
 
 SPEEDS = SpeedWords(
     word=r"\b(?:(?:FORCE|STARTMOVE|ENDMOVE)_)?SPEED(?:[ \t]*AXIS[ \t]*\([^()\n]*\))?[ \t]*=",
@@ -296,8 +297,11 @@ class Basic(Controller):
     def _dispense(self, trace: Trace, position: Floats) -> NDArray[np.bool_]:
         if self.valve in trace.state.switched:
             return trace.outputs
-        moving = np.flatnonzero(np.abs(np.diff(position, axis=0)).max(axis=1) > 0)
+        moves = np.diff(position, axis=0) != 0
+        upright = moves[:, _Z : _Z + 1].any(axis=1) & (moves.sum(axis=1) == 1)
+        moving = np.flatnonzero(moves.any(axis=1) & ~upright)
         on = np.zeros(len(position), bool)
         if moving.size:
             on[moving[0] : moving[-1] + 2] = True
+            on[:-1] &= ~upright
         return on
