@@ -21,6 +21,7 @@ from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.faults import KINDS, AnyFault, InjectedFault
 from gantrysim.job.code import named_code
 from gantrysim.job.defaults import MACHINE
+from gantrysim.job.given import Given
 from gantrysim.job.overrides import LIST_OF_KEYS, TABLES, change, known_keys, override
 from gantrysim.job.programs import build, reject_booleans
 from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings, ToleranceSettings
@@ -139,6 +140,15 @@ class JobContent(BaseModel):
         job = self.model_copy()
         job._choice = (note,)
         return job
+
+    def with_given(self, given: Given) -> Self:
+        """Return the job with what it was loaded from."""
+        return self.model_copy(update={"given": given})
+
+    @cached_property
+    def given(self) -> Given | None:
+        """What the job was loaded from; None for one that was not loaded, or was changed since."""
+        return None
 
     def overridden(self, overrides: Iterable[str]) -> Self:
         """Return the job with values changed by "key=value", as `load` takes them.

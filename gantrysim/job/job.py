@@ -15,12 +15,13 @@ from gantrysim.base.progress import Progress
 from gantrysim.base.user_code import is_code
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.engine.simulation import Simulation
+from gantrysim.job.choosing import chosen_job
 from gantrysim.job.content import JobContent
-from gantrysim.job.first_try import OpenValues, choice_note, glue_changes, machine_of
 from gantrysim.job.fitting import check_fit, check_servo_file
+from gantrysim.job.given import Given
 from gantrysim.job.margins import check_stability, margin_notes, servo_reason
 from gantrysim.job.plan import Plan, plan_of
-from gantrysim.job.program_place import fit_changes, share_text
+from gantrysim.job.program_place import share_text
 from gantrysim.job.reading import Request, read_with_overrides
 from gantrysim.job.user_controller import checked_setpoints
 from gantrysim.machine.checks import notes as machine_notes
@@ -92,10 +93,7 @@ class Job(JobContent):
         read = read_with_overrides(request)
         if read.refusal and not allow_code:
             raise InputError(read.refusal)
-        loaded = cls.of_content(read.content, read.label)
-        if speed is not None:
-            loaded = loaded.at_speed(speed)
-        chosen = loaded._with_choices(OpenValues.of(read.content, read.dialect))
+        chosen = chosen_job(cls, Given.of(read, request, speed), read.content, speed)
         if table is not None:
             check_servo_file(table, chosen.servo, chosen.built_machine)
         return chosen
@@ -106,21 +104,6 @@ class Job(JobContent):
         read = read_with_overrides(Request(str(file)))
         return cls.of_content(read.content, read.label, read.refusal, is_record=True)
 
-    def _with_choices(self, open_values: OpenValues) -> Job:
-        """Return the job with a machine and glue for its program, where nobody gave any; its first note says so."""
-        name = self.program["controller"]
-        job = self
-        if open_values.machine:
-            with self._located():
-                job = job.changed({"machine": machine_of(name, job.controller)}).sharing(job)
-        if open_values.glue:
-            job = job.changed(glue_changes(job, job.built_machine)).sharing(job)
-        if not is_code(name):
-            changes = fit_changes(job, job.built_machine, job.controller, open_values)
-            job = job.changed(changes).sharing(job) if changes else job
-        note = choice_note(open_values, job, job.controller)
-        return job.with_choice(note) if note else job
-
     def at_speed(self, speed: float) -> Job:
         """Return the job with its program at another speed.
 
@@ -130,12 +113,12 @@ class Job(JobContent):
         Raises:
             InputError: the program states no speed, or the speed is not positive.
         """
-        with self._located():
+        with self.located():
             arguments = self.controller.arguments_at(speed)
-        return self.changed({f"program.{key}": value for key, value in arguments.items()})
+        return self.changed({f"program.{key}": _without_noise(value) for key, value in arguments.items()})
 
     @contextmanager
-    def _located(self) -> Iterator[None]:
+    def located(self) -> Iterator[None]:
         """Name the program's file, and the line where it is known, in errors that the program causes."""
         try:
             yield
@@ -213,7 +196,7 @@ class Job(JobContent):
     def setpoints(self) -> Setpoints:
         """The program's setpoints, held at the start for the dispenser's start lead and at the end to settle."""
         settle = at_least("settle", self.simulation.settle, 0, "s")
-        with self._located():
+        with self.located():
             return self.dispenser.held_back(self._sent).hold(settle)
 
     @property
@@ -243,7 +226,7 @@ class Job(JobContent):
         """
         if not self.simulation.allow_unstable:
             check_stability(self.built_machine, self.built_servo, self.margins, self.servo, self._margins_at)
-        with self._located():
+        with self.located():
             record = simulate(
                 self.built_machine if machine is None else machine,
                 self.built_servo,
@@ -267,13 +250,13 @@ class Job(JobContent):
         Raises:
             InputError: a program that the controller or the machine refuses.
         """
-        with self._located():
+        with self.located():
             self.check_fit()
             return plan_of(self.built_machine, self.program["controller"], self.setpoints, self.controller)
 
     def check_fit(self) -> None:
         """Raise InputError unless program and machine agree in frame and geometry; includes `check_faults`."""
-        with self._located():
+        with self.located():
             check_fit(self.built_machine, self.controller, self.setpoints, self.program["controller"])
         self.check_faults()
 
@@ -291,9 +274,14 @@ class Job(JobContent):
 
     def follow(self) -> Run:
         """Return the record of a machine that follows the program exactly, see `perfect_follower`."""
-        with self._located():
+        with self.located():
             record = perfect_follower(self.built_machine, self.setpoints, dispenser=self.dispenser)
         return record.replaced(job=self)
+
+
+def _without_noise(value: Any) -> Any:
+    """Return a number without the last digits of floating point, so that a speed makes the value that it came from."""
+    return float(f"{value:.12g}") if isinstance(value, float) else value
 
 
 def _restored(content: dict[str, Any], refusal: str) -> Job:

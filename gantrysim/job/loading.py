@@ -142,6 +142,8 @@ def _program(
             dialect = recognised(text)
         name = reader(path.suffix, named) if dialect is None else dialect.controller
         text_argument = program_class(name).text_argument
+        if text_argument in arguments:
+            raise InputError(f"program.file = {file!r:.60} and program.{text_argument}: must be one of the two")
         text = program_class(name).with_files(text, path.parent)
         if dialect is not None and suffix in suffixes() and name == reader(suffix):
             dialect = None  # as the suffix has it

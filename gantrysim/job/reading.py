@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import deepcopy
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,12 +34,14 @@ class Reading(NamedTuple):
         label: of the job in messages.
         refusal: why the code that it names may not run unless the caller allows it; empty where it may.
         dialect: what its program file was recognised as, by its content; None where suffix or caller decides.
+        file: the content without the caller's replacements.
     """
 
     content: dict[str, Any]
     label: str
     refusal: str
-    dialect: Recognised | None = None
+    dialect: Recognised | None
+    file: dict[str, Any]
 
 
 class _Author(NamedTuple):
@@ -68,6 +71,7 @@ def read_with_overrides(request: Request) -> Reading:
     for section in ("program", "servo", "dispenser", "bead", "simulation", "geometry"):
         if not isinstance(content.get(section, {}), dict):
             raise InputError(f"job {job}: {section} = {content[section]!r:.60}: must be a table, [{section}]")
+    alone = _without_options(content, folder)
     program = content.get("program", {})
     # a controller that the caller names is code of the caller's own
     jobs_program = program if request.controller is None else {}
@@ -85,9 +89,22 @@ def read_with_overrides(request: Request) -> Reading:
     _override(content, request, authors)
     if request.machine is not None:
         content["machine"] = absolute_machine(request.machine, Path())
-    elif isinstance(content.get("machine"), str):
+    else:
+        _make_machine_absolute(content, folder)
+    return Reading(content, label, _refusal(content, authors), dialect, alone)
+
+
+def _without_options(content: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return a copy of the content of a job's file, paths of files made absolute."""
+    alone = deepcopy(content)
+    _make_law_absolute(alone, folder)
+    _make_machine_absolute(alone, folder)
+    return alone
+
+
+def _make_machine_absolute(content: dict[str, Any], folder: Path) -> None:
+    if isinstance(content.get("machine"), str):
         content["machine"] = absolute_machine(content["machine"], folder)
-    return Reading(content, label, _refusal(content, authors), dialect)
 
 
 def _make_law_absolute(content: dict[str, Any], folder: Path) -> None:

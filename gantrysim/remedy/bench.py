@@ -64,16 +64,16 @@ class Bench:
         """Add a job that has run, with the error budget of its record."""
         run = budget.analysis.run
         motion = Motion(job, run, budget if run.fault is None else None)
-        self._keep_motion(self._key(job), motion)
+        self._keep_motion(self.motion_key(job), motion)
         self._keep({job.toml(): motion.outcome(job)})
 
     def motion(self, job: Job) -> Motion | None:
         """Return the motion of a job where it is kept."""
-        return self._motions.get(self._key(job))
+        return self._motions.get(self.motion_key(job))
 
     def deviation(self, job: Job) -> Deviation:
         """Return how far the nozzle is from its command in the run of a job."""
-        return self._deviations.get(self._key(job)) or Deviation.unknown()
+        return self._deviations.get(self.motion_key(job)) or Deviation.unknown()
 
     def measure(self, job: Job) -> Outcome:
         """Return what the run of a job shows."""
@@ -87,7 +87,7 @@ class Bench:
         self._tell()
         motions: dict[str, dict[str, Job]] = {}
         for key, job in missing.items():
-            motions.setdefault(self._key(job), {})[key] = self.family.member(job)
+            motions.setdefault(self.motion_key(job), {})[key] = self.family.member(job)
         groups = [list(group.values()) for group in motions.values()]
         earlier = list(map(self._motions.get, motions))
         with ExitStack() as stack:
@@ -102,8 +102,8 @@ class Bench:
                 self._keep(dict(zip(group, measured.outcomes, strict=True)))
         return [self._outcomes[key] for key in keys]
 
-    def _key(self, job: Job) -> str:
-        """Return `motion_key`."""
+    def motion_key(self, job: Job) -> str:
+        """Return a text that is the same for jobs with the same motion, see `motion_key`."""
         return motion_key(job, self.family.time_before_glue(job) if job.dispenser.start_lead > 0 else 0.0)
 
     def _keep_motion(self, key: str, motion: Motion) -> None:

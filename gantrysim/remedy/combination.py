@@ -145,6 +145,15 @@ class Combinations:
                 needed = fewer
         return needed
 
+    def hopeful(self, picks: Sequence[Pick], candidates: Sequence[Candidate]) -> list[Candidate]:
+        """Return the candidates in place of a combination that may pass by their forecasts."""
+        forecasts = self._forecasts(picks, candidates)
+        return [candidate for candidate, least in zip(candidates, forecasts, strict=True) if least == 0]
+
+    def measured(self, jobs: Sequence[Job]) -> list[Outcome]:
+        """Return what the runs of jobs show."""
+        return self._measure_all(jobs)
+
     def _extended(self, picks: Sequence[Pick], levers: Iterable[Lever]) -> Iterable[Candidate]:
         """Yield a combination with each setting of each lever that is not in it, on top."""
         try:
@@ -221,7 +230,7 @@ class Combinations:
         effort = min(candidates[k].added.lever.effort for k in near)
         lever = next(candidates[k].added.lever for k in near if candidates[k].added.lever.effort == effort)
         settings = [k for k in near if candidates[k].added.lever is lever]
-        best = min(settings, key=lambda k: (*_rank(outcomes[k]), k))
+        best = min(settings, key=lambda k: (*rank(outcomes[k]), k))
         return list(candidates[best].picks)
 
 
@@ -240,7 +249,7 @@ def best_combination(combinations: Combinations, levers: Sequence[Lever]) -> lis
     return combinations.without_spare(picks)
 
 
-def _rank(outcome: Outcome) -> tuple[float, float, float]:
+def rank(outcome: Outcome) -> tuple[float, float, float]:
     """Return what the better of two settings has less of: burden, time, and usage of its worst row."""
     usages = [] if outcome.verdict is None else [usage_of(row) for row in outcome.verdict.rows]
     return outcome.burden, round(outcome.duration, 2), max((u for u in usages if not math.isnan(u)), default=0.0)

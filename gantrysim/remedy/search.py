@@ -11,8 +11,10 @@ from gantrysim.job.causes import Causes, Effect
 from gantrysim.job.job import Job
 from gantrysim.remedy.bench import Bench
 from gantrysim.remedy.combination import Combinations, Pick, best_combination, setting_of
+from gantrysim.remedy.fewest import fewest_levers
 from gantrysim.remedy.forecast import Forecast
 from gantrysim.remedy.lever import Lever, Setting, State
+from gantrysim.remedy.merging import merged
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.trial import Skipped, Trial, gains_of
 from gantrysim.results.score import row_burden
@@ -72,7 +74,9 @@ class Search:
     def combined(self, levers: Sequence[Lever]) -> list[Pick]:
         """Return the best combination, in the order in which its levers joined; empty where none helps."""
         self._bench.task.name = "combination"
-        return best_combination(self._combinations, levers)
+        picks = best_combination(self._combinations, levers)
+        fewest = fewest_levers(self._combinations, picks, self._bench.motion_key)
+        return merged(self._combinations, fewest)
 
     def state_of(self, picks: Sequence[Pick]) -> State:
         """Return the state after the levers of a combination are set, see `Combinations.state_of`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from gantrysim.base.errors import InputError
@@ -63,3 +64,8 @@ FASTER = Lever(
     rows=(GLUE,),
     settings=_at_factors(_FASTER),
 )
+
+
+def at_factor(factor: float) -> Lever:
+    """Return the lever of the speed with one setting, a factor of the speed."""
+    return replace(FASTER if factor > 1 else SLOWER, settings=_at_factors((factor,)))

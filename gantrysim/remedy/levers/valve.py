@@ -22,11 +22,13 @@ def compensations(dispenser: Dispenser) -> list[float]:
     """Return the times of the compensation to try, ascending, without the present one [s].
 
     A first-order lag T is late by T on a ramp, and the dead time comes on top. Rising and falling flow may have
-    different lags, of which the compensation can only have one: the shortest, the longest, and their mean are tried.
+    different lags, of which the compensation can only have one: both time constants, the longer one with the dead time,
+    and the mean of the shortest and the longest are tried.
     """
     shortest = min(dispenser.opening, dispenser.closing)
     longest = max(dispenser.opening, dispenser.closing) + dispenser.dead_time
-    times = {_ticks(lag) for lag in (shortest, 0.5 * (shortest + longest), longest)}
+    lags = (dispenser.opening, dispenser.closing, longest, 0.5 * (shortest + longest))
+    times = {_ticks(lag) for lag in lags}
     return sorted(times - {0.0, _ticks(dispenser.advance)})
 
 
