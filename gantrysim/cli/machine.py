@@ -63,23 +63,29 @@ def describe(machine: Machine, job: str | None, *, allow_code: bool = False) -> 
     from gantrysim.job.job import Job
     from gantrysim.machine.checks import notes
     from gantrysim.machine.sizing import Sizing
+    from gantrysim.results.checks import PASS
+    from gantrysim.results.verdict import machine_verdict
 
     period = 1e-3
     run = None
+    row = None
     if job is not None:
         loaded = Job.load(job, machine=str(machine.source), allow_code=allow_code)
         loaded.check_fit()
         period = loaded.servo.period
         with interruptible() as go_on, share_bar("simulate", go_on) as advance:
             run = loaded.run(advance)
+        row = None if run.fault is not None else machine_verdict(loaded, run)
     sizing = Sizing.of(machine, period, run)
     show(sizing_table(machine, sizing, period))
-    if run is not None and run.fault is not None:
-        say(f"fault: {run.fault}", wrap=True)
     for text in notes(machine):
         say(f"note: {text}", wrap=True)
-    verdict = sizing.findings
+    findings = list(sizing.findings)
+    if run is not None and run.fault is not None:
+        findings.append(f"the job ends in a fault: {run.fault}")
+    if row is not None and row.state != PASS:
+        findings += [f"{row.state}: {text}" for text in row.texts]
     suits = f"the drives suit the machine{' and the job' if run is not None else ''}"
-    say(f"verdict: {'to be changed:' if verdict else suits}")
-    for text in verdict:
+    say(f"verdict: {'to be changed:' if findings else suits}")
+    for text in findings:
         say(f"- {text}", wrap=True)

@@ -88,8 +88,8 @@ class LinuxCNC(Dialect):
     def remarks(self, words: Mapping[str, float], axis: AxisServo) -> list[str]:
         name = _DEADBAND[self.keys]
         deadband = words.get(name, 0.0)
-        own = {"maxoutput": axis.full_scale, "MAX_OUTPUT": axis.full_scale, "FERROR": axis.following_error_limit}
-        same = {key for key, value in own.items() if math.isclose(words.get(key, 0.0), value)}
+        exported = {"maxoutput": axis.full_scale, "MAX_OUTPUT": axis.full_scale, "FERROR": axis.following_error_limit}
+        same = {key for key, value in exported.items() if math.isclose(words.get(key, 0.0), value)}
         remarks = super().remarks({key: value for key, value in words.items() if key not in same}, axis)
         if not deadband:
             return remarks

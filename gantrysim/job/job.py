@@ -19,12 +19,11 @@ from gantrysim.job.choosing import chosen_job
 from gantrysim.job.content import JobContent
 from gantrysim.job.fitting import check_fit, check_servo_file
 from gantrysim.job.given import Given
-from gantrysim.job.margins import check_stability, margin_notes, servo_reason
+from gantrysim.job.margins import check_stability, machine_notes, servo_reason
 from gantrysim.job.plan import Plan, plan_of
 from gantrysim.job.program_place import share_text
 from gantrysim.job.reading import Request, read_with_overrides
 from gantrysim.job.user_controller import checked_setpoints
-from gantrysim.machine.checks import notes as machine_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.travel import travel_edit
 from gantrysim.record.run import Run
@@ -159,11 +158,11 @@ class Job(JobContent):
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """Notes on the defaults used, the program, the machine at rest, low stability margins, and the syringe."""
-        machine = self.built_machine
-        notes = (*self._choice, *self.controller.notes, *machine_notes(machine), *margin_notes(machine, self.margins))
+        servo = self.built_servo
+        notes = (*self._choice, *self.controller.notes, *machine_notes(self.built_machine, self.margins, servo))
         if self.dispenser.syringe is None:
             return notes
-        return notes + self.dispenser.notes(self.follow().flow, self.built_servo.period)
+        return notes + self.dispenser.notes(self.follow().flow, servo.period)
 
     @cached_property
     def built_machine(self) -> Machine:

@@ -1,4 +1,4 @@
-"""Stability of a job's servo: what bounds it, notes on small margins, and refusal of an unstable loop."""
+"""Stability of a job's servo: what bounds it, notes on it and its machine, and refusal of an unstable loop."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from gantrysim.base.errors import InputError
 from gantrysim.base.user_code import is_code
 from gantrysim.job.settings import ServoSettings
+from gantrysim.machine.checks import notes, weights
 from gantrysim.machine.machine import Machine
 from gantrysim.servo.axis_loop import LoopTask
 from gantrysim.servo.cascade import gains
@@ -37,13 +38,39 @@ def servo_reason(settings: ServoSettings, machine: Machine, servo: Servo) -> str
     return gains(task, settings.frequency, settings.velocity_bandwidth)[1]
 
 
-def margin_notes(machine: Machine, margins: tuple[Margins, ...] | None) -> tuple[str, ...]:
-    """Return a note for each axis whose gain margin is below 1.5."""
-    return tuple(
+def machine_notes(machine: Machine, margins: tuple[Margins, ...] | None, servo: Servo) -> tuple[str, ...]:
+    """Return notes on the machine at rest, on gain margins below 1.5, and on weights that nothing balances."""
+    low = (
         f"servo: {name} is {margin}: a gain margin below {LOW_MARGIN:g} leaves little to other loads and machines"
         for name, margin in zip(machine.axis_names, margins or (), strict=False)
         if margin.least_gain < LOW_MARGIN
     )
+    return (*notes(machine), *low, *_weight_notes(machine, servo))
+
+
+def _weight_notes(machine: Machine, servo: Servo) -> Iterator[str]:
+    """Yield a note for each axis with a weight that nothing balances: a position loop without ki sinks by m g / kp."""
+    for name, torque in weights(machine).items():
+        a = machine.axis_names.index(name)
+        axis = machine.axes[a]
+        gains = servo.gains[a]
+        drive = servo.drives[a]
+        stiffness = gains.kp  # torque per error
+        integrates = gains.ki > 0
+        if servo.modes[a] == "velocity":
+            stiffness *= drive.velocity_gain
+            integrates |= drive.velocity_time > 0
+        sinks = "the integral term takes it, after the start"
+        if servo.modes[a] == "stepper":
+            sinks = "the motor's field holds it"
+        elif not integrates and stiffness > 0:
+            sunk = 1e3 * abs(torque) / stiffness
+            unit = "µm" if axis.unit == "mm" else "mdeg"
+            sinks = f"without an integral term the axis stays {sunk:.4g} {unit} off its command, weight / kp"
+        yield (
+            f"machine {machine.name}: {name} holds a weight, {abs(torque):.3g} N·m at its motor: {sinks}; a "
+            'counterbalance is gravcomp="1" on the bodies that it carries'
+        )
 
 
 def check_stability(

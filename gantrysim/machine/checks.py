@@ -5,9 +5,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from gantrysim.machine.axis import PER_SI
 from gantrysim.machine.machine import Machine
 
 _GAP = 5.0  # of a nozzle above its work [mm]
+_WEIGHTLESS = 1e-6  # share of the whole machine's weight, below which an axis' part of it is rounding
 _MOST_PAIRS = 3  # of geoms that touch, of which each has a line
 
 
@@ -44,7 +46,43 @@ def notes(machine: Machine) -> tuple[str, ...]:
             f"machine {machine.name}: the nozzle is {machine.gap:.3g} mm above its work with all axes at zero: lower "
             "the nozzle or raise the geom of body 'work', unless z takes it there"
         )
+    slippery = [axis.name for a, axis in enumerate(machine.axes) if axis.coulomb == 0 and not _has_loss(model, a)]
+    if slippery:
+        lines.append(
+            f"machine {machine.name}: no dry friction on {', '.join(slippery)}: errors at reversals and the torque "
+            "that friction takes are 0; give guides.friction in a table, frictionloss or dcmotor's friction in an MJCF"
+        )
     return tuple(lines)
+
+
+def _has_loss(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether MuJoCo's own dry friction acts on the joint of an actuator, or on any joint where it drives a tendon."""
+    if model.actuator_trntype[actuator] != mujoco.mjtTrn.mjTRN_JOINT:
+        return bool(model.dof_frictionloss.any())
+    return bool(model.dof_frictionloss[model.jnt_dofadr[model.actuator_trnid[actuator, 0]]] > 0)
+
+
+def weights(machine: Machine) -> dict[str, float]:
+    """Return the motor torque that holds the weight on each axis with all axes at zero, by name [N·m].
+
+    Axes without such a torque are left out, and those whose actuators drive no joint of a tree directly.
+    """
+    model = machine.model
+    if model.neq or model.ntendon:
+        return {}
+    data = mujoco.MjData(model)
+    data.qpos[:] = machine.to_qpos(np.zeros(len(machine.axes)))
+    mujoco.mj_forward(model, data)
+    held = data.qfrc_bias - data.qfrc_passive  # of gravity, less gravcomp and springs
+    whole = float(model.body_mass.sum() * np.linalg.norm(model.opt.gravity))
+    torques = {}
+    for a, axis in enumerate(machine.axes):
+        if model.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_JOINT:
+            continue
+        dof = int(model.jnt_dofadr[model.actuator_trnid[a, 0]])
+        if abs(held[dof]) > _WEIGHTLESS * whole:
+            torques[axis.name] = float(held[dof]) * axis.scale / PER_SI[axis.unit]
+    return torques
 
 
 def _geom(model: mujoco.MjModel, geom: int) -> str:

@@ -22,7 +22,6 @@ from gantrysim.stability.margins import margins_of
 # values beyond which a finding is reported
 INERTIA_RATIO = 10.0
 _COARSE = 10.0  # encoder count [µm or mdeg]
-_NEAR = 0.9  # share of the peak torque
 _LEAST_MARGIN = 1.99  # derived loops have a gain margin of 2 or more, but for rounding
 
 
@@ -108,11 +107,6 @@ class AxisSizing:
             lines.append(
                 f"{name}: rms torque {self.rms:.3g} N·m is {self.load:.2f} times the continuous torque: the motor "
                 "overheats; a larger motor, lower accelerations, or pauses"
-            )
-        if self.peak > _NEAR * axis.peak_torque:
-            lines.append(
-                f"{name}: the job takes {self.peak:.3g} N·m of {axis.peak_torque:.3g} N·m: lower accelerations, or a "
-                "drive with more current"
             )
         return tuple(lines)
 

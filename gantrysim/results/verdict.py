@@ -92,19 +92,13 @@ class Verdict(Shown):
             return cls.of_contradictions(budget.contradictions)
         width = float(bead.nominal_section.width[0]) if bead.nominal > 0 else float("nan")
         tolerance = Tolerance.of(job, run.face, width)
-
         line_at = program_lines(job, len(run.time))
-
-        def place_at(tick: int) -> Place:
-            x, y, z = run.nozzle[tick].tolist()
-            time = float(run.time[tick])
-            return Place(time=time, point=(x, y, z), line=line_at(time))
-
+        place_at = _places(run, line_at)
         rows = (
             path_row(budget.contour_values, tolerance, line_at),
             glue_row(bead, tolerance, place_at),
             stability_row(job, job.margins if machine is None else margins_of(machine, job.built_servo), tolerance),
-            Row.of(MACHINE, list(_machine_checks(job, run, tolerance, place_at))),
+            machine_row(job, run, tolerance, place_at),
         )
         return cls(rows, "", tolerance, tuple(str(fault) for fault in reached(run)))
 
@@ -208,6 +202,26 @@ def stability_row(job: Job, margins: tuple[Margins, ...] | None, tolerance: Tole
         ],
         f"unstable: {', '.join(unstable)}" if unstable else "",
     )
+
+
+def machine_verdict(job: Job, run: Run) -> Row:
+    """Return the verdict on the drives of a complete run of a job, which needs neither budget nor bead."""
+    tolerance = Tolerance.of(job, run.face, float("nan"))
+    return machine_row(job, run, tolerance, _places(run, program_lines(job, len(run.time))))
+
+
+def machine_row(job: Job, run: Run, tolerance: Tolerance, place_at: PlaceAt) -> Row:
+    """Return the verdict on the reserves of torque and speed, and on lost steps."""
+    return Row.of(MACHINE, list(_machine_checks(job, run, tolerance, place_at)))
+
+
+def _places(run: Run, line_at: Callable[[float], int | None]) -> PlaceAt:
+    def place_at(tick: int) -> Place:
+        x, y, z = run.nozzle[tick].tolist()
+        time = float(run.time[tick])
+        return Place(time=time, point=(x, y, z), line=line_at(time))
+
+    return place_at
 
 
 def _machine_checks(job: Job, run: Run, tolerance: Tolerance, place_at: PlaceAt) -> Iterator[Check]:

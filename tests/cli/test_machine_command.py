@@ -2,7 +2,10 @@
 
 import re
 
+import pytest
+
 from gantrysim import Job, Machine
+from gantrysim.results.verdict import Verdict
 
 from support.tables import EXAMPLES
 
@@ -61,7 +64,7 @@ def test_a_job_is_held_against_the_motors(gantrysim_command, tmp_path):
     """Without a limit of the acceleration the program starts with a jerk, which is too much."""
     for more, verdict in (
         ("acceleration = 1000.0", "verdict: the drives suit the machine and the job"),
-        ("", r"y: the job takes 0\.90\d N·m of 0\.904 N·m: lower accelerations"),
+        ("", r"- fail: torque reserve 0 %, at least 10.0 % \(default\): axis y, t = 0.001 s"),
     ):
         (tmp_path / "job.toml").write_text(JOB + more)
         status, out, _ = gantrysim_command("info", "--model", TABLE, "--job", tmp_path / "job.toml")
@@ -76,3 +79,34 @@ def test_a_job_names_the_table_of_its_machine(tmp_path):
     job = Job.load(tmp_path / "job.toml")
     assert job.built_machine.digest == Machine(TABLE).digest
     assert job.built_machine.name == "belt"
+
+
+@pytest.mark.parametrize(
+    ("settings", "state"),
+    [
+        ("", "fail"),
+        ("acceleration = 12000.0\n[tolerance]\ntorque_reserve = 60.0", "warn"),
+        ("acceleration = 1000.0", "pass"),
+    ],
+)
+def test_the_verdict_on_the_drives_is_that_of_the_run(settings, state, gantrysim_command, tmp_path):
+    """`machine new --job` and `run` judge the reserves of torque and speed alike."""
+    (tmp_path / "belt.toml").write_text(TABLE.read_text())
+    (tmp_path / "job.toml").write_text(JOB + settings)
+    job = Job.load(tmp_path / "job.toml")
+    row = Verdict.of(job, job.run())["machine"]
+    assert row.state == state
+    _, out, _ = gantrysim_command("machine", "new", tmp_path / "belt.toml", "--job", tmp_path / "job.toml")
+    said = " ".join(out.split()).partition("verdict: ")[2]
+    if state == "pass":
+        assert said.startswith("the drives suit the machine and the job")
+    else:
+        assert said.startswith("to be changed:")
+        assert all(f"- {state}: {' '.join(words.split())}" in said for words in row.texts)
+
+
+def test_a_job_that_ends_in_a_fault_suits_no_drive(gantrysim_command, tmp_path):
+    (tmp_path / "belt.toml").write_text(TABLE.read_text())
+    (tmp_path / "job.toml").write_text(JOB + "\n[servo]\nfollowing_error_limit = 0.001\n")
+    _, out, _ = gantrysim_command("machine", "new", tmp_path / "belt.toml", "--job", tmp_path / "job.toml")
+    assert "verdict: to be changed: - the job ends in a fault: following error" in " ".join(out.split())
