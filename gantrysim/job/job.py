@@ -93,6 +93,8 @@ class Job(JobContent):
         if read.refusal and not allow_code:
             raise InputError(read.refusal)
         loaded = cls.of_content(read.content, read.label)
+        with loaded._located():
+            loaded = loaded.with_called_files()
         if speed is not None:
             loaded = loaded.at_speed(speed)
         chosen = loaded._with_choices(OpenValues.of(read.content, read.dialect))
@@ -171,7 +173,8 @@ class Job(JobContent):
         return self  # immutable, and a compiled machine cannot be copied
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self.model_dump(), self._refusal)  # without a compiled machine, which cannot be pickled
+        # without a compiled machine, which cannot be pickled
+        return Job.of_content, (self.model_dump(), f"job {self.name}", self._refusal)
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
@@ -294,7 +297,3 @@ class Job(JobContent):
         with self._located():
             record = perfect_follower(self.built_machine, self.setpoints, dispenser=self.dispenser)
         return record.replaced(job=self)
-
-
-def _restored(content: dict[str, Any], refusal: str) -> Job:
-    return Job.of_content(content, f"job {content['name']}", refusal)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from gantrysim.controllers.fanuc.alarm import BlockSource
 from gantrysim.controllers.fanuc.block_words import COMMENT, CORNERS, Words
@@ -45,7 +45,19 @@ class SourceBlock(BlockSource):
     continuous: bool = False
 
 
-def read(source: ProgramSource, start: Vector, offsets: Mapping[str, float], rotary: str) -> tuple[SourceBlock, ...]:
+class ProgramMotions(NamedTuple):
+    """The motions of a program.
+
+    Attributes:
+        blocks: the motions.
+        called_files: names of the files of subprograms that were called.
+    """
+
+    blocks: tuple[SourceBlock, ...]
+    called_files: frozenset[str]
+
+
+def read(source: ProgramSource, start: Vector, offsets: Mapping[str, float], rotary: str) -> ProgramMotions:
     """Return the motions of a program.
 
     Args:
@@ -61,11 +73,12 @@ def read(source: ProgramSource, start: Vector, offsets: Mapping[str, float], rot
     sequence = Sequence(source, state.provided)
     state.governed = sequence.has(_SWITCHES_GLUE)
     state.contoured = sequence.has(_SWITCHES_LOOK_AHEAD)
-    return tuple(
+    blocks = tuple(
         SourceBlock(words.name, words.line, block, state.idle, state.halting, state.continuous)
         for words in sequence.run()
         for block in _run(state, words)
     )
+    return ProgramMotions(blocks, sequence.called_files)
 
 
 def _run(state: ModalState, words: Words) -> list[Block]:
