@@ -61,6 +61,8 @@ def text_of(error: BaseException) -> str:
 
 def expanded(path: str | os.PathLike[str]) -> Path:
     """Return a path with ~ as the home folder, or raise InputError where there is none, or no such path can be."""
+    if "\0" in os.fspath(path):
+        raise InputError(f"{shown(os.fspath(path))}: has a zero character, which no path can have")
     try:
         expanded_path = Path(path).expanduser()
         expanded_path.exists()  # fails for too long a name, or in a folder that may not be entered

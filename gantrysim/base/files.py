@@ -13,6 +13,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import shutil
 import tempfile
 import time
@@ -26,13 +27,15 @@ from gantrysim.base.signals import deferred
 from gantrysim.base.swap import (
     NAMES,
     NEW,
+    OLD,
     PARTIAL,
     SWAP,
+    check_free,
     complete_swap,
-    has_real_parents,
     is_of_this_user,
     open_regular,
     pending,
+    to_disk,
 )
 
 try:
@@ -42,6 +45,8 @@ except ImportError:  # Windows: nothing is locked, and what a killed command lef
 
 LOCK = ".gantrysim-lock"
 _PATIENCE = 2.0  # of a reader, with a folder whose files are being replaced [s]
+# a hidden folder in the path of a new file, which a user does not see
+_HIDDEN = re.compile(rf"(?:{re.escape(PARTIAL)}[^\\/]*|{re.escape(SWAP)})(?:[\\/](?:{NEW}|{OLD}))?[\\/]?")
 _DISK = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO}
 
 
@@ -58,10 +63,12 @@ def replaced(file: str | os.PathLike[str]) -> Iterator[Path]:
     """
     target = _writable(file)
     note = f"; the earlier {target.name} is kept" if target.exists() else ""
-    with _written(f"file {file}", note, f"{file} is complete") as done, _scratch(target.parent) as scratch:
-        yield scratch / target.name
+    label = f"file {_HIDDEN.sub('', str(file))}"
+    with _written(label, note, f"{file} is complete") as done, _scratch(target.parent) as scratch:
+        with _named(scratch):
+            yield scratch / target.name
         if PARTIAL not in str(target.parent):  # else the folder around it does
-            _to_disk([scratch / target.name])
+            to_disk([scratch / target.name])
         with deferred():
             (scratch / target.name).replace(target)
             done.append(True)
@@ -85,26 +92,15 @@ def replaced_files(folder: Path, names: Iterable[str], label: str) -> Iterator[P
     note = f"; the earlier files in {folder}/ are kept" if any((folder / name).exists() for name in names) else ""
     with _written(label, note, f"the files in {folder}/ are complete") as done, _scratch(folder) as scratch:
         (scratch / NEW).mkdir()
-        yield scratch / NEW
+        with _named(scratch):
+            yield scratch / NEW
         check_free(folder, names, label)
         (scratch / NAMES).write_text(json.dumps(names), encoding="utf-8")
-        _to_disk(file for file in scratch.rglob("*") if not file.is_dir())
+        to_disk(file for file in scratch.rglob("*") if not file.is_dir())
         with deferred():
             scratch.rename(folder / SWAP)
             complete_swap(folder, is_ours=True)
             done.append(True)
-
-
-def check_free(folder: Path, names: Iterable[str], label: str) -> None:
-    """Raise InputError where a folder stands in the place of a file to be written, or a file or link in a folder's."""
-    for name in names:
-        if (folder / name).is_dir():
-            raise InputError(f"{label}: {name} in it is a folder, must be a file: move it away")
-        parent = (folder / name).parent
-        if parent != folder and parent.exists() and not parent.is_dir():
-            raise InputError(f"{label}: {parent.name} in it is a file, must be a folder: move it away")
-        if not has_real_parents(folder, name):
-            raise InputError(f"{label}: {parent.name} in it is a link, must be a folder: move it away")
 
 
 @contextmanager
@@ -207,9 +203,24 @@ def _written(label: str, note: str, complete: str) -> Iterator[list[bool]]:
     except KeyboardInterrupt:
         raise (ReplacedError(complete) if done else KeyboardInterrupt(f"nothing is written{note}")) from None
     except OSError as error:
-        if error.errno not in _DISK and not any(part in str(error.filename) for part in (PARTIAL, SWAP)):
+        file = str(error.filename or "")
+        if error.errno not in _DISK and not any(part in file for part in (PARTIAL, SWAP)):
             raise
-        raise InputError(f"{label}: cannot be written: {error.strerror or error}{note}") from None
+        place = _HIDDEN.sub("", file)
+        failed = f"file {place}" if place and not place.endswith(os.sep) else label
+        raise InputError(f"{failed}: cannot be written: {error.strerror or error}{note}") from None
+
+
+@contextmanager
+def _named(scratch: Path) -> Iterator[None]:
+    """Name the file of a full disk: Python knows the one that cannot be opened, but not the one that is cut off."""
+    try:
+        yield
+    except OSError as error:
+        files = [file for file in scratch.rglob("*") if file.is_file()]
+        if error.filename is None and error.errno in _DISK and files:
+            error.filename = str(max(files, key=lambda file: file.stat().st_mtime_ns))
+        raise
 
 
 @contextmanager
@@ -284,10 +295,3 @@ def _locked(file: Path) -> BinaryIO:
             if os.path.samestat(os.fstat(stream.fileno()), file.lstat()):
                 return stream
         stream.close()  # its owner has deleted it between the two calls
-
-
-def _to_disk(files: Iterable[Path]) -> None:
-    """Have the content of files written before anything refers to it, so that it also survives a loss of power."""
-    for file in files:
-        with file.open("rb") as stream:
-            os.fsync(stream.fileno())

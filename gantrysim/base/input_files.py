@@ -32,6 +32,13 @@ def check_regular(file: Path, label: str = "") -> None:
     _check_mode(mode, label or str(file))
 
 
+def check_inside(file: Path, folder: Path) -> None:
+    """Raise InputError where a file in a folder is a link that leaves it: results that are sent on hold its text."""
+    target = file.resolve()
+    if not target.is_relative_to(folder.resolve()):
+        raise InputError(f"{file}: is a link to {target}, outside the folder: put a copy of the file in its place")
+
+
 def opened(file: Path, label: str = "") -> BinaryIO:
     """Return a regular file, open for reading.
 

@@ -12,7 +12,7 @@ import os
 import shutil
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePath
 from typing import BinaryIO
 
@@ -78,6 +78,18 @@ def complete_swap(folder: Path, *, is_ours: bool = False) -> None:
         text = f"{folder}: cannot be written: {error.strerror}; the new files are in {new}, the earlier ones in {old}"
         raise InputError(text) from None
     shutil.rmtree(swap)
+
+
+def check_free(folder: Path, names: Iterable[str], label: str) -> None:
+    """Raise InputError where a folder stands in the place of a file to be written, or a file or link in a folder's."""
+    for name in names:
+        if (folder / name).is_dir():
+            raise InputError(f"{label}: {name} in it is a folder, must be a file: move it away")
+        parent = (folder / name).parent
+        if parent != folder and parent.exists() and not parent.is_dir():
+            raise InputError(f"{label}: {parent.name} in it is a file, must be a folder: move it away")
+        if not has_real_parents(folder, name):
+            raise InputError(f"{label}: {parent.name} in it is a link, must be a folder: move it away")
 
 
 def has_real_parents(folder: Path, name: str) -> bool:
@@ -220,3 +232,10 @@ def _discard(swap: Path) -> None:
     scratch = Path(tempfile.mkdtemp(prefix=PARTIAL, dir=swap.parent))
     swap.rename(scratch / SWAP)
     shutil.rmtree(scratch, ignore_errors=True)
+
+
+def to_disk(files: Iterable[Path]) -> None:
+    """Have the content of files written before anything refers to it, so that it also survives a loss of power."""
+    for file in files:
+        with file.open("rb") as stream:
+            os.fsync(stream.fileno())

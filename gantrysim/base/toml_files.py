@@ -16,6 +16,7 @@ from gantrysim.base.files import check_whole
 from gantrysim.base.input_files import opened
 
 _MOST = 1 << 28  # length of a job or program [bytes]
+_PART = 1 << 20
 _SHOWN = 80  # characters of a wrong value
 _MANY = 20  # keys of a table, which are not listed where the message says where all are
 _FEW = 8  # problems of one file that are named,
@@ -24,22 +25,26 @@ _INTEGERS = 1 << 63
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def read_text(file: Path, errors: str = "strict", label: str = "") -> str:
+def read_text(file: Path, errors: str = "strict", label: str = "", most: int = _MOST) -> str:
     """Return the text of a file in UTF-8.
 
     Args:
         file: to be read.
         errors: what becomes of bytes that are no text, as `open` takes it.
         label: of the file in errors; its path by default.
+        most: length that it may have [bytes].
 
     Raises:
         InputError: no regular file, or one that is too long.
         OSError: a file that cannot be read.
     """
+    content = bytearray()
     with opened(file, label) as stream:
-        content = stream.read(_MOST + 1)
-    if len(content) > _MOST:
-        raise InputError(f"{label or file}: is longer than {_MOST:.3g} bytes")
+        # in parts: a call takes memory for as much as it is asked for
+        while part := stream.read(_PART):
+            content += part
+            if len(content) > most:
+                raise InputError(f"{label or file}: is longer than {most:.3g} bytes")
     text = content.decode("utf-8", errors)
     return text.replace("\r\n", "\n").replace("\r", "\n")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -24,9 +23,9 @@ from gantrysim.job.steps import run_notes
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
-from gantrysim.report.folder import PLOTS, REPORT, SUMMARY, VIDEO, write_run
+from gantrysim.report.folder import PLOTS, REPORT, VIDEO, write_run, write_summary
 from gantrysim.report.headline import headline
-from gantrysim.report.scatter import SCATTER_NOTE, add_to_summary
+from gantrysim.report.scatter import SCATTER_NOTE
 from gantrysim.results.checks import FAIL, PASS
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import Verdict
@@ -76,12 +75,11 @@ def _reason_to_skip(job: Job, budget: Budget, *, is_default: bool) -> str:
 
 
 class Evaluation:
-    """Results of a record: shown as they become known, then written.
+    """Results of a record: written before anything is shown, as what is shown takes further runs.
 
     Args:
         job: of the record.
         record: of a run whose dispenser was on.
-        folder: to write into.
         wanted: what the caller asks for.
         go_on: raises an interrupt that has come; called after an error, which may be one in disguise.
 
@@ -90,7 +88,7 @@ class Evaluation:
         failed: why files are missing, each in a line.
     """
 
-    def __init__(self, job: Job, record: Run, folder: Path, wanted: Wanted, go_on: Callable[[], None]) -> None:
+    def __init__(self, job: Job, record: Run, wanted: Wanted, go_on: Callable[[], None]) -> None:
         with stage("errors"):
             analysis = Analysis(record)
             budget = Budget(analysis)
@@ -101,12 +99,20 @@ class Evaluation:
         self._changes: Section | None = None
         self._figures: FiguresByTitle | None = None
         self._record = record
-        self._folder = folder
         self._wanted = wanted
         self._go_on = go_on
 
-    def show(self) -> None:
-        """Print verdict and tables, first those of the record alone, then those that need further runs of the job."""
+    def write_record(self, folder: Path) -> None:
+        """Write job, record and a summary of them alone into a folder."""
+        with stage("record"):
+            write_run(folder, self.results)
+
+    def show(self, folder: Path) -> None:
+        """Print verdict and tables, first those of the record alone, then those that need further runs of the job.
+
+        Args:
+            folder: for plots, which are drawn beside the search for what to change.
+        """
         results = self.results
         job = results.job
         record = self._record
@@ -120,7 +126,6 @@ class Evaluation:
         show_verdict(verdict)
         for table in tables:
             show(table)
-        sys.stdout.flush()  # further runs take seconds
         if record.injected:
             self._find_losses()
         self._find_causes()
@@ -132,18 +137,12 @@ class Evaluation:
         say(f"servo: {job.servo_reason}", wrap=True)
         for note in run_notes(job, record):
             say(f"note: {note}")
-        sys.stdout.flush()
-        self._find_changes()
-        sys.stdout.flush()
+        self._find_changes(folder)
 
-    def write(self) -> None:
-        """Write the files; a plot, the page or the film may fail, the film comes last."""
-        folder = self._folder
+    def write(self, folder: Path) -> None:
+        """Write the summary with all that is known, and what is drawn; that may fail, the film comes last."""
         results = self.results
-        with stage("record"):
-            write_run(folder, results)
-        if results.scatter is not None:
-            add_to_summary(folder / SUMMARY, results.scatter)
+        write_summary(folder, results)
         page = None
         if self._wanted.report:
             from gantrysim.plots import save_plots
@@ -158,16 +157,15 @@ class Evaluation:
                 video = folder / VIDEO if self._wanted.video else None
                 page = run_page(results, video, advance, self._changes, self._figures)
         if self._wanted.video:
-            self._film()
+            self._film(folder)
         if page is not None:
             with self._optional("report"):
                 page.write(folder / REPORT)
 
-    def _film(self) -> None:
+    def _film(self, folder: Path) -> None:
         from gantrysim.render import NoOpenGLError, save_video
         from gantrysim.render.encoding import NoEncoderError, encoder_file
 
-        folder = self._folder
         results = self.results
         job = results.job
         memory.give_back()  # what the page's figures took: a film of a long run needs as much
@@ -218,7 +216,7 @@ class Evaluation:
         self.results = replace(self.results, scatter=scatter)
         show(scatter_table(scatter))
 
-    def _find_changes(self) -> None:
+    def _find_changes(self, folder: Path) -> None:
         """Simulate what may improve the two worst rows of a verdict that is no pass, and print what to change."""
         verdict = self.results.verdict
         job = self.results.job
@@ -229,9 +227,8 @@ class Evaluation:
         if not self._wanted.report:
             self._show_changes()
             return
-        with figures_beside(self.results, self._folder / PLOTS) as figures:
+        with figures_beside(self.results, folder / PLOTS) as figures:
             self._show_changes()
-            sys.stdout.flush()
             self._figures = figures()
 
     def _show_changes(self) -> None:
@@ -265,7 +262,7 @@ class Evaluation:
             yield
         except Exception as error:
             self._go_on()
-            self.failed.append(f"no {kind}: {text_of(error).replace(f'{self._folder}/', '')}")
+            self.failed.append(f"no {kind}: {text_of(error)}")
 
 
 def show_verdict(verdict: Verdict) -> None:

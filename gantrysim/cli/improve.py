@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -89,7 +90,6 @@ def improve(
 
     Exit status: 0, 2 for bad input, 3 for a run that ends in a fault, 130 after Ctrl-C.
     """
-    from gantrysim.base.files import replaced
     from gantrysim.job.job import Job
     from gantrysim.remedy.improve import improve as improved
 
@@ -116,20 +116,29 @@ def improve(
             advance(done, known, name)
 
         improvement = improved(loaded, levers=lever, workers=workers, fastest=fastest, progress=progress)
+    is_whole = not improvement.verdict.fault
+    written = list(_written(improvement, file, out)) if is_whole else []  # before anything is told
     _show(improvement)
-    if improvement.verdict.fault:
+    if not is_whole:
         raise typer.Exit(FAULT)
+    for line in written:
+        say(line)
+
+
+def _written(improvement: Improvement, file: Path | None, out: Path | None) -> Iterator[str]:
+    """Write the improved job and the page where they are wanted; yield what is said of each."""
+    from gantrysim.base.files import replaced
+
     if file is not None:
         with replaced(file) as partial:
             partial.write_text(improvement.job.toml(), encoding="utf-8")
-        say(f"written to {apply}: gantrysim run {apply}")
-    if out is not None:
-        if improvement.changes_anything:
-            from gantrysim.remedy.report import write_improvement
+        yield f"written to {file}: gantrysim run {file}"
+    if out is not None and improvement.changes_anything:
+        from gantrysim.remedy.report import write_improvement
 
-            say(f"written to {write_improvement(improvement, out)}")
-        else:
-            say(f"nothing is written to {out}/: there is no run to compare with")
+        yield f"written to {write_improvement(improvement, out)}"
+    elif out is not None:
+        yield f"nothing is written to {out}/: there is no run to compare with"
 
 
 def _file_of_job(file: Path) -> Path:

@@ -26,7 +26,7 @@ from gantrysim.cli.options import (
 from gantrysim.cli.terminal import FAULT, INCOMPLETE, OUT_OF_TOLERANCE, interruptible, say, share_bar, stage, warn
 
 if TYPE_CHECKING:
-    from gantrysim.cli.evaluation import Wanted
+    from gantrysim.cli.evaluation import Evaluation, Wanted
     from gantrysim.job.job import Job
     from gantrysim.record.run import Run
 
@@ -98,7 +98,7 @@ def run(
 
     Exit status: 0 for a complete run, 1 if a plot, the report or the video failed but all else was written, 2 for bad
     input, 3 for a run that ended in a fault, 4 for a verdict that --fail-on names, 130 after Ctrl-C, which leaves the
-    output folder unchanged.
+    output folder unchanged before the simulation is complete, and keeps its record and summary from then on.
     """
     from gantrysim.base.memory import starting
 
@@ -126,7 +126,7 @@ def run(
 
 
 def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
-    """Run a job, print its results as they become known, and write its output folder.
+    """Run a job, write record and summary, print its results as they become known, and write what is drawn of them.
 
     Raises:
         InputError: a job that does not fit its machine, or whose causes or scatter cannot be had.
@@ -137,7 +137,7 @@ def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
     from gantrysim.job.causes import check_causes
     from gantrysim.job.cost import computing_time
     from gantrysim.job.scatter import check_repeats
-    from gantrysim.report.folder import REPORT, output_folder, write_fault
+    from gantrysim.report.folder import REPORT, RUN_OUTPUT, write_fault
 
     with stage("plan"):
         job.check_fit()
@@ -149,17 +149,20 @@ def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
     if ticks > LONG:
         warn(f"note: {ticks:,} servo ticks, about {_lasting(computing_time(job))} of computing")
     evaluation = None
-    with interruptible() as go_on, output_folder(folder) as scratch:
-        with share_bar("simulate", go_on) as advance:
-            record = job.run(advance)
-        if record.fault is not None and not record.dispense.any():
+    with interruptible() as go_on, RUN_OUTPUT.held(folder):
+        with RUN_OUTPUT.written(folder) as scratch:
+            with share_bar("simulate", go_on) as advance:
+                record = job.run(advance)
+            if record.fault is not None and not record.dispense.any():
+                write_fault(scratch, job, job.built_machine, record)
+            else:
+                evaluation = Evaluation(job, record, wanted, go_on)
+                evaluation.write_record(scratch)
+        if evaluation is None:
             _show_early_fault(record)
-            write_fault(scratch, job, job.built_machine, record)
         else:
-            evaluation = Evaluation(job, record, scratch, wanted, go_on)
-            evaluation.show()
-            evaluation.write()
-        written = sorted(item.name for item in scratch.iterdir() if item.is_file() or any(item.iterdir()))
+            _show_and_draw(evaluation, folder)
+        written = RUN_OUTPUT.names_in(folder)
     failed = [] if evaluation is None else evaluation.failed
     for text in failed:
         warn(text, "error")
@@ -173,6 +176,25 @@ def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
         raise typer.Exit(OUT_OF_TOLERANCE)
     if failed:
         raise typer.Exit(INCOMPLETE)
+
+
+def _show_and_draw(evaluation: Evaluation, folder: Path) -> None:
+    """Print the results of a run whose record is written, and write what is drawn of it.
+
+    Raises:
+        KeyboardInterrupt: an interrupt, which leaves record and summary.
+    """
+    from gantrysim.base.files import ReplacedError
+    from gantrysim.report.folder import SHOWN_OUTPUT
+
+    try:
+        with SHOWN_OUTPUT.written(folder) as scratch:
+            evaluation.show(scratch)
+            evaluation.write(scratch)
+    except ReplacedError:
+        raise
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"the run is complete, its record and summary are in {folder}/") from None
 
 
 def _show_early_fault(record: Run) -> None:

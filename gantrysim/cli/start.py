@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from types import TracebackType
 
 from gantrysim.base import signals
+from gantrysim.cli.streams import open_streams
 
 _left = ": nothing is written"  # as long as modules are being imported
 _BAD_INPUT = 2  # as in gantrysim.cli.terminal, which is slow to import
@@ -18,6 +19,7 @@ def main() -> None:
     """Run the command."""
     sys.excepthook = last_words
     signals.heed()
+    open_streams()
     # the matrices are small: threads would only wait for one another, a thousand times as long on busy cores
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from gantrysim.base.memory import starting

@@ -87,6 +87,11 @@ class Controller(ABC):
         return content
 
     @property
+    def called_files(self) -> frozenset[str]:
+        """Names of the files of subprograms that the program has called, of those in `subprograms`."""
+        return frozenset()
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """Remarks on the program before it runs."""
         return ()

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from gantrysim.base.errors import InputError
+from gantrysim.base.errors import InputError, expanded
 from gantrysim.base.patterns import NUMBER
-from gantrysim.base.toml_files import read_text
+from gantrysim.exchange.included import IncludedFiles
 from gantrysim.exchange.motion_limits import AxisLimits
 
-_DEEPEST = 16  # inclusions within one another
 _INCLUDE = re.compile(r"#INCLUDE\s+(.+?)\s*")
 _SECTION = re.compile(r"\[\s*([\w:.-]+)\s*\].*")
 _VALUE = re.compile(rf"({NUMBER})\s*(?:[#;].*)?")
@@ -21,23 +20,22 @@ _LENGTHS = {"mm": 1.0, "metric": 1.0, "cm": 10.0, "inch": 25.4, "in": 25.4, "imp
 _TRIVIAL = "trivkins"  # kinematics in which each joint is an axis
 
 
-def ini_text(path: Path, depth: int = 0) -> str:
+def ini_text(path: Path) -> str:
     """Return the text of an INI file, with the files that its lines #INCLUDE name in their places.
 
     Raises:
         InputError: a file that cannot be read, or files that include each other.
     """
-    if depth > _DEEPEST:
-        raise InputError(f"{path}: #INCLUDE is nested more than {_DEEPEST} deep: does a file include itself?")
-    try:
-        text = read_text(path, errors="replace")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    lines = []
-    for line in text.splitlines():
+    return "\n".join(_lines(path, IncludedFiles("#INCLUDE"), 0)) + "\n"
+
+
+def _lines(path: Path, files: IncludedFiles, depth: int) -> Iterator[str]:
+    for line in files.text(path, depth).splitlines():
         include = _INCLUDE.fullmatch(line)
-        lines.append(line if include is None else ini_text(path.parent / Path(include[1]).expanduser(), depth + 1))
-    return "\n".join(lines) + "\n"
+        if include is None:
+            yield line
+        else:
+            yield from _lines(path.parent / expanded(include[1]), files, depth + 1)
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,14 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 
-from gantrysim.base.errors import InputError
-from gantrysim.base.toml_files import read_text
+from gantrysim.base.errors import InputError, expanded
+from gantrysim.exchange.included import IncludedFiles
 from gantrysim.exchange.motion_limits import AxisLimits, program_lines
 from gantrysim.servo.laws import ADDITIONS, PID
 
-_DEEPEST = 16  # inclusions within one another
 _SECTION = re.compile(r"\[\s*([^\]]+?)\s*\]\s*(?:[#;].*)?")
 _INCLUDE = "include "
 _SAVED = "#*#"  # begins the lines that SAVE_CONFIG has written; they count
@@ -64,7 +64,7 @@ class PrinterConfig:
             InputError: a file that cannot be read, or one without the limits of a printer.
         """
         sections: dict[str, dict[str, str]] = {}
-        _add_file(path, sections, 0)
+        _add_file(path, sections, IncludedFiles("[include]"))
         config = cls(sections, str(path))
         if "printer" not in sections:
             raise InputError(f"{path}: has no section [printer]")
@@ -212,20 +212,15 @@ class PrinterConfig:
         return table, []
 
 
-def _add_file(path: Path, sections: dict[str, dict[str, str]], depth: int) -> None:
+def _add_file(path: Path, sections: dict[str, dict[str, str]], files: IncludedFiles, depth: int = 0) -> None:
     """Add the options of a file and of those that it includes; the last value of an option counts."""
-    if depth > _DEEPEST:
-        raise InputError(f"{path}: [include] is nested more than {_DEEPEST} deep: does a file include itself?")
-    try:
-        text = read_text(path, errors="replace")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     section: dict[str, str] = {}
-    for line in text.splitlines():
+    for line in files.text(path, depth).splitlines():
         content = line.removeprefix(_SAVED)
         heading = _SECTION.fullmatch(content.strip())
         if heading and heading[1].startswith(_INCLUDE):
-            _add_included(path, heading[1].removeprefix(_INCLUDE).strip(), sections, depth)
+            for file in _included(path.parent / expanded(heading[1].removeprefix(_INCLUDE).strip())):
+                _add_file(file, sections, files, depth + 1)
         elif heading:
             section = sections.setdefault(heading[1].lower(), {})
         elif not content[:1].isspace() or line.startswith(_SAVED):  # else a further line of a value, such as a macro
@@ -234,10 +229,10 @@ def _add_file(path: Path, sections: dict[str, dict[str, str]], depth: int) -> No
                 section[option[1].lower()] = option[2]
 
 
-def _add_included(path: Path, pattern: str, sections: dict[str, dict[str, str]], depth: int) -> None:
-    """Add the files of an [include], which may have wildcards."""
-    target = Path(pattern).expanduser()
-    folder = (path.parent / target).parent
-    files = sorted(folder.glob(target.name)) if re.search(r"[*?\[]", target.name) else [folder / target.name]
-    for file in files:
-        _add_file(file, sections, depth + 1)
+def _included(target: Path) -> list[Path]:
+    """Return the files of an [include], whose name may have wildcards."""
+    if not re.search(r"[*?\[]", target.name):
+        return [target]
+    if not target.parent.is_dir():
+        return []
+    return sorted(file for file in target.parent.iterdir() if fnmatchcase(file.name, target.name))

@@ -27,6 +27,8 @@ def chosen_job(kind: type[Job], given: Given, content: dict[str, Any], speed: fl
         InputError: an invalid key or value.
     """
     job = kind.of_content(content, given.label)
+    with job.located():
+        job = job.with_called_files()
     if speed is not None:
         job = job.at_speed(speed)
     return with_choices(job, OpenValues.of(content, given.dialect)).with_given(given)

@@ -135,6 +135,20 @@ class JobContent(BaseModel):
         same_program = not any(key.partition(".")[0] == "program" for key in values)
         return self._with(content, self.__dict__.get("controller") if same_program else None)
 
+    def with_called_files(self) -> Self:
+        """Return the job with those subprograms alone that its program calls: the others are nobody's business.
+
+        Raises:
+            InputError: a program that its controller refuses.
+        """
+        texts = self.program.get("subprograms")
+        if not texts or is_code(self.program["controller"]):
+            return self
+        called = self.controller.called_files
+        if len(called) == len(texts):
+            return self
+        return self.changed({"program.subprograms": {name: texts[name] for name in texts if name in called} or None})
+
     def with_choice(self, note: str) -> Self:
         """Return the job with a first note, on what was chosen for it; a changed job has none."""
         job = self.model_copy()

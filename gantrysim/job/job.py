@@ -153,7 +153,8 @@ class Job(JobContent):
         return self  # immutable, and a compiled machine cannot be copied
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self.model_dump(), self._refusal)  # without a compiled machine, which cannot be pickled
+        # without a compiled machine, which cannot be pickled
+        return Job.of_content, (self.model_dump(), f"job {self.name}", self._refusal)
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
@@ -281,7 +282,3 @@ class Job(JobContent):
 def _without_noise(value: Any) -> Any:
     """Return a number without the last digits of floating point, so that a speed makes the value that it came from."""
     return float(f"{value:.12g}") if isinstance(value, float) else value
-
-
-def _restored(content: dict[str, Any], refusal: str) -> Job:
-    return Job.of_content(content, f"job {content['name']}", refusal)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from gantrysim.base.input_files import check_inside
 from gantrysim.base.toml_files import read_text
 
 _CALL = re.compile(r"\bO\s*(?:<([^<>\n]+)>|(\d+))\s*CALL|(?:\bM\s*98|\bG\s*65)[^\n;(]*?P\s*(\d+)", re.IGNORECASE)
@@ -20,6 +21,9 @@ def subprogram_files(text: str, folder: Path) -> dict[str, str]:
     Args:
         text: of the program.
         folder: of its file. A name is never looked for in another folder.
+
+    Raises:
+        InputError: a file that is too long, or a link that leaves the folder.
     """
     texts: dict[str, str] = {}
     missing = _called(text)
@@ -53,5 +57,6 @@ def _file(name: str, folder: Path) -> Path | None:
         for suffix in _SUFFIXES:
             file = folder / f"{file_name}{suffix}"
             if file.is_file():
+                check_inside(file, folder)
                 return file
     return None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, fields
-from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import Column, OptionalColumn
 from gantrysim.base.display import Shown
-from gantrysim.base.errors import InputError
+from gantrysim.base.errors import InputError, expanded
 from gantrysim.base.files import replaced
 from gantrysim.base.input_files import opened
 from gantrysim.faults import InjectedFault
@@ -190,7 +189,7 @@ class Run(Conveniences, Shown):
         from gantrysim.record.run_file import read_record
 
         try:
-            with opened(FilePath(file)) as stream:
+            with opened(expanded(file)) as stream:
                 return cls(**read_record(stream))
         except (OSError, InputError) as error:
             reason = str(error.strerror if isinstance(error, OSError) else error)[:_LONGEST_REASON]

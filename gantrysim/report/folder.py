@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from gantrysim.base.errors import InputError, expanded
-from gantrysim.base.files import check_free, held, replaced_files
-from gantrysim.base.swap import pending
+from gantrysim.base.files import held, replaced_files
+from gantrysim.base.swap import check_free, pending
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
@@ -28,7 +28,7 @@ REPORT = "report.html"
 RECORD = "record.csv"  # what the controller itself records, where its program asks for it
 _PLOT_NAMES = ("plan", "error", "budget", "spacing", "bead")
 _RENDERED = tuple(f"{RENDER}{suffix}" for suffix in (".mp4", ".gif", ".png"))
-_FILES = (JOB, RUN, SUMMARY, VIDEO, REPORT, RECORD, *_RENDERED, *(f"{PLOTS}/{name}.png" for name in _PLOT_NAMES))
+_SHOWN = (SUMMARY, VIDEO, REPORT, *(f"{PLOTS}/{name}.png" for name in _PLOT_NAMES))
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,20 @@ class Output:
             )
         return target
 
+    def names_in(self, folder: Path) -> list[str]:
+        """Return the names of the files in a folder, and of the folder of plots, that such a command has written."""
+        return sorted({name.partition("/")[0] for name in self.files if (expanded(folder) / name).exists()})
+
+    @contextmanager
+    def held(self, folder: Path) -> Iterator[None]:
+        """Hold a folder in the block, see `gantrysim.base.files.held`.
+
+        Raises:
+            InputError: as `check`, or the folder is in use by another command.
+        """
+        with held(self.check(folder), f"--out {folder}"):
+            yield
+
     @contextmanager
     def written(self, folder: Path) -> Iterator[Path]:
         """Yield a hidden folder in a held one, whose files replace an earlier command's on success.
@@ -76,11 +90,13 @@ class Output:
             yield scratch
 
 
-_RUN_OUTPUT = Output("run", RUN, _FILES)
+RUN_OUTPUT = Output("run", RUN, (JOB, RUN, RECORD, *_RENDERED, *_SHOWN))
+# what is written beside the record of a run, once that is on disk
+SHOWN_OUTPUT = Output("run", RUN, _SHOWN)
 
 
 @contextmanager
-def output_folder(folder: Path, output: Output = _RUN_OUTPUT) -> Iterator[Path]:
+def output_folder(folder: Path, output: Output = RUN_OUTPUT) -> Iterator[Path]:
     """Hold a folder and yield a hidden one in it, whose files replace an earlier command's on success.
 
     Other files in the folder stay. On failure nothing is left, not even a folder that this call created.
@@ -89,14 +105,18 @@ def output_folder(folder: Path, output: Output = _RUN_OUTPUT) -> Iterator[Path]:
         InputError: the folder cannot be written, is in use by another command, or holds files of these names that no
             such command has written.
     """
-    target = output.check(folder)
-    with held(target, f"--out {folder}"), output.written(folder) as scratch:
+    with output.held(folder), output.written(folder) as scratch:
         yield scratch
 
 
 def write_run(folder: Path, results: RunResults) -> None:
     """Write job, record, summary, and the controller's own record into a folder."""
     _write(folder, results.job, results.budget.analysis.run, summary(results))
+
+
+def write_summary(folder: Path, results: RunResults) -> None:
+    """Write the summary alone, beside a record that is written."""
+    _write_content(folder, summary(results))
 
 
 def write_fault(folder: Path, job: Job, machine: Machine, run: Run) -> None:
@@ -108,5 +128,9 @@ def _write(folder: Path, job: Job, run: Run, content: dict[str, Any]) -> None:
     (folder / JOB).write_text(job.toml(), encoding="utf-8")
     digests = {"job_sha256": job.digest, "machine_sha256": content["versions"]["machine_sha256"]}
     run.replaced(**digests).save(folder / RUN)
-    (folder / SUMMARY).write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    _write_content(folder, content)
     job.controller.write_record(run, folder / RECORD)
+
+
+def _write_content(folder: Path, content: dict[str, Any]) -> None:
+    (folder / SUMMARY).write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")

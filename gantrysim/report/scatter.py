@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Any
 
 from gantrysim.base.quantity import number_text
@@ -84,10 +82,3 @@ def scatter_summary(scatter: Scatter) -> dict[str, Any]:
         for key, figure in scatter.figures.items()
     }
     return {"repeats": scatter.repeats, "seed": scatter.seed, "faults": scatter.faults, "figures": figures}
-
-
-def add_to_summary(file: Path, scatter: Scatter) -> None:
-    """Add the scatter to a summary.json, as its key "scatter"."""
-    content = json.loads(file.read_text(encoding="utf-8"))
-    content["scatter"] = scatter_summary(scatter)
-    file.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")

@@ -19,6 +19,7 @@ from gantrysim.metrics.parts import ERROR_SIZES
 from gantrysim.record.run import Run
 from gantrysim.report.causes import causes_summary
 from gantrysim.report.headline import headline
+from gantrysim.report.scatter import scatter_summary
 from gantrysim.results.quantities import GROUPS, LOSSES_GROUP
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import Verdict
@@ -38,11 +39,13 @@ def summary(results: RunResults) -> dict[str, Any]:
         unstable_axes: null where the margins are unknown
         fault: null for a complete run
         injected: deliberate faults, whether the run came to them, and what they cost; null without any
+        scatter: of runs with other zeros of the encoders; missing without --repeat
         headline: the result in a sentence or two; of a run with faults, what happened
     """
     job = results.job
     run = results.budget.analysis.run
     groups = {group.name: group.contents(results) for group in GROUPS if group is not LOSSES_GROUP}
+    scatter = {} if results.scatter is None else {"scatter": scatter_summary(results.scatter)}
     return {
         "verdict": results.verdict.content(),
         "job": job.name,
@@ -56,6 +59,7 @@ def summary(results: RunResults) -> dict[str, Any]:
         "injected": _injected(run, LOSSES_GROUP.contents(results)),
         "headline": headline(results.budget, results.causes),
         "versions": versions(results.machine),
+        **scatter,
     }
 
 

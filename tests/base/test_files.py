@@ -228,7 +228,7 @@ def test_an_old_file_that_cannot_be_moved_keeps_all_old_files(old, monkeypatch):
         move(file, target)
 
     monkeypatch.setattr(swap, "move", refuse)
-    said = f"^here: cannot be written: Operation not permitted; the earlier files in {old}/ are kept$"
+    said = f"^file {old}/plots/d.txt: cannot be written: Operation not permitted; the earlier files in {old}/ are kept$"
     with pytest.raises(InputError, match=said):
         replace(old)
     assert content(old) == {**OLD, **OTHERS}
@@ -240,7 +240,7 @@ def test_a_full_disk_keeps_the_old_files(old):
     def action():
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
-        said = f"^here: cannot be written: File too large; the earlier files in {old}/ are kept$"
+        said = f"^file {old}/c.txt: cannot be written: File too large; the earlier files in {old}/ are kept$"
         with pytest.raises(InputError, match=said):
             replace(old, {**NEW, "c.txt": b"c" * 1000})
         return 5

@@ -32,6 +32,7 @@ from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.plots import pictures
 from gantrysim.plots.png import write_png
+from gantrysim.report.saved import SavedRun
 from gantrysim.report.summary import summary
 from gantrysim.results.quantities import ERROR_GROUP
 from gantrysim.results.run_results import RunResults
@@ -289,19 +290,39 @@ def test_without_arguments_the_command_shows_its_help(gantrysim_command):
     assert "run" in printed
 
 
-def test_an_interrupted_run_writes_nothing(gantrysim_command, tmp_path, monkeypatch):
+def test_a_run_interrupted_while_it_simulates_writes_nothing(gantrysim_command, tmp_path, monkeypatch):
     def interrupted(*arguments, **keywords):
         signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr("gantrysim.plots.save_plots", interrupted)
+    monkeypatch.setattr("gantrysim.job.job.Job.run", interrupted)
     before = signal.getsignal(signal.SIGINT)
     status, printed, errors = gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
-    assert (status, errors) == (130, "interrupted: nothing is written\n")
-    assert printed.startswith("verdict ")  # known before the first plot
-    assert "Contour error: " in printed
-    assert "written to" not in printed
+    assert (status, printed, errors) == (130, "", "interrupted: nothing is written\n")
     assert not list(tmp_path.iterdir())
     assert signal.getsignal(signal.SIGINT) is before
+
+
+@pytest.mark.parametrize("place", ["gantrysim.cli.evaluation.links_table", "gantrysim.plots.save_plots"])
+def test_a_run_interrupted_once_it_is_complete_keeps_record_and_summary(
+    gantrysim_command, tmp_path, monkeypatch, place
+):
+    """Before the first table, and while what is drawn is written; files of an earlier run do not stay beside them."""
+
+    def interrupted(*arguments, **keywords):
+        signal.raise_signal(signal.SIGINT)
+
+    out = tmp_path / "out"
+    assert gantrysim_command("run", "an225", "--out", out, *SHORT, "--set", "feedforward=0.5")[0] == 0
+    assert (out / "report.html").exists()
+    assert "feedforward = 0.5" in (out / "job.toml").read_text()
+    monkeypatch.setattr(place, interrupted)
+    status, printed, errors = gantrysim_command("run", "an225", "--out", out, *SHORT)
+    assert status == 130
+    assert errors == f"interrupted: the run is complete, its record and summary are in {out}/\n"
+    assert "written to" not in printed
+    assert sorted(item.name for item in out.iterdir()) == ["job.toml", "run.npz", "summary.json"]
+    assert "feedforward = 1.0" in (out / "job.toml").read_text()
+    assert SavedRun.load(out).run.dispense.any()
 
 
 @pytest.mark.parametrize("number", ENDING)
@@ -316,8 +337,8 @@ def test_an_interrupt_that_became_another_error_ends_the_run(gantrysim_command, 
     function = ctypes.PYFUNCTYPE(None, Argument)(lambda _: None)
     monkeypatch.setattr("gantrysim.plots.save_plots", lambda *_, **__: function(1))
     status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
-    assert (status, errors) == (128 + number, "interrupted: nothing is written\n")
-    assert not list(tmp_path.iterdir())
+    said = f"interrupted: the run is complete, its record and summary are in {tmp_path / 'out'}/\n"
+    assert (status, errors) == (128 + number, said)
 
 
 def test_a_lost_interrupt_ends_the_next_step(gantrysim_command, tmp_path, monkeypatch):
@@ -597,7 +618,7 @@ def test_a_write_error_is_one_line(gantrysim_command, tmp_path, monkeypatch):
 
     monkeypatch.setattr(Run, "save", full)
     status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path / "a" / "b", *SHORT)
-    assert (status, errors) == (2, f"error: --out {tmp_path}/a/b: cannot be written: No space left on device\n")
+    assert (status, errors) == (2, "error: file run.npz: cannot be written: No space left on device\n")
     assert not list(tmp_path.iterdir())
 
 

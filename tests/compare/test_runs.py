@@ -2,6 +2,8 @@
 
 import json
 import math
+import os
+import shutil
 
 import numpy as np
 import pytest
@@ -238,3 +240,22 @@ def test_saved_causes_come_along(folders):
     causes = compare_runs(*saved).causes
     assert causes.keys() == {"friction"}
     assert causes["friction"] == pytest.approx((0.012, 0.003))
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "deep", "long"])
+def test_a_summary_that_is_none_is_no_summary(folders, tmp_path, kind):
+    """Causes are not known, and nothing else happens."""
+    folder = tmp_path / "stranger"
+    shutil.copytree(folders[0], folder)
+    file = folder / "summary.json"
+    file.unlink()
+    if kind == "pipe":
+        os.mkfifo(file)
+    elif kind == "device":
+        file.symlink_to("/dev/zero")
+    elif kind == "deep":
+        file.write_text("[" * 100_000)
+    else:
+        file.write_text('{"causes": {}, "long": "' + "x" * (1 << 24) + '"}')
+    comparison = compare_runs(SavedRun.load(folder), SavedRun.load(folders[1]))
+    assert comparison.causes == {}

@@ -117,6 +117,10 @@ def test_shapers_that_are_no_laws_are_named(printer, change, modes, said):
         ("[printer]\nmax_velocity: -1\n", r"max_velocity = -1: must be finite and at least 0$"),
         ("[printer]\nmax_velocity: 9\nmax_accel: 0\n", r"max_accel = 0: must be greater than 0$"),
         ("[include absent.cfg]\n", r"absent\.cfg: cannot be read: No such file"),
+        ("[include ~nosuch/a.cfg]\n", r"^~nosuch/a\.cfg: no such home folder$"),
+        ("[include a\0b]\n", r"^'a\\x00b': has a zero character, which no path can have$"),
+        ("[include a**b*]\n[stepper_x]\n", r"has no section \[printer\]$"),
+        ("[include nosuch/*]\n[stepper_x]\n", r"has no section \[printer\]$"),
         ("[include printer.cfg]\n", r"nested more than 16 deep: does a file include itself\?$"),
     ],
 )

@@ -7,6 +7,7 @@ import pytest
 from gantrysim import InputError, Machine, Servo
 from gantrysim.exchange.gains import exported, imported, read_gains, sign_of_velocity_drives
 from gantrysim.exchange.ini_file import IniFile, ini_text
+from gantrysim.exchange.printer_config import PrinterConfig
 
 from support.tables import EXAMPLES
 
@@ -199,6 +200,28 @@ def test_files_that_cannot_be_included_are_named(tmp_path):
     file.write_text("#INCLUDE mill.ini\n")
     with pytest.raises(InputError, match="nested more than 16 deep: does a file include itself"):
         ini_text(file)
+
+
+def test_files_that_include_many_are_bounded_in_number_and_length(tmp_path):
+    """Fifteen files of ten inclusions each would be read 10 to the power of 14 times."""
+    for k in range(15):
+        (tmp_path / f"{k}.inc").write_text(f"#INCLUDE {k + 1}.inc\n[include {k + 1}.inc]\n" * 10 if k < 14 else "[A]\n")
+    said = r"14\.inc: {} names more than 200 files in all: are some named repeatedly\?$"
+    with pytest.raises(InputError, match=said.format("#INCLUDE")):
+        ini_text(tmp_path / "0.inc")
+    with pytest.raises(InputError, match=said.format(r"\[include\]")):
+        PrinterConfig.load(tmp_path / "0.inc")
+    (tmp_path / "long.inc").write_text("#" * (1 << 20) + "\n")
+    (tmp_path / "all.ini").write_text("#INCLUDE long.inc\n" * 20)
+    with pytest.raises(InputError, match=r"long\.inc: with the files before it has more than 1\.68e\+07 characters$"):
+        ini_text(tmp_path / "all.ini")
+
+
+@pytest.mark.parametrize("name", ["~nosuch/a", "a\0b", "/dev/zero"])
+def test_inclusions_of_no_file_are_one_line(tmp_path, name):
+    (tmp_path / "mill.ini").write_text(f"#INCLUDE {name}\n")
+    with pytest.raises(InputError, match=r"no such home folder|zero character|is a device"):
+        ini_text(tmp_path / "mill.ini")
 
 
 def test_the_command_reads_velocity_drives_without_being_told(tmp_path, gantrysim_command):

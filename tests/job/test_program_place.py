@@ -1,5 +1,7 @@
 """A program file as it is: its dialect by its content, its subprograms beside it, its place on an open machine."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -83,6 +85,51 @@ def test_subprograms_of_fanuc_in_files_beside_the_program(tmp_path):
     file_of(tmp_path, "G91 G01 X5\nN7 Y3 Q1\nM99\n", "O1000.nc")
     with pytest.raises(InputError, match=r"in block N7 of 1000, line 2: address Q is not used in G01"):
         Job.load(file)
+
+
+def test_a_subprogram_that_is_not_called_is_nobodys_business(tmp_path):
+    """Only what has run stands in the job that is written and sent on."""
+    file_of(tmp_path, "o<leg> sub\nG91 G1 X#1 F600\no<leg> endsub\nM2\n", "leg.ngc")
+    file_of(tmp_path, "o<notes> sub\n(my own)\no<notes> endsub\n", "notes.ngc")
+    file_of(tmp_path, "my own", "diary.txt")
+    calls = "o1 if [1 EQ 0]\no<notes> call\no<diary> call\no1 endif\no<Leg> call [12]\n"
+    job = Job.load(file_of(tmp_path, f"G21 G61\n{calls}M2\n"))
+    assert list(job.program["subprograms"]) == ["leg"]
+    assert "my own" not in job.toml()
+    assert job.controller.requested.length == pytest.approx(12)
+    file_of(tmp_path, "(my own) M3\nM99\n", "42.txt")
+    file_of(tmp_path, "G91 G01 X5\nM99\n", "O1000.nc")
+    file = file_of(tmp_path, "O1\nG90 G01 X10 F600\nIF [1 EQ 1] GOTO 5\nM98 P42\nN5 M98 P1000\nM30\n", "part.nc")
+    job = Job.load(file)
+    assert list(job.program["subprograms"]) == ["1000"]
+    assert "my own" not in job.toml()
+    assert job.controller.requested.length == pytest.approx(15)
+    alone = Job.load(file_of(tmp_path, "O1\nG01 X10 F600\nIF [1 EQ 1] GOTO 5\nM98 P42\nN5 M30\n", "part.nc"))
+    assert alone.program["subprograms"] == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "program", "call"),
+    [
+        ("notes.ngc", "part.ngc", "G1 X5 F600\no<notes> call\nM2\n"),
+        ("O0042.nc", "part.nc", "O1\nG01 X5 F600\nM98 P42\nM30\n"),
+        ("notes.bas", "part.bas", 'SPEED=10\nINCLUDE "notes"\nMOVE(5)\n'),
+    ],
+)
+def test_a_subprogram_that_is_a_link_out_of_the_folder_is_refused(tmp_path, name, program, call):
+    folder = tmp_path / "theirs"
+    folder.mkdir()
+    own = file_of(tmp_path, "my own", "own.txt")
+    (folder / name).symlink_to(own)
+    said = f"^{re.escape(str(folder / name))}: is a link to {re.escape(str(own))}, outside the folder: put a copy"
+    with pytest.raises(InputError, match=said):
+        Job.load(file_of(folder, call, program))
+
+
+def test_a_subprogram_that_is_a_link_within_the_folder_is_read(tmp_path):
+    (tmp_path / "turn.ngc").symlink_to(file_of(tmp_path, "o<turn> sub\nG91 G1 Y7 F600\no<turn> endsub\n", "v2.ngc"))
+    job = Job.load(file_of(tmp_path, "o<turn> call\nM2\n"))
+    assert job.controller.requested.length == pytest.approx(7)
 
 
 def test_a_travel_error_of_fanuc_names_its_line(tmp_path):

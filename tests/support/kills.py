@@ -63,7 +63,9 @@ def _child(action, folder, at, number, output, tell):
         sink = os.open(output, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(sink, 1)
         os.dup2(sink, 2)
-        sys.stdout, sys.stderr = (io.TextIOWrapper(io.FileIO(number, "w"), write_through=True) for number in (1, 2))
+        sys.stdout, sys.stderr = (
+            io.TextIOWrapper(io.FileIO(number, "w", closefd=False), write_through=True) for number in (1, 2)
+        )
         for one in KILLS[1:]:
             signal.signal(one, signal.default_int_handler if one == signal.SIGINT else signal.SIG_DFL)
         count = 0

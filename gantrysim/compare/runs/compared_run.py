@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from gantrysim.base.errors import InputError, expanded
+from gantrysim.base.toml_files import read_text
 from gantrysim.bead import Bead
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
@@ -26,6 +27,7 @@ RUN_COLOURS = ("#d9660f", "#2a7fc9", "#1b1f24", "#9aa0a8")
 RUN_DASHES: tuple[list[int], ...] = ([7, 3], [], [2, 3], [12, 3, 2, 3])  # lengths of dashes and gaps [pixels]
 
 _RMS = ERROR_SIZES[0]
+_LONGEST = 1 << 24  # summary, ten times that of a spiral of a thousand turns [bytes]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,13 +92,13 @@ def _results(run: Run, name: str) -> RunResults:
 def _saved_causes(file: Path) -> dict[str, float] | None:
     """Return what the causes in a summary are worth of the rms contour error [mm]; None where there are none.
 
-    The file may be a stranger's: what is no number is left out.
+    The file may be a stranger's: what is no number is left out, and so is all of no regular file.
     """
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
+        content = json.loads(read_text(file, most=_LONGEST))
         causes: dict[str, Any] = content["causes"] or {}
         worth = {name: effect["worth"]["contour"][_RMS.key] for name, effect in causes.items() if effect["worth"]}
-    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return None
     known = {str(name): value / _RMS.factor for name, value in worth.items() if _is_number(value)}
     return known or None

@@ -22,7 +22,7 @@ from gantrysim.controllers.fanuc.feed_clamp import Clamp, Feeding
 from gantrysim.controllers.fanuc.legs import PathLeg, legs_of, placed, switched
 from gantrysim.controllers.fanuc.notes import notes_of
 from gantrysim.controllers.fanuc.parts import Part, averaged, in_place, stretch
-from gantrysim.controllers.fanuc.program_text import SPEEDS, ProgramSource, SourceBlock, read
+from gantrysim.controllers.fanuc.program_text import SPEEDS, ProgramMotions, ProgramSource, SourceBlock, read
 from gantrysim.controllers.fanuc.speed import PER_MINUTE
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.valve import Dispense, Outputs
@@ -153,11 +153,20 @@ class Program(Controller):
         return Outputs(self.dispense)
 
     @cached_property
+    def _motions(self) -> ProgramMotions:
+        assert isinstance(self.program, str)
+        source = ProgramSource(self.program, self.subprograms, self.block_skip, self.max_steps)
+        return read(source, self.start, self.offsets, self.rotary_word, self._outputs)
+
+    @property
+    def called_files(self) -> frozenset[str]:
+        return self._motions.called_files if isinstance(self.program, str) else frozenset()
+
+    @cached_property
     def legs(self) -> tuple[PathLeg, ...]:
         """The motions of the blocks."""
         if isinstance(self.program, str):
-            source = ProgramSource(self.program, self.subprograms, self.block_skip, self.max_steps)
-            blocks = read(source, self.start, self.offsets, self.rotary_word, self._outputs)
+            blocks = self._motions.blocks
         else:
             blocks = tuple(SourceBlock(f"block {k}", 0, _block(item, k)) for k, item in enumerate(self.program, 1))
         legs = legs_of(blocks, self.start, self.rapid, self.end_point_tolerance, self.radius_tolerance)

@@ -46,15 +46,18 @@ class ProgramBlocks:
 
     Attributes:
         blocks: in their order, those of files of their own at the end.
+        files: places of the first blocks of files of subprograms, by name, in order.
         programs: places of the blocks with the number of a program, by that number.
     """
 
     def __init__(self, source: ProgramSource) -> None:
         self.blocks: list[ProgramBlock] = []
         self.programs: dict[int, int] = {}
+        self.files: dict[str, int] = {}
         self._skip = source.skip
         self._add(source.text)
         for name, text in source.subprograms.items():
+            self.files[name] = len(self.blocks)
             number = _FILE_NUMBER.fullmatch(name.strip())
             if number and not _begins_with_number(text):
                 # a call enters the block after the number

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from gantrysim.controllers.fanuc.alarm import BlockSource
 from gantrysim.controllers.fanuc.block_words import COMMENT, CORNERS, Words
@@ -49,9 +49,21 @@ class SourceBlock(BlockSource):
     outputs: tuple[str, ...] = ()
 
 
+class ProgramMotions(NamedTuple):
+    """The motions of a program.
+
+    Attributes:
+        blocks: the motions.
+        called_files: names of the files of subprograms that were called.
+    """
+
+    blocks: tuple[SourceBlock, ...]
+    called_files: frozenset[str]
+
+
 def read(
     source: ProgramSource, start: Vector, offsets: Mapping[str, float], rotary: str, outputs: Outputs
-) -> tuple[SourceBlock, ...]:
+) -> ProgramMotions:
     """Return the motions of a program.
 
     Args:
@@ -67,7 +79,7 @@ def read(
     state = ModalState(list(start), offsets, rotary, start, outputs=outputs)
     sequence = Sequence(source, state.provided)
     state.contoured = sequence.has(_SWITCHES_LOOK_AHEAD)
-    return tuple(
+    blocks = tuple(
         SourceBlock(
             name=words.name,
             line=words.line,
@@ -81,6 +93,7 @@ def read(
         for words in sequence.run()
         for block in _run(state, words)
     )
+    return ProgramMotions(blocks, sequence.called_files)
 
 
 def _run(state: ModalState, words: Words) -> list[Block]:

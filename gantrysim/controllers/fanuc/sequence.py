@@ -70,6 +70,7 @@ class Sequence(Flow[Words]):
         text = ProgramBlocks(source)
         self._blocks = text.blocks
         self._programs = text.programs
+        self._files = text.files
         self._starts = sorted({0, *self._programs.values()})
         self._source: BlockSource = BlockSource("block 1", 0)
         self._mark_labels()
@@ -88,6 +89,14 @@ class Sequence(Flow[Words]):
     def _program_at(self, place: int) -> int:
         """First block of the program that a block belongs to."""
         return self._starts[bisect_right(self._starts, place) - 1]
+
+    @property
+    def called_files(self) -> frozenset[str]:
+        """Names of the files whose subprograms were called."""
+        names = list(self._files)
+        firsts = list(self._files.values())
+        counts = [bisect_right(firsts, place) for place in self.entered]
+        return frozenset(names[count - 1] for count in counts if count)
 
     def has(self, pattern: str) -> bool:
         """Return whether a pattern occurs in a block."""

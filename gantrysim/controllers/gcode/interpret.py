@@ -34,6 +34,7 @@ class Interpreted:
         limits: to which the moves refer.
         assumed_feeds: names of the machine's feeds that the program reads and that nobody gave.
         subroutines: names of those that the text holds.
+        called_files: names of the files of subprograms that were called.
         without_diameter: tools of cutter compensation whose diameter nobody gave.
         checkpoints: at which it can be taken over from another start.
     """
@@ -47,6 +48,7 @@ class Interpreted:
     limits: tuple[MotionLimits, ...] = (MotionLimits(),)
     assumed_feeds: tuple[str, ...] = ()
     subroutines: tuple[str, ...] = ()
+    called_files: frozenset[str] = frozenset()
     without_diameter: tuple[int, ...] = ()
     checkpoints: tuple[Checkpoint, ...] = ()
 
@@ -102,6 +104,7 @@ def interpret(
         raise kind(f"{flow.where}: {error}") from None
     except OverflowError:
         raise InputError(f"{flow.where}: a number is too large") from None
+    called_files = flow.called_files
     checkpoints = observer.finished()
     flow.lines.clear()  # the flow and its parameters refer to one another, and would keep them until a collection
     table = moves.table
@@ -119,6 +122,7 @@ def interpret(
         limits=tuple(state.limits.rows),
         assumed_feeds=tuple(sorted(state.assumed_feeds)),
         subroutines=subroutines,
+        called_files=called_files,
         without_diameter=tuple(sorted(state.tools.without_diameter)),
         checkpoints=checkpoints,
     )

@@ -75,6 +75,10 @@ class Program(GCode):
             finite(f"parameters {parameter}", value)
 
     @property
+    def called_files(self) -> frozenset[str]:
+        return frozenset(name for name in self.subprograms if name.lower() in self.program.called_files)
+
+    @property
     def _library(self) -> Library:
         return Library(
             {name.lower(): text for name, text in self.subprograms.items()},

@@ -91,11 +91,21 @@ class ProgramLines(Flow[Words | FirmwareCommand]):
     @property
     def where(self) -> str:
         """The line that runs, in words."""
-        started = [(first, name) for first, name in self._files if first <= self.place]
-        if not started:
+        started = self._file_at(self.place)
+        if started is None:
             return f"line {self.place + 1}"
-        first, name = started[-1]
+        first, name = started
         return f"line {self.place - first + 1} of {name}"
+
+    @property
+    def called_files(self) -> frozenset[str]:
+        """Names of the files whose subprograms were called."""
+        return frozenset(file[1] for file in map(self._file_at, self.entered) if file is not None)
+
+    def _file_at(self, place: int) -> tuple[int, str] | None:
+        """Return the first place and the name of the file of a line, None for the main program."""
+        started = [file for file in self._files if file[0] <= place]
+        return started[-1] if started else None
 
     def runs(self, place: int) -> bool:
         return place < (len(self.lines) if len(self.calls) > 1 else self.main_lines)

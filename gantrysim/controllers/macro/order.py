@@ -97,6 +97,7 @@ class Flow(ABC, Generic[Line]):
         places: of the control words.
         parameters: of the program.
         calls: those that have not returned; the first is the main program's.
+        entered: first places of the subprograms that were called.
         FIXED: names of attributes that stay while the program runs, or only spare work.
     """
 
@@ -107,6 +108,7 @@ class Flow(ABC, Generic[Line]):
         self.place = 0
         self.places = Places()
         self.calls = [Call(0, 0, parameters.scope)]
+        self.entered = frozenset[int]()
         self._next = 0
         self._steps = 0
         self._most_steps = most_steps
@@ -179,6 +181,8 @@ class Flow(ABC, Generic[Line]):
     def enter(self, start: int, times: int = 1) -> int:
         """Call a subprogram that begins at a place; return that place. The caller's parameters stay in force."""
         self.calls.append(Call(self.following, start, self.parameters.scope, times))
+        if start not in self.entered:
+            self.entered |= {start}
         return start
 
     def end_repetition(self) -> int:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from gantrysim.base.errors import InputError
+from gantrysim.base.input_files import check_inside
 from gantrysim.base.toml_files import read_text
 
 SECTION = re.compile(r"^[ \t]*'\$PROGRAM[ \t]+\"?(\w+)\"?[ \t]*$", re.IGNORECASE | re.MULTILINE)
@@ -21,7 +22,7 @@ def with_files(text: str, folder: Path) -> str:
     """Return a text with the programs that INCLUDE and RUN name, and that are files beside it, as its last sections.
 
     Raises:
-        InputError: a file that cannot be read, or too many of them.
+        InputError: a file that cannot be read or is a link that leaves the folder, or too many of them.
     """
     try:
         files = {path.stem.upper(): path for path in sorted(folder.iterdir()) if path.suffix.lower() in SUFFIXES}
@@ -36,6 +37,7 @@ def with_files(text: str, folder: Path) -> str:
         present.add(name)
         if len(present) >= MOST_SECTIONS:
             raise InputError(f"{len(present)} programs: must be at most {MOST_SECTIONS}")
+        check_inside(files[name], folder)
         try:
             added = read_text(files[name], errors="replace")
         except OSError as error:
