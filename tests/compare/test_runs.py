@@ -5,12 +5,14 @@ import math
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from gantrysim import InputError, SavedRun
+from gantrysim import Fault, InputError, SavedRun
 from gantrysim.cli import terminal
 from gantrysim.cli.compared_runs import comparison_tables
 from gantrysim.compare.runs.common_path import Track, parting_of
 from gantrysim.compare.runs.overlay_data import OverlayData
+from gantrysim.compare.runs.overlays import draw_compared_budgets
 from gantrysim.compare.runs.run_comparison import compare_runs
 from gantrysim.compare.runs.runs_page import run_sections
 from gantrysim.paths.arcs import ArcChain
@@ -92,6 +94,32 @@ def test_what_is_better_and_by_how_much(comparison):
     assert comparison.sentence.startswith("after is better than before")
     assert [difference.key for difference in comparison.differences if difference.kind == "job"] == ["servo.period"]
     assert comparison.differences[0].texts == ("0.001", "0.0016")
+
+
+def test_bars_are_as_long_as_what_they_show(comparison):
+    """In micrometres; a link that a run does not have is a bar without length or number."""
+    figure = Figure()
+    axes = draw_compared_budgets(figure, comparison)
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    assert names == list(comparison.budgets)
+    for number, bars in enumerate(axes.containers):
+        expected = [parts[number] for parts in comparison.budgets.values()]
+        widths = [0.0 if part is None else UM * part.rms for part in expected]
+        assert [bar.get_width() for bar in bars] == pytest.approx(widths)
+        assert max(widths) > 1.0
+    contour = list(comparison.budgets).index("contour")
+    for bars, (mean, swing) in zip(axes.containers, (BEFORE, AFTER), strict=True):
+        rms = UM * math.hypot(mean, swing / math.sqrt(2))
+        assert bars[contour].get_width() == pytest.approx(rms, rel=0.05)
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_the_run_that_ended_in_a_fault_is_named_as_such(first):
+    whole = on_circle(*BEFORE)
+    faulty = on_circle(*AFTER).replaced(fault=Fault("following error", "x", 0.5, 12.0, 10.0, "mm"))
+    runs, names = ((faulty, whole), ("broken", "sound")) if first else ((whole, faulty), ("sound", "broken"))
+    sentence = compare_runs(*runs, names=names).sentence
+    assert sentence.startswith("sound is better than broken: broken ended in a fault, sound did not")
 
 
 def test_the_other_order_has_the_other_signs(comparison):
