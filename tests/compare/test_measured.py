@@ -320,7 +320,7 @@ def test_a_measured_circle_has_the_values_of_the_circular_test(circle_test):
     spoilt = Comparison.of(Trace(run.time, {"commanded": run.commanded}, nozzle), run, MACHINE, ())
     assert spoilt.circle(30.0, circle_test.centre)["measured"] == pytest.approx(found["measured"], abs=0.01)
     for radius in (20.0, 40.0):
-        with pytest.raises(InputError, match="10 mm off the radius of .* mm: must be a full circle there"):
+        with pytest.raises(InputError, match=r"10 mm off the radius of .* mm: must be a full circle there"):
             Comparison.of(trace, run, MACHINE).circle(radius, circle_test.centre)
 
 
