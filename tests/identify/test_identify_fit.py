@@ -175,7 +175,7 @@ def test_a_motion_through_a_backlash_leaves_hardly_a_residual(machine, filled):
     load = model.inertia * model.share
     motor = model.inertia - load
 
-    def rates(t, state):
+    def rates(t, state, torque):
         q, v, p, w = state
         stretch = q - p
         beyond = stretch - min(max(stretch, -gap / 2), gap / 2)
@@ -187,7 +187,7 @@ def test_a_motion_through_a_backlash_leaves_hardly_a_residual(machine, filled):
     for tick, torque in enumerate(demand):
         states.append(state)
         span = tick * PERIOD, (tick + 1) * PERIOD
-        state = solve_ivp(rates, span, state, rtol=1e-9, atol=1e-12, max_step=1e-5).y[:, -1]
+        state = solve_ivp(rates, span, state, args=(torque,), rtol=1e-9, atol=1e-12, max_step=1e-5).y[:, -1]
     position, _, attained, _ = np.array(states).T
     stretch = np.abs(position - attained)
     assert np.count_nonzero(stretch < gap / 2) > 10
