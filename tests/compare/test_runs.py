@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from gantrysim import Fault, InputError, SavedRun
 from gantrysim.cli import terminal
 from gantrysim.cli.compared_runs import comparison_tables
+from gantrysim.compare.runs.check_changes import CheckChange
 from gantrysim.compare.runs.common_path import Track, parting_of
 from gantrysim.compare.runs.overlay_data import OverlayData
 from gantrysim.compare.runs.overlays import draw_compared_budgets
@@ -17,6 +18,7 @@ from gantrysim.compare.runs.run_comparison import compare_runs
 from gantrysim.compare.runs.runs_page import run_sections
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.report.folder import output_folder, write_run
+from gantrysim.results.checks import Check
 
 from support.compared import RADIUS, START, TEXT, circle_job, on_circle, recorded
 from support.pages import Page
@@ -25,6 +27,7 @@ BEFORE = (0.030, 0.010)  # mean error and its swing [mm]
 AFTER = (0.010, -0.005)
 PERIODS = (0.001, 0.0016)
 UM = 1e3
+GAIN = {"name": "gain_margin", "quantity": "gain margin", "unit": "", "source": "given"}
 
 
 @pytest.fixture(scope="module")
@@ -136,6 +139,25 @@ def test_the_other_order_has_the_other_signs(comparison):
     for check in swapped.checks:
         judgement = judged[check.known.name]
         assert check.judgement(1) == opposite.get(judgement, judgement)
+
+
+def test_a_limit_is_said_once_and_of_each_run_where_they_differ():
+    def change(*limits, at_least=False):
+        checks = [Check(**GAIN, value=3.0, limit=limit, at_least=at_least) for limit in limits]
+        return CheckChange("stability", (None, *checks))
+
+    assert change(2.0, 2.0, at_least=True).limit == "at least 2.0"
+    assert change(2.0, 1.5).limit == "at most 2.0 / at most 1.5"
+
+
+def test_of_three_runs_all_must_be_the_same():
+    run = on_circle(*BEFORE)
+    other = on_circle(*AFTER)
+    assert compare_runs(run, run, run).are_same
+    for runs in ((run, run, other), (run, other, run), (other, run, run)):
+        compared = compare_runs(*runs)
+        assert not compared.are_same
+        assert "are the same" not in compared.sentence
 
 
 def test_a_place_between_two_stretches_of_dispensing_has_no_value():

@@ -13,6 +13,7 @@ from gantrysim.job.settings import ToleranceSettings
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.results.checks import Check, Place
+from gantrysim.results.row import Row
 from gantrysim.stability.margins import Margins
 
 from support.jobs import job_run
@@ -253,6 +254,18 @@ def test_unknown_margins_are_not_judged_and_no_pass(follower):
     verdict = Verdict.of(job, follower)
     assert verdict["stability"].state == "not judged"
     assert verdict.state == "warn"
+
+
+def test_the_headline_names_the_rows_that_make_the_state_and_those_not_judged():
+    def headline(*states):
+        names = ("path", "glue", "stability", "machine")
+        return Verdict(tuple(Row(name, state=state) for name, state in zip(names, states, strict=True))).headline
+
+    assert headline("pass", "pass", "pass", "pass") == "✓ pass"
+    assert headline("warn", "fail", "pass", "fail") == "✗ fail: glue, machine"
+    assert headline("fail", "warn", "not judged", "pass") == "✗ fail: path, stability"
+    assert headline("warn", "pass", "pass", "not judged") == "! warn: path, machine"
+    assert headline("pass", "pass", "pass", "not judged") == "! warn: machine"
 
 
 def test_a_fault_fails_and_nothing_else_is_judged(job, follower):

@@ -119,6 +119,8 @@ BAD = {
     "integral of a large whole number": ({"integral_time": 10**400}, "integral_time: must be finite"),
     "width without a loop": ({"velocity_bandwidth": "wide"}, "velocity_bandwidth = 'wide': must be a number"),
     "delay": ({"delay": 2e-3}, "servo delay = 0.002 s: must be at most the period, 0.001 s"),
+    "feedback delay": ({"feedback_delay": 1.5}, "feedback_delay = 1.5: must be a whole number"),
+    "long feedback delay": ({"feedback_delay": 10**6}, "feedback_delay = 1e[+]06: must be 0 to "),
     "per axis": ({"kp": [1.0, 2.0, 3.0]}, "kp has 3 values: must be one or 1, one per axis"),
     "gain": ({"kd": math.inf}, "kd = inf: must be finite"),
     "torque": ({"torque_limit": 0.0}, "torque_limit = 0: must be greater than 0"),
