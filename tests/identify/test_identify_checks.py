@@ -20,6 +20,7 @@ from gantrysim.identify.log import Log
 from gantrysim.identify.model import model_of
 from gantrysim.identify.output import content, values_table
 from gantrysim.identify.plan import excitation
+from gantrysim.identify.plots import draw_response
 from gantrysim.identify.prediction import error_variance
 from gantrysim.record.setpoints import Setpoints
 
@@ -114,6 +115,25 @@ def test_too_few_samples_at_rest_explain_nothing():
         position, torque = at_rest(rests, length, 2e-3, 0.01)
         fit = SimpleNamespace(position=position, torque=torque, predicted=model, expected=1.0)
         assert math.isnan(explained_residual(fit, 1e-3)) != known, (rests, length)
+
+
+def test_the_measured_response_of_an_inertia_is_its_inverse():
+    """Torques held between samples move a single inertia by exact steps."""
+    model = replace(model_of(Machine("xy"), 0), share=0.0, viscous=0.0)
+    torque = 0.1 * np.random.default_rng(4).standard_normal(40000)
+    acceleration = torque / model.inertia
+    speed = np.concatenate([[0.0], np.cumsum(acceleration[:-1]) * PERIOD])
+    position = np.concatenate([[0.0], np.cumsum(speed[:-1] * PERIOD + 0.5 * acceleration[:-1] * PERIOD**2)])
+    fit = SimpleNamespace(axis="x", unit="mm", nominal=model, model=model)
+    figure = draw_response((fit,), PERIOD, lambda _: torque, lambda _: position)
+    lines = {line.get_label(): line.get_xydata() for line in figure.axes[0].lines}
+    frequency, measured = lines["measured"].T
+    slow = frequency < 0.05 / PERIOD
+    assert np.count_nonzero(slow) > 20
+    np.testing.assert_allclose(measured[slow], 1 / model.inertia, rtol=0.05)
+    np.testing.assert_allclose(
+        lines["fitted"][:, 1], 1 / model.inertia / np.hypot(1, 2 * np.pi * model.lag * lines["fitted"][:, 0])
+    )
 
 
 def test_a_doubtful_log_is_not_identified():

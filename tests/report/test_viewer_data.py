@@ -9,6 +9,7 @@ import math
 from functools import partial
 from importlib.resources import files
 from inspect import getclosurevars
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.plots.style import COLOURS, DASHES, INK
 from gantrysim.report.encoding import encoded, encoded_ascending, encoded_runs
 from gantrysim.report.page import write_run_page
+from gantrysim.report.space_data import POSES, pose_ticks
 from gantrysim.report.thinning import shown_rows
 from gantrysim.report.viewer_data import Series, ViewerData
 from gantrysim.results.run_results import RunResults
@@ -145,6 +147,14 @@ def test_thinning_keeps_the_extremes_of_every_column(seed, rows, most, sparse):
         there = smooth[[row for row in shown if first <= row < first + size]]
         assert there.min() == bucket.min()
         assert there.max() == bucket.max()
+
+
+def test_poses_are_spread_over_the_run_and_no_more_than_its_ticks():
+    for ticks, poses in ((1, 1), (2, 2), (POSES, POSES), (POSES + 1, POSES), (50 * POSES, POSES)):
+        chosen = pose_ticks(SimpleNamespace(time=np.arange(ticks)))
+        assert (chosen.size, np.unique(chosen).size) == (poses, poses)
+        assert (chosen[0], chosen[-1]) == (0, ticks - 1)
+        assert np.diff(chosen).size < 2 or np.ptp(np.diff(chosen)) <= 1
 
 
 def test_few_rows_are_all_shown():
