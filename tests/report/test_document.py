@@ -283,6 +283,7 @@ def test_a_figure_whose_panels_are_not_in_one_grid_stays_as_it_is():
     with sheet(8.0, 8.0) as polar:
         polar.add_subplot(projection="polar")
     placed_by_hand = Figure()
+    placed_by_hand.add_subplot()
     placed_by_hand.add_axes((0.1, 0.1, 0.8, 0.8))
     two_grids = Figure()
     for figure in two_grids.subfigures(1, 2):

@@ -135,6 +135,15 @@ def test_bad_servos_are_refused(change, text):
         Servo.derive([Plant()], **{"period": 1e-3, **change})
 
 
+@pytest.mark.parametrize(
+    "name", ["period", "delay", "feedback delay", "long feedback delay", "gain", "torque", "encoder"]
+)
+def test_a_servo_that_is_changed_is_checked_again(name):
+    change, text = BAD[name]
+    with pytest.raises(InputError, match=text):
+        Servo.derive([Plant()], 1e-3).with_values(**change)
+
+
 def test_values_are_converted_and_lists_are_checked_as_tuples_are():
     servo = Servo.derive([Plant()], kp=np.int64(2), resolution=np.float32(0.5))
     assert servo.per_axis("kp") == (2.0,)
