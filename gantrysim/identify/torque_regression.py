@@ -87,7 +87,7 @@ class TorqueRegression:
             speed=speed,
             calm=gaussian_filter1d(speed, max(_CALM / period, 0.5)),
             direction=_direction(position),
-            torque=0.5 * (before + after) - model.offset,
+            torque=0.5 * (before + after),
         )
         slow = np.abs(gaussian_filter1d(speed, width))
         slides = gaussian_filter1d(1.0 * (slow > _MOVING * float(np.quantile(slow, 0.99))), width) > _SLIDING

@@ -88,8 +88,7 @@ class Improvement(Shown):
         if self.after.burden == 0:
             return f"passes with {names}."
         begin = f"best with {names}" if names else "no lever helps"
-        heavy = [row.name for row in self.improved.rows if row_burden(row) > 0]
-        worst = max(heavy, key=lambda name: row_burden(self.improved[name]))
+        worst = max(self.improved.rows, key=row_burden).name
         check = self.improved[worst].checks[0] if self.improved[worst].checks else self.improved[worst].remark
         fails = self.improved[worst].state == FAIL
         reach = "nothing meets the tolerance" if fails else "no combination leaves a 20 % margin"

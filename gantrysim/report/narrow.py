@@ -28,7 +28,7 @@ def make_narrow(figure: Figure) -> bool:
     axes = list(figure.axes)
     places = [panel.get_subplotspec() for panel in axes]
     grids = {id(place.get_gridspec()) for place in places if place is not None}
-    if not axes or None in places or len(grids) != 1 or any(panel.name != "rectilinear" for panel in axes):
+    if None in places or len(grids) != 1 or any(panel.name != "rectilinear" for panel in axes):
         return False
     height = float(figure.get_figheight())
     if places[0].get_gridspec().ncols > 1:  # type: ignore[union-attr]

@@ -74,8 +74,8 @@ class Series:
 
     def content(self, values: Floats) -> dict[str, Any]:
         """Return its label, unit, decimals and colour for the page."""
-        largest = float(np.nanmax(np.abs(values), initial=0.0))
-        whole = 0 if largest < 1e-9 else int(np.floor(np.log10(largest))) + 1
+        largest = float(np.nanmax(np.abs(values), initial=1.0))
+        whole = int(np.log10(largest)) + 1
         return {
             "name": self.name,
             "label": self.label,

@@ -75,7 +75,7 @@ class TextTable:
         if not preamble and lines[begin:]:
             before = [remark for number, remark in remarks if number < lines[begin][0]]
             heads = _heads_in_remark(before, dialect.cells(lines[begin][1]), dialect)
-        used = (1 if heads and preamble else 0) + (1 if units else 0)
+        used = (1 if preamble else 0) + (1 if units else 0)
         unread = [line for _, line in preamble[: len(preamble) - used]]
         notes = (*(remark for _, remark in remarks), *unread)
         return cls(dialect, heads, units, lines[begin:], notes, tuple(breaks))

@@ -1,11 +1,13 @@
 """Computations over whole grids equal loops from cell to cell, to the last bit."""
 
+import math
+
 import numpy as np
 import pytest
 
 from gantrysim.bead import needle_contacts, pushing
 from gantrysim.bead.face import headroom
-from gantrysim.bead.footprint import wet_where_pushed
+from gantrysim.bead.footprint import footprint, wet_where_pushed
 from gantrysim.bead.laying import Layer
 from gantrysim.metrics.spacing import forward
 
@@ -15,6 +17,30 @@ SHAPES = [(17, 20), (18, 23), (33, 1), (1, 7), (2, 2)]
 def grids(seed, count, shape):
     rng = np.random.default_rng(seed)
     return [np.where(rng.random(shape) < 0.3, 0.0, rng.random(shape)) for _ in range(count)]
+
+
+@pytest.mark.parametrize("angle", [0, 33, 90, 118, 180, 251, 270, 345])
+def test_the_footprint_of_a_pass_is_the_strip_with_round_ends_about_it(angle):
+    """Of one interval of any length and direction: half a cell and more within it 1, without it 0, linear growth."""
+    shape = (64, 60)
+    centre = 30 + 31j
+    along = np.exp(1j * math.radians(angle))
+    start, stop = centre - 15 * along, centre + 15 * along
+    half = np.array([3.0, 6.0])
+    stations = np.array([start, stop])
+    share = footprint(shape, stations.real, stations.imag, half, np.ones(1), np.empty((0, 3)))
+    rows, columns = np.indices(shape)
+    place = columns + 1j * rows
+    way = np.clip(((place - start) * along.conjugate()).real / 30, 0, 1)
+    beyond = np.abs(place - (start + 30 * way * along)) - (half[0] + 3.0 * way)
+    assert np.all(share[beyond < -1.0] == 1.0)
+    assert np.all(share[beyond > 1.0] == 0.0)
+    edge = np.abs(beyond) < 1.0
+    # a hat two cells wide: half of it lies within at the edge
+    within = np.where(beyond < 0, 1 - 0.5 * (1 + beyond) ** 2, 0.5 * (1 - beyond) ** 2)
+    np.testing.assert_allclose(share[edge], within[edge], atol=1e-12)
+    back = footprint(shape, stations.real[::-1], stations.imag[::-1], half[::-1], np.ones(1), np.empty((0, 3)))
+    np.testing.assert_allclose(back, share, atol=1e-12)
 
 
 @pytest.mark.parametrize("shape", SHAPES)

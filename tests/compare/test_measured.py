@@ -11,9 +11,11 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 from gantrysim import Budget, InputError, Job, Machine, Servo
+from gantrysim.base.arrays import spans
 from gantrysim.compare.alignment import aligned
 from gantrysim.compare.assignment import Assignment
 from gantrysim.compare.comparison import Comparison
+from gantrysim.compare.coverage import arc_length
 from gantrysim.compare.measured import Trace
 from gantrysim.compare.page import headline, share_text
 from gantrysim.engine.simulate import perfect_follower
@@ -21,6 +23,7 @@ from gantrysim.record.setpoints import Setpoints
 from gantrysim.study.circle.study import CircleStudy, circle_row
 from gantrysim.tables.reading import read_table
 
+from support.compared import circle_job
 from support.jobs import job_run
 
 FOUND_SHIFT = 0.1  # of a sample
@@ -111,6 +114,35 @@ def test_a_vibration_that_the_model_lacks_is_named_by_its_frequency(run):
     peak = found.peaks[0]
     assert peak.frequency == pytest.approx(87, abs=2)
     assert peak.rms == pytest.approx(0.01 / math.sqrt(2), rel=0.15)  # (n.(1, 1))^2 is 1 in the mean over directions
+
+
+@pytest.mark.parametrize("lengths", [(10.0, 40.0), (40.0, 10.0)])
+def test_the_spectrum_is_that_of_the_longest_stretch_of_bead(lengths):
+    """Two strokes with a vibration across each, of another frequency in each."""
+    first, second = lengths
+    strokes = f"M62 P0\nG1 X{first}\nM63 P0\nG0 Y10\nM62 P0\nG1 X{first - second}\nM63 P0\nM2\n"
+    run = circle_job(text=f"G21 G17 G90 G61\nF3000\n{strokes}").follow()
+    on = spans(run.dispense)
+    frequencies = (60.0, 140.0)
+    nozzle = run.nozzle.copy()
+    for (begin, after), frequency in zip(on, frequencies, strict=True):
+        nozzle[begin:after, 1] += 0.01 * np.sin(2 * np.pi * frequency * run.time[begin:after])
+    found = Comparison.of(Trace(run.time, {}, nozzle), run, MACHINE, ())
+    seen, unseen = (frequencies[choose(lengths)] for choose in (np.argmax, np.argmin))
+    assert found.peaks[0].frequency == pytest.approx(seen, abs=2)
+    assert found.peaks[0].rms == pytest.approx(0.01 / math.sqrt(2), rel=0.1)
+    assert all(abs(peak.frequency - unseen) > 10 for peak in found.peaks)
+
+
+def test_the_arc_length_at_an_instant_is_that_of_the_last_tick_with_glue(run):
+    analysis = Budget(run).analysis
+    time = run.time[analysis.ticks]
+    s = analysis.commanded.s
+    assert arc_length(analysis, time[0] - 1e-6) == 0.0
+    for tick in (0, 7, len(s) - 1):
+        assert arc_length(analysis, time[tick]) == s[tick]
+        assert arc_length(analysis, time[tick] + 0.4 * run.period) == s[tick]
+    assert arc_length(analysis, time[-1] + 9.0) == s[-1]
 
 
 @pytest.mark.parametrize(("rate", "lost"), [(3.0, 1), (500.0, 7)])
@@ -287,8 +319,9 @@ def test_a_measured_circle_has_the_values_of_the_circular_test(circle_test):
     nozzle[(passed < circle_test.lead - 5) | (passed > swept - circle_test.lead + 5)] *= 1.01
     spoilt = Comparison.of(Trace(run.time, {"commanded": run.commanded}, nozzle), run, MACHINE, ())
     assert spoilt.circle(30.0, circle_test.centre)["measured"] == pytest.approx(found["measured"], abs=0.01)
-    with pytest.raises(InputError, match="must be a full circle there"):
-        Comparison.of(trace, run, MACHINE).circle(20.0, circle_test.centre)
+    for radius in (20.0, 40.0):
+        with pytest.raises(InputError, match=r"10 mm off the radius of .* mm: must be a full circle there"):
+            Comparison.of(trace, run, MACHINE).circle(radius, circle_test.centre)
 
 
 @given(

@@ -7,16 +7,20 @@ import shutil
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from gantrysim import InputError, SavedRun
+from gantrysim import Fault, InputError, SavedRun
 from gantrysim.cli import terminal
 from gantrysim.cli.compared_runs import comparison_tables
+from gantrysim.compare.runs.check_changes import CheckChange
 from gantrysim.compare.runs.common_path import Track, parting_of
 from gantrysim.compare.runs.overlay_data import OverlayData
+from gantrysim.compare.runs.overlays import draw_compared_budgets
 from gantrysim.compare.runs.run_comparison import compare_runs
 from gantrysim.compare.runs.runs_page import run_sections
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.report.folder import output_folder, write_run
+from gantrysim.results.checks import Check
 
 from support.compared import RADIUS, START, TEXT, circle_job, on_circle, recorded
 from support.pages import Page
@@ -25,6 +29,7 @@ BEFORE = (0.030, 0.010)  # mean error and its swing [mm]
 AFTER = (0.010, -0.005)
 PERIODS = (0.001, 0.0016)
 UM = 1e3
+GAIN = {"name": "gain_margin", "quantity": "gain margin", "unit": "", "source": "given"}
 
 
 @pytest.fixture(scope="module")
@@ -96,6 +101,32 @@ def test_what_is_better_and_by_how_much(comparison):
     assert comparison.differences[0].texts == ("0.001", "0.0016")
 
 
+def test_bars_are_as_long_as_what_they_show(comparison):
+    """In micrometres; a link that a run does not have is a bar without length or number."""
+    figure = Figure()
+    axes = draw_compared_budgets(figure, comparison)
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    assert names == list(comparison.budgets)
+    for number, bars in enumerate(axes.containers):
+        expected = [parts[number] for parts in comparison.budgets.values()]
+        widths = [0.0 if part is None else UM * part.rms for part in expected]
+        assert [bar.get_width() for bar in bars] == pytest.approx(widths)
+        assert max(widths) > 1.0
+    contour = list(comparison.budgets).index("contour")
+    for bars, (mean, swing) in zip(axes.containers, (BEFORE, AFTER), strict=True):
+        rms = UM * math.hypot(mean, swing / math.sqrt(2))
+        assert bars[contour].get_width() == pytest.approx(rms, rel=0.05)
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_the_run_that_ended_in_a_fault_is_named_as_such(first):
+    whole = on_circle(*BEFORE)
+    faulty = on_circle(*AFTER).replaced(fault=Fault("following error", "x", 0.5, 12.0, 10.0, "mm"))
+    runs, names = ((faulty, whole), ("broken", "sound")) if first else ((whole, faulty), ("sound", "broken"))
+    sentence = compare_runs(*runs, names=names).sentence
+    assert sentence.startswith("sound is better than broken: broken ended in a fault, sound did not")
+
+
 def test_the_other_order_has_the_other_signs(comparison):
     swapped = compare_runs(*(run.results for run in reversed(comparison.runs)), names=["after", "before"])
     assert swapped.best == 0
@@ -110,6 +141,25 @@ def test_the_other_order_has_the_other_signs(comparison):
     for check in swapped.checks:
         judgement = judged[check.known.name]
         assert check.judgement(1) == opposite.get(judgement, judgement)
+
+
+def test_a_limit_is_said_once_and_of_each_run_where_they_differ():
+    def change(*limits, at_least=False):
+        checks = [Check(**GAIN, value=3.0, limit=limit, at_least=at_least) for limit in limits]
+        return CheckChange("stability", (None, *checks))
+
+    assert change(2.0, 2.0, at_least=True).limit == "at least 2.0"
+    assert change(2.0, 1.5).limit == "at most 2.0 / at most 1.5"
+
+
+def test_of_three_runs_all_must_be_the_same():
+    run = on_circle(*BEFORE)
+    other = on_circle(*AFTER)
+    assert compare_runs(run, run, run).are_same
+    for runs in ((run, run, other), (run, other, run), (other, run, run)):
+        compared = compare_runs(*runs)
+        assert not compared.are_same
+        assert "are the same" not in compared.sentence
 
 
 def test_a_place_between_two_stretches_of_dispensing_has_no_value():

@@ -47,6 +47,7 @@ def ends(text, **settings):
         ("#1=FIX[-1.5]\n#2=FUP[-1.5]\nG01 X#1 Y#2 F600", [(-1, -2)]),
         ("G01 X1 F600\nO2\nX5", [(1, 0)]),  # another program follows
         ("G01 X1 F600\nM99\nX5", [(1, 0)]),
+        ("#1=2\nG01 X#1 F600 N5\nX[#1+1] N6", [(2, 0), (3, 0)]),  # the number of a block may stand at its end
         # numbers that agree in six digits are those of two blocks
         ("G01 F600\nGOTO1000000\nX9\nN1000000 X1\nGOTO1000001\nX8\nN1000001 X2", [(1, 0), (2, 0)]),
     ],

@@ -73,12 +73,15 @@ def test_corners_of_every_kind_lead_where_linuxcnc_does():
 
 
 @pytest.mark.parametrize("side", ["G41.1", "G42.1"])
+@pytest.mark.parametrize("clockwise", [False, True])
 @pytest.mark.parametrize("seed", range(1, 6))
-def test_the_path_keeps_its_offset_from_a_star(side, seed):
+def test_the_path_keeps_its_offset_from_a_star(side, clockwise, seed):
     rng = np.random.default_rng(seed)
     count = int(rng.integers(5, 10))
     angles = np.sort(2 * np.pi * (np.arange(count) + rng.uniform(-0.2, 0.2, count)) / count)
     corners = rng.uniform(20, 32, count)[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    if clockwise:
+        corners = corners[::-1]
     entry = corners[0] + (corners[0] - corners[1])  # in line with the first side
     lap = [*corners, *corners[:3]]
     lines = [f"G1 X{x:.9f} Y{y:.9f}" for x, y in lap]
@@ -89,6 +92,39 @@ def test_the_path_keeps_its_offset_from_a_star(side, seed):
     begin, end = (program.requested.ends[np.flatnonzero(source == line)[-1]] for line in (5, 5 + count))
     points = program.requested.position(np.arange(begin, end, STEP))[:, :2]
     np.testing.assert_allclose(distances(points, corners), 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("side", ["G41.1", "G42.1"])
+@pytest.mark.parametrize("sense", [1, -1])
+@pytest.mark.parametrize("arc_first", [True, False])
+def test_where_the_path_turns_back_along_an_arc_the_nozzle_keeps_its_offset(side, sense, arc_first):
+    """Round the tip where the nozzle is on the arc's inside; on its outside, up to where it fits between line and arc.
+
+    In the first half of the cases a quarter of a circle is followed by a line back along its last tangent, in the other
+    half a line by a quarter of a circle back along it.
+    """
+    radius, length, angles = 20.0, 30.0, np.linspace(0, np.pi / 2, 4001)
+    arc = 1j * sense * radius * (1 - np.exp(1j * sense * angles))
+    line = -length * np.linspace(0, 1, 4001)
+    if arc_first:
+        line = arc[-1] + line * 1j * sense
+        lead_in, first, second = -10.0, arc, line
+    else:
+        lead_in, first, second = line[-1] - 10.0, line[::-1], -arc.conjugate()
+    # the arc that follows a line turns back, mirrored
+    centre = 1j * radius * sense
+    code = {1: "G3", -1: "G2"}[sense if arc_first else -sense]
+    moves = [f"G1 X{place.real:.9f} Y{place.imag:.9f}" for place in (first[0], first[-1], second[-1])]
+    curved = 1 if arc_first else 2
+    moves[curved] = f"{code}{moves[curved][2:]} I0 J{centre.imag:.9f}"
+    text = f"F600\nG0 X{lead_in:.9f} Y0\n{side} D2\n" + "\n".join(moves) + "\nG40 G0 X90 Y90\nM2"
+    program = Program(text=text)
+    source = program.program.moves[:, SOURCE]
+    begin, end = (program.requested.ends[np.flatnonzero(source == line_number)[-1]] for line_number in (4, 6))
+    nozzle = program.requested.position(np.arange(begin, end, STEP))[:, :2] @ [1, 1j]
+    programmed = np.concatenate([first, second])
+    apart = [np.abs(programmed - place).min() for place in nozzle]
+    np.testing.assert_allclose(apart, 1.0, atol=1e-4)
 
 
 def test_almost_straight_corners_have_no_arc_as_in_linuxcnc():

@@ -3,20 +3,25 @@
 The logs are those of axes with other laws of friction, integrated by no code of gantrysim, and logs with an error.
 """
 
+import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from gantrysim import InputError, Servo, simulate
+from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import Basic
 from gantrysim.identify.checks.times import even_period
+from gantrysim.identify.explained import explained_residual
 from gantrysim.identify.fitted import fitted_machine
 from gantrysim.identify.identification import identify
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import model_of
 from gantrysim.identify.output import content, values_table
 from gantrysim.identify.plan import excitation
+from gantrysim.identify.plots import draw_response
+from gantrysim.identify.prediction import error_variance
 from gantrysim.record.setpoints import Setpoints
 
 from support.identification_logs import AXIS, MACHINE, confidently_wrong, random_log
@@ -76,6 +81,59 @@ def test_the_rehearsal_on_the_default_step_finds_its_own_machine():
     verdicts = dict(zip(values_table(found).columns[1].cells, values_table(found).columns[6].cells, strict=True))
     assert verdicts["constant torque"] == f"not identified ({values['offset'].reason})"
     assert verdicts["inertia, whole"] == "identified"
+
+
+def at_rest(rests, length, count, amplitude):
+    """An axis that moves by a count between rests, whose torque's noise alternates, (position, torque).
+
+    The first torque of each rest answers to the count that has passed.
+    """
+    position = np.concatenate([np.full(length, k * count) for k in range(rests)])
+    torque = amplitude * (-1.0) ** np.arange(position.size)
+    torque[np.arange(0, position.size, length)] += 7.0
+    torque[np.arange(1, position.size, length)] += 3.0
+    return position, torque
+
+
+@pytest.mark.parametrize(("count", "period"), [(2e-3, 1e-3), (5e-3, 5e-4)])
+def test_counts_and_the_noise_of_the_torque_at_rest_explain_a_residual(count, period):
+    """Second differences of a torque that alternates by a are 4 a, of white noise sqrt(6) times its deviation."""
+    amplitude = 0.01
+    position, torque = at_rest(9, 12, count, amplitude)
+    model = model_of(Machine("xy"), 0)
+    fit = SimpleNamespace(position=position, torque=torque, predicted=model, expected=1.0)
+    size = count / math.sqrt(12)
+    noise = 4 * amplitude / math.sqrt(6)
+    expected = size * math.sqrt(error_variance(model, noise / size, period))
+    assert explained_residual(fit, period) == pytest.approx(expected, rel=1e-9)
+
+
+def test_too_few_samples_at_rest_explain_nothing():
+    """Of a rest of m samples m - 4 second differences count, 40 of which are enough; shorter than 6 none do."""
+    model = model_of(Machine("xy"), 0)
+    for rests, length, known in ((1, 44, True), (1, 43, False), (4, 14, True), (20, 6, True), (60, 5, False)):
+        position, torque = at_rest(rests, length, 2e-3, 0.01)
+        fit = SimpleNamespace(position=position, torque=torque, predicted=model, expected=1.0)
+        assert math.isnan(explained_residual(fit, 1e-3)) != known, (rests, length)
+
+
+def test_the_measured_response_of_an_inertia_is_its_inverse():
+    """Torques held between samples move a single inertia by exact steps."""
+    model = replace(model_of(Machine("xy"), 0), share=0.0, viscous=0.0)
+    torque = 0.1 * np.random.default_rng(4).standard_normal(40000)
+    acceleration = torque / model.inertia
+    speed = np.concatenate([[0.0], np.cumsum(acceleration[:-1]) * PERIOD])
+    position = np.concatenate([[0.0], np.cumsum(speed[:-1] * PERIOD + 0.5 * acceleration[:-1] * PERIOD**2)])
+    fit = SimpleNamespace(axis="x", unit="mm", nominal=model, model=model)
+    figure = draw_response((fit,), PERIOD, lambda _: torque, lambda _: position)
+    lines = {line.get_label(): line.get_xydata() for line in figure.axes[0].lines}
+    frequency, measured = lines["measured"].T
+    slow = frequency < 0.05 / PERIOD
+    assert np.count_nonzero(slow) > 20
+    np.testing.assert_allclose(measured[slow], 1 / model.inertia, rtol=0.05)
+    np.testing.assert_allclose(
+        lines["fitted"][:, 1], 1 / model.inertia / np.hypot(1, 2 * np.pi * model.lag * lines["fitted"][:, 0])
+    )
 
 
 def test_a_doubtful_log_is_not_identified():

@@ -164,6 +164,42 @@ def test_a_motion_of_the_model_leaves_no_residual(machine):
     assert np.abs(late).max() > 10 * np.abs(residual).max()
 
 
+@pytest.mark.parametrize("filled", [False, True])
+def test_a_motion_through_a_backlash_leaves_hardly_a_residual(machine, filled):
+    """Two masses with a gap between them, driven to and fro through it, by the equations of `identify.model`."""
+    gap = 0.05
+    model = replace(
+        model_of(machine, 1), coulomb=0.0, excess=0.0, viscous=1e-4, delay=0.0, lag=0.0, gap=gap, filled=filled
+    )
+    demand = 0.3 * np.sign(np.sin(2 * np.pi * 13 * PERIOD * np.arange(300)))
+    load = model.inertia * model.share
+    motor = model.inertia - load
+
+    def rates(t, state, torque):
+        q, v, p, w = state
+        stretch = q - p
+        beyond = stretch - min(max(stretch, -gap / 2), gap / 2)
+        damper = model.damping * (v - w) if filled or beyond else 0.0
+        force = model.stiffness * beyond + damper
+        return [v, (torque - force - model.viscous * v) / motor, w, force / load]
+
+    state, states = np.zeros(4), []
+    for tick, torque in enumerate(demand):
+        states.append(state)
+        span = tick * PERIOD, (tick + 1) * PERIOD
+        state = solve_ivp(rates, span, state, args=(torque,), rtol=1e-9, atol=1e-12, max_step=1e-5).y[:, -1]
+    position, _, attained, _ = np.array(states).T
+    stretch = np.abs(position - attained)
+    assert np.count_nonzero(stretch < gap / 2) > 10
+    assert np.count_nonzero(stretch > gap / 2) > 100
+    samples = Samples(PERIOD, position, demand, held=True)
+    largest = np.abs(innovations(model, 1e-3, samples)).max()
+    # a damper that begins to act at the contact is known to a step of the prediction alone
+    assert largest < (2e-3 if filled else 1.25e-2)
+    for other in (replace(model, gap=0.0), replace(model, filled=not filled), replace(model, gap=1.2 * gap)):
+        assert np.abs(innovations(other, 1e-3, samples)).max() > (4 if filled else 1.2) * largest
+
+
 def test_the_model_of_an_axis_is_that_of_its_mjcf(machine):
     own = model_of(machine, 1)
     si = 1e6 / own.scale

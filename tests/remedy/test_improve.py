@@ -18,7 +18,7 @@ from gantrysim.remedy.combination import Pick
 from gantrysim.remedy.improve import improve, worst_rows
 from gantrysim.remedy.lever import Lever, Setting
 from gantrysim.remedy.outcome import measured, measured_together, motion_key
-from gantrysim.remedy.report import TITLE, change_section
+from gantrysim.remedy.report import TITLE, change_section, comparison_of
 from gantrysim.remedy.search import Search, another_part
 
 from support.remedies import CIRCLE, DOTS, LAG, LINE, SIDES, fixed_flow, lagging, lines_job, outcome, rubbing
@@ -241,6 +241,11 @@ def test_the_fastest_program_is_as_good_and_the_next_is_not():
     assert result.job.controller.programmed_speed == pytest.approx(fastest.speed)
     assert fastest.speed < fastest.above <= 1.02 * fastest.speed + 0.1
     assert improve(job, levers=[], fastest=False).fastest is None
+    # it is said wherever the result is
+    assert result.facts()["fastest"] == str(fastest)
+    assert f"{fastest}." in change_section(result).text
+    assert str(fastest) in str(result)
+    assert not comparison_of(result).are_same
     limited = job.changed({"program.axis_speeds": [100.0, 100.0, 100.0]})  # mm/s
     assert improve(limited, levers=[]).fastest is None
 
@@ -295,9 +300,12 @@ def test_the_section_of_a_report():
     assert alone.folded == f"Each lever alone: {len(result.trials)} runs"
     assert [result.rows[0], *alone.rows[1:], *combined.rows[1:]] == result.rows
     assert all(text.rstrip() in section.code for text in result.lines.values())
-    nothing = change_section(improve(passing()))
+    unchanged = improve(passing())
+    nothing = change_section(unchanged)
     assert nothing.table is None
     assert nothing.code is None
+    assert "fastest" not in unchanged.facts()
+    assert comparison_of(unchanged) is None
 
 
 def test_a_result_shows_itself_in_a_notebook():

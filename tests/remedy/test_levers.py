@@ -5,6 +5,7 @@ import pytest
 from gantrysim import Job
 from gantrysim.remedy.lever import State
 from gantrysim.remedy.levers import LEVERS
+from gantrysim.remedy.levers.speed import speed_changes
 from gantrysim.results.score import usage_of
 
 from support.remedies import (
@@ -207,6 +208,25 @@ def test_factors_are_numbers_that_people_type():
     job = Job.of_content(content_of({"controller": "linuxcnc.Program", "text": text, "rapid": 100.0}), "job small")
     settings = {setting.label: setting.changes for setting in settings_of("slower", job)}
     assert str(settings["× 0.71"]["program.feed_override"]) == "0.71"
+
+
+NEEDLE = {"bore": 0.84, "length": 25.0, "consistency": 2.0}
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.3])
+def test_another_speed_keeps_the_section_whatever_meters_the_flow(factor):
+    """A pump's flow goes with the speed, a pressure is that which drives the flow, an area does by itself."""
+    speed = factor * 100.0
+    pumped = lines_job(SIDES, dispenser={"flow": 200.0, "needle": NEEDLE})
+    assert speed_changes(pumped, speed)["dispenser.flow"] == pytest.approx(factor * 200.0)
+    assert "dispenser.pressure" not in speed_changes(pumped, speed)
+    pressed = lines_job(SIDES, dispenser={"pressure": 300.0, "metering": "time-pressure", "needle": NEEDLE})
+    needle = pressed.dispenser.needle
+    pressure = speed_changes(pressed, speed)["dispenser.pressure"]
+    assert needle.flow(pressure) == pytest.approx(factor * needle.flow(300.0), rel=1e-3)
+    assert "dispenser.flow" not in speed_changes(pressed, speed)
+    by_area = lines_job(SIDES)
+    assert not [key for key in speed_changes(by_area, speed) if key.startswith("dispenser")]
 
 
 def test_a_faster_valve_keeps_what_is_fitted_to_it():

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import Verdict
-from gantrysim.results.checks import FAIL, WARN, Check
+from gantrysim.results.checks import FAIL, UNJUDGED, WARN, Check
 from gantrysim.results.row import Row
-from gantrysim.results.score import CAP, burden_of
+from gantrysim.results.score import CAP, burden_of, usage_of
 
 NAMES = ("path", "glue", "stability", "machine")
 USAGES = st.lists(st.floats(0, 1e6), min_size=4, max_size=4)
@@ -53,3 +53,11 @@ def test_an_unbounded_usage_is_capped_and_a_fault_is_worse():
 def test_a_row_without_a_check_weighs_only_as_a_failure():
     assert burden_of(Verdict((Row("glue", state=FAIL),))) == pytest.approx(math.log(CAP / 0.8))
     assert burden_of(Verdict((Row("glue", state=WARN),))) == 0
+
+
+def test_the_usage_of_a_row_is_that_of_its_worst_check_that_is_judged():
+    checks = [check_of("first", 0.4), check_of("second", 1.7), check_of("third", math.nan)]
+    assert usage_of(Row.of("path", checks)) == 1.7
+    assert usage_of(Row("glue", state=FAIL)) == CAP
+    for state in (WARN, UNJUDGED):
+        assert math.isnan(usage_of(Row("glue", state=state)))

@@ -276,9 +276,22 @@ def test_panels_beside_one_another_come_below_one_another_on_a_narrow_page():
     assert contents.x1 <= figure.bbox.width
     for panel in figure.axes:  # with numbers of its own
         assert any(text.get_text() for text in panel.get_yticklabels() if text.get_visible())
+
+
+def test_a_figure_whose_panels_are_not_in_one_grid_stays_as_it_is():
+    empty = Figure()
     with sheet(8.0, 8.0) as polar:
         polar.add_subplot(projection="polar")
-    assert not make_narrow(polar)
+    placed_by_hand = Figure()
+    placed_by_hand.add_subplot()
+    placed_by_hand.add_axes((0.1, 0.1, 0.8, 0.8))
+    two_grids = Figure()
+    for figure in two_grids.subfigures(1, 2):
+        figure.subplots()
+    for figure in (empty, polar, placed_by_hand, two_grids):
+        width = figure.get_figwidth()
+        assert not make_narrow(figure)
+        assert figure.get_figwidth() == width
 
 
 def test_a_figure_without_labels_is_described_by_its_section(tmp_path):

@@ -248,6 +248,16 @@ def test_the_headline_of_a_fault_that_trips_nothing_or_is_never_reached():
     assert headline(Budget(replace(run, injected=(replace(slip, counts=0),)))) == plain
 
 
+def test_the_summary_says_which_deliberate_faults_the_run_came_to():
+    job = Job.load("softmc-arc")
+    run = job.follow()
+    end = float(run.time[-1])
+    slips = tuple(EncoderSlip(time=time, axis="x", counts=0) for time in (0.5, end, end + 1))
+    budget = Budget(replace(run, injected=slips))
+    faults = summary(RunResults(job, job.built_machine, budget))["injected"]["faults"]
+    assert [(fault["time"], fault["reached"]) for fault in faults] == [(0.5, True), (end, True), (end + 1, False)]
+
+
 def test_the_headline_of_a_fault_without_error():
     run = replace(Job.load("softmc-arc").follow(), fault=Fault("travel", "x", 1.0, 151.0, 150.0, "mm"))
     text = "Fault: travel on axis x at t = 1.0000 s: 151 mm, limit 150 mm. Contour error until then: none."

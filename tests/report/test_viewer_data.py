@@ -5,9 +5,11 @@ import gzip
 import hashlib
 import itertools
 import json
+import math
 from functools import partial
 from importlib.resources import files
 from inspect import getclosurevars
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,8 +26,9 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.plots.style import COLOURS, DASHES, INK
 from gantrysim.report.encoding import encoded, encoded_ascending, encoded_runs
 from gantrysim.report.page import write_run_page
+from gantrysim.report.space_data import POSES, pose_ticks
 from gantrysim.report.thinning import shown_rows
-from gantrysim.report.viewer_data import ViewerData
+from gantrysim.report.viewer_data import Series, ViewerData
 from gantrysim.results.run_results import RunResults
 
 from support.jobs import job_run
@@ -146,6 +149,14 @@ def test_thinning_keeps_the_extremes_of_every_column(seed, rows, most, sparse):
         assert there.max() == bucket.max()
 
 
+def test_poses_are_spread_over_the_run_and_no_more_than_its_ticks():
+    for ticks, poses in ((1, 1), (2, 2), (POSES, POSES), (POSES + 1, POSES), (50 * POSES, POSES)):
+        chosen = pose_ticks(SimpleNamespace(time=np.arange(ticks)))
+        assert (chosen.size, np.unique(chosen).size) == (poses, poses)
+        assert (chosen[0], chosen[-1]) == (0, ticks - 1)
+        assert np.diff(chosen).size < 2 or np.ptp(np.diff(chosen)) <= 1
+
+
 def test_few_rows_are_all_shown():
     assert shown_rows(100, [], 0, [], 100).size == 100
 
@@ -206,7 +217,22 @@ def test_a_thinned_run_keeps_its_largest_errors(shown):
         assert np.nanmax(back) == pytest.approx(values.max(), abs=1e-9)
     lines = decoded(content["columns"]["line"], rows)
     ticks = np.arange(content["ticks"])
-    assert set(lines) == set(program_lines_at(shown.job, ticks.size, shown.budget.analysis.run.time))
+    known = program_lines_at(shown.job, ticks.size, shown.budget.analysis.run.time)
+    # every change of the line and of the dispenser is between two neighbouring ticks that are both shown
+    rows_shown = set(decoded(content["columns"]["tick"], rows).astype(int).tolist())
+    for state in (known, shown.budget.analysis.run.dispense):
+        changes = np.flatnonzero(np.diff(state))
+        assert changes.size > 2
+        assert set(changes.tolist()) | set((changes + 1).tolist()) <= rows_shown
+    assert set(lines) == set(known)
+
+
+@pytest.mark.parametrize(
+    ("largest", "decimals"), [(0.0, 3), (1e-12, 3), (0.04, 3), (9.9, 3), (10.0, 2), (99.0, 2), (100.0, 1), (5e4, 1)]
+)
+def test_a_column_is_read_in_three_digits_but_at_least_to_a_tenth(largest, decimals):
+    values = np.array([0.0, -largest, math.nan])
+    assert Series("x", "x", "mm", "", lambda: values).content(values)["decimals"] == decimals
 
 
 def test_a_column_is_read_only_when_it_is_wanted(shown):

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from gantrysim.job.settings import ToleranceSettings
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.results.checks import Check, Place
+from gantrysim.results.row import Row
 from gantrysim.stability.margins import Margins
 
 from support.jobs import job_run
@@ -30,6 +32,7 @@ M63 P0
 M2
 """
 SECOND_HALF = 5
+STEPPERS = Path(__file__).parents[2] / "examples" / "machines" / "stepper.toml"
 SESSILE = {"squashed": False}  # a circular segment: its width goes with the root of its area
 
 
@@ -162,6 +165,35 @@ def test_glue_missing_at_the_start_is_bounded_by_the_start_length(follower, miss
     assert check.place.point[0] == pytest.approx(-80, abs=0.2)
 
 
+def two_strokes():
+    """A job of two strokes along x, 10 mm apart, from 0 to 30 mm and back."""
+    text = "G21 G17 G90 G94 G61\nM62 P0\nG1 X30 F6000\nM63 P0\nG0 Y10\nM62 P0\nG1 X0\nM63 P0\nG0 X-5\nM2\n"
+    return line_job(program={"controller": "linuxcnc.Program", "text": text})
+
+
+@pytest.mark.parametrize("worse", [0, 1])
+def test_the_worst_start_and_stop_of_several_strokes_are_told_with_their_places(worse):
+    """A length of bead without glue is missing, and as much laid in a tick beyond the end is in excess."""
+    job = two_strokes()
+    run = job.follow()
+    flow = run.flow.copy()
+    x = run.commanded_tip[:, 0]
+    stretches = Bead(run, job.bead).stretches.tolist()
+    for stroke, (first, after) in enumerate(stretches):
+        length = 3.0 if stroke == worse else 1.0
+        flow[first:after][np.abs(x[first:after] - x[first]) < length] = 0.0
+        flow[after] += 2 * length * AREA / run.period
+    assert len(stretches) == 2
+    row = Verdict.of(job, run.replaced(flow=flow))["glue"]
+    start, stop = (only(row.checks, name) for name in ("start_length", "stop_length"))
+    assert start.value == pytest.approx(3.0, abs=0.2)
+    assert stop.value == pytest.approx(6.0, abs=0.2)
+    begins = [(0.0, 0.0), (30.0, 10.0)]
+    ends = [(30.0, 0.0), (0.0, 10.0)]
+    assert start.place.point[:2] == pytest.approx(begins[worse], abs=0.3)
+    assert stop.place.point[:2] == pytest.approx(ends[worse], abs=0.3)
+
+
 def test_no_glue_is_no_pass():
     job = line_job(dispenser={})
     verdict = Verdict.of(job, job.follow())
@@ -186,6 +218,22 @@ def test_a_saturated_axis_has_no_torque_reserve(job, follower):
     assert (check.place.axis, check.place.time) == (job.built_machine.axes[1].name, follower.time[tick])
 
 
+def test_a_stepper_that_has_lost_steps_fails_by_the_most_of_them():
+    """For a moment, the rotor is two periods of the field behind: eight full steps."""
+    job = line_job(machine=str(STEPPERS))
+    follower = job.follow()
+    motor = follower.motor.copy()
+    # the field follows the command by a servo period
+    motor[1:] = follower.commanded[:-1]
+    checks = Verdict.of(job, follower.replaced(motor=motor))["machine"].checks
+    assert "full_steps_lost" not in {check.name for check in checks}
+    tick = tick_at(follower, 10.0)
+    motor[tick, 0] -= 2 * job.built_machine.axes[0].electrical_period
+    check = only(Verdict.of(job, follower.replaced(motor=motor))["machine"].checks, "full_steps_lost")
+    assert (check.value, check.limit, check.at_least, check.state) == (8, 0, False, "fail")
+    assert (check.place.axis, check.place.time) == ("x", follower.time[tick])
+
+
 def test_small_margins_fail_with_their_axis(follower):
     job = line_job()
     good = Margins(3.0, 0.0, 60.0, 0.01, 1.5, 20.0, stable=True, together=3.0)
@@ -195,6 +243,9 @@ def test_small_margins_fail_with_their_axis(follower):
         ("gain_margin", 1.2, "fail", "y"),
         ("sensitivity", 2.8, "warn", "z"),
     ]
+    assert "unstable" not in str(row.texts)
+    vars(job)["margins"] = (good, replace(good, stable=False, together=0.0), good)
+    assert Verdict.of(job, follower)["stability"].remark == "unstable: y"
 
 
 def test_unknown_margins_are_not_judged_and_no_pass(follower):
@@ -203,6 +254,18 @@ def test_unknown_margins_are_not_judged_and_no_pass(follower):
     verdict = Verdict.of(job, follower)
     assert verdict["stability"].state == "not judged"
     assert verdict.state == "warn"
+
+
+def test_the_headline_names_the_rows_that_make_the_state_and_those_not_judged():
+    def headline(*states):
+        names = ("path", "glue", "stability", "machine")
+        return Verdict(tuple(Row(name, state=state) for name, state in zip(names, states, strict=True))).headline
+
+    assert headline("pass", "pass", "pass", "pass") == "✓ pass"
+    assert headline("warn", "fail", "pass", "fail") == "✗ fail: glue, machine"
+    assert headline("fail", "warn", "not judged", "pass") == "✗ fail: path, stability"
+    assert headline("warn", "pass", "pass", "not judged") == "! warn: path, machine"
+    assert headline("pass", "pass", "pass", "not judged") == "! warn: machine"
 
 
 def test_a_fault_fails_and_nothing_else_is_judged(job, follower):
@@ -245,6 +308,20 @@ def test_a_value_against_its_limit(value, limit, at_least, state):
         name="q", quantity="q", value=value, limit=limit, unit="", source="given", at_least=at_least, place=Place()
     )
     assert check.state == state
+
+
+@pytest.mark.parametrize(
+    ("place", "text"),
+    [
+        (Place(), ""),
+        (Place(axis="x"), "axis x"),
+        (Place(time=0.25), "t = 0.250 s"),
+        (Place(point=(1.0, -2.0, 0.5), line=7), "x = 1.0, y = −2.0, z = 0.5 mm, line 7"),
+        (Place("y", 1.5, (1.0, 0.0, 0.0), 3), "axis y, t = 1.500 s, x = 1.0, y = 0, z = 0 mm, line 3"),
+    ],
+)
+def test_a_place_says_what_is_known_of_it(place, text):
+    assert str(place).replace("-", "−") == text
 
 
 def test_defaults_follow_from_needle_bead_and_encoder():

@@ -19,7 +19,7 @@ from gantrysim.servo.derivation import NoLoopError, loop, natural_frequency
 from gantrysim.servo.notch import NOTCH_DEPTH, NOTCH_WIDTH
 from gantrysim.servo.request import ServoRequest
 from gantrysim.servo.servo_design import check_margins, margins_at
-from gantrysim.stability.margins import Plant, margins_of
+from gantrysim.stability.margins import Margins, Plant, margins_of
 from gantrysim.stability.motion import Motion
 
 from support.closed_loops import shortfall
@@ -144,6 +144,23 @@ def test_a_servo_that_is_not_as_it_was_derived_is_noticed(name):
     stronger = {gain: tuple(4 * value for value in servo.per_axis(gain)) for gain in ("kp", "kd")}
     with pytest.raises(NoLoopError, match="in the servo derived"):
         check_margins(request, margins_at(request.axes, servo.with_values(**stronger)))
+
+
+@pytest.mark.parametrize("change", [{"gain": 1.99}, {"together": 1.99}, {"sensitivity": 2.02}])
+def test_either_margin_below_what_derived_loops_keep_is_noticed(change):
+    request = ServoRequest(machine("xy").axes)
+    kept = Margins(2.0, 0.0, 60.0, 0.01, 2.0, 20.0, stable=True, together=2.0)
+    check_margins(request, (kept, kept))
+    with pytest.raises(NoLoopError, match=r": y has a .* in the servo derived"):
+        check_margins(request, (kept, dataclasses.replace(kept, **change)))
+
+
+def test_one_gain_for_all_is_none_for_a_stepper_and_one_for_each_is_taken_as_it_is():
+    axes = Machine(EXAMPLES / "stepper.toml").axes
+    assert Servo.derive(axes, kp=3.0).per_axis("kp") == (0.0, 3.0, 0.0)
+    assert Servo.derive(axes, kp=(0.0, 4.0, 0.0)).per_axis("kp") == (0.0, 4.0, 0.0)
+    with pytest.raises(InputError, match="kp = 3 in mode 'stepper': must be 0"):
+        Servo.derive(axes, kp=(3.0, 3.0, 0.0))
 
 
 def test_a_frequency_that_is_given_is_taken_whatever_its_margins():

@@ -119,6 +119,8 @@ BAD = {
     "integral of a large whole number": ({"integral_time": 10**400}, "integral_time: must be finite"),
     "width without a loop": ({"velocity_bandwidth": "wide"}, "velocity_bandwidth = 'wide': must be a number"),
     "delay": ({"delay": 2e-3}, "servo delay = 0.002 s: must be at most the period, 0.001 s"),
+    "feedback delay": ({"feedback_delay": 1.5}, "feedback_delay = 1.5: must be a whole number"),
+    "long feedback delay": ({"feedback_delay": 10**6}, "feedback_delay = 1e[+]06: must be 0 to "),
     "per axis": ({"kp": [1.0, 2.0, 3.0]}, "kp has 3 values: must be one or 1, one per axis"),
     "gain": ({"kd": math.inf}, "kd = inf: must be finite"),
     "torque": ({"torque_limit": 0.0}, "torque_limit = 0: must be greater than 0"),
@@ -131,6 +133,15 @@ BAD = {
 def test_bad_servos_are_refused(change, text):
     with pytest.raises(InputError, match=text):
         Servo.derive([Plant()], **{"period": 1e-3, **change})
+
+
+@pytest.mark.parametrize(
+    "name", ["period", "delay", "feedback delay", "long feedback delay", "gain", "torque", "encoder"]
+)
+def test_a_servo_that_is_changed_is_checked_again(name):
+    change, text = BAD[name]
+    with pytest.raises(InputError, match=text):
+        Servo.derive([Plant()], 1e-3).with_values(**change)
 
 
 def test_values_are_converted_and_lists_are_checked_as_tuples_are():

@@ -47,6 +47,15 @@ def test_a_decimal_comma_is_read_between_semicolons(log):
     assert log("t;x\n0,5;-1,25\n1,0;2\n").columns["x"].tolist() == [-1.25, 2]
 
 
+def test_a_comma_is_decimal_only_where_no_number_has_a_point(log):
+    whole_and_half = log("t;x\n" + "".join(f"{k};{'1,5' if k % 2 else '2'}\n" for k in range(9)))
+    assert whole_and_half.columns["x"].tolist() == [1.5 if k % 2 else 2.0 for k in range(9)]
+    # 1,5 is then no number, as two axes in one cell
+    with_points = log("t;axes\n" + "".join(f"0.{k};1,5\n" for k in range(9)))
+    assert with_points.columns["t"].tolist() == [float(f"0.{k}") for k in range(9)]
+    assert with_points.texts["axes"] == ["1,5"] * 9
+
+
 def test_units_in_names_and_factors_are_applied(log):
     found = log("time [ms],x [um],angle (rad),y_mm,raw\n1,2000,3.141592653589793,4,5\n")
     assert found.values(Source("time"), "s").tolist() == [1e-3]
@@ -141,10 +150,29 @@ def test_an_assignment_is_read_from_toml(tmp_path, log, run):
 
 
 @pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("period = 0.002\n", "must have a table [columns], and may have period and blocks"),
+        ("columns = 3\n", "must have a table [columns], and may have period and blocks"),
+        ("rate = 500\n[columns]\nx = 1\n", "must have a table [columns], and may have period and blocks"),
+        ("blocks = 1.5\n[columns]\nx = 1\n", "blocks = 1.5: must be a whole number"),
+        ("period = 0\n[columns]\nx = 1\n", "period = 0 s: must be greater than 0"),
+    ],
+)
+def test_an_assignment_in_toml_that_is_none_is_refused(tmp_path, text, message):
+    file = tmp_path / "columns.toml"
+    file.write_text(text)
+    with pytest.raises(InputError) as refused:
+        Assignment.parse(str(file))
+    assert message in str(refused.value)
+
+
+@pytest.mark.parametrize(
     ("text", "columns", "message"),
     [
         ("t,x,y\n" + "0,1\n", "x=x", "line 2 has 2 columns, must have 3"),
         ("t,x,y\n" + "1,1,1\n" * 9 + "2,inf,1\n", "x=x,y=y", "line 11: x = 'inf' is not a finite number"),
+        ("t,x,y\n" + "1,1,1\n" * 9 + "2,-inf,1\n", "x=x,y=y", "line 11: x = '-inf' is not a finite number"),
         ("t,x,y\n" + "1,1,1\n" * 9 + "2,1_0,1\n", "x=x,y=y", "line 11: x = '1_0' is not a finite number"),
         ("t,x,y\n" + "1,on,1\n" * 9, "time=t,x=x,y=y", "column x has 'on', which is not a number"),
         ("", "x=x", "is empty"),
@@ -254,6 +282,16 @@ def test_what_export_writes_comes_back(run, tmp_path, kind):
     assert np.array_equal(torque, run.demand[:, 0], equal_nan=True)
 
 
+def test_instants_in_parquet_are_seconds_from_the_first(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    instants = np.datetime64("2026-05-01T12:00:00") + np.arange(9) * np.timedelta64(250, "us")
+    file = tmp_path / "log.parquet"
+    pandas.DataFrame({"stamp": instants, "x_um": np.arange(9.0)}).to_parquet(file)
+    table = read_table(file)
+    assert table.values(Source("stamp"), "s") == pytest.approx(0.25e-3 * np.arange(9), abs=1e-12)
+    assert table.values(Source("x_um"), "mm") == pytest.approx(1e-3 * np.arange(9), abs=1e-12)
+
+
 @pytest.mark.parametrize(
     ("text", "source"),
     [
@@ -289,6 +327,11 @@ def test_units_may_stand_below_the_heads_and_times_may_be_clock_times(log):
     table = log("Time,X\n[s],[um]\n" + "\n".join(f"2026-05-01 12:00:{k:02d}.500,{k}" for k in range(9)))
     assert table.values(Source("Time"), "s").tolist() == list(range(9))
     assert table.values(Source("x"), "mm") == pytest.approx(1e-3 * np.arange(9), rel=1e-15)
+    # a column may be named as a unit is, and of two lines of names the last has those of the columns
+    speed = log("t,V,x\ns,mm/s,mm\n" + "".join(f"{k},{k},{k}\n" for k in range(9)))
+    assert (speed.order, speed.unit_of("x")) == (("t", "V", "x"), "mm")
+    length = log("Monday,early,shift\nt,s,x\n" + "".join(f"{k},{k},{k}\n" for k in range(9)))
+    assert length.order == ("t", "s", "x")
     clock = log("t;x\n" + "\n".join(f"0:59:{k:02d}.25;{k}" for k in range(50, 60)))
     assert clock.values(Source("t"), "s").tolist() == list(range(10))
 
