@@ -76,7 +76,14 @@ def test_a_rounded_corner_and_teeth_before_long_legs(text, rms, largest):
     checks = feet_checks(run)
     assert checks.lower == pytest.approx((1e-3 * rms, 1e-3 * largest), rel=2e-3)
     assert checks.upper == pytest.approx((1e-3 * rms, 1e-3 * largest), rel=0.05)
+    assert checks.contour == pytest.approx((1e-3 * rms, 1e-3 * largest), rel=0.05)
     assert checks.broken == []
+
+
+def test_programs_follow_from_their_seeds():
+    first, again, other = (random_program("marlin", number) for number in (1, 1, 2))
+    assert first.text == again.text != other.text
+    assert len({random_program(kind, number).seed for kind in ("svg", "grbl") for number in (0, 1)}) == 4
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -7,11 +7,12 @@ Three invariants of distances alone, and the contour error by brute force:
     |contour|      >= distance from the nearest point of the whole path
     contour and program error, rms and largest, within bounds by `support.brute_force_feet`
 
-The lower bound is the distance in the order of motion with the widest reach, twice the distance of nozzle and command;
-the upper one that with no reach, or that from the stretch of the path near the command's own progress where it is
-larger: at a rounded corner of nearly 180 degrees a nozzle beside one leg belongs as well to the other, whose command it
-follows. Where legs are shorter than roundings or than the lag, the order of motion alone leaves progress open by some
-legs; the upper bound counts skipped cells more, and a value is wrong by 15 % of the rms, or 20 % of the largest.
+The lower bound is the distance in the order of motion with the widest reach, twice the distance of nozzle and command,
+where skipped cells cost nothing. The upper bound is the one with no reach, or that from the stretch of the path near
+the command's own progress where it is larger: at a rounded corner of nearly 180 degrees a nozzle beside one leg belongs
+as well to the other, whose command it follows. Where legs are shorter than roundings or than the lag, the order of
+motion alone leaves progress open by some legs; the upper bound counts skipped cells more, and a value is wrong by 15 %
+of the rms, or 20 % of the largest.
 """
 
 from dataclasses import dataclass
@@ -99,15 +100,15 @@ def feet_checks(run):
     on = analysis.ticks
     contour = budget.contour.size
     path = Polyline(run.requested)
-    points, rows = dense(run.nozzle, path.cell)
+    points, ticks = dense(run.nozzle, path.cell)
     apart = path.distances(points)
-    rows = rows[on]
+    rows = ticks[on]
     nearest = apart.min(axis=1)[rows].astype(float)
     lag = np.linalg.norm(run.nozzle - run.commanded_tip, axis=1)
     reach = max(2 * float(lag.max()), LEAST_REACH)
-    commands, command_rows = dense(run.commanded_tip, path.cell)
+    commands, command_ticks = dense(run.commanded_tip, path.cell)
     commanded = path.distances(commands)
-    command_rows = command_rows[on]
+    command_rows = command_ticks[on]
     progress = coupled(commanded, path.cell, 0.0).progress[command_rows]
     # progress is known to a cell or two
     beside = near_progress(apart[rows], path.cell, progress, lag[on] + 2 * path.cell)
@@ -118,11 +119,11 @@ def feet_checks(run):
         below=float((nearest - contour).max()),
         total=remainder(budget),
         contour=sizes(contour),
-        lower=sizes(coupled(apart, path.cell, reach).distance[rows]),
+        lower=sizes(coupled(apart[ticks], path.cell, reach, 0.0).distance[on]),
         upper=tuple(map(max, *map(sizes, (*strict, beside)))),
         nearest=sizes(nearest),
         program=sizes(analysis.commanded.distance),
-        program_lower=sizes(coupled(commanded, path.cell, LEAST_REACH).distance[command_rows]),
+        program_lower=sizes(coupled(commanded[command_ticks], path.cell, LEAST_REACH, 0.0).distance[on]),
         program_upper=sizes(coupled(commanded, path.cell, 0.0, UPPER_SKIPPED).distance[command_rows]),
     )
 
