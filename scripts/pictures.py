@@ -172,7 +172,8 @@ def how_to() -> None:
 
 
 def own_part() -> None:
-    last_frame([take(Job.load(SEAL))], SMALL, "start-seal")
+    slow_valve = Job.load(SEAL).changed({"dispenser.opening": 0.05, "dispenser.closing": 0.05})
+    last_frame([take(slow_valve)], SMALL, "start-seal")
 
 
 def own_machine() -> None:
