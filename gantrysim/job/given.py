@@ -44,9 +44,7 @@ class Given(NamedTuple):
             text_key = f"program.{program_class(controller).text_argument}"
         # the content of a program file is that of a job file that names it
         program_file = request.job if read.label == request.job else ""
-        return cls(
-            read.file, read.content, read.label, program_file, request.controller, read.dialect, text_key, speed
-        )
+        return cls(read.file, read.content, read.label, program_file, request.controller, read.dialect, text_key, speed)
 
     def with_values(self, values: Mapping[str, Any], *, in_file: bool) -> dict[str, Any]:
         """Return the content with further values by their full dotted keys.

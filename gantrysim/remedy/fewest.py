@@ -17,9 +17,7 @@ from gantrysim.remedy.lever import Lever
 MOST_MOTIONS = 64  # that are simulated for a number of levers
 
 
-def fewest_levers(
-    combinations: Combinations, picks: Sequence[Pick], motion_of: Callable[[Job], str]
-) -> list[Pick]:
+def fewest_levers(combinations: Combinations, picks: Sequence[Pick], motion_of: Callable[[Job], str]) -> list[Pick]:
     """Return the fewest of some levers that pass, with the settings of the shortest run.
 
     A combination counts if it takes no longer than the present one.

@@ -24,7 +24,9 @@ def _with_one_speed(combinations: Combinations, picks: Sequence[Pick]) -> list[P
     if len(speeds) < 2:
         return list(picks)
     present = combinations.state_of(picks)
-    factor = rounded(present.job.controller.programmed_speed / combinations.state_of([]).job.controller.programmed_speed)
+    factor = rounded(
+        present.job.controller.programmed_speed / combinations.state_of([]).job.controller.programmed_speed
+    )
     single = [Pick(at_factor(factor), factor_text(factor))] if factor != 1 else []
     first = speeds[0]
     together = [*picks[:first], *single, *(pick for k, pick in enumerate(picks) if k > first and k not in speeds)]

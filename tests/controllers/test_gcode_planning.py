@@ -95,7 +95,7 @@ def test_corners_cut_without_a_tolerance_are_noted():
     v = 50.0
     controller = program(lines([(50, 0), (50, 50)], "G64", 60 * v))
     cut = v**2 / (math.sqrt(0.75) * A) * (math.sqrt(2) - 1)  # of the radius that keeps the feed
-    assert controller.plan.cut == pytest.approx(cut)
+    assert controller.plan.corners.cut == pytest.approx(cut)
     note = f"G64 without P cuts corners by up to {cut:.3g} mm; G64 P0.05 keeps within 0.05 mm of them."
     assert controller.notes == (note,)
     inside = controller.requested.project(np.pad(samples(controller), ((0, 0), (0, 1)))).distance.max()

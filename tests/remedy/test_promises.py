@@ -1,6 +1,5 @@
 """Every proposal, used as a stranger does: its lines, pasted, give the verdict that was printed, row by row."""
 
-import os
 from functools import cache
 from pathlib import Path
 
@@ -48,11 +47,10 @@ def test_pasted_options_keep_the_promise(name):
 
 
 @pytest.mark.parametrize("name", EVERY)
-def test_lines_in_the_job_file_keep_the_promise(name, tmp_path, monkeypatch):
+def test_lines_in_the_job_file_keep_the_promise(name, tmp_path):
     result = proposal(name)
     if not result.changes_anything:
         return
-    monkeypatch.chdir(os.path.dirname(PROGRAMS[name]) or tmp_path)
     job = in_job_file(PROGRAMS[name], result.lines["job file"], tmp_path)
     same_values(verdict_of(job), result.improved)
 

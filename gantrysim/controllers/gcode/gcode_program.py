@@ -243,14 +243,12 @@ class GCode(Controller):
             notes.append(f"Words without an effect on the path: {words}.")
         if self.program.valve.note:
             notes.append(self.program.valve.note)
-        if self.plan.stops:
+        corners = self.plan.corners
+        if corners.stops:
+            notes.append(corners.note(self._remedy))
+        if corners.cut > _CUT:
             notes.append(
-                f"{self.plan.stops} corners between moves at feed are passed at less than a tenth of the feed; the "
-                f"moves before them are {self.plan.small:.3g} mm long at the median. {self._remedy}"
-            )
-        if self.plan.cut > _CUT:
-            notes.append(
-                f"G64 without P cuts corners by up to {self.plan.cut:.3g} mm; "
+                f"G64 without P cuts corners by up to {corners.cut:.3g} mm; "
                 f"G64 P{_CUT:g} keeps within {_CUT:g} mm of them."
             )
         return (*notes, *self._flow)
@@ -274,7 +272,7 @@ class GCode(Controller):
     @property
     @abstractmethod
     def _remedy(self) -> str:
-        """What keeps the speed at corners."""
+        """What rounds corners between lines that are not rounded, in a sentence."""
 
     @property
     def _flow(self) -> tuple[str, ...]:

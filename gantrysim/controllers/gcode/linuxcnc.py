@@ -99,4 +99,4 @@ class Program(GCode):
 
     @property
     def _remedy(self) -> str:
-        return "G64 P0.05 rounds corners between lines within 0.05 mm, Q0.01 merges lines; corners with arcs stay."
+        return "G64 P0.05 rounds corners between lines within 0.05 mm, Q0.01 merges lines."

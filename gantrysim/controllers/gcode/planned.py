@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
+from gantrysim.controllers.gcode.corners import Corners
 from gantrysim.controllers.gcode.interpret import Interpreted
 from gantrysim.controllers.gcode.lookahead import ALONG, INWARD, jump_speed, junction_speed, planned, turning_speed
 from gantrysim.controllers.gcode.motion_limits import PieceLimits, PlanSettings, limits_of, shares
@@ -29,7 +29,7 @@ from gantrysim.controllers.gcode.move_table import (
     PLANES,
     SOURCE,
 )
-from gantrysim.controllers.gcode.rounding import Rounded, merged, rounded
+from gantrysim.controllers.gcode.rounding import SHARPEST, Rounded, merged, rounded
 from gantrysim.controllers.placement import Placement
 from gantrysim.paths.limits import Limited
 from gantrysim.paths.track import Track
@@ -67,9 +67,7 @@ class PathPlan:
         source: row of the moves for every piece of `path`, (n,).
         program: with the moves.
         dwells: between the pieces.
-        stops: corners between moves at feed passed at less than a tenth of the feed.
-        small: median length of the moves before those corners; 0 without [mm].
-        cut: largest distance of the path from corners that are rounded without a tolerance; 0 without [mm].
+        corners: where pieces of the requested path meet.
         axis_speeds: largest speeds that the feeds ask of x, y and z, (3,) [mm/s].
     """
 
@@ -80,9 +78,7 @@ class PathPlan:
     source: NDArray[np.intp]
     program: Interpreted
     dwells: Dwells
-    stops: int
-    small: float
-    cut: float
+    corners: Corners
     axis_speeds: Floats
 
     @property
@@ -177,8 +173,8 @@ def plan(program: Interpreted, placement: Placement, settings: PlanSettings) -> 
     base = _simplified(_Base(requested, rows, halts), program)
     limits = limits_of(base.track, table, base.rows, program.limits, settings)
     axis_speeds = (limits.speed[:, None] * shares(base.track)).max(axis=0)
-    path, corners = _rounded_corners(base, table, limits, settings)
-    profile, source = _profile(path, corners.joint, limits, base.rows)
+    path, joint, corners = _rounded_corners(base, table, limits, settings)
+    profile, source = _profile(path, joint, limits, base.rows)
     pieces = _pieces_after(path, base.rows, rows, moves_before)
     begin = np.array([profile.reached(float(s)) if s > 0 else 0.0 for s in path.ends[pieces]])
     return PathPlan(
@@ -189,9 +185,7 @@ def plan(program: Interpreted, placement: Placement, settings: PlanSettings) -> 
         source=source,
         program=program,
         dwells=Dwells(begin, table[dwell_rows, FEED], dwell_rows, pieces),
-        stops=corners.stops,
-        small=corners.small,
-        cut=corners.cut,
+        corners=corners,
         axis_speeds=axis_speeds,
     )
 
@@ -217,23 +211,9 @@ def _progress(path: Rounded, base: _Base, requested: Track, rows: NDArray[np.int
     return np.interp(at_base, begun, np.concatenate([[0.0], requested.ends[last]]))
 
 
-class _Corners(NamedTuple):
-    """The corners of a path.
-
-    Attributes:
-        joint: largest speeds where pieces of the base meet, (m - 1,) [mm/s].
-        stops, small, cut: as of `PathPlan`.
-    """
-
-    joint: Floats
-    stops: int
-    small: float
-    cut: float
-
-
 def _rounded_corners(
     base: _Base, table: Floats, limits: PieceLimits, settings: PlanSettings
-) -> tuple[Rounded, _Corners]:
+) -> tuple[Rounded, Floats, Corners]:
     """Round the corners of a path; its many intermediate arrays end here, before the profile takes as much memory.
 
     Args:
@@ -266,7 +246,10 @@ def _rounded_corners(
     sizes = lengths[:-1][stopped]
     small = float(np.median(sizes)) if sizes.size else 0.0
     cut = float(distance[np.isinf(mode)].max(initial=0.0))
-    return path, _Corners(joint, int(stopped.sum()), small, cut)
+    bends = stopped & (angle < SHARPEST)
+    roundable = bends & ~by_firmware & ~base.track.coil[:-1] & ~base.track.coil[1:]
+    counts = (int(which.sum()) for which in (stopped, roundable, bends & by_firmware))
+    return path, joint, Corners(*counts, small, cut)
 
 
 def _pieces_after(

@@ -17,7 +17,7 @@ from gantrysim.paths.track import Track
 
 _SMALLEST = 1e-6  # radius of an arc [mm]
 _SLIGHTEST = 1e-7  # corner that is none [rad]
-_SHARPEST = 3.1  # corner that is rounded [rad]
+SHARPEST = 3.1  # corner that is rounded [rad]
 _CHAINED = 100  # lines merged into one: each of them is checked against every longer chord
 
 
@@ -97,7 +97,7 @@ def rounded(track: Track, tolerance: Floats, widest: Floats) -> tuple[Rounded, F
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = np.minimum(0.5 * np.minimum(lengths[:-1], lengths[1:]), tolerance / np.tan(0.25 * angle))
         reach = np.minimum(reach, widest * tangent)
-        rounds = lines[:-1] & lines[1:] & (tolerance > 0) & (angle > _SLIGHTEST) & (angle < _SHARPEST)
+        rounds = lines[:-1] & lines[1:] & (tolerance > 0) & (angle > _SLIGHTEST) & (angle < SHARPEST)
         rounds &= reach > _SMALLEST * tangent
     reach = np.where(rounds, reach, 0.0)
     k = np.flatnonzero(rounds)
