@@ -153,7 +153,7 @@ def test_sections_are_sorted_into_the_cells_of_their_boxes():
     half /= 6.0
     one = np.ones(count)
     sections = needle_contacts.Sections(one, x, y, one, one, one, top, one, one, one, one, half, thickness=0.2)
-    needle = needle_contacts.Needle(np.zeros((1, 3)), np.zeros(1), np.zeros(1, bool), 0.5, 1.0, 0.1)
+    needle = needle_contacts.Needle(np.zeros((1, 3)), np.zeros(1), np.zeros(1, bool), np.ones(1, bool), 0.5, 1.0, 0.1)
     cells = needle_contacts.cells_of(sections, needle)
     reach = half + 0.7
     assert cells.first[0] == 0
