@@ -16,16 +16,16 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, whole
-from gantrysim.base.quantity import MAX, MEAN, P95, RMS, Quantity
+from gantrysim.base.quantity import MAX, MEAN, P95, RMS, STD, Quantity
 from gantrysim.bead import Bead
-from gantrysim.bead.bead_quantities import CLEARANCE, VOLUME_ERROR_PERCENT, WIDTH
+from gantrysim.bead.bead_quantities import CLEARANCE, SECTION, VOLUME_ERROR_PERCENT, WIDTH
 from gantrysim.engine.batch import simulate_batch
 from gantrysim.engine.positions import axis_positions
 from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
-from gantrysim.metrics.analysis import Analysis
+from gantrysim.metrics.analysis import Analysis, torque_ripple
 from gantrysim.metrics.budget import Budget
-from gantrysim.metrics.error_quantities import ERRORS
+from gantrysim.metrics.error_quantities import ERRORS, LAG, SPEED_RIPPLE, TORQUE_RIPPLE
 from gantrysim.metrics.parts import PartValues
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
@@ -202,10 +202,16 @@ def _figures(job: Job, run: Run) -> Iterator[tuple[Quantity[Any], float]]:
         if isinstance(part, PartValues):
             for statistic in _SIZES:
                 yield error.statistic(statistic), getattr(part, statistic.name)
+    for statistic in _SIZES:
+        yield LAG.statistic(statistic), getattr(budget.values.lag, statistic.name)
+    yield SPEED_RIPPLE, analysis.speed_ripple
+    for axis, ripple in zip(run.axes, torque_ripple(run).tolist(), strict=True):
+        yield TORQUE_RIPPLE.by_axis(()).of_axis(axis), ripple
     bead = Bead(run, job.bead, analysis)
     if not bead.nominal > 0:
         return
     yield WIDTH.statistic(MEAN), float(bead.width[bead.dispensing].mean())
+    yield SECTION.statistic(STD), bead.values.section.std
     yield VOLUME_ERROR_PERCENT, bead.volume_error_percent
     if analysis.spacing.distance.size:
         yield CLEARANCE.statistic(MEAN), float(bead.clearance().mean())

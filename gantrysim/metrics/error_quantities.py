@@ -129,6 +129,14 @@ SPEED_RIPPLE = Quantity[Budget](
     "Standard deviation of the path speed over its mean, in the middle 90 % of the dispensing time",
     ("analysis", "speed_ripple"),
 )
+TORQUE_RIPPLE = Quantity[Any](
+    "torque_ripple",
+    "torque ripple",
+    "N·m",
+    ".2g",
+    "Noise of the torque demand while the dispenser is on: rms change from tick to tick over the square root of 2",
+    ("torque_ripple",),
+)
 PATH_LENGTH = Quantity[Budget](
     "path_length",
     "path length",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from gantrysim.base.quantity import number_text
@@ -14,6 +15,7 @@ SCATTER_NOTE = (
     "--repeat 16 shows by how much"
 )
 _DECIMALS = 3
+_MOST_DECIMALS = 6
 _NOTHING = 1e-6  # of a link, in its unit
 HEADS = ("figure", "unit", "nominal", "mean", "std", "min", "max")
 
@@ -43,12 +45,15 @@ def _cells(figure: Figure) -> tuple[str, ...]:
 def decimals_of(figure: Figure) -> int:
     """Return the decimals of a figure of which its scatter leaves the first digit of the standard error of the mean.
 
-    One that hardly scatters has three.
+    One that hardly scatters has three, or more where its mean is small: as a ripple of 0.0013.
     """
-    for decimals in range(_DECIMALS):
+    most = _DECIMALS
+    if 0 < abs(figure.mean) < 1:
+        most += math.floor(-math.log10(abs(figure.mean)))
+    for decimals in range(min(most, _MOST_DECIMALS)):
         if figure.mean_error >= 10.0**-decimals:
             return decimals
-    return _DECIMALS
+    return min(most, _MOST_DECIMALS)
 
 
 def remark_of(scatter: Scatter) -> str:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.machine.machine import Machine
+from gantrysim.metrics.error_quantities import TORQUE_RIPPLE
 from gantrysim.report.document import Column, Section, Table
-from gantrysim.results.quantities import TORQUE_RIPPLE, TORQUE_RIPPLE_PERCENT
+from gantrysim.results.quantities import TORQUE_RIPPLE_PERCENT
 from gantrysim.results.run_results import AxisLoop, RunResults
 from gantrysim.servo.gains import GAINS
 from gantrysim.servo.laws import LAW_PARAMETERS

@@ -13,18 +13,10 @@ from typing import Any
 from gantrysim.base.quantity import AXIS, Item, Quantity, contents
 from gantrysim.bead.bead_quantities import BEAD
 from gantrysim.job.losses import LOSSES
-from gantrysim.metrics.error_quantities import ERRORS, MOTION, of_axes
+from gantrysim.metrics.error_quantities import ERRORS, MOTION, TORQUE_RIPPLE, of_axes
 from gantrysim.results.run_results import AxisLoop, RunResults
 from gantrysim.stability.margin_quantities import MARGINS
 
-TORQUE_RIPPLE = Quantity[AxisLoop](
-    "torque_ripple",
-    "torque ripple",
-    "N·m",
-    ".2g",
-    "Noise of the torque demand while the dispenser is on: rms change from tick to tick over the square root of 2",
-    ("torque_ripple",),
-)
 TORQUE_RIPPLE_PERCENT = Quantity[AxisLoop](
     "torque_ripple",
     "relative torque ripple",

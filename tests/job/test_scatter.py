@@ -13,7 +13,7 @@ from gantrysim.bead.bead_quantities import WIDTH
 from gantrysim.job.job import Job
 from gantrysim.job.scatter import Figure, check_repeats, figures_of, scatter_of, scatters
 from gantrysim.machine.perturbation import Perturbation
-from gantrysim.metrics.error_quantities import CONTOUR
+from gantrysim.metrics.error_quantities import CONTOUR, SPEED_RIPPLE
 from gantrysim.report.scatter import decimals_of, rows_of
 
 UM = 1e3
@@ -40,6 +40,19 @@ def test_stick_slip_scatters_by_more_than_the_digits_of_one_run(scatter):
     assert scatter.figures["bead_width_mean_mm"].std < 1e-3
     assert scatter.faults == 0
     assert scatter.counts == {"x": pytest.approx(1e-3), "y": pytest.approx(1e-3)}
+
+
+def test_figures_at_the_default_step_are_those_at_a_quarter_of_it(job, scatter):
+    """Means over the zeros: within three standard errors and the two per cent that docs/validation.md states."""
+    fine = scatter_of(Job.load("trio-basic", ["simulation.physics_step=6.25e-5"]), 10, seed=1)
+    stems = ("lag_", "speed_ripple", "torque_ripple_", "bead_section_std", "contour_rms")
+    keys = [key for key in scatter.figures if key.startswith(stems)]
+    assert {"lag_max_um", "speed_ripple", "torque_ripple_y_Nm", "bead_section_std_mm2"} <= set(keys)
+    for key in keys:
+        coarse_figure = scatter.figures[key]
+        fine_figure = fine.figures[key]
+        error = math.hypot(coarse_figure.mean_error, fine_figure.mean_error)
+        assert coarse_figure.mean == pytest.approx(fine_figure.mean, rel=0.02, abs=3 * error), key
 
 
 def test_the_figures_are_those_of_the_runs(job):
@@ -92,6 +105,8 @@ def test_the_table_has_no_more_digits_than_the_figures():
     assert decimals_of(figure) == 1
     assert decimals_of(Figure.of(WIDTH, 4.0, 4.0 + 1e-6 * values)) == 3
     assert decimals_of(Figure.of(CONTOUR, 800.0, 100.0 * values)) == 0
+    ripple = Figure.of(SPEED_RIPPLE, 0.0013, 0.0013 + 1e-5 * (values - 10.0))
+    assert decimals_of(ripple) == 5  # of a standard error of 1e-6
 
 
 def test_the_command_writes_the_scatter_into_table_summary_and_report(gantrysim_command, tmp_path):
