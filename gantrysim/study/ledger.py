@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
 
-from gantrysim.base.errors import InputError
+from gantrysim.base.errors import GantryError, InputError, text_of
 from gantrysim.base.files import held
 from gantrysim.base.swap import open_regular
 from gantrysim.study.cases import Row
@@ -17,6 +20,8 @@ from gantrysim.study.rows import RowStore
 
 LEDGER = ".study-progress.jsonl"
 _CHECKED = 16  # digits of a checksum
+_LONGEST = 1 << 26  # line [bytes]
+_LARGEST = 1e100  # number of a row, in any unit
 
 
 class Ledger:
@@ -54,7 +59,7 @@ class Ledger:
             stack.enter_context(held(folder, f"--out {folder}"))
             try:
                 self._stream = stack.enter_context(open_regular(self._file, write=True))
-                good = self._read(self._stream.read())
+                good = self._read(iter(partial(self._stream.readline, _LONGEST), b""))
                 self._stream.truncate(good)
                 self._stream.seek(good)
                 self.resumed = len(self._places)
@@ -91,6 +96,22 @@ class Ledger:
         self._places[key] = self.rows.add(row)
         self._write([key, row, _checksum(key, row)])
 
+    @contextmanager
+    def blamed(self) -> Iterator[None]:
+        """Name rows of an earlier run as the reason of an error in the block that no row of a study raises.
+
+        Raises:
+            InputError: such an error, where rows were taken over.
+        """
+        try:
+            yield
+        except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
+            if not self.resumed or isinstance(error, GantryError):
+                raise
+            raise InputError(
+                f"{self._file}: its rows do not fit the study ({text_of(error)}): remove this file to run all cases"
+            ) from None
+
     def remove(self) -> None:
         """Delete the file and forget the rows: the study is complete, or has no values."""
         self.rows = RowStore()  # rows that were returned refer to the one before
@@ -109,10 +130,10 @@ class Ledger:
         except OSError as error:  # of a stream, which has no name
             raise InputError(f"{self._file}: cannot be written: {error.strerror}") from None
 
-    def _read(self, content: bytes) -> int:
+    def _read(self, lines: Iterable[bytes]) -> int:
         """Take over the rows of an earlier run, and return the length of their complete lines in bytes."""
         good = 0
-        for number, line in enumerate(content.splitlines(keepends=True)):
+        for number, line in enumerate(lines):
             try:
                 if not line.endswith(b"\n"):
                     break
@@ -123,13 +144,25 @@ class Ledger:
                         return 0
                 else:
                     key, row, checksum = content_of_line
-                    if checksum != _checksum(key, row):
+                    if checksum != _checksum(key, row) or not _is_row(row):
                         break
                     self._places[key] = self.rows.add(row)
             except (ValueError, TypeError, RecursionError):
                 break
             good += len(line)
         return good
+
+
+def _is_row(row: Any) -> bool:
+    """Return whether a value is a row as studies write it: plain values by column, all numbers finite."""
+    if not isinstance(row, dict) or not isinstance(row.get("status", ""), str):
+        return False
+    values = chain.from_iterable(value if isinstance(value, list) else [value] for value in row.values())
+    return all(value is None or isinstance(value, str) or _is_plain(value) for value in values)
+
+
+def _is_plain(value: Any) -> bool:
+    return isinstance(value, int | float) and abs(value) <= _LARGEST
 
 
 def _checksum(key: str, row: Row) -> str:

@@ -1,9 +1,11 @@
 """The file of a study's finished rows."""
 
+import json
 from hashlib import sha256
 
 import pytest
 
+from gantrysim import InputError
 from gantrysim.study import Ledger
 from gantrysim.study.ledger import LEDGER
 
@@ -59,6 +61,32 @@ def test_a_ledger_without_a_complete_first_line_starts_empty(tmp_path, found):
         ledger.add("one", {"value": 1})
     with Ledger(tmp_path, {"study": "x"}) as ledger:
         assert ledger.resumed == 1
+
+
+@pytest.mark.parametrize(
+    "row",
+    ["[]", "5", '{"status": 5}', '"ok"', "null", '{"a": {}}', '{"a": [[1]]}', '{"a": NaN}', '{"a": 1e999}', '{"a": [-1e101]}',
+     f'{{"a": 1{"0" * 400}}}'],
+)  # fmt: skip
+def test_a_row_that_no_study_writes_is_run_again_though_its_checksum_is_right(tmp_path, row):
+    with Ledger(tmp_path, {"study": "x"}) as ledger:
+        ledger.add("one", {"status": "ok", "value": 1, "none": None, "is": True, "curve": [1.5, None]})
+        ledger.add("two", {"status": "ok"})
+    good = (tmp_path / LEDGER).read_text().splitlines()
+    checksum = sha256(json.dumps(["two", json.loads(row)]).encode()).hexdigest()[:16]
+    (tmp_path / LEDGER).write_text("\n".join([*good[:2], f'["two", {row}, "{checksum}"]']) + "\n")
+    with Ledger(tmp_path, {"study": "x"}) as ledger:
+        assert (ledger.resumed, "one" in ledger, "two" in ledger) == (1, True, False)
+
+
+def test_rows_that_do_not_fit_their_study_are_named(tmp_path):
+    with Ledger(tmp_path, {"study": "x"}) as ledger:
+        ledger.add("one", {"value": 1})
+        with pytest.raises(KeyError), ledger.blamed():
+            ledger["one"]["status"]
+    said = rf"^{tmp_path / LEDGER}: its rows do not fit the study \(KeyError: 'status'\): remove this file to run all"
+    with Ledger(tmp_path, {"study": "x"}) as ledger, pytest.raises(InputError, match=said), ledger.blamed():
+        ledger["one"]["status"]
 
 
 def test_rows_of_another_study_are_discarded_with_the_reason(tmp_path):
