@@ -55,9 +55,11 @@ def rings(heights, radius=RADIUS):
 
 
 def helix(pitch, turns=3.0, radius=RADIUS, grows=0.0):
-    """A coil that climbs by a pitch and grows by another a turn."""
+    """A coil that climbs by a pitch, or falls down to 0 by a negative one, and grows by another a turn."""
     far = radius + grows * turns
-    return run_along([Coil((0.0, 0.0, 0.0), (radius, far), 0.0, 2 * math.pi * turns, rise=pitch * turns)])
+    return run_along(
+        [Coil((0.0, 0.0, max(-pitch * turns, 0.0)), (radius, far), 0.0, 2 * math.pi * turns, rise=pitch * turns)]
+    )
 
 
 def height_opposite(bead):
@@ -113,16 +115,17 @@ def test_a_helix_has_a_layer_for_every_turn(pitch):
     assert bead.map.height[away].max() == pytest.approx(GAP * climb, rel=3 * FILM)
 
 
-def test_coverage_of_turns_that_lie_apart_in_height_is_not_given():
-    """On a cone whose turns are a width apart in plan view, and on a flat spiral of the same plan."""
-    flat, cone = (Bead(helix(pitch, grows=5.0)) for pitch in (0.0, 5.0))
+@pytest.mark.parametrize("upwards", [1, -1])
+def test_coverage_of_turns_that_lie_apart_in_height_is_not_given(upwards):
+    """On a cone, laid up or down, whose turns are a width apart in plan view, and on a flat spiral of the same plan."""
+    flat, cone = (Bead(helix(upwards * pitch, grows=5.0)) for pitch in (0.0, 5.0))
     assert flat.values.coverage == pytest.approx(float(flat.nominal_section.width[0]) / 5.0, abs=0.01)
     assert flat.values.apart_share == 0
     assert cone.values.coverage is None
     assert cone.values.apart_share == 1
     assert cone.values.height_apart == pytest.approx(5.0, rel=0.02)
     assert "mm apart in height: the height map, in plan view, has no coverage" in cone.values.apart_note
-    gentle = Bead(helix(0.2, grows=5.0))
+    gentle = Bead(helix(upwards * 0.2, grows=5.0))
     assert gentle.values.coverage == pytest.approx(flat.values.coverage, abs=0.01)
 
 

@@ -12,6 +12,7 @@ import pytest
 
 from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import Basic
+from gantrysim.identify.checks.balance import torque_balance
 from gantrysim.identify.checks.times import even_period
 from gantrysim.identify.explained import explained_residual
 from gantrysim.identify.fitted import fitted_machine
@@ -134,6 +135,31 @@ def test_the_measured_response_of_an_inertia_is_its_inverse():
     np.testing.assert_allclose(
         lines["fitted"][:, 1], 1 / model.inertia / np.hypot(1, 2 * np.pi * model.lag * lines["fitted"][:, 0])
     )
+
+
+@pytest.mark.parametrize("wrong", [1.0, 0.9, 1.2])
+@pytest.mark.parametrize("share", [0.0, 0.6])
+def test_the_balance_of_the_torque_is_what_a_wrong_inertia_leaves(share, wrong):
+    """Without friction: the load's motion is given, that of the motor and its torque follow from it in closed form."""
+    model = replace(
+        model_of(Machine("xy"), 0), share=share, coulomb=0.0, excess=0.0, viscous=0.0, lag=0.0, delay=0.0, damping=0.0
+    )
+    load = model.inertia * share
+    stiffness = load * (2 * np.pi * 40.0) ** 2 if share else 1.0
+    time = PERIOD * np.arange(20000)
+    rates = 2 * np.pi * np.array([0.7, 4.3, 7.9])
+    sizes = np.array([40.0, 2.0, 0.5])
+
+    def derivative(order):
+        return np.sin(np.outer(time, rates) + order * np.pi / 2) @ (sizes * rates**order)
+
+    position = 100.0 * time + derivative(0) + load / stiffness * derivative(2)
+    acceleration = derivative(2) + load / stiffness * derivative(4)
+    torque = (model.inertia - load) * acceleration + load * derivative(2)
+    law = SimpleNamespace(level=np.zeros(time.size), ripple=np.zeros(time.size))
+    stated = replace(model, inertia=wrong * model.inertia, stiffness=wrong * stiffness)
+    fit = SimpleNamespace(model=stated, position=position, torque=torque, law=law, held=False)
+    assert torque_balance(fit, PERIOD).change == pytest.approx((1 - wrong) * model.inertia, abs=1e-3 * model.inertia)
 
 
 def test_a_doubtful_log_is_not_identified():
