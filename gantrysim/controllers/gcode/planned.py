@@ -248,8 +248,14 @@ def _rounded_corners(
     cut = float(distance[np.isinf(mode)].max(initial=0.0))
     bends = stopped & (angle < SHARPEST)
     roundable = bends & ~by_firmware & ~base.track.coil[:-1] & ~base.track.coil[1:]
-    counts = (int(which.sum()) for which in (stopped, roundable, bends & by_firmware))
-    return path, joint, Corners(*counts, small, cut)
+    corners = Corners(
+        stops=int(stopped.sum()),
+        roundable=int(roundable.sum()),
+        by_firmware=int((bends & by_firmware).sum()),
+        small=small,
+        cut=cut,
+    )
+    return path, joint, corners
 
 
 def _pieces_after(
