@@ -67,9 +67,10 @@ def test_the_blocks_are_the_whole(measured):
     program, setpoints, _, _ = measured
     time = np.arange(len(setpoints.position)) * 1e-3
     time[-1] = program.duration
-    place, dispense = program.plan.at(time)
+    place, dispense, progress = program.plan.at(time)
     assert np.array_equal(setpoints.position, place[:, : len(setpoints.axes)])
     assert np.array_equal(setpoints.dispense, dispense)
+    assert np.array_equal(setpoints.progress, progress)
     assert np.array_equal(program.lines(1e-3), program.plan.lines(time))
     held = setpoints.wait(0.25).hold(0.5)
     before = np.repeat(place[:1], 250, axis=0)

@@ -59,7 +59,8 @@ def half(leg):
     """The point at half of a leg's length, from its setpoints."""
     times = np.linspace(0, leg.duration, 20_001)
     s = leg.profile.position(times)
-    return leg.coordinates(np.array([np.interp(leg.profile.length / 2, s, times)]))[0, :3]
+    place, _ = leg.coordinates(np.array([np.interp(leg.profile.length / 2, s, times)]))
+    return place[0, :3]
 
 
 def test_a_bowl_of_half_circles_is_that_of_the_table():

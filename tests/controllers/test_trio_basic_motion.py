@@ -347,9 +347,10 @@ def test_scale_is_refused():
 
 def test_the_trace_stands_for_a_path_that_is_not_stated():
     made = basic("BASE(0): CONNECT(1,4): BASE(1): CONNECT(1,5): BASE(4,5): SPEED=50: MOVECIRC(0,0,20,0,1): WAIT IDLE")
-    position = made.setpoints(DT).position
+    setpoints = made.setpoints(DT)
+    position = setpoints.position
     points = np.column_stack([position, np.zeros(len(position))])
-    assert made.requested.follow(points, begin=0.0).distance.max() <= 5.1e-4
+    assert made.requested.follow(points, setpoints.progress).distance.max() <= 5.1e-4
     assert made.requested.length == pytest.approx(40 * math.pi, rel=1e-5)
     assert "the moves alone do not state the axes' path: the commanded trace is the requested path" in made.notes
 

@@ -61,7 +61,8 @@ def test_components_change_no_faster_than_the_point_moves(turn, climb, second_cl
     carried = path.legs.carry(Components(foot.lateral, foot.vertical, foot.beyond), foot.s, np.zeros(len(points)))
     across = np.stack([carried.lateral, carried.vertical], axis=1)
     assert np.linalg.norm(across, axis=1) == pytest.approx(foot.distance, abs=FOOT)
-    if path.legs.sharp.any():
+    first, second = path.tangent(LEG + np.array([-1e-6, 1e-6]))
+    if first @ second < -0.8:
         return  # where the legs are nearly one line the sides of both are not told apart
     moved = np.linalg.norm(np.diff(points, axis=0), axis=1)
     assert np.all(np.linalg.norm(np.diff(across, axis=0), axis=1) <= moved + 1e-6)
@@ -71,10 +72,7 @@ def test_where_a_path_retraces_itself_its_sides_are_exchanged():
     """A point beside such a path has one offset, whichever leg it is measured from."""
     path = Chain([Line((0, 0, 0), (10, 0, 0)), Line((10, 0, 0), (0, 0, 0))])
     offset = np.array([[0.0, 0.003, 0.001]])
-    there, back = (
-        path.project_on_leg(path.position([4.0]) + offset, np.array([0])),
-        path.project_on_leg(path.position([16.0]) + offset, np.array([1])),
-    )
+    there, back = (path.near(path.position([s]) + offset, np.array([s]), np.array([0.01])) for s in (4.0, 16.0))
     assert there.lateral == pytest.approx(0.003)
     assert back.lateral == pytest.approx(-0.003)
     carried = path.legs.carry(Components(back.lateral, back.vertical, back.beyond), back.s, there.s)
@@ -96,7 +94,6 @@ def test_corners_of_a_path_of_kilometres_are_those_of_a_short_one():
     assert path.length > 1.2e6
     legs = path.legs
     assert np.abs(legs.axis).max(axis=1) == pytest.approx(np.ones(len(legs.s)))
-    assert not legs.sharp.any()
     s = np.linspace(path.length - 5000, path.length, 20_001)
     trace = path.position(s) + 0.4 * path.normal(s)
     assert path.follow(trace, s).distance.max() < 0.4 + EXACT

@@ -56,7 +56,13 @@ def phased_setpoints(job: Job, phase: int) -> Setpoints:
     fine = job.controller.setpoints(period / PHASES)
     last = len(fine.position) - 1
     sent = np.concatenate([[0], np.arange(phase, last, PHASES), [last]])
-    coarse = replace(fine, period=period, position=fine.position[sent], dispense=fine.dispense[sent])
+    coarse = replace(
+        fine,
+        period=period,
+        position=fine.position[sent],
+        dispense=fine.dispense[sent],
+        progress=None if fine.progress is None else fine.progress[sent],
+    )
     return job.dispenser.held_back(coarse).hold(job.simulation.settle)
 
 
