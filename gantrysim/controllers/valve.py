@@ -250,11 +250,13 @@ class Valve:
             "--set program.dispense.by=feed lays it in all moves at feed."
         )
         for on, off in self.others:
-            table = ", ".join(
-                f"{name} = {json.dumps([code for code in codes if _STANDS not in code])}"
-                for name, codes in (("on", on), ("off", off))
-            )
-            sentence += f" {' and '.join((*on, *off))} do not; --set 'program.dispense={{{table}}}' has them do so."
+            named = {
+                name: [code for code in codes if _STANDS not in code] for name, codes in (("on", on), ("off", off))
+            }
+            table = ", ".join(f"{name} = {json.dumps(codes)}" for name, codes in named.items() if codes)
+            verb, them = ("do", "them") if off else ("does", "it")
+            codes = " and ".join((*on, *off))
+            sentence += f" {codes} {verb} not switch it; to let {them}, --set 'program.dispense={{{table}}}'."
         return sentence
 
 

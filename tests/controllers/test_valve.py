@@ -118,7 +118,7 @@ def test_the_output_that_is_switched_most_often_is_the_valve(program):
     text = "M3\nG1 X10 F600\nM8\nX20\nM9\nX30\nM8\nX40\nM9\nM5"
     made = program(text)
     assert laid(made) == [[10, 20], [30, 40]]
-    other = """M3 and M5 do not; --set 'program.dispense={on = ["M3"], off = ["M5"]}' has them do so."""
+    other = """M3 and M5 do not switch it; to let them, --set 'program.dispense={on = ["M3"], off = ["M5"]}'."""
     assert any(other in note for note in made.notes)
     assert laid(program(text, dispense=Dispense(on=("M3",), off=("M5",)))) == [[0, 40]]
 
