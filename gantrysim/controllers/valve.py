@@ -21,6 +21,8 @@ from gantrysim.base.errors import InputError
 
 _VALVE = "valve"  # output of the codes that a job names
 _SPINDLE = "spindle"
+_SPEED = "speed"  # the spindle, off at S0
+_STOPS = "M5"
 _STANDS = "S0"
 _FAN = 106
 SPEED_CODES = frozenset({3, 4, _FAN})  # whose S is a speed
@@ -105,6 +107,9 @@ class Outputs:
         self._numbers: dict[tuple[str, ...], int] = {(): 0}
         self._turns = ""  # code with which the spindle turns
         self._speed: float | None = None
+        self._has_speeds = (
+            False  # whether a speed other than 0 was met: a S0 that stands in every block switches nothing
+        )
 
     @property
     def now(self) -> tuple[str, ...]:
@@ -122,6 +127,7 @@ class Outputs:
         on = dict.fromkeys(self.now)
         if speed is not None:
             self._speed = speed
+            self._has_speeds |= speed != 0
         for code in codes:
             if self._dispense.on:
                 switched = self._dispense.switch(code, number)
@@ -129,8 +135,9 @@ class Outputs:
                     self._set(on, _VALVE, f"M{code}", switched)
             elif code in CODES:
                 self._apply(on, code, number, speed)
-        if self._turns and speed is not None:
-            self._set(on, _SPINDLE, self._turns if speed else _STANDS, speed != 0)
+        if _SPINDLE in self._met:
+            runs = self._turns and self._speed != 0
+            self._set(on, _SPEED, self._turns if runs else _STANDS if self._turns else _STOPS, bool(runs))
         state = tuple(on)
         if state not in self._numbers:
             if max(len(self._met) / _MOST_OUTPUTS, len(self.states) / _MOST_STATES) > 1:
@@ -147,9 +154,6 @@ class Outputs:
             name = f"{name} P{number:g}"
         if output == _SPINDLE:
             self._turns = name if opens else ""
-            if opens and self._speed == 0:
-                name = _STANDS
-                opens = False
         elif code == _FAN and speed == 0:
             name = f"{name} {_STANDS}"
             opens = False
@@ -175,10 +179,11 @@ class Outputs:
         by = self._dispense.by
         if by in ("feed", "extrusion") or (by == "auto" and feeds_material):
             return Valve("feed" if by == "feed" else "extrusion")
-        order = [_VALVE, *dict.fromkeys(output for output, _ in CODES.values())]
+        order = [_VALVE, *dict.fromkeys(output for output, _ in CODES.values()), _SPEED]
         ranks = {name: order.index(name) if name in order else 0 for name in self._met}
+        twin = _SPINDLE if self._has_speeds else _SPEED
         outputs = sorted(
-            (name for name, met in self._met.items() if met.times),
+            (name for name, met in self._met.items() if met.times and name != twin),
             key=lambda name: (-self._met[name].times, not self._met[name].off, ranks[name]),
         )
         if not outputs:
@@ -245,8 +250,13 @@ class Valve:
             "--set program.dispense.by=feed lays it in all moves at feed."
         )
         for on, off in self.others:
-            table = f"on = {json.dumps(on)}, off = {json.dumps(off)}"
-            sentence += f" {' and '.join((*on, *off))} do not; --set 'program.dispense={{{table}}}' has them do so."
+            named = {
+                name: [code for code in codes if _STANDS not in code] for name, codes in (("on", on), ("off", off))
+            }
+            table = ", ".join(f"{name} = {json.dumps(codes)}" for name, codes in named.items() if codes)
+            verb, them = ("do", "them") if off else ("does", "it")
+            codes = " and ".join((*on, *off))
+            sentence += f" {codes} {verb} not switch it; to let {them}, --set 'program.dispense={{{table}}}'."
         return sentence
 
 

@@ -188,8 +188,8 @@ def glue_note(plan: Plan) -> str | None:
     if plan.glue > 0:
         return None
     return (
-        "no glue is laid: nothing in the program switches the valve on, by the keys of [program.dispense] and those of "
-        "its controller"
+        "no glue is laid: the program has no moves at feed but those straight up or down, or nothing in it switches "
+        "the valve on, by the keys of [program.dispense] and those of its controller"
     )
 
 

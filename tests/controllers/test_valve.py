@@ -118,7 +118,7 @@ def test_the_output_that_is_switched_most_often_is_the_valve(program):
     text = "M3\nG1 X10 F600\nM8\nX20\nM9\nX30\nM8\nX40\nM9\nM5"
     made = program(text)
     assert laid(made) == [[10, 20], [30, 40]]
-    other = """M3 and M5 do not; --set 'program.dispense={on = ["M3"], off = ["M5"]}' has them do so."""
+    other = """M3 and M5 do not switch it; to let them, --set 'program.dispense={on = ["M3"], off = ["M5"]}'."""
     assert any(other in note for note in made.notes)
     assert laid(program(text, dispense=Dispense(on=("M3",), off=("M5",)))) == [[0, 40]]
 
@@ -171,6 +171,11 @@ def test_times_and_temperatures_are_no_speeds_of_the_spindle():
     assert laid(printer_program("M3\nG1 X10 S100 F600\nG1 X20 S0\nG1 X30 S90\nM5")) == [[0, 10], [20, 30]]
 
 
+@pytest.mark.parametrize("program", DIALECTS)
+def test_a_speed_of_0_in_every_block_switches_nothing(program):
+    assert laid(program("G1 X10 F600\nM3 S0\nX20\nM5\nX30\nM3 S0\nX40\nM5\nX50")) == [[10, 20], [30, 40]]
+
+
 def test_a_code_that_does_not_run_switches_nothing():
     text = "o1 if [0 EQ 1]\nM3\no1 endif\nG1 X10 F600\nM5"
     assert laid(linuxcnc_program(text)) == [[0, 10]]
@@ -202,3 +207,20 @@ def test_a_program_switches_a_bounded_number_of_outputs():
     text = "#1=0\no1 while [#1 LT 300]\nM64 P#1\n#1=[#1+1]\no1 endwhile\nG1 X1 F60"
     with pytest.raises(InputError, match="more than 256 outputs"):
         linuxcnc_program(text).setpoints(PERIOD)
+
+
+def lifted(text, **arguments):
+    return linuxcnc.Program(text=text, **arguments).with_lift(3.0)["text"].splitlines()
+
+
+def test_the_needle_is_lifted_where_no_glue_is_laid():
+    each = ["G0 X5", "M03", "G1 X10 F600", "M05", "G0 Y5", "M03", "G1 X0", "M05"]
+    up, down = "G0 Z3", "G0 Z0"
+    strokes = [up, "G0 X5", down, "M03", "G1 X10 F600", "M05", up, up, "G0 Y5", down, "M03", "G1 X0", "M05", up]
+    assert lifted("\n".join(each)) == strokes
+    # a valve that is open throughout lays none in rapid moves, unless the job says that it does
+    through = "M03\nG1 X10 F600\nG0 Y5\nG1 X0\nM05"
+    assert lifted(through) == [down, "M03", "G1 X10 F600", up, "G0 Y5", down, "G1 X0", "M05", up]
+    by_codes = lifted(through, dispense=Dispense("codes"))
+    assert by_codes == [down, "M03", "G1 X10 F600", "G0 Y5", "G1 X0", "M05", up]
+    assert lifted("G1 X10 F600\nG0 Y5\nG1 X0") == ["G1 X10 F600", up, "G0 Y5", down, "G1 X0"]

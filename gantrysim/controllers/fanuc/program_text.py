@@ -136,7 +136,7 @@ def _set_modes(state: ModalState, words: Words) -> None:
     if "D" in words.values:
         state.offset_number = f"{words.values.pop('D'):g}"
         state.offset = float(state.offsets.get(state.offset_number, 0.0))
-    codes = [round(code) for code in words.auxiliary]
+    codes = [int(code) for code in words.auxiliary if code.is_integer()]
     if codes or "S" in words.values:
         state.outputs.switch(codes, words.values.get("P"), words.values.get("S"))
         if not NUMBERED.isdisjoint(codes):
