@@ -65,7 +65,8 @@ def test_a_ledger_without_a_complete_first_line_starts_empty(tmp_path, found):
 
 @pytest.mark.parametrize(
     "row",
-    ["[]", "5", '{"status": 5}', '"ok"', "null", '{"a": {}}', '{"a": [[1]]}', '{"a": NaN}', '{"a": 1e999}', '{"a": [-1e101]}',
+    ["[]", "5", '{"status": 5}', '"ok"', "null",
+     '{"a": {}}', '{"a": [[1]]}', '{"a": NaN}', '{"a": 1e999}', '{"a": [-1e101]}',
      f'{{"a": 1{"0" * 400}}}'],
 )  # fmt: skip
 def test_a_row_that_no_study_writes_is_run_again_though_its_checksum_is_right(tmp_path, row):
