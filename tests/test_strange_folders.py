@@ -6,6 +6,7 @@ import shutil
 import sys
 import tempfile
 import threading
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import pytest
@@ -17,9 +18,13 @@ from gantrysim.base import files
 from gantrysim.base.files import LOCK, complete, held, replaced, replaced_files
 from gantrysim.base.swap import NAMES, NEW, OLD, PARTIAL, SWAP
 from gantrysim.exchange.tables import load_record
-from gantrysim.report.folder import output_folder
+from gantrysim.report.folder import STUDY_FILES, output_folder
 from gantrysim.report.saved import SavedRun
+from gantrysim.study import Study
+from gantrysim.study.circle.study import CircleStudy
+from gantrysim.study.laws.study import LawsStudy
 from gantrysim.study.ledger import LEDGER, Ledger
+from gantrysim.tuning.study import TuningStudy
 
 from support.films import saved, small_job
 from support.strangers import half_done, neighbours, tree
@@ -29,6 +34,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "O_NOFOLLOW"), reason="links and
 
 JOB = Job.load("an225", SHORT).toml()
 FASTER = Job.load("an225", [*SHORT, "loop_period=0.02"]).toml()
+FILES = ("study.csv", "curves.csv", "study.toml", "job.toml", "report.html")
 QUICK = ["--no-video", "--no-report", "--no-causes", "--no-improve"]
 
 
@@ -78,6 +84,41 @@ def test_writing_to_a_stranger_s_folder_is_refused_in_one_line(stranger, tmp_pat
         assert errors.count("\n") == 1
         assert errors.startswith(f"error: {stranger}: {SWAP} in it names ")
         assert tree(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        (("run", "an225"), "thesis.txt"),
+        (("run", "an225"), "study.csv"),
+        (("study", "loop", "an225"), "thesis.txt"),
+        (("study", "loop", "an225"), "run.npz"),
+        (("tune", "an225"), "plots/mine.txt"),
+    ],
+)
+@pytest.mark.parametrize("how", ["deleted", "replaced"])
+def test_a_planted_list_touches_no_file_that_the_command_does_not_write(
+    stranger, tmp_path, gantrysim_command, command, name, how
+):
+    file = stranger / name
+    file.parent.mkdir(exist_ok=True)
+    file.write_text("my own")
+    half_done(stranger, [name], {name: "planted"} if how == "replaced" else {})
+    before = tree(tmp_path)
+    status, _, errors = gantrysim_command(*command, "--out", stranger)
+    said = f"error: {stranger}: {SWAP} in it names {name!r}, which this command does not write: nothing is changed; "
+    assert (status, errors) == (2, f"{said}remove it, or name another folder\n")
+    assert tree(tmp_path) == before
+
+
+def test_all_that_a_study_writes_may_be_completed():
+    """What a killed study leaves complete is moved into place by any study."""
+    kinds = [Study, CircleStudy, LawsStudy]
+    for kind in kinds:
+        kinds += kind.__subclasses__()
+    names = {*(f"plots/{name}.png" for kind in kinds for name in kind.plots), *TuningStudy.texts, *FILES}
+    assert len(names) > len(FILES) + 5
+    assert all(any(fnmatchcase(name, pattern) for pattern in STUDY_FILES) for name in names)
 
 
 WORDS = ["..", ".", "", "a", "b.txt", "plots", "é", "\u202e", "\ud800", "\0", "x" * 300, "C:", "~", "out", "in"]

@@ -13,11 +13,10 @@ from __future__ import annotations
 import errno
 import json
 import os
-import re
 import shutil
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -25,9 +24,9 @@ from typing import BinaryIO
 from gantrysim.base.errors import InputError, expanded
 from gantrysim.base.signals import deferred
 from gantrysim.base.swap import (
+    ANY,
     NAMES,
     NEW,
-    OLD,
     PARTIAL,
     SWAP,
     check_free,
@@ -36,6 +35,7 @@ from gantrysim.base.swap import (
     open_regular,
     pending,
     to_disk,
+    visible,
 )
 
 try:
@@ -45,8 +45,6 @@ except ImportError:  # Windows: nothing is locked, and what a killed command lef
 
 LOCK = ".gantrysim-lock"
 _PATIENCE = 2.0  # of a reader, with a folder whose files are being replaced [s]
-# a hidden folder in the path of a new file, which a user does not see
-_HIDDEN = re.compile(rf"(?:{re.escape(PARTIAL)}[^\\/]*|{re.escape(SWAP)})(?:[\\/](?:{NEW}|{OLD}))?[\\/]?")
 _DISK = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO}
 
 
@@ -63,7 +61,7 @@ def replaced(file: str | os.PathLike[str]) -> Iterator[Path]:
     """
     target = _writable(file)
     note = f"; the earlier {target.name} is kept" if target.exists() else ""
-    label = f"file {_HIDDEN.sub('', str(file))}"
+    label = f"file {visible(str(file))}"
     with _written(label, note, f"{file} is complete") as done, _scratch(target.parent) as scratch:
         with _named(scratch):
             yield scratch / target.name
@@ -104,11 +102,16 @@ def replaced_files(folder: Path, names: Iterable[str], label: str) -> Iterator[P
 
 
 @contextmanager
-def held(folder: Path, label: str) -> Iterator[None]:
+def held(folder: Path, label: str, names: Collection[str] = ANY) -> Iterator[None]:
     """Hold a folder against other commands that write to it, in the block; however a process ends, its hold ends.
 
     The folder is made where it is missing, and removed if the block leaves it empty. What a killed command has left in
     it is completed or removed.
+
+    Args:
+        folder: to be held.
+        label: of the folder in errors.
+        names: of the files that the command writes, see `complete_swap`.
 
     Raises:
         InputError: in use by another command, or not to be written to; or hidden files that no command can have left.
@@ -122,7 +125,7 @@ def held(folder: Path, label: str) -> Iterator[None]:
                 folder.mkdir(parents=True, exist_ok=True)
                 if fcntl is not None:
                     stream = _locked(lock)
-                complete_swap(folder)
+                complete_swap(folder, names)
                 _sweep(folder)
         except BlockingIOError:
             raise InputError(f"{label}: in use by another command") from None
@@ -140,14 +143,14 @@ def held(folder: Path, label: str) -> Iterator[None]:
                     parent.rmdir()
 
 
-def complete(folder: Path, label: str) -> None:
-    """Complete what a killed command has left in a folder that is about to be written to.
+def complete(folder: Path, label: str, names: Collection[str] = ANY) -> None:
+    """Complete what a killed command has left in a folder that is about to be written to; arguments as of `held`.
 
     Raises:
         InputError: as `held`.
     """
     if pending(folder):
-        with held(folder, label):
+        with held(folder, label, names):
             pass
 
 
@@ -206,7 +209,7 @@ def _written(label: str, note: str, complete: str) -> Iterator[list[bool]]:
         file = str(error.filename or "")
         if error.errno not in _DISK and not any(part in file for part in (PARTIAL, SWAP)):
             raise
-        place = _HIDDEN.sub("", file)
+        place = visible(file)
         failed = f"file {place}" if place and not place.endswith(os.sep) else label
         raise InputError(f"{failed}: cannot be written: {error.strerror or error}{note}") from None
 

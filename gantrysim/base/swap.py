@@ -9,10 +9,12 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import shutil
 import stat
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
+from fnmatch import fnmatchcase
 from pathlib import Path, PurePath
 from typing import BinaryIO
 
@@ -24,7 +26,9 @@ SWAP = ".gantrysim-complete"  # hidden folder of new files that are complete
 NEW = "new"
 OLD = "old"
 NAMES = "names.json"
+ANY = ("*",)  # names of all files
 _HIDDEN = ".gantrysim-"  # prefix of all hidden names
+_OF_HIDDEN = re.compile(rf"(?:{re.escape(PARTIAL)}[^\\/]*|{re.escape(SWAP)})(?:[\\/](?:{NEW}|{OLD}))?[\\/]?")
 _LONGEST = 1 << 20  # list of names [bytes]
 _DEEPEST = 8  # subfolders in one another; outputs have one
 
@@ -34,27 +38,28 @@ def pending(folder: Path) -> bool:
     return os.path.lexists(folder / SWAP)
 
 
-def complete_swap(folder: Path, *, is_ours: bool = False) -> None:
+def complete_swap(folder: Path, names: Collection[str] = ANY, *, is_ours: bool = False) -> None:
     """Move the old files of a held folder away and the complete new ones in; continue where a killed process stopped.
 
     While the list of names is there, old files are still to be moved, and an error moves them back.
 
     Args:
         folder: that this process holds.
+        names: of the files that the command writes, with * for any characters; others are not touched.
         is_ours: whether this process has made the hidden folder; some file systems show another owner even then.
 
     Raises:
         OSError: an old file cannot be moved; all are kept, and the new files are removed.
         InputError: a new file cannot be moved; all are kept. Or a hidden folder that is a link, is another user's, or
-            names anything but files below this folder; nothing is touched.
+            names anything but files below this folder that the command writes; nothing is touched.
     """
     if not pending(folder):
         return
     swap = folder / SWAP
-    names = swap / NAMES
+    list_file = swap / NAMES
     new = swap / NEW
     old = swap / OLD
-    listed = _checked(folder, is_ours)
+    listed = _checked(folder, names, is_ours)
     if listed is not None:
         try:
             for name in listed:
@@ -65,7 +70,7 @@ def complete_swap(folder: Path, *, is_ours: bool = False) -> None:
                 _transfer(name, old, folder)
             _discard(swap)
             raise
-        names.unlink()
+        list_file.unlink()
         for parent in {(folder / name).parent for name in listed} - {folder}:
             try:
                 parent.rmdir()
@@ -90,6 +95,11 @@ def check_free(folder: Path, names: Iterable[str], label: str) -> None:
             raise InputError(f"{label}: {parent.name} in it is a file, must be a folder: move it away")
         if not has_real_parents(folder, name):
             raise InputError(f"{label}: {parent.name} in it is a link, must be a folder: move it away")
+
+
+def visible(file: str) -> str:
+    """Return the path of a new file without its hidden folders, as a user sees it."""
+    return _OF_HIDDEN.sub("", file)
 
 
 def has_real_parents(folder: Path, name: str) -> bool:
@@ -133,7 +143,7 @@ def is_of_this_user(status: os.stat_result) -> bool:
     return not hasattr(os, "geteuid") or status.st_uid == os.geteuid()
 
 
-def _checked(folder: Path, is_ours: bool) -> list[str] | None:
+def _checked(folder: Path, names: Collection[str], is_ours: bool) -> list[str] | None:
     """Return the names in the hidden folder's list, None without one, after all that it holds has been checked.
 
     Raises:
@@ -155,6 +165,8 @@ def _checked(folder: Path, is_ours: bool) -> list[str] | None:
     for name in (*(listed or ()), *_names_below(swap / NEW), *_names_below(swap / OLD)):
         if not _is_plain(name) or not has_real_parents(folder, name) or _is_folder(folder / name):
             raise _refused(folder, f"names {name!r:.60}, which is no file in {folder}/")
+        if not is_ours and not any(fnmatchcase(name, pattern) for pattern in names):
+            raise _refused(folder, f"names {name!r:.60}, which this command does not write")
     if not all(stat.S_ISREG((swap / NEW / name).lstat().st_mode) for name in _names_below(swap / NEW)):
         raise _refused(folder, "holds what is not a regular file")
     return listed

@@ -9,6 +9,7 @@ import typer
 
 from gantrysim.base.errors import expanded, place, point
 from gantrysim.base.files import complete
+from gantrysim.base.swap import pending
 
 Model = Annotated[
     str | None,
@@ -72,10 +73,12 @@ Colour = Annotated[
 ]
 
 
-def to_write(folder: Path | None) -> Path | None:
+def to_write(context: typer.Context, folder: Path | None) -> Path | None:
     """Return an output folder after completing what a killed command left in it: the job file may lie there."""
-    if folder is not None:
-        complete(expanded(folder).absolute(), f"--out {folder}")
+    if folder is not None and pending(target := expanded(folder).absolute()):
+        from gantrysim.report.folder import RUN_OUTPUT, STUDY_FILES
+
+        complete(target, f"--out {folder}", RUN_OUTPUT.files if context.info_name == "run" else STUDY_FILES)
     return folder
 
 

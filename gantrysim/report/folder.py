@@ -75,7 +75,7 @@ class Output:
         Raises:
             InputError: as `check`, or the folder is in use by another command.
         """
-        with held(self.check(folder), f"--out {folder}"):
+        with held(self.check(folder), f"--out {folder}", self.files):
             yield
 
     @contextmanager
@@ -93,6 +93,10 @@ class Output:
 RUN_OUTPUT = Output("run", RUN, (JOB, RUN, RECORD, *_RENDERED, *_SHOWN))
 # what is written beside the record of a run, once that is on disk
 SHOWN_OUTPUT = Output("run", RUN, _SHOWN)
+
+
+# of any study, with its own plots and texts
+STUDY_FILES = ("study.csv", "curves.csv", "study.toml", "tuned.toml", JOB, REPORT, f"{PLOTS}/*.png")
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from itertools import chain
@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 
 from gantrysim.base.errors import GantryError, InputError, text_of
 from gantrysim.base.files import held
-from gantrysim.base.swap import open_regular
+from gantrysim.base.swap import ANY, open_regular
 from gantrysim.study.cases import Row
 from gantrysim.study.rows import RowStore
 
@@ -34,6 +34,7 @@ class Ledger:
     Args:
         folder: of the file, or None to keep the rows in memory.
         identity: of the study, all that the rows depend on besides their cases; plain JSON.
+        names: of the files that the study writes, see `held`.
 
     Attributes:
         resumed: number of rows taken over from an earlier run.
@@ -41,11 +42,12 @@ class Ledger:
         discarded: differences for which earlier rows were not taken over, or None.
     """
 
-    def __init__(self, folder: Path | None, identity: dict[str, Any]) -> None:
+    def __init__(self, folder: Path | None, identity: dict[str, Any], names: Collection[str] = ANY) -> None:
         self.rows = RowStore()
         self._places: dict[str, int] = {}  # of the rows, by their keys
         self._file = None if folder is None else folder / LEDGER
         self._identity = identity
+        self._names = names
         self._stream: BinaryIO | None = None
         self._held = ExitStack()
         self.discarded: str | None = None
@@ -56,7 +58,7 @@ class Ledger:
             return self
         folder = self._file.parent
         with ExitStack() as stack:
-            stack.enter_context(held(folder, f"--out {folder}"))
+            stack.enter_context(held(folder, f"--out {folder}", self._names))
             try:
                 self._stream = stack.enter_context(open_regular(self._file, write=True))
                 good = self._read(iter(partial(self._stream.readline, _LONGEST), b""))

@@ -122,7 +122,7 @@ def run_study(
         "job": study.job.toml(),
         "versions": versions(study.job.built_machine),
     }
-    with Ledger(target, identity) as ledger, ledger.blamed():
+    with Ledger(target, identity, output.files) as ledger, ledger.blamed():
         output.check(folder)  # again: files that a killed command left are complete only now
         try:
             rows = _run_rounds(study, rounds, cases, ledger, workers, progress)
