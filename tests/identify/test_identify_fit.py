@@ -25,6 +25,7 @@ from gantrysim.identify.plan import excitation
 from gantrysim.identify.prediction import Samples, innovations
 from gantrysim.identify.regression import regression
 from gantrysim.identify.small import kalman_gain, sampled
+from gantrysim.machine.motors import BRISTLE_STIFFNESS
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import Setpoints
 
@@ -208,6 +209,18 @@ def test_the_model_of_an_axis_is_that_of_its_mjcf(machine):
     carried = machine.physics.body_subtreemass[machine.physics.body("bridge").id]
     assert own.inertia * own.share * si == pytest.approx(carried, rel=1e-3)
     assert own.static == pytest.approx(0.0227)
+
+
+def test_a_machine_without_bristles_has_the_friction_of_its_joint_alone():
+    machine = Machine("xy")
+    physics = machine.physics
+    physics.actuator_dynprm[0, BRISTLE_STIFFNESS] = 0.0
+    joint = physics.actuator_trnid[0, 0]
+    physics.dof_frictionloss[physics.jnt_dofadr[joint]] = 12.0  # [N]
+    model = model_of(machine, 0)
+    assert model.coulomb == pytest.approx(12.0 * 1e-3 * machine.axes[0].scale)
+    assert (model.excess, model.bristle_time) == (0.0, 0.0)
+    assert 0 < model.deflection < math.inf
 
 
 @pytest.mark.validates(
