@@ -14,6 +14,7 @@ from gantrysim.cli import terminal
 from gantrysim.cli.compared_runs import comparison_tables
 from gantrysim.compare.runs.check_changes import CheckChange
 from gantrysim.compare.runs.common_path import Track, parting_of
+from gantrysim.compare.runs.compared_run import names_of_folders, names_of_jobs
 from gantrysim.compare.runs.overlay_data import OverlayData
 from gantrysim.compare.runs.overlays import draw_compared_budgets
 from gantrysim.compare.runs.run_comparison import compare_runs
@@ -160,6 +161,15 @@ def test_of_three_runs_all_must_be_the_same():
         compared = compare_runs(*runs)
         assert not compared.are_same
         assert "are the same" not in compared.sentence
+
+
+def test_runs_are_named_by_as_little_as_tells_them_apart(tmp_path):
+    places = [tmp_path / name for name in ("monday/a", "tuesday/a", "tuesday/b")]
+    assert names_of_folders(places[1:]) == ["a", "b"]
+    assert names_of_folders(places[:2]) == ["monday/a", "tuesday/a"]
+    assert names_of_folders([places[0], places[0]]) == [str(places[0].resolve())] * 2
+    assert names_of_jobs(["ring", "square"]) == ["ring", "square"]
+    assert names_of_jobs(["ring", "ring"]) == ["ring (1)", "ring (2)"]
 
 
 def test_a_place_between_two_stretches_of_dispensing_has_no_value():

@@ -25,6 +25,7 @@ from gantrysim.identify.plan import excitation
 from gantrysim.identify.prediction import Samples, innovations
 from gantrysim.identify.regression import regression
 from gantrysim.identify.small import kalman_gain, sampled
+from gantrysim.machine.motors import BRISTLE_STIFFNESS
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import Setpoints
 
@@ -210,6 +211,18 @@ def test_the_model_of_an_axis_is_that_of_its_mjcf(machine):
     assert own.static == pytest.approx(0.0227)
 
 
+def test_a_machine_without_bristles_has_the_friction_of_its_joint_alone():
+    machine = Machine("xy")
+    physics = machine.physics
+    physics.actuator_dynprm[0, BRISTLE_STIFFNESS] = 0.0
+    joint = physics.actuator_trnid[0, 0]
+    physics.dof_frictionloss[physics.jnt_dofadr[joint]] = 12.0  # [N]
+    model = model_of(machine, 0)
+    assert model.coulomb == pytest.approx(12.0 * 1e-3 * machine.axes[0].scale)
+    assert (model.excess, model.bristle_time) == (0.0, 0.0)
+    assert 0 < model.deflection < math.inf
+
+
 @pytest.mark.validates(
     "values identified from a log",
     "independent integration that made the log",
@@ -237,6 +250,14 @@ def test_an_independent_integration_is_identified(machine, setpoints):
     assert not values["offset"].identified
     assert abs(values["offset"].value) < 2e-4
     assert found.notes[-1].endswith("the structure of the model holds")
+    # the machine that is written has what was identified, and the table's value of what was not
+    fitted, table, accepted = found.fits[0].model, found.fits[0].nominal, found.accepted[0].model
+    for name in ("inertia", "viscous", "coulomb", "share", "stiffness", "damping"):
+        assert getattr(fitted, name) != getattr(table, name)
+        assert getattr(accepted, name) == getattr(fitted if values[name].identified else table, name), name
+    assert accepted.static == pytest.approx(
+        fitted.static if values["static"].identified else accepted.coulomb + table.excess
+    )
 
 
 def test_a_log_of_the_motor_s_torque_shows_no_fast_mode(machine, setpoints):

@@ -229,6 +229,14 @@ def test_another_speed_keeps_the_section_whatever_meters_the_flow(factor):
     assert not [key for key in speed_changes(by_area, speed) if key.startswith("dispenser")]
 
 
+def test_learning_needs_a_base_law_that_it_knows_whatever_is_added_to_it():
+    for law in (["support.own_laws:pd"], ["support.own_laws:pd", "friction"]):
+        reason = settings_of("learning", lines_job(CIRCLE, servo={"law": law}))
+        assert reason == "needs a base law whose answer it knows, not one of your own"
+    (setting,) = settings_of("learning", lines_job(CIRCLE, servo={"law": ["pid", "friction"]}))
+    assert setting.changes == {"servo.law": ["pid", "friction", "learning"]}
+
+
 def test_a_faster_valve_keeps_what_is_fitted_to_it():
     job = lines_job(SIDES, dispenser={"area": AREA, **LAG, "advance": 0.025, "stop_lead": 0.004})
     dispenser = changed("faster valve", job, "× 0.5").dispenser

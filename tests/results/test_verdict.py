@@ -275,6 +275,8 @@ def test_a_fault_fails_and_nothing_else_is_judged(job, follower):
     assert "following error on axis x at t = 0.5000 s" in verdict.headline
     assert {row.state for row in verdict.rows} == {"not judged"}
     assert not any(row.checks for row in verdict.rows)
+    assert verdict.content()["fault"] == f"Fault: {fault}."
+    assert Verdict.of(job, follower).content()["fault"] is None
 
 
 def test_a_line_that_is_not_known_is_not_named(follower):
