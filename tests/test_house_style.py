@@ -30,7 +30,7 @@ PARAMETERS_ALLOWED: dict[str, str] = {
     "render/video.py:save_video": "keywords of Take, Film and Film.save in one call, which users type",
     "render/renderer.py:__init__": "a run, its view and the looks of its bead, which users type",
     "cli/tune.py:tune": "a command: its parameters are its options",
-    "job/job.py:load": "keywords of a public constructor, one for each option of the command",
+    "job/loaded.py:load": "keywords of a public constructor, one for each option of the command",
 }
 
 

@@ -1,4 +1,4 @@
-"""The fastest program whose verdict is still as good."""
+"""The fastest program whose verdict is still as good, by the search of the speed study."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from gantrysim.base.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.remedy.bench import Bench
-from gantrysim.remedy.levers.speed import speed_changes
 from gantrysim.remedy.outcome import Outcome
-from gantrysim.results.checks import FAIL, PASS
-from gantrysim.study.speed.study import answer, next_speeds
+from gantrysim.results.checks import FAIL, WARN
+from gantrysim.study.speed.saturation import saturation_of
+from gantrysim.study.speed.search import RESOLUTION, Grade, answer_of, next_speeds_of_grades, speed_changes
 
-RESOLUTION = 0.02  # relative width of the bracket of the speed
 _SHORTER = 1e-3  # share of its time by which a program must be shorter to be faster
 
 
@@ -20,12 +19,15 @@ _SHORTER = 1e-3  # share of its time by which a program must be shorter to be fa
 class FastestProgram:
     """The fastest program at which, and below which at all speeds tried, the verdict is as good as before.
 
-    The verdict need not grow worse with the speed, so that a faster island that is good again does not count.
+    The verdict need not grow worse with the speed, so that a faster island that is good again does not count. A verdict
+    without a warning is as good as another without one, and one with a warning as another that does not fail.
 
     Attributes:
         speed: of its fastest motion [mm/s].
         programmed_speed: the same of the job whose speed was changed [mm/s].
         above: the least speed tried at which the verdict is worse; None if there is none [mm/s].
+        grade: as good as which it is: without a warning, or without a failure.
+        other_speed: the fastest speed of the other grade; None if no speed tried is without a warning [mm/s].
         job: at that speed, with the same section of the bead.
         outcome: of its run.
     """
@@ -33,19 +35,26 @@ class FastestProgram:
     speed: float
     programmed_speed: float
     above: float | None
+    grade: Grade
+    other_speed: float | None
     job: Job
     outcome: Outcome
 
     def __str__(self) -> str:
+        is_clean = self.grade == Grade.CLEAN
         bound = "no faster one was tried" if self.above is None else f"not at {self.above:.4g} mm/s"
+        if self.other_speed is None:
+            other = "no speed tried is without a warning"
+        else:
+            other = f"without a {'failure' if is_clean else 'warning'} up to {self.other_speed:.4g} mm/s"
         return (
-            f"fastest program as good: {self.speed:.4g} mm/s instead of {self.programmed_speed:.4g} mm/s, "
-            f"{self.outcome.duration:.2f} s ({bound})"
+            f"fastest program without a {'warning' if is_clean else 'failure'}: {self.speed:.4g} mm/s instead of "
+            f"{self.programmed_speed:.4g} mm/s, {self.outcome.duration:.2f} s ({bound}); {other}"
         )
 
 
 def fastest_program(job: Job, bench: Bench) -> FastestProgram | None:
-    """Return the fastest program whose verdict is as good as that of a job, to within 2 % of its speed.
+    """Return the fastest program whose verdict is as good as that of a job, to within 1 % of its speed.
 
     Args:
         job: that passes, or keeps its limits with a warning.
@@ -55,25 +64,34 @@ def fastest_program(job: Job, bench: Bench) -> FastestProgram | None:
         None for a job that fails, whose program states no speed, or for which no speed tried is as good and shorter.
     """
     outcome = bench.measure(job)
-    if outcome.state == FAIL or outcome.failure:
+    grade = _grade(outcome)
+    if grade == Grade.FAILED:
         return None
     try:
         programmed = job.controller.programmed_speed
     except InputError:
         return None
-
-    def is_as_good(other: Outcome) -> bool:
-        return not other.failure and (other.passes if outcome.state == PASS else other.state != FAIL)
-
     bench.task.name = "fastest"
     tried: dict[float, Outcome] = {}
-    while speeds := next_speeds({speed: is_as_good(other) for speed, other in tried.items()}, programmed, RESOLUTION):
+    grades: dict[float, Grade] = {}
+    while speeds := next_speeds_of_grades(grades, programmed, RESOLUTION):
         outcomes = bench.measure_all([job.changed(speed_changes(job, speed)) for speed in speeds])
         tried |= dict(zip(speeds, outcomes, strict=True))
-    result = answer({speed: is_as_good(other) for speed, other in tried.items()})
-    if result.fastest is None or tried[result.fastest].duration > (1 - _SHORTER) * outcome.duration:
+        grades = {speed: _grade(other) for speed, other in tried.items()}
+    result = answer_of(grades, grade)
+    if result.fastest is None:
         return None
+    saturation = saturation_of({speed: other.duration for speed, other in tried.items() if not other.failure})
     # beyond a limit of the controller or the ramps, a faster program takes as long
-    least = tried[result.fastest].duration * (1 + _SHORTER)
-    speed = min(speed for speed, other in tried.items() if speed <= result.fastest and other.duration <= least)
-    return FastestProgram(speed, programmed, result.above, job.changed(speed_changes(job, speed)), tried[speed])
+    speed = result.fastest if saturation is None else min(result.fastest, saturation.speed)
+    if tried[speed].duration > (1 - _SHORTER) * outcome.duration:
+        return None
+    other = answer_of(grades, Grade.WARNED if grade == Grade.CLEAN else Grade.CLEAN)
+    changed = job.changed(speed_changes(job, speed))
+    return FastestProgram(speed, programmed, result.above, grade, other.fastest, changed, tried[speed])
+
+
+def _grade(outcome: Outcome) -> Grade:
+    if outcome.failure or outcome.state == FAIL:
+        return Grade.FAILED
+    return Grade.WARNED if outcome.state == WARN else Grade.CLEAN

@@ -32,7 +32,9 @@ def fewest_levers(combinations: Combinations, picks: Sequence[Pick], motion_of: 
         return list(picks)
     levers = [pick.lever for pick in picks]
     for count in range(1, len(levers) + 1):
-        candidates = [found for chosen in subsets(levers, count) for found in _candidates(combinations, (), chosen)]
+        candidates = [
+            candidate for chosen in subsets(levers, count) for candidate in _candidates(combinations, (), chosen)
+        ]
         hopeful = combinations.hopeful(picks, candidates)
         if len({motion_of(candidate.job) for candidate in hopeful}) > MOST_MOTIONS:
             continue
@@ -58,7 +60,7 @@ def _candidates(combinations: Combinations, picks: tuple[Pick, ...], levers: Seq
 
 def _settings(combinations: Combinations, picks: tuple[Pick, ...], lever: Lever) -> list[Pick]:
     """Return a lever at each setting that the job admits after others."""
-    found = []
+    picked = []
     settings = lever.settings(combinations.state_of(picks))
     for setting in () if isinstance(settings, str) else settings:
         pick = Pick(lever, setting.label)
@@ -66,5 +68,5 @@ def _settings(combinations: Combinations, picks: tuple[Pick, ...], lever: Lever)
             combinations.state_of([*picks, pick])
         except GantryError:  # the values do not fit those of other levers
             continue
-        found.append(pick)
-    return found
+        picked.append(pick)
+    return picked

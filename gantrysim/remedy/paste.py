@@ -10,7 +10,6 @@ import tomli_w
 
 from gantrysim.base.errors import InputError
 from gantrysim.exchange.gains import DIALECTS, exported
-from gantrysim.job.choosing import loaded_with
 from gantrysim.job.job import Job
 from gantrysim.job.overrides import known_keys
 
@@ -57,7 +56,7 @@ def toml_lines(base: Job, improved: Job) -> str:
 
     They include the options with which the job was loaded. For a program file they are a whole job file.
     """
-    values = values_to_set(improved, lambda values: loaded_with(base, values, in_file=True))
+    values = values_to_set(improved, lambda values: base.loaded_with(values, in_file=True))
     if not values:
         return ""
     given = base.given
@@ -89,12 +88,12 @@ def options(base: Job, improved: Job) -> list[str]:
 
     Speeds inside a program's text are one option --speed. None where a text differs in more than speeds.
     """
-    values = values_to_set(improved, lambda values: loaded_with(base, values))
+    values = values_to_set(improved, lambda values: base.loaded_with(values))
     speed: float | None = None
     is_at_speed = base.given is not None and base.given.speed is not None  # which sets the speed after all values
     if values is None or is_at_speed or any(map(_is_long, values.values())):
         speed = float(f"{improved.controller.programmed_speed:.{_SPEED_DIGITS}g}")
-        values = values_to_set(improved, lambda values: loaded_with(base, values, speed=speed))
+        values = values_to_set(improved, lambda values: base.loaded_with(values, speed=speed))
         if values is None or any(map(_is_long, values.values())):
             return []
     words = [] if speed is None else [f"--speed {speed:.{_SPEED_DIGITS}g}"]

@@ -10,7 +10,7 @@ from typing import Any
 
 from gantrysim.job.job import Job
 from gantrysim.job.loading import builtin_jobs
-from gantrysim.results.checks import FAIL, UNJUDGED
+from gantrysim.results.checks import FAIL, UNJUDGED, WARN
 from gantrysim.results.verdict import GLUE, MACHINE, PATH, STABILITY
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.verdict_columns import ASPECTS, check_column, state_column, use_column
@@ -69,6 +69,10 @@ class Acceptance:
         """Return the worst check of some aspects, as in "path: contour error, max 809 µm, at most 82 µm"."""
         aspect = max(aspects, key=lambda name: self.use([name]))
         return f"{aspect}: {self.checks[aspect]}"
+
+    def warnings(self, aspects: Iterable[str] = ASPECTS) -> str:
+        """Return the aspects with a warning, each with its worst check."""
+        return "; ".join(f"{aspect}: {self.checks[aspect]}" for aspect in aspects if self.states[aspect] == WARN)
 
     def failures(self, aspects: Iterable[str] = ASPECTS) -> str:
         """Return the aspects that fail, each with its worst check."""

@@ -82,6 +82,10 @@ class Criterion:
         """Return whether a case is within the tolerance."""
         return self.value(row) <= self.tolerance
 
+    def warning(self, row: Row) -> str:
+        """Return what a case within the tolerance is warned of, in words; empty where of nothing."""
+        return ""
+
     def unit(self, row: Row) -> str:
         """Return the metric's unit, from its full name."""
         key = self.key(row)
@@ -147,6 +151,10 @@ class JobCriterion(Criterion):
     def within(self, row: Row) -> bool:
         acceptance = Acceptance.of(row)
         return acceptance is not None and acceptance.keeps(self.scope.aspects)
+
+    def warning(self, row: Row) -> str:
+        acceptance = Acceptance.of(row)
+        return "" if acceptance is None else acceptance.warnings(self.scope.aspects)
 
     def unit(self, row: Row) -> str:
         return LIMIT_USE.unit

@@ -20,8 +20,10 @@ from gantrysim.remedy.lever import Lever, Setting
 from gantrysim.remedy.outcome import measured, measured_together, motion_key
 from gantrysim.remedy.report import TITLE, change_section, comparison_of
 from gantrysim.remedy.search import Search, another_part
+from gantrysim.study.cases import measure
+from gantrysim.study.speed import SpeedStudy
 
-from support.remedies import CIRCLE, DOTS, LAG, LINE, SIDES, fixed_flow, lagging, lines_job, outcome, rubbing
+from support.remedies import CIRCLE, DOTS, FLOW, LAG, LINE, SIDES, fixed_flow, lagging, lines_job, outcome, rubbing
 
 GLUE_LEVERS = ("flow by speed", "lag compensation", "leads")
 
@@ -248,6 +250,32 @@ def test_the_fastest_program_is_as_good_and_the_next_is_not():
     assert not comparison_of(result).are_same
     limited = job.changed({"program.axis_speeds": [100.0, 100.0, 100.0]})  # mm/s
     assert improve(limited, levers=[]).fastest is None
+
+
+def test_the_fastest_program_is_that_of_the_speed_study():
+    """Both name the speed without a warning, and the one without a failure."""
+    job = lines_job(LINE, tolerance={"speed_reserve": 60.0})
+    job = job.changed({"program.acceleration": 8e3, "program.rapid": 6e4})
+    fastest = improve(job, levers=[]).fastest
+    study = SpeedStudy(job)
+    rows = []
+    rounds = study.rounds()
+    cases = next(rounds)
+    while cases:
+        rows += (new := [{**dict(case.tags), **measure(case)} for case in cases])
+        try:
+            cases = rounds.send(new)
+        except StopIteration:
+            break
+    answer = study.report(rows).answer
+    assert f"{fastest.speed:g} mm/s" in answer
+    assert f"up to {fastest.other_speed:g} mm/s" in answer
+    assert f"without a failure up to {fastest.other_speed:.4g} mm/s" in str(fastest)
+    # of the axis' 1000 mm/s, 60 % must remain; a warning begins where less than 60 / 0.8 % does
+    assert fastest.speed == pytest.approx(250, rel=0.02)
+    assert fastest.other_speed == pytest.approx(400, rel=0.02)
+    fixed = lines_job(LINE, dispenser={"flow": FLOW})
+    assert SpeedStudy(fixed).overrides(150.0) == {"program.feed_override": 1.5, "dispenser.flow": 1.5 * FLOW}
 
 
 def test_progress_counts_the_runs():

@@ -21,6 +21,7 @@ from gantrysim.tuning.answer import question as tuning_question
 
 from support.tunings import tuning
 
+WHOLE = "the job's tolerance"
 MOTION = "the limits of path, stability and machine"
 CONTOUR = "path: contour error, max {:.1f} µm, at most 80.0 µm"
 
@@ -28,12 +29,12 @@ CONTOUR = "path: contour error, max {:.1f} µm, at most 80.0 µm"
 def verdict(path=40.0, glue="pass", stability="pass", machine="pass"):
     """Columns of a verdict on a run whose largest contour error may be 80 µm, each other aspect in a state."""
     states = {
-        "path": "fail" if path > 80 else "pass",
+        "path": "fail" if path > 80 else "warn" if path > 64 else "pass",
         "glue": glue,
         "stability": stability,
         "machine": machine,
     }
-    uses = {"pass": 10.0, "fail": 250.0, "not judged": None}
+    uses = {"pass": 10.0, "warn": 90.0, "fail": 250.0, "not judged": None}
     row = {"status": "ok", "contour_max_um": path}
     for aspect, state in states.items():
         row[f"{aspect}_verdict"] = state
@@ -230,15 +231,25 @@ def test_the_speed_is_judged_by_the_job_s_limits():
 
     assert report({50.0: 20.0, 100.0: 40.0, 200.0: 88.0}) == (
         f"Keep the programmed speed: 100 mm/s, 1 times the programmed 100 mm/s, is the fastest speed that keeps "
-        f"{MOTION}; 200 mm/s does not ({CONTOUR.format(88)})."
+        f"{WHOLE}; 200 mm/s does not ({CONTOUR.format(88)})."
     )
     text = report({50.0: 20.0, 100.0: 88.0}, glue="fail")
-    assert text.startswith("Set program.speed = 50: 50 mm/s, 0.5 times the programmed")
+    assert text.startswith("Set program.speed = 50, dispenser.flow = 100: 50 mm/s, 0.5 times the programmed")
     assert text.endswith("; the glue fails all the same (glue in words).")
     assert report({50.0: 96.0, 100.0: 120.0}) == (
         f"No speed tried, from 50 to 100 mm/s, keeps {MOTION}: 50 mm/s comes nearest ({CONTOUR.format(96)}), so speed "
         "is not the lever; gantrysim improve an225 tries the others."
     )
+    assert report({50.0: 20.0, 100.0: 40.0, 150.0: 72.0, 200.0: 88.0}) == (
+        f"Keep the programmed speed: 100 mm/s, 1 times the programmed 100 mm/s, is the fastest speed that keeps "
+        f"{WHOLE} without a warning; 150 mm/s does not ({CONTOUR.format(72)}); up to 150 mm/s it is kept with a "
+        "warning."
+    )
+    assert report({50.0: 20.0, 100.0: 72.0, 150.0: 76.0, 200.0: 88.0}).endswith(
+        f"150 mm/s, 1.5 times the programmed 100 mm/s, is the fastest speed that keeps {WHOLE}; 200 mm/s does not "
+        f"({CONTOUR.format(88)}); without a warning up to 50 mm/s."
+    )
+    assert report({100.0: 72.0, 200.0: 88.0}).endswith("; no speed tried is without a warning.")
 
 
 def circles(*paths):

@@ -132,9 +132,11 @@ def test_the_study_reports_a_known_limit(tmp_path):
     found = answer({row["speed_mm_s"]: study.criterion.within(row) for row in outcome.rows})
     assert found.fastest <= 130 < found.above <= 1.01 * found.fastest
     size = 50 * (found.above / 130) ** 2
+    flow = 2 * found.fastest  # 2 mm² at any speed
     assert outcome.report.answer == (
-        f"Set program.speed = {found.fastest:g}: {found.fastest:g} mm/s, {found.fastest / 100:.3g} times the "
-        "programmed 100 mm/s, is the fastest speed that keeps the tolerance of 50 µm (largest contour error); "
+        f"Set program.speed = {found.fastest:g}, dispenser.flow = {flow:g}: {found.fastest:g} mm/s, "
+        f"{found.fastest / 100:.3g} times the programmed 100 mm/s, is the fastest speed that keeps "
+        "the tolerance of 50 µm (largest contour error); "
         f"{found.above:g} mm/s does not (largest contour error {size:.4g} µm, at most 50 µm)."
     )
     (table,) = outcome.report.tables
@@ -145,7 +147,7 @@ def test_the_study_reports_a_known_limit(tmp_path):
     (axes,) = outcome.report.plots[0].figure.axes
     assert axes.get_title(loc="right") == f"within the tolerance up to {found.fastest:g} mm/s"
     factor = found.fastest / 100
-    assert unaccounted(outcome.report.answer, [table], 50, factor, size) == []
+    assert unaccounted(outcome.report.answer, [table], 50, factor, size, flow) == []
     for _, speed, *shown in table.rows:
         size = 50 * (speed / 130) ** 2
         assert shown == pytest.approx([size, "servo", 0.9 * size, speed, max(10 / speed, 0.05)])

@@ -38,9 +38,9 @@ class Corners(NamedTuple):
             )
         if self.roundable:
             remedies.append(remedy)
-        left = self.stops - self.by_firmware - self.roundable
-        if left:
-            remedies.append(f"{left} of them turn back or join an arc, which no rounding passes faster.")
+        others = self.stops - self.by_firmware - self.roundable
+        if others:
+            remedies.append(f"{others} of them turn back or join an arc, which no rounding passes faster.")
         return (
             f"{self.stops} corners between moves at feed are passed at less than a tenth of the feed; the moves before "
             f"them are {self.small:.3g} mm long at the median. {' '.join(remedies)}"

@@ -4,37 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 from gantrysim.base.errors import InputError
-from gantrysim.job.job import Job
 from gantrysim.remedy.lever import Effort, Lever, Setting, State
 from gantrysim.remedy.levers.numbers import factor_text, rounded
 from gantrysim.results.verdict import GLUE, MACHINE, PATH
+from gantrysim.study.speed.search import speed_changes
 
 _SLOWER = (0.84, 0.71, 0.5)
 _FASTER = (1.41,)
-
-
-def speed_changes(job: Job, speed: float) -> dict[str, Any]:
-    """Return the values of a job at another speed of its fastest motion [mm/s], with the same section of the bead.
-
-    Raises:
-        InputError: the program states no speed.
-    """
-    controller = job.controller
-    factor = speed / controller.programmed_speed
-    changes: dict[str, Any] = {}
-    for key, value in controller.arguments_at(speed).items():
-        # a number is printed for pasting, so that it must not end in digits of floating point
-        changes[f"program.{key}"] = rounded(value) if isinstance(value, float) else value
-    dispenser = job.dispenser
-    if dispenser.flow:
-        changes["dispenser.flow"] = rounded(factor * dispenser.flow)
-    if dispenser.pressure and dispenser.needle is not None:
-        flow = factor * float(dispenser.needle.flow(dispenser.pressure))
-        changes["dispenser.pressure"] = rounded(float(dispenser.needle.pressure(flow)))
-    return changes
 
 
 def _at_factors(factors: tuple[float, ...]) -> Callable[[State], list[Setting] | str]:

@@ -14,9 +14,9 @@ from gantrysim.plots.style import COLOURS, INK, sheet
 from gantrysim.report.document import Column, Table
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.drawing import logarithmic
-from gantrysim.study.speed.answer import QUESTION, speed_answer
-from gantrysim.study.speed.saturation import saturation_of
-from gantrysim.study.speed.study import SpeedStudy, answer, speed_of
+from gantrysim.study.speed.answer import QUESTION, Fastest, speed_answer
+from gantrysim.study.speed.saturation import durations, saturation_of
+from gantrysim.study.speed.study import SpeedStudy, speed_of
 from gantrysim.study.study import Details, Plot, Report
 
 if TYPE_CHECKING:
@@ -31,9 +31,13 @@ def report(study: SpeedStudy, rows: Sequence[Row]) -> Report:
     if not good:
         text = f"Not known: none of the {len(rows)} speeds tried gives a run with values: {rows[0]['status']}."
         return Report(QUESTION, text)
-    result = answer(study.tried(rows))
+    fastest = Fastest.of(study, rows)
+    result = fastest.result
     scaling = study.job.controller.speed_scaling
-    notes = [*_saturation(good), f"Speed is {scaling}; ramps and limits of controller and axes stay those of the job."]
+    notes = [
+        *_saturation(good),
+        f"Speed is {scaling}; ramps and limits of controller and axes stay those of the job; the flow changes with it.",
+    ]
     if result.islands:
         islands = ", ".join(f"{speed:g}" for speed in result.islands)
         notes.insert(0, f"Not monotonic: faster runs are within the tolerance again, at {islands} mm/s.")
@@ -51,15 +55,16 @@ def report(study: SpeedStudy, rows: Sequence[Row]) -> Report:
         "lag along the path is in none of them.",
         _draw_links(good),
     )
-    sentence = speed_answer(study, rows, good, result)
+    sentence = speed_answer(study, rows, good, fastest)
     return Report(QUESTION, sentence, chart, _table(study, rows, good), Details(notes, plots=[links]))
 
 
 def _table(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row]) -> Table:
     """Return the runs that matter: fastest within the tolerance, next faster, programmed speed, slowest."""
-    criterion = study.criterion
     by_speed = {speed_of(row): row for row in rows}
-    result = answer(study.tried(rows))
+    fastest = Fastest.of(study, rows)
+    criterion = fastest.criterion
+    result = fastest.result
     columns: list[str | Column] = [
         "run",
         Column("speed [mm/s]"),
@@ -96,7 +101,7 @@ def _table(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row]) -> Table
 
 def _saturation(good: Sequence[Row]) -> list[str]:
     """Return a note of the speed from which a faster program does not shorten the job, if it was reached."""
-    saturation = saturation_of(good)
+    saturation = saturation_of(durations(good))
     if saturation is None:
         return []
     return [
@@ -106,8 +111,9 @@ def _saturation(good: Sequence[Row]) -> list[str]:
 
 
 def _draw_metric(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row]) -> Figure:
-    criterion = study.criterion
-    result = answer(study.tried(rows))
+    fastest = Fastest.of(study, rows)
+    criterion = fastest.criterion
+    result = fastest.result
     with sheet(9.0, 4.8) as figure:
         axes = figure.add_subplot()
         speeds = [speed_of(row) for row in good]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from gantrysim.study.cases import Row
@@ -23,9 +23,13 @@ class Saturation(NamedTuple):
     duration: float
 
 
-def saturation_of(good: Sequence[Row]) -> Saturation | None:
-    """Return the saturation of runs with values; None if their speeds do not reach it."""
-    durations = {speed_of(row): value for row in good if isinstance(value := row["duration_s"], float)}
+def durations(good: Sequence[Row]) -> dict[float, float]:
+    """Return the duration of each speed of runs with values [s], by the speed [mm/s]."""
+    return {speed_of(row): value for row in good if isinstance(value := row["duration_s"], float)}
+
+
+def saturation_of(durations: Mapping[float, float]) -> Saturation | None:
+    """Return the saturation of runs from the duration of each speed; None if the speeds do not reach it."""
     least = min(durations.values())
     enough = min(speed for speed, duration in durations.items() if duration <= _SATURATED * least)
     return None if enough == max(durations) else Saturation(enough, least)
