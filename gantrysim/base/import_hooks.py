@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
-from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from importlib.util import find_spec
 from types import ModuleType
+from typing import TYPE_CHECKING, Any, cast
+
+if TYPE_CHECKING:  # slow to import, and an interrupt before the command's first line is a traceback
+    from importlib.abc import Loader
 
 
 def when_imported(name: str, action: Callable[[ModuleType], object]) -> None:
@@ -24,7 +27,7 @@ def when_imported(name: str, action: Callable[[ModuleType], object]) -> None:
         sys.meta_path.insert(0, _Finder(name, action))
 
 
-class _Finder(MetaPathFinder):
+class _Finder:
     """Lets the other finders find a module, and calls a function after their loader has run it."""
 
     def __init__(self, name: str, action: Callable[[ModuleType], object]) -> None:
@@ -43,7 +46,7 @@ class _Finder(MetaPathFinder):
         finally:
             self._is_looking = False
         if spec is not None and spec.loader is not None:
-            spec.loader = _Loader(spec.loader, self._done)
+            spec.loader = cast(Any, _Loader(spec.loader, self._done))
         return spec
 
     def _done(self, module: ModuleType) -> None:
@@ -52,7 +55,7 @@ class _Finder(MetaPathFinder):
             self._action(module)
 
 
-class _Loader(Loader):
+class _Loader:
     """Loads a module as another loader does, and calls a function with it."""
 
     def __init__(self, loader: Loader, action: Callable[[ModuleType], object]) -> None:

@@ -27,7 +27,7 @@ from gantrysim.cli.options import AllowCode
 from gantrysim.cli.render import render as render_command
 from gantrysim.cli.run import run
 from gantrysim.cli.study import study_app
-from gantrysim.cli.terminal import INPUT_ERROR, show, spell_out, tell_compiling, warn
+from gantrysim.cli.terminal import INPUT_ERROR, interruptible, show, spell_out, tell_compiling, warn
 from gantrysim.cli.tune import tune
 from gantrysim.cli.view import view
 
@@ -48,7 +48,7 @@ class _Commands(TyperGroup):
             return super().make_context(*arguments, **named)
 
     def invoke(self, ctx: Any) -> Any:
-        with _reported():
+        with _reported(), interruptible():
             return super().invoke(ctx)
 
 

@@ -101,8 +101,9 @@ def run(
     output folder unchanged before the simulation is complete, and keeps its record and summary from then on.
     """
     from gantrysim.base.memory import starting
+    from gantrysim.base.signals import ending_at_once
 
-    with starting():
+    with starting(), ending_at_once():
         from gantrysim.cli.evaluation import Wanted
         from gantrysim.job.job import Job
         from gantrysim.job.plan import speed_note

@@ -22,9 +22,11 @@ def main() -> None:
     open_streams()
     # the matrices are small: threads would only wait for one another, a thousand times as long on busy cores
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # of processes that this one starts, such as a study's workers: they import nothing from the working folder either
+    os.environ["PYTHONSAFEPATH"] = "1"
     from gantrysim.base.memory import starting
 
-    with starting():
+    with starting(), signals.ending_at_once():
         from gantrysim.cli.main import main
 
     global _left
