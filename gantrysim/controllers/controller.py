@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pathlib
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -34,6 +35,8 @@ class Controller(ABC):
         suffixes: suffixes of the program files that the controller reads by default.
         text_argument: name of the argument that takes the content of a program file.
         ramp_arguments: dotted names of the arguments that limit acceleration and jerk; all may be scaled by one factor.
+        loop_words: regular expression of the words that begin a loop in the program's text, in a language that runs its
+            lines while the axes move; empty for any other.
         corner_argument: dotted name of the argument that rounds corners, more strongly the larger it is; None for a
             controller without one.
     """
@@ -42,6 +45,7 @@ class Controller(ABC):
     commands_axes: ClassVar[bool] = False
     suffixes: ClassVar[tuple[str, ...]] = ()
     text_argument: ClassVar[str] = "text"
+    loop_words: ClassVar[str] = ""
     ramp_arguments: ClassVar[tuple[str, ...]] = ()
     corner_argument: ClassVar[str | None] = None
 
@@ -111,6 +115,20 @@ class Controller(ABC):
         Args:
             arguments: all arguments of the program; the controller may refuse them.
         """
+        return None
+
+    def loop_line(self) -> tuple[int, str] | None:
+        """Return number and text of the line that begins the first loop in the program's text; None without one.
+
+        The text alone sets the time of its passes: no argument does.
+        """
+        text = getattr(self, self.text_argument, None)
+        if not self.loop_words or not isinstance(text, str):
+            return None
+        for number, line in enumerate(text.splitlines(), start=1):
+            code = line.partition("'")[0]
+            if re.search(self.loop_words, code, re.IGNORECASE):
+                return number, code.strip()
         return None
 
     @property

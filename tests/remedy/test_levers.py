@@ -1,11 +1,15 @@
 """Each lever with a job where it must help, and one where it must not apply, with its reason."""
 
+from dataclasses import replace
+
 import pytest
 
 from gantrysim import Job
+from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.remedy.lever import State
 from gantrysim.remedy.levers import LEVERS
 from gantrysim.remedy.levers.speed import speed_changes
+from gantrysim.remedy.levers.valve import compensations
 from gantrysim.results.score import usage_of
 
 from support.remedies import (
@@ -258,3 +262,17 @@ def test_the_needle_is_up_between_the_codes_of_the_valve():
     assert z[setpoints.dispense].max() == pytest.approx(0, abs=1e-9)
     assert z[moves].min() > 1  # the corner between lifting and moving is rounded
     assert z.max() == pytest.approx(3)
+
+
+def test_a_loop_in_a_text_is_named_where_no_key_varies_it():
+    text = "SPEED=50\nMOVE(20,0)\nREPEAT\n  WA(50)\nUNTIL MTYPE=0"
+    job = Job.of_content(content_of({"controller": "trio.Basic", "text": text}), "job small")
+    for name in ("loop period", "exact waits"):
+        assert settings_of(name, job) == "the program's own loop, line 3, REPEAT, stands in its text"
+
+
+def test_a_compensation_may_be_each_time_constant_itself():
+    """Opening 30 ms, closing 15 ms, dead time 6 ms: both, the longer with the dead time, and a mean of the extremes."""
+    dispenser = Dispenser(area=1.7, dead_time=0.006, opening=0.03, closing=0.015)
+    assert compensations(dispenser) == [0.015, 0.0255, 0.03, 0.036]
+    assert compensations(replace(dispenser, advance=0.03)) == [0.015, 0.0255, 0.036]

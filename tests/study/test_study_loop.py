@@ -25,6 +25,7 @@ from gantrysim.study.loop import (
     SWEEPS,
     LoopStudy,
 )
+from gantrysim.study.loop.answer import question
 from gantrysim.study.loop.report import report
 from gantrysim.study.loop.trends import Convergence, convergence, crossing, knee, loop_knee, power
 
@@ -172,6 +173,28 @@ def test_a_program_without_a_loop_has_no_loop_sweeps():
     assert empty.details.notes == [
         "fanuc.Program has no program loop: the sweeps of loop period and interpreter time are left out."
     ]
+
+
+TEXT_LOOP = """' a comment of a FOR loop
+SPEED=60: ACCEL=800: DECEL=800
+MOVE(80,0)
+REPEAT
+  SPEED=60
+  WA(50)
+UNTIL MTYPE=0
+"""
+
+
+def test_a_loop_in_a_text_cannot_be_varied_and_what_can_is_named():
+    program = {"controller": "trio.Basic", "text": TEXT_LOOP}
+    job = Job.of_content({"name": "text", "program": program}, "job text")
+    empty = report(LoopStudy(job), [])
+    assert empty.question == "Which loop period does this job need?"
+    assert empty.answer.startswith("Not known: the program's own loop, line 4, REPEAT, stands in its text, and no key")
+    assert "What can be varied is servo.period and servo.resolution." in empty.answer
+    assert empty.details.notes[0].startswith("trio.Basic has its loop in its text")
+    straight = job.changed({"program.text": "SPEED=60: ACCEL=800: DECEL=800\nMOVE(80,0)\n"})
+    assert question(LoopStudy(straight)) == "Which servo period does this job need?"
 
 
 class OtherLoop(SpiralTheory):

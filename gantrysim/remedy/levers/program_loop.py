@@ -8,7 +8,6 @@ from gantrysim.remedy.levers.numbers import milliseconds, rounded
 from gantrysim.results.verdict import GLUE, PATH
 
 _PERIODS = (2.0, 0.5, 0.2, 0.1, 0.05)  # of the present one
-_NO_LOOP = "the program commands its path without a loop"
 
 
 def _theory(state: State) -> LoopTheory | None:
@@ -16,9 +15,18 @@ def _theory(state: State) -> LoopTheory | None:
     return type(controller).loop_theory(controller.arguments())
 
 
+def _no_loop(state: State) -> str:
+    """Return why a program has no loop that can be varied."""
+    loop = state.job.controller.loop_line()
+    if loop is None:
+        return "the program commands its path without a loop"
+    number, line = loop
+    return f"the program's own loop, line {number}, {line}, stands in its text"
+
+
 def _periods(state: State) -> list[Setting] | str:
     if _theory(state) is None:
-        return _NO_LOOP
+        return _no_loop(state)
     period = float(state.job.program["loop_period"])
     if not period:
         return "the program is the continuous limit of its loop"
@@ -29,7 +37,7 @@ def _periods(state: State) -> list[Setting] | str:
 def _waits(state: State) -> list[Setting] | str:
     theory = _theory(state)
     if theory is None:
-        return _NO_LOOP
+        return _no_loop(state)
     if not theory.wait_resolution:
         return "the loop's waits are exact"
     return [

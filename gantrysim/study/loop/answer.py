@@ -94,6 +94,8 @@ class SweepVerdicts:
 
 def question(study: LoopStudy) -> str:
     """Return the question, by whether the program has a loop."""
+    if study.job.controller.loop_line() is not None:
+        return f"Which {LEVERS['loop_period'].noun} does this job need?"
     return f"Which {LEVERS[main_sweep(study)].noun} does this job need?"
 
 
@@ -135,7 +137,20 @@ def loop_answer(study: LoopStudy, rows: Sequence[Row], knees: dict[str, str]) ->
     if knees:
         texts = [f"{name} {value}" for name, value in knees.items()]
         clauses.append(f"the contour error has knees at {', '.join(texts)}")
-    return f"{'; '.join(clauses)}."
+    return f"{_text_loop(study)}{'; '.join(clauses)}."
+
+
+def _text_loop(study: LoopStudy) -> str:
+    """Return that the loop in the program's text cannot be varied, and what can; empty without such a loop."""
+    loop = study.job.controller.loop_line()
+    if loop is None:
+        return ""
+    number, line = loop
+    return (
+        f"Not known: the program's own loop, line {number}, {line}, stands in its text, and no key of the job sets the "
+        "time of its passes. Change the text and compare the runs: gantrysim compare. What can be varied is "
+        f"{LEVERS['servo_period'].key} and {LEVERS['encoder_resolution'].key}. "
+    )
 
 
 def _main(study: LoopStudy, sweeps: dict[str, SweepVerdicts], main: str) -> str:

@@ -57,7 +57,8 @@ def _notes(study: LoopStudy, rows: Sequence[Row]) -> list[str]:
         notes.append(f"More than {_PER_CENT * _SENSITIVE:.0f} % off due to the physics step: {', '.join(moved)}.")
     if study.theory is None:
         controller = study.job.program["controller"]
-        notes.append(f"{controller} has no program loop: the sweeps of loop period and interpreter time are left out.")
+        reason = "has no program loop" if study.job.controller.loop_line() is None else "has its loop in its text"
+        notes.append(f"{controller} {reason}: the sweeps of loop period and interpreter time are left out.")
     if failed := sum(row["status"] != OK for row in rows):
         notes.append(f"{failed} of {len(rows)} cases have no values: refused by the controller, or ended by a fault.")
     return notes

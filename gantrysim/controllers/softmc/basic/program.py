@@ -56,6 +56,7 @@ class Basic(Controller):
     """
 
     speed_scaling: ClassVar[str] = "the controller's velocity override, on all speeds of the program"
+    loop_words: ClassVar[str] = r"^\s*(?:While|For|Do)\b"
     suffixes: ClassVar[tuple[str, ...]] = (".prg",)
 
     text: str

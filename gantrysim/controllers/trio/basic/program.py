@@ -107,6 +107,7 @@ class Basic(Controller):
     """
 
     speed_scaling: ClassVar[str] = "numbers that the program assigns to SPEED, changed in one proportion"
+    loop_words: ClassVar[str] = r"\b(?:REPEAT|WHILE|FOR)\b"
     suffixes: ClassVar[tuple[str, ...]] = (".bas",)
 
     text: str

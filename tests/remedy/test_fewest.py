@@ -1,0 +1,141 @@
+"""Fewest levers that pass, and one lever for one value: on sums that are known, and on a real job."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from gantrysim import Job
+from gantrysim.remedy.combination import Combinations, Pick
+from gantrysim.remedy.fewest import MOST_MOTIONS, fewest_levers
+from gantrysim.remedy.improve import improve
+from gantrysim.remedy.lever import Lever, Setting, State
+from gantrysim.remedy.levers.speed import FASTER, SLOWER
+from gantrysim.remedy.levers.valve import LAG_COMPENSATION
+from gantrysim.remedy.merging import merged
+
+from support.remedies import AREA, LAG, SIDES, lines_job, outcome
+
+
+class SumJob:
+    """A job that is the sum of its settings."""
+
+    def __init__(self, values=()):
+        self.values = values
+
+    def changed(self, changes):
+        return SumJob((*self.values, *changes.values()))
+
+
+def lever(name, *values):
+    return Lever(name, "", "", ("path",), lambda state: [Setting(str(value), {name: value}) for value in values])
+
+
+def sums(passes, duration=lambda values: 1.0, runs=None):
+    """Combinations of levers that pass by their values."""
+
+    def measure(job):
+        if runs is not None:
+            runs.append(job.values)
+        burden = 0.0 if passes(job.values) else 1.0
+        return SimpleNamespace(burden=burden, duration=duration(job.values), verdict=None)
+
+    return Combinations(
+        State(SumJob(), measure), lambda jobs: [measure(job) for job in jobs], lambda _: {"path"}, lambda job: job
+    )
+
+
+def labels(picks):
+    return [(pick.lever.name, pick.setting) for pick in picks]
+
+
+ONE, TWO, THREE = lever("one", 1, 4), lever("two", 2, 8), lever("three", 3)
+GREEDY = [Pick(ONE, "1"), Pick(TWO, "2"), Pick(THREE, "3")]
+
+
+def test_fewer_levers_with_other_settings_replace_a_combination():
+    """1 + 2 + 3 passes from 6 on, as 8 alone does."""
+    combinations = sums(lambda values: sum(values) >= 6)
+    assert labels(fewest_levers(combinations, GREEDY, repr)) == [("two", "8")]
+
+
+def test_of_as_few_levers_the_shortest_run_is_taken():
+    combinations = sums(lambda values: sum(values) >= 11, duration=lambda values: 1.0 + 0.2 * (3 in values))
+    picks = [Pick(ONE, "4"), Pick(TWO, "8"), Pick(THREE, "3")]
+    assert labels(fewest_levers(combinations, picks, repr)) == [("one", "4"), ("two", "8")]
+
+
+def test_fewer_levers_that_take_longer_are_not_taken():
+    combinations = sums(lambda values: sum(values) >= 6, duration=lambda values: 2.0 - 0.1 * len(values))
+    assert labels(fewest_levers(combinations, GREEDY, repr)) == labels(GREEDY)
+
+
+def test_a_combination_that_does_not_pass_stays():
+    assert labels(fewest_levers(sums(lambda values: False), GREEDY, repr)) == labels(GREEDY)
+
+
+def test_too_many_motions_are_not_simulated():
+    runs = []
+    many = lever("many", *range(1, MOST_MOTIONS + 2))
+    combinations = sums(lambda values: sum(values) >= 100, runs=runs)
+    picks = [Pick(many, "60"), Pick(lever("other", 40), "40")]
+    assert labels(fewest_levers(combinations, picks, lambda job: str(job.values))) == labels(picks)
+    assert len(runs) <= 4
+
+
+def real(text=SIDES, **tables):
+    job = lines_job(text, **tables)
+    return Combinations(State(job, outcome), lambda jobs: list(map(outcome, jobs)), lambda _: {"glue"}, lambda job: job)
+
+
+@pytest.mark.parametrize(("first", "second", "shown"), [("1.41", "0.84", "× 1.184"), ("1.41", "0.5", "× 0.705")])
+def test_two_factors_of_the_speed_are_one(first, second, shown):
+    combinations = real()
+    picks = [Pick(FASTER, f"× {first}"), Pick(SLOWER, f"× {second}")]
+    (pick,) = merged(combinations, picks)
+    assert (pick.setting, pick.lever.name) == (shown, "faster" if float(shown[2:]) > 1 else "slower")
+    job = combinations.state_of([pick]).job
+    assert job.program["feed_override"] == float(shown[2:])
+    assert job.program["feed_override"] == pytest.approx(combinations.state_of(picks).job.program["feed_override"])
+
+
+def test_two_levers_of_a_compensation_are_one():
+    """The second sets what the first compensates already."""
+
+    def settings(state):
+        return [
+            Setting(f"{advance} s", {"dispenser.area": AREA, "dispenser.advance": advance}) for advance in (0.02, 0.025)
+        ]
+
+    both = Lever("both", "", "", ("glue",), settings)
+    combinations = real(dispenser={"flow": 0.0, "area": 1.0, **LAG})
+    picks = merged(combinations, [Pick(both, "0.02 s"), Pick(LAG_COMPENSATION, "25 ms")])
+    assert labels(picks) == [("both", "0.025 s")]
+
+
+def test_levers_of_different_values_stay():
+    combinations = real(dispenser={"area": AREA, **LAG})
+    picks = [Pick(LAG_COMPENSATION, "20 ms"), Pick(SLOWER, "× 0.5")]
+    assert labels(merged(combinations, picks)) == labels(picks)
+
+
+ROUNDED = """
+Move G1 {25, 10}
+Circle G1 Angle=-150 CircleCenter={25, -5}
+Move G1 {-10, -30}
+Move G1 {-30, 10}
+"""
+
+
+def test_a_real_job_passes_with_two_levers():
+    """A fixed flow through a valve that opens in 30 ms: in proportion to the speed and compensated, with faster ramps.
+
+    A greedy combination has five levers, and runs at 0.71 of the speed.
+    """
+    program = {"controller": "softmc.Program", "start": [-30.0, 10.0], "program": ROUNDED}
+    program["group"] = {"velocity": 95.0, "acceleration": 1800.0}
+    valve = {"flow": 160.0, "dead_time": 0.006, "opening": 0.03, "closing": 0.015}
+    content = {"name": "valve", "machine": "xy", "program": program, "servo": {"period": 0.001}, "dispenser": valve}
+    result = improve(Job.of_content(content, "job valve"))
+    assert result.improved.state == "pass"
+    assert [trial.lever.name for trial in result.combination] == ["flow by speed", "acceleration"]
+    assert result.after.duration < result.before.duration
