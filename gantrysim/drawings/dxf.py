@@ -132,7 +132,7 @@ def _strokes(reading: _Reading, entities: Any, block: _Block | None, depth: int)
         elif kind == "INSERT":
             references = entity.multi_insert() if entity.mcount > 1 else (entity,)
             for reference in references:
-                yield from _strokes(reading, reference.virtual_entities(), inherited, depth + 1)
+                yield from _referenced(reading, reference, inherited, depth + 1)
             reading.ignored.update(["ATTRIB"] * len(entity.attribs))
         else:
             names = frozenset({layer.lower()}) | inherited.colours
@@ -149,6 +149,21 @@ def _strokes(reading: _Reading, entities: Any, block: _Block | None, depth: int)
                 reading.ignored[kind] += 1
             else:
                 yield stroke
+
+
+def _referenced(reading: _Reading, reference: Any, inherited: _Block, depth: int) -> Iterator[Stroke]:
+    """The strokes of a block at a reference; programs for plane drawings scale its height by 0."""
+    dxf = reference.dxf
+    if dxf.xscale == 0 or dxf.yscale == 0:
+        reading.without_extent.append(f"INSERT {dxf.get('handle') or ''}".strip())
+        return
+    if dxf.zscale != 0:
+        yield from _strokes(reading, reference.virtual_entities(), inherited, depth)
+        return
+    dxf.zscale = dxf.xscale  # ezdxf divides by it
+    height = _vector(reference.ocs().to_wcs(dxf.insert))[2]
+    for stroke in _strokes(reading, reference.virtual_entities(), inherited, depth):
+        yield stroke.moved(lambda points: np.concatenate([points[..., :2], np.full_like(points[..., 2:], height)], -1))
 
 
 def _has_no_extent(entity: Any) -> bool:

@@ -272,3 +272,22 @@ def test_an_arc_of_svg_without_a_radius_is_a_straight_line():
     for radii in ("0 0", "0 5", "5 0"):
         read = Drawing(svg(f'<path d="M1 1A{radii} 0 0 1 5 4"/>'))
         assert read.requested.length == pytest.approx(5)
+
+
+def test_blocks_whose_heights_are_scaled_by_0_are_traced_flat():
+    """Programs for plane drawings write references with a z scale of 0; one with an x scale of 0 has no extent."""
+    raised = line((0.0, 0.0, 4.0), (10.0, 0.0, 7.0))
+    place = ((10, 0.0), (20, 0.0), (30, 0.0))
+    block = group((0, "BLOCK"), (8, "0"), (2, "B"), (70, 0), *place) + raised + circle((0.0, 0.0), 2.0)
+    block += group((0, "ENDBLK"), (8, "0"))
+
+    def reference(x, scales):
+        given = zip((41, 42, 43), scales, strict=True)
+        return group((0, "INSERT"), (8, "0"), (2, "B"), (10, x), (20, 5.0), (30, 1.0), *given)
+
+    read = Drawing(dxf(reference(20.0, (2.0, 2.0, 0.0)), reference(90.0, (0.0, 1.0, 1.0)), blocks=block))
+    straight, ring = (stroke.shapes for stroke in read.sheet.strokes)
+    np.testing.assert_allclose(straight[0].ends, [(20, 5, 1), (40, 5, 1)], atol=1e-12)
+    assert np.linalg.norm(ring[0].u) == pytest.approx(4)
+    assert ring[0].circular
+    assert [remark for remark in read.sheet.remarks if remark.startswith("not traced, as they have no extent: INSERT")]
