@@ -29,6 +29,7 @@ class OpenValues(NamedTuple):
         height: whether the height of a program from a file is.
         place: whether its place in the plane is.
         travel: whether the travel of the machine is.
+        gap: whether the height of the needle above the work is, where the height of a program from a file is given.
         speeds: whether the largest speeds of the program's axes are.
         dialect: what a program file was recognised as by its content; None where suffix or caller decides.
     """
@@ -39,6 +40,7 @@ class OpenValues(NamedTuple):
     height: bool
     place: bool
     travel: bool
+    gap: bool
     speeds: bool
     dialect: Recognised | None
 
@@ -57,6 +59,7 @@ class OpenValues(NamedTuple):
             height="source" in content and "z" not in program.get("placement", {}),
             place="source" in content and not {"x", "y"} & set(program.get("placement", {})),
             travel="machine" not in content and "travel" not in content,
+            gap="source" in content and "z" in program.get("placement", {}) and "gap" not in content.get("bead", {}),
             speeds="axis_speeds" not in program,
             dialect=dialect,
         )
@@ -95,18 +98,27 @@ def needle_area(machine: Machine, needle: Needle | None, bead: BeadSettings) -> 
     """Return the largest cross-section of a bead that the needle's face presses flat, to three digits [mm²].
 
     More would rise beside the needle and leave a groove; less leaves the bead narrower. A machine that draws no needle
-    has the default one.
+    has the default one. It is the section under the needle at the machine's zero: one that runs higher or lower lays
+    the same glue.
     """
     drawn_face = Needle().face if machine.needle is None else machine.needle[0]
     face = drawn_face if needle is None else needle.face
-    gap = machine.gap if bead.gap is None else bead.gap
     # a nozzle that hangs high above the work at home is lowered by its program; a bead is no higher than its needle
+    is_high = machine.gap > face
+    gap = bead.gap if is_high and bead.gap is not None else machine.gap
     section = Section.pressed_flat(min(gap, face), bead.contact_angle, face)
     return float(f"{section.area[0]:.3g}")
 
 
-def choice_note(open_values: OpenValues, job: JobContent, controller: Controller) -> str:
-    """Return one sentence on what was chosen, and how to choose otherwise; empty where nothing was."""
+def choice_note(open_values: OpenValues, job: JobContent, controller: Controller, gap: float) -> str:
+    """Return one sentence on what was chosen, and how to choose otherwise; empty where nothing was.
+
+    Args:
+        open_values: what nobody gave.
+        job: with the choices.
+        controller: with its program.
+        gap: height of the machine's needle above the work at its zero [mm].
+    """
     parts = []
     if open_values.dialect is not None:
         controller_name, reason = open_values.dialect
@@ -118,9 +130,10 @@ def choice_note(open_values: OpenValues, job: JobContent, controller: Controller
         parts.append(f"its travel made {ways}, as large as the program, with the same masses and stiffness")
     if open_values.glue:
         area = job.dispenser.area
+        where = f" {gap:.4g} mm above the work" if job.bead.gap is not None else ""
         parts.append(
-            f"glue {area:g} mm² times path speed{_flow_text(job, controller)}, what the needle presses flat, none at "
-            f"standstill (--set dispenser.area={area:g} or --set dispenser.flow=100)"
+            f"glue {area:g} mm² times path speed{_flow_text(job, controller)}, what the needle presses flat{where}, "
+            f"none at standstill (--set dispenser.area={area:g} or --set dispenser.flow=100)"
         )
     if open_values.integral_time:
         parts.append(
@@ -133,11 +146,17 @@ def choice_note(open_values: OpenValues, job: JobContent, controller: Controller
             f"program shifted by x {shift[0]:g}, y {shift[1]:g} mm, to the middle of the travel (--at 0,0 for its own "
             "place)"
         )
+    if open_values.gap and job.bead.gap is not None:
+        parts.append(
+            f"needle {job.bead.gap:g} mm above the work, as placement.z leaves the lowest bead there (--set bead.gap "
+            "where the surface lies higher)"
+        )
     rise = placement.get("z", 0.0)
     if open_values.height and rise:
         parts.append(
             f"program {'raised' if rise > 0 else 'lowered'} by {abs(rise):g} mm, so that its lowest bead lies on the "
-            "work (--set program.placement.z=0 for its own heights)"
+            f"work, the needle {gap if job.bead.gap is None else job.bead.gap:.4g} mm above it (--set "
+            "program.placement.z=0 for its own heights)"
         )
     return f"chosen, as nothing was given: {'; '.join(parts)}" if parts else ""
 

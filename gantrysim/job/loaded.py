@@ -124,7 +124,7 @@ class LoadedJob(JobContent):
         if not is_code(name):
             changes = fit_changes(job, job.built_machine, job.controller, open_values)
             job = job.changed(changes).sharing(job) if changes else job
-        note = choice_note(open_values, job, job.controller)
+        note = choice_note(open_values, job, job.controller, job.built_machine.gap)
         return job.with_choice(note) if note else job
 
     def at_speed(self, speed: float) -> Self:

@@ -19,6 +19,7 @@ from gantrysim.record.setpoints import Setpoints
 
 _DECIMALS = 4  # of a height [mm]
 _Z = 2  # column of a position
+_FLAT = 1e-3  # of a height that is the same [mm]
 _ROOM = 0.5  # left at both ends of a travel where a program is moved to its middle [mm]
 # steps of a travel that is made for a program, and room at its ends, in which an axis may overshoot [mm]
 _STEP = 10.0
@@ -39,6 +40,10 @@ class OpenPlace(Protocol):
     @property
     def travel(self) -> bool:
         """The travel of the machine."""
+
+    @property
+    def gap(self) -> bool:
+        """The height of the needle above the work, where that of the program is given."""
 
     @property
     def speeds(self) -> bool:
@@ -108,7 +113,8 @@ def place_changes(job: JobContent, machine: Machine, controller: Controller, ope
     first layer lies above its bed, or a machine's own frame then lays its bead on the work. A plunge may begin
     anywhere, but where the travel ends above the lowest point of the dispenser, that point lies on the work. A start
     below is raised to it. A program that leaves the travel in the plane is moved to its middle; where it is larger, or
-    higher, the machine gets the travel that it needs.
+    higher, the machine gets the travel that it needs. A program that is given another height than that runs with its
+    needle so much higher or lower above the work.
 
     Args:
         job: on a machine of Cartesian axes; any other is left as it is, and so is the user's own controller.
@@ -121,7 +127,7 @@ def place_changes(job: JobContent, machine: Machine, controller: Controller, ope
     """
     if is_code(job.program["controller"]) or job.machine not in MACHINES or not hasattr(controller, "placement"):
         return {}
-    if not (open_place.height or open_place.place):
+    if not (open_place.height or open_place.place or open_place.gap):
         return {}
     setpoints = controller.setpoints(job.servo.period)
     travel = {axis.name: axis.travel for axis in machine.plain_axes}
@@ -134,6 +140,8 @@ def place_changes(job: JobContent, machine: Machine, controller: Controller, ope
         if rise:
             changes = _raised(controller, rise)
         box["z"] = (box["z"][0] + rise, box["z"][1] + rise)
+    if open_place.gap and "z" in box:
+        changes = _gap_changes(job.machine, machine.gap, setpoints)
     shift = _shift(box, travel) if open_place.place else {}
     changes |= {f"program.placement.{axis}": value for axis, value in shift.items()}
     if not open_place.travel:
@@ -144,6 +152,20 @@ def place_changes(job: JobContent, machine: Machine, controller: Controller, ope
     if outside:
         changes["travel"] = {axis: _wide(box[axis], travel[axis]) for axis in outside}
     return changes
+
+
+def _gap_changes(name: str, gap: float, setpoints: Setpoints) -> dict[str, Any]:
+    """Return the needle's height above the work where a program is given another height than `place_changes` gives it.
+
+    Args:
+        name: of the machine.
+        gap: of the machine [mm].
+        setpoints: of the program.
+    """
+    lowest_travel = next(axis.travel[0] for axis in Machine(name).plain_axes if axis.name == "z")
+    height = round(gap - _rise(_heights(setpoints), lowest_travel), _DECIMALS)
+    is_another = abs(height - gap) > _FLAT
+    return {"bead.gap": height} if is_another and height > 0 else {}
 
 
 def _box(setpoints: Setpoints) -> dict[str, tuple[float, float]]:

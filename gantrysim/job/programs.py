@@ -5,6 +5,8 @@ from __future__ import annotations
 import inspect
 import math
 import re
+import sys
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
@@ -241,7 +243,9 @@ def dotted(table: type[Any], prefix: str = "") -> tuple[str, ...]:
 
 
 def described(described_object: object) -> dict[str, str]:
-    """Return the description of every field or argument in a docstring."""
+    """Return the description of every field or argument in a docstring; empty ones where Python drops docstrings."""
+    if sys.flags.optimize > 1:
+        return defaultdict(str)
     listed = re.split(r"\n(?:Args|Attributes):\n", inspect.getdoc(described_object) or "")[-1].split("\n\n")[0]
     entries = re.split(r"\n {4}(?=\w+: )", "\n" + listed)[1:]
     return {name: " ".join(text.split()) for name, text in (entry.split(": ", 1) for entry in entries)}

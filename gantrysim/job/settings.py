@@ -45,7 +45,7 @@ _NAMES_OF_LAWS = (
 def _keywords() -> dict[str, Any]:
     """Return type, default and meaning of the keywords of `Servo.derive`, from its signature and docstring."""
     hints = get_type_hints(Servo.derive)
-    meanings = {**described(Servo.derive), "law": _NAMES_OF_LAWS}
+    meanings = described(Servo.derive) | {"law": _NAMES_OF_LAWS}
     parameters = signature(Servo.derive).parameters.values()
     return {
         parameter.name: (

@@ -1,12 +1,21 @@
 """Input at the edges: home folders that do not exist, extreme numbers, deep nesting, other people's settings."""
 
+import subprocess
+import sys
+import tracemalloc
+
 import numpy as np
 import pytest
 
+from gantrysim import InputError, Job, Machine, Run
+from gantrysim.base.toml_files import read_text
 from gantrysim.cli import study, terminal
 from gantrysim.plots.style import sheet
 from gantrysim.report.document import Table
 
+from support.studies import SHORT
+
+QUICK = [*(word for setting in SHORT for word in ("--set", setting)), "--no-video", "--no-report", "--no-improve"]
 LINES = {
     "job in a home": (["check", "~nobody-here/x.toml"], "~nobody-here/x.toml: no such home folder"),
     "output in a home": (["run", "an225", "--out", "~nobody-here/x"], "~nobody-here/x: no such home folder"),
@@ -101,3 +110,35 @@ def test_no_number_of_a_study_is_cut_in_a_narrow_terminal(monkeypatch, capsys, c
     for row in rows:
         assert [word for word in words if word in row] == row
     assert words.count("quantity") == 12
+
+
+def test_the_command_works_where_python_drops_docstrings(tmp_path):
+    words = ["run", "an225", *QUICK, "--out", "out"]
+    for arguments in (["info", "servo.damping"], ["info", "keys"], ["info", "gains"], words):
+        command = [sys.executable, "-OO", "-m", "gantrysim", *arguments]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (0, ""), arguments
+    assert (tmp_path / "out" / "summary.json").exists()
+
+
+@pytest.mark.parametrize("name", ["a\0b", "a\0b.toml", "a\0b.ngc"])
+def test_a_path_with_a_zero_character_is_one_line(name):
+    said = r"^'a\\x00b.*': has a zero character, which no path can have$"
+    with pytest.raises(InputError, match=said):
+        Job.load(name)
+    with pytest.raises(InputError, match=r"has a zero character"):
+        Run.load(name)
+    with pytest.raises(InputError, match=r"has a zero character"):
+        Machine(name)
+
+
+def test_a_small_file_takes_little_memory(tmp_path):
+    """Where the address space is limited, and a file could be long."""
+    file = tmp_path / "a.txt"
+    file.write_text("x" * 400)
+    tracemalloc.start()
+    try:
+        assert read_text(file) == "x" * 400
+        assert tracemalloc.get_traced_memory()[1] < 1 << 22
+    finally:
+        tracemalloc.stop()

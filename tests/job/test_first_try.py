@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gantrysim import Budget, InputError, Job
+from gantrysim import Bead, Budget, InputError, Job
 from gantrysim.bead.section import Section
 from gantrysim.job.defaults import INTEGRAL_TIME, MACHINES, smallest_machine
 from gantrysim.job.loading import builtin_jobs
@@ -182,7 +182,36 @@ def test_a_program_of_any_height_lays_its_lowest_bead_on_the_work(height, tmp_pa
     if height:
         word = "raised" if height < 0 else "lowered"
         assert f"program {word} by {abs(height):g} mm" in note
-        assert "--set program.placement.z=0 for its own heights" in note
+        assert "program.placement.z=0 for its own heights" in note
+
+
+@pytest.mark.parametrize("options", [["bead.gap=0.9"], ["program.placement.z=0.1"]])
+def test_a_needle_that_runs_higher_lays_the_same_glue(options, tmp_path):
+    """The needle of the machine is 0.5 mm above the work, and the program's bead at -0.3 mm: 0.4 mm higher either way.
+
+    A sessile bead of 60 deg of that section is W = sqrt(8 sin^2 A / (2 a - sin 2 a)) wide.
+    """
+    text = RAISED.replace("Z0", "Z0.3")
+    file = written(tmp_path, text)
+    usual = Job.load(file)
+    higher = Job.load(file, options)
+    assert usual.bead.gap is None
+    assert higher.bead.gap == pytest.approx(0.9)
+    assert higher.dispenser == usual.dispenser
+    (note,) = choice_of(higher)
+    assert "what the needle presses flat 0.5 mm above the work" in note
+    bead = Bead(higher.follow(), higher.bead)
+    angle = math.radians(60)
+    sessile = math.sqrt(8 * math.sin(angle) ** 2 * usual.dispenser.area / (2 * angle - math.sin(2 * angle)))
+    assert float(bead.nominal_section.width[0]) == pytest.approx(sessile, rel=1e-3)
+    assert float(bead.nominal_section.height[0]) < 0.9
+
+
+def test_a_needle_at_the_height_of_the_choice_is_that_of_the_machine(tmp_path):
+    file = written(tmp_path, RAISED.replace("Z0", "Z0.3"))
+    assert Job.load(file, ["program.placement.z=-0.3"]).bead.gap is None
+    assert Job.load(file, ["program.placement.z=-0.4"]).bead.gap == pytest.approx(0.4)
+    assert Job.load(file, ["program.placement.z=0", "bead.gap=0.3"]).bead.gap == 0.3
 
 
 def test_a_height_that_is_given_is_kept(tmp_path):

@@ -3,6 +3,7 @@
 import shlex
 import tomllib
 from functools import cache
+from types import SimpleNamespace
 
 import pytest
 
@@ -334,6 +335,21 @@ def test_the_section_of_a_report():
     assert nothing.code is None
     assert "fastest" not in unchanged.facts()
     assert comparison_of(unchanged) is None
+
+
+@pytest.mark.parametrize(
+    ("nominal", "dots", "text"),
+    [
+        (2.0, (4.0, 5.0), ""),
+        (2.4, (4.0, 5.0), "another bead: 2.4 mm² instead of 2 mm²"),
+        (2.0, (4.0,), "1 dots instead of 2"),
+        (2.0, (4.0, 6.0), "another volume of dots, +20.0 %"),
+        (2.0, (3.0, 5.5), "another volume of dots, -25.0 %"),
+    ],
+)
+def test_another_part_is_told_by_its_section_and_its_dots(nominal, dots, text):
+    before = SimpleNamespace(nominal=2.0, dots=(4.0, 5.0))
+    assert another_part(before, SimpleNamespace(nominal=nominal, dots=dots)) == text
 
 
 def test_a_result_shows_itself_in_a_notebook():

@@ -188,6 +188,8 @@ def test_the_worst_start_and_stop_of_several_strokes_are_told_with_their_places(
     start, stop = (only(row.checks, name) for name in ("start_length", "stop_length"))
     assert start.value == pytest.approx(3.0, abs=0.2)
     assert stop.value == pytest.approx(6.0, abs=0.2)
+    assert "missing" in start.quantity
+    assert "excess" in stop.quantity
     begins = [(0.0, 0.0), (30.0, 10.0)]
     ends = [(30.0, 0.0), (0.0, 10.0)]
     assert start.place.point[:2] == pytest.approx(begins[worse], abs=0.3)
