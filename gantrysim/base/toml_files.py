@@ -25,26 +25,27 @@ _INTEGERS = 1 << 63
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def read_text(file: Path, errors: str = "strict", label: str = "", most: int = _MOST) -> str:
+def read_text(file: Path, errors: str = "strict", label: str = "", most: int | None = None) -> str:
     """Return the text of a file in UTF-8.
 
     Args:
         file: to be read.
         errors: what becomes of bytes that are no text, as `open` takes it.
         label: of the file in errors; its path by default.
-        most: length that it may have [bytes].
+        most: length that it may have; by default that of a job or program [bytes].
 
     Raises:
         InputError: no regular file, or one that is too long.
         OSError: a file that cannot be read.
     """
+    longest = _MOST if most is None else most
     content = bytearray()
     with opened(file, label) as stream:
         # in parts: a call takes memory for as much as it is asked for
         while part := stream.read(_PART):
             content += part
-            if len(content) > most:
-                raise InputError(f"{label or file}: is longer than {most:.3g} bytes")
+            if len(content) > longest:
+                raise InputError(f"{label or file}: is longer than {longest:.3g} bytes")
     text = content.decode("utf-8", errors)
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
