@@ -58,7 +58,7 @@ class Program(Controller):
         rapid: speed of rapid moves, G00 [mm/min].
         acceleration: acceleration limit of each of x, y and z [mm/s²].
         end_point_tolerance: tolerance on a spiral's radius and height at its end, parameter 3471 [mm].
-        radius_tolerance: tolerance on an arc's radius at its end, parameter 3410 [mm].
+        radius_tolerance: tolerance on an arc's radius at its end, parameter 3410, and on R below half the chord [mm].
         clamp: feed limit by an arc's radius, parameters 1730 to 1732; none by default.
         feed_in_space: whether F includes the height of a helix or cone; it does not by default, an assumption.
         blend_time: duration of the moving average over commanded positions, rounded to whole setpoint periods; 0 for
