@@ -445,3 +445,16 @@ def test_places_along_an_arc_are_the_same_one_by_one(radius, begin, angle, clock
     arc = Arc(end, centre, clockwise, rise)
     s = np.linspace(0.0, 0.999, 40) * arc.length
     assert arc.displacements(s).T.tolist() == [list(arc.displacement(distance)) for distance in s.tolist()]
+
+
+def test_a_condition_that_cannot_come_about_is_refused_long_before_the_time_limit():
+    text = "BASE(0)\nSPEED=10\nMOVE(2)\nWAIT UNTIL MPOS>{}\nMOVE(2)"
+    said = r"^line 4: waits for 300 s while nothing moves: what it waits for must come about$"
+    with pytest.raises(InputError, match=said):
+        _ = basic(text.format(3)).setpoints(0.001)
+    assert basic(text.format(1)).setpoints(0.001).position[-1, 0] == pytest.approx(4)
+
+
+def test_a_wait_for_another_process_or_the_clock_is_none_for_ever():
+    setpoints = basic("SPEED=10\nMOVE(2)\nTICKS=200000\nWAIT UNTIL TICKS<0\nMOVE(2)").setpoints(0.001)
+    assert len(setpoints.position) > 200_000

@@ -17,6 +17,7 @@ from gantrysim.controllers.trio.basic.process import ProgramCode, State
 
 RECORDED = 4  # axes 0 to 3 can be those of the machine without being named
 _LONGEST = 1000  # servo periods passed at once
+_LONGEST_WAIT = 300.0  # for a condition, with all axes at rest [s]
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,7 @@ class _Run:
         state.run(name, 0.0)
         most = math.ceil(self._limits.time / motion.period)
         last = math.inf if math.isinf(self._limits.stop_after) else round(self._limits.stop_after / motion.period)
+        resting_since = 0
         while True:
             count = self._clock.count
             if state.tick >= last and not state.stopped:
@@ -114,6 +116,14 @@ class _Run:
                 raise InputError(
                     f"line {lines[-1]}: the program still runs after {self._limits.time:g} s: must end before, or "
                     "raise time_limit, or give stop_after to take the first seconds"
+                )
+            waits = is_settled and all(process.polls and process.blocked is not None for process in state.processes)
+            if not (waits and motion.resting(self._recorded)):
+                resting_since = state.tick
+            elif (state.tick - resting_since) * motion.period > _LONGEST_WAIT:
+                raise InputError(
+                    f"line {lines[-1]}: waits for {_LONGEST_WAIT:g} s while nothing moves: what it waits for must come "
+                    "about"
                 )
             ahead = self._undisturbed(most if state.stopped else min(most, last)) if is_settled else 1
             passed = motion.glide(ahead, self._recorded)
