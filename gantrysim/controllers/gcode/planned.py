@@ -225,8 +225,8 @@ def _rounded_corners(
     cut = float(distance[np.isinf(mode)].max(initial=0.0))
     bends = stopped & (angle < SHARPEST)
     roundable = bends & ~by_firmware & ~base.track.coil[:-1] & ~base.track.coil[1:]
-    counts = (int(which.sum()) for which in (stopped, roundable, bends & by_firmware))
-    return path, joint, Corners(*counts, small, cut)
+    stops, roundable_stops, firmware_stops = (int(which.sum()) for which in (stopped, roundable, bends & by_firmware))
+    return path, joint, Corners(stops, roundable_stops, firmware_stops, small, cut)
 
 
 def _pieces_after(
