@@ -116,8 +116,8 @@ def speed(figure: Figure) -> None:
         with (Path(folder) / "study.csv").open(encoding="utf-8", newline="") as stream:
             rows = [row for row in csv.DictReader(stream) if row["status"] == "ok"]
     speeds = np.array([float(row["speed_mm_s"]) for row in rows])
-    limits = ("path", "stability", "machine")
-    usage = np.array([max(float(row[f"{name}_limit_use_percent"]) for name in limits) for row in rows])
+    limits = ("path", "glue", "stability", "machine")
+    usage = np.array([max(float(row[f"{name}_limit_use_percent"] or "inf") for name in limits) for row in rows])
     order = speeds.argsort()
     axes = figure.add_subplot()
     axes.plot(speeds[order], usage[order], color=COLOURS["requested"], lw=1.2)

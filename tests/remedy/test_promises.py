@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gantrysim import Job
+from gantrysim import InputError, Job
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.remedy.improve import improve
 
@@ -61,3 +61,56 @@ def test_the_applied_job_keeps_the_promise(name, tmp_path):
     file = tmp_path / "better.toml"
     file.write_text(result.job.toml())
     same_values(verdict_of(Job.load(file)), result.improved)
+
+
+FANUC = "O1\nG21 G17 G90 G94\nG0 X0 Y0\nG1 X40 F3000\nG1 Y30\nG3 X30 Y40 R10\nG1 X0\nM30\n"
+# file name and text, or a name alone; options of the command; and the levers to try
+GIVEN = {
+    "a value": ("softmc-arc", None, {"options": ["dispenser.opening=0.03"]}, None),
+    "a speed": ("seal.ngc", None, {"speed": 40.0}, ["acceleration", "slower"]),
+    "a place": (
+        "seal.ngc",
+        None,
+        {"placement": {"x": -100.0, "y": -50.0, "z": -0.4}},
+        ["acceleration", "needle height"],
+    ),
+    "a needle's height": ("seal.ngc", None, {"options": ["bead.gap=0.7"]}, ["needle height", "slower"]),
+    "a controller": ("part.txt", FANUC, {"controller": "fanuc"}, ["acceleration", "slower"]),
+    "a text with speeds": ("part.nc", FANUC, {"options": ["machine=xyz"]}, ["slower"]),
+    "glue": ("zigzag.ngc", None, {"options": ["dispenser.flow=20"]}, ["flow by speed", "slower"]),
+}
+
+
+@pytest.mark.parametrize("name", GIVEN)
+def test_lines_beside_options_keep_the_promise(name, tmp_path):
+    file, text, given, levers = GIVEN[name]
+    program = PROGRAMS.get(file, tmp_path / file)
+    if text is not None:
+        program.write_text(text)
+    arguments = {key: value for key, value in given.items() if key != "options"}
+    result = improve(Job.load(program, given.get("options", ()), **arguments), levers=levers, fastest=False)
+    assert result.changes_anything
+    pasted = with_options(program, result.lines["command line"], given.get("options", ()), **arguments)
+    same_values(verdict_of(pasted), result.improved)
+    same_values(verdict_of(in_job_file(program, result.lines["job file"], tmp_path)), result.improved)
+
+
+def test_a_file_beside_a_text_is_refused(tmp_path):
+    """Lines with a text take the place of the table that names the file."""
+    (tmp_path / "part.nc").write_text(FANUC)
+    job = tmp_path / "mine.toml"
+    job.write_text(f'name = "mine"\n[program]\nfile = "part.nc"\nprogram = """\n{FANUC}"""\n')
+    with pytest.raises(InputError, match=r"program.file = 'part.nc' and program.program: must be one of the two"):
+        Job.load(job)
+
+
+def test_a_job_file_that_names_a_program_keeps_the_promise(tmp_path):
+    (tmp_path / "part.nc").write_text(FANUC)
+    job = tmp_path / "mine.toml"
+    job.write_text(
+        'name = "mine"\nmachine = "xyz"\n[program]\nfile = "part.nc"\n[dispenser]\narea = 1.0\nopening = 0.02\n'
+    )
+    result = improve(Job.load(job), levers=["slower", "lag compensation"], fastest=False)
+    assert result.changes_anything
+    same_values(verdict_of(in_job_file(job, result.lines["job file"], tmp_path)), result.improved)
+    same_values(verdict_of(with_options(job, result.lines["command line"])), result.improved)
