@@ -8,7 +8,7 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "gantrysim"
 LONGEST_FUNCTION = 60  # lines without the docstring: a screen
-LONGEST_MODULE = 300
+LONGEST_MODULE = 500
 MOST_PARAMETERS = 6  # self and cls not counted
 
 # pronouns and participles: none names a quantity of the field

@@ -67,12 +67,11 @@ def beside(trace: Trace, alignment: Alignment, run: Run, machine: Machine) -> tu
         else:
             nozzle = CubicSpline(run.time, run.nozzle, axis=0)(instants)
             nozzle = np.where(np.isnan(trace.nozzle[rows]), tips["commanded"], nozzle)
-        nothing = np.full_like(chain["encoder"], np.nan)
         # a trace cannot separate errors of the geometry from structure
         columns: dict[str, Any] = {
             "geometric_tip": None,
             **chain,
-            **dict.fromkeys(("demand", "torque", "current", "voltage"), nothing),
+            **dict.fromkeys(("demand", "torque", "current", "voltage"), np.full_like(chain["encoder"], np.nan)),
         }
         records.append(
             replace(

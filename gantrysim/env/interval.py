@@ -236,7 +236,7 @@ def _measure_path(path, tips, span, row):
         reach = widened(reach, np.sqrt(away), tips[k, 3] - place)
         place = tips[k, 3]
         foot, along = nearest_chord(path, x, y, z, place, reach)
-        distance = to_chord(points, foot, x, y, z, along, along)[0]
+        distance = to_chord(points, foot, x, y, z, (along, along))[0]
         u = points[foot + 1, 0] - points[foot, 0]
         v = points[foot + 1, 1] - points[foot, 1]
         level = np.sqrt(u * u + v * v)

@@ -49,7 +49,7 @@ class Table(NamedTuple):
 
 
 @plain_inner_jit
-def to_chord(points, i, x, y, z, low=0.0, high=1.0):
+def to_chord(points, i, x, y, z, between=(0.0, 1.0)):
     """Return the squared distance of a point from the chord of entry i to the next, and the share of its foot.
 
     Args:
@@ -58,8 +58,7 @@ def to_chord(points, i, x, y, z, low=0.0, high=1.0):
         x: of the point [mm].
         y: of the point [mm].
         z: of the point [mm].
-        low: share of the chord at which it begins to count.
-        high: share up to which it counts.
+        between: shares of the chord from and up to which it counts.
     """
     u = points[i + 1, 0] - points[i, 0]
     v = points[i + 1, 1] - points[i, 1]
@@ -68,6 +67,7 @@ def to_chord(points, i, x, y, z, low=0.0, high=1.0):
     b = y - points[i, 1]
     c = z - points[i, 2]
     square = u * u + v * v + w * w
+    low, high = between
     share = min(max((a * u + b * v + c * w) / square, low), high) if square > 0.0 else low
     a -= share * u
     b -= share * v
@@ -133,13 +133,13 @@ def nearest_chord(table, x, y, z, progress, reach):
     low, high = stretch(s, progress, reach)
     start = _coarsely_nearest(points, x, y, z) if reach == np.inf else chord_at(s, progress)
     best = start
-    least, foot = to_chord(points, start, x, y, z, _share_at(s, start, low), _share_at(s, start, high))
+    least, foot = to_chord(points, start, x, y, z, (_share_at(s, start, low), _share_at(s, start, high)))
     for ahead in (True, False):
         i = start + 1 if ahead else start - 1
         while 0 <= i < len(s) - 1 and s[i] < high and s[i + 1] > low:
             begin = _share_at(s, i, low) if s[i] < low else 0.0
             end = _share_at(s, i, high) if s[i + 1] > high else 1.0
-            square, share = to_chord(points, i, x, y, z, begin, end)
+            square, share = to_chord(points, i, x, y, z, (begin, end))
             if square < least:
                 least = square
                 best = i
@@ -173,17 +173,15 @@ def find_reaches(distance, progress, reach):
 
 
 @plain_jit
-def find_feet(table, trace, progress, reach, low, high, guess):
-    """Write a smooth part of the path on which the foot of every point lies, and a guess of the foot, (n,) each [mm].
+def find_feet(table, trace, progress, reach, parts):
+    """Write a smooth part of the path on which the foot of every point lies, and a guess of the foot.
 
     Args:
         table: along the path.
         trace: points, (n, 3) [mm].
         progress: of the command, (n,) [mm].
         reach: as of `find_reaches`, (n,) [mm]; inf for the whole path.
-        low: begin of the part, to be written.
-        high: its end, to be written.
-        guess: of the foot, to be written.
+        parts: begin and end of the part, and the guess, to be written, (3, n) [mm].
     """
     s, _, is_corner, _ = table
     last = len(s) - 1
@@ -193,10 +191,10 @@ def find_feet(table, trace, progress, reach, low, high, guess):
         z = trace[k, 2]
         i, share = nearest_chord(table, x, y, z, progress[k], reach[k])
         begin, end = stretch(s, progress[k], reach[k])
-        guess[k] = s[i] + share * (s[i + 1] - s[i])
+        parts[2, k] = s[i] + share * (s[i + 1] - s[i])
         # the foot on the curve may lie behind the end of its chord, but not behind a corner
-        low[k] = max(s[i] if i == 0 or is_corner[i] else s[i - 1], begin)
-        high[k] = min(s[i + 1] if i + 1 == last or is_corner[i + 1] else s[i + 2], end)
+        parts[0, k] = max(s[i] if i == 0 or is_corner[i] else s[i - 1], begin)
+        parts[1, k] = min(s[i + 1] if i + 1 == last or is_corner[i + 1] else s[i + 2], end)
 
 
 @plain_jit

@@ -174,11 +174,9 @@ class Path(ABC):
 
         def feet(block: slice) -> Projection:
             p = _points(at_rows(trace, rows[block]))
-            low = np.empty(len(p))
-            high = np.empty(len(p))
-            guess = np.empty(len(p))
-            find_feet(self.table, p, seen(progress[block]), seen(reach[block]), low, high, guess)  # type: ignore[no-untyped-call]
-            projection = foot_between(self, p, low, high, guess)
+            parts = np.empty((3, len(p)))
+            find_feet(self.table, p, seen(progress[block]), seen(reach[block]), parts)  # type: ignore[no-untyped-call]
+            projection = foot_between(self, p, *parts)
             if self.corners.size:
                 at_corner, components = self.legs.about(projection.s, projection.offset)
                 for name, values in vars(components).items():

@@ -221,9 +221,8 @@ class Setpoints:
         requested: Path | None = None,
         axes: tuple[str, ...] = ("x", "y"),
         coordinates: Callable[[Floats], Floats] | None = None,
-        progress: Callable[[Floats], Floats] | None = None,
     ) -> Setpoints:
-        """Return setpoints along the whole `path`, with the dispenser on.
+        """Return setpoints along the whole `path`, with the dispenser on; the progress along another one is not known.
 
         The last setpoint is the end of the path, so the last step may be shorter than a period's.
 
@@ -234,8 +233,6 @@ class Setpoints:
             requested: the requested path, by default `path` itself.
             axes: names of the axes, the first of x, y, z.
             coordinates: function from arc lengths, (n,), to axis positions, (n, axes); by default points of the path.
-            progress: function from arc lengths to those of the requested path, (n,) [mm]; by default the same where
-                that is the path, and unknown where it is another one.
         """
         positive("period", period, "s")
         # the first by its type: whether an object has what the protocol asks for takes longer to find out
@@ -243,9 +240,6 @@ class Setpoints:
         if abs(profile.length - path.length) > _ROUNDING * (1 + path.length):
             raise InputError(f"profile of {profile.length:.6g} mm: must be as long as the path, {path.length:.6g} mm")
         n = ticks(profile.duration, period)
-
-        if progress is None and requested is None:
-            progress = _same
 
         def places(block: slice) -> Floats:
             s = profile.position(np.arange(block.start, block.stop) * period)
@@ -260,14 +254,13 @@ class Setpoints:
             # stacked, as NumPy copies short rows of a longer array much slower than columns
             return np.stack([*path.position(s).T[: len(axes)]], axis=1)
 
-        along = progress
         return cls(
             period=period,
             axes=axes,
             position=by_blocks(positions, n + 1),
             dispense=np.ones(n + 1, bool),
             requested=path if requested is None else requested,
-            progress=None if along is None else by_blocks(lambda block: along(places(block)), n + 1),
+            progress=by_blocks(places, n + 1) if requested is None else None,
         )
 
 
@@ -285,10 +278,6 @@ def progress_fault(progress: Floats, length: float) -> str:
         f"progress from {low:g} to {high:g} mm, falling {falls} times: must be from 0 to {length:g} mm, the length of "
         "the requested path, and never fall"
     )
-
-
-def _same(s: Floats) -> Floats:
-    return s
 
 
 def _own(values: NDArray[Any] | Stored, dtype: type[np.generic]) -> NDArray[Any] | Stored:

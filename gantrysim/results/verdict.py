@@ -103,10 +103,11 @@ class Verdict(Shown):
         return cls(rows, "", tolerance, tuple(str(fault) for fault in reached(run)))
 
     @classmethod
-    def of_contradictions(cls, found: tuple[str, ...]) -> Verdict:
+    def of_contradictions(cls, contradictions: tuple[str, ...]) -> Verdict:
         """Return the verdict on a run whose errors contradict one another: none, and nothing is blamed."""
         rows = (Row(name, remark="the errors of this run are not known") for name in (PATH, GLUE, STABILITY, MACHINE))
-        text = f"errors not known, because {'; '.join(found)}. This is a defect of the analysis: please report the job."
+        because = "; ".join(contradictions)
+        text = f"errors not known, because {because}. This is a defect of the analysis: please report the job."
         return cls(tuple(rows), contradiction=text)
 
     @property

@@ -284,28 +284,20 @@ class MoveSpiral(Controller):
                 "or 0 s for a program that acts between ticks"
             )
         if self.loop_period == 0:
-            return Setpoints.along(
-                self._flat,
-                self.speed,
-                period,
-                requested=self.requested,
-                axes=self.axes,
-                coordinates=self._climbing,
-                progress=lambda s: self._progress(self._flat.phi(s)),
+            setpoints = Setpoints.along(
+                self._flat, self.speed, period, requested=self.requested, axes=self.axes, coordinates=self._climbing
             )
+            s = np.minimum(setpoints.time * self.speed, self._flat.length)
+            return replace(setpoints, progress=self._progress(self._flat.phi(s)))
         lengths = (
             np.hypot(self.passes.connected * self.radius, self._climb) * np.diff(self.passes.distance) / self.radius
         )
         ends = np.concatenate([[0.0], np.cumsum(lengths)])
         # within a pass the ratio is constant, and the real axes advance as the virtual ones
-        return Setpoints.along(
-            self.generated,
-            self.passes.connect(lengths),
-            period,
-            requested=self.requested,
-            axes=self.axes,
-            progress=lambda s: self._progress(np.interp(s, ends, self.passes.distance) / self.radius),
-        )
+        profile = self.passes.connect(lengths)
+        setpoints = Setpoints.along(self.generated, profile, period, requested=self.requested, axes=self.axes)
+        virtual = np.interp(profile.position(setpoints.time), ends, self.passes.distance)
+        return replace(setpoints, progress=np.maximum.accumulate(self._progress(virtual / self.radius)))
 
     def _progress(self, angle: Floats) -> Floats:
         """Arc lengths of the requested path where its tangent has turned by the angles of the virtual circles, (n,)."""
