@@ -59,8 +59,7 @@ def test_the_spiral_is_judged_and_its_program_spoils_it(example):
 def test_a_file_of_g_code_is_run_judged_and_improved(example, tmp_path):
     output = example("own_gcode.py", without=('run.report("out/own-gcode")',))
     assert "machine xyz, the smallest for this program" in output
-    assert "verdict ✗ fail: glue" in output
-    assert "--set program.feed_override" in output
+    assert "verdict ✓ pass" in output
     straight = tmp_path / "straight.ngc"
     straight.write_text("G21 G90\nG1 X40 F1200\nM30\n", encoding="utf-8")
     # by hand: 40 mm at 20 mm/s

@@ -191,5 +191,5 @@ def test_sizes_are_seen():
     assert rules("class A:\n def f(self, a, b, c, d, e, f): pass") == []
     assert rules("def f(a, b, c, *, d, e, f, g): pass") == ["parameters"]
     assert rules("@app.command()\ndef f(a, b, c, d, e, f, g): pass") == []
-    assert rules("a = 1\n" * 300) == []
-    assert rules("a = 1\n" * 301) == ["modules"]
+    assert rules("a = 1\n" * 500) == []
+    assert rules("a = 1\n" * 501) == ["modules"]

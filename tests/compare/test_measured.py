@@ -15,7 +15,6 @@ from gantrysim.base.arrays import spans
 from gantrysim.compare.alignment import aligned
 from gantrysim.compare.assignment import Assignment
 from gantrysim.compare.comparison import Comparison
-from gantrysim.compare.coverage import arc_length
 from gantrysim.compare.measured import Trace
 from gantrysim.compare.page import headline, share_text
 from gantrysim.engine.simulate import perfect_follower
@@ -132,17 +131,6 @@ def test_the_spectrum_is_that_of_the_longest_stretch_of_bead(lengths):
     assert found.peaks[0].frequency == pytest.approx(seen, abs=2)
     assert found.peaks[0].rms == pytest.approx(0.01 / math.sqrt(2), rel=0.1)
     assert all(abs(peak.frequency - unseen) > 10 for peak in found.peaks)
-
-
-def test_the_arc_length_at_an_instant_is_that_of_the_last_tick_with_glue(run):
-    analysis = Budget(run).analysis
-    time = run.time[analysis.ticks]
-    s = analysis.commanded.s
-    assert arc_length(analysis, time[0] - 1e-6) == 0.0
-    for tick in (0, 7, len(s) - 1):
-        assert arc_length(analysis, time[tick]) == s[tick]
-        assert arc_length(analysis, time[tick] + 0.4 * run.period) == s[tick]
-    assert arc_length(analysis, time[-1] + 9.0) == s[-1]
 
 
 @pytest.mark.parametrize(("rate", "lost"), [(3.0, 1), (500.0, 7)])

@@ -144,7 +144,7 @@ def test_speed_heading_and_turning_are_those_of_an_arc():
     s = np.linspace(0, 15.0, 151)
     seen, *_ = measured(arc, arc.position(s), s, cuts=(76,))
     assert seen.curvature == pytest.approx([-0.05, -0.05], rel=1e-3)
-    assert seen.heading == pytest.approx(0.25 * np.pi - 0.05 * np.array([7.5, 14.6]), abs=2e-3)
+    assert seen.heading == pytest.approx(0.25 * np.pi - 0.05 * np.array([7.5, 14.8]), abs=2e-3)
     assert seen.speed == pytest.approx([75 / 76 * 100, 100.0], rel=1e-4)
 
 
