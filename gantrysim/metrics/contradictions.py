@@ -1,11 +1,14 @@
 """Checks of the errors of a run against distances alone, made in every run.
 
-    |nozzle, path|  <=  |command, path| + |nozzle - command|
-    |link|          <=  l + kappa l^2 / 2,    l: distance of the two points between which the link lies
+    |point, path|   <=  |point before it in the chain, path| + l
+    |link|          <=  l + kappa l^2 / 2
     |nozzle, path|  >=  distance to the nearest point of the whole path
 
-kappa is the curvature of the path at the feet of both points. Whatever the program and the machine, a run satisfies all
-three; one that does not has been measured wrongly, and neither its errors nor their causes are known.
+l is the distance of two neighbouring points of the chain from command to nozzle, kappa the curvature of the path at
+their feet. The first holds for feet that lie on one stretch of the path, and is broken by a foot that is lost; the
+budget itself then bounds the link, see `gantrysim.metrics.links`, so that the second is broken by a wrong frame alone.
+Whatever the program and the machine, a run satisfies all three; one that does not has been measured wrongly, and
+neither its errors nor their causes are known.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from gantrysim.base.arrays import Floats, lengths
+from gantrysim.base.arrays import Floats, at_rows, lengths
 from gantrysim.base.columns import blocks
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.links import Trace, largest_link
@@ -35,19 +38,16 @@ def contradictions(analysis: Analysis, chain: list[Trace], links: dict[str, Part
     """
     run = analysis.run
     for block in blocks(analysis.ticks.size):
-        command = chain[0]
-        nozzle = chain[-1]
-        lag = lengths(nozzle.at(block) - command.at(block))
-        excess = nozzle.foot.distance[block] - command.foot.distance[block] - lag
-        yield from _worst("the nozzle's distance from the path", excess, "that of the command allows", analysis, block)
         for (before, after), (name, part) in zip(pairwise(chain), links.items(), strict=True):
+            apart = lengths(after.at(block) - before.at(block))
+            excess = np.abs(after.foot.distance[block] - before.foot.distance[block]) - apart
+            what = f"the change of distance by the link {name}"
+            yield from _worst(what, excess, "its two points are apart", analysis, block)
             excess = part.at(block).size - largest_link(run.requested, before, after, block)
             yield from _worst(f"the link {name}", excess, "its two points are apart", analysis, block)
     distance = chain[-1].foot.distance
     rows = np.unique(np.append(np.linspace(0, distance.size - 1, _PLACES).astype(np.intp), distance.argmax()))
-    # from the foot on, so that only nearer places are searched
-    everywhere = np.full(rows.size, np.inf)
-    nearest = run.requested.near(run.nozzle, chain[-1].foot.s[rows], everywhere, analysis.ticks[rows]).distance
+    nearest = run.requested.project(at_rows(run.nozzle, analysis.ticks[rows])).distance
     excess = np.full(distance.size, -np.inf)
     excess[rows] = nearest - distance[rows]
     yield from _worst(

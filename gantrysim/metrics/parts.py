@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.columns import Column, blocks, by_blocks, table_by_blocks
+from gantrysim.base.columns import Column, by_blocks
 from gantrysim.base.quantity import PARTS, SIZES, Quantity, contents
 from gantrysim.metrics.analysis import ErrorSize, ErrorSpread
 
@@ -135,9 +135,3 @@ class BudgetValues:
         """The rows of the budget's table: the parts by their links, the corners' where there is one, and the whole."""
         corner = {} if self.corner is None else {CORNER: self.corner}
         return {**self.parts, **corner, "contour": self.contour}
-
-
-def difference(after: Part, before: Part) -> Part:
-    """Return the difference of two parts, computed in blocks and kept as they are."""
-    rows = len(after.lateral)
-    return table_by_blocks((after.at(block) - before.at(block) for block in blocks(rows)), rows)
