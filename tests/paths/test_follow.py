@@ -55,6 +55,19 @@ def wave(path, s, size, period):
     return path.position(s) + (size * np.sin(2 * math.pi * s / period))[:, None] * path.normal(s)
 
 
+@pytest.mark.parametrize("inner", [0.5, 5.0, 30.0, 90.0])
+def test_a_follower_on_the_path_is_found_behind_a_corner(inner):
+    """5 mm behind the command: behind a sharp corner both are near, but the follower is on the leg before."""
+    path = chain([40.0, 40.0], [inner], [0.0, 0.0])
+    s = np.linspace(0, path.length, 4001)
+    behind = np.maximum(s - 5, 0)
+    command = path.position(s)
+    follower = path.position(behind)
+    foot = path.near(follower, s, path.reach([command, follower], s))
+    assert foot.distance.max() < EXACT
+    assert foot.s == pytest.approx(behind, abs=1e-6)
+
+
 angles = st.one_of(st.sampled_from([0.0, 0.0, 0.5, 1.0, 2.0, 5.0, 90.0, 180.0]), st.floats(0, 180))
 
 
