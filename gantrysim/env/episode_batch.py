@@ -50,7 +50,7 @@ class EpisodeBatch(ABC):
     """
 
     # attributes with one row per place, which a saved state holds
-    saved: ClassVar[tuple[str, ...]] = ("_action", "_rows", "_foot", "_reach", "_place", "_measured", "_total")
+    saved: ClassVar[tuple[str, ...]] = ("_action", "_rows", "_foot", "_lag", "_place", "_measured", "_total")
 
     def __init__(
         self, settings: PathSettings, places: int, threads: int | None, ahead: bool, source: Source | None = None
@@ -84,7 +84,7 @@ class EpisodeBatch(ABC):
         self._spans["peak"] = self._peak.ctypes.data
         self._spans["values"] = self._rows.ctypes.data + self._rows.strides[0] * np.arange(places)
         self._foot = self._spans["before"]["foot"]
-        self._reach = self._spans["before"]["reach"]
+        self._lag = self._spans["before"]["lag"]
         self._place = self._spans["before"]["place"]
         self._measured = self._spans["before"]["tick"]
         self._total = self._spans["before"]["total"]
@@ -152,7 +152,7 @@ class EpisodeBatch(ABC):
         self._action[place] = 0.0
         self._total[place] = 0.0  # the rows are written by `measure`
         self._foot[place] = 0
-        self._reach[place] = 0.0
+        self._lag[place] = 0.0
         self._place[place] = 0.0
         self._measured[place] = 0
         span = self._spans[place]

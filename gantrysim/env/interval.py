@@ -18,7 +18,7 @@ from gantrysim.base.jit import inner_jit
 from gantrysim.native.pointers import floats, logs_at, octets, row_at, typed_pointer
 from gantrysim.native.row import Log
 from gantrysim.native.stages import compiled_stage
-from gantrysim.paths.nearest import Table, chord_at, nearest_chord, to_chord, widened
+from gantrysim.paths.nearest import Table, chord_at, nearest_chord, remembered, stretch, to_chord
 
 # a row of measurements, see `IntervalValues`: those of the path, then those of one axis after the other
 SHARED = ("contour_rms", "contour_max", "lateral", "speed", "heading", "curvature")
@@ -30,7 +30,7 @@ PROGRESS = np.dtype(
     [
         ("tick", np.int64),  # the first that is not
         ("foot", np.int64),  # index of the chord nearest to the nozzle at the last tick with the dispenser on
-        ("reach", np.float64),  # how far from the progress its feet may lie, see `gantrysim.paths.nearest` [mm],
+        ("lag", np.float64),  # of the nozzle, as remembered behind corners, see `gantrysim.paths.nearest` [mm],
         ("place", np.float64),  # and the progress there [mm]
         ("total", np.float64, (TOTAL,)),
     ]
@@ -218,7 +218,7 @@ def _measure_path(path, tips, span, row):
     s = path.s
     laid = len(tips)
     foot = span.before.foot
-    reach = span.before.reach
+    lag = span.before.lag
     place = span.before.place
     total = span.after.total
     square = 0.0
@@ -233,9 +233,10 @@ def _measure_path(path, tips, span, row):
         away = 0.0
         for i in range(3):
             away += (tips[k, i] - points[here, i] - share * (points[here + 1, i] - points[here, i])) ** 2
-        reach = widened(reach, np.sqrt(away), tips[k, 3] - place)
+        away = np.sqrt(away)
+        lag = remembered(lag, away, tips[k, 3] - place)
         place = tips[k, 3]
-        foot, along = nearest_chord(path, x, y, z, place, reach)
+        foot, along = nearest_chord(path, x, y, z, place, stretch(path, place, away, lag))
         distance = to_chord(points, foot, x, y, z, (along, along))[0]
         u = points[foot + 1, 0] - points[foot, 0]
         v = points[foot + 1, 1] - points[foot, 1]
@@ -244,7 +245,7 @@ def _measure_path(path, tips, span, row):
         largest = max(largest, np.sqrt(distance))
         sideways += (u * (y - points[foot, 1]) - v * (x - points[foot, 0])) / level if level > 0.0 else 0.0
     span.after.foot = foot
-    span.after.reach = reach
+    span.after.lag = lag
     span.after.place = place
     total[0] += laid
     total[1] += square

@@ -139,21 +139,20 @@ class Analysis(Shown):
         return assigned_progress(self.run.requested, self.run.commanded_tip)[self.ticks]
 
     @cached_property
-    def _reach(self) -> Floats:
-        """How far from the progress the feet of a tick may lie, one for all traces, (m,) [mm]."""
+    def _stretches(self) -> Floats:
+        """Begin and end of the stretch in which the feet of all followers of a tick lie, (2, m) [mm]."""
         run = self.run
-        tips = [run.commanded_tip, run.encoder_tip, run.motor_tip, run.nozzle]
+        tips = [run.encoder_tip, run.motor_tip, run.nozzle]
         if run.geometric_tip is not None:
             tips.append(run.geometric_tip)
-        return run.requested.reach(tips, self.progress, self.ticks)
+        return run.requested.stretches(run.commanded_tip, tips, self.progress, self.ticks)
 
     @cached_property
     def commanded(self) -> Projection:
         """Projection of the commanded positions; its distance is the program error."""
-        return self._near(self.run.commanded_tip)
-
-    def _near(self, trace: Floats) -> Projection:
-        return self.run.requested.near(trace, self.progress, self._reach, self.ticks)
+        run = self.run
+        stretches = run.requested.stretches(run.commanded_tip, [], self.progress, self.ticks)
+        return run.requested.near(run.commanded_tip, self.progress, stretches, self.ticks)
 
     @cached_property
     def encoder(self) -> Projection:
@@ -184,7 +183,7 @@ class Analysis(Shown):
         # following is the longest part of an analysis; with exact encoders or a rigid machine traces are equal
         if all(np.array_equal(trace[block], other[block]) for block in blocks(len(trace))):
             return getattr(self, name)
-        return self._near(trace)
+        return self.run.requested.near(trace, self.progress, self._stretches, self.ticks)
 
     @cached_property
     def spacing(self) -> Spacing:

@@ -1,17 +1,20 @@
 """The part of a path that is nearest to each point of a trace, near the progress of the command; compiled.
 
 A motion controller knows at every tick which point of the requested path its command stands for: the progress p_k. The
-command, and what follows it, lie about c(p_k). So the feet of all of them are the nearest points of one stretch of the
-path, from p_k - w_k to p_k + w_k, with
+foot of the command is the nearest point of a stretch of the path about c(p_k): as far forwards and backwards as the
+path stays within a ball about c(p_k) that reaches to the command. Where the path comes near itself, other legs are in
+the ball, but the path leaves it on its way to them.
 
-    r_k = max(d_k, r_(k-1) - (p_k - p_(k-1)) / 2),    w_k = 4 r_k,
+What follows the command lags behind it. The feet of all followers of a tick are the nearest points of one stretch, as
+far as the path stays within a ball of the radius d_k forwards and of d_k + l_k backwards,
 
-where d_k is the distance of the furthest of them from c(p_k). On a line w_k = d_k would do; where two legs meet at an
-inner angle phi, the nearest point of the other leg is at most 2 d_k / sin(phi / 2) away along the path, so that w_k
-holds it down to 60 degrees, and a sharper corner nearly so. Behind a corner the distance from a follower on the leg
-before shrinks, but not its lag: what it was before the corner counts until the command has left the corner behind.
+    l_k = max(lag_k, l_(k-1) - (p_k - p_(k-1)) / 2),
 
-As all points of a tick have the same stretch, the distance from it changes by no more than the points are apart.
+where d_k is the distance of the furthest of all points of the tick from c(p_k), and lag_k that of the furthest follower
+from the command. Behind a corner the distance from a follower on the leg before shrinks, but not its way to the
+command: what it was before the corner counts until the command has left the corner behind. As the followers have the
+same stretch, and it holds the command's, the distance from it changes by no more than the points are apart, and none
+is further from the path than the command and its distance from that.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
@@ -26,9 +29,8 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import plain_inner_jit, plain_jit
 
-_FADING = 0.5  # of the reach, per millimetre of progress
-_WIDTH = 4.0  # half-width of the stretch, in units of the reach
-_LEAST = 1e-6  # half-width of the stretch [mm]
+_FADING = 0.5  # of the lag, per millimetre of progress
+_LEAST = 1e-6  # radius within which the path stays [mm]
 _ON_PATH = 1e-3  # distance of a command that lies on the path: the sagitta of chords, and rounding [mm]
 
 
@@ -90,16 +92,9 @@ def chord_at(s, place):
 
 
 @plain_inner_jit
-def widened(reach, distance, advance):
-    """Return the reach r at a tick, from that at the tick before, the distance d and the progress between them."""
-    return max(distance, reach - _FADING * advance)
-
-
-@plain_inner_jit
-def stretch(s, progress, reach):
-    """Return begin and end of the stretch of the path in which the feet of a tick lie."""
-    half = _WIDTH * reach + _LEAST
-    return max(progress - half, s[0]), min(progress + half, s[-1])
+def remembered(lag, distance, advance):
+    """Return the lag l at a tick, from that at the tick before, the followers' distance, and the progress between."""
+    return max(distance, lag - _FADING * advance)
 
 
 @plain_inner_jit
@@ -109,29 +104,55 @@ def _share_at(s, i, place):
 
 
 @plain_inner_jit
-def _coarsely_nearest(points, x, y, z):
-    """Return a chord that is near to a point, out of some over the whole path."""
-    count = len(points) - 1
-    best = 0
-    least = np.inf
-    for i in range(0, count, int(np.sqrt(count)) + 1):
-        square = to_chord(points, i, x, y, z)[0]
-        if square < least:
-            least = square
-            best = i
-    return best
+def _left_at(table, i, step, centre, radius):
+    """Return the arc length at which the path, from entry i on, forwards or backwards, leaves a ball or ends."""
+    s, points, _, widest = table
+    last = len(s) - 1 if step > 0 else 0
+    x, y, z = centre
+    while True:
+        a = points[i, 0] - x
+        b = points[i, 1] - y
+        c = points[i, 2] - z
+        square = a * a + b * b + c * c
+        if square > radius * radius:
+            break
+        if i == last:
+            return s[i]
+        # the distance changes by at most the way along the path
+        skipped = 1 + int((radius - np.sqrt(square)) / widest)
+        i = min(i + skipped, last) if step > 0 else max(i - skipped, last)
+    u = points[i - step, 0] - points[i, 0]
+    v = points[i - step, 1] - points[i, 1]
+    w = points[i - step, 2] - points[i, 2]
+    length = u * u + v * v + w * w
+    half = -(a * u + b * v + c * w)
+    share = (half - np.sqrt(max(half * half - length * (square - radius * radius), 0.0))) / length
+    return s[i] + min(max(share, 0.0), 1.0) * (s[i - step] - s[i])
 
 
 @plain_inner_jit
-def nearest_chord(table, x, y, z, progress, reach):
-    """Return the chord nearest to a point within the stretch about a progress, the nearer of two to it, and its foot.
+def stretch(table, place, distance, lag):
+    """Return begin and end of the stretch of a tick about a place of the path, from d and l."""
+    s, points, _, _ = table
+    i = chord_at(s, place)
+    share = _share_at(s, i, place)
+    x = points[i, 0] + share * (points[i + 1, 0] - points[i, 0])
+    y = points[i, 1] + share * (points[i + 1, 1] - points[i, 1])
+    z = points[i, 2] + share * (points[i + 1, 2] - points[i, 2])
+    begin = _left_at(table, i, -1, (x, y, z), distance + lag + _LEAST)
+    return begin, _left_at(table, i + 1, 1, (x, y, z), distance + _LEAST)
 
-    The search goes outwards from the progress. Chords are left out that are too near to one at a large distance to
-    be nearer than the best: the distance changes by at most the way along the path.
+
+@plain_inner_jit
+def nearest_chord(table, x, y, z, place, between):
+    """Return the chord nearest to a point within a stretch, the nearer of two to a place on it, and its foot.
+
+    The search goes outwards from the place. Chords are left out that are too near to one at a large distance to be
+    nearer than the best: the distance changes by at most the way along the path.
     """
     s, points, _, widest = table
-    low, high = stretch(s, progress, reach)
-    start = _coarsely_nearest(points, x, y, z) if reach == np.inf else chord_at(s, progress)
+    low, high = between
+    start = chord_at(s, place)
     best = start
     least, foot = to_chord(points, start, x, y, z, (_share_at(s, start, low), _share_at(s, start, high)))
     for ahead in (True, False):
@@ -156,41 +177,64 @@ def nearest_chord(table, x, y, z, progress, reach):
 
 
 @plain_jit
-def find_reaches(distance, progress, reach):
-    """Write the reach r of every tick, (n,) [mm].
+def find_stretches(table, progress, distance, lag, stretches):
+    """Write begin and end of the stretch of every tick.
 
     Args:
-        distance: of the furthest point from the path at the progress, d, (n,) [mm].
+        table: along the path.
         progress: of the command, ascending, (n,) [mm].
-        reach: to be written; its first element is that of the tick before the first.
+        distance: of the furthest point from the path at the progress, (n,) [mm].
+        lag: distance of the furthest follower from the command, (n,) [mm].
+        stretches: to be written, (2, n) [mm].
     """
-    at_tick = reach[0]
+    at_tick = 0.0
     before = progress[0]
     for k in range(len(progress)):
-        at_tick = widened(at_tick, distance[k], progress[k] - before)
+        at_tick = remembered(at_tick, lag[k], progress[k] - before)
         before = progress[k]
-        reach[k] = at_tick
+        begin, end = stretch(table, before, distance[k], at_tick)
+        # the command may pass the tip of a rounded corner from one tick to the next, before its followers
+        stretches[0, k] = min(begin, progress[max(k - 1, 0)]) if at_tick > 0.0 else begin
+        stretches[1, k] = end
 
 
 @plain_jit
-def find_feet(table, trace, progress, reach, parts):
+def find_starts(table, trace, places):
+    """Write places of the path near which the nearest point of the whole path may lie, for the search to begin at.
+
+    Args:
+        table: along the path.
+        trace: points, (n, 3) [mm].
+        places: to be written, (n,) [mm].
+    """
+    s, points, _, _ = table
+    count = len(s) - 1
+    for k in range(len(trace)):
+        least = np.inf
+        for i in range(0, count, int(np.sqrt(count)) + 1):
+            square = to_chord(points, i, trace[k, 0], trace[k, 1], trace[k, 2])[0]
+            if square < least:
+                least = square
+                places[k] = s[i]
+
+
+@plain_jit
+def find_feet(table, trace, places, stretches, parts):
     """Write a smooth part of the path on which the foot of every point lies, and a guess of the foot.
 
     Args:
         table: along the path.
         trace: points, (n, 3) [mm].
-        progress: of the command, (n,) [mm].
-        reach: as of `find_reaches`, (n,) [mm]; inf for the whole path.
+        places: of the path, at which the search begins, (n,) [mm].
+        stretches: begin and end of the stretch that is searched, (2, n) [mm].
         parts: begin and end of the part, and the guess, to be written, (3, n) [mm].
     """
     s, _, is_corner, _ = table
     last = len(s) - 1
     for k in range(len(trace)):
-        x = trace[k, 0]
-        y = trace[k, 1]
-        z = trace[k, 2]
-        i, share = nearest_chord(table, x, y, z, progress[k], reach[k])
-        begin, end = stretch(s, progress[k], reach[k])
+        begin = stretches[0, k]
+        end = stretches[1, k]
+        i, share = nearest_chord(table, trace[k, 0], trace[k, 1], trace[k, 2], places[k], (begin, end))
         parts[2, k] = s[i] + share * (s[i + 1] - s[i])
         # the foot on the curve may lie behind the end of its chord, but not behind a corner
         parts[0, k] = max(s[i] if i == 0 or is_corner[i] else s[i - 1], begin)
@@ -231,35 +275,36 @@ def find_progress_on_path(table, trace, progress):
 
 
 @plain_jit
-def find_assignment(points, trace, cost, is_ahead, entries):
-    """Write the entries of points along a path that stand for a trace: never falling, with the least sum of squares.
+def find_assignment(points, trace, between, cost, is_ahead, entries):
+    """Write the chords of a path that stand for a trace: never falling, with the least sum of squared distances.
 
-    A dynamic program over all entries and all points of the trace: exact, and as slow as their product.
+    A dynamic program over all points of the trace and all chords that each may have: exact, and as slow as their
+    number.
 
     Args:
-        points: along the path, (m, 3) [mm].
+        points: ends of the chords along the path, (m + 1, 3) [mm].
         trace: points in the order of the motion, (n, 3) [mm].
-        cost: for the work, zeros, (m,).
-        is_ahead: for the work, (n, m).
-        entries: to be written, (n,).
+        between: first and last chord that each may have, neither of them falling, (2, n).
+        cost: for the work, inf, (m,).
+        is_ahead: for the work, (n, w), with w chords from the first of the point before to the last of each.
+        entries: chords, to be written, (n,).
     """
-    count = len(points)
+    for j in range(between[0, 0], between[1, 0] + 1):
+        cost[j] = 0.0
     for k in range(len(trace)):
-        for j in range(count):
-            # at no cost the entry may advance from one point of the trace to the next
-            is_ahead[k, j] = j > 0 and cost[j - 1] < cost[j]
-            if is_ahead[k, j]:
+        low = between[0, max(k - 1, 0)]
+        for j in range(low, between[1, k] + 1):
+            # at no cost the chord may advance from one point of the trace to the next
+            is_ahead[k, j - low] = j > low and cost[j - 1] < cost[j]
+            if is_ahead[k, j - low]:
                 cost[j] = cost[j - 1]
-        for j in range(count):
-            a = trace[k, 0] - points[j, 0]
-            b = trace[k, 1] - points[j, 1]
-            c = trace[k, 2] - points[j, 2]
-            cost[j] += a * a + b * b + c * c
-    j = 0
-    for i in range(1, count):
+        for j in range(between[0, k], between[1, k] + 1):
+            cost[j] += to_chord(points, j, trace[k, 0], trace[k, 1], trace[k, 2])[0]
+    j = between[0, -1]
+    for i in range(j + 1, between[1, -1] + 1):
         if cost[i] < cost[j]:
             j = i
     for k in range(len(trace) - 1, -1, -1):
         entries[k] = j
-        while is_ahead[k, j]:
+        while is_ahead[k, j - between[0, max(k - 1, 0)]]:
             j -= 1

@@ -26,7 +26,7 @@ from gantrysim.paths.assignment import assigned_progress
 from gantrysim.paths.corners import Corners
 from gantrysim.paths.feet import Projection, foot_between
 from gantrysim.paths.local import Local
-from gantrysim.paths.nearest import Table, find_feet, find_reaches
+from gantrysim.paths.nearest import Table, find_feet, find_starts, find_stretches
 
 # Table of points from which a projection starts: of two stretches of the path the wrong one can be chosen where their
 # distances differ by less than the sagitta of a chord, curvature spacing^2 / 8.
@@ -123,7 +123,9 @@ class Path(ABC):
             points: in any order, (n, 3) [mm].
         """
         p = _points(points)
-        return self.near(p, np.zeros(len(p)), np.full(len(p), np.inf))
+        places = np.zeros(len(p))
+        find_starts(self.table, p, places)  # type: ignore[no-untyped-call]
+        return self.near(p, places, np.tile([[0.0], [self.length]], len(p)))
 
     def follow(self, trace: ArrayLike, progress: Floats | None = None) -> Projection:
         """Project a trace onto the path in the order of its points, each near its own progress.
@@ -139,13 +141,16 @@ class Path(ABC):
         p = _points(trace)
         if progress is None:
             progress = assigned_progress(self, p)
-        return self.near(p, progress, self.reach([p], progress))
+        return self.near(p, progress, self.stretches(p, [], progress))
 
-    def reach(self, traces: Sequence[Floats], progress: Floats, rows: NDArray[np.intp] | None = None) -> Floats:
-        """Return how far from its progress the feet of a tick may lie, see `gantrysim.paths.nearest`, (n,) [mm].
+    def stretches(
+        self, command: Floats, followers: Sequence[Floats], progress: Floats, rows: NDArray[np.intp] | None = None
+    ) -> Floats:
+        """Return begin and end of the stretch in which feet lie, see `gantrysim.paths.nearest`, (2, n) [mm].
 
         Args:
-            traces: the command and what follows it, (m, 3) each [mm].
+            command: its points, (m, 3) [mm].
+            followers: traces that follow it, (m, 3) each [mm]; without any the stretches are those of the command.
             progress: of the command, ascending, (n,) [mm].
             rows: of the traces, (n,); by default all.
         """
@@ -154,28 +159,38 @@ class Path(ABC):
 
         def furthest(block: slice) -> Floats:
             place = self.position(progress[block])
-            return np.max([lengths(at_rows(trace, rows[block]) - place) for trace in traces], axis=0)
+            return np.max([lengths(at_rows(trace, rows[block]) - place) for trace in (command, *followers)], axis=0)
 
-        reach = np.zeros(progress.size)
-        find_reaches(by_blocks(furthest, progress.size), progress, reach)  # type: ignore[no-untyped-call]
-        return reach
+        def behind(block: slice) -> Floats:
+            place = at_rows(command, rows[block])
+            return np.max([lengths(at_rows(trace, rows[block]) - place) for trace in (command, *followers)], axis=0)
 
-    def near(self, trace: Floats, progress: Floats, reach: Floats, rows: NDArray[np.intp] | None = None) -> Projection:
-        """Project points onto the stretch of the path about the progress of each, see `gantrysim.paths.nearest`.
+        count = progress.size
+        stretches = np.empty((2, count))
+        find_stretches(  # type: ignore[no-untyped-call]
+            self.table, seen(progress), by_blocks(furthest, count), by_blocks(behind, count), stretches
+        )
+        return stretches
+
+    def near(
+        self, trace: Floats, places: Floats, stretches: Floats, rows: NDArray[np.intp] | None = None
+    ) -> Projection:
+        """Project points onto the nearest point of the stretch of the path that belongs to each.
 
         Args:
             trace: points, (m, 3) [mm].
-            progress: arc length about which the foot of each lies, (n,) [mm].
-            reach: as of `reach`, (n,); inf for the whole path [mm].
+            places: of the path, the one nearest to which is taken out of several nearest points, (n,) [mm].
+            stretches: begin and end of each stretch, (2, n) [mm].
             rows: of the trace, (n,); by default all.
         """
         if rows is None:
-            rows = np.arange(progress.size)
+            rows = np.arange(places.size)
 
         def feet(block: slice) -> Projection:
             p = _points(at_rows(trace, rows[block]))
             parts = np.empty((3, len(p)))
-            find_feet(self.table, p, seen(progress[block]), seen(reach[block]), parts)  # type: ignore[no-untyped-call]
+            between = np.ascontiguousarray(stretches[:, block])
+            find_feet(self.table, p, seen(places[block]), between, parts)  # type: ignore[no-untyped-call]
             projection = foot_between(self, p, *parts)
             if self.corners.size:
                 at_corner, components = self.legs.about(projection.s, projection.offset)
@@ -183,7 +198,7 @@ class Path(ABC):
                     vars(projection)[name][at_corner] = values
             return projection
 
-        return table_by_blocks((feet(block) for block in blocks(progress.size)), progress.size)
+        return table_by_blocks((feet(block) for block in blocks(places.size)), places.size)
 
     @cached_property
     def corners(self) -> Floats:

@@ -60,11 +60,22 @@ def test_the_middle_of_a_rounded_corner_stands_for_the_corner():
     assert setpoints.progress[on_leg] == pytest.approx(x[on_leg], abs=1e-9)
 
 
-def test_a_corner_averaged_over_time_stands_for_the_average_of_its_legs():
+def test_a_corner_averaged_over_time_stands_for_the_nearest_place_of_its_legs():
     setpoints = fanuc.Program(f"{CORNER.format('')}\nM30", blend_time=0.1).setpoints(1e-3)
     x, y = setpoints.position.T
-    # of positions x + y along both legs the average is the progress
-    assert setpoints.progress == pytest.approx(x + y, abs=1e-9)
+    nearest = np.where(y < 30 - x, x, 30 + y)
+    apart = np.abs(y - (30 - x)) > 1e-6
+    assert setpoints.progress[apart] == pytest.approx(nearest[apart], abs=1e-9)
+
+
+def test_a_blend_as_long_as_some_teeth_advances_from_tooth_to_tooth():
+    """Teeth of 0.4 mm averaged over several of them: the command runs along their middle."""
+    teeth = "\n".join(f"G1 X{0.4 * (k % 2):.1f} Y{0.2 * k:.1f}" for k in range(41))
+    setpoints = fanuc.Program(f"G21 G90 F3000\nG1 X0.4 Y0\n{teeth}\nM30", blend_time=0.1).setpoints(1e-3)
+    reached = np.interp(setpoints.position[:, 1], [0.0, 8.0], [0.4, setpoints.requested.length])
+    inner = (setpoints.position[:, 1] > 2) & (setpoints.position[:, 1] < 6)
+    leg = math.hypot(0.4, 0.2)
+    assert np.abs(setpoints.progress - reached)[inner].max() < 1.5 * leg
 
 
 def test_a_drawing_with_rounded_corners_advances_by_its_legs():

@@ -137,8 +137,8 @@ def test_a_trace_between_two_legs_is_followed_alike_in_any_blocks(monkeypatch, b
         np.testing.assert_array_equal(getattr(again, name), getattr(whole, name), name)
     assert np.ptp(whole.s) > 50  # it goes back on the other leg
     rows = np.arange(3, 750, 2)
-    reach = path.reach([trace], s)
-    np.testing.assert_array_equal(path.near(trace, s[rows], reach[rows], rows).s, whole.s[rows])
+    stretches = path.stretches(trace, [], s)
+    np.testing.assert_array_equal(path.near(trace, s[rows], stretches[:, rows], rows).s, whole.s[rows])
 
 
 NEEDLE = Needle(bore=0.84, length=25.0, consistency=50.0, index=0.6, yield_stress=20.0)

@@ -72,7 +72,9 @@ def test_where_a_path_retraces_itself_its_sides_are_exchanged():
     """A point beside such a path has one offset, whichever leg it is measured from."""
     path = Chain([Line((0, 0, 0), (10, 0, 0)), Line((10, 0, 0), (0, 0, 0))])
     offset = np.array([[0.0, 0.003, 0.001]])
-    there, back = (path.near(path.position([s]) + offset, np.array([s]), np.array([0.01])) for s in (4.0, 16.0))
+    there, back = (
+        path.near(path.position([s]) + offset, np.array([s]), np.array([[s - 0.01], [s + 0.01]])) for s in (4.0, 16.0)
+    )
     assert there.lateral == pytest.approx(0.003)
     assert back.lateral == pytest.approx(-0.003)
     carried = path.legs.carry(Components(back.lateral, back.vertical, back.beyond), back.s, there.s)

@@ -18,6 +18,7 @@ from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Coil, Line
 
 EXACT = 1e-9  # [mm]
+SAGITTA = 5e-6  # [mm] of a chord: of two legs as near as that the further one may be taken
 NEAR_A_TIP = 1e-3  # [mm] of arc length: where a path retraces itself its two sides are not told apart
 
 
@@ -63,7 +64,7 @@ def test_a_follower_on_the_path_is_found_behind_a_corner(inner):
     behind = np.maximum(s - 5, 0)
     command = path.position(s)
     follower = path.position(behind)
-    foot = path.near(follower, s, path.reach([command, follower], s))
+    foot = path.near(follower, s, path.stretches(command, [follower], s))
     assert foot.distance.max() < EXACT
     assert foot.s == pytest.approx(behind, abs=1e-6)
 
@@ -106,7 +107,7 @@ def test_a_trace_beside_its_path_is_no_further_than_it_was_made(path, step, size
     trace = wave(path, s, size, period)
     foot = path.follow(trace, s)
     own = np.linalg.norm(trace - path.position(s), axis=1)
-    assert (foot.distance <= own + EXACT).all()
+    assert (foot.distance <= own + SAGITTA).all()
     assert foot.distance == pytest.approx(np.linalg.norm(trace - path.position(foot.s), axis=1), abs=EXACT)
     assert np.abs(foot.s - s).max() <= 2 * step + NEAR_A_TIP + 15 * size
 
@@ -168,7 +169,7 @@ def test_traces_are_followed_by_one_kind_of_code():
     path = chain([20.0, 15.0], [90.0], [0.0, 0.0])
     trace = path.position(np.linspace(0.0, path.length, 400))
     trace.flags.writeable = False
-    compiled = (nearest.find_feet, nearest.find_reaches, nearest.find_assignment)
+    compiled = (nearest.find_feet, nearest.find_stretches, nearest.find_assignment)
     path.follow(trace)
     kinds = [len(function.signatures) for function in compiled]
     path.follow(trace.copy())

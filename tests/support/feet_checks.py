@@ -8,7 +8,8 @@ Three invariants of distances alone, and the contour error by brute force:
     contour and program error, rms and largest, within bounds by `support.brute_force_feet`
 
 The lower bound is the distance in the order of motion with the widest reach, twice the distance of nozzle and command,
-where skipped cells cost nothing. The upper bound is the one with no reach, or that from the stretch of the path near
+where skipped cells cost nothing; but no more than the upper bound, as the least sum of squares may have a larger
+largest value. The upper bound is the one with no reach, or that from the stretch of the path near
 the command's own progress where it is larger: at a rounded corner of nearly 180 degrees a nozzle beside one leg belongs
 as well to the other, whose command it follows. Where legs are shorter than roundings or than the lag, the order of
 motion alone leaves progress open by some legs; the upper bound counts skipped cells more, and a value is wrong by 15 %
@@ -113,14 +114,16 @@ def feet_checks(run):
     # progress is known to a cell or two
     beside = near_progress(apart[rows], path.cell, progress, lag[on] + 2 * path.cell)
     strict = [coupled(apart, path.cell, 0.0, weight).distance[rows] for weight in (SKIPPED, UPPER_SKIPPED)]
+    wide = coupled(apart[ticks], path.cell, reach, 0.0).distance[on]
+    upper = tuple(map(max, *map(sizes, (*strict, beside))))
     return FeetChecks(
         triangle=float((analysis.nozzle.distance - analysis.commanded.distance - lag[on]).max()),
         links=link_excess(budget),
         below=float((nearest - contour).max()),
         total=remainder(budget),
         contour=sizes(contour),
-        lower=sizes(coupled(apart[ticks], path.cell, reach, 0.0).distance[on]),
-        upper=tuple(map(max, *map(sizes, (*strict, beside)))),
+        lower=tuple(map(min, sizes(wide), upper)),
+        upper=upper,
         nearest=sizes(nearest),
         program=sizes(analysis.commanded.distance),
         program_lower=sizes(coupled(commanded[command_ticks], path.cell, LEAST_REACH, 0.0).distance[on]),

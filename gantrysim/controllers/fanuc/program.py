@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats
+from gantrysim.base.arrays import Floats, lengths
 from gantrysim.base.errors import InputError, at_least, finite, place, positive, whole
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
@@ -26,11 +26,13 @@ from gantrysim.controllers.fanuc.program_text import SPEEDS, ProgramMotions, Pro
 from gantrysim.controllers.fanuc.speed import PER_MINUTE
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.valve import Dispense, Outputs
+from gantrysim.paths.assignment import assigned_progress
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Vector, vector
 from gantrysim.record.setpoints import Setpoints, ticks
 
 _LONGEST_BLEND = 10.0  # [s]
+_ON_THE_PATH = 1e-6  # distance from it that is rounding [mm]
 _WORDS = "ABC"
 _LINEAR = "xyz"
 
@@ -264,12 +266,31 @@ class Program(Controller):
         for k, part in enumerate(self._parts):
             chosen = which == k
             place[chosen], dispense[chosen] = part.sample(time[chosen] - begun[k])
+        progress = place[:, 4]
         if self.blend_time > 0:
-            place, dispense = averaged(place, dispense, round(self.blend_time / period))
+            count = round(self.blend_time / period)
+            begin = np.concatenate([np.full(count, progress[0]), progress])
+            end = np.concatenate([progress, np.full(count, progress[-1])])
+            place, dispense = averaged(place, dispense, count)
+            progress = self._blended_progress(place, np.stack([begin, end]))
         columns = {"x": 0, "y": 1, "z": 2, self.rotary_axis: 3}
         position = place[:, [columns[name] for name in self.axes]]
-        progress = np.maximum.accumulate(np.clip(place[:, 4], 0.0, self.requested.length))  # of rounding
+        progress = np.maximum.accumulate(np.clip(progress, 0.0, self.requested.length))  # of rounding
         return Setpoints(period, self.axes, position, dispense, self.requested, progress=progress)
+
+    def _blended_progress(self, place: Floats, averaged_over: Floats) -> Floats:
+        """Return the progress of a moving average: where it leaves the path, that of a place that was averaged, (n,).
+
+        Args:
+            place: averages, as of `Part.sample`, (n, 5).
+            averaged_over: progress at the begin and the end of what was averaged, (2, n) [mm].
+        """
+        mean = np.clip(place[:, 4], 0.0, self.requested.length)
+        leaves = lengths(self.requested.position(mean) - place[:, :3]) > _ON_THE_PATH
+        if not leaves.any():
+            return mean
+        blended = assigned_progress(self.requested, place[:, :3], np.where(leaves, averaged_over, mean))
+        return np.where(leaves, blended, mean)
 
 
 def _block(item: object, k: int) -> Block:
