@@ -35,6 +35,7 @@ from gantrysim.results.run_results import RunResults
 _UM = 1e3
 _LEVEL = 1e-6  # [mm], vertical parts below it are rounding
 _LISTED = 2000  # lines of a program that is listed whole; of a longer one only the lines that run
+_CORNER_DECIMALS = 4
 _DIGITS = 3  # significant, of a column's largest value
 
 ERROR = "error"
@@ -169,6 +170,15 @@ class ViewerData:
         run = self.results.budget.analysis.run
         return program_lines_at(self.results.job, len(run.time), run.time[rows])
 
+    def corners(self) -> list[list[float]]:
+        """Return arc length, x and y of the requested path's corners [mm]; none of a path that has too many to show."""
+        path = self.results.budget.analysis.run.requested
+        if path.corners.size > self._most:
+            return []
+        table = np.column_stack([path.corners, path.position(path.corners)[:, :2]])
+        rounded: list[list[float]] = table.round(_CORNER_DECIMALS).tolist()
+        return rounded
+
     @property
     def _program_text(self) -> str:
         job = self.results.job
@@ -201,6 +211,7 @@ class ViewerData:
             "start": float(run.time[0]),
             "columns": columns,
             "series": contents,
+            "corners": self.corners(),
             "program": _listing(self._program_text, lines),
             "magnification": magnification(self.results.budget.analysis),
             "path_tolerance": None if tolerance is None else _UM * tolerance.path_max,

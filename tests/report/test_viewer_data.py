@@ -333,3 +333,25 @@ def test_a_page_has_the_third_dimension_where_the_bead_climbs(shown):
     flat = run.nozzle[run.dispense][:, 2] * (0.999 / 16)
     assert climb(flat) < LEVEL
     assert ViewerData(shown).content()["space"] is None
+
+
+def test_corners_that_the_nozzle_does_not_reach_are_sent():
+    """The map draws the requested path through the feet of the nozzle, which leave out the tip of a rounded corner."""
+    text = "G21 G90\nF3600\nG0 X0 Y0\nG1 X40 Y0\nG1 X11.33 Y20.075\nM2"
+    job = Job(name="corner", machine="xy", program={"controller": "linuxcnc.Program", "text": text})
+    bead = Bead(job.run(), job.bead, None)
+    analysis = Analysis(bead.run)
+    content = ViewerData(
+        RunResults(job, job.built_machine, Budget(analysis), Bead(bead.run, job.bead, analysis))
+    ).content()
+    assert content["corners"] == [[40.0, 40.0, 0.0]]
+    feet = decoded(content["columns"]["x"], content["rows"]) - decoded(content["columns"]["dx"], content["rows"])
+    assert np.nanmax(feet) < 35
+
+
+def test_a_path_of_too_many_corners_is_drawn_without_them():
+    path = SimpleNamespace(corners=np.arange(11.0), position=lambda s: np.zeros((s.size, 3)))
+    run = SimpleNamespace(requested=path)
+    results = SimpleNamespace(budget=SimpleNamespace(analysis=SimpleNamespace(run=run)))
+    assert len(ViewerData(results, most=11).corners()) == 11
+    assert ViewerData(results, most=10).corners() == []

@@ -52,13 +52,12 @@ export class BeadMap {
     const nominal = data.width;
     context.beginPath();
     let pen = false;
-    for (let row = 0; row < data.rows; row++) {
-      const px = data.requested.x[row];
+    data.requested.x.forEach((px, k) => {
       const known = px === px;
-      if (known && pen) context.lineTo(map.px(px), map.py(data.requested.y[row]));
-      else if (known) context.moveTo(map.px(px), map.py(data.requested.y[row]));
+      if (known && pen) context.lineTo(map.px(px), map.py(data.requested.y[k]));
+      else if (known) context.moveTo(map.px(px), map.py(data.requested.y[k]));
       pen = known;
-    }
+    });
     Object.assign(context, { strokeStyle: colours.line, lineWidth: nominal * map.scale });
     context.stroke();
     const pieces = Array.from({ length: LEVELS + 1 }, () => new Path2D());

@@ -103,12 +103,33 @@ export class RunData {
     const rows = this.rows;
     this.time = tick.map((k) => content.start + k * content.period);
     this.end = content.start + (content.ticks - 1) * content.period;
-    this.requested = { x: x.map((value, k) => value - dx[k]), y: y.map((value, k) => value - dy[k]) };
     this.size = this.column.distance || contour.map(Math.abs);
     this.along = ascending(s);
+    this.requested = this._requested(x.map((value, k) => value - dx[k]), y.map((value, k) => value - dy[k]));
     this.worst = 0;
     for (let k = 0; k < rows; k++) if (!(this.size[k] <= this.size[this.worst])) this.worst = isNaN(this.size[k]) ? this.worst : k;
     this.off = stretches(rows, (k) => !this.column.dispense[k]);
+  }
+
+  /**
+   * The requested path as a line, NaN where it is interrupted: through the feet of the nozzle, and through the corners
+   * between two of them, whose tips the nozzle may not reach.
+   */
+  _requested(x, y) {
+    const { s } = this.column;
+    const line = { x: [], y: [] };
+    let next = 0;
+    for (let row = 0; row < this.rows; row++) {
+      for (; next < this.corners.length && this.corners[next][0] < s[row]; next++) {
+        const between = row > 0 && this.corners[next][0] > s[row - 1]; // false where glue is interrupted
+        if (!between) continue;
+        line.x.push(this.corners[next][1]);
+        line.y.push(this.corners[next][2]);
+      }
+      line.x.push(x[row]);
+      line.y.push(y[row]);
+    }
+    return line;
   }
 
   seriesOf(name) {

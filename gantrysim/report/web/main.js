@@ -21,7 +21,7 @@ const HINT =
 function showRun(place, content) {
   const data = new RunData(content);
   const cursor = new Cursor(data.rows, data.worst);
-  const region = regionOf([data.column.x], [data.column.y], data.width);
+  const region = regionOf([data.column.x, data.requested.x], [data.column.y, data.requested.y], data.width);
   const strips = new Strips(data, cursor);
   const readout = new Readout(data, cursor, (name, shown) => strips.setShown(name, shown));
   const views = element("div", { class: "views" });

@@ -67,7 +67,8 @@ export class Plan {
 
   _draw(context, map, colours) {
     const { data, cursor } = this;
-    this._path(context, map, (row) => [data.requested.x[row], data.requested.y[row]]);
+    const { x, y } = data.requested;
+    this._path(context, map, (k) => [x[k], y[k]], 0, x.length - 1);
     Object.assign(context, { strokeStyle: colours.soft, lineWidth: 1 });
     context.stroke();
     const chosen = cursor.line ? stretches(data.rows, (row) => data.column.line[row] === cursor.line) : [];
