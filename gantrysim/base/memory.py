@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import ctypes
-import gc
 import math
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 from gantrysim.base.errors import InputError
@@ -31,23 +30,6 @@ _GROUPS = (
     ("sys/fs/cgroup", "memory.max", "memory.current"),
     ("sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes"),
 )
-
-
-@contextmanager
-def starting() -> Iterator[None]:
-    """Look for no unreachable cycles of objects in the block, which imports modules, nor in what it makes thereafter.
-
-    Modules stay until the end, and looking through them again and again takes a sixth of the time until a command has
-    its first result.
-    """
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.freeze()
-        if enabled:
-            gc.enable()
 
 
 def give_back() -> None:

@@ -51,7 +51,7 @@ def handled(handler: Handler) -> Iterator[None]:
     try:
         yield
     finally:
-        for number, earlier in before.items():
+        for number, earlier in reversed(before.items()):  # Ctrl-C last: it would end the restoring of the others
             signal.signal(number, earlier)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -12,7 +12,6 @@ from gantrysim.base import memory
 from gantrysim.base.errors import text_of
 from gantrysim.base.extras import MissingPackageError
 from gantrysim.bead import Bead
-from gantrysim.cli.figures import FiguresByTitle, draw_figures, figures_beside
 from gantrysim.cli.tables import causes_table, links_table, losses_table, outcome_table, scatter_table, verdict_table
 from gantrysim.cli.terminal import count_bar, say, share_bar, show, stage, warn
 from gantrysim.job.causes import causes_of
@@ -97,7 +96,6 @@ class Evaluation:
         self.results = RunResults(job, job.built_machine, budget, bead)
         self.failed: list[str] = []
         self._changes: Section | None = None
-        self._figures: FiguresByTitle | None = None
         self._record = record
         self._wanted = wanted
         self._go_on = go_on
@@ -107,12 +105,8 @@ class Evaluation:
         with stage("record"):
             write_run(folder, self.results)
 
-    def show(self, folder: Path) -> None:
-        """Print verdict and tables, first those of the record alone, then those that need further runs of the job.
-
-        Args:
-            folder: for plots, which are drawn beside the search for what to change.
-        """
+    def show(self) -> None:
+        """Print verdict and tables, first those of the record alone, then those that need further runs of the job."""
         results = self.results
         job = results.job
         record = self._record
@@ -137,7 +131,7 @@ class Evaluation:
         say(f"servo: {job.servo_reason}", wrap=True)
         for note in run_notes(job, record):
             say(f"note: {note}")
-        self._find_changes(folder)
+        self._find_changes()
 
     def write(self, folder: Path) -> None:
         """Write the summary with all that is known, and what is drawn; that may fail, the film comes last."""
@@ -146,16 +140,16 @@ class Evaluation:
         page = None
         if self._wanted.report:
             from gantrysim.plots import save_plots
-            from gantrysim.report.page import run_page
+            from gantrysim.report.figures import figures_ahead
+            from gantrysim.report.page import run_page, sections_with_figures
 
-            if self._figures is None:
-                with suppress(Exception):  # what fails is drawn again, where its error is reported
-                    self._figures = draw_figures(results, folder / PLOTS, self._go_on)
-            with self._optional("plot"), share_bar("plots", self._go_on) as advance:
-                save_plots(results.budget, folder / PLOTS, results.bead, progress=advance, only_missing=True)
+            with share_bar("plots", self._go_on) as advance:
+                figures = figures_ahead(sections_with_figures(results), folder / PLOTS, advance)
+            with self._optional("plot"):
+                save_plots(results.budget, folder / PLOTS, results.bead, only_missing=True)
             with self._optional("report"), share_bar("page", self._go_on) as advance:
                 video = folder / VIDEO if self._wanted.video else None
-                page = run_page(results, video, advance, self._changes, self._figures)
+                page = run_page(results, video, advance, self._changes, figures)
         if self._wanted.video:
             self._film(folder)
         if page is not None:
@@ -216,7 +210,7 @@ class Evaluation:
         self.results = replace(self.results, scatter=scatter)
         show(scatter_table(scatter))
 
-    def _find_changes(self, folder: Path) -> None:
+    def _find_changes(self) -> None:
         """Simulate what may improve the two worst rows of a verdict that is no pass, and print what to change."""
         verdict = self.results.verdict
         job = self.results.job
@@ -224,14 +218,6 @@ class Evaluation:
         wanted = self._wanted.improve is not False and verdict.state != PASS
         if not wanted or _reason_to_skip(job, self.results.budget, is_default=is_default):
             return
-        if not self._wanted.report:
-            self._show_changes()
-            return
-        with figures_beside(self.results, folder / PLOTS) as figures:
-            self._show_changes()
-            self._figures = figures()
-
-    def _show_changes(self) -> None:
         from gantrysim.cli.improve import show_changes
         from gantrysim.remedy.improve import improve, worst_rows
         from gantrysim.remedy.outcome import Outcome

@@ -100,10 +100,9 @@ def run(
     input, 3 for a run that ended in a fault, 4 for a verdict that --fail-on names, 130 after Ctrl-C, which leaves the
     output folder unchanged before the simulation is complete, and keeps its record and summary from then on.
     """
-    from gantrysim.base.memory import starting
     from gantrysim.base.signals import ending_at_once
 
-    with starting(), ending_at_once():
+    with ending_at_once():
         from gantrysim.cli.evaluation import Wanted
         from gantrysim.job.job import Job
         from gantrysim.job.plan import speed_note
@@ -190,7 +189,7 @@ def _show_and_draw(evaluation: Evaluation, folder: Path) -> None:
 
     try:
         with SHOWN_OUTPUT.written(folder) as scratch:
-            evaluation.show(scratch)
+            evaluation.show()
             evaluation.write(scratch)
     except ReplacedError:
         raise

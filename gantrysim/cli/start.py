@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import sys
 from collections.abc import Iterator
@@ -24,9 +23,7 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # of processes that this one starts, such as a study's workers: they import nothing from the working folder either
     os.environ["PYTHONSAFEPATH"] = "1"
-    from gantrysim.base.memory import starting
-
-    with starting(), signals.ending_at_once():
+    with signals.ending_at_once():
         from gantrysim.cli.main import main
 
     global _left
@@ -34,7 +31,6 @@ def main() -> None:
     try:
         main()
     finally:
-        gc.freeze()  # at the end of the process too, looking for cycles takes a fifth of a second
         signals.leave()
 
 

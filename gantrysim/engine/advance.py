@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
+from functools import partial
 from typing import Protocol
 
 import mujoco
@@ -14,7 +15,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
-from gantrysim.native.hook import installed, installed_law
+from gantrysim.native.hook import Interrupted, installed, installed_law
 from gantrysim.native.row import MISSED, NOT_IN_MODEL
 from gantrysim.servo.laws.plain import PlainLaw
 
@@ -23,6 +24,7 @@ Numbers = NDArray[np.intp]  # of simulations
 CALLS = 50  # of the stepping function for a run that shows its progress, or more
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 MOST_STEPS = 20_000  # per call: some 0.1 s, for Ctrl-C not to wait longer
+_MOST_IN_PYTHON = 1000  # the same with a law in plain Python
 
 
 class Steps(Protocol):
@@ -80,7 +82,7 @@ def advance(
     runs: Mapping[int, Started],
     steps: int | None = None,
     *,
-    hook: AbstractContextManager[None] | None = None,
+    hook: Callable[[], AbstractContextManager[Interrupted]] = installed,
     progress: Callable[[int], None] | None = None,
 ) -> None:
     """Step simulations until all have sent their last setpoint or had a fault, or have made a number of steps.
@@ -92,30 +94,33 @@ def advance(
         simulated: what steps the simulations; Ctrl-C takes effect between its calls.
         runs: the simulations by number.
         steps: number of physics steps; by default as many as it takes.
-        hook: context in which the servo is MuJoCo's control callback, by default that of the compiled law.
+        hook: makes a context in which the servo is MuJoCo's control callback, by default that of the compiled law.
         progress: called after every call of MuJoCo with the number of setpoints that all simulations have sent.
     """
-    most = MOST_STEPS
+    in_python = hook is not installed or any(run.user_law is not None for run in runs.values())
+    most = _MOST_IN_PYTHON if in_python else MOST_STEPS
     if steps is None and progress is not None:
         most = min(most, max(run.steps_left for run in runs.values()) // CALLS + 1)
     stepped = 0
-    with installed() if hook is None else hook:
-        while steps is None or stepped < steps:
-            running = [number for number, run in runs.items() if not run.done]
-            if not running:
-                return
-            witness = runs[running[0]]
-            before = witness.steps
-            needed = max(runs[number].steps_left for number in running) if steps is None else steps - stepped
-            count = min(needed, most, *(runs[number].steps_of_model for number in running))
-            for number in running:
-                runs[number].make_room(count)
-            step_or_take_back(simulated, runs, count, np.array(running))
-            if witness.steps == before:
-                return
-            stepped += count
-            if progress is not None:
-                progress(sum(run.sent for run in runs.values()))
+    while True:
+        with hook() as interrupted:
+            # a signal is handled at the end of this block; where its handler returns, the run goes on
+            while not interrupted():
+                running = [number for number, run in runs.items() if not run.done]
+                if not running or stepped == steps:
+                    return
+                witness = runs[running[0]]
+                before = witness.steps
+                needed = max(runs[number].steps_left for number in running) if steps is None else steps - stepped
+                count = min(needed, most, *(runs[number].steps_of_model for number in running))
+                for number in running:
+                    runs[number].make_room(count)
+                step_or_take_back(simulated, runs, count, np.array(running))
+                if witness.steps == before:
+                    return
+                stepped += count
+                if progress is not None:
+                    progress(sum(run.sent for run in runs.values()))
 
 
 class Stepper:
@@ -134,9 +139,9 @@ class Stepper:
         self, steps: int | None = None, law: PlainLaw | None = None, progress: Callable[[int], None] | None = None
     ) -> None:
         """Step until the run is done or has made a number of steps, with its servo's law or one in plain Python."""
-        hook = None
+        hook = installed
         if law is not None:
-            hook = installed_law(self.data, law)
+            hook = partial(installed_law, self.data, law)
             self.run.stop_at_stops()  # no step of it can be taken back
         advance(self, {0: self.run}, steps, hook=hook, progress=progress)
 

@@ -11,5 +11,5 @@ simulation carries its own servo, and any number of them can be stepped by any n
 row must keep its arrays alive. A row begins with a magic number, by which the callback leaves all other models alone.
 
 `pointers` turns addresses into arrays inside compiled code, `tick` is the callback, `supervision` a part of it, and
-`hook` registers it only while gantrysim steps, Ctrl-C being held back by `interrupts` meanwhile.
+`hook` registers it only while gantrysim steps.
 """

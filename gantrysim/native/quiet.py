@@ -10,7 +10,7 @@ from typing import Any
 
 import mujoco
 
-from gantrysim.native.interrupts import called_by_c
+from gantrysim.base import signals
 
 _lock = threading.Lock()  # guards the two below
 _blocks = 0  # that take the warnings
@@ -18,7 +18,6 @@ _loud: Any = None  # what took them before the first of these
 _thread = threading.local()  # .heard: warnings in the innermost `quiet` of this thread
 
 
-@called_by_c
 def heard(text: bytes) -> None:
     """Keep a warning for the block of this thread that asks for it; called by C code."""
     said = getattr(_thread, "heard", None)
@@ -44,14 +43,16 @@ def silence(blocks: int) -> None:
 @contextmanager
 def quiet() -> Iterator[list[str]]:
     """Take MuJoCo's warnings in a block; they are in the list when it has ended."""
-    before = getattr(_thread, "heard", None)
     texts: list[bytes] = []
     said: list[str] = []
-    silence(1)
-    _thread.heard = texts
-    try:
-        yield said
-    finally:
-        _thread.heard = before
-        silence(-1)
-        said += [" ".join(text.decode(errors="replace").split()) for text in texts]
+    # C code that calls `heard` would swallow an interrupt
+    with signals.deferred():
+        before = getattr(_thread, "heard", None)
+        silence(1)
+        _thread.heard = texts
+        try:
+            yield said
+        finally:
+            _thread.heard = before
+            silence(-1)
+            said += [" ".join(text.decode(errors="replace").split()) for text in texts]

@@ -15,7 +15,6 @@ from numba.core.errors import NumbaError
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.native.interrupts import called_by_c, deliver
 from gantrysim.native.pointers import floats, row_at
 from gantrysim.native.row import ROW
 from gantrysim.servo.laws.user import STATE, UserLaw, UserTick
@@ -47,7 +46,6 @@ class CalledLaw:
         self._kept: Any = _compiled(law).ctypes if hasattr(law, "py_func") else _CALLED(self.call)
         self.address = ctypes.cast(self._kept, ctypes.c_void_p).value or 0
 
-    @called_by_c
     def call(self, _data: int, userdata: int, _state: int) -> None:
         """Call a law in plain Python.
 
@@ -57,7 +55,6 @@ class CalledLaw:
         if self.raised:
             return
         try:
-            deliver()
             row = np.ndarray(1, ROW, memoryview((ctypes.c_char * ROW.itemsize).from_address(userdata)))[0]
             n = int(row["axes"])
             period = float(row["period"])
