@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from gantrysim.base.errors import whole
 from gantrysim.job.job import Job
 from gantrysim.metrics.budget import Budget
-from gantrysim.remedy.deviation import Deviation
 from gantrysim.remedy.family import Family
 from gantrysim.remedy.outcome import Measured, Motion, Outcome, measured_together, motion_key
 from gantrysim.remedy.recent import Recent
@@ -57,7 +56,6 @@ class Bench:
         self._progress = progress
         self._outcomes: dict[str, Outcome] = {}
         self._motions: Recent[Motion] = Recent()  # by `motion_key`
-        self._deviations: dict[str, Deviation] = {}  # likewise
         self.task = Task()
 
     def add(self, job: Job, budget: Budget) -> None:
@@ -66,14 +64,6 @@ class Bench:
         motion = Motion(job, run, budget if run.fault is None else None)
         self._keep_motion(self.motion_key(job), motion)
         self._keep({job.toml(): motion.outcome(job)})
-
-    def motion(self, job: Job) -> Motion | None:
-        """Return the motion of a job where it is kept."""
-        return self._motions.get(self.motion_key(job))
-
-    def deviation(self, job: Job) -> Deviation:
-        """Return how far the nozzle is from its command in the run of a job."""
-        return self._deviations.get(self.motion_key(job)) or Deviation.unknown()
 
     def measure(self, job: Job) -> Outcome:
         """Return what the run of a job shows."""
@@ -108,8 +98,6 @@ class Bench:
 
     def _keep_motion(self, key: str, motion: Motion) -> None:
         self._motions.keep(key, motion, len(motion.run.time))
-        if key not in self._deviations:
-            self._deviations[key] = motion.deviation
 
     def _keep(self, outcomes: Mapping[str, Outcome]) -> None:
         self._outcomes |= outcomes

@@ -1,10 +1,9 @@
 """The best combination of levers, found greedily.
 
 All settings of all levers that are left are tried on top of the combination, and the one with the least burden joins,
-as long as it lowers the burden by at least `SHARE`. They are simulated in the order of their forecasts, by the error of
-their program and the margins of their loops (`gantrysim.remedy.forecast`), until the others cannot be the best, nor as
-good. Of levers that are as good, the one that takes least joins. Where none helps any more, another setting of a lever
-that has joined is tried: the best loop period, for one, is another once its waits are exact.
+as long as it lowers the burden by at least `SHARE`. Of levers that are as good, the one that takes least joins. Where
+none helps any more, another setting of a lever that has joined is tried: the best loop period, for one, is another once
+its waits are exact.
 
 Levers that only need another setting of the controller come first; those that cost cycle time or change the bead join
 where these do not suffice, and other hardware comes last. Where not even that suffices, each lever of the combination
@@ -20,7 +19,6 @@ from dataclasses import dataclass
 
 from gantrysim.base.errors import GantryError
 from gantrysim.job.job import Job
-from gantrysim.remedy.forecast import Forecast
 from gantrysim.remedy.lever import Effort, Lever, Setting, State
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.results.score import usage_of
@@ -74,7 +72,6 @@ class Combinations:
         measure_all: returns what the runs of jobs show.
         bad_rows: returns the names of the rows that are to pass and do not, from what a run shows.
         member: returns a job that shares with others what it has in common with them.
-        forecast: of the burden of combinations; None to simulate them all.
     """
 
     def __init__(
@@ -83,13 +80,11 @@ class Combinations:
         measure_all: Callable[[Sequence[Job]], list[Outcome]],
         bad_rows: Callable[[Outcome], set[str]],
         member: Callable[[Job], Job],
-        forecast: Forecast | None = None,
     ) -> None:
         self._start = start
         self._measure_all = measure_all
         self._bad_rows = bad_rows
         self._member = member
-        self._forecast = forecast
         self._states: dict[tuple[tuple[str, str], ...], State] = {}  # by names of levers and labels of settings
 
     def state_of(self, picks: Sequence[Pick]) -> State:
@@ -140,15 +135,9 @@ class Combinations:
                 state = self.state_of(fewer)
             except GantryError:
                 continue
-            (least,) = self._forecasts(needed, [Candidate(tuple(fewer), state.job)])
-            if (1 - SHARE) * least <= present and (1 - SHARE) * state.outcome.burden <= present:
+            if (1 - SHARE) * state.outcome.burden <= present:
                 needed = fewer
         return needed
-
-    def hopeful(self, picks: Sequence[Pick], candidates: Sequence[Candidate]) -> list[Candidate]:
-        """Return the candidates in place of a combination that may pass by their forecasts."""
-        forecasts = self._forecasts(picks, candidates)
-        return [candidate for candidate, least in zip(candidates, forecasts, strict=True) if least == 0]
 
     def measured(self, jobs: Sequence[Job]) -> list[Outcome]:
         """Return what the runs of jobs show."""
@@ -173,56 +162,12 @@ class Combinations:
                     continue
                 yield Candidate((*picks, Pick(lever, setting.label)), job)
 
-    def _promising(self, picks: Sequence[Pick], candidates: Sequence[Candidate]) -> dict[int, Outcome]:
-        """Return what the runs show of candidates that may be the best, or as good, by their numbers in order.
-
-        Those with the least forecast are simulated first. The better the best of them is, the fewer others have a
-        forecast that leaves them a chance.
-        """
-        forecasts = self._forecasts(picks, candidates)
-        present = self.state_of(picks).outcome.burden
-        waiting = sorted(range(len(candidates)), key=lambda k: forecasts[k])
-        outcomes: dict[int, Outcome] = {}
-        bound = (1 - SHARE) * present  # see `_best`
-        while waiting and forecasts[waiting[0]] <= bound:
-            # those that are as good by their forecasts run beside one another
-            near = min(forecasts[waiting[0]] + SHARE * present, bound)
-            together = [k for k in waiting if forecasts[k] <= near]
-            waiting = waiting[len(together) :]
-            outcomes |= self._measured(candidates, together)
-            least = min(outcome.burden for outcome in outcomes.values())
-            if least <= (1 - SHARE) * present:
-                bound = least + SHARE * present
-        return dict(sorted(outcomes.items()))
-
-    def _measured(self, candidates: Sequence[Candidate], numbers: Sequence[int]) -> dict[int, Outcome]:
-        return dict(zip(numbers, self._measure_all([candidates[k].job for k in numbers]), strict=True))
-
-    def _forecasts(self, picks: Sequence[Pick], candidates: Sequence[Candidate]) -> list[float]:
-        """Return the burden that each candidate has at least; 0 where a forecast is not worth its time."""
-        forecast = self._forecast
-        # each lever alone has been simulated
-        if forecast is None or not picks or not forecast.is_worthwhile(self.state_of(picks).outcome):
-            return [0.0] * len(candidates)
-        return [self._least_burden(forecast, candidate) for candidate in candidates]
-
-    def _least_burden(self, forecast: Forecast, candidate: Candidate) -> float:
-        try:
-            alone = [self.state_of([pick]).job for pick in candidate.picks]
-        except GantryError:  # a setting that there is only after other levers
-            return 0.0
-        return forecast.burden(candidate.job, alone)
-
     def _best(self, picks: Sequence[Pick], candidates: Sequence[Candidate]) -> list[Pick] | None:
         """Return the best candidate where it lowers the burden enough."""
         if not candidates:
             return None
         present = self.state_of(picks).outcome.burden
-        promising = self._promising(picks, candidates)
-        if not promising:
-            return None
-        candidates = [candidates[k] for k in promising]
-        outcomes = list(promising.values())
+        outcomes = self._measure_all([candidate.job for candidate in candidates])
         least = min(outcome.burden for outcome in outcomes)
         if least > (1 - SHARE) * present:
             return None

@@ -35,17 +35,16 @@ def fewest_levers(combinations: Combinations, picks: Sequence[Pick], motion_of: 
         candidates = [
             candidate for chosen in subsets(levers, count) for candidate in _candidates(combinations, (), chosen)
         ]
-        hopeful = combinations.hopeful(picks, candidates)
-        if len({motion_of(candidate.job) for candidate in hopeful}) > MOST_MOTIONS:
+        if len({motion_of(candidate.job) for candidate in candidates}) > MOST_MOTIONS:
             continue
-        outcomes = combinations.measured([candidate.job for candidate in hopeful])
+        outcomes = combinations.measured([candidate.job for candidate in candidates])
         passing = [
             (rank(outcome), k)
             for k, outcome in enumerate(outcomes)
             if outcome.burden == 0 and outcome.duration <= (1 + SHARE) * present.duration
         ]
         if passing:
-            return list(hopeful[min(passing)[1]].picks)
+            return list(candidates[min(passing)[1]].picks)
     return list(picks)
 
 

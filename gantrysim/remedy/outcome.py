@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +18,6 @@ from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.record.run import Run
-from gantrysim.remedy.deviation import Deviation
 from gantrysim.results.checks import FAIL, PASS
 from gantrysim.results.score import burden_of
 from gantrysim.results.verdict import Verdict
@@ -138,11 +136,6 @@ class Motion:
         """
         run = job.run()
         return cls(job, run, Budget(Analysis(run)) if run.fault is None else None)
-
-    @cached_property
-    def deviation(self) -> Deviation:
-        """How far the nozzle is from its command."""
-        return Deviation.unknown() if self.budget is None else Deviation.of(self.budget)
 
     def outcome(self, job: Job) -> Outcome:
         """Return what the run of a job with this motion shows.

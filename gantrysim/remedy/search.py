@@ -12,7 +12,6 @@ from gantrysim.job.job import Job
 from gantrysim.remedy.bench import Bench
 from gantrysim.remedy.combination import Combinations, Pick, best_combination, setting_of
 from gantrysim.remedy.fewest import fewest_levers
-from gantrysim.remedy.forecast import Forecast
 from gantrysim.remedy.lever import Lever, Setting, State
 from gantrysim.remedy.merging import merged
 from gantrysim.remedy.outcome import Outcome
@@ -43,8 +42,7 @@ class Search:
         self._bench = bench
         self._rows = frozenset(rows)
         self._causes = causes
-        forecast = Forecast(job, bench)
-        self._combinations = Combinations(self.start, self._measure_all, self._bad_rows, bench.family.member, forecast)
+        self._combinations = Combinations(self.start, self._measure_all, self._bad_rows, bench.family.member)
 
     def plausible(self, levers: Sequence[Lever]) -> tuple[list[Lever], list[Skipped]]:
         """Return the levers to try, and those that cannot help: the rows they act on pass, or no cause is theirs."""

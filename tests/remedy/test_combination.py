@@ -26,30 +26,17 @@ def lever(name, effort=Effort.SETTING):
     return Lever(name, "", "", ("path",), lambda state: [Setting("", {name: 1})], effort=effort)
 
 
-def combinations(factors, forecast=None, measured=None):
-    """Combinations of levers that leave these factors of the burden; the levers of jobs that are measured join a list.
-
-    Of several levers the last is named.
-    """
+def combinations(factors):
+    """Combinations of levers that leave these factors of the burden."""
 
     def measure(job):
-        if measured is not None:
-            measured.append("".join(job.levers[-1:]))
         burden = BURDEN * prod(factors[name] for name in job.levers)
         return SimpleNamespace(burden=burden, duration=1.0, verdict=None)
 
     def measure_all(jobs):
         return [measure(job) for job in jobs]
 
-    return Combinations(State(FactorJob(), measure), measure_all, lambda _: {"path"}, lambda job: job, forecast)
-
-
-def forecast_of(factors, share):
-    """Forecasts of a share of the burdens."""
-    return SimpleNamespace(
-        is_worthwhile=lambda present: True,
-        burden=lambda job, alone: share * BURDEN * prod(factors[name] for name in job.levers),
-    )
+    return Combinations(State(FactorJob(), measure), measure_all, lambda _: {"path"}, lambda job: job)
 
 
 def names(picks):
@@ -79,35 +66,3 @@ def test_of_levers_that_are_as_good_the_one_that_takes_least_joins():
     levers = [lever("part", Effort.HARDWARE), lever("value")]
     factors = {"part": 0.5, "value": 0.5 + 0.5 * SHARE}
     assert names(combinations(factors).joined([], levers)) == {"value"}
-
-
-@pytest.mark.parametrize(("share", "simulated"), [(0.9, {"best", "as good", "near"}), (1.0, {"best", "as good"})])
-def test_candidates_whose_forecast_leaves_them_no_chance_are_not_simulated(share, simulated):
-    """Of nine tenths of the burdens, 45 of 50: the best, 20, leaves a chance up to 20 + 0.5."""
-    factors = {"first": 0.5, "worse": 1.1, "best": 0.4, "as good": 0.405, "near": 0.45, "far": 0.9}
-    levers = [lever(name, Effort.HARDWARE if name == "best" else Effort.SETTING) for name in factors]
-    picks = [Pick(levers[0], "")]
-    measured = []
-    better = combinations(factors, forecast_of(factors, share), measured).joined(picks, levers)
-    assert better == combinations(factors).joined(picks, levers)
-    assert names(better) == {"first", "as good"}
-    assert set(measured) == {"first", *simulated}
-
-
-def test_nothing_is_simulated_where_no_forecast_is_better_than_the_present():
-    factors = {"first": 0.5, "as bad": 1 - 0.5 * SHARE, "worse": 1.1}
-    levers = [lever(name) for name in factors]
-    measured = []
-    tried = combinations(factors, forecast_of(factors, 1.0), measured)
-    assert tried.joined([Pick(levers[0], "")], levers) is None
-    assert set(measured) == {"first"}
-
-
-@pytest.mark.parametrize(("leaves", "simulated"), [(0.5, set()), (1 - 0.5 * SHARE, {"strong"})])
-def test_a_lever_is_left_out_on_trial_only_where_its_absence_may_be_forgiven(leaves, simulated):
-    factors = {"strong": 0.5, "weak": leaves}
-    picks = [Pick(lever("strong"), ""), Pick(lever("weak", Effort.HARDWARE), "")]
-    measured = []
-    needed = combinations(factors, forecast_of(factors, 1.0), measured).without_spare(picks)
-    assert needed == combinations(factors).without_spare(picks)
-    assert set(measured) == {"weak", *simulated}
