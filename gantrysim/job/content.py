@@ -22,7 +22,7 @@ from gantrysim.faults import KINDS, AnyFault, InjectedFault
 from gantrysim.job.code import named_code
 from gantrysim.job.defaults import MACHINE
 from gantrysim.job.given import Given
-from gantrysim.job.overrides import LIST_OF_KEYS, TABLES, change, known_keys, override
+from gantrysim.job.overrides import LIST_OF_KEYS, TABLES, change, known_keys, override, settings_of
 from gantrysim.job.programs import build, reject_booleans
 from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings, ToleranceSettings
 from gantrysim.machine.geometry import Geometry
@@ -164,14 +164,14 @@ class JobContent(BaseModel):
         """What the job was loaded from; None for one that was not loaded, or was changed since."""
         return None
 
-    def overridden(self, overrides: Iterable[str]) -> Self:
-        """Return the job with values changed by "key=value", as `load` takes them.
+    def overridden(self, overrides: Iterable[str] | Mapping[str, Any]) -> Self:
+        """Return the job with changed values, as `load` takes them.
 
         Raises:
             InputError: an invalid key or value.
         """
         content = self.model_dump(exclude_none=True)
-        for setting in overrides:
+        for setting in settings_of(overrides):
             override(content, setting, known_keys(content, allow_code=not self._refusal))
         return self._with(content)
 

@@ -15,6 +15,7 @@ from gantrysim.job.content import JobContent
 from gantrysim.job.first_try import OpenValues, choice_note, glue_changes, machine_of
 from gantrysim.job.fitting import check_servo_file
 from gantrysim.job.given import Given
+from gantrysim.job.overrides import settings_of
 from gantrysim.job.program_place import fit_changes, share_text
 from gantrysim.job.reading import Request, read_with_overrides
 from gantrysim.machine.machine import Machine
@@ -28,7 +29,7 @@ class LoadedJob(JobContent):
     def load(
         cls,
         job: str | os.PathLike[str],
-        overrides: Iterable[str] = (),
+        overrides: Iterable[str] | Mapping[str, Any] = (),
         machine: str | None = None,
         servo: str | os.PathLike[str] | None = None,
         *,
@@ -44,8 +45,8 @@ class LoadedJob(JobContent):
 
         Args:
             job: name of a built-in job, or path.
-            overrides: texts "key=value" with a TOML value; the key is dotted, as in program.loop_period, or its last
-                parts if they are unique.
+            overrides: values by their keys, such as {"program.loop_period": 0.002}, None for the default; or texts
+                "key=value" with a TOML value. A key is dotted, or its last parts if they are unique.
             machine: machine to use instead of the job's.
             servo: TOML file whose table [servo] replaces the job's, before the overrides.
             controller: controller that reads a program file, such as "fanuc"; by default chosen by the file's suffix.
@@ -57,7 +58,7 @@ class LoadedJob(JobContent):
             InputError: an unknown job, an invalid key or value, or code that may not run.
         """
         table = None if servo is None else Path(servo)
-        request = Request(str(job), tuple(overrides), machine, table, controller, placement, allow_code)
+        request = Request(str(job), settings_of(overrides), machine, table, controller, placement, allow_code)
         read = read_with_overrides(request)
         if read.refusal and not allow_code:
             raise InputError(read.refusal)

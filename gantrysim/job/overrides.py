@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
@@ -20,6 +20,7 @@ from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.models import builtin_models
 
 Content = dict[str, Any]  # of a job file
+Override = str | tuple[str, Any]  # text "key=value", or key and value
 _SHOWN = 200  # characters of an option
 
 LIST_OF_KEYS = "all keys: gantrysim info keys"
@@ -50,36 +51,62 @@ def change(content: Content, key: str, value: Any, known: Sequence[str]) -> None
         table[leaf] = value
 
 
-def override(content: Content, text: str, known: Sequence[str]) -> None:
-    """Set a value in the content of a job file by "key=value", as --set does.
+def settings_of(overrides: Iterable[str] | Mapping[str, Any]) -> tuple[Override, ...]:
+    """Return overrides one by one, from texts "key=value" or from values by their keys.
 
-    The value is TOML or unquoted text; the key is a known one in full, or its last parts where they are unique. A path
-    in `machine`, and one of the user's code, is relative to the working folder.
+    Raises:
+        InputError: a single text.
+    """
+    if isinstance(overrides, str):
+        raise InputError(f"overrides = {overrides!r}: must be texts in a list, or a mapping of keys to values")
+    return tuple(overrides.items()) if isinstance(overrides, Mapping) else tuple(overrides)
+
+
+def override(content: Content, setting: Override, known: Sequence[str]) -> None:
+    """Set a value in the content of a job file by "key=value", as --set does, or by a key and a value.
+
+    In a text the value is TOML or unquoted text; the key is a known one in full, or its last parts where they are
+    unique. A path in `machine`, and one of the user's code, is relative to the working folder.
 
     Raises:
         InputError: not "key=value", or an unknown or ambiguous key.
     """
-    option = f"--set {shorten(text, _SHOWN)}"
-    key, equals, right = text.partition("=")
-    key = key.strip()
-    if not equals:
-        raise InputError(f"{option}: must be key=value")
+    if isinstance(setting, str):
+        option = f"--set {shorten(setting, _SHOWN)}"
+        key, equals, right = setting.partition("=")
+        if not equals:
+            raise InputError(f"{option}: must be key=value")
+        key = _full_key(key.strip(), option, known)
+        value = _value_of(key, right)
+    else:
+        option, value = setting
+        key = _full_key(option, option, known)
+    if key == "machine" and isinstance(value, str):
+        value = absolute_machine(value, Path())
+    value = absolute_value(key, value, Path())
+    table, leaf = _table_of(content, key, option)
+    if value is None:
+        table.pop(leaf, None)
+    else:
+        table[leaf] = value
+
+
+def _full_key(key: str, option: str, known: Sequence[str]) -> str:
     if key not in known:
         matches = [name for name in known if name.endswith(f".{key}")]
         if len(matches) > 1:
             raise InputError(f"{option}: {key!r} is ambiguous: {', '.join(matches)}")
         if not matches:
             raise _unknown_key(key, known)
-        key = matches[0]
+        return matches[0]
+    return key
+
+
+def _value_of(key: str, text: str) -> Any:
     try:
-        value = toml_content(f"value = {right}", f"--set {key}")["value"]
+        return toml_content(f"value = {text}", f"--set {key}")["value"]
     except tomllib.TOMLDecodeError:
-        value = right.strip()
-    if key == "machine" and isinstance(value, str):
-        value = absolute_machine(value, Path())
-    value = absolute_value(key, value, Path())
-    table, leaf = _table_of(content, key, option)
-    table[leaf] = value
+        return text.strip()
 
 
 def _unknown_key(key: str, known: Sequence[str]) -> InputError:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from gantrysim.base.errors import InputError, expanded
 from gantrysim.job.code import absolute_value, is_trusted, named_code, refusal
 from gantrysim.job.loading import read_job, servo_table
-from gantrysim.job.overrides import absolute_machine, known_keys, override, place
+from gantrysim.job.overrides import Override, absolute_machine, known_keys, override, place
 from gantrysim.job.recognition import Recognised
 
 
@@ -18,7 +18,7 @@ class Request(NamedTuple):
     """Arguments of `Job.load`, which describes them."""
 
     job: str
-    overrides: tuple[str, ...] = ()
+    overrides: tuple[Override, ...] = ()
     machine: str | None = None
     servo: Path | None = None
     controller: str | None = None

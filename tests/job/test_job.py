@@ -202,3 +202,23 @@ def test_many_problems_of_a_file_are_named_in_one_short_line(tmp_path):
         Job.load(file)
     assert len(str(refused.value)) < 500
     assert str(refused.value).count("known:") == 1
+
+
+def test_overrides_may_be_a_mapping():
+    texts = Job.load("an225", ["tolerance.path_max=0.05", "loop_period=0.02", "program.turns=2"])
+    values = Job.load("an225", {"tolerance.path_max": 0.05, "loop_period": 0.02, "program.turns": 2})
+    assert values == texts
+    text = Job.load("linuxcnc-flanges", {"program.text": "G1  X10 F600\nM2\n"})
+    assert text.program["text"] == "G1  X10 F600\nM2\n"
+    again = values.overridden({"tolerance.path_max": None})
+    assert again.tolerance is None or again.tolerance.path_max is None
+
+
+def test_overrides_are_not_one_text():
+    with pytest.raises(InputError, match="^overrides = 'turns=2': must be texts in a list, or a mapping of keys"):
+        Job.load("an225", "turns=2")
+
+
+def test_an_unknown_key_of_a_mapping_is_named():
+    with pytest.raises(InputError, match="^unknown key 'program.trns'"):
+        Job.load("an225", {"program.trns": 2})
