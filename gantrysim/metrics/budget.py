@@ -42,7 +42,7 @@ from gantrysim.base.display import table_html
 from gantrysim.base.frames import pandas_frame
 from gantrysim.metrics.analysis import Analysis, ErrorSize, ErrorSpread
 from gantrysim.metrics.contradictions import contradictions
-from gantrysim.metrics.following import RigidMachine, servo_by_axis
+from gantrysim.metrics.following import ForwardKinematics, servo_by_axis
 from gantrysim.metrics.links import Trace, links, offset_of
 from gantrysim.metrics.parts import CORNER, ERROR, PART_COLUMNS, BudgetValues, Part, PartValues, TurnValues
 from gantrysim.metrics.spacing import one_way
@@ -247,7 +247,7 @@ class Budget:
             turns=self._turns(),
         )
 
-    def servo_by_axis(self, machine: RigidMachine) -> dict[str, Part]:
+    def servo_by_axis(self, machine: ForwardKinematics) -> dict[str, Part]:
         """Return each axis' contribution to the servo error, to first order.
 
         It is the displacement of a rigid machine's nozzle along the path's normals when this axis alone moves from its

@@ -16,7 +16,7 @@ from gantrysim.metrics.parts import Part
 _NO_MOTION = 1e-9  # shortest displacement that has a direction [mm]
 
 
-class RigidMachine(Protocol):
+class ForwardKinematics(Protocol):
     """Kinematics of a machine."""
 
     def tip(self, position: ArrayLike) -> Floats:
@@ -24,7 +24,7 @@ class RigidMachine(Protocol):
         ...
 
 
-def servo_by_axis(analysis: Analysis, servo: Part, machine: RigidMachine) -> dict[str, Part]:
+def servo_by_axis(analysis: Analysis, servo: Part, machine: ForwardKinematics) -> dict[str, Part]:
     """Return each axis' contribution to the servo part, see `Budget.servo_by_axis`.
 
     Args:
