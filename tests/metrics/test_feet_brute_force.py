@@ -86,6 +86,11 @@ def test_programs_follow_from_their_seeds():
     assert len({random_program(kind, number).seed for kind in ("svg", "grbl") for number in (0, 1)}) == 4
 
 
+@pytest.mark.validates(
+    "contour error of random programs of every controller",
+    "distance in the order of motion, by dynamic programming over the whole path",
+    "between the bounds of `tests/support/feet_checks.py`",
+)
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_feet_of_some_programs_of_a_kind(kind):
     check(kind, range(SUITE))
