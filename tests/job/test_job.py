@@ -215,10 +215,10 @@ def test_overrides_may_be_a_mapping():
 
 
 def test_overrides_are_not_one_text():
-    with pytest.raises(InputError, match="^overrides = 'turns=2': must be texts in a list, or a mapping of keys"):
+    with pytest.raises(InputError, match=r"^overrides = 'turns=2': must be texts in a list, or a mapping of keys"):
         Job.load("an225", "turns=2")
 
 
 def test_an_unknown_key_of_a_mapping_is_named():
-    with pytest.raises(InputError, match="^unknown key 'program.trns'"):
+    with pytest.raises(InputError, match=r"^unknown key 'program.trns'"):
         Job.load("an225", {"program.trns": 2})
