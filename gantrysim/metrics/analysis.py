@@ -140,7 +140,7 @@ class Analysis(Shown):
 
     @cached_property
     def _stretches(self) -> Floats:
-        """Begin and end of the stretch in which the feet of all followers of a tick lie, (2, m) [mm]."""
+        """Begin and end of the stretch of the path in which all feet of a tick lie, (2, m) [mm]."""
         run = self.run
         tips = [run.encoder_tip, run.motor_tip, run.nozzle]
         if run.geometric_tip is not None:
@@ -150,9 +150,10 @@ class Analysis(Shown):
     @cached_property
     def commanded(self) -> Projection:
         """Projection of the commanded positions; its distance is the program error."""
-        run = self.run
-        stretches = run.requested.stretches(run.commanded_tip, [], self.progress, self.ticks)
-        return run.requested.near(run.commanded_tip, self.progress, stretches, self.ticks)
+        return self._near(self.run.commanded_tip)
+
+    def _near(self, trace: Floats) -> Projection:
+        return self.run.requested.near(trace, self.progress, self._stretches, self.ticks)
 
     @cached_property
     def encoder(self) -> Projection:
@@ -183,7 +184,7 @@ class Analysis(Shown):
         # following is the longest part of an analysis; with exact encoders or a rigid machine traces are equal
         if all(np.array_equal(trace[block], other[block]) for block in blocks(len(trace))):
             return getattr(self, name)
-        return self.run.requested.near(trace, self.progress, self._stretches, self.ticks)
+        return self._near(trace)
 
     @cached_property
     def spacing(self) -> Spacing:

@@ -1,20 +1,18 @@
 """The part of a path that is nearest to each point of a trace, near the progress of the command; compiled.
 
 A motion controller knows at every tick which point of the requested path its command stands for: the progress p_k. The
-foot of the command is the nearest point of a stretch of the path about c(p_k): as far forwards and backwards as the
-path stays within a ball about c(p_k) that reaches to the command. Where the path comes near itself, other legs are in
-the ball, but the path leaves it on its way to them.
-
-What follows the command lags behind it. The feet of all followers of a tick are the nearest points of one stretch, as
-far as the path stays within a ball of the radius d_k forwards and of d_k + l_k backwards,
+command, and what follows it, lie about c(p_k). So the feet of all of them are the nearest points of one stretch of the
+path: forwards as far as the path stays within a ball about c(p_k) of the radius d_k, and backwards within one of
+d_k + l_k, but at least to p_(k-1), with
 
     l_k = max(lag_k, l_(k-1) - (p_k - p_(k-1)) / 2),
 
-where d_k is the distance of the furthest of all points of the tick from c(p_k), and lag_k that of the furthest follower
-from the command. Behind a corner the distance from a follower on the leg before shrinks, but not its way to the
-command: what it was before the corner counts until the command has left the corner behind. As the followers have the
-same stretch, and it holds the command's, the distance from it changes by no more than the points are apart, and none
-is further from the path than the command and its distance from that.
+where d_k is the distance of the furthest of them from c(p_k), and lag_k that of the furthest follower from the command.
+Where the path comes near itself, other legs are in the ball, but the path leaves it on its way to them. Behind a corner
+the distance from a follower on the leg before shrinks, but not its way to the command: what it was before the corner
+counts until the command has left the corner behind.
+
+As all points of a tick have the same stretch, the distance from it changes by no more than the points are apart.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
