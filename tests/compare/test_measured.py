@@ -21,6 +21,7 @@ from gantrysim.engine.simulate import perfect_follower
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.study.circle.study import CircleStudy, circle_row
 from gantrysim.tables.reading import read_table
+from gantrysim.tables.source import Source
 
 from support.compared import circle_job
 from support.jobs import job_run
@@ -113,6 +114,33 @@ def test_a_vibration_that_the_model_lacks_is_named_by_its_frequency(run):
     peak = found.peaks[0]
     assert peak.frequency == pytest.approx(87, abs=2)
     assert peak.rms == pytest.approx(0.01 / math.sqrt(2), rel=0.15)  # (n.(1, 1))^2 is 1 in the mean over directions
+
+
+def test_an_assignment_of_a_file_is_that_of_its_text(tmp_path):
+    file = tmp_path / "columns.toml"
+    file.write_text('period = 0.002\nblocks = 3\n[columns]\ntime = "t[ms]"\nx = "px*0.001"\n')
+    columns = {"time": Source("t", 1.0, "ms"), "x": Source("px", 0.001)}
+    assert Assignment.parse(str(file)) == Assignment(columns, 0.002, 3)
+    assert Assignment.parse("time=t[ms], x = px*0.001") == Assignment(columns)
+    file.write_text('[columns]\nx = "px"\n')
+    assert Assignment.parse(str(file)) == Assignment({"x": Source("px")})
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("period = 0.002", r"must have a table \[columns\]"),
+        ("columns = 3", r"must have a table \[columns\]"),
+        ('rate = 3\n[columns]\nx = "px"', "may have period and blocks"),
+        ('blocks = 1.5\n[columns]\nx = "px"', "blocks = 1.5: must be a whole number"),
+        ('period = 0\n[columns]\nx = "px"', "period = 0"),
+    ],
+)
+def test_a_file_that_is_no_assignment_is_refused(tmp_path, text, message):
+    file = tmp_path / "columns.toml"
+    file.write_text(text)
+    with pytest.raises(InputError, match=message):
+        Assignment.parse(str(file))
 
 
 @pytest.mark.parametrize("lengths", [(10.0, 40.0), (40.0, 10.0)])

@@ -90,6 +90,17 @@ def test_rows_of_the_viewer_have_the_closed_form(comparison):
     assert [np.nanmax(np.abs(table["contour"])) for table in columns] == pytest.approx(extremes, abs=1e-9)
 
 
+def test_rows_of_the_viewer_are_about_as_many_as_asked_for(comparison):
+    """Fewer rows keep the extremes of what is drawn."""
+    few, columns = OverlayData(comparison, most=400).columns()
+    assert 100 < few.size <= 400
+    all_columns = OverlayData(comparison).columns()[1]
+    for table, whole in zip(columns, all_columns, strict=True):
+        for name in ("contour", "speed"):
+            assert np.nanmax(table[name]) == np.nanmax(whole[name])
+            assert np.nanmin(table[name]) == np.nanmin(whole[name])
+
+
 def test_what_is_better_and_by_how_much(comparison):
     largest = [UM * (abs(mean) + abs(swing)) for mean, swing in (BEFORE, AFTER)]
     check = next(check for check in comparison.checks if check.known.name == "path_max")

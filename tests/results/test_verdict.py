@@ -17,6 +17,7 @@ from gantrysim.results.row import Row
 from gantrysim.stability.margins import Margins
 
 from support.jobs import job_run
+from support.remedies import spiral_job
 
 NEEDLE = 0.82  # outer diameter [mm]
 AREA = 2.0  # [mm²]
@@ -410,3 +411,39 @@ def test_the_clearance_of_turns_that_climb_is_said_not_to_be_judged():
     flat = Verdict.of(Job.load("an225"), job_run("an225"))["glue"]
     assert remark not in flat.remark
     assert only(flat.checks, "turn_clearance").state == "fail"
+
+
+@pytest.fixture(scope="module")
+def turns():
+    """A job of four turns 5 mm apart, with starts and stops of 20 mm, and its perfect follower."""
+    tables = {"bead": {"contact_angle": 90.0, "squashed": False}, "tolerance": {"start_length": 20, "stop_length": 20}}
+    job = spiral_job(tables, turns=4, thickness=5.0, wait_resolution=0.0)
+    return job, job.follow()
+
+
+DISCRETE = 0.012  # what the waits of the spiral's program leave of its pitch [mm]
+
+
+@pytest.mark.parametrize("factor", [0.81, 1.0, 1.21])
+def test_the_clearance_of_turns_is_off_by_what_their_width_is(turns, factor):
+    """The width of a half circle goes with the root of its area: a tenth of it with 21 % of the flow."""
+    job, run = turns
+    width = math.sqrt(8 * AREA / math.pi)
+    check = only(Verdict.of(job, run.replaced(flow=factor * run.flow))["glue"].checks, "turn_clearance")
+    assert check.value == pytest.approx(width * abs(math.sqrt(factor) - 1), abs=DISCRETE)
+
+
+def test_a_part_of_one_turn_that_is_wider_takes_half_of_it_from_the_clearance_there(turns):
+    job, run = turns
+    x, y = run.nozzle[:, :2].T
+    angle = np.unwrap(np.arctan2(y, x - 30.0))  # it begins 30 mm from its centre
+    turned = np.abs(angle - angle[np.flatnonzero(run.dispense)[0]])
+    for middle, seen in ((2.5 * math.pi, True), (0.0, False)):
+        there = np.abs(turned - middle) < (0.3 if seen else 0.5 * 20.0 / 30.0)
+        flow = np.where(there, 1.21 * run.flow, run.flow)
+        check = only(Verdict.of(job, run.replaced(flow=flow))["glue"].checks, "turn_clearance")
+        width = math.sqrt(8 * AREA / math.pi)
+        assert check.value == pytest.approx(0.05 * width if seen else 0.0, abs=DISCRETE)
+        if seen:
+            at = turned[np.searchsorted(run.time, check.place.time)] - middle
+            assert min(abs(at), abs(at + 2 * math.pi)) < 0.35  # there, or on the turn beside it
