@@ -14,6 +14,7 @@ from gantrysim import Budget, InputError, Job, Machine, Servo
 from gantrysim.base.arrays import spans
 from gantrysim.compare.alignment import aligned
 from gantrysim.compare.assignment import Assignment
+from gantrysim.compare.beside import evenly
 from gantrysim.compare.comparison import Comparison
 from gantrysim.compare.measured import Trace
 from gantrysim.compare.page import headline, share_text
@@ -170,6 +171,13 @@ def test_few_or_uneven_samples_have_a_budget_but_no_spectrum(run, rate, lost):
     frequency, density = found.spectrum
     assert (frequency.size, density.size, found.peaks) == (0, 0, [])
     assert found.unexplained["contour"].rms == pytest.approx(math.sqrt(2) * 1e-3, rel=0.35 if lost == 1 else 0.05)
+
+
+@pytest.mark.parametrize(("off", "even"), [(0.009, True), (0.011, False)])
+def test_samples_have_one_rate_within_a_hundredth_of_their_period(off, even):
+    time = 2e-3 * np.arange(50) + 7.0
+    time[20:] += off * 2e-3
+    assert evenly(time) == even
 
 
 def test_links_that_are_not_measured_have_no_share_in_either_budget(run):
