@@ -171,6 +171,8 @@ def test_few_or_uneven_samples_have_a_budget_but_no_spectrum(run, rate, lost):
     frequency, density = found.spectrum
     assert (frequency.size, density.size, found.peaks) == (0, 0, [])
     assert found.unexplained["contour"].rms == pytest.approx(math.sqrt(2) * 1e-3, rel=0.35 if lost == 1 else 0.05)
+    # the period is that of most samples
+    assert found.measured.analysis.run.period == pytest.approx(1 / rate)
 
 
 @pytest.mark.parametrize(("off", "even"), [(0.009, True), (0.011, False)])

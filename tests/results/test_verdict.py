@@ -447,3 +447,19 @@ def test_a_part_of_one_turn_that_is_wider_takes_half_of_it_from_the_clearance_th
         if seen:
             at = turned[np.searchsorted(run.time, check.place.time)] - middle
             assert min(abs(at), abs(at + 2 * math.pi)) < 0.35  # there, or on the turn beside it
+
+
+def test_every_row_of_a_verdict_has_a_line_and_further_ones_for_what_does_not_pass():
+    checks = [
+        Check(name=f"c{k}", quantity=f"size {k}", value=value, limit=2.0, unit="mm", source="given", place=Place("x"))
+        for k, value in enumerate((1.0, 3.0, 1.9))
+    ]
+    rows = (Row.of("path", checks, "a remark"), Row.of("glue", checks[:1]), Row("machine"))
+    assert Verdict(rows).lines == (
+        "verdict ✗ fail: path, machine",
+        "✗ fail       path      size 1 3.0 mm, at most 2.0 mm (given): axis x",
+        "                       size 2 1.9 mm, at most 2.0 mm (given): axis x",
+        "                       a remark",
+        "✓ pass       glue      size 0 1.0 mm, at most 2.0 mm (given): axis x",
+        "– not judged machine   ",
+    )
