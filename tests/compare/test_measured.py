@@ -21,6 +21,7 @@ from gantrysim.compare.page import headline, share_text
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.study.circle.study import CircleStudy, circle_row
+from gantrysim.tables.column_table import ColumnTable
 from gantrysim.tables.reading import read_table
 from gantrysim.tables.source import Source
 
@@ -144,12 +145,41 @@ def test_a_file_that_is_no_assignment_is_refused(tmp_path, text, message):
         Assignment.parse(str(file))
 
 
+def two_strokes(first, second):
+    """The run of two strokes of some lengths, 10 mm apart, at 50 mm/s."""
+    strokes = f"M62 P0\nG1 X{first}\nM63 P0\nG0 Y10\nM62 P0\nG1 X{first - second}\nM63 P0\nM2\n"
+    return circle_job(text=f"G21 G17 G90 G61\nF3000\n{strokes}").follow()
+
+
+def test_a_stretch_of_few_samples_has_no_spectrum_wherever_it_lies():
+    run = two_strokes(0.3, 0.5)
+    longest = max(after - first for first, after in spans(run.dispense))
+    assert longest < 64 < np.flatnonzero(run.dispense)[-1]
+    assert Comparison.of(Trace(run.time, {}, run.nozzle), run, MACHINE, ()).spectrum[0].size == 0
+
+
+@pytest.mark.parametrize("rows", [[0, 1, 2, 3, 5, 4, 6, 7, 8, 9], [0, 1, 2, 2, 3, 4, 5, 6, 7, 8]])
+def test_times_of_a_trace_must_rise(run, rows):
+    time = 1e-3 * np.array(rows)
+    table = ColumnTable("log", {"t": time, "x": time, "y": time}, {"t": "s", "x": "mm", "y": "mm"})
+    with pytest.raises(InputError, match=rf"log: time goes from {max(time[3], time[4]) if rows[4] == 5 else 0.002:g}"):
+        Trace.of(table, Assignment.parse("time=t,x=x,y=y"), run)
+
+
+def test_a_trace_has_at_least_eight_samples(run):
+    def trace(count):
+        time = 1e-3 * np.arange(count)
+        return Trace.of(ColumnTable("log", {"t": time, "x": time, "y": time}, {}), Assignment({}), run)
+
+    assert trace(8).time.size == 8
+    with pytest.raises(InputError, match="has 7 samples, must have at least 8"):
+        trace(7)
+
+
 @pytest.mark.parametrize("lengths", [(10.0, 40.0), (40.0, 10.0)])
 def test_the_spectrum_is_that_of_the_longest_stretch_of_bead(lengths):
     """Two strokes with a vibration across each, of another frequency in each."""
-    first, second = lengths
-    strokes = f"M62 P0\nG1 X{first}\nM63 P0\nG0 Y10\nM62 P0\nG1 X{first - second}\nM63 P0\nM2\n"
-    run = circle_job(text=f"G21 G17 G90 G61\nF3000\n{strokes}").follow()
+    run = two_strokes(*lengths)
     on = spans(run.dispense)
     frequencies = (60.0, 140.0)
     nozzle = run.nozzle.copy()

@@ -107,8 +107,8 @@ def test_nothing_is_simulated_where_no_forecast_is_better_than_the_present():
 
 
 def test_a_candidate_that_is_worse_than_the_present_leaves_others_no_more_chance():
-    """Of nine tenths of the burdens, 0.945 and 1.08 times the present one: the second has no chance from the start."""
-    factors = {"first": 0.5, "worse": 1.05, "far": 1.2}
+    """Of nine tenths of the burdens, 0.945 and 1.035 times the present one: the second has no chance from the start."""
+    factors = {"first": 0.5, "worse": 1.05, "far": 1.15}
     levers = [lever(name) for name in factors]
     measured = []
     assert combinations(factors, forecast_of(factors, 0.9), measured).joined([Pick(levers[0], "")], levers) is None
