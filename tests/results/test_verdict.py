@@ -14,6 +14,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.results.checks import Check, Place
 from gantrysim.results.row import Row
+from gantrysim.results.run_results import RunResults
 from gantrysim.stability.margins import Margins
 
 from support.jobs import job_run
@@ -257,6 +258,12 @@ def test_unknown_margins_are_not_judged_and_no_pass(follower):
     verdict = Verdict.of(job, follower)
     assert verdict["stability"].state == "not judged"
     assert verdict.state == "warn"
+    loops = RunResults(job, job.built_machine, Budget(Analysis(follower))).loops
+    assert list(loops) == ["x", "y", "z"]
+    for axis in job.built_machine.axes:
+        assert loops[axis.name].margins is None
+        share = loops[axis.name].torque_ripple / axis.peak_torque
+        assert loops[axis.name].torque_ripple_share == pytest.approx(share, nan_ok=True)
 
 
 def test_the_headline_names_the_rows_that_make_the_state_and_those_not_judged():
