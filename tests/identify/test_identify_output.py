@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from gantrysim import Machine
 from gantrysim.identify.checks.finding import Finding
@@ -218,6 +219,14 @@ def test_a_white_residual_speaks_for_the_structure_and_a_wave_in_it_against():
     coloured = verdict(fit_of(residual=wave), PERIOD, doubted=False)
     assert "and not white" in coloured
     assert coloured.endswith("is wrong, most at 39 Hz; a second mode or another friction may be missing")
+
+
+@pytest.mark.parametrize(("rho", "named"), [(0.55, False), (0.64, True)])
+def test_a_frequency_is_named_that_stands_out_by_a_factor_of_eight(rho, named):
+    """The spectrum of an autoregressive residual has (1 + rho²) / (1 - rho)² times its median at its lowest bin."""
+    assert ((1 + rho**2) / (1 - rho) ** 2 > 8) == named
+    residual = 1e-3 * lfilter([1.0], [1.0, -rho], np.random.default_rng(6).standard_normal(200_000))
+    assert (", most at " in verdict(fit_of(residual=residual), PERIOD, doubted=False)) == named
 
 
 def test_the_strokes_of_a_plan_keep_to_room_speed_and_torque():

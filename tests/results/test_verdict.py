@@ -15,6 +15,7 @@ from gantrysim.metrics.budget import Budget
 from gantrysim.results.checks import Check, Place
 from gantrysim.results.row import Row
 from gantrysim.results.run_results import RunResults
+from gantrysim.results.score import burden_of
 from gantrysim.stability.margins import Margins
 
 from support.jobs import job_run
@@ -470,3 +471,18 @@ def test_every_row_of_a_verdict_has_a_line_and_further_ones_for_what_does_not_pa
         "✓ pass       glue      size 0 1.0 mm, at most 2.0 mm (given): axis x",
         "– not judged machine   ",
     )
+
+
+def test_errors_that_contradict_one_another_are_not_judged_and_blame_nothing():
+    verdict = Verdict.of_contradictions(("the nozzle is too far", "so is a link"))
+    reason = (
+        "errors not known, because the nozzle is too far; so is a link. This is a defect of the analysis: please "
+        "report the job."
+    )
+    assert (verdict.state, verdict.fault, verdict.unjudged) == ("warn", "", reason)
+    assert verdict.headline == f"! warn: {reason}"
+    assert verdict.lines == (f"verdict ! warn: {reason}",)
+    assert [row.name for row in verdict.rows] == ["path", "glue", "stability", "machine"]
+    assert {row.state for row in verdict.rows} == {"not judged"}
+    assert burden_of(verdict) == math.inf
+    assert (verdict.content()["contradiction"], verdict.content()["fault"]) == (reason, None)
