@@ -573,3 +573,16 @@ def test_a_surplus_spreads_over_its_width_by_two_means(ds):
         assert np.flatnonzero(twice > 1 + 1e-9).max() - 200 == widest + 4 * reach
     else:
         assert twice == pytest.approx(once)
+
+
+@pytest.mark.parametrize(("gap", "angle", "face"), [(0.5, 60.0, 0.8), (1.2, 90.0, 2.0), (0.3, 120.0, 0.4)])
+def test_the_largest_section_without_a_groove_is_pressed_by_all_of_the_face(gap, angle, face):
+    """Beside the face's rectangle it is the circular segment as high as the gap."""
+    theta = math.radians(angle)
+    radius = gap / (1 - math.cos(theta))
+    largest = Section.pressed_flat(gap, angle, face)
+    assert largest.area.tolist() == pytest.approx([radius**2 * (theta - math.sin(2 * theta) / 2) + face * gap])
+    assert (largest.flat[0], largest.height[0]) == pytest.approx((face, gap))
+    assert largest.groove[0] == pytest.approx(0.0, abs=1e-12)
+    assert section(1.01 * largest.area[0], gap, angle, face).groove[0] > 0
+    assert section(0.99 * largest.area[0], gap, angle, face).flat[0] < face
