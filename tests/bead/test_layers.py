@@ -214,9 +214,9 @@ def test_the_cone_of_the_built_in_job_keeps_its_beads_apart():
 def test_the_surface_below_a_piece_is_known_by_the_distance_from_it(cell, over, likely, doubt):
     """Of a piece of four cells that rises from 1 to 3, two cells wide to either side, and of slope 1/2."""
     piece = _Piece(0.0, 0.0, 4.0, 0.0, 2.0, 1.0, 2.0, 0.5, (0, 9), (0, 9))
-    assert _below(piece, *cell) == (over, pytest.approx(likely - doubt), likely, pytest.approx(likely + doubt))
+    assert _below.py_func(piece, *cell) == (over, pytest.approx(likely - doubt), likely, pytest.approx(likely + doubt))
 
 
 def test_a_piece_without_length_lies_half_way_up():
     piece = _Piece(0.0, 0.0, 0.0, 0.0, 2.0, 1.0, 2.0, 0.5, (0, 9), (0, 9))
-    assert _below(piece, 0, 1) == (True, 1.5, 2.0, 2.5)
+    assert _below.py_func(piece, 0, 1) == (True, 1.5, 2.0, 2.5)
