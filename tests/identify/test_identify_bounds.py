@@ -12,6 +12,7 @@ import pytest
 from gantrysim import InputError, Machine
 from gantrysim.identify.checks.clipping import check_clipping
 from gantrysim.identify.checks.counts import check_counts
+from gantrysim.identify.checks.encoder import check_encoder
 from gantrysim.identify.checks.excitation import check_excitation, strokes
 from gantrysim.identify.checks.finding import NotIdentifiedError
 from gantrysim.identify.checks.plausible import check_plausible
@@ -113,6 +114,31 @@ def test_time_stamps_may_be_off_by_a_share_of_the_period():
     for bad in (time[::-1], np.repeat(time, 2)):
         with pytest.raises(InputError, match="does not rise"):
             even_period(bad)
+
+
+@pytest.mark.parametrize(("factor", "beyond"), [(0.98, False), (1.02, True), (-0.98, False), (-1.02, True)])
+def test_a_position_jumps_no_further_than_five_times_what_the_peak_torque_does(factor, beyond):
+    """In a sample, and by five counts; the time of the jump is that of the sample."""
+    most = 5 * AXIS.peak_torque / MODEL.inertia * PERIOD**2 + 5 * AXIS.resolution
+    position = 0.01 * np.arange(400.0)
+    position[250:] += factor * most
+    torque = np.zeros(400)
+    assert refused(check_encoder, AXIS, MODEL, position, torque, PERIOD) == beyond
+    if beyond:
+        with pytest.raises(NotIdentifiedError, match=r"at 0\.(249|25) s of the log"):
+            check_encoder(AXIS, MODEL, position, torque, PERIOD)
+
+
+@pytest.mark.parametrize(("factor", "samples", "frozen"), [(0.98, 60, False), (1.02, 60, True), (1.02, 4, False)])
+def test_a_position_stands_still_under_six_times_the_static_friction(factor, samples, frozen):
+    """Or a tenth of the peak torque, and for five milliseconds; the first samples may answer to the last count."""
+    bound = max(6 * MODEL.static, 0.1 * AXIS.peak_torque)
+    steps = np.full(400, 0.01)
+    steps[100 : 100 + samples] = 0.0
+    position = np.cumsum(steps)
+    torque = np.zeros(400)
+    torque[100 + samples // 2 :] = factor * bound
+    assert refused(check_encoder, AXIS, MODEL, position, torque, PERIOD) == frozen
 
 
 def back_and_forth(*lengths, step=0.1):
