@@ -586,3 +586,10 @@ def test_the_largest_section_without_a_groove_is_pressed_by_all_of_the_face(gap,
     assert largest.groove[0] == pytest.approx(0.0, abs=1e-12)
     assert section(1.01 * largest.area[0], gap, angle, face).groove[0] > 0
     assert section(0.99 * largest.area[0], gap, angle, face).flat[0] < face
+
+
+def test_the_largest_flow_is_that_of_any_tick():
+    run = laid(XY, line()).run
+    flow = np.full(len(run.time), 20.0)
+    flow[[7, 11]] = (321.0, 0.0)
+    assert Bead(replace(run, flow=flow)).most_flow == 321.0
