@@ -15,6 +15,7 @@ from rich.console import Console
 from gantrysim import Dispenser, InputError, Job, Machine
 from gantrysim.base import columns
 from gantrysim.bead import Bead, BeadSettings, Section
+from gantrysim.bead.spreading import spread
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.cli.tables import outcome_table
 from gantrysim.engine.simulate import perfect_follower
@@ -548,3 +549,47 @@ def test_the_surface_below_the_nozzle_does_not_depend_on_the_blocks_it_is_found_
     monkeypatch.setattr(columns, "BLOCK", size)
     np.testing.assert_allclose(trace.surface(), expected, rtol=0, atol=1e-12)
     assert np.ptp(expected[end // 3 : end // 2]) > 1.0
+
+
+@pytest.mark.parametrize("ds", [0.25, 0.5])
+def test_a_surplus_spreads_over_its_width_by_two_means(ds):
+    """A mean over n stations, twice, is a triangle; n is that of half a width to either side."""
+    width = 4.0
+    reach = round(0.5 * width / ds)
+    n = 2 * reach + 1
+    stations = np.arange(401)
+    area = np.ones(401)
+    area[200] += 12.0
+    triangle = 1 + 12.0 * np.maximum(n - np.abs(stations - 200), 0) / n**2
+    once = spread(area, 1.0, width, ds, longest=5.0)
+    assert once == pytest.approx(triangle, rel=1e-12)
+    assert spread(area, 1.0, width, ds, longest=4.0) == pytest.approx(area)
+    # what is wider than two widths spreads over two
+    twice = spread(area, 1.0, width, ds, longest=9.0)
+    assert twice.sum() == pytest.approx(area.sum())
+    if triangle.max() > 2:
+        assert twice.max() < triangle.max()
+        widest = np.abs(stations - 200)[triangle > 2].max()
+        assert np.flatnonzero(twice > 1 + 1e-9).max() - 200 == widest + 4 * reach
+    else:
+        assert twice == pytest.approx(once)
+
+
+@pytest.mark.parametrize(("gap", "angle", "face"), [(0.5, 60.0, 0.8), (1.2, 90.0, 2.0), (0.3, 120.0, 0.4)])
+def test_the_largest_section_without_a_groove_is_pressed_by_all_of_the_face(gap, angle, face):
+    """Beside the face's rectangle it is the circular segment as high as the gap."""
+    theta = math.radians(angle)
+    radius = gap / (1 - math.cos(theta))
+    largest = Section.pressed_flat(gap, angle, face)
+    assert largest.area.tolist() == pytest.approx([radius**2 * (theta - math.sin(2 * theta) / 2) + face * gap])
+    assert (largest.flat[0], largest.height[0]) == pytest.approx((face, gap))
+    assert largest.groove[0] == pytest.approx(0.0, abs=1e-12)
+    assert section(1.01 * largest.area[0], gap, angle, face).groove[0] > 0
+    assert section(0.99 * largest.area[0], gap, angle, face).flat[0] < face
+
+
+def test_the_largest_flow_is_that_of_any_tick():
+    run = laid(XY, line()).run
+    flow = np.full(len(run.time), 20.0)
+    flow[[7, 11]] = (321.0, 0.0)
+    assert Bead(replace(run, flow=flow)).most_flow == 321.0

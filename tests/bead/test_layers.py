@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import gantrysim as gs
 from gantrysim import Dispenser, InputError, Machine
 from gantrysim.bead import Bead, BeadSettings
-from gantrysim.bead.layers import merging_height
+from gantrysim.bead.layers import _below, _Piece, merging_height
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Coil, Line
@@ -198,3 +198,25 @@ def test_the_cone_of_the_built_in_job_keeps_its_beads_apart():
     assert bead.values.coverage is None
     line = bead.map.layer == 1
     assert np.abs(bead.point[:-1][line, 2] - 62.5).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("cell", "over", "likely", "doubt"),
+    [
+        ((2, 1), True, 2.0, 0.5),  # half way along, one cell beside it
+        ((-1, 0), True, 1.0, 0.5),  # before its begin
+        ((6, 0), True, 3.0, 1.0),  # beyond its end, as far as it reaches
+        ((6, 1), False, 3.0, 0.5 * math.sqrt(5)),
+        ((1, -2), True, 1.5, 1.0),
+        ((1, 3), False, 1.5, 1.5),
+    ],
+)
+def test_the_surface_below_a_piece_is_known_by_the_distance_from_it(cell, over, likely, doubt):
+    """Of a piece of four cells that rises from 1 to 3, two cells wide to either side, and of slope 1/2."""
+    piece = _Piece(0.0, 0.0, 4.0, 0.0, 2.0, 1.0, 2.0, 0.5, (0, 9), (0, 9))
+    assert _below.py_func(piece, *cell) == (over, pytest.approx(likely - doubt), likely, pytest.approx(likely + doubt))
+
+
+def test_a_piece_without_length_lies_half_way_up():
+    piece = _Piece(0.0, 0.0, 0.0, 0.0, 2.0, 1.0, 2.0, 0.5, (0, 9), (0, 9))
+    assert _below.py_func(piece, 0, 1) == (True, 1.5, 2.0, 2.5)

@@ -9,7 +9,9 @@ import pytest
 
 from gantrysim import Dispenser, Machine
 from gantrysim.bead import Bead, BeadSettings, Ploughing
+from gantrysim.bead.needle_contacts import Needle, Sections, cells_of, contacts
 from gantrysim.controllers.gcode.linuxcnc import Program
+from gantrysim.controllers.valve import Dispense
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Line
@@ -264,3 +266,60 @@ def test_glue_that_flows_in_a_dive_lies_on_the_work_not_in_the_air():
     )
     assert float(bead.height.max()) < 4
     assert ploughed(bead) == Ploughing()
+
+
+def test_glue_that_flows_at_rest_in_the_air_lies_on_the_work():
+    """A dry move at 6 mm crosses the place where the needle rested 10 mm above the work, and then dived."""
+    text = f"""G64 P0.02 F{60 * SPEED}
+        G0 Z10
+        M62 P0
+        G4 P0.1
+        G1 Z0
+        G1 X40
+        M63 P0
+        G0 Z6
+        G0 X-20"""
+    setpoints = Program(text=text, dispense=Dispense(by="codes", on=("M62",), off=("M63",))).setpoints(PERIOD)
+    run = perfect_follower(XYZ, setpoints, dispenser=Dispenser(flow=AREA * SPEED))
+    bead = Bead(replace(run, face=FACE, gap=GAP), SESSILE)
+    assert run.flow[run.nozzle[:, 2] > 9].max() > 0
+    assert float(bead.height.max()) < 6
+    assert ploughed(bead) == Ploughing()
+
+
+@pytest.mark.parametrize(("away", "dispense", "touches"), [(0.3, True, False), (0.2, True, True), (0.3, False, True)])
+def test_a_dispensing_needle_passes_a_section_only_where_its_axis_does(away, dispense, touches):
+    """A section 0.8 mm wide in the origin; the needle, 0.5 mm in radius, passes it so far along the trace."""
+    one = np.ones(1)
+    sections = Sections(
+        place=0 * one,
+        x=0 * one,
+        y=0 * one,
+        cosine=one,
+        sine=0 * one,
+        surface=0 * one,
+        top=0.4 * one,
+        steep=one,
+        radius=0.4 * one,
+        drop=0 * one,
+        flat=0 * one,
+        half=0.4 * one,
+        thickness=0.0,
+    )
+    y = np.linspace(-2.0, 2.0, 101)
+    needle = Needle(
+        nozzle=np.column_stack([np.full(y.size, away), y, np.full(y.size, 0.1)]),
+        length=np.linspace(10.0, 14.0, y.size),
+        dispense=np.full(y.size, dispense),
+        counted=np.ones(y.size, bool),
+        radius=0.5,
+        behind=1.0,
+        touching=0.0,
+    )
+    depth, touched = contacts(needle, sections, cells_of(sections, needle))
+    assert touched.tolist() == [touches]
+    assert depth.max() == (pytest.approx(0.3) if touches else -math.inf)
+    if touches:
+        # half the chord at that height, and in a dry pass the reach of the disc beside it
+        half = math.sqrt(0.4**2 - 0.1**2) + (0.0 if dispense else math.sqrt(0.5**2 - away**2))
+        assert np.abs(y[depth > -math.inf]).max() == pytest.approx(half, abs=0.05)

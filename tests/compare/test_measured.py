@@ -14,13 +14,16 @@ from gantrysim import Budget, InputError, Job, Machine, Servo
 from gantrysim.base.arrays import spans
 from gantrysim.compare.alignment import aligned
 from gantrysim.compare.assignment import Assignment
+from gantrysim.compare.beside import evenly
 from gantrysim.compare.comparison import Comparison
 from gantrysim.compare.measured import Trace
 from gantrysim.compare.page import headline, share_text
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.study.circle.study import CircleStudy, circle_row
+from gantrysim.tables.column_table import ColumnTable
 from gantrysim.tables.reading import read_table
+from gantrysim.tables.source import Source
 
 from support.compared import circle_job
 from support.jobs import job_run
@@ -115,12 +118,68 @@ def test_a_vibration_that_the_model_lacks_is_named_by_its_frequency(run):
     assert peak.rms == pytest.approx(0.01 / math.sqrt(2), rel=0.15)  # (n.(1, 1))^2 is 1 in the mean over directions
 
 
+def test_an_assignment_of_a_file_is_that_of_its_text(tmp_path):
+    file = tmp_path / "columns.toml"
+    file.write_text('period = 0.002\nblocks = 3\n[columns]\ntime = "t[ms]"\nx = "px*0.001"\n')
+    columns = {"time": Source("t", 1.0, "ms"), "x": Source("px", 0.001)}
+    assert Assignment.parse(str(file)) == Assignment(columns, 0.002, 3)
+    assert Assignment.parse("time=t[ms], x = px*0.001") == Assignment(columns)
+    file.write_text('[columns]\nx = "px"\n')
+    assert Assignment.parse(str(file)) == Assignment({"x": Source("px")})
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("period = 0.002", r"must have a table \[columns\]"),
+        ("columns = 3", r"must have a table \[columns\]"),
+        ('rate = 3\n[columns]\nx = "px"', "may have period and blocks"),
+        ('blocks = 1.5\n[columns]\nx = "px"', "blocks = 1.5: must be a whole number"),
+        ('period = 0\n[columns]\nx = "px"', "period = 0"),
+    ],
+)
+def test_a_file_that_is_no_assignment_is_refused(tmp_path, text, message):
+    file = tmp_path / "columns.toml"
+    file.write_text(text)
+    with pytest.raises(InputError, match=message):
+        Assignment.parse(str(file))
+
+
+def two_strokes(first, second):
+    """The run of two strokes of some lengths, 10 mm apart, at 50 mm/s."""
+    strokes = f"M62 P0\nG1 X{first}\nM63 P0\nG0 Y10\nM62 P0\nG1 X{first - second}\nM63 P0\nM2\n"
+    return circle_job(text=f"G21 G17 G90 G61\nF3000\n{strokes}").follow()
+
+
+def test_a_stretch_of_few_samples_has_no_spectrum_wherever_it_lies():
+    run = two_strokes(0.3, 0.5)
+    longest = max(after - first for first, after in spans(run.dispense))
+    assert longest < 64 < np.flatnonzero(run.dispense)[-1]
+    assert Comparison.of(Trace(run.time, {}, run.nozzle), run, MACHINE, ()).spectrum[0].size == 0
+
+
+@pytest.mark.parametrize("rows", [[0, 1, 2, 3, 5, 4, 6, 7, 8, 9], [0, 1, 2, 2, 3, 4, 5, 6, 7, 8]])
+def test_times_of_a_trace_must_rise(run, rows):
+    time = 1e-3 * np.array(rows)
+    table = ColumnTable("log", {"t": time, "x": time, "y": time}, {"t": "s", "x": "mm", "y": "mm"})
+    with pytest.raises(InputError, match=rf"log: time goes from {max(time[3], time[4]) if rows[4] == 5 else 0.002:g}"):
+        Trace.of(table, Assignment.parse("time=t,x=x,y=y"), run)
+
+
+def test_a_trace_has_at_least_eight_samples(run):
+    def trace(count):
+        time = 1e-3 * np.arange(count)
+        return Trace.of(ColumnTable("log", {"t": time, "x": time, "y": time}, {}), Assignment({}), run)
+
+    assert trace(8).time.size == 8
+    with pytest.raises(InputError, match="has 7 samples, must have at least 8"):
+        trace(7)
+
+
 @pytest.mark.parametrize("lengths", [(10.0, 40.0), (40.0, 10.0)])
 def test_the_spectrum_is_that_of_the_longest_stretch_of_bead(lengths):
     """Two strokes with a vibration across each, of another frequency in each."""
-    first, second = lengths
-    strokes = f"M62 P0\nG1 X{first}\nM63 P0\nG0 Y10\nM62 P0\nG1 X{first - second}\nM63 P0\nM2\n"
-    run = circle_job(text=f"G21 G17 G90 G61\nF3000\n{strokes}").follow()
+    run = two_strokes(*lengths)
     on = spans(run.dispense)
     frequencies = (60.0, 140.0)
     nozzle = run.nozzle.copy()
@@ -142,6 +201,15 @@ def test_few_or_uneven_samples_have_a_budget_but_no_spectrum(run, rate, lost):
     frequency, density = found.spectrum
     assert (frequency.size, density.size, found.peaks) == (0, 0, [])
     assert found.unexplained["contour"].rms == pytest.approx(math.sqrt(2) * 1e-3, rel=0.35 if lost == 1 else 0.05)
+    # the period is that of most samples
+    assert found.measured.analysis.run.period == pytest.approx(1 / rate)
+
+
+@pytest.mark.parametrize(("off", "even"), [(0.009, True), (0.011, False)])
+def test_samples_have_one_rate_within_a_hundredth_of_their_period(off, even):
+    time = 2e-3 * np.arange(50) + 7.0
+    time[20:] += off * 2e-3
+    assert evenly(time) == even
 
 
 def test_links_that_are_not_measured_have_no_share_in_either_budget(run):

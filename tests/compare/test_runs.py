@@ -19,6 +19,7 @@ from gantrysim.compare.runs.overlay_data import OverlayData
 from gantrysim.compare.runs.overlays import draw_compared_budgets
 from gantrysim.compare.runs.run_comparison import compare_runs
 from gantrysim.compare.runs.runs_page import run_sections
+from gantrysim.compare.runs.runs_tables import budget_cells, value_cells
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.report.folder import output_folder, write_run
 from gantrysim.results.checks import Check
@@ -90,6 +91,17 @@ def test_rows_of_the_viewer_have_the_closed_form(comparison):
     assert [np.nanmax(np.abs(table["contour"])) for table in columns] == pytest.approx(extremes, abs=1e-9)
 
 
+def test_rows_of_the_viewer_are_about_as_many_as_asked_for(comparison):
+    """Fewer rows keep the extremes of what is drawn."""
+    few, columns = OverlayData(comparison, most=400).columns()
+    assert 100 < few.size <= 400
+    all_columns = OverlayData(comparison).columns()[1]
+    for table, whole in zip(columns, all_columns, strict=True):
+        for name in ("contour", "speed"):
+            assert np.nanmax(table[name]) == np.nanmax(whole[name])
+            assert np.nanmin(table[name]) == np.nanmin(whole[name])
+
+
 def test_what_is_better_and_by_how_much(comparison):
     largest = [UM * (abs(mean) + abs(swing)) for mean, swing in (BEFORE, AFTER)]
     check = next(check for check in comparison.checks if check.known.name == "path_max")
@@ -117,6 +129,30 @@ def test_bars_are_as_long_as_what_they_show(comparison):
     for bars, (mean, swing) in zip(axes.containers, (BEFORE, AFTER), strict=True):
         rms = UM * math.hypot(mean, swing / math.sqrt(2))
         assert bars[contour].get_width() == pytest.approx(rms, rel=0.05)
+
+
+def test_the_tables_of_values_hold_each_group_by_itself(comparison):
+    """At first what changes by a hundredth, then all."""
+    groups = list(dict.fromkeys(value.group for value in comparison.values))
+    assert len(groups) > 2
+    for large_only in (False, True):
+        for group in groups:
+            heads, rows = value_cells(comparison, group, large_only=large_only)
+            assert heads == ["value", "before", "after", "change"]
+            members = [value for value in comparison.values if value.group == group]
+            shown = [value for value in members if value.is_large or not large_only]
+            assert rows == [[value.quantity.head, *value.texts, value.change_text(1)] for value in shown]
+
+
+def test_the_table_of_links_has_the_change_of_each_in_micrometres(comparison):
+    heads, rows = budget_cells(comparison)
+    assert heads == ["link", "before", "after", "change"]
+    contour = next(row for row in rows if row[0] == "contour")
+    before, after = (UM * math.hypot(mean, swing / math.sqrt(2)) for mean, swing in (BEFORE, AFTER))
+    assert [float(cell) for cell in contour[1:3]] == pytest.approx([before, after], rel=0.05)
+    change, share = contour[3].split(" ", 1)
+    assert float(change) == pytest.approx(after - before, rel=0.05)
+    assert share == f"({100 * float(change) / float(contour[1]):+.0f} %)"
 
 
 @pytest.mark.parametrize("first", [True, False])

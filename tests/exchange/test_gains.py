@@ -458,3 +458,9 @@ def test_joints_and_sections_beyond_the_axes_of_the_machine_are_left_alone(xy, s
     more = f"P = 99\n[EMC]\nP = 98\n{text}\n[JOINT_2]\nP = 97\nFF1 = 3\n[SPINDLE_0]\nP = 96\n[AXIS_Z]\nP = 95\n"
     plain, found = (imported("linuxcnc-ini", one, xy.axes, servo) for one in (text, more))
     assert [found.per_axis(name) for name in GAIN_NAMES] == [plain.per_axis(name) for name in GAIN_NAMES]
+
+
+def test_axes_of_softmc_that_the_machine_lacks_are_left_alone(xy, servo):
+    text, _ = exported("softmc", xy.axes, servo)
+    plain, found = (imported("softmc", one, xy.axes, servo) for one in (text, f"{text}\nA9.KPP = 97\nspare.KVP = 3\n"))
+    assert [found.per_axis(name) for name in GAIN_NAMES] == [plain.per_axis(name) for name in GAIN_NAMES]

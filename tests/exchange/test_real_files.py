@@ -136,6 +136,12 @@ def test_drives_that_take_steps_or_positions_get_scale_and_limits():
     assert limits[0].steps == pytest.approx(200 * 16 / 10)
     assert limits[1].steps == pytest.approx(1 / servo.drives[1].resolution)
     assert [limit.speed for limit in limits] == [axis.speed_limit for axis in machine.axes]
+    # a generator of steps is faster than the planner, so that it can catch up; a drive that takes positions has none
+    for number, (joint, axis) in enumerate(zip(text.split("[JOINT_")[1:], machine.axes, strict=True)):
+        assert joint.startswith(f"{number}]")
+        assert (f"STEPGEN_MAXVEL = {1.25 * axis.speed_limit!r}" in joint) == (number != 1)
+        assert ("STEPGEN_MAXVEL" in joint) == (number != 1)
+        assert f"FERROR = {servo.following_error_limit[number]!r}" in joint
     program, _ = exported("trio", machine.axes, servo)
     assert f"UNITS={limits[0].steps!r}" in program
     assert "P_GAIN" not in program

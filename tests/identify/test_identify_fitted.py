@@ -43,3 +43,13 @@ def test_a_load_that_leaves_nothing_is_refused():
     machine = Machine("xy")
     with pytest.raises(InputError, match=r"axis y: the fitted (load|inertia) leaves"):
         fitted_machine(SimpleNamespace(machine=machine, accepted=[fit_of(machine, 1, inertia=0.1)]))
+
+
+@pytest.mark.parametrize("damping", [12.0, 0.0])
+def test_friction_of_a_machine_without_bristles_is_that_of_its_joint(rigid, damping):
+    machine = rigid(damping=damping)
+    fit = fit_of(machine, 0, inertia=1.1)
+    fit.model = replace(fit.model, coulomb=0.02, viscous=4e-5)
+    fitted = model_of(fitted_machine(SimpleNamespace(machine=machine, accepted=[fit])), 0)
+    assert fitted.inertia == pytest.approx(fit.model.inertia, rel=2e-3)
+    assert (fitted.coulomb, fitted.viscous) == (pytest.approx(0.02, rel=1e-6), pytest.approx(4e-5, rel=1e-6))

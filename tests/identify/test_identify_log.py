@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.io import savemat
 
 from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
@@ -69,6 +70,16 @@ def test_columns_of_any_name(tmp_path):
         read_log(file, MACHINE, {**named, "x position": "MPOS"})
     with pytest.raises(InputError, match="unknown column 'z position': did you mean y position"):
         read_log(file, MACHINE, {"z position": "DAC"})
+
+
+def test_a_unit_may_end_the_name_of_a_column(tmp_path):
+    k, torque, position = columns()
+    file = tmp_path / "log.mat"
+    savemat(file, {"time_ms": k, "x_torque_Nm": torque, "x_position_um": 1e3 * position})
+    log = read_log(file, MACHINE)
+    assert log.period == pytest.approx(1e-3)
+    assert np.allclose(log.position[:, 0], position, atol=1e-9)
+    assert np.allclose(log.torque[:, 0], torque, atol=1e-12)
 
 
 def test_a_table_that_export_writes_is_a_log(tmp_path):

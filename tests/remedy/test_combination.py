@@ -1,13 +1,16 @@
 """Which levers join a combination, on jobs whose burden is the product of what each lever leaves of it."""
 
+import math
 from dataclasses import dataclass
 from math import prod
 from types import SimpleNamespace
 
 import pytest
 
-from gantrysim.remedy.combination import SHARE, Combinations, Pick
+from gantrysim.remedy.combination import SHARE, Combinations, Pick, rank
 from gantrysim.remedy.lever import Effort, Lever, Setting, State
+from gantrysim.results.checks import Check
+from gantrysim.results.row import Row
 
 BURDEN = 100.0
 
@@ -66,3 +69,23 @@ def test_of_levers_that_are_as_good_the_one_that_takes_least_joins():
     levers = [lever("part", Effort.HARDWARE), lever("value")]
     factors = {"part": 0.5, "value": 0.5 + 0.5 * SHARE}
     assert names(combinations(factors).joined([], levers)) == {"value"}
+
+
+def outcome(burden, duration, *usages):
+    checks = [Check(name="rms", quantity="path", value=usage, limit=1.0, unit="", source="given") for usage in usages]
+    rows = [Row.of("path", [check]) for check in checks]
+    return SimpleNamespace(burden=burden, duration=duration, verdict=SimpleNamespace(rows=rows) if usages else None)
+
+
+def test_of_two_settings_the_better_has_less_burden_then_time_then_usage_of_its_worst_row():
+    """Times that differ by less than 10 ms are the same; a row that is not judged does not count."""
+    ascending = [
+        outcome(1.0, 9.0, 0.9),
+        outcome(2.0, 3.001, 0.3, 0.5),
+        outcome(2.0, 3.004, 0.6, 0.1),
+        outcome(2.0, 3.001, math.nan, 0.7),
+        outcome(2.0, 3.02, 0.1),
+    ]
+    ranks = [rank(setting) for setting in ascending]
+    assert ranks == sorted(set(ranks))
+    assert rank(outcome(2.0, 3.0)) == rank(outcome(2.0, 3.0, math.nan)) == (2.0, 3.0, 0.0)

@@ -276,3 +276,85 @@ def test_a_compensation_may_be_each_time_constant_itself():
     dispenser = Dispenser(area=1.7, dead_time=0.006, opening=0.03, closing=0.015)
     assert compensations(dispenser) == [0.015, 0.0255, 0.03, 0.036]
     assert compensations(replace(dispenser, advance=0.03)) == [0.015, 0.0255, 0.036]
+
+
+def in_hertz():
+    return lines_job(CIRCLE, servo={"frequency": 20.0})
+
+
+def in_class(name):
+    return lambda: lines_job(CIRCLE, geometry={"accuracy": name})
+
+
+# lever, job, and all its settings: label and new values, by hand
+SETTINGS = [
+    (
+        "needle height",
+        lambda: lines_job(SIDES, bead={"gap": 0.4}),
+        {"× 0.8": {"bead.gap": 0.32}, "× 1.25": {"bead.gap": 0.5}, "× 1.5": {"bead.gap": 0.6}},
+    ),
+    (
+        "loop gains",
+        in_hertz,
+        {
+            "× 0.8": {"servo.frequency": 16.0},
+            "× 1.2": {"servo.frequency": 24.0},
+            "× 1.4": {"servo.frequency": 28.0},
+        },
+    ),
+    (
+        "integral time",
+        lambda: lines_job(CIRCLE, servo={"integral_time": 0.04}),
+        {"20 ms": {"servo.integral_time": 0.02}, "12 ms": {"servo.integral_time": 0.012}},
+    ),
+    (
+        "servo period",
+        lambda: lines_job(CIRCLE, servo={"period": 2e-3}),
+        {"1 ms": {"servo.period": 1e-3}, "0.5 ms": {"servo.period": 5e-4}},
+    ),
+    (
+        "encoder",
+        lambda: lines_job(CIRCLE, servo={"resolution": [0.08, 0.008]}),
+        {
+            "counts / 4": {"servo.resolution": [0.02, 0.002]},
+            "counts / 16": {"servo.resolution": [0.005, 0.0005]},
+        },
+    ),
+    ("accuracy class", in_class("C7"), {"C5": {"geometry.accuracy": "C5"}, "C3": {"geometry.accuracy": "C3"}}),
+    (
+        "faster valve",
+        lambda: lines_job(SIDES, dispenser={"area": AREA, "opening": 0.04, "closing": 0.02, "start_lead": 0.004}),
+        {
+            "× 0.5": {"dispenser.opening": 0.02, "dispenser.closing": 0.01, "dispenser.start_lead": 0.002},
+            "× 0.25": {"dispenser.opening": 0.01, "dispenser.closing": 0.005, "dispenser.start_lead": 0.001},
+        },
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "build", "settings"), SETTINGS, ids=[row[0] for row in SETTINGS])
+def test_the_settings_of_a_lever_are_the_present_values_times_their_factors(name, build, settings):
+    found = {setting.label: setting.changes for setting in settings_of(name, build())}
+    assert list(found) == list(settings)
+    for label, changes in settings.items():
+        assert set(found[label]) == set(changes)
+        for key, value in changes.items():
+            assert found[label][key] == (value if isinstance(value, str) else pytest.approx(value, rel=1e-3))
+
+
+def test_the_speeds_that_are_tried_are_those_of_their_labels():
+    """At 100 mm/s; the flow goes with the speed."""
+    for name, factors in (("slower", (0.84, 0.71, 0.5)), ("faster", (1.41,))):
+        settings = settings_of(name, fixed_flow())
+        assert [setting.label for setting in settings] == [f"× {factor:g}" for factor in factors]
+        for setting, factor in zip(settings, factors, strict=True):
+            assert setting.changes == speed_changes(fixed_flow(), 100.0 * factor)
+            assert setting.changes["dispenser.flow"] == pytest.approx(factor * 200.0)
+
+
+def test_a_height_that_the_job_leaves_open_is_that_of_the_machine():
+    job = lines_job(SIDES)
+    assert job.bead.gap is None
+    gap = job.built_machine.gap
+    changes = [setting.changes["bead.gap"] for setting in settings_of("needle height", job)]
+    assert changes == pytest.approx([0.8 * gap, 1.25 * gap, 1.5 * gap], rel=1e-3)

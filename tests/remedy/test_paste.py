@@ -70,3 +70,14 @@ def test_an_option_of_the_speed_replaces_the_one_of_the_command(speed, tmp_path)
     assert words.startswith("--speed ")
     same(with_options(file, words, speed=speed), improved)
     same(in_job_file(file, toml_lines(base, improved), tmp_path), improved)
+
+
+def test_a_text_of_several_lines_is_pasted_as_its_lines(tmp_path):
+    file = tmp_path / "fast.ngc"
+    file.write_text(FAST)
+    base = Job.load(file)
+    text = FAST.replace("X140", "X120")
+    improved = base.changed({"program.text": text})
+    lines = toml_lines(base, improved)
+    assert text in lines
+    same(in_job_file(file, lines, tmp_path), improved)

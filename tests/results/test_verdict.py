@@ -14,9 +14,12 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.results.checks import Check, Place
 from gantrysim.results.row import Row
+from gantrysim.results.run_results import RunResults
+from gantrysim.results.score import burden_of
 from gantrysim.stability.margins import Margins
 
 from support.jobs import job_run
+from support.remedies import spiral_job
 
 NEEDLE = 0.82  # outer diameter [mm]
 AREA = 2.0  # [mm²]
@@ -256,6 +259,12 @@ def test_unknown_margins_are_not_judged_and_no_pass(follower):
     verdict = Verdict.of(job, follower)
     assert verdict["stability"].state == "not judged"
     assert verdict.state == "warn"
+    loops = RunResults(job, job.built_machine, Budget(Analysis(follower))).loops
+    assert list(loops) == ["x", "y", "z"]
+    for axis in job.built_machine.axes:
+        assert loops[axis.name].margins is None
+        share = loops[axis.name].torque_ripple / axis.peak_torque
+        assert loops[axis.name].torque_ripple_share == pytest.approx(share, nan_ok=True)
 
 
 def test_the_headline_names_the_rows_that_make_the_state_and_those_not_judged():
@@ -410,3 +419,70 @@ def test_the_clearance_of_turns_that_climb_is_said_not_to_be_judged():
     flat = Verdict.of(Job.load("an225"), job_run("an225"))["glue"]
     assert remark not in flat.remark
     assert only(flat.checks, "turn_clearance").state == "fail"
+
+
+@pytest.fixture(scope="module")
+def turns():
+    """A job of four turns 5 mm apart, with starts and stops of 20 mm, and its perfect follower."""
+    tables = {"bead": {"contact_angle": 90.0, "squashed": False}, "tolerance": {"start_length": 20, "stop_length": 20}}
+    job = spiral_job(tables, turns=4, thickness=5.0, wait_resolution=0.0)
+    return job, job.follow()
+
+
+DISCRETE = 0.012  # what the waits of the spiral's program leave of its pitch [mm]
+
+
+@pytest.mark.parametrize("factor", [0.81, 1.0, 1.21])
+def test_the_clearance_of_turns_is_off_by_what_their_width_is(turns, factor):
+    """The width of a half circle goes with the root of its area: a tenth of it with 21 % of the flow."""
+    job, run = turns
+    width = math.sqrt(8 * AREA / math.pi)
+    check = only(Verdict.of(job, run.replaced(flow=factor * run.flow))["glue"].checks, "turn_clearance")
+    assert check.value == pytest.approx(width * abs(math.sqrt(factor) - 1), abs=DISCRETE)
+
+
+def test_a_part_of_one_turn_that_is_wider_takes_half_of_it_from_the_clearance_there(turns):
+    job, run = turns
+    x, y = run.nozzle[:, :2].T
+    angle = np.unwrap(np.arctan2(y, x - 30.0))  # it begins 30 mm from its centre
+    turned = np.abs(angle - angle[np.flatnonzero(run.dispense)[0]])
+    for middle, seen in ((2.5 * math.pi, True), (0.0, False)):
+        there = np.abs(turned - middle) < (0.3 if seen else 0.5 * 20.0 / 30.0)
+        flow = np.where(there, 1.21 * run.flow, run.flow)
+        check = only(Verdict.of(job, run.replaced(flow=flow))["glue"].checks, "turn_clearance")
+        width = math.sqrt(8 * AREA / math.pi)
+        assert check.value == pytest.approx(0.05 * width if seen else 0.0, abs=DISCRETE)
+        if seen:
+            at = turned[np.searchsorted(run.time, check.place.time)] - middle
+            assert min(abs(at), abs(at + 2 * math.pi)) < 0.35  # there, or on the turn beside it
+
+
+def test_every_row_of_a_verdict_has_a_line_and_further_ones_for_what_does_not_pass():
+    checks = [
+        Check(name=f"c{k}", quantity=f"size {k}", value=value, limit=2.0, unit="mm", source="given", place=Place("x"))
+        for k, value in enumerate((1.0, 3.0, 1.9))
+    ]
+    rows = (Row.of("path", checks, "a remark"), Row.of("glue", checks[:1]), Row("machine"))
+    assert Verdict(rows).lines == (
+        "verdict ✗ fail: path, machine",
+        "✗ fail       path      size 1 3.0 mm, at most 2.0 mm (given): axis x",
+        "                       size 2 1.9 mm, at most 2.0 mm (given): axis x",
+        "                       a remark",
+        "✓ pass       glue      size 0 1.0 mm, at most 2.0 mm (given): axis x",
+        "– not judged machine   ",
+    )
+
+
+def test_errors_that_contradict_one_another_are_not_judged_and_blame_nothing():
+    verdict = Verdict.of_contradictions(("the nozzle is too far", "so is a link"))
+    reason = (
+        "errors not known, because the nozzle is too far; so is a link. This is a defect of the analysis: please "
+        "report the job."
+    )
+    assert (verdict.state, verdict.fault, verdict.unjudged) == ("warn", "", reason)
+    assert verdict.headline == f"! warn: {reason}"
+    assert verdict.lines == (f"verdict ! warn: {reason}",)
+    assert [row.name for row in verdict.rows] == ["path", "glue", "stability", "machine"]
+    assert {row.state for row in verdict.rows} == {"not judged"}
+    assert burden_of(verdict) == math.inf
+    assert (verdict.content()["contradiction"], verdict.content()["fault"]) == (reason, None)

@@ -15,6 +15,7 @@ from gantrysim import InputError, Machine, Servo
 from gantrysim.servo.gains import Gains
 from gantrysim.servo.inverse import zero_phase
 from gantrysim.servo.laws import ADDITIONS, BASES, LAW_PARAMETERS, ZV, ZVD
+from gantrysim.servo.laws.contour import error_across, tangents
 from gantrysim.servo.laws.friction import friction_torque
 from gantrysim.servo.laws.observer import low_pass, torque_taps
 from gantrysim.servo.laws.p_pi import as_pid, cascaded
@@ -268,3 +269,20 @@ def test_shaped_setpoints_end_where_they_should_at_each_gate_and_at_the_end(axes
     assert late == pytest.approx(steady.position[200, 0] - 50.0 * PERIOD * delay, abs=1e-9)
     off = dataclasses.replace(steady, dispense=np.arange(len(steady.dispense)) >= 10)
     assert np.argmax(ZVD.sent(servo.laws.by_name(), off).dispense) == 10 + round(delay)
+
+
+def test_the_error_across_the_path_is_what_is_left_without_the_part_along_it():
+    """A path along (3, 4) / 5: an error of (1, 7) has 6.2 along it, which is (3.72, 4.96); a rotary axis has none."""
+    linear = np.array([1.0, 1.0, 0.0])
+    tangent = np.zeros(3)
+    error = np.array([1.0, 7.0, 9.0])
+    tangents(np.zeros(3), linear, tangent, 3)
+    assert [error_across(error, tangent, linear, axis, 3) for axis in range(3)] == [0, 0, 0]  # it has not moved yet
+    tangents(np.array([30.0, 40.0, 500.0]), linear, tangent, 3)
+    assert tangent == pytest.approx([0.6, 0.8, 0.0], rel=EXACT)
+    across = [error_across(error, tangent, linear, axis, 3) for axis in range(2)]
+    assert across == pytest.approx([1 - 3.72, 7 - 4.96], rel=EXACT)
+    tangents(np.array([0.0, 0.0, 500.0]), linear, tangent, 3)
+    assert tangent == pytest.approx([0.6, 0.8, 0.0], rel=EXACT)  # at rest, that of the last motion
+    tangents(np.array([0.0, -2.0, 0.0]), linear, tangent, 3)
+    assert tangent == pytest.approx([0.0, -1.0, 0.0], abs=EXACT)

@@ -1,0 +1,130 @@
+"""What the result of a search says, of verdicts and trials that are made up."""
+
+import math
+
+import pytest
+
+from gantrysim import Verdict
+from gantrysim.remedy.improvement import Improvement, names_of
+from gantrysim.remedy.lever import Lever
+from gantrysim.remedy.outcome import Outcome
+from gantrysim.remedy.trial import Skipped, Trial, gains_of
+from gantrysim.results.checks import Check
+from gantrysim.results.row import Row
+
+from support.remedies import SIDES, lines_job
+
+ROWS = ("path", "stability", "machine")
+
+
+def verdict_of(*usages):
+    """A verdict whose rows use shares of a limit of 4 mm."""
+    rows = []
+    for name, usage in zip(ROWS, usages, strict=True):
+        values = usage if isinstance(usage, tuple) else (usage,)
+        checks = [
+            Check(name=f"{name}{k}", quantity=f"size {k}", value=4 * value, limit=4.0, unit="mm", source="given")
+            for k, value in enumerate(values)
+        ]
+        rows.append(Row.of(name, checks))
+    return Verdict(tuple(rows))
+
+
+def outcome_of(*usages, duration=10.0):
+    return Outcome(verdict_of(*usages), duration)
+
+
+def lever(name):
+    return Lever(name, "", f"cost of {name}", ROWS, lambda state: [])
+
+
+def trial_of(name, setting, before, after, failure=""):
+    outcome = Outcome(None, failure=failure) if failure else after
+    gains = gains_of(before.verdict, outcome.verdict)
+    return Trial(lever(name), setting, {"bead.gap": 0.4}, outcome, gains, outcome.duration - before.duration)
+
+
+BEFORE = outcome_of(0.5, 2.0, 1.25)
+
+
+def result_of(after=BEFORE, *, combination=(), trials=(), skipped=(), before=BEFORE):
+    job = lines_job(SIDES)
+    return Improvement(job, before, tuple(trials), tuple(skipped), tuple(combination), after, job)
+
+
+def picked(after, *names):
+    return [trial_of(name, f"× {k + 2}" if k == 0 else "", BEFORE, after) for k, name in enumerate(names)]
+
+
+def test_the_sentence_says_what_is_reached_and_what_remains():
+    good = outcome_of(0.5, 0.7, 0.6)
+    assert result_of(good, combination=picked(good, "gain", "speed")).sentence == "passes with gain (× 2), speed."
+    assert result_of(good, before=good).sentence == "nothing to change: the verdict is pass."
+    better = outcome_of(0.5, 1.5, 1.2)
+    sentence = result_of(better, combination=picked(better, "gain")).sentence
+    assert sentence.startswith("best with gain (× 2); nothing meets the tolerance: stability remains, size 0")
+    assert sentence.endswith("What forbids it is the servo: its loops have too little margin.")
+    sentence = result_of(before=outcome_of(0.5, 0.85, 0.9), after=outcome_of(0.5, 0.85, 0.9)).sentence
+    assert sentence.startswith("no lever helps; no combination leaves a 20 % margin: machine remains, size 0")
+    assert sentence.endswith("What forbids it is the drives: their torque or speed has too little reserve.")
+
+
+def test_a_run_that_is_not_judged_has_no_levers_tried():
+    fault = Outcome(Verdict((), "x jammed."), 1.0, "x jammed.")
+    assert result_of(fault, before=fault).sentence == (
+        "x jammed. The run ends in a fault: no lever is tried before that is repaired."
+    )
+
+
+def test_rows_show_the_job_each_lever_alone_and_the_combination():
+    after = outcome_of(0.5, 1.5, 0.25, duration=12.5)
+    trials = [trial_of("gain", "× 2", BEFORE, after), trial_of("speed", "", BEFORE, after, failure="refused")]
+    result = result_of(after, trials=trials, combination=picked(after, "gain", "lift"))
+    assert result.heads == ("lever", "setting", "path", "stability", "machine", "time [s]", "cost")
+    assert result.rows == [
+        ("unchanged", "", "50 %", "200 %", "125 %", "10.00", ""),
+        ("gain", "× 2", "50 %", "150 %", "25 %", "12.50", "cost of gain"),
+        ("speed", "", "–", "–", "–", "–", "refused"),
+        ("= gain", "× 2", "50 %", "150 %", "25 %", "12.50", "cost of gain"),
+        ("+ lift", "", "50 %", "150 %", "25 %", "12.50", "cost of lift"),
+    ]
+    assert result.gains == [
+        "path: size 0 2.0 → 2.0 mm",
+        "stability: size 0 8.0 → 6.0 mm",
+        "machine: size 0 5.0 → 1.0 mm",
+        "time: 10.00 → 12.50 s",
+    ]
+    assert result.changes_anything
+    assert not result_of().changes_anything
+    assert result_of().lines == {}
+
+
+@pytest.mark.parametrize(
+    ("usages", "text"),
+    [((math.inf,), "∞"), ((math.inf, 1.5, 0.4), "∞, 150 %"), ((0.1, 0.305), "30 %"), ((math.nan,), "–")],
+)
+def test_a_usage_without_bound_is_told_with_the_next_one(usages, text):
+    assert result_of(before=outcome_of(0.5, usages, 0.5)).rows[0][3] == text
+
+
+def test_levers_that_were_not_tried_are_told_by_their_reason():
+    skipped = [Skipped(lever(name), reason) for name, reason in (("a", "late"), ("b", "costly"), ("c", "late"))]
+    assert result_of(skipped=skipped).untried == {"late": "a, c", "costly": "b"}
+
+
+def test_names_of_levers_come_with_their_settings():
+    assert names_of(picked(BEFORE, "gain", "lift")) == "gain (× 2), lift"
+    assert names_of([]) == ""
+
+
+def test_the_frame_has_the_worst_check_of_each_row_before_and_after():
+    pandas = pytest.importorskip("pandas")
+    after = outcome_of(0.5, 1.5, 0.25, duration=12.5)
+    result = result_of(after, trials=[trial_of("gain", "× 2", BEFORE, after)], combination=picked(after, "gain"))
+    frame = result.to_frame()
+    assert isinstance(frame, pandas.DataFrame)
+    assert frame["combined"].tolist() == [False, True]
+    first = frame.iloc[0]
+    assert (first["stability_before"], first["stability_after"], first["stability_usage"]) == (8.0, 6.0, 1.5)
+    assert (first["stability_state"], first["machine_state"]) == ("fail", "pass")
+    assert (first["duration_s"], first["longer_by_s"], first["failure"]) == (12.5, 2.5, "")
