@@ -36,6 +36,7 @@ _BY_LAYER = 256
 _DEEPEST = 32  # nested blocks
 _NAMED = 5  # entities in a remark
 _MOST = 200_000  # entities, those of blocks counted each time
+_MOST_REPEATED = 10_000  # of these, beyond those that stand in the file
 _X_CODES = range(10, 19)  # group codes of coordinates x,
 _TO_Y = 10  # and from them to those of y
 _SPLINE_FRAME = 16  # flag of a vertex that is a control point
@@ -192,6 +193,11 @@ def _strokes(reading: _Reading, entities: Any, block: _Block | None, depth: int)
         reading.count += max(entity.mcount, 1) if entity.dxftype() == "INSERT" else 1
         if reading.count > _MOST:
             raise InputError(f"dxf: more than {_MOST} entities, those of blocks counted each time: must be fewer")
+        if reading.count > len(reading.document.entitydb) + _MOST_REPEATED:
+            raise InputError(
+                f"dxf: references to blocks repeat more than {_MOST_REPEATED} entities: must be fewer, or exploded in "
+                "the CAD program"
+            )
         kind = entity.dxftype()
         layer = str(entity.dxf.get("layer", "0"))
         if block is not None and layer == "0":  # DXF: entities on layer 0 of a block are on the layer of its reference
