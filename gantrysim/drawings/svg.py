@@ -98,8 +98,8 @@ def _check(root: ElementTree.Element) -> dict[str, int]:
             raise InputError(f"svg: more than {_MOST} elements: must be at most so many")
         if count > written + _MOST_REUSED:
             raise InputError(
-                f"svg: <use> repeats more than {_MOST_REUSED} elements: must be fewer, or real copies (Inkscape: unlink "
-                "the clones)"
+                f"svg: <use> repeats more than {_MOST_REUSED} elements: must be fewer, or real copies (Inkscape: "
+                "unlink the clones)"
             )
         kind = str(item.tag).removeprefix(_SPACE)
         if kind not in _CONTAINERS | _SHAPES and str(item.tag).startswith(_SPACE):
