@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from support.studies import SHORT
+
 COMMANDS = {
     "script": [str(Path(sys.executable).with_name("gantrysim")), "info", "machines"],
     "module": [sys.executable, "-m", "gantrysim", "info", "machines"],
@@ -63,3 +65,14 @@ def test_without_docstrings_the_command_states_why_descriptions_are_missing(argu
         done = subprocess.run(command, env=environment, capture_output=True, text=True)
         assert (done.returncode, done.stderr) == (0, errors)
         assert "servo.law" in done.stdout or "Usage" in done.stdout
+
+
+def test_neither_the_command_nor_its_workers_import_from_the_working_folder(tmp_path):
+    trap = f"open({str(tmp_path / 'imported')!r}, 'a').write(__name__)\nraise SystemExit\n"
+    for name in ("numpy", "joblib", "cloudpickle", "matplotlib", "mujoco", "typer"):
+        (tmp_path / f"{name}.py").write_text(trap)
+    settings = [word for setting in SHORT for word in ("--set", setting)]
+    command = [COMMANDS["script"][0], "study", "repeat", "an225", *settings, "--repeats", "2", "--workers", "2"]
+    done = subprocess.run([*command, "--out", "out"], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert not (tmp_path / "imported").exists()
