@@ -1,5 +1,14 @@
 """Simulate a glue-dispensing gantry; locate the bead's error on the chain from program to nozzle, find its causes."""
 
+import sys
+
+# the script, or the module after -m, of this process
+if "".join(sys.orig_argv[-len(sys.argv) :][:1]).rpartition("/")[2] == "gantrysim":
+    # an interrupt ends the command at once until it has its own handlers, instead of the traceback of an import
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import lazy_loader
 
 from gantrysim.base.import_hooks import when_imported

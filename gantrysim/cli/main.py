@@ -144,6 +144,8 @@ def main() -> None:
     signals.forget()
     spell_out()
     tell_compiling()
+    if sys.flags.optimize > 1 and {"info", "--help"} & set(sys.argv[1:]):
+        warn("descriptions of commands and keys are missing: Python drops them under PYTHONOPTIMIZE=2 and -OO")
     try:
         status = app(standalone_mode=False)
     except (GantryError, typer.TyperException) as error:

@@ -17,14 +17,14 @@ _BAD_INPUT = 2  # as in gantrysim.cli.terminal, which is slow to import
 def main() -> None:
     """Run the command."""
     sys.excepthook = last_words
-    signals.heed()
-    open_streams()
     # the matrices are small: threads would only wait for one another, a thousand times as long on busy cores
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # of processes that this one starts, such as a study's workers: they import nothing from the working folder either
     os.environ["PYTHONSAFEPATH"] = "1"
     with signals.ending_at_once():
+        open_streams()
         from gantrysim.cli.main import main
+    signals.heed()
 
     global _left
     _left = ""

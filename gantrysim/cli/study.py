@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -56,8 +57,16 @@ def _main() -> None:
     """Make each study a subcommand, even if there is only one."""
 
 
-def carry_out(study: Study, out: Path | None, workers: int | None, backend: str | None = None) -> Path:
+def carry_out(
+    study: Study,
+    out: Path | None,
+    workers: int | None,
+    backend: str | None = None,
+    write_more: Callable[[Path], None] | None = None,
+) -> Path:
     """Run a study with a progress bar, print question, answer, table and the path of its page; return its folder.
+
+    All is written before anything is printed, which may fail. `write_more` writes further files of a complete folder.
 
     Exit status 130 after Ctrl-C, with a hint on how to resume, 3 if faults left no case with values, and 1 without the
     report, if that failed.
@@ -87,6 +96,8 @@ def carry_out(study: Study, out: Path | None, workers: int | None, backend: str 
             raise
         warn(str(error), "fault")
         raise typer.Exit(FAULT) from None
+    if write_more is not None:
+        write_more(folder)
     if outcome.discarded:
         warn(f"note: rows of another study in {folder}/ are discarded: {outcome.discarded}")
     if outcome.resumed:

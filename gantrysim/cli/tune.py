@@ -132,11 +132,20 @@ def tune(
         seed=seed,
         held=held,
     )
-    write_words(carry_out(study, out, workers, backend), export)
+    said: list[str] = []
+    carry_out(study, out, workers, backend, lambda folder: said.extend(write_words(folder, export)))
+    if said:
+        say(said[0])
+    for note in said[1:]:
+        warn(f"note: {note}")
 
 
-def write_words(folder: Path, name: str | None) -> None:
-    """Write the tuned gains of a folder in a controller's parameters, and remove the files of an earlier search."""
+def write_words(folder: Path, name: str | None) -> list[str]:
+    """Write the tuned gains of a folder in a controller's parameters, and remove the files of an earlier search.
+
+    Returns:
+        Where they are written, then notes; nothing where no controller is named.
+    """
     from gantrysim.base.files import replaced
     from gantrysim.exchange.gains import DIALECTS, exported
     from gantrysim.job.job import Job
@@ -148,11 +157,9 @@ def write_words(folder: Path, name: str | None) -> None:
         if other != name:
             file.unlink(missing_ok=True)
     if name is None:
-        return
+        return []
     tuned = Job.load(folder / JOB, servo=folder / TUNED, allow_code=True)  # its code has run in the search
     content, lost = exported(name, tuned.built_machine.axes, tuned.built_servo)
     with replaced(files[name]) as partial:
         partial.write_text(content, encoding="utf-8")
-    say(f"written to {files[name]}")
-    for note in (f"assumed of {name}: {DIALECTS[name].assumes}", *lost):
-        warn(f"note: {note}")
+    return [f"written to {files[name]}", f"assumed of {name}: {DIALECTS[name].assumes}", *lost]

@@ -9,7 +9,9 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError, at_least, finite, point, positive, unknown
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
@@ -20,7 +22,7 @@ from gantrysim.drawings.routing import Manner, Route, routed
 from gantrysim.drawings.shapes import FASTEST, Sheet, Stroke, checked
 from gantrysim.drawings.units import millimetres
 from gantrysim.paths.chain import Chain
-from gantrysim.record.setpoints import Setpoints, ticks
+from gantrysim.record.setpoints import Setpoints, SetpointTable, ticks
 
 Three = tuple[float, float, float]
 
@@ -252,24 +254,36 @@ class Drawing(Controller):
 
     def setpoints(self, period: float) -> Setpoints:
         positive("period", period, "s")
-        profile = self.profile
-        chain = self.route.chain
-        time = np.arange(ticks(profile.duration, period) + 1) * period
-        s = profile.position(time)
-        s[-1] = chain.length
-        k = np.clip(np.searchsorted(chain.ends, s, side="right"), 0, len(self.route.legs) - 1)
-        dispense = np.array([leg.glue for leg in self.route.legs])[k]
-        resting = profile.resting(time)
-        dots = np.array([leg.dot for leg in self.route.legs if leg.pause > 0])
+        # before the profile is planned, which takes long for many pieces
+        ticks(self._ideal_duration, period)
+        count = ticks(self.profile.duration, period) + 1
+        parts = (self._commands(period, block, count) for block in blocks(count))
+        return Setpoints.of_blocks(period, self.axes, parts, count, self.requested)
+
+    @property
+    def _ideal_duration(self) -> float:
+        """Duration without limits of the axes and stops [s]."""
+        return sum(leg.length / leg.speed + leg.pause for leg in self.route.legs)
+
+    def _commands(self, period: float, block: slice, count: int) -> SetpointTable:
+        """Return the setpoints of a block out of so many."""
+        time = np.arange(block.start, block.stop) * period
+        s = self.profile.position(time)
+        if block.stop == count:
+            s[-1] = self.route.chain.length
+        laying, dots = self._glue_of_legs
+        k = np.clip(np.searchsorted(self.route.chain.ends, s, side="right"), 0, len(laying) - 1)
+        dispense = laying[k]
+        resting = self.profile.resting(time)
         dispense[resting >= 0] = dots[resting[resting >= 0]]
-        return Setpoints(
-            period=period,
-            axes=self.axes,
-            position=chain.position(s)[:, : len(self.axes)],
-            dispense=dispense,
-            requested=self.requested,
-            progress=self.route.progress(s, self._requested_route),
-        )
+        position = self.route.chain.position(s)[:, : len(self.axes)]
+        return SetpointTable(position, dispense, self.route.progress(s, self._requested_route))
+
+    @cached_property
+    def _glue_of_legs(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Whether each leg lays glue, and whether each pause does."""
+        legs = self.route.legs
+        return np.array([leg.glue for leg in legs], bool), np.array([leg.dot for leg in legs if leg.pause > 0], bool)
 
     @property
     def _left_out(self) -> str:
@@ -299,7 +313,7 @@ class Drawing(Controller):
             notes.append(
                 f"corners: {corners.rounded} rounded within {self.corner_tolerance:g} mm, {corners.sharp} {passed}"
             )
-        ideal = sum(leg.length / leg.speed + leg.pause for leg in legs)
+        ideal = self._ideal_duration
         if self.duration > ideal * (1 + 1e-6):
             notes.append(
                 f"speed: the axes' limits and stops increase the duration from {ideal:.3f} s to {self.duration:.3f} s"

@@ -23,11 +23,22 @@ _NAMES = {1: "red", 2: "yellow", 3: "green", 4: "cyan", 5: "blue", 6: "magenta",
 # $INSUNITS: inch, foot, mile, mm, cm, m, km, microinch, mil, yard, angstrom, nm, um, dm [mm]
 _UNITS = {1: 25.4, 2: 304.8, 3: 1609344.0, 4: 1.0, 5: 10.0, 6: 1e3, 7: 1e6, 8: 25.4e-6, 9: 0.0254, 10: 914.4}
 _UNITS |= {11: 1e-7, 12: 1e-6, 13: 1e-3, 14: 100.0}
+# attributes without which an entity would be drawn with the library's defaults, such as a radius of 1
+_REQUIRED = {
+    "LINE": ("start", "end"),
+    "CIRCLE": ("center", "radius"),
+    "ARC": ("center", "radius", "start_angle", "end_angle"),
+    "ELLIPSE": ("center", "major_axis", "ratio"),
+    "POINT": ("location",),
+}
 _BY_BLOCK = 0
 _BY_LAYER = 256
 _DEEPEST = 32  # nested blocks
 _NAMED = 5  # entities in a remark
 _MOST = 200_000  # entities, those of blocks counted each time
+_MOST_REPEATED = 10_000  # of these, beyond those that stand in the file
+_X_CODES = range(10, 19)  # group codes of coordinates x,
+_TO_Y = 10  # and from them to those of y
 _SPLINE_FRAME = 16  # flag of a vertex that is a control point
 
 logging.getLogger("ezdxf").addHandler(logging.NullHandler())  # its repairs are not printed
@@ -76,10 +87,11 @@ def read_dxf(text: str, unit: float | None, dots: bool) -> Sheet:
 
     if text.startswith(BINARY):
         raise InputError("dxf: binary: must be saved as an ASCII DXF")
+    repairs: tuple[str, ...] = ()
     try:
         document = ezdxf.read(io.StringIO(text.lstrip()))
     except Exception as error:  # ezdxf raises errors of many kinds for malformed drawings
-        raise InputError(f"dxf: {_short(error)}: must be a valid ASCII DXF") from None
+        document, repairs = _repaired(text, _short(error))
     try:
         reading = _Reading(document, dots)
         strokes = tuple(_strokes(reading, document.modelspace(), None, 1))
@@ -89,19 +101,78 @@ def read_dxf(text: str, unit: float | None, dots: bool) -> Sheet:
     except Exception as error:  # as above, while entities are read
         raise InputError(f"dxf: {_short(error)}: must be a valid drawing") from None
     scaled = tuple(stroke.moved(lambda points: factor * points) for stroke in strokes)
-    return Sheet(scaled, dict(reading.ignored), (*remarks, *_remarks(reading.without_extent)))
+    return Sheet(scaled, dict(reading.ignored), (*remarks, *repairs, *_remarks(reading.without_extent)))
+
+
+def _repaired(text: str, damage: str) -> tuple[Any, tuple[str, ...]]:
+    """Return the document of a damaged drawing whose geometry is whole, and a remark on the repairs.
+
+    Args:
+        text: the file's content.
+        damage: why the drawing cannot be read as it stands.
+
+    Raises:
+        InputError: a drawing that cannot be repaired, or where that would change numbers or lose sections.
+    """
+    from ezdxf import recover
+    from ezdxf.audit import AuditError
+
+    refused = f"dxf: {damage}: must be a valid ASCII DXF"
+    # here the repair reads 1.0 from "1,5", and leaves out what is not in a section
+    lossy = {
+        AuditError.INVALID_FLOATING_POINT_VALUE,
+        AuditError.INVALID_INTEGER_VALUE,
+        AuditError.MISSING_SECTION_TAG,
+        AuditError.MISSING_ENDSEC_TAG,
+        AuditError.FOUND_TAG_OUTSIDE_SECTION,
+    }
+    if not _has_whole_tags(text):
+        raise InputError(refused)
+    try:
+        document, auditor = recover.read(io.BytesIO(text.lstrip().encode("utf-8", "replace")))
+    except Exception:  # as above
+        raise InputError(refused) from None
+    entries = [*auditor.errors, *auditor.fixes]
+    if any(entry.code in lossy for entry in entries) or not len(document.modelspace()):
+        raise InputError(refused)
+    repairs = [_shortened(entry.message) for entry in entries]
+    return document, (f"damaged: {damage}; repaired: {_listed(repairs) or 'yes'}; compare it with what was drawn",)
+
+
+def _has_whole_tags(text: str) -> bool:
+    """Return whether all group codes are numbers, and the entities have as many y as x; the repair drops any others."""
+    coordinates: Counter[int] = Counter()
+    for code in text.lstrip().splitlines()[::2]:
+        try:
+            number = int(code)
+        except ValueError:
+            return False
+        if number == 0:
+            if any(coordinates[x] != coordinates[x + _TO_Y] for x in _X_CODES):
+                return False
+            coordinates.clear()
+        elif number in _X_CODES or number - _TO_Y in _X_CODES:
+            coordinates[number] += 1
+    return True
 
 
 def _remarks(without_extent: list[str]) -> tuple[str, ...]:
     if not without_extent:
         return ()
-    unnamed = len(without_extent) - _NAMED
-    names = ", ".join(without_extent[:_NAMED]) + (f" and {unnamed} more" if unnamed > 0 else "")
-    return (f"not traced, as they have no extent: {names}",)
+    return (f"not traced, as they have no extent: {_listed(without_extent)}",)
+
+
+def _listed(names: list[str]) -> str:
+    unnamed = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {unnamed} more" if unnamed > 0 else "")
 
 
 def _short(error: Exception) -> str:
-    return " ".join(str(error).split())[:100].rstrip(". ") or type(error).__name__
+    return _shortened(str(error)) or type(error).__name__
+
+
+def _shortened(text: str) -> str:
+    return " ".join(text.split())[:100].rstrip(". ")
 
 
 def _unit(document: Any, unit: float | None) -> tuple[float, tuple[str, ...]]:
@@ -122,6 +193,11 @@ def _strokes(reading: _Reading, entities: Any, block: _Block | None, depth: int)
         reading.count += max(entity.mcount, 1) if entity.dxftype() == "INSERT" else 1
         if reading.count > _MOST:
             raise InputError(f"dxf: more than {_MOST} entities, those of blocks counted each time: must be fewer")
+        if reading.count > len(reading.document.entitydb) + _MOST_REPEATED:
+            raise InputError(
+                f"dxf: references to blocks repeat more than {_MOST_REPEATED} entities: must be fewer, or exploded in "
+                "the CAD program"
+            )
         kind = entity.dxftype()
         layer = str(entity.dxf.get("layer", "0"))
         if block is not None and layer == "0":  # DXF: entities on layer 0 of a block are on the layer of its reference
@@ -138,6 +214,9 @@ def _strokes(reading: _Reading, entities: Any, block: _Block | None, depth: int)
             names = frozenset({layer.lower()}) | inherited.colours
             name = f"{kind} {entity.dxf.get('handle') or ''}".strip()
             where = f"dxf: {name}"
+            missing = [attribute for attribute in _REQUIRED.get(kind, ()) if not entity.dxf.hasattr(attribute)]
+            if missing:
+                raise InputError(f"{where}: {', '.join(missing)} is missing: must be stated")
             if _has_no_extent(entity):
                 reading.without_extent.append(name)
                 continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -73,7 +74,7 @@ class Route:
         arc_length, place = requested._order
         return np.interp(order, place, arc_length)
 
-    @property
+    @cached_property
     def _order(self) -> tuple[Floats, Floats]:
         """Arc lengths along the legs, and their places in the order of the drawing, (n,) each."""
         edges = np.concatenate([[0.0], self.chain.ends])

@@ -20,6 +20,7 @@ _SPACE = "{http://www.w3.org/2000/svg}"
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _DEEPEST = 100  # nested elements
 _MOST = 100_000  # elements, those that are reused counted each time
+_MOST_REUSED = 10_000  # of these, beyond those that stand in the file
 _MOST_NUMBERS = 400_000  # of all paths and points: twice as many as a drawing may have pieces
 _MOST_DIGITS = 100  # of one of them
 _LONGEST = 10_000  # characters of any other attribute that is read
@@ -85,6 +86,7 @@ def _check(root: ElementTree.Element) -> dict[str, int]:
     """Check depth and size of a document, reused elements among it; return the elements that are not traced."""
     ignored: dict[str, int] = {}
     named = {item.get("id"): item for item in root.iter() if item.get("id")}
+    written = sum(1 for _ in root.iter())
     count = 0
     waiting = [(root, 1)]
     while waiting:
@@ -94,6 +96,11 @@ def _check(root: ElementTree.Element) -> dict[str, int]:
             raise InputError(f"svg: elements nested, or reused, more than {_DEEPEST} deep: must be at most so")
         if count > _MOST:
             raise InputError(f"svg: more than {_MOST} elements: must be at most so many")
+        if count > written + _MOST_REUSED:
+            raise InputError(
+                f"svg: <use> repeats more than {_MOST_REUSED} elements: must be fewer, or real copies (Inkscape: "
+                "unlink the clones)"
+            )
         kind = str(item.tag).removeprefix(_SPACE)
         if kind not in _CONTAINERS | _SHAPES and str(item.tag).startswith(_SPACE):
             ignored[f"<{kind}>"] = ignored.get(f"<{kind}>", 0) + 1

@@ -31,7 +31,7 @@ from gantrysim.native.supervision import gate_stage, position_error_stage
 from gantrysim.native.user import CalledLaw
 from gantrysim.record.fault import Fault
 from gantrysim.record.run import Run
-from gantrysim.servo.laws.user import STATE, resolved
+from gantrysim.servo.laws.user import STATE, resolved, without_warnings
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class Started:
         ]
         user_law = None
         if simulation.servo.laws.user is not None:
-            user_law = CalledLaw(resolved(simulation.servo.laws.user), np.zeros(STATE))
+            user_law = CalledLaw(without_warnings(resolved(simulation.servo.laws.user)), np.zeros(STATE))
             stages.append(Stage("law", user_law.address, user_law.state.ctypes.data))
         table = arm(row, stages)
         row["magic"] = magic()  # the last, for it arms the servo

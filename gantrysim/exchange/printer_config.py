@@ -18,6 +18,7 @@ _SECTION = re.compile(r"\[\s*([^\]]+?)\s*\]\s*(?:[#;].*)?")
 _INCLUDE = "include "
 _SAVED = "#*#"  # begins the lines that SAVE_CONFIG has written; they count
 _LETTERS = "xyz"
+_LONGEST_NAME = 40
 
 # defaults of the firmware, after its Configuration reference
 _FULL_STEPS = 200.0
@@ -143,8 +144,8 @@ class PrinterConfig:
         if not frequency:
             return None
         options = self.sections["input_shaper"]
-        kind = options.get("shaper_type", options.get(f"shaper_type_{letter}", _SHAPER)).strip().lower()
-        return AxisShaper(kind, frequency, self._number("input_shaper", f"damping_ratio_{letter}", _DAMPING))
+        kind = options.get("shaper_type", options.get(f"shaper_type_{letter}", _SHAPER)).lower()
+        return AxisShaper(_name(kind), frequency, self._number("input_shaper", f"damping_ratio_{letter}", _DAMPING))
 
     def tables(self, axes: Sequence[str], modes: Sequence[str]) -> tuple[str, list[str]]:
         """Return the configuration as tables of a job, and notes on what of it they do not hold.
@@ -154,7 +155,7 @@ class PrinterConfig:
             modes: command modes of their drives.
         """
         notes = ["no gains: the motors are steppers in open loop; these are the limits of the planner"]
-        kinematics = self.sections["printer"].get("kinematics", "none")
+        kinematics = _name(self.sections["printer"].get("kinematics", "none"))
         planner = (
             f"SET_VELOCITY_LIMIT VELOCITY={self.speed:g} ACCEL={self.acceleration:g} "
             f"SQUARE_CORNER_VELOCITY={self.corner_speed:g}"
@@ -236,3 +237,8 @@ def _included(target: Path) -> list[Path]:
     if not target.parent.is_dir():
         return []
     return sorted(file for file in target.parent.iterdir() if fnmatchcase(file.name, target.name))
+
+
+def _name(text: str) -> str:
+    """Return a name in one line, as long as names are: the file may be one that was never meant to be shown."""
+    return " ".join(text.split())[:_LONGEST_NAME]

@@ -10,7 +10,7 @@ from gantrysim.remedy.bench import Bench
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.results.checks import FAIL, WARN
 from gantrysim.study.speed.saturation import saturation_of
-from gantrysim.study.speed.search import RESOLUTION, Grade, answer_of, next_speeds_of_grades, speed_changes
+from gantrysim.study.speed.search import RESOLUTION, Grade, SpeedAnswer, answer_of, next_speeds_of_grades, speed_changes
 
 _SHORTER = 1e-3  # share of its time by which a program must be shorter to be faster
 
@@ -25,28 +25,31 @@ class FastestProgram:
     Attributes:
         speed: of its fastest motion [mm/s].
         programmed_speed: the same of the job whose speed was changed [mm/s].
-        above: the least speed tried at which the verdict is worse; None if there is none [mm/s].
+        search: its result for this grade; its fastest speed is above `speed` where a faster program takes as long.
         grade: as good as which it is: without a warning, or without a failure.
-        other_speed: the fastest speed of the other grade; None if no speed tried is without a warning [mm/s].
+        other: the result of the search for the other grade.
         job: at that speed, with the same section of the bead.
         outcome: of its run.
     """
 
     speed: float
     programmed_speed: float
-    above: float | None
+    search: SpeedAnswer
     grade: Grade
-    other_speed: float | None
+    other: SpeedAnswer
     job: Job
     outcome: Outcome
 
     def __str__(self) -> str:
         is_clean = self.grade == Grade.CLEAN
-        bound = "no faster one was tried" if self.above is None else f"not at {self.above:.4g} mm/s"
-        if self.other_speed is None:
-            other = "no speed tried is without a warning"
-        else:
-            other = f"without a {'failure' if is_clean else 'warning'} up to {self.other_speed:.4g} mm/s"
+        kept = self.search.fastest
+        bound = f"not at {self.search.above:.4g} mm/s" if self.search.above else f"the search ended at {kept:.4g} mm/s"
+        if kept is not None and kept > self.speed:
+            bound = f"a faster one takes as long; {bound}"
+        other = "no speed tried is without a warning"
+        if self.other.fastest is not None:
+            end = "" if self.other.above else ", where the search ended"
+            other = f"without a {'failure' if is_clean else 'warning'} up to {self.other.fastest:.4g} mm/s{end}"
         return (
             f"fastest program without a {'warning' if is_clean else 'failure'}: {self.speed:.4g} mm/s instead of "
             f"{self.programmed_speed:.4g} mm/s, {self.outcome.duration:.2f} s ({bound}); {other}"
@@ -88,7 +91,7 @@ def fastest_program(job: Job, bench: Bench) -> FastestProgram | None:
         return None
     other = answer_of(grades, Grade.WARNED if grade == Grade.CLEAN else Grade.CLEAN)
     changed = job.changed(speed_changes(job, speed))
-    return FastestProgram(speed, programmed, result.above, grade, other.fastest, changed, tried[speed])
+    return FastestProgram(speed, programmed, result, grade, other, changed, tried[speed])
 
 
 def _grade(outcome: Outcome) -> Grade:

@@ -177,7 +177,10 @@ def _verdict(case: Case, budget: Budget, bead: Bead) -> Row:
         return {}
     job = case.job()
     machine = None if case.perturbation is None else job.built_machine.perturbed(case.perturbation)
-    return dict(verdict_columns(Verdict.of_results(job, budget, bead, machine)))
+    verdict = Verdict.of_results(job, budget, bead, machine)
+    if verdict.contradiction:  # errors that are not known keep no limit
+        raise InputError(verdict.contradiction)
+    return dict(verdict_columns(verdict))
 
 
 def judged(start: Callable[[], Run], values: Callable[[Run], Row]) -> Row:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -15,7 +16,7 @@ from typing import Any, BinaryIO
 from gantrysim.base.errors import GantryError, InputError, text_of
 from gantrysim.base.files import held
 from gantrysim.base.swap import ANY, open_regular
-from gantrysim.study.cases import Row
+from gantrysim.study.cases import OK, Case, Row
 from gantrysim.study.rows import RowStore
 
 LEDGER = ".study-progress.jsonl"
@@ -45,6 +46,7 @@ class Ledger:
     def __init__(self, folder: Path | None, identity: dict[str, Any], names: Collection[str] = ANY) -> None:
         self.rows = RowStore()
         self._places: dict[str, int] = {}  # of the rows, by their keys
+        self._taken_over = 0  # rows of an earlier run, the first of `rows`
         self._file = None if folder is None else folder / LEDGER
         self._identity = identity
         self._names = names
@@ -65,6 +67,7 @@ class Ledger:
                 self._stream.truncate(good)
                 self._stream.seek(good)
                 self.resumed = len(self._places)
+                self._taken_over = len(self.rows)
                 if not good:
                     self._write(self._identity)
             except OSError as error:
@@ -92,6 +95,39 @@ class Ledger:
     def place(self, key: str) -> int:
         """Return the index of a finished row in `rows`."""
         return self._places[key]
+
+    def forget_misfits(self, cases: Iterable[Case]) -> bool:
+        """Forget rows of an earlier run that differ from the others in their columns or in the kinds of their values.
+
+        Rows of cases with the same mode and machine have the same columns, and in each the same kind of value or None.
+        Where a row of this run shows which, the others must be like it, else like the most of them.
+
+        Args:
+            cases: whose rows are in the ledger.
+
+        Returns:
+            Whether any row was forgotten, and its case is to be run again.
+        """
+        if not self._taken_over:
+            return False
+        alike: defaultdict[tuple[object, ...], list[str]] = defaultdict(list)
+        for key, case in {case.key: case for case in cases}.items():
+            alike[case.mode, case.machine, self[key]["status"] == OK].append(key)
+        misfits = [key for keys in alike.values() for key in self._misfits(keys)]
+        for key in misfits:
+            del self._places[key]
+        self.resumed -= len(misfits)
+        return bool(misfits)
+
+    def _misfits(self, keys: list[str]) -> list[str]:
+        """Return the keys of rows of an earlier run that differ from the other rows of these keys."""
+        old = [key for key in keys if self._places[key] < self._taken_over]
+        new = [key for key in keys if self._places[key] >= self._taken_over]
+        models = [_kinds(self[key]) for key in new or old]
+        columns, _ = Counter(map(tuple, models)).most_common(1)[0]
+        counts = {name: Counter(kinds[name] for kinds in models if kinds.get(name)) for name in columns}
+        usual = {name: count.most_common(1)[0][0] for name, count in counts.items() if count}
+        return [key for key in old if not _fits(_kinds(self[key]), columns, usual)]
 
     def add(self, key: str, row: Row) -> None:
         """Add a finished row."""
@@ -156,8 +192,8 @@ class Ledger:
 
 
 def _is_row(row: Any) -> bool:
-    """Return whether a value is a row as studies write it: plain values by column, all numbers finite."""
-    if not isinstance(row, dict) or not isinstance(row.get("status", ""), str):
+    """Return whether a value is a row as studies write it: a status and plain values by column, all numbers finite."""
+    if not isinstance(row, dict) or not isinstance(row.get("status"), str):
         return False
     values = chain.from_iterable(value if isinstance(value, list) else [value] for value in row.values())
     return all(value is None or isinstance(value, str) or _is_plain(value) for value in values)
@@ -165,6 +201,16 @@ def _is_row(row: Any) -> bool:
 
 def _is_plain(value: Any) -> bool:
     return isinstance(value, int | float) and abs(value) <= _LARGEST
+
+
+def _kinds(row: Row) -> dict[str, str]:
+    """Return the kind of value in each column; empty for None, which any value may be."""
+    return {name: "" if value is None else type(value).__name__ for name, value in row.items()}
+
+
+def _fits(kinds: dict[str, str], columns: tuple[str, ...], usual: dict[str, str]) -> bool:
+    """Return whether a row has these columns, each with its usual kind of value."""
+    return tuple(kinds) == columns and all(not kind or usual.get(name, kind) == kind for name, kind in kinds.items())
 
 
 def _checksum(key: str, row: Row) -> str:

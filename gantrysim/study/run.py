@@ -168,6 +168,8 @@ def _run_rounds(
             measure_together=study.measure_together,
             progress=advance,
         )
+        if ledger.forget_misfits(cases):
+            continue
         rows.extend(rows_of_round)
         try:
             cases = rounds.send(rows_of_round)

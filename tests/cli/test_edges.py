@@ -117,7 +117,8 @@ def test_the_command_works_where_python_drops_docstrings(tmp_path):
     for arguments in (["info", "servo.damping"], ["info", "keys"], ["info", "gains"], words):
         command = [sys.executable, "-OO", "-m", "gantrysim", *arguments]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-        assert (done.returncode, done.stderr) == (0, ""), arguments
+        said = "descriptions of commands and keys are missing: Python drops them under PYTHONOPTIMIZE=2 and -OO\n"
+        assert (done.returncode, done.stderr) == (0, said if "info" in arguments else ""), arguments
     assert (tmp_path / "out" / "summary.json").exists()
 
 

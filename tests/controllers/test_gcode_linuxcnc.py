@@ -8,6 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
+from gantrysim.controllers.gcode import gcode_program
+from gantrysim.controllers.gcode.interpret import interpret
 from gantrysim.controllers.gcode.lines import GRAMMAR
 from gantrysim.controllers.gcode.linuxcnc import Program
 from gantrysim.controllers.gcode.move_table import ANGLE, DWELL, END, FEED, KIND, SOURCE
@@ -184,6 +186,21 @@ def test_feeds_are_in_their_units(text, feed):
 def test_what_is_refused_names_the_line_and_the_word(text, message):
     with pytest.raises(InputError, match=message):
         _ = Program(text=text, max_steps=1000).duration
+
+
+def test_a_refused_program_runs_once_however_many_ask(monkeypatch):
+    runs = []
+
+    def counted(*given):
+        runs.append(given)
+        return interpret(*given)
+
+    monkeypatch.setattr(gcode_program, "interpret", counted)
+    program = Program(text="G1 X1 F60\nG1 X2 R5 Q1 L2 T1.5")
+    for name in ("program", "duration", "plan"):
+        with pytest.raises(InputError, match="line 2"):
+            getattr(program, name)
+    assert len(runs) == 1
 
 
 def test_a_third_centre_word_of_0_has_no_effect():

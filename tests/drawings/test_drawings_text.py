@@ -202,7 +202,7 @@ def test_many_blocks_in_blocks_are_refused_before_they_fill_the_memory():
         insert = (0, "INSERT"), (8, "0"), (2, inner), (10, 0.0), (20, 0.0), (30, 0.0)
         blocks += group(*insert, (70, 300), (71, 300), (44, 1.0), (45, 1.0)) + group((0, "ENDBLK"), (8, "0"))
     text = dxf(group((0, "INSERT"), (8, "0"), (2, "B11"), (10, 0.0), (20, 0.0), (30, 0.0)), blocks=blocks)
-    with pytest.raises(InputError, match="dxf: more than 200000 entities"):
+    with pytest.raises(InputError, match="dxf: references to blocks repeat more than 10000 ent"):
         Drawing(text)
 
 
@@ -291,3 +291,46 @@ def test_blocks_whose_heights_are_scaled_by_0_are_traced_flat():
     assert np.linalg.norm(ring[0].u) == pytest.approx(4)
     assert ring[0].circular
     assert [remark for remark in read.sheet.remarks if remark.startswith("not traced, as they have no extent: INSERT")]
+
+
+def test_an_svg_reads_no_other_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "other.svg").write_text(svg('<path id="a" d="M0 0h50"/>'))
+    links = '<use href="other.svg#a"/><image href="other.svg" width="5" height="5"/><path d="M0 0h10"/>'
+    assert Drawing(svg(links)).requested.length == pytest.approx(10)
+    entity = f'<!DOCTYPE svg [<!ENTITY a SYSTEM "{tmp_path}/other.svg">]>'
+    with pytest.raises(InputError, match=r"svg: undefined entity &a;.*: must be well-formed XML"):
+        Drawing(f"{entity}{svg('<title>&a;</title>')}", format="svg")
+
+
+def test_what_references_repeat_is_bounded():
+    """Small files: the time to read them must be too."""
+    uses = "".join(f'<g id="b{k}">{f"<use href=&quot;#b{k - 1}&quot;/>" * 9}</g>' for k in range(1, 5))
+    uses = uses.replace("&quot;", '"')
+    message = r"svg: <use> repeats more than 10000 elements: must be fewer, or real copies"
+    with pytest.raises(InputError, match=message):
+        Drawing(svg(f'<g id="b0"><path d="M0 0h1"/></g>{uses}'))
+    drawn = svg('<path d="M0 0h1"/>' * 10_100)
+    assert len(Drawing(drawn).sheet.strokes) == 10_100
+
+
+def test_a_drawing_that_lasts_too_long_is_refused_before_its_profile_is_planned():
+    drawing = Drawing(svg('<path d="M0 0h900000' + "v1h-900000v1h900000" * 3 + '"/>'))
+    with pytest.raises(InputError, match=r"^126000 s in periods of 0.001 s: makes 1.26e\+08 ticks, at most 5e\+07$"):
+        drawing.setpoints(1e-3)
+    assert "profile" not in vars(drawing)
+
+
+def test_setpoints_of_a_long_drawing_are_those_of_its_profile():
+    """In blocks: the position at every setpoint, and the glue of the leg that it lies on."""
+    drawing = Drawing(dxf(line((0, 0), (60, 0)), line((80, 0), (80, 40))), speed=0.5, lift=2.0)
+    setpoints = drawing.setpoints(1e-3)
+    time = np.arange(len(setpoints.position)) * 1e-3
+    assert time.size > 190_000
+    s = drawing.profile.position(time)
+    s[-1] = drawing.route.chain.length
+    np.testing.assert_array_equal(setpoints.position, drawing.route.chain.position(s))
+    legs = np.clip(np.searchsorted(drawing.route.chain.ends, s, side="right"), 0, len(drawing.route.legs) - 1)
+    np.testing.assert_array_equal(setpoints.dispense, np.array([leg.glue for leg in drawing.route.legs])[legs])
+    assert np.all(np.diff(setpoints.progress) >= 0)
+    assert setpoints.progress[-1] == pytest.approx(drawing.requested.length)

@@ -12,6 +12,7 @@ import pytest
 from gantrysim import InputError, Job, Servo, simulate, simulate_batch
 from gantrysim.servo.laws.user import resolved
 from gantrysim.stability.margins import margins_of
+from gantrysim.stability.motion import UnknownLoopError
 
 from support import own_laws
 from support.runs import ramp
@@ -112,6 +113,16 @@ def test_ctrl_c_reaches_the_caller_wherever_it_falls(xy, pd, batch):
 def test_a_torque_that_is_no_number_is_a_fault(xy, pd):
     fault = simulate(xy, pd.with_values(law=(own_laws.nothing,)), ramp(50.0, 5.0)).fault
     assert fault.kind == "diverged"
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("law", [own_laws.bursting, own_laws.boundless, own_laws.nothing])
+def test_a_law_whose_torques_are_not_finite_has_no_margins_and_its_run_a_fault_without_a_warning(xy, pd, law):
+    servo = pd.with_values(law=(law,))
+    assert margins_of(xy, servo) is None
+    assert simulate(xy, servo, ramp(50.0, 5.0)).fault is not None
+    with pytest.raises(UnknownLoopError, match="whose torques are not finite has no margins"):
+        servo.compensators()
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """A printer's configuration as a source of limits, steps and input shapers."""
 
 import json
+import re
 import tomllib
 
 import numpy as np
@@ -128,3 +129,24 @@ def test_configurations_that_give_no_limits_are_refused_in_a_line(printer, gantr
     with pytest.raises(InputError, match=error) as refused:
         PrinterConfig.load(printer(text))
     assert "\n" not in str(refused.value)
+
+
+def test_of_an_included_text_at_most_40_characters_reach_the_output(tmp_path):
+    """A configuration may include any file of its reader, on purpose or not, and its values are sent on."""
+    (tmp_path / "own.cfg").write_text(
+        f"[printer]\nkinematics: {'my own ' * 20}\n  my = own\n[my own]\nmy_own: my own\n"
+    )
+    folder = tmp_path / "theirs"
+    folder.mkdir()
+    text = "[include ../own.cfg]\n[printer]\nmax_velocity: 300\nmax_accel: 3000\n[input_shaper]\n"
+    file = folder / "printer.cfg"
+    file.write_text(f"{text}shaper_type_x: {'x' * 300}\nshaper_freq_x: 50\n")
+    tables, notes = PrinterConfig.load(file).tables("xyz", ["torque"] * 3)
+    assert tables.count("my own") <= 6
+    assert "\n  my" not in tables
+    assert max(map(len, re.findall("x+", "".join([tables, *notes])))) == 40
+    for name in (str(tmp_path / "own.cfg"), "own.cfg"):
+        (folder / "own.cfg").unlink(missing_ok=True)
+        (folder / "own.cfg").symlink_to(tmp_path / "own.cfg")
+        file.write_text(f"[include {name}]\n[printer]\nmax_velocity: 300\nmax_accel: 3000\n")
+        assert "max_velocity" in PrinterConfig.load(file).sections["printer"]

@@ -108,6 +108,22 @@ def test_a_subprogram_that_is_not_called_is_nobodys_business(tmp_path):
     assert alone.program["subprograms"] == {}
 
 
+def test_programs_that_ran_in_part_are_kept_whole_and_run_again_from_the_job_alone(tmp_path):
+    legs = "o<leg> sub\nG91 G1 X#1 F600\no<leg> return\n(my own)\nG1 X99\no<leg> endsub\nM2\n"
+    file_of(tmp_path, legs, "leg.ngc")
+    job = Job.load(file_of(tmp_path, "G21 G61\no<leg> call [12]\nM2\n(my own, too)\n"))
+    assert job.program["subprograms"] == {"leg": legs}
+    assert "(my own, too)" in job.program["text"]
+    # Trio BASIC: what it names with RUN is kept, whether or not it ran
+    file_of(tmp_path, "MOVE(5)\n' my own\n", "side.bas")
+    basic = Job.load(file_of(tmp_path, 'SPEED=10\nMOVE(5)\nIF 1=0 THEN RUN "side"\n', "part.bas"))
+    assert "my own" in basic.toml()
+    (tmp_path / "alone").mkdir()
+    for written in (job, basic):
+        again = Job.load(file_of(tmp_path / "alone", written.toml(), "job.toml"))
+        assert again.controller.requested.length == pytest.approx(written.controller.requested.length)
+
+
 @pytest.mark.parametrize(
     ("name", "program", "call"),
     [

@@ -16,6 +16,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.bench import Bench
 from gantrysim.remedy.combination import Pick
+from gantrysim.remedy.fastest import FastestProgram
 from gantrysim.remedy.improve import improve, worst_rows
 from gantrysim.remedy.lever import Lever, Setting
 from gantrysim.remedy.outcome import measured, measured_together, motion_key
@@ -23,6 +24,7 @@ from gantrysim.remedy.report import TITLE, change_section, comparison_of
 from gantrysim.remedy.search import Search, another_part
 from gantrysim.study.cases import measure
 from gantrysim.study.speed import SpeedStudy
+from gantrysim.study.speed.search import Grade, SpeedAnswer
 
 from support.remedies import CIRCLE, DOTS, FLOW, LAG, LINE, SIDES, fixed_flow, lagging, lines_job, outcome, rubbing
 
@@ -242,7 +244,7 @@ def test_the_fastest_program_is_as_good_and_the_next_is_not():
     assert fastest.speed > fastest.programmed_speed == pytest.approx(100)
     assert result.improved.state != "fail"
     assert result.job.controller.programmed_speed == pytest.approx(fastest.speed)
-    assert fastest.speed < fastest.above <= 1.02 * fastest.speed + 0.1
+    assert fastest.speed < fastest.search.above <= 1.02 * fastest.speed + 0.1
     assert improve(job, levers=[], fastest=False).fastest is None
     # it is said wherever the result is
     assert result.facts()["fastest"] == str(fastest)
@@ -251,6 +253,23 @@ def test_the_fastest_program_is_as_good_and_the_next_is_not():
     assert not comparison_of(result).are_same
     limited = job.changed({"program.axis_speeds": [100.0, 100.0, 100.0]})  # mm/s
     assert improve(limited, levers=[]).fastest is None
+
+
+def test_a_search_that_ends_without_a_failure_is_not_called_the_fastest():
+    """Beyond 848 mm/s the ramps decide the duration; none of the speeds tried, up to 4800 mm/s, fails."""
+    ended = SpeedAnswer(4800.0, None)
+    found = SpeedAnswer(300.0, 303.0)
+    job, run = object(), SimpleNamespace(duration=2.7)
+    saturated = FastestProgram(848.5, 150.0, ended, Grade.WARNED, found, job, run)
+    assert str(saturated) == (
+        "fastest program without a failure: 848.5 mm/s instead of 150 mm/s, 2.70 s (a faster one takes as long; the "
+        "search ended at 4800 mm/s); without a warning up to 300 mm/s"
+    )
+    clean = FastestProgram(300.0, 150.0, found, Grade.CLEAN, ended, job, run)
+    assert str(clean) == (
+        "fastest program without a warning: 300 mm/s instead of 150 mm/s, 2.70 s (not at 303 mm/s); without a failure "
+        "up to 4800 mm/s, where the search ended"
+    )
 
 
 def test_the_fastest_program_is_that_of_the_speed_study():
@@ -270,11 +289,11 @@ def test_the_fastest_program_is_that_of_the_speed_study():
             break
     answer = study.report(rows).answer
     assert f"{fastest.speed:g} mm/s" in answer
-    assert f"up to {fastest.other_speed:g} mm/s" in answer
-    assert f"without a failure up to {fastest.other_speed:.4g} mm/s" in str(fastest)
+    assert f"up to {fastest.other.fastest:g} mm/s" in answer
+    assert f"without a failure up to {fastest.other.fastest:.4g} mm/s" in str(fastest)
     # of the axis' 1000 mm/s, 60 % must remain; a warning begins where less than 60 / 0.8 % does; an axis overshoots
     assert fastest.speed == pytest.approx(250, rel=0.06)
-    assert fastest.other_speed == pytest.approx(400, rel=0.06)
+    assert fastest.other.fastest == pytest.approx(400, rel=0.06)
     fixed = lines_job(LINE, dispenser={"flow": FLOW})
     assert SpeedStudy(fixed).overrides(150.0) == {"program.feed_override": 1.5, "dispenser.flow": 1.5 * FLOW}
 

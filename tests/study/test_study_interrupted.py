@@ -12,8 +12,10 @@ import typer
 from matplotlib.figure import Figure
 
 from gantrysim import Job
+from gantrysim.base.errors import GantryError
 from gantrysim.base.files import LOCK
 from gantrysim.base.signals import ENDING
+from gantrysim.cli import study as study_commands
 from gantrysim.cli.study import carry_out
 from gantrysim.study import Ledger, StudyInterrupted, run_cases, run_study
 from gantrysim.study import run as study_run
@@ -101,6 +103,16 @@ def test_sigterm_interrupts_and_the_next_run_reports_what_it_resumes(tmp_path, j
         carry_out(Toy(job, Counted(interrupted_at=1)), tmp_path, 1)
     carry_out(Toy(job, values=(0.3,)), tmp_path, 1)
     assert "are discarded: they differ in settings" in capsys.readouterr().err
+
+
+def test_further_files_are_written_before_anything_is_printed(tmp_path, job, monkeypatch):
+    def refuse(*_, **__):
+        raise GantryError("standard output: cannot be written: No space left on device")
+
+    monkeypatch.setattr(study_commands, "say", refuse)
+    with pytest.raises(GantryError, match="standard output"):
+        carry_out(Toy(job), tmp_path / "x", 1, None, lambda folder: (folder / "more.txt").write_text("gains"))
+    assert (tmp_path / "x" / "more.txt").read_text() == "gains"
 
 
 def test_a_folder_in_use_is_refused(tmp_path, gantrysim_command):

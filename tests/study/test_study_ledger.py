@@ -5,30 +5,32 @@ from hashlib import sha256
 
 import pytest
 
-from gantrysim import InputError
-from gantrysim.study import Ledger
+from gantrysim import InputError, Job
+from gantrysim.study import Ledger, StudyInterrupted, run_study
 from gantrysim.study.ledger import LEDGER
+
+from support.studies import SHORT, Counted, Toy, cases_of, content
 
 
 def test_the_ledger_ignores_a_line_that_was_cut_off(tmp_path):
     with Ledger(tmp_path, {"study": "x"}) as ledger:
-        ledger.add("one", {"value": 1 / 3})
-        ledger.add("two", {"value": 2.0})
+        ledger.add("one", {"status": "ok", "value": 1 / 3})
+        ledger.add("two", {"status": "ok", "value": 2.0})
     whole = (tmp_path / LEDGER).read_bytes()
     for cut in (3, 1):  # in the middle of the last line, and before its end
         (tmp_path / LEDGER).write_bytes(whole[:-cut])
         with Ledger(tmp_path, {"study": "x"}) as ledger:
             assert (ledger.resumed, "one" in ledger, "two" in ledger) == (1, True, False)
-            assert ledger["one"] == {"value": 1 / 3}
-            ledger.add("two", {"value": 2.0})
+            assert ledger["one"] == {"status": "ok", "value": 1 / 3}
+            ledger.add("two", {"status": "ok", "value": 2.0})
         assert (tmp_path / LEDGER).read_bytes() == whole
 
 
 def test_a_row_is_on_disk_as_soon_as_it_is_finished_and_half_a_row_is_removed(tmp_path):
-    checksum = sha256(b'["one", {"value": 1}]').hexdigest()[:16].encode()
+    checksum = sha256(b'["one", {"status": "ok"}]').hexdigest()[:16].encode()
     with Ledger(tmp_path, {"study": "x"}) as ledger:
-        ledger.add("one", {"value": 1})
-        assert (tmp_path / LEDGER).read_bytes().endswith(b'["one", {"value": 1}, "%s"]\n' % checksum)
+        ledger.add("one", {"status": "ok"})
+        assert (tmp_path / LEDGER).read_bytes().endswith(b'["one", {"status": "ok"}, "%s"]\n' % checksum)
     whole = (tmp_path / LEDGER).read_bytes()
     (tmp_path / LEDGER).write_bytes(whole + b'["two", {"val')
     with Ledger(tmp_path, {"study": "x"}):
@@ -58,7 +60,7 @@ def test_a_ledger_without_a_complete_first_line_starts_empty(tmp_path, found):
     (tmp_path / LEDGER).write_bytes(found)
     with Ledger(tmp_path, {"study": "x"}) as ledger:
         assert (ledger.resumed, ledger.discarded) == (0, None)
-        ledger.add("one", {"value": 1})
+        ledger.add("one", {"status": "ok"})
     with Ledger(tmp_path, {"study": "x"}) as ledger:
         assert ledger.resumed == 1
 
@@ -71,12 +73,14 @@ def test_a_ledger_without_a_complete_first_line_starts_empty(tmp_path, found):
         '{"status": 5}',
         '"ok"',
         "null",
-        '{"a": {}}',
-        '{"a": [[1]]}',
-        '{"a": NaN}',
-        '{"a": 1e999}',
-        '{"a": [-1e101]}',
-        f'{{"a": 1{"0" * 400}}}',
+        "{}",
+        '{"value": 1.0}',
+        '{"status": "ok", "a": {}}',
+        '{"status": "ok", "a": [[1]]}',
+        '{"status": "ok", "a": NaN}',
+        '{"status": "ok", "a": 1e999}',
+        '{"status": "ok", "a": [-1e101]}',
+        f'{{"status": "ok", "a": 1{"0" * 400}}}',
     ],
 )
 def test_a_row_that_no_study_writes_is_run_again_though_its_checksum_is_right(tmp_path, row):
@@ -92,12 +96,66 @@ def test_a_row_that_no_study_writes_is_run_again_though_its_checksum_is_right(tm
 
 def test_rows_that_do_not_fit_their_study_are_named(tmp_path):
     with Ledger(tmp_path, {"study": "x"}) as ledger:
-        ledger.add("one", {"value": 1})
+        ledger.add("one", {"status": "ok"})
         with pytest.raises(KeyError), ledger.blamed():
-            ledger["one"]["status"]
-    said = rf"^{tmp_path / LEDGER}: its rows do not fit the study \(KeyError: 'status'\): remove this file to run all"
+            ledger["one"]["value"]
+    said = rf"^{tmp_path / LEDGER}: its rows do not fit the study \(KeyError: 'value'\): remove this file to run all"
     with Ledger(tmp_path, {"study": "x"}) as ledger, pytest.raises(InputError, match=said), ledger.blamed():
-        ledger["one"]["status"]
+        ledger["one"]["value"]
+
+
+def _row(index):
+    return {"status": "ok", "name": "x", "count": 3, "is": True, "third": index / 3, "curve": [1.0], "none": None}
+
+
+_WRONG = {"name": 5, "count": 5.0, "is": 1, "third": "y", "curve": 2.0}
+_MISFITS = [
+    *(
+        {name: value for name, value in _row(1).items() if name != left_out}
+        for left_out in _row(1)
+        if left_out != "status"
+    ),
+    *({**_row(1), name: value} for name, value in _WRONG.items()),
+    {**_row(1), "more": 1.0},
+]
+
+
+@pytest.mark.parametrize("misfit", _MISFITS)
+@pytest.mark.parametrize("at", [0, 2])
+def test_a_row_unlike_the_others_is_run_again_and_written_once_more(tmp_path, misfit, at):
+    job = Job.load("an225", SHORT)
+    cases = cases_of(job)
+    rows = {case.key: _row(index) for index, case in enumerate(cases)}
+    with Ledger(tmp_path, {"study": "x"}) as ledger:
+        for index, (key, row) in enumerate(rows.items()):
+            ledger.add(key, misfit if index == at else row)
+    with Ledger(tmp_path, {"study": "x"}) as ledger:
+        assert ledger.forget_misfits(cases)
+        assert [case.key in ledger for case in cases] == [index != at for index in range(4)]
+        assert ledger.resumed == 3
+        ledger.add(cases[at].key, _row(at))
+        assert not ledger.forget_misfits(cases)
+    with Ledger(tmp_path, {"study": "x"}) as ledger:
+        assert {key: ledger[key] for key in rows} == rows
+
+
+def test_a_resumed_study_with_rows_unlike_the_others_ends_like_an_uninterrupted_one(tmp_path):
+    job = Job.load("an225", SHORT)
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    expected = run_study(Toy(job), whole, workers=1)
+    with pytest.raises(StudyInterrupted):
+        run_study(Toy(job, Counted(interrupted_at=2)), broken, workers=1)
+    lines = (broken / LEDGER).read_text().splitlines()
+    key, row, _ = json.loads(lines[1])
+    del row["pair"]
+    checksum = sha256(json.dumps([key, row]).encode()).hexdigest()[:16]
+    lines[1] = json.dumps([key, row, checksum])
+    (broken / LEDGER).write_text("\n".join(lines) + "\n")
+    rest = Toy(job)
+    outcome = run_study(rest, broken, workers=1)
+    assert rest.measure.seen == [0.4, 0.3, 0.51]
+    assert (outcome.resumed, outcome.rows) == (1, expected.rows)
+    assert content(broken) == content(whole)
 
 
 def test_rows_of_another_study_are_discarded_with_the_reason(tmp_path):

@@ -63,3 +63,15 @@ def uncompilable(tick, state, torque):
 
 
 number = 3
+
+
+def bursting(tick, state, torque):
+    """Has a pole at 1e30."""
+    for a in range(tick.axes):
+        state[a] = 1e30 * state[a] + tick.error[a]
+        torque[a] = state[a]
+
+
+def boundless(tick, state, torque):
+    for a in range(tick.axes):
+        torque[a] = np.inf * tick.error[a]

@@ -100,6 +100,20 @@ class GCode(Controller):
         Raises:
             InputError: a line that is refused.
         """
+        outcome = self._outcome
+        if isinstance(outcome, InputError):
+            raise outcome.with_traceback(None)
+        return outcome
+
+    @cached_property
+    def _outcome(self) -> Interpreted | InputError:
+        """The moves, or why a line is refused: several ask, and a program may run for seconds until that line."""
+        try:
+            return self._interpreted()
+        except InputError as error:
+            return error.with_traceback(None)
+
+    def _interpreted(self) -> Interpreted:
         library = self._library
         text = ProgramText(
             main=self.text.removeprefix("\ufeff"),

@@ -15,7 +15,7 @@ from gantrysim.controllers.macro.variables import LocalParameters, Parameters
 
 END = -1  # the place that follows the last line that runs
 _DEEPEST = 10  # calls
-MOST_TIME = 20.0  # of lines that run without anything for the machine [s]
+MOST_TIME = 5.0  # of the processor, for lines that run without anything for the machine [s]
 _LOOKS = 1000  # steps after which the clock is read
 Line = TypeVar("Line")  # what a line holds for the machine, as its words
 
@@ -154,7 +154,8 @@ class Flow(ABC, Generic[Line]):
         Raises:
             InputError: a line that cannot be read or run, or too many of them.
         """
-        last_motion = time.monotonic()  # when a line last held something for the machine
+        last_motion = time.thread_time()  # when the clock was first read after a line with something for the machine
+        is_still = True
         while self._next != END and self.runs(self._next):
             self.place = self._next
             self._steps += 1
@@ -163,7 +164,10 @@ class Flow(ABC, Generic[Line]):
                     FlowRefusal.STEPS,
                     f"{self._most_steps} {self._unit} have run: must end before; is there an endless loop?",
                 )
-            if self._steps % _LOOKS == 0 and time.monotonic() - last_motion > MOST_TIME:
+            if self._steps % _LOOKS == 0 and not is_still:
+                last_motion = time.thread_time()
+                is_still = True
+            elif self._steps % _LOOKS == 0 and time.thread_time() - last_motion > MOST_TIME:
                 raise self.refusal(
                     FlowRefusal.STEPS,
                     f"{self._unit} have run for {MOST_TIME:g} s without a motion: is there an endless loop?",
@@ -171,7 +175,7 @@ class Flow(ABC, Generic[Line]):
             self._next, line = self.execute()
             if line is not None:
                 yield line
-                last_motion = time.monotonic()
+                is_still = False
 
     def check_depth(self) -> None:
         """Raise InputError where no further call is allowed."""

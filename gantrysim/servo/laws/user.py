@@ -68,6 +68,14 @@ def resolved(law: LawName) -> UserLaw:
     return function
 
 
+def without_warnings(law: UserLaw) -> UserLaw:
+    """Return a law without NumPy's warnings of overflow: torques that are not finite end the run with a fault.
+
+    A law that numba has compiled, which gives none, is returned itself.
+    """
+    return law if hasattr(law, "py_func") else np.errstate(all="ignore")(law)
+
+
 def linearised(law: UserLaw, gains: Floats, axis: int, period: float) -> Compensator:
     """Return a linear law as it answers to the position of one axis, from its response to a kick.
 
@@ -80,17 +88,20 @@ def linearised(law: UserLaw, gains: Floats, axis: int, period: float) -> Compens
         period: servo period [s].
 
     Raises:
-        UnknownLoopError: a law that is not linear, depends on time, couples axes, or is of an order above 24.
+        UnknownLoopError: a law that is not linear, not finite, depends on time, couples axes, or is of an order above
+            24.
     """
     once, twice, late = (
-        _kicked(law, gains, axis, period, size, before)
+        _kicked(without_warnings(law), gains, axis, period, size, before)
         for size, before in ((_KICK, _REST), (2 * _KICK, _REST), (_KICK, 2 * _REST))
     )
+    if not all(np.isfinite(response).all() for response in (once, twice, late)):
+        raise UnknownLoopError("a law of the user's whose torques are not finite has no margins")
     size = np.abs(once).max()
     steady = np.allclose(twice, 2 * once, rtol=0, atol=_LINEAR * size) and np.allclose(
         late[_REST:], once[:-_REST], rtol=0, atol=_LINEAR * size
     )
-    if not (steady and np.isfinite(once).all()):
+    if not steady:
         raise UnknownLoopError("a law of the user's that is not linear, or not the same at all times, has no margins")
     if np.abs(np.delete(once, axis, axis=1)).max(initial=0.0) > _LINEAR * size:
         raise UnknownLoopError("a law of the user's that couples axes has no margins")

@@ -62,11 +62,12 @@ class Fastest:
         """The fastest speed of the other grade, in words: a clause that begins with a semicolon, or empty."""
         if self.result == self.other:
             return ""
+        end = "" if self.other.above else ", where the search ended"
         if self.grade == Grade.CLEAN:
-            return f"; up to {self.other.fastest:g} mm/s it is kept with a warning"
+            return f"; up to {self.other.fastest:g} mm/s it is kept with a warning{end}"
         if self.other.fastest is None:
             return "; no speed tried is without a warning"
-        return f"; without a warning up to {self.other.fastest:g} mm/s"
+        return f"; without a warning up to {self.other.fastest:g} mm/s{end}"
 
 
 def speed_answer(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row], fastest: Fastest) -> str:

@@ -76,7 +76,7 @@ def _table(study: SpeedStudy, rows: Sequence[Row], good: Sequence[Row]) -> Table
     ]
     cells = []
     runs = {
-        "fastest": result.fastest,
+        "fastest" if result.above else "fastest tried": result.fastest,
         "next": result.above,
         "programmed": study.programmed_speed,
         "slowest": min(by_speed),

@@ -1,0 +1,78 @@
+"""The start of the command: signals that arrive while its modules are imported, and Python without docstrings."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from support.studies import SHORT
+
+COMMANDS = {
+    "script": [str(Path(sys.executable).with_name("gantrysim")), "info", "machines"],
+    "module": [sys.executable, "-m", "gantrysim", "info", "machines"],
+}
+# raises a signal in this process when a module is imported
+SITE = """
+import os
+import sys
+
+
+class Raised:
+    def find_spec(self, name, path=None, target=None):
+        if name == os.environ["RAISED_AT"]:
+            import signal
+
+            sys.meta_path.remove(self)
+            signal.raise_signal(int(os.environ["RAISED"]))
+
+
+sys.meta_path.insert(0, Raised())
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "module", ["lazy_loader", "gantrysim.cli.start", "gantrysim.base.memory", "numpy", "datetime", "typer", "pydantic"]
+)
+def test_a_signal_during_an_import_ends_the_command_without_a_traceback(tmp_path, command, number, module):
+    (tmp_path / "sitecustomize.py").write_text(SITE)
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "RAISED_AT": module, "RAISED": str(int(number))}
+    done = subprocess.run(COMMANDS[command], env=environment, capture_output=True, text=True, cwd=tmp_path)
+    said = (done.returncode, done.stdout, done.stderr)
+    early = (-number, "", "")
+    assert said in (early, (128 + number, "", "interrupted: nothing is written\n"))
+    assert (said == early) == (module in ("lazy_loader", "gantrysim.cli.start"))
+
+
+def test_the_package_leaves_the_signals_of_a_program_that_imports_it():
+    code = "import signal, gantrysim; print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
+    for arguments in ([], ["gantrysim"], ["-m", "gantrysim"]):
+        done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
+        assert done.stdout == "True\n"
+
+
+@pytest.mark.parametrize("arguments", [("info", "keys"), ("run", "--help")])
+def test_without_docstrings_the_command_states_why_descriptions_are_missing(arguments):
+    said = "descriptions of commands and keys are missing: Python drops them under PYTHONOPTIMIZE=2 and -OO\n"
+    for level, errors in (("1", ""), ("2", said)):
+        environment = {**os.environ, "PYTHONOPTIMIZE": level}
+        command = [*COMMANDS["module"][:3], *arguments]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (0, errors)
+        assert "servo.law" in done.stdout or "Usage" in done.stdout
+
+
+def test_neither_the_command_nor_its_workers_import_from_the_working_folder(tmp_path):
+    trap = f"open({str(tmp_path / 'imported')!r}, 'a').write(__name__)\nraise SystemExit\n"
+    for name in ("numpy", "joblib", "cloudpickle", "matplotlib", "mujoco", "typer"):
+        (tmp_path / f"{name}.py").write_text(trap)
+    settings = [word for setting in SHORT for word in ("--set", setting)]
+    command = [COMMANDS["script"][0], "study", "repeat", "an225", *settings, "--repeats", "2", "--workers", "2"]
+    done = subprocess.run([*command, "--out", "out"], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert not (tmp_path / "imported").exists()
