@@ -52,7 +52,6 @@ AXIS_COLOURS = ("#3a9fc7", "#d55e00", "#8f8f2e", "#aa4499", "#44aa99", "#cc6677"
 _STYLE: dict[Any, Any] = {
     "font.size": 10,
     "axes.titlesize": 11,
-    "axes.titley": 1.0,  # matplotlib would look for labels to avoid, see `titles_beyond_labels`
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
@@ -62,7 +61,7 @@ _STYLE: dict[Any, Any] = {
     "grid.linewidth": 0.6,
     "legend.frameon": False,
     "savefig.dpi": RESOLUTION,
-    "text.hinting": "no_hinting",  # letters are spaced evenly, and drawn faster
+    "text.hinting": "no_hinting",  # letters are spaced evenly
     **dict.fromkeys(
         ("text.color", "axes.edgecolor", "axes.labelcolor", "axes.titlecolor", "xtick.color", "ytick.color"), INK
     ),
@@ -93,15 +92,6 @@ def sheet(width: float, height: float) -> Iterator[Figure]:
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(figure)  # so that `figure.canvas.draw()` draws
         yield figure
-
-
-@contextmanager
-def titles_beyond_labels() -> Iterator[None]:
-    """Let titles avoid the labels of axes that the block draws, such as polar ones, which have some at the top."""
-    from matplotlib import rc_context  # slow to import
-
-    with rc_context({"axes.titley": None}):
-        yield
 
 
 def axes_on(on: Figure | SubFigure | Axes, **options: Any) -> Axes:
