@@ -29,8 +29,9 @@ Luma = NDArray[np.float32]
 def smoothed(picture: Picture) -> Picture:
     """Return a picture with smooth edges, (height, width, 3)."""
     drawn = np.ascontiguousarray(picture)
+    luma = np.asarray(drawn @ np.array(_LUMA, np.float32), np.float32)
     result = drawn.copy()
-    _smooth(drawn, drawn @ np.array(_LUMA, np.float32), result)
+    _smooth(drawn, luma, result)
     return result
 
 

@@ -107,11 +107,11 @@ class ViewerWindow:
                 mujoco.mjr_overlay(mujoco.mjtFont.mjFONT_NORMAL, corner, area, names, values, context)
         width = round(0.42 * area.width)
         height = round(0.32 * area.height)
-        left = area.width - width
-        mujoco.mjr_figure(mujoco.MjrRect(left, 0, width, height), chart.figure, context)
+        edge = area.width - width
+        mujoco.mjr_figure(mujoco.MjrRect(edge, 0, width, height), chart.figure, context)
         if scene.scale is not None and width > 0:
             bar = colour_bar(scene.scale, width)
-            place = mujoco.MjrRect(left, height, width, bar.shape[0])
+            place = mujoco.MjrRect(edge, height, width, bar.shape[0])
             mujoco.mjr_drawPixels(np.ascontiguousarray(bar[::-1]).ravel(), None, place, context)
         glfw.swap_buffers(self._window)
 
@@ -179,21 +179,21 @@ class ViewerWindow:
 
     def _move(self, window: Any, x: float, y: float) -> None:
         buttons = (glfw.MOUSE_BUTTON_LEFT, glfw.MOUSE_BUTTON_RIGHT, glfw.MOUSE_BUTTON_MIDDLE)
-        left, right, middle = (glfw.get_mouse_button(window, button) == glfw.PRESS for button in buttons)
-        shift = glfw.PRESS in (glfw.get_key(window, key) for key in (glfw.KEY_LEFT_SHIFT, glfw.KEY_RIGHT_SHIFT))
+        turns, moves, zooms = (glfw.get_mouse_button(window, button) == glfw.PRESS for button in buttons)
+        is_shifted = glfw.PRESS in (glfw.get_key(window, key) for key in (glfw.KEY_LEFT_SHIFT, glfw.KEY_RIGHT_SHIFT))
         height = glfw.get_window_size(window)[1]
         step = ((x - self._cursor[0]) / height, (y - self._cursor[1]) / height)
         self._cursor = (x, y)
-        if right:
-            action = _MOUSE.mjMOUSE_MOVE_H if shift else _MOUSE.mjMOUSE_MOVE_V
-        elif left:
-            action = _MOUSE.mjMOUSE_ROTATE_H if shift else _MOUSE.mjMOUSE_ROTATE_V
+        if moves:
+            action = _MOUSE.mjMOUSE_MOVE_H if is_shifted else _MOUSE.mjMOUSE_MOVE_V
+        elif turns:
+            action = _MOUSE.mjMOUSE_ROTATE_H if is_shifted else _MOUSE.mjMOUSE_ROTATE_V
         else:
             action = _MOUSE.mjMOUSE_ZOOM
         scene = self._scene
         if self._perturbation.active:
             mujoco.mjv_movePerturb(scene.model, scene.data, action, *step, self._drawn, self._perturbation)
-        elif left or right or middle:
+        elif turns or moves or zooms:
             self._move_camera(action, *step)
 
     def _scroll(self, _window: Any, _across: float, along: float) -> None:
