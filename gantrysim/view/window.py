@@ -92,6 +92,8 @@ class ViewerWindow:
         scene = self._scene
         context = self._context
         area = mujoco.MjrRect(0, 0, *glfw.get_framebuffer_size(self._window))
+        if area.width == 0 or area.height == 0:  # minimised
+            return
         mujoco.mjv_updateScene(
             scene.model, scene.data, self._option, self._perturbation, self._camera, _CATEGORIES, self._drawn
         )
@@ -109,7 +111,7 @@ class ViewerWindow:
         height = round(0.32 * area.height)
         edge = area.width - width
         mujoco.mjr_figure(mujoco.MjrRect(edge, 0, width, height), chart.figure, context)
-        if scene.scale is not None and width > 0:
+        if scene.scale is not None:
             bar = colour_bar(scene.scale, width)
             place = mujoco.MjrRect(edge, height, width, bar.shape[0])
             mujoco.mjr_drawPixels(np.ascontiguousarray(bar[::-1]).ravel(), None, place, context)

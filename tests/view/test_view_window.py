@@ -208,6 +208,15 @@ def test_keys_arrive_once_and_a_closed_window_is_told(opened):
         window.pressed()
 
 
+def test_a_minimised_window_shows_nothing_and_still_reads_keys(opened):
+    window, screen = opened
+    screen.size = (0, 0)
+    window.show(TEXTS, Chart())
+    screen.press(glfw.KEY_SPACE)
+    assert window.pressed() == [glfw.KEY_SPACE]
+    assert screen.shown == 1
+
+
 def test_brackets_go_round_the_cameras_and_escape_keeps_the_view(opened):
     window, screen = opened
     first = looked(window)
