@@ -111,10 +111,6 @@ def film_writer(
             ffmpeg_log_level="quiet",
             output_params=options.split(),
         )
-        encoder.send(None)
-        if suffix == _GIF:
-            with suppress(OSError):  # of an encoder that has stopped, as the first frame tells
-                encoder.send(_with_palette(samples()))
         written = 0
 
         def append(frame: Picture) -> None:
@@ -125,8 +121,13 @@ def film_writer(
             except (OSError, StopIteration):
                 raise _StoppedError from None
 
-        with suppress(_StoppedError), closing(encoder):
-            yield append
+        with closing(encoder):
+            encoder.send(None)
+            if suffix == _GIF:
+                with suppress(OSError):  # of an encoder that has stopped, as the first frame tells
+                    encoder.send(_palette(samples()))
+            with suppress(_StoppedError):
+                yield append
         encoded = _frames_in(partial)
         if encoded != written:
             free = shutil.disk_usage(partial.parent).free / 1e6
@@ -181,15 +182,8 @@ def save_picture(file: Path, picture: Picture) -> None:
         Image.fromarray(picture).save(partial)
 
 
-def _with_palette(samples: Sequence[Picture]) -> Picture:
-    """Return a frame with the palette of a GIF in its corner, see `_GIF_ENCODER`."""
-    frame = np.zeros_like(samples[0])
-    frame[:16, :16] = _palette(samples)
-    return frame
-
-
 def _palette(samples: Sequence[Picture]) -> Picture:
-    """Return the 256 colours of frames, (16, 16, 3).
+    """Return a frame with 256 colours of frames in its first 16 x 16 pixels, see `_GIF_ENCODER`.
 
     Half of them divide the pixels evenly, for smooth shades; half the colour space, for rare colours as of a thin bead.
     """
@@ -199,4 +193,6 @@ def _palette(samples: Sequence[Picture]) -> Picture:
         palette = image.quantize(128, method, dither=Image.Dither.NONE).getpalette() or []
         half = np.array(palette, np.uint8).reshape(-1, 3)[:128]
         colours[first : first + len(half)] = half
-    return colours.reshape(16, 16, 3)
+    frame = np.zeros_like(samples[0])
+    frame[:16, :16] = colours.reshape(16, 16, 3)
+    return frame
