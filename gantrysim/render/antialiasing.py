@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.jit import plain_inner_jit, plain_jit
+from gantrysim.base.jit import jit
 from gantrysim.render.encoding import Picture
 
 _CONTRAST = 0.08  # of luma around a pixel, relative to the largest, below which there is no edge
@@ -35,7 +35,7 @@ def smoothed(picture: Picture) -> Picture:
     return result
 
 
-@plain_jit
+@jit
 def _smooth(picture: Picture, luma: Luma, result: Picture) -> None:
     """Write the smoothed pixels of all edges, but for those at the rim of the picture."""
     height, width = luma.shape
@@ -46,7 +46,7 @@ def _smooth(picture: Picture, luma: Luma, result: Picture) -> None:
                 _smooth_pixel(picture, luma, row, column, result)
 
 
-@plain_inner_jit
+@jit
 def _range(luma: Luma, row: int, column: int) -> tuple[float, float]:
     """Return the least and the largest luma of a pixel and its neighbours at its corners."""
     middle = luma[row, column]
@@ -59,7 +59,7 @@ def _range(luma: Luma, row: int, column: int) -> tuple[float, float]:
     return least, largest
 
 
-@plain_inner_jit
+@jit
 def _smooth_pixel(picture: Picture, luma: Luma, row: int, column: int, result: Picture) -> None:
     """Write a smoothed pixel: the mean of both pairs of samples, or of the near one alone."""
     down, across = _along(luma, row, column)
@@ -76,7 +76,7 @@ def _smooth_pixel(picture: Picture, luma: Luma, row: int, column: int, result: P
             result[row, column, channel] = np.uint8(near + 0.5)
 
 
-@plain_inner_jit
+@jit
 def _along(luma: Luma, row: int, column: int) -> tuple[float, float]:
     """Return the way along the edge at a pixel, square to the gradient: rows and columns, at most the furthest."""
     above_left = luma[row - 1, column - 1]
@@ -92,7 +92,7 @@ def _along(luma: Luma, row: int, column: int) -> tuple[float, float]:
     return down, across
 
 
-@plain_inner_jit
+@jit
 def _pair(picture: Picture, row: int, column: int, down: float, across: float, channel: int) -> float:
     """Return the mean of a channel at two places on both sides of a pixel, so many rows and columns away from it."""
     before = _sample(picture, row - down, column - across, channel)
@@ -100,7 +100,7 @@ def _pair(picture: Picture, row: int, column: int, down: float, across: float, c
     return 0.5 * (before + after)
 
 
-@plain_inner_jit
+@jit
 def _sample(picture: Picture, row: float, column: float, channel: int) -> float:
     """Return a channel between four pixels; beyond the rim that of the rim."""
     height, width, _ = picture.shape
