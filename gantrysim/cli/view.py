@@ -37,14 +37,16 @@ def view(
     settings: Settings = None,
     allow_code: AllowCode = False,
 ) -> None:
-    """Open MuJoCo's viewer to replay a saved run or to run a job live, with the growing bead.
+    """Open a window to replay a saved run or to run a job live, with the growing bead.
+
+    Drag with the left button to turn the view, with the right one to move it; the wheel zooms.
 
     The machine of a live run can be disturbed: double-click a body to select it, then hold Ctrl and drag with the right
     button to push it, or with the left button to twist it.
 
     Keys: Space pauses and resumes; Left and Right jump by one second in a saved run; Up doubles and Down halves the
     speed; Home or Backspace returns to the start of a saved run or restarts a live one; [ and ] switch the camera, Esc
-    frees it; F1 lists the viewer's own keys.
+    frees it.
 
     Exit status: 0 when the window is closed, 2 for bad input or without a display, 3 if a fault ended a live run, 130
     after Ctrl-C.
@@ -120,7 +122,7 @@ def _play(playback: Playback, camera: str | None, speed: float) -> Fault | None:
     from gantrysim.view.player import Player
     from gantrysim.view.window import ViewerWindow, WindowClosedError
 
-    # an exception while a window opens or closes would leave its thread drawing freed memory
+    # Ctrl-C ends the play between two pictures, so that the window is closed
     with suppress(WindowClosedError), deferred() as stopped:
         window = ViewerWindow(playback.scene, camera)
         try:

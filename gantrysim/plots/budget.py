@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.metrics.budget import Budget
-from gantrysim.plots.style import COLOURS, COLUMNS, INK, UM, dashed, thinned
+from gantrysim.plots.style import COLOURS, COLUMNS, INK, UM, axes_on, dashed, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,32 +27,46 @@ def draw_budget(figure: Figure | SubFigure, budget: Budget) -> tuple[Axes, ...]:
 
     Negative shares, which offset others, extend to the other side of zero. Returns the axes.
     """
-    turns = budget.values.turns
-    whole, *below = figure.subplots(2 if turns else 1, height_ratios=[1, 2.6] if turns else None, squeeze=False)[:, 0]
+    turns = bool(budget.values.turns)
+    shares, *below = figure.subplots(1 + turns, height_ratios=[1, 2.6][: 1 + turns], squeeze=False)[:, 0]
+    draw_shares(shares, budget)
+    for axes in below:
+        draw_by_turn(axes, budget)
+    return (shares, *below)
+
+
+def draw_shares(on: Figure | SubFigure | Axes, budget: Budget) -> Axes:
+    """Draw the links' shares of the contour error's mean square as a stacked bar; return the axes."""
+    axes = axes_on(on)
     shares = {name: np.array([part.share]) for name, part in budget.values.parts.items()}
-    stack_bars(whole, np.zeros(1), {name: 100 * share for name, share in shares.items()}, upright=False)
+    stack_bars(axes, np.zeros(1), {name: 100 * share for name, share in shares.items()}, upright=False)
     end = 0.0
     for name, share in shares.items():
         if share[0] >= _LEAST_NAMED:
-            whole.text(end + 50 * share[0], 0, f"{100 * share[0]:.1f} %", ha="center", va="center", color=_on(name))
+            axes.text(end + 50 * share[0], 0, f"{100 * share[0]:.1f} %", ha="center", va="center", color=_on(name))
         end += 100 * max(share[0], 0.0)
-    whole.set(yticks=[], xlabel="share of the contour error's mean square [%]")
-    whole.grid(visible=False, axis="y")
-    whole.spines["left"].set_visible(False)
-    whole.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4 if len(shares) < 5 else 5)
-    for axes in below:
-        number = np.array([turn.turn for turn in turns])
-        rms = np.array([turn.parts["contour"].rms for turn in turns])
-        stack_bars(
-            axes, number, {name: UM * rms * share for name, share in _shares_by_turn(budget).items()}, upright=True
-        )
-        axes.set(xlabel="turn", ylabel="rms [µm]", title="Rms contour error by turn, split by the links' shares")
-        every = -(-number.size // _MOST_NAMED)
-        named = [turn for turn in turns if turn.turn % every == 0 or not turn.name.startswith("turn")]
-        axes.set_xticks([turn.turn for turn in named], [turn.name.removeprefix("turn ") for turn in named])
-        axes.set_xlim(number[0] - 0.6, number[-1] + 0.6)
-        axes.grid(visible=False, axis="x")
-    return (whole, *below)
+    axes.set(yticks=[], xlabel="share of the contour error's mean square [%]")
+    axes.grid(visible=False, axis="y")
+    axes.spines["left"].set_visible(False)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4 if len(shares) < 5 else 5)
+    return axes
+
+
+def draw_by_turn(on: Figure | SubFigure | Axes, budget: Budget) -> Axes:
+    """Draw the rms contour error of every turn as a bar of the links' shares; return the axes."""
+    axes = axes_on(on)
+    turns = budget.values.turns
+    number = np.array([turn.turn for turn in turns])
+    rms = np.array([turn.parts["contour"].rms for turn in turns])
+    parts = {name: UM * rms * share for name, share in _shares_by_turn(budget).items()}
+    stack_bars(axes, number, parts, upright=True)
+    axes.set(xlabel="turn", ylabel="rms [µm]", title="Rms contour error by turn, split by the links' shares")
+    every = -(-number.size // _MOST_NAMED)
+    named = [turn for turn in turns if turn.turn % every == 0 or not turn.name.startswith("turn")]
+    axes.set_xticks([turn.turn for turn in named], [turn.name.removeprefix("turn ") for turn in named])
+    axes.set_xlim(number[0] - 0.6, number[-1] + 0.6)
+    axes.grid(visible=False, axis="x")
+    return axes
 
 
 def draw_budget_along(figure: Figure | SubFigure, budget: Budget, columns: int = COLUMNS) -> tuple[Axes, ...]:

@@ -19,14 +19,11 @@ from gantrysim.plots.bead import draw_height_map
 from gantrysim.plots.budget import draw_budget_along
 from gantrysim.plots.error import draw_error
 from gantrysim.plots.plan import draw_plan, plan_extent
-from gantrysim.plots.png import write_png
 from gantrysim.plots.spacing import draw_spacing
-from gantrysim.plots.style import COLOURS, COLUMNS, RESOLUTION, sheet, thinned, view_height
+from gantrysim.plots.style import COLOURS, COLUMNS, RESOLUTION, common_style, sheet, thinned, view_height
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from gantrysim.plots.sheet_figure import Sheet
 
 # width of a plot across the page, and of one of two side by side [inch]
 WIDE = 10.7
@@ -59,33 +56,34 @@ class Plot:
 
     def save(self, folder: Path) -> Path:
         """Write the plot into a folder, as a PNG file; return the file."""
-        with sheet(self.width, self.height) as figure:
-            self.draw(figure)
-            if self.fault:
-                figure.supxlabel(f"fault: {self.fault}", color=COLOURS["fault"], fontsize="medium")
-            figure.arrange(self.resolution)
-            return self._write(figure, folder)
+        figure = self._drawn()
+        if self.fault:
+            figure.supxlabel(f"fault: {self.fault}", color=COLOURS["fault"], fontsize="medium")
+        return self._write(figure, folder)
 
     def figure(self, folder: Path | None = None) -> Figure:
-        """Return the plot for a page, laid out as its picture.
+        """Return the plot for a page.
 
         Args:
             folder: where the picture is written on the way, if that is possible and the run is complete; None for none.
         """
-        with sheet(self.width, self.height) as figure:
-            self.draw(figure)
-            figure.arrange(self.resolution)
-            if folder is not None and not self.fault:
-                with suppress(Exception):  # of one that is missing, `save` tells why
-                    self._write(figure, folder)
+        figure = self._drawn()
+        if folder is not None and not self.fault:
+            with suppress(Exception):  # of one that is missing, `save` tells why
+                self._write(figure, folder)
         if self.columns < COLUMNS:
             _coarsen(figure, self.columns)
         return figure
 
-    def _write(self, figure: Sheet, folder: Path) -> Path:
+    def _drawn(self) -> Figure:
+        with sheet(self.width, self.height) as figure:
+            self.draw(figure)
+        return figure
+
+    def _write(self, figure: Figure, folder: Path) -> Path:
         file = folder / f"{self.name}.png"
-        with replaced(file) as new:
-            write_png(new, figure.pixels(self.resolution), self.resolution)
+        with replaced(file) as new, common_style():
+            figure.savefig(new, format="png", dpi=self.resolution)
         return file
 
 

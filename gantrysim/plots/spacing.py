@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.spacing import Spacing
-from gantrysim.plots.style import INK, add_legend, axes_on, thinned, titles_beyond_labels, turn_colours
+from gantrysim.plots.style import INK, add_legend, axes_on, thinned, turn_colours
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,7 +43,6 @@ def draw_spacing(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
     return axes
 
 
-@titles_beyond_labels()
 def draw_polar_spacing(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
     """Draw the spacing over the direction of the path's outward normal in its plane; return the axes, polar ones.
 

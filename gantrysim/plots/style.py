@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -15,8 +15,6 @@ from gantrysim.base.jit import jit
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
-
-    from gantrysim.plots.sheet_figure import Sheet
 
 COLUMNS = 1000  # horizontal resolution of a thinned line
 
@@ -54,7 +52,6 @@ AXIS_COLOURS = ("#3a9fc7", "#d55e00", "#8f8f2e", "#aa4499", "#44aa99", "#cc6677"
 _STYLE: dict[Any, Any] = {
     "font.size": 10,
     "axes.titlesize": 11,
-    "axes.titley": 1.0,  # matplotlib would look for labels to avoid, see `titles_beyond_labels`
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
@@ -64,7 +61,7 @@ _STYLE: dict[Any, Any] = {
     "grid.linewidth": 0.6,
     "legend.frameon": False,
     "savefig.dpi": RESOLUTION,
-    "text.hinting": "no_hinting",  # letters are spaced evenly, and drawn faster
+    "text.hinting": "no_hinting",  # letters are spaced evenly
     **dict.fromkeys(
         ("text.color", "axes.edgecolor", "axes.labelcolor", "axes.titlecolor", "xtick.color", "ytick.color"), INK
     ),
@@ -75,34 +72,26 @@ _OF_THE_PROCESS = ("backend", "backend_fallback", "interactive", "toolbar", "tim
 
 
 @contextmanager
-def sheet(width: float, height: float) -> Iterator[Sheet]:
-    """Yield an empty figure of a width and height [inch] to draw on in the common style."""
+def common_style(options: Mapping[Any, Any] | None = None) -> Iterator[None]:
+    """Draw and save in the common style, with further options of matplotlib; a user's matplotlibrc has no effect."""
     import matplotlib  # slow to import
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    # over matplotlib's own defaults: a matplotlibrc of the user's has no effect
     known = matplotlib.rcParamsDefault
     defaults = {key: known[key] for key in known if key not in _OF_THE_PROCESS}
-    with matplotlib.rc_context({**defaults, **_STYLE}):
-        figure = _figure_class()(figsize=(width, height), layout="constrained")
-        FigureCanvasAgg(figure)
-        yield figure
-
-
-@contextmanager
-def titles_beyond_labels() -> Iterator[None]:
-    """Let titles avoid the labels of axes that the block draws, such as polar ones, which have some at the top."""
-    from matplotlib import rc_context  # slow to import
-
-    with rc_context({"axes.titley": None}):
+    with matplotlib.rc_context({**defaults, **_STYLE, **(options or {})}):
         yield
 
 
-def _figure_class() -> type[Sheet]:
-    """Return the class of all figures."""
-    from gantrysim.plots.sheet_figure import Sheet  # slow to import
+@contextmanager
+def sheet(width: float, height: float) -> Iterator[Figure]:
+    """Yield an empty figure of a width and height [inch] to draw on in the common style."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # slow to import
+    from matplotlib.figure import Figure
 
-    return Sheet
+    with common_style():
+        figure = Figure(figsize=(width, height), layout="constrained")
+        FigureCanvasAgg(figure)  # so that `figure.canvas.draw()` draws
+        yield figure
 
 
 def axes_on(on: Figure | SubFigure | Axes, **options: Any) -> Axes:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.jit import plain_inner_jit, plain_jit
+from gantrysim.base.jit import jit
 from gantrysim.render.encoding import Picture
 
 _CONTRAST = 0.08  # of luma around a pixel, relative to the largest, below which there is no edge
@@ -22,48 +22,31 @@ _FAR = 1 / 2
 _SLACK = 0.03  # of the gradient, so that no direction is undefined
 _LEAST_SLACK = 0.5
 _LUMA = (0.299, 0.587, 0.114)  # of red, green and blue
-_SINGLE_LUMA = tuple(np.float32(share) for share in _LUMA)
-_SINGLE_CONTRAST = np.float32(_CONTRAST)
-_SINGLE_DARK = np.float32(_DARK)
-
 
 Luma = NDArray[np.float32]
-Pixel = tuple[float, float, float]
 
 
 def smoothed(picture: Picture) -> Picture:
     """Return a picture with smooth edges, (height, width, 3)."""
     drawn = np.ascontiguousarray(picture)
-    luma = np.empty(drawn.shape[:2], np.float32)
+    luma = np.asarray(drawn @ np.array(_LUMA, np.float32), np.float32)
     result = drawn.copy()
-    _smooth(drawn, luma, np.empty(drawn.shape[1], np.bool_), result)
+    _smooth(drawn, luma, result)
     return result
 
 
-@plain_jit
-def _smooth(picture: Picture, luma: Luma, edges: NDArray[np.bool_], result: Picture) -> None:
-    """Write the smoothed pixels of all edges, but for those at the rim of the picture; luma and edges are scratch.
-
-    All edges of a row are found before any is smoothed: that loop has no branch, so it runs on many pixels at once.
-    """
+@jit
+def _smooth(picture: Picture, luma: Luma, result: Picture) -> None:
+    """Write the smoothed pixels of all edges, but for those at the rim of the picture."""
     height, width = luma.shape
-    for row in range(height):
-        for column in range(width):
-            luma[row, column] = (
-                _SINGLE_LUMA[0] * np.float32(picture[row, column, 0])
-                + _SINGLE_LUMA[1] * np.float32(picture[row, column, 1])
-                + _SINGLE_LUMA[2] * np.float32(picture[row, column, 2])
-            )
     for row in range(1, height - 1):
         for column in range(1, width - 1):
             least, largest = _range(luma, row, column)
-            edges[column] = largest - least >= max(_SINGLE_CONTRAST * largest, _SINGLE_DARK)
-        for column in range(1, width - 1):
-            if edges[column]:
+            if largest - least >= max(_CONTRAST * largest, _DARK):
                 _smooth_pixel(picture, luma, row, column, result)
 
 
-@plain_inner_jit
+@jit
 def _range(luma: Luma, row: int, column: int) -> tuple[float, float]:
     """Return the least and the largest luma of a pixel and its neighbours at its corners."""
     middle = luma[row, column]
@@ -76,27 +59,24 @@ def _range(luma: Luma, row: int, column: int) -> tuple[float, float]:
     return least, largest
 
 
-@plain_inner_jit
+@jit
 def _smooth_pixel(picture: Picture, luma: Luma, row: int, column: int, result: Picture) -> None:
-    """Write a smoothed pixel."""
+    """Write a smoothed pixel: the mean of both pairs of samples, or of the near one alone."""
     down, across = _along(luma, row, column)
-    near = _pair(picture, row, column, _NEAR * down, _NEAR * across)
-    far = _pair(picture, row, column, _FAR * down, _FAR * across)
-    red = np.uint8(0.5 * (near[0] + far[0]) + 0.5)
-    green = np.uint8(0.5 * (near[1] + far[1]) + 0.5)
-    blue = np.uint8(0.5 * (near[2] + far[2]) + 0.5)
-    mean = _LUMA[0] * red + _LUMA[1] * green + _LUMA[2] * blue
+    mean = 0.0
+    for channel in range(3):
+        near = _pair(picture, row, column, _NEAR * down, _NEAR * across, channel)
+        far = _pair(picture, row, column, _FAR * down, _FAR * across, channel)
+        result[row, column, channel] = np.uint8(0.5 * (near + far) + 0.5)
+        mean += _LUMA[channel] * result[row, column, channel]
     least, largest = _range(luma, row, column)
     if mean < least or mean > largest:
-        red = np.uint8(near[0] + 0.5)
-        green = np.uint8(near[1] + 0.5)
-        blue = np.uint8(near[2] + 0.5)
-    result[row, column, 0] = red
-    result[row, column, 1] = green
-    result[row, column, 2] = blue
+        for channel in range(3):
+            near = _pair(picture, row, column, _NEAR * down, _NEAR * across, channel)
+            result[row, column, channel] = np.uint8(near + 0.5)
 
 
-@plain_inner_jit
+@jit
 def _along(luma: Luma, row: int, column: int) -> tuple[float, float]:
     """Return the way along the edge at a pixel, square to the gradient: rows and columns, at most the furthest."""
     above_left = luma[row - 1, column - 1]
@@ -112,17 +92,17 @@ def _along(luma: Luma, row: int, column: int) -> tuple[float, float]:
     return down, across
 
 
-@plain_inner_jit
-def _pair(picture: Picture, row: int, column: int, down: float, across: float) -> Pixel:
-    """Return the mean of the colours at two places on both sides of a pixel, so many rows and columns away from it."""
-    before = _sample(picture, row - down, column - across)
-    after = _sample(picture, row + down, column + across)
-    return 0.5 * (before[0] + after[0]), 0.5 * (before[1] + after[1]), 0.5 * (before[2] + after[2])
+@jit
+def _pair(picture: Picture, row: int, column: int, down: float, across: float, channel: int) -> float:
+    """Return the mean of a channel at two places on both sides of a pixel, so many rows and columns away from it."""
+    before = _sample(picture, row - down, column - across, channel)
+    after = _sample(picture, row + down, column + across, channel)
+    return 0.5 * (before + after)
 
 
-@plain_inner_jit
-def _sample(picture: Picture, row: float, column: float) -> Pixel:
-    """Return the colour between four pixels; beyond the rim that of the rim."""
+@jit
+def _sample(picture: Picture, row: float, column: float, channel: int) -> float:
+    """Return a channel between four pixels; beyond the rim that of the rim."""
     height, width, _ = picture.shape
     row = min(max(row, 0.0), height - 1.001)
     column = min(max(column, 0.0), width - 1.001)
@@ -130,16 +110,6 @@ def _sample(picture: Picture, row: float, column: float) -> Pixel:
     c = int(column)
     y = row - r
     x = column - c
-    return (
-        _between(picture, r, c, y, x, 0),
-        _between(picture, r, c, y, x, 1),
-        _between(picture, r, c, y, x, 2),
-    )
-
-
-@plain_inner_jit
-def _between(picture: Picture, r: int, c: int, y: float, x: float, channel: int) -> float:
-    """Return a channel at shares y and x of the way to the next row and column."""
     above = (1 - x) * picture[r, c, channel] + x * picture[r, c + 1, channel]
     below = (1 - x) * picture[r + 1, c, channel] + x * picture[r + 1, c + 1, channel]
     return (1 - y) * above + y * below

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import re
 import shutil
-import subprocess
-import threading
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
 
@@ -30,16 +26,23 @@ PICTURES = (".png",)
 _HUNDREDTHS = 100.0  # of a second, the unit of a GIF's frame times
 _SHORTEST = 2  # frame time that players respect; many show shorter ones for a tenth of a second
 _LONGEST = 65535  # frame time of the format
+# of write_frames: codec, format of pixels, options
 # Players guess the colour space of unlabelled films differently; with its index in front a film plays while it loads.
-_MP4_OPTIONS = (
+_MP4_ENCODER = (
+    "libx264",
+    "yuv420p",
     "-vf scale=out_color_matrix=bt709:out_range=tv,"
     "setparams=range=tv:colorspace=bt709:color_primaries=bt709:color_trc=bt709 "
     # with fewer searches than veryfast's own a frame takes a quarter less time, for a film 6 % larger
-    "-c:v libx264 -preset veryfast -crf 16.5 -x264-params subme=1:partitions=p8x8,b8x8,i4x4 "
-    "-pix_fmt yuv420p -movflags +faststart"
+    "-preset veryfast -crf 16.5 -x264-params subme=1:partitions=p8x8,b8x8,i4x4 -movflags +faststart",
 )
-_GIF_OPTIONS = "-lavfi paletteuse=dither=none -c:v gif -loop 0"
-_MESSAGES = 20  # last lines of an encoder's messages that are remembered
+# the first frame brings the palette, and is no part of the film
+_GIF_ENCODER = (
+    "gif",
+    "pal8",
+    "-vf split[first][all];[first]trim=end_frame=1,crop=16:16:0:0[palette];"
+    "[all]trim=start_frame=1,setpts=PTS-STARTPTS[film];[film][palette]paletteuse=dither=none -loop 0",
+)
 _FINEST_RATE = 1_000_000  # denominator of frames per second as a fraction
 
 
@@ -84,66 +87,62 @@ def film_writer(
         samples: gives frames with all colours of the film, for the palette of a GIF.
 
     Raises:
-        InputError: a file that cannot be written, or an odd size of an MP4.
+        InputError: a file that cannot be written whole, or an odd size of an MP4.
         MissingPackageError: imageio-ffmpeg is not installed.
         NoEncoderError: no ffmpeg.
     """
     suffix = suffix_of(file, FILMS)
-    width, height = size
-    if suffix == _MP4 and (width % 2 or height % 2):
-        raise InputError(f"size of the video = {width} x {height}: must be even numbers of pixels")
+    if suffix == _MP4 and (size[0] % 2 or size[1] % 2):
+        raise InputError(f"size of the video = {size[0]} x {size[1]}: must be even numbers of pixels")
+    encoder_file()
+    from imageio_ffmpeg import write_frames
+
     with replaced(file) as partial:
-        options = _MP4_OPTIONS.split()
-        if suffix == _GIF:
-            palette = partial.with_name("palette.png")
-            colours = _palette(samples())
-            colours.save(palette)
-            options = ["-i", str(palette), *_GIF_OPTIONS.split()]
-        command = [encoder_file(), "-y", "-v", "error", *_frames(fps, size), *options, str(partial)]
-        # imageio_ffmpeg.write_frames ignores the exit status: a film that a full disk cuts off would pass as whole
-        # a new session keeps Ctrl-C away from it; with Python's ignored signals it reports a limit on file sizes
-        encoder = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, restore_signals=False
+        codec, pixels, options = _GIF_ENCODER if suffix == _GIF else _MP4_ENCODER
+        rate = Fraction(fps).limit_denominator(_FINEST_RATE)
+        encoder = write_frames(
+            str(partial),
+            size,
+            fps=rate,
+            codec=codec,
+            pix_fmt_out=pixels,
+            quality=None,
+            macro_block_size=1,
+            ffmpeg_log_level="quiet",
+            output_params=options.split(),
         )
-        stdin = encoder.stdin
-        stderr = encoder.stderr
-        assert stdin is not None
-        assert stderr is not None
-        # messages are read at once: the pipe must not fill up
-        messages: deque[bytes] = deque(maxlen=_MESSAGES)
-        listener = threading.Thread(target=messages.extend, args=(stderr,), name="encoder", daemon=True)
-        listener.start()
+        written = 0
 
         def append(frame: Picture) -> None:
+            nonlocal written
+            written += 1
             try:
-                stdin.write(np.ascontiguousarray(frame).data)
-            except BrokenPipeError:
+                encoder.send(np.ascontiguousarray(frame))
+            except (OSError, StopIteration):
                 raise _StoppedError from None
 
-        complete = False
-        try:
+        with closing(encoder):
+            encoder.send(None)
+            if suffix == _GIF:
+                with suppress(OSError):  # of an encoder that has stopped, as the first frame tells
+                    encoder.send(_palette(samples()))
             with suppress(_StoppedError):
                 yield append
-                complete = True
-            with suppress(BrokenPipeError):
-                stdin.close()
-            encoder.wait()
-        finally:
-            encoder.kill()  # after an error, and an interrupt
-            with suppress(BrokenPipeError):
-                stdin.close()
-            encoder.wait()
-            listener.join()
-            stderr.close()
-        if not complete or encoder.returncode:
-            raise InputError(f"file {file}: cannot be written: {_reason(messages, encoder.returncode)}")
+        encoded = _frames_in(partial)
+        if encoded != written:
+            free = shutil.disk_usage(partial.parent).free / 1e6
+            reason = f"the encoder wrote {encoded} of {written} frames; {free:.1f} MB are free"
+            raise InputError(f"file {file}: cannot be written: {reason}")
 
 
-def _frames(fps: float, size: tuple[int, int]) -> list[str]:
-    """Return the encoder's arguments for frames without headers from its standard input."""
-    width, height = size
-    rate = Fraction(fps).limit_denominator(_FINEST_RATE)
-    return ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(rate), "-i", "-"]
+def _frames_in(film: Path) -> int:
+    """Return the number of whole frames of a film: the encoder's exit status, which would tell less, is not given."""
+    from imageio_ffmpeg import count_frames_and_secs
+
+    try:
+        return int(count_frames_and_secs(film)[0])
+    except RuntimeError:
+        return 0
 
 
 class NoEncoderError(GantryError, RuntimeError):
@@ -183,17 +182,8 @@ def save_picture(file: Path, picture: Picture) -> None:
         Image.fromarray(picture).save(partial)
 
 
-def _reason(messages: Iterable[bytes], status: int) -> str:
-    """Return why an encoder failed: its last message without the name of ffmpeg's component, or its exit status."""
-    lines = [line.decode(errors="replace").strip() for line in messages]
-    reasons = [re.sub(r"^\[[^]]* @ [^]]*\] ", "", line) for line in lines if line]
-    if reasons:
-        return reasons[-1]
-    return f"the encoder stopped by signal {-status}" if status < 0 else "the encoder stopped"
-
-
-def _palette(samples: Sequence[Picture]) -> Image.Image:
-    """Return the 256 colours of frames, as a picture of 16 x 16.
+def _palette(samples: Sequence[Picture]) -> Picture:
+    """Return a frame with 256 colours of frames in its first 16 x 16 pixels, see `_GIF_ENCODER`.
 
     Half of them divide the pixels evenly, for smooth shades; half the colour space, for rare colours as of a thin bead.
     """
@@ -203,4 +193,6 @@ def _palette(samples: Sequence[Picture]) -> Image.Image:
         palette = image.quantize(128, method, dither=Image.Dither.NONE).getpalette() or []
         half = np.array(palette, np.uint8).reshape(-1, 3)[:128]
         colours[first : first + len(half)] = half
-    return Image.fromarray(colours.reshape(16, 16, 3))
+    frame = np.zeros_like(samples[0])
+    frame[:16, :16] = colours.reshape(16, 16, 3)
+    return frame

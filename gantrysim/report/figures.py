@@ -15,10 +15,9 @@ if TYPE_CHECKING:
 
     from gantrysim.report.document import Drawing
 
-# a section's figures from left to right: SVG, width, whether the viewer replaces it, and SVG for a narrow page
+# a section's figures from left to right: SVG, width, and whether the viewer replaces it
 Figures = list[dict[str, Any]]
 
-_WIDE = 600  # width of a figure above which a narrow page has a narrow one of its own [pixels]
 _PIXELS_PER_INCH = 104  # of a figure: its type of 10 points is slightly smaller than the text
 
 
@@ -55,23 +54,16 @@ def figures_of(section: Section, name: str, folder: Path | None = None) -> Figur
     """
     from markupsafe import Markup
 
-    from gantrysim.report.narrow import make_narrow
     from gantrysim.report.svg import description, inline_svg
 
     drawn = []
     replaced_by_viewer = several(section.still)
     for i, drawing in enumerate([*several(section.figure), *replaced_by_viewer], 1):
         figure = _figure_of(drawing, folder)
-        prefix = f"{name}-f{i}"
         alternative = ": ".join(filter(None, (section.title, description(figure))))
-        svg = Markup(inline_svg(figure, prefix, alternative))
+        svg = Markup(inline_svg(figure, f"{name}-f{i}", alternative))
         width = round(_PIXELS_PER_INCH * figure.get_size_inches()[0])
-        still = drawing in replaced_by_viewer
-        narrow = None
-        # not where it is folded, as a page's size and time count more there
-        if width > _WIDE and not still and not section.folded and make_narrow(figure):
-            narrow = Markup(inline_svg(figure, f"{prefix}n", alternative))
-        drawn.append({"svg": svg, "width": width, "still": still, "narrow": narrow})
+        drawn.append({"svg": svg, "width": width, "still": drawing in replaced_by_viewer})
     return drawn
 
 

@@ -16,7 +16,7 @@ from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import CONTOUR, FOLLOWING_ALONG, LAG, PROGRAM
 from gantrysim.metrics.parts import PART_COLUMNS, PART_PLACE, PART_SIZES, PartValues
 from gantrysim.plots.bead import draw_bead_along
-from gantrysim.plots.budget import draw_budget
+from gantrysim.plots.budget import draw_by_turn, draw_shares
 from gantrysim.plots.pictures import (
     HALF,
     PAGE_COLUMNS,
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 Subject = TypeVar("Subject")
 
 _RMS, _, _MAX, _SHARE = PART_COLUMNS
+_LOW = 2.4  # height of the plots of the error budget [inch]
 
 
 def summary_facts(budget: Budget) -> list[RowTexts]:
@@ -85,7 +86,10 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
             f"max {LAG.text(values.lag.max)}.",
         ],
         table=[links, axes, _turns(budget)] if values.turns else [links, axes],
-        figure=drawn(draw_budget, budget, WIDE, 4.4 if values.turns else 1.6),
+        figure=[
+            drawn(draw_shares, budget, HALF, _LOW),
+            *([drawn(draw_by_turn, budget, HALF, _LOW)] if values.turns else []),
+        ],
         still=budget_plot(budget),
     )
 

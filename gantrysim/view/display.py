@@ -1,4 +1,4 @@
-"""Check for a display on which the viewer can open its window."""
+"""Windows with OpenGL, by GLFW, or the reason why there is none."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import os
 import sys
 import warnings
 from collections.abc import Mapping
+from typing import Any
 
 from gantrysim.base.errors import GantryError
 
 _HINT = "`gantrysim render RUN_DIR` makes a video"
+_SAMPLES = 4  # of a pixel, for smooth edges
 
 
 class NoDisplayError(GantryError, RuntimeError):
@@ -27,37 +29,40 @@ def check_display(platform: str = sys.platform, environment: Mapping[str, str] =
         environment: environment variables.
 
     Raises:
-        NoDisplayError: no display, or on macOS another interpreter than MuJoCo's.
+        NoDisplayError: no display.
     """
-    if platform == "darwin":
-        # macOS reserves windows for the first thread, which mjpython keeps free
-        import mujoco.viewer
-
-        if getattr(mujoco.viewer, "_MJPYTHON", None) is None:
-            raise NoDisplayError("on macOS MuJoCo's viewer needs its own interpreter, mjpython -m gantrysim view")
-        return
-    if platform.startswith("linux") and not (environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY")):
-        raise NoDisplayError("neither DISPLAY nor WAYLAND_DISPLAY is set")
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        opened = _opens_window()
-    if not opened:
-        reasons = dict.fromkeys(_message(str(warning.message)) for warning in caught)
-        raise NoDisplayError("; ".join(reasons) or "GLFW finds no display")
-
-
-def _opens_window() -> bool:
-    """Open a hidden window of the viewer's kind and close it."""
     import glfw
 
-    if not glfw.init():
-        return False
-    try:
-        glfw.window_hint(glfw.VISIBLE, glfw.FALSE)
-        glfw.window_hint(glfw.SAMPLES, 4)
-        return bool(glfw.create_window(16, 16, "gantrysim", None, None))
-    finally:
-        glfw.terminate()
+    if platform.startswith("linux") and not (environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY")):
+        raise NoDisplayError("neither DISPLAY nor WAYLAND_DISPLAY is set")
+    open_window(16, 16, visible=False)
+    glfw.terminate()
+
+
+def open_window(width: int, height: int, *, visible: bool = True) -> Any:
+    """Return a new window of GLFW with an OpenGL context; `glfw.terminate` closes it.
+
+    Args:
+        width: of the window [pixels of the screen].
+        height: of the window [pixels of the screen].
+        visible: whether it is shown.
+
+    Raises:
+        NoDisplayError: no display, or one without OpenGL.
+    """
+    import glfw
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        if glfw.init():
+            glfw.window_hint(glfw.VISIBLE, visible)
+            glfw.window_hint(glfw.SAMPLES, _SAMPLES)
+            window = glfw.create_window(width, height, "gantrysim", None, None)
+            if window:
+                return window
+            glfw.terminate()
+    reasons = dict.fromkeys(_message(str(warning.message)) for warning in caught)
+    raise NoDisplayError("; ".join(reasons) or "GLFW finds no display")
 
 
 def _message(warning: str) -> str:

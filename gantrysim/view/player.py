@@ -17,7 +17,7 @@ from gantrysim.view.playback import Playback
 from gantrysim.view.texts import ViewState, moment_texts
 from gantrysim.view.window import ViewerWindow, WindowClosedError
 
-# GLFW's key codes; MuJoCo's viewer uses none of these while another program steps
+# GLFW's key codes
 _SPACE = 32
 _BACKSPACE = 259
 _RIGHT = 262

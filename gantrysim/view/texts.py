@@ -18,14 +18,13 @@ _BEHIND = 0.9  # of the requested speed, below which the actual one is shown
 # the viewer's font is limited to ASCII
 _ASCII = str.maketrans({"µ": "u", "·": " ", "²": "2", "³": "3", "°": " deg", "–": "-", "−": "-", "×": "x"})
 
-
-_VIEWER_KEYS = (("[ ], Esc", "switch camera, free camera"), ("F1", "keys of MuJoCo's viewer"))
+_CAMERA_KEYS = (("[ ], Esc", "switch camera, free camera"), ("Drag, wheel", "turn, move, zoom"))
 REPLAY_KEYS = (
     ("Space", "pause or resume"),
     ("Left, Right", "1 s back, forward"),
     ("Up, Down", "double, halve speed"),
     ("Home, Backspace", "go to start"),
-    *_VIEWER_KEYS,
+    *_CAMERA_KEYS,
 )
 LIVE_KEYS = (
     ("Space", "pause or resume"),
@@ -34,7 +33,7 @@ LIVE_KEYS = (
     ("Double click", "select a body"),
     ("Ctrl + right drag", "push the selected body"),
     ("Ctrl + left drag", "twist the selected body"),
-    *_VIEWER_KEYS,
+    *_CAMERA_KEYS,
 )
 _HINT = ("Space", "pause and show keys")
 

@@ -1,15 +1,11 @@
-"""MuJoCo's viewer as a window that a player draws into."""
+"""A window that a player draws into: MuJoCo's drawing functions in a window of GLFW."""
 
 from __future__ import annotations
 
-import threading
-import time
-from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from traceback import walk_tb
+from collections.abc import Callable
 from typing import Any
 
+import glfw
 import mujoco
 import numpy as np
 
@@ -17,17 +13,22 @@ from gantrysim.base.arrays import Floats
 from gantrysim.render.legend import colour_bar
 from gantrysim.render.scene import Scene
 from gantrysim.view.chart import Chart
-from gantrysim.view.display import NoDisplayError
+from gantrysim.view.display import open_window
 from gantrysim.view.texts import Texts
 
-_POLL = 0.05  # interval at which waiting threads check the window and Ctrl-C [s]
-_LEAVING = 0.3  # for threads to leave a viewer that has stopped drawing [s]
+_SIZE = (1000, 720)  # of the window at first [pixels of the screen]
+_MOST_GEOMS = 2000
 _NEAR = 0.1  # least distance of the free camera's look-at point, of the machine's size
-_PICTURE = 60.0  # for the first picture, slow in software, and for the last [s]
+_DOUBLE_CLICK = 0.3  # longest time between its clicks [s]
+_FONT = 150  # its size on a usual display [%]
+_ZOOM = 0.05  # per step of the mouse wheel, of the distance
 
-_SMALL = mujoco.mjtFontScale.mjFONTSCALE_100.value
-_LARGE = mujoco.mjtFontScale.mjFONTSCALE_150.value
+_CATEGORIES = mujoco.mjtCatBit.mjCAT_ALL.value
+_FIXED = mujoco.mjtCamera.mjCAMERA_FIXED
+_TRANSLATE = mujoco.mjtPertBit.mjPERT_TRANSLATE.value
+_ROTATE = mujoco.mjtPertBit.mjPERT_ROTATE.value
 _CORNER = mujoco.mjtGridPos
+_MOUSE = mujoco.mjtMouse
 
 
 class WindowClosedError(Exception):
@@ -35,11 +36,11 @@ class WindowClosedError(Exception):
 
 
 class ViewerWindow:
-    """MuJoCo's passive viewer, which draws the scene in a thread of its own.
+    """A window that shows a scene; the mouse moves the camera and pushes bodies.
 
-    Uploading a mesh blocks until the viewer's thread takes it. Once the window is closed it never does, and then waits
-    forever for the blocked uploader, with all of Python. So uploads run in a thread that may be abandoned, and the
-    viewer is freed only while no thread is inside it. Methods raise WindowClosedError once the window is closed.
+    All of it happens in the thread that opens it and calls its methods, as mouse and keys are read by `pressed`.
+    MuJoCo's own passive viewer draws in a thread of its own, in which closing it while a mesh is uploaded blocks all
+    of Python for good.
 
     Args:
         scene: to be shown.
@@ -47,184 +48,184 @@ class ViewerWindow:
 
     Raises:
         InputError: no such camera.
-        NoDisplayError: the viewer opens no window.
-        WindowClosedError: the window is closed before the first picture.
+        NoDisplayError: no window can be opened.
     """
 
     def __init__(self, scene: Scene, camera: str | None = None) -> None:
         self._scene = scene
-        self._keys: deque[int] = deque()
-        self._guard = threading.Lock()  # held by the thread inside the viewer
-        view = scene.camera(camera)
-        threads = set(threading.enumerate())
-        self._handle = self._launch()
-        self._threads = [thread for thread in threading.enumerate() if thread not in threads]
-        self._requested = threading.Semaphore(0)
-        self._uploaded = threading.Semaphore(0)
-        threading.Thread(target=self._upload, name="bead", daemon=True).start()
-        with self._inside() as handle, handle.lock():
-            # Esc frees the viewer's own camera, at the pose of the fixed one
-            free_camera = handle.cam
-            free_camera.lookat[:], free_camera.distance, free_camera.azimuth, free_camera.elevation = _free_view(
-                scene, view
-            )
-            free_camera.type = view.type
-            free_camera.fixedcamid = view.fixedcamid
+        self._camera = scene.camera(camera)
+        self._option = mujoco.MjvOption()
+        self._perturbation = mujoco.MjvPerturb()
+        self._keys: list[int] = []
+        self._clicked: tuple[int, float] | None = None
+        self._window = open_window(*_SIZE)
+        glfw.make_context_current(self._window)
+        glfw.swap_interval(1)
+        self._context = mujoco.MjrContext(scene.model, self._font_scale())
+        self._drawn = mujoco.MjvScene(scene.model, maxgeom=_MOST_GEOMS)
+        self._cursor = glfw.get_cursor_pos(self._window)
+        glfw.set_key_callback(self._window, self._key)
+        glfw.set_mouse_button_callback(self._window, self._button)
+        glfw.set_cursor_pos_callback(self._window, self._move)
+        glfw.set_scroll_callback(self._window, self._scroll)
 
     def pressed(self) -> list[int]:
-        """Return the keys pressed since the last call, by GLFW's codes."""
-        with self._inside():
-            return [self._keys.popleft() for _ in range(len(self._keys))]
+        """Return the keys pressed since the last call, by GLFW's codes.
+
+        Raises:
+            WindowClosedError: the window is closed.
+        """
+        glfw.poll_events()
+        if glfw.window_should_close(self._window):
+            raise WindowClosedError
+        keys = self._keys
+        self._keys = []
+        return keys
 
     def pose(self, change: Callable[[], None]) -> None:
-        """Change the scene while it is not being drawn, and upload its bead; takes as long as a picture."""
-        with self._inside() as handle, handle.lock():
-            change()
-            if handle.user_scn is not None:
-                handle.user_scn.ngeom = 0
-                self._scene.decorate(handle.user_scn)
-        self._requested.release()
-        while not self._uploaded.acquire(timeout=_POLL):
-            if not self._handle.is_running():
-                raise WindowClosedError
+        """Change the scene, and upload its bead."""
+        change()
+        mujoco.mjr_uploadMesh(self._scene.model, self._context, self._scene.mesh)
 
     def show(self, texts: Texts, chart: Chart) -> None:
-        """Show the scene with texts and chart."""
-        with self._inside() as handle:
-            parts = (
-                (_LARGE, _CORNER.mjGRID_TOPLEFT, texts.values),
-                (_SMALL, _CORNER.mjGRID_BOTTOMLEFT, texts.keys),
-                (_LARGE, _CORNER.mjGRID_TOPRIGHT, texts.fault),
-            )
-            columns = ((size, corner, *map("\n".join, zip(*rows, strict=True))) for size, corner, rows in parts if rows)
-            handle.set_texts(list(columns))
-            area = handle.viewport
-            if area is not None:
-                width = round(0.42 * area.width)
-                height = round(0.26 * area.height)
-                right = area.left + area.width
-                handle.set_figures((mujoco.MjrRect(right - width, area.bottom, width, height), chart.figure))
-                if self._scene.scale is not None:
-                    bar = colour_bar(self._scene.scale, width)
-                    handle.set_images((mujoco.MjrRect(right - width, area.bottom + height, *bar.shape[1::-1]), bar))
-            handle.sync()
+        """Show the scene with texts and chart; takes until the screen shows it."""
+        scene = self._scene
+        context = self._context
+        area = mujoco.MjrRect(0, 0, *glfw.get_framebuffer_size(self._window))
+        if area.width == 0 or area.height == 0:  # minimised
+            return
+        mujoco.mjv_updateScene(
+            scene.model, scene.data, self._option, self._perturbation, self._camera, _CATEGORIES, self._drawn
+        )
+        scene.decorate(self._drawn)
+        mujoco.mjr_render(area, self._drawn, context)
+        for corner, rows in (
+            (_CORNER.mjGRID_TOPLEFT, texts.values),
+            (_CORNER.mjGRID_BOTTOMLEFT, texts.keys),
+            (_CORNER.mjGRID_TOPRIGHT, texts.fault),
+        ):
+            if rows:
+                names, values = ("\n".join(column) for column in zip(*rows, strict=True))
+                mujoco.mjr_overlay(mujoco.mjtFont.mjFONT_NORMAL, corner, area, names, values, context)
+        width = round(0.42 * area.width)
+        height = round(0.32 * area.height)
+        edge = area.width - width
+        mujoco.mjr_figure(mujoco.MjrRect(edge, 0, width, height), chart.figure, context)
+        if scene.scale is not None:
+            bar = colour_bar(scene.scale, width)
+            place = mujoco.MjrRect(edge, height, width, bar.shape[0])
+            mujoco.mjr_drawPixels(np.ascontiguousarray(bar[::-1]).ravel(), None, place, context)
+        glfw.swap_buffers(self._window)
 
     def pushes(self) -> Floats:
         """Return the mouse's forces and torques on the bodies of the scene, (bodies, 6) [N, N·m]."""
-        with self._inside() as handle, handle.lock():
-            return np.array(self._scene.data.xfrc_applied)
+        data = self._scene.data
+        data.xfrc_applied[:] = 0.0
+        mujoco.mjv_applyPerturbForce(self._scene.model, data, self._perturbation)
+        return np.array(data.xfrc_applied)
 
     def close(self) -> None:
-        """Close the window and wait for its thread."""
-        with suppress(WindowClosedError), self._inside() as handle:
-            handle.close()
-        for thread in self._threads:
-            thread.join(_PICTURE)
+        """Close the window."""
+        self._context.free()
+        glfw.terminate()
 
-    @contextmanager
-    def _inside(self) -> Iterator[Any]:
-        while not self._guard.acquire(timeout=_POLL):
-            if not self._handle.is_running():
-                raise WindowClosedError
-        try:
-            if not self._handle.is_running():
-                raise WindowClosedError
-            yield self._handle
-        finally:
-            self._guard.release()
+    def _font_scale(self) -> int:
+        """Return the size of the font for that of the display's, one of MuJoCo's [%]."""
+        scale = float(glfw.get_window_content_scale(self._window)[0])
+        return int(np.clip(50 * round(_FONT * scale / 50), 100, 300))
 
-    def _upload(self) -> None:
-        while True:
-            self._requested.acquire()
-            try:
-                with self._inside() as handle:
-                    handle.update_mesh(self._scene.mesh)
-            except WindowClosedError:
-                return
-            self._uploaded.release()
+    def _key(self, _window: Any, key: int, _scan_code: int, action: int, _modifiers: int) -> None:
+        if action != glfw.PRESS:
+            return
+        if key == glfw.KEY_ESCAPE:
+            self._camera = free_view(self._scene, self._camera)
+        elif key in (glfw.KEY_LEFT_BRACKET, glfw.KEY_RIGHT_BRACKET):
+            self._switch_camera(1 if key == glfw.KEY_RIGHT_BRACKET else -1)
+        else:
+            self._keys.append(key)
 
-    def _launch(self) -> Any:
-        """Open the viewer; errors in its thread arrive through `threading.excepthook`."""
-        import mujoco.viewer as viewer
+    def _switch_camera(self, step: int) -> None:
+        """Look through the next or the last camera of the machine, if it has any."""
+        count = self._scene.model.ncam
+        if count == 0:
+            return
+        present = self._camera.fixedcamid if self._camera.type == _FIXED else min(-step, 0)
+        self._camera.type = _FIXED
+        self._camera.fixedcamid = (present + step) % count
 
-        opened: list[Any] = []
-        failed: list[str] = []
+    def _button(self, window: Any, button: int, action: int, modifiers: int) -> None:
+        self._perturbation.active = 0
+        if action != glfw.PRESS:
+            return
+        now = glfw.get_time()
+        if self._clicked is not None and self._clicked[0] == button and now - self._clicked[1] < _DOUBLE_CLICK:
+            self._select(window)
+        self._clicked = (button, now)
+        if modifiers & glfw.MOD_CONTROL and self._perturbation.select > 0:
+            mujoco.mjv_initPerturb(self._scene.model, self._scene.data, self._drawn, self._perturbation)
+            self._perturbation.active = _TRANSLATE if button == glfw.MOUSE_BUTTON_RIGHT else _ROTATE
 
-        def launch() -> None:
-            opened.append(
-                viewer.launch_passive(
-                    self._scene.model,
-                    self._scene.data,
-                    key_callback=self._keys.append,
-                    show_left_ui=False,
-                    show_right_ui=False,
-                )
-            )
+    def _select(self, window: Any) -> None:
+        """Select the body under the cursor; none where there is only the world."""
+        scene = self._scene
+        width, height = glfw.get_window_size(window)
+        x, y = glfw.get_cursor_pos(window)
+        point = np.zeros(3)
+        geom, flex, skin = (np.zeros(1, np.int32) for _ in range(3))
+        place = (width / height, x / width, 1.0 - y / height)
+        body = mujoco.mjv_select(scene.model, scene.data, self._option, *place, self._drawn, point, geom, flex, skin)
+        self._perturbation.select = max(body, 0)
+        if body > 0:
+            offset = point - scene.data.xpos[body]
+            self._perturbation.localpos = scene.data.xmat[body].reshape(3, 3).T @ offset
 
-        def fail(error: threading.ExceptHookArgs) -> None:
-            inside = any(frame.f_globals is vars(viewer) for frame, _ in walk_tb(error.exc_traceback))
-            if error.thread is not thread and not inside:
-                hook(error)  # of an unrelated thread
-                return
-            failed.append(" ".join(str(error.exc_value).split()) or error.exc_type.__name__)
+    def _move(self, window: Any, x: float, y: float) -> None:
+        buttons = (glfw.MOUSE_BUTTON_LEFT, glfw.MOUSE_BUTTON_RIGHT, glfw.MOUSE_BUTTON_MIDDLE)
+        turns, moves, zooms = (glfw.get_mouse_button(window, button) == glfw.PRESS for button in buttons)
+        is_shifted = glfw.PRESS in (glfw.get_key(window, key) for key in (glfw.KEY_LEFT_SHIFT, glfw.KEY_RIGHT_SHIFT))
+        height = glfw.get_window_size(window)[1]
+        step = ((x - self._cursor[0]) / height, (y - self._cursor[1]) / height)
+        self._cursor = (x, y)
+        if moves:
+            action = _MOUSE.mjMOUSE_MOVE_H if is_shifted else _MOUSE.mjMOUSE_MOVE_V
+        elif turns:
+            action = _MOUSE.mjMOUSE_ROTATE_H if is_shifted else _MOUSE.mjMOUSE_ROTATE_V
+        else:
+            action = _MOUSE.mjMOUSE_ZOOM
+        scene = self._scene
+        if self._perturbation.active:
+            mujoco.mjv_movePerturb(scene.model, scene.data, action, *step, self._drawn, self._perturbation)
+        elif turns or moves or zooms:
+            self._move_camera(action, *step)
 
-        ended = threading.Event()
-        simulate = viewer._Simulate
-        hook = threading.excepthook
-        thread = threading.Thread(target=launch, name="launch", daemon=True)
-        viewer._Simulate = _guarded(simulate, self._guard, ended)
-        threading.excepthook = fail
-        try:
-            thread.start()
-            end = time.monotonic() + _PICTURE
-            while thread.is_alive() and not failed and not ended.is_set() and time.monotonic() < end:
-                thread.join(_POLL)
-            if ended.is_set():
-                thread.join(_LEAVING)
-        finally:
-            viewer._Simulate = simulate
-            threading.excepthook = hook
-        if not opened and ended.is_set() and not failed:
-            raise WindowClosedError
-        if not opened:
-            raise NoDisplayError(failed[0] if failed else f"the viewer opened no window in {_PICTURE:g} s")
-        return opened[0]
+    def _scroll(self, _window: Any, _across: float, along: float) -> None:
+        # upwards comes nearer, as on a page
+        self._move_camera(_MOUSE.mjMOUSE_ZOOM, 0.0, _ZOOM * along)
 
-
-def _guarded(simulate: Any, guard: threading.Lock, ended: threading.Event) -> Any:
-    """Return a class of MuJoCo's viewer that signals its end and is freed only while no thread is inside it."""
-
-    class Guarded(simulate):  # type: ignore[misc]
-        def render_loop(self) -> None:
-            super().render_loop()
-            ended.set()
-
-        def destroy(self) -> None:
-            if guard.acquire(timeout=_LEAVING):
-                try:
-                    super().destroy()
-                finally:
-                    guard.release()
-            else:
-                _abandoned.append(self)
-
-    return Guarded
+    def _move_camera(self, action: mujoco.mjtMouse, across: float, down: float) -> None:
+        """Move the camera by shares of the window's height; a fixed one becomes free."""
+        if self._camera.type == _FIXED:
+            self._camera = free_view(self._scene, self._camera)
+        mujoco.mjv_moveCamera(self._scene.model, action, across, down, self._camera)
 
 
-_abandoned: list[Any] = []  # viewers with a blocked upload, kept until the process ends
-
-
-def _free_view(scene: Scene, view: mujoco.MjvCamera) -> tuple[Floats, float, float, float]:
-    """Return look-at point [m], distance [m], azimuth and elevation [deg] of a free camera with the view of another."""
-    if view.type != mujoco.mjtCamera.mjCAMERA_FIXED:
-        return view.lookat.copy(), view.distance, view.azimuth, view.elevation
+def free_view(scene: Scene, view: mujoco.MjvCamera) -> mujoco.MjvCamera:
+    """Return a free camera with the view of another."""
+    free = mujoco.MjvCamera()
+    if view.type != _FIXED:
+        free.lookat[:] = view.lookat
+        free.distance = view.distance
+        free.azimuth = view.azimuth
+        free.elevation = view.elevation
+        return free
     position = scene.data.cam_xpos[view.fixedcamid]
     forward = -scene.data.cam_xmat[view.fixedcamid].reshape(3, 3)[:, 2]
     reach = max(float(forward @ (scene.model.stat.center - position)), _NEAR * float(scene.model.stat.extent))
     # the same scale, although a free camera has another field of view
     angles = np.radians([scene.model.cam_fovy[view.fixedcamid], scene.model.vis.global_.fovy])
-    fixed, free = np.tan(0.5 * angles)
-    distance = float(fixed / free) * reach
-    azimuth = float(np.degrees(np.arctan2(forward[1], forward[0])))
-    elevation = float(np.degrees(np.arcsin(np.clip(forward[2], -1, 1))))
-    return position + reach * forward, distance, azimuth, elevation
+    fixed, free_tangent = np.tan(0.5 * angles)
+    free.lookat[:] = position + reach * forward
+    free.distance = float(fixed / free_tangent) * reach
+    free.azimuth = float(np.degrees(np.arctan2(forward[1], forward[0])))
+    free.elevation = float(np.degrees(np.arcsin(np.clip(forward[2], -1, 1))))
+    return free

@@ -15,6 +15,7 @@ import time
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 from rich.console import Console
 from typer.core import TyperCommand, TyperGroup
@@ -31,7 +32,6 @@ from gantrysim.cli.terminal import interruptible
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.plots import pictures
-from gantrysim.plots.png import write_png
 from gantrysim.report.saved import SavedRun
 from gantrysim.report.summary import summary
 from gantrysim.results.quantities import ERROR_GROUP
@@ -517,12 +517,14 @@ def test_partial_files_of_killed_runs_are_removed_and_those_of_active_ones_stay(
 
 
 def test_a_plot_that_fails_costs_nothing_else(gantrysim_command, tmp_path, monkeypatch):
-    def broken(file, *picture):
-        if file.name == "error.png":
-            raise ValueError("no\nnumbers")
-        write_png(file, *picture)
+    save = Figure.savefig
 
-    monkeypatch.setattr(pictures, "write_png", broken)
+    def broken(figure, file, **options):
+        if getattr(file, "name", "") == "error.png":
+            raise ValueError("no\nnumbers")
+        save(figure, file, **options)
+
+    monkeypatch.setattr(Figure, "savefig", broken)
     status, printed, errors = gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
     assert (status, errors) == (1, "error: no plot: error.png: ValueError: no numbers\n")
     assert "Contour error: " in printed

@@ -371,10 +371,10 @@ def test_what_causes_are_worth_is_drawn_for_every_error():
 
 
 def test_a_full_disk_names_each_plot_once(analysis, tmp_path, monkeypatch):
-    def full(file, *_):
+    def full(_, file, **__):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(file))
 
-    monkeypatch.setattr(pictures, "write_png", full)
+    monkeypatch.setattr(Figure, "savefig", full)
     with pytest.raises(plots.PlotError) as refused:
         plots.save_plots(analysis, tmp_path)
     for sentence in str(refused.value).split("; "):

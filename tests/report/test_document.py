@@ -2,7 +2,6 @@
 
 import base64
 import io
-import itertools
 import re
 
 import numpy as np
@@ -12,20 +11,18 @@ from hypothesis import strategies as st
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from matplotlib.transforms import Bbox
 from PIL import Image
 from svgelements import Path as SvgPath
 
 from gantrysim import InputError
 from gantrysim.plots.style import INK, sheet, thinned
 from gantrysim.report import Column, Section, Table, write_page
-from gantrysim.report.narrow import make_narrow
 from gantrysim.report.svg import description, inline_svg
 
 from support.pages import Page
 
 EVIL = "<script>alert('&')</script>"
-ROUNDED = 0.006  # of a coordinate [pt]
+CUT = 0.0101 * 2**0.5  # of a point's distance from where it is [pt]
 SIMPLIFIED = 0.25  # [pt]
 DENSE_SIZE = 150_000  # of the figure of a line of noise [bytes]
 POINT = 72  # to the inch
@@ -164,7 +161,7 @@ def test_progress_is_reported_per_section(tmp_path):
     assert shares == [0.5, 1.0]
 
 
-def test_short_paths_are_the_same_paths():
+def test_coordinates_are_cut_to_hundredths_of_a_point():
     figure = Figure(figsize=(4.0, 3.0))
     axes = figure.add_subplot()
     axes.add_patch(Circle((0.3, 0.6), 0.2, color="#ff0000"))  # curves, closed
@@ -177,9 +174,9 @@ def test_short_paths_are_the_same_paths():
     paths = [re.findall(r'<path[^>]* d="([^"]*)"', text) for text in texts]
     for long, short in zip(*paths, strict=True):
         ends = [[complex(s.end) for s in SvgPath(d) if s.end is not None] for d in (long, short)]
-        np.testing.assert_allclose(*ends, atol=0.0101)
-        assert SvgPath(long).d(relative=False).count("C") == SvgPath(short).d(relative=False).count("C")
-        assert len(short) < len(" ".join(long.split()))
+        np.testing.assert_allclose(*ends, atol=CUT)
+        assert re.sub(r"[^A-Za-z]", "", long) == re.sub(r"[^A-Za-z]", "", short)
+        assert not re.search(r"\.\d{3}", short)
 
 
 def points(svg, colour):
@@ -197,7 +194,7 @@ def test_a_line_keeps_its_coordinates():
     drawn = points(svg, "#ff0000")
     expected = axes.transData.transform(np.stack([x, np.sin(x)], axis=1)) * POINT / figure.dpi
     expected[:, 1] = 3.0 * POINT - expected[:, 1]
-    np.testing.assert_allclose(drawn[[0, -1]], expected[[0, -1]], atol=ROUNDED)
+    np.testing.assert_allclose(drawn[[0, -1]], expected[[0, -1]], atol=CUT)
     off = np.abs(np.interp(expected[:, 0], drawn[:, 0], drawn[:, 1]) - expected[:, 1])
     assert off.max() < 2 * SIMPLIFIED  # measured upright, of a line that is at most as steep as 60 degrees
     assert drawn.shape[0] < x.size
@@ -205,7 +202,7 @@ def test_a_line_keeps_its_coordinates():
     assert not re.search(r'<svg[^>]* (width|height)="', svg)
 
 
-def test_an_image_of_few_colours_keeps_every_pixel_and_takes_less():
+def test_an_image_keeps_every_pixel():
     values = np.add.outer(np.sin(np.arange(300) / 20), np.cos(np.arange(400) / 30))
     values[:40] = np.nan  # transparent
     figure = Figure(figsize=(4.0, 3.0))
@@ -216,17 +213,22 @@ def test_an_image_of_few_colours_keeps_every_pixel_and_takes_less():
     (before,), (after,) = (re.findall(r"data:image/png;base64,([^\"]+)", text) for text in texts)
     pixels = [Image.open(io.BytesIO(base64.b64decode(image))).convert("RGBA") for image in (before, after)]
     np.testing.assert_array_equal(*pixels)
-    assert len(after) < 0.6 * len(before)
 
 
-def test_black_ink_and_font_become_those_of_the_page():
-    svg = inline_svg(plot(), "f", "x")
+def test_black_and_ink_become_the_colour_of_the_page_but_not_in_a_text():
+    svg = inline_svg(plot('id="#000000"'), "f", "x")
     assert "currentColor" in svg
     for ink in (INK, "#000000"):
-        assert ink not in svg
-    assert "font-size: 10px" in svg
-    assert "DejaVu" not in svg
+        assert ink not in svg.replace('>id="#000000"<', "")
+    assert '>id="#000000"<' in svg
+    assert "10px" in svg
     assert ">time [s]<" in svg  # text, not outlines
+
+
+def test_a_users_matplotlibrc_does_not_change_a_page():
+    plain = inline_svg(plot(), "f", "x")
+    with rc_context({"svg.fonttype": "path", "savefig.bbox": "tight", "savefig.dpi": 30}):
+        assert inline_svg(plot(), "f", "x") == plain
 
 
 def test_a_line_of_noise_stays_small():
@@ -259,39 +261,6 @@ def test_a_thinned_line_keeps_its_envelope_its_ends_and_its_gaps(count, seed, mi
 def test_a_short_line_is_not_thinned():
     x = np.arange(4000.0)
     assert thinned(x, x)[0] is x
-
-
-def test_panels_beside_one_another_come_below_one_another_on_a_narrow_page():
-    with sheet(10.7, 2.4) as figure:
-        for panel in figure.subplots(1, 3, sharey=True):
-            panel.plot([0, 1], [0, 1], label="a series of some length")
-        figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    assert make_narrow(figure)
-    figure.draw_without_rendering()
-    assert figure.get_figwidth() < 0.5 * 10.7
-    boxes = [panel.get_tightbbox() for panel in figure.axes]
-    assert all(above.y0 >= below.y1 for above, below in itertools.pairwise(boxes))
-    contents = Bbox.union([*boxes, figure.legends[0].get_window_extent()])
-    assert contents.x0 >= 0
-    assert contents.x1 <= figure.bbox.width
-    for panel in figure.axes:  # with numbers of its own
-        assert any(text.get_text() for text in panel.get_yticklabels() if text.get_visible())
-
-
-def test_a_figure_whose_panels_are_not_in_one_grid_stays_as_it_is():
-    empty = Figure()
-    with sheet(8.0, 8.0) as polar:
-        polar.add_subplot(projection="polar")
-    placed_by_hand = Figure()
-    placed_by_hand.add_subplot()
-    placed_by_hand.add_axes((0.1, 0.1, 0.8, 0.8))
-    two_grids = Figure()
-    for figure in two_grids.subfigures(1, 2):
-        figure.subplots()
-    for figure in (empty, polar, placed_by_hand, two_grids):
-        width = figure.get_figwidth()
-        assert not make_narrow(figure)
-        assert figure.get_figwidth() == width
 
 
 def test_a_figure_without_labels_is_described_by_its_section(tmp_path):

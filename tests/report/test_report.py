@@ -55,7 +55,7 @@ def test_the_report_of_a_spiral_has_all_sections(spiral):
         "bead",
         *ALWAYS[4:],
     ]
-    assert len(page.all("figure")) == 9  # the budget also for a narrow page
+    assert len(page.all("figure")) == 9
     assert page.texts("h1") == ["an225 on xy"]
     assert not [one for one in page.all("p") if one.get("role")]
 

@@ -380,7 +380,7 @@ def test_print_and_a_browser_without_scripts_show_figures(page, file):
     page.driver.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
     try:
         page.driver.get(file.as_uri())
-        figures = page.driver.find_elements("css selector", "figure:not(.narrow)")
+        figures = page.driver.find_elements("css selector", "figure")
         assert len(figures) == 6
         assert all(figure.size["height"] > 0 for figure in figures)
     finally:

@@ -1,14 +1,13 @@
 """The viewer's window: where there is no display, and under Xvfb where that is installed."""
 
-import ctypes
 import os
 import shutil
 import signal
 import subprocess
 import sys
-import threading
 import time
 
+import glfw
 import mujoco
 import numpy as np
 import pytest
@@ -16,10 +15,13 @@ import pytest
 from gantrysim.base.errors import GantryError
 from gantrysim.render.colours import Scale, scale_for
 from gantrysim.render.legend import BAR_HEIGHT, colour_bar
+from gantrysim.render.opengl import offscreen
 from gantrysim.render.scene import Scene
 from gantrysim.report.saved import SavedRun
+from gantrysim.view.chart import Chart
 from gantrysim.view.display import NoDisplayError, check_display
-from gantrysim.view.window import _free_view, _guarded
+from gantrysim.view.texts import Texts
+from gantrysim.view.window import ViewerWindow, WindowClosedError, free_view
 
 from support.films import shows
 from support.views import write_run
@@ -43,19 +45,13 @@ def test_no_display():
     assert isinstance(error.value, GantryError)
 
 
-def test_wayland_is_a_display_where_glfw_opens_a_window(monkeypatch):
-    monkeypatch.setattr("gantrysim.view.display._opens_window", lambda: True)
-    check_display("linux", {"WAYLAND_DISPLAY": "wayland-0"})
-    monkeypatch.setattr("gantrysim.view.display._opens_window", lambda: False)
+def test_without_a_display_that_glfw_opens_there_is_no_window(monkeypatch):
+    monkeypatch.setattr("glfw.init", lambda: False)
+    for environment in ({"DISPLAY": ":0"}, {"WAYLAND_DISPLAY": "wayland-0"}):
+        with pytest.raises(NoDisplayError, match=r"^cannot open a window: GLFW finds no display; "):
+            check_display("linux", environment)
     with pytest.raises(NoDisplayError, match=r"^cannot open a window: GLFW finds no display; "):
-        check_display("linux", {"WAYLAND_DISPLAY": "wayland-0"})
-
-
-def test_macos_wants_its_own_interpreter():
-    with pytest.raises(NoDisplayError) as error:
         check_display("darwin", {})
-    reason = "on macOS MuJoCo's viewer needs its own interpreter, mjpython -m gantrysim view"
-    assert str(error.value) == f"cannot open a window: {reason}{HINT}"
 
 
 def command(*arguments, **environment):
@@ -86,32 +82,6 @@ def test_command_without_a_display_is_one_line(environment, reason):
     assert err == f"error: cannot open a window: {reason}{HINT}\n"
 
 
-def test_viewer_is_freed_only_while_no_thread_is_inside(monkeypatch):
-    monkeypatch.setattr("gantrysim.view.window._LEAVING", 0.1)
-    left = []
-    monkeypatch.setattr("gantrysim.view.window._abandoned", left)
-    freed = []
-
-    class Simulate:
-        def destroy(self):
-            freed.append(self)
-
-        def render_loop(self):
-            assert not ended.is_set()
-
-    guard = threading.Lock()
-    ended = threading.Event()
-    viewer = _guarded(Simulate, guard, ended)()
-    viewer.render_loop()
-    assert ended.is_set()
-    with guard:
-        viewer.destroy()
-    assert (freed, left) == ([], [viewer])
-    viewer.destroy()
-    assert freed == [viewer]
-    assert not guard.locked()
-
-
 def seen(scene, view):
     """Where a view stands, where it looks, and the slope of its upper edge."""
     drawn = mujoco.MjvScene(scene.model, 1000)
@@ -127,17 +97,194 @@ def seen(scene, view):
 def test_freed_camera_has_the_view_of_the_fixed_one(saved, camera):
     run = SavedRun.load(saved)
     scene = Scene(run.machine, run.run)
-    fixed, free = scene.camera(camera), mujoco.MjvCamera()
-    free.lookat[:], free.distance, free.azimuth, free.elevation = _free_view(scene, fixed)
+    fixed = scene.camera(camera)
+    free = free_view(scene, fixed)
     (stood, ahead, slope), (stands, looks, edge) = seen(scene, fixed), seen(scene, free)
     assert looks == pytest.approx(ahead, abs=VIEW)
     reach = float((free.lookat - stood) @ ahead)
     assert stood + reach * ahead == pytest.approx(free.lookat, abs=VIEW)
     assert np.linalg.norm(free.lookat - stands) * edge == pytest.approx(reach * slope, rel=VIEW)
-    again = mujoco.MjvCamera()
-    again.lookat[:], again.distance, again.azimuth, again.elevation = _free_view(scene, free)
+    again = free_view(scene, free)
     assert np.array_equal(again.lookat, free.lookat)
     assert (again.distance, again.azimuth, again.elevation) == (free.distance, free.azimuth, free.elevation)
+
+
+class Screen:
+    """Stands for GLFW and its window: an offscreen context, a mouse, and keys."""
+
+    size = (400, 300)
+
+    def __init__(self):
+        vars(self).update({name: value for name, value in vars(glfw).items() if name.isupper()})
+        self.callbacks = {}
+        self.down = set()
+        self.cursor = (0.0, 0.0)
+        self.time = 0.0
+        self.closed = False
+        self.shown = 0
+
+    def __getattr__(self, name):
+        if name.startswith("set_"):
+            return lambda _, callback: self.callbacks.update({name: callback})
+        return lambda *_: {"get_window_content_scale": (1.0, 1.0)}.get(name, self.size)
+
+    def make_context_current(self, _):
+        self.context = offscreen(*self.size)
+
+    def terminate(self):
+        self.context.free()
+
+    def poll_events(self):
+        pass
+
+    def window_should_close(self, _):
+        return self.closed
+
+    def swap_buffers(self, _):
+        self.shown += 1
+
+    def get_time(self):
+        return self.time
+
+    def get_cursor_pos(self, _):
+        return self.cursor
+
+    def get_key(self, _, key):
+        return key in self.down
+
+    get_mouse_button = get_key
+
+    def press(self, key):
+        self.callbacks["set_key_callback"](None, key, 0, glfw.PRESS, 0)
+
+    def button(self, button, is_down, modifiers=0):
+        (self.down.add if is_down else self.down.discard)(button)
+        self.callbacks["set_mouse_button_callback"](None, button, int(is_down), modifiers)
+
+    def move(self, x, y):
+        self.callbacks["set_cursor_pos_callback"](None, x, y)
+        self.cursor = (x, y)
+
+
+LEFT, RIGHT = glfw.MOUSE_BUTTON_LEFT, glfw.MOUSE_BUTTON_RIGHT
+TEXTS = Texts((("time", "1 s"),), (("Space", "pause"),), ())
+
+
+@pytest.fixture
+def opened(saved, monkeypatch):
+    """A window on a screen that is none, and the screen."""
+    screen = Screen()
+    monkeypatch.setattr("gantrysim.view.window.glfw", screen)
+    monkeypatch.setattr("gantrysim.view.window.open_window", lambda *_: None)
+    run = SavedRun.load(saved)
+    window = ViewerWindow(Scene(run.machine, run.run), "overview")
+    window.pose(lambda: None)
+    window.show(TEXTS, Chart())
+    yield window, screen
+    window.close()
+
+
+def view_of(window):
+    """Where the camera of a window stands and where it looks."""
+    drawn = window._drawn.camera[0]
+    return np.array(drawn.pos), np.array(drawn.forward)
+
+
+def looked(window):
+    window.show(TEXTS, Chart())
+    return view_of(window)
+
+
+def test_keys_arrive_once_and_a_closed_window_is_told(opened):
+    window, screen = opened
+    assert window.pressed() == []
+    screen.press(glfw.KEY_SPACE)
+    screen.press(glfw.KEY_UP)
+    assert window.pressed() == [glfw.KEY_SPACE, glfw.KEY_UP]
+    assert window.pressed() == []
+    assert screen.shown == 1
+    screen.closed = True
+    with pytest.raises(WindowClosedError):
+        window.pressed()
+
+
+def test_a_minimised_window_shows_nothing_and_still_reads_keys(opened):
+    window, screen = opened
+    screen.size = (0, 0)
+    window.show(TEXTS, Chart())
+    screen.press(glfw.KEY_SPACE)
+    assert window.pressed() == [glfw.KEY_SPACE]
+    assert screen.shown == 1
+
+
+def test_brackets_go_round_the_cameras_and_escape_keeps_the_view(opened):
+    window, screen = opened
+    first = looked(window)
+    views = []
+    for _ in range(window._scene.model.ncam):
+        screen.press(glfw.KEY_RIGHT_BRACKET)
+        views.append(looked(window))
+    assert window.pressed() == []
+    np.testing.assert_array_equal(views[-1], first)
+    assert len({tuple(stood) for stood, _ in views}) == len(views) > 2
+    screen.press(glfw.KEY_LEFT_BRACKET)
+    np.testing.assert_array_equal(looked(window), views[-2])
+    screen.press(glfw.KEY_ESCAPE)
+    np.testing.assert_allclose(looked(window)[1], views[-2][1], atol=VIEW)
+    screen.press(glfw.KEY_LEFT_BRACKET)  # the last of the machine
+    last = looked(window)
+    screen.press(glfw.KEY_ESCAPE)
+    screen.press(glfw.KEY_RIGHT_BRACKET)
+    screen.press(glfw.KEY_LEFT_BRACKET)
+    np.testing.assert_array_equal(looked(window), last)
+
+
+def test_the_mouse_turns_moves_and_zooms_the_view(opened):
+    window, screen = opened
+    stood, ahead = looked(window)
+    screen.move(200, 150)  # without a button
+    np.testing.assert_array_equal(looked(window), (stood, ahead))
+    screen.button(RIGHT, True)
+    screen.move(230, 150)
+    screen.button(RIGHT, False)
+    moved, still_ahead = looked(window)
+    np.testing.assert_allclose(still_ahead, ahead, atol=VIEW)
+    assert np.linalg.norm(moved - stood) > 1e-3
+    screen.callbacks["set_scroll_callback"](None, 0.0, 1.0)
+    nearer, _ = looked(window)
+    assert (nearer - moved) @ ahead > 1e-3
+    screen.button(LEFT, True)
+    screen.move(260, 180)
+    screen.button(LEFT, False)
+    assert np.linalg.norm(looked(window)[1] - ahead) > 1e-2
+
+
+def test_a_selected_body_is_pushed_until_the_button_is_released(opened):
+    window, screen = opened
+    model, data = window._scene.model, window._scene.data
+    assert not window.pushes().any()
+    screen.move(200, 150)
+    for at in (1.0, 1.1):
+        screen.time = at
+        screen.button(LEFT, True)
+        screen.button(LEFT, False)
+    body = window._perturbation.select
+    assert body > 0
+    screen.button(RIGHT, True, glfw.MOD_CONTROL)
+    screen.move(230, 150)
+    wrench = window.pushes()
+    assert np.flatnonzero(wrench.any(axis=1)).tolist() == [body]
+    across = np.cross(view_of(window)[1], np.array(window._drawn.camera[0].up))
+    force = wrench[body, :3] / np.linalg.norm(wrench[body, :3])
+    assert force @ across > 0.9  # to the right, as the mouse
+    screen.button(RIGHT, False)
+    assert not window.pushes().any()
+    screen.cursor = (0, 0)
+    screen.time = 5.0
+    screen.button(LEFT, True)
+    screen.button(RIGHT, True)
+    assert window._perturbation.select == body  # two clicks, but no double one
+    assert model.nbody == len(wrench) == len(data.xpos)
 
 
 def test_colour_bar_goes_from_low_to_high(saved):
@@ -206,47 +353,6 @@ def until(process, condition):
         time.sleep(0.1)
 
 
-class _Message(ctypes.Structure):
-    """XClientMessageEvent."""
-
-    _fields_ = (
-        ("type", ctypes.c_int),
-        ("serial", ctypes.c_ulong),
-        ("send_event", ctypes.c_int),
-        ("display", ctypes.c_void_p),
-        ("window", ctypes.c_ulong),
-        ("message_type", ctypes.c_ulong),
-        ("format", ctypes.c_int),
-        ("data", ctypes.c_long * 5),
-        ("rest", ctypes.c_long * 24),
-    )
-
-
-def ask_to_close(display):
-    """Ask every window to close, as a window manager does."""
-    x11 = ctypes.CDLL("libX11.so.6")
-    x11.XOpenDisplay.restype, x11.XInternAtom.restype, x11.XDefaultRootWindow.restype = (
-        ctypes.c_void_p,
-        ctypes.c_ulong,
-        ctypes.c_ulong,
-    )
-    server = ctypes.c_void_p(x11.XOpenDisplay(display.encode()))
-    root, children = ctypes.c_ulong(), ctypes.POINTER(ctypes.c_ulong)()
-    count = ctypes.c_uint()
-    other = ctypes.c_ulong()
-    x11.XQueryTree(
-        server,
-        ctypes.c_ulong(x11.XDefaultRootWindow(server)),
-        *map(ctypes.byref, (root, other, children, count)),
-    )
-    protocols, delete = (x11.XInternAtom(server, name, 0) for name in (b"WM_PROTOCOLS", b"WM_DELETE_WINDOW"))
-    for window in children[: count.value]:
-        message = _Message(type=33, window=window, message_type=protocols, format=32)
-        message.data[0] = delete
-        x11.XSendEvent(server, ctypes.c_ulong(window), 0, ctypes.c_long(0), ctypes.byref(message))
-    x11.XCloseDisplay(server)
-
-
 @pytest.mark.parametrize("live", [False, True])
 def test_window_shows_the_bead_grow_and_ends(display, saved, live):
     process = command(saved / "job.toml" if live else saved, "--speed", "0.25", DISPLAY=display)
@@ -254,12 +360,9 @@ def test_window_shows_the_bead_grow_and_ends(display, saved, live):
         until(process, lambda: glue(grabbed(display)) > 0)
         before = glue(grabbed(display))
         until(process, lambda: glue(grabbed(display)) > before + BEAD)
-        if live:
-            ask_to_close(display)
-        else:
-            process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=PATIENCE)
     finally:
         process.kill()
-    assert (process.returncode, err) == ((0, "") if live else (130, "interrupted\n"))
+    assert (process.returncode, err) == (130, "interrupted\n")
     assert not grabbed(display).any()

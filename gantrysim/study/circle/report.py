@@ -10,7 +10,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.metrics import CircularTest, Trace, minimum_zone
 from gantrysim.metrics.error_quantities import CONTOUR
-from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet, titles_beyond_labels
+from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
 from gantrysim.report.document import Column, Table
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.circle.answer import QUESTION, circle_answer
@@ -101,7 +101,7 @@ def _draw_chart(test: CircularTest) -> Figure:
     reach = UM * max(float(np.abs(trace.deviation).max()) for trace in paths.values())
     division = _division(reach)
     rings = int(np.ceil(reach / division))
-    with sheet(7.4, 7.9) as figure, titles_beyond_labels():
+    with sheet(7.4, 7.9) as figure:
         axes = cast("PolarAxes", figure.add_subplot(projection="polar"))
         for name, trace in paths.items():
             order = np.argsort(trace.angle)
