@@ -15,8 +15,7 @@ import pytest
 from PIL import Image
 
 from gantrysim import Run
-from gantrysim.base.files import complete
-from gantrysim.base.swap import SWAP
+from gantrysim.base.files import SWAP, complete
 from gantrysim.study.ledger import LEDGER
 
 from support.kills import KILLS, Commands
