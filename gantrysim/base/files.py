@@ -330,8 +330,8 @@ def _end_swap(folder: Path) -> None:
         for name in _names_below(origin):
             _move(name, origin, folder)
     except OSError as error:
-        left = f"new files are in {swap}, the earlier ones in {swap / OLD}"
-        raise InputError(f"{folder}: cannot be written: {error.strerror}; {left}") from None
+        note = f"new files are in {swap}, the earlier ones in {swap / OLD}"
+        raise InputError(f"{folder}: cannot be written: {error.strerror}; {note}") from None
     if is_ready:  # first, or a kill on the way would leave old files to be moved back
         shutil.rmtree(swap / OLD, ignore_errors=True)
     shutil.rmtree(swap)

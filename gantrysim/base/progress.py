@@ -26,9 +26,9 @@ def tell_compiling(tell: Callable[[str], None]) -> None:
 
 def begins_compiling(subject: str) -> None:
     """Tell that the compilation of a subject begins."""
-    for tell, told in _tellers:
-        if subject not in told:
-            told.add(subject)
+    for tell, subjects in _tellers:
+        if subject not in subjects:
+            subjects.add(subject)
             tell(subject)
 
 

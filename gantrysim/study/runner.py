@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import threading
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
@@ -88,19 +87,8 @@ def run_cases(
 
 def _close(results: Generator[object, None, None]) -> None:
     """Withdraw the cases that are not finished, and end the workers."""
-    default_hook = threading.excepthook
-
-    def tell(thread: threading.ExceptHookArgs) -> None:
-        # loky's managing thread, which ends here anyway, may stumble over cases that are withdrawn by now
-        if not issubclass(thread.exc_type, KeyError):
-            default_hook(thread)
-
-    threading.excepthook = tell
-    try:
-        with warnings.catch_warnings(action="ignore"):  # joblib warns of abandoned cases, here on purpose
-            results.close()
-    finally:
-        threading.excepthook = default_hook
+    with warnings.catch_warnings(action="ignore"):  # joblib warns of abandoned cases, here on purpose
+        results.close()
 
 
 def _one_by_one(measure: Measure, cases: Sequence[Case]) -> list[Row]:

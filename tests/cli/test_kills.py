@@ -142,7 +142,7 @@ class Killed:
                 assert left == old, what
             if "record and summary are" in said:
                 assert left == self.complete, what
-            if "complete" in said or status == 0:
+            elif "complete" in said or status == 0:
                 assert left == self.new, what
         if (self.folder / SWAP).exists():
             assert left.items() <= old.items() or left.items() <= self.new.items(), what
