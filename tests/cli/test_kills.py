@@ -142,12 +142,14 @@ class Killed:
                 assert left == old, what
             if "record and summary are" in said:
                 assert left == self.complete, what
-            elif "complete" in said or status == 0:
+            elif status == 0:
                 assert left == self.new, what
+            elif "complete" in said:  # of a run record and summary take their places first
+                assert left in (self.complete, self.new), what
         if (self.folder / SWAP).exists():
             assert left.items() <= old.items() or left.items() <= self.new.items(), what
             complete(self.folder, "here")
-            assert shown(self.folder) in (self.complete, self.new), what
+            assert shown(self.folder) in (old, self.complete, self.new), what
         else:
             assert left in (old, self.complete, self.new), what
         if resume:
