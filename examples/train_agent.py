@@ -4,7 +4,6 @@ import gymnasium
 import numpy as np
 from stable_baselines3 import PPO
 
-import gantrysim  # noqa: F401  registers the environments
 from gantrysim.env.sb3 import SB3VecEnv
 
 TASK = "gantrysim/BeadWidth-v1"

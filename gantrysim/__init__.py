@@ -11,25 +11,7 @@ if "".join(sys.orig_argv[-len(sys.argv) :][:1]).rpartition("/")[2] == "gantrysim
 
 import lazy_loader
 
-from gantrysim.base.import_hooks import when_imported
-
 __version__ = "0.1.0"
 
 # __init__.pyi lists the public names; each is imported at its first use
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-
-
-def _register_environments(gymnasium):  # type: ignore[no-untyped-def]
-    """Register the environments by name, in whichever order the two packages are imported."""
-    from gantrysim.env.registry import TASKS
-
-    for identity, module in TASKS.items():
-        name = identity.partition("-")[0]
-        gymnasium.register(
-            f"gantrysim/{identity}",
-            entry_point=f"gantrysim.env.{module}:{name}Env",
-            vector_entry_point=f"gantrysim.env.{module}:{name}VectorEnv",
-        )
-
-
-when_imported("gymnasium", _register_environments)

@@ -16,7 +16,6 @@ import gymnasium
 import numpy as np
 from scipy.optimize import minimize
 
-import gantrysim  # noqa: F401  registers the environments
 from gantrysim.env.baselines import CLASSICAL
 
 DOCS = Path(__file__).parents[1] / "docs"

@@ -27,6 +27,7 @@ from typing import NamedTuple
 import gymnasium
 import mujoco
 import numpy as np
+from gantrysim.native.timers import restart_timers, stop_timers
 from mujoco.batch import Batch
 from rich.console import Console
 from rich.table import Table
@@ -40,7 +41,6 @@ from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.programs import build
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
-from gantrysim.native.timers import restart_timers, stop_timers
 from gantrysim.paths.kinds import kind_of, path_of
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.render import Film, Take
@@ -58,20 +58,18 @@ COMMAND = "from gantrysim.cli.start import main; main()"  # as the installed com
 # ends the command at the moment its verdict is printed
 TO_VERDICT = """
 import os, sys
-from gantrysim.base.import_hooks import when_imported
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # as the command sets it, before it imports NumPy
+from gantrysim.cli import evaluation
 from gantrysim.cli.start import main
 
-def end_at_verdict(evaluation):
-    show = evaluation.show_verdict
+show = evaluation.show_verdict
 
-    def show_and_end(verdict):
-        show(verdict)
-        sys.stdout.flush()
-        os._exit(0)
+def show_and_end(verdict):
+    show(verdict)
+    sys.stdout.flush()
+    os._exit(0)
 
-    evaluation.show_verdict = show_and_end
-
-when_imported("gantrysim.cli.evaluation", end_at_verdict)
+evaluation.show_verdict = show_and_end
 main()
 """
 NEAR = 0.2  # of the action space: near enough to the derived gains for no episode to end in a fault

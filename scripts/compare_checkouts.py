@@ -97,7 +97,7 @@ def probe_environments(folder: Path) -> None:
     """Write what each registered environment returns, alone and as a vector, for drawn actions."""
     import gymnasium
 
-    import gantrysim  # noqa: F401
+    import gantrysim.env  # noqa: F401
 
     for identity in [name for name in gymnasium.registry if name.startswith("gantrysim/")]:
         for kind, environment in (

@@ -160,7 +160,7 @@ except gs.InputError as error:
 """
     done = fresh.run(f"import sys\nsys.modules[{package!r}] = None\n{code}", tmp_path)
     assert done.error == ""
-    assert done.output.startswith("True gantrysim.env.")
+    assert done.output.startswith("True gantrysim.env")
     assert done.output.endswith(f': {package} is not installed: pip install "gantrysim[{install}]"\n')
 
 

@@ -13,6 +13,7 @@ from numba.core.event import Listener, install_recorder, register
 
 from gantrysim.base import pipeline
 from gantrysim.base.caches import Cached
+from gantrysim.base.progress import begins_compiling
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -80,19 +81,14 @@ _SUBJECTS = {
 
 
 class _Told(Listener):  # type: ignore[misc]
-    """Calls a function with what is compiled, when numba first compiles of each subject what its cache lacks."""
+    """Tells what is compiled, when numba compiles what its cache lacks."""
 
-    def __init__(self, tell: Callable[[str], None]) -> None:
-        self._tell = tell
-        self._subjects: set[str] = set()
+    def __init__(self) -> None:
         self._depth = 0
 
     def on_start(self, event: Any) -> None:
         if self._depth == 0:
-            subject = _subject(event.data["dispatcher"].py_func.__module__)
-            if subject not in self._subjects:
-                self._subjects.add(subject)
-                self._tell(subject)
+            begins_compiling(_subject(event.data["dispatcher"].py_func.__module__))
         self._depth += 1
 
     def on_end(self, event: Any) -> None:
@@ -104,11 +100,6 @@ def _subject(module: str) -> str:
     if names[0] != "gantrysim":
         return "your functions"
     return _SUBJECTS.get(names[1], "functions")
-
-
-def tell_compiling(tell: Callable[[str], None]) -> None:
-    """Call a function with what is compiled, such as "the servo", when numba first compiles what no cache holds."""
-    register("numba:compile", _Told(tell))
 
 
 @cache
@@ -145,6 +136,7 @@ class _WithoutCollection(Listener):  # type: ignore[misc]
             self._paused = False
 
 
+register("numba:compile", _Told())
 register("numba:compile", _WithoutCollection())
 
 

@@ -15,7 +15,21 @@ Progress = Callable[[float], None] | bool | None  # what callers give
 COMPILING = "compiling {}, once for this machine: some 7 s in all"
 
 _WIDTH = 30  # of the bar [characters]
+_tellers: list[tuple[Callable[[str], None], set[str]]] = []  # with the subjects that each has been told
 _Share = TypeVar("_Share", bound=Callable[[float], None])
+
+
+def tell_compiling(tell: Callable[[str], None]) -> None:
+    """Have a function called with what is compiled, such as "the servo", when that begins, once for each subject."""
+    _tellers.append((tell, set()))
+
+
+def begins_compiling(subject: str) -> None:
+    """Tell that the compilation of a subject begins."""
+    for tell, subjects in _tellers:
+        if subject not in subjects:
+            subjects.add(subject)
+            tell(subject)
 
 
 @contextmanager
@@ -75,7 +89,6 @@ def _bar(task: str, stream: TextIO) -> Iterator[Callable[[float], None]]:
 @cache
 def _announce_compiling() -> None:
     """Print a line when numba begins to compile in this process, which takes seconds, and with what."""
-    from gantrysim.base.jit import tell_compiling  # slow to import
 
     def announce(subject: str) -> None:
         stream = _stream()

@@ -8,8 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from gantrysim.base.errors import expanded, place, point
-from gantrysim.base.files import complete
-from gantrysim.base.swap import pending
+from gantrysim.base.files import complete, pending
 
 Model = Annotated[
     str | None,

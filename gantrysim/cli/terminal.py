@@ -28,9 +28,7 @@ from rich.progress import (
 from rich.table import Column as RichColumn
 from rich.table import Table
 
-from gantrysim.base import signals
-from gantrysim.base.import_hooks import when_imported
-from gantrysim.base.progress import COMPILING
+from gantrysim.base import progress, signals
 
 # exit statuses; an interrupted command has signals.status()
 INPUT_ERROR = 2
@@ -138,9 +136,9 @@ def tell_compiling() -> None:
 
     def tell(subject: str) -> None:
         if _messages.is_terminal:
-            warn(COMPILING.format(subject))
+            warn(progress.COMPILING.format(subject))
 
-    when_imported("gantrysim.base.jit", lambda jit: jit.tell_compiling(tell))
+    progress.tell_compiling(tell)
 
 
 @contextmanager

@@ -1,14 +1,23 @@
-"""Gymnasium environments: gains, torques, pressure or speed set while the nozzle follows a path."""
+"""Gymnasium environments: gains, torques, pressure or speed set while the nozzle follows a path.
+
+Its import registers them, as does Gymnasium's "gantrysim.env:gantrysim/BeadWidth-v1".
+"""
 
 import lazy_loader
 
 from gantrysim.base.extras import extra
+from gantrysim.env.registry import TASKS
+
+with extra("learning", "gantrysim.env"):
+    import gymnasium
 
 # __init__.pyi lists the public names; each is imported at its first use
-_attribute, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-
-def __getattr__(name: str) -> object:
-    """Import a public name; without Gymnasium the error says what to install."""
-    with extra("learning", f"gantrysim.env.{name}"):
-        return _attribute(name)
+for _id, _module in TASKS.items():
+    _name = _id.partition("-")[0]
+    gymnasium.register(
+        f"gantrysim/{_id}",
+        entry_point=f"gantrysim.env.{_module}:{_name}Env",
+        vector_entry_point=f"gantrysim.env.{_module}:{_name}VectorEnv",
+    )

@@ -1,7 +1,7 @@
 """The environments that gantrysim registers with Gymnasium."""
 
 # Identity in Gymnasium's registry, after "gantrysim/", and the module of env/ that holds the task: of "Thing-v0" the
-# classes ThingEnv and ThingVectorEnv. Plain data: `import gymnasium` must not import an environment.
+# classes ThingEnv and ThingVectorEnv.
 TASKS = {
     "SpiralTuning-v0": "spiral_tuning",
     "GainBandit-v0": "gain_bandit",

@@ -64,8 +64,8 @@ class _Heights(NamedTuple):
     tip: float
 
 
-# arguments of a program that do not change what its text says; the start changes where its moves begin
-REPLANNED = {"placement", "axis_speeds", "start"}
+# arguments of a program that change neither what its text says nor how it is read
+REPLANNED = {"placement", "axis_speeds"}
 
 
 def share_text(

@@ -4,48 +4,29 @@ from __future__ import annotations
 
 import hashlib
 import math
-import re
+import warnings
 import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import IO, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.lib.format import read_array, read_array_header_1_0, read_magic, write_array
 from numpy.typing import NDArray
 
 from gantrysim.base import memory
 from gantrysim.base.columns import FileTable, Stored, array_of, blocks
-from gantrysim.base.errors import InputError
+from gantrysim.base.errors import InputError, text_of
 
 CHECKSUM = "sha256"
 _SUFFIX = ".npy"
-_MAGIC = b"\x93NUMPY\x01\x00"
-# a header as NumPy writes it, read without evaluating it as Python
-_HEADER = re.compile(
-    r"\{'descr': '([<|][fbiU]\d{1,9})', 'fortran_order': (True|False), "
-    r"'shape': \(((?:\d{1,20}, ?)*(?:\d{1,20})?)\), \}\s*"
-)
+_VERSION = (1, 0)  # of a header
+_LONGEST = 200  # characters of an error that is quoted
 _MEMBERS = 64  # more than any archive has
 # Deflate packs up to 1032 bytes into one. Records of a machine at rest reach 93, as all but their time is constant.
 _EXPANSION = 250
 _SMALL = 1 << 24  # expansion that is always allowed [bytes]
-_CHUNK = 1 << 20
-# exceptions that zipfile, zlib and numpy raise for damaged files
-DAMAGE = (
-    OSError,
-    EOFError,
-    zipfile.BadZipFile,
-    zlib.error,
-    ArithmeticError,
-    LookupError,
-    TypeError,
-    ValueError,
-    AttributeError,
-    RuntimeError,  # with NotImplementedError and RecursionError
-    MemoryError,
-)
 
 
 @dataclass(frozen=True)
@@ -56,15 +37,13 @@ class Member:
         dtype: of its elements.
         shape: of the array.
         fortran: whether its first index changes fastest.
-        info: of the archive.
-        header: its bytes.
+        begin: place of its first element in the file [bytes].
     """
 
     dtype: np.dtype[Any]
     shape: tuple[int, ...]
     fortran: bool
-    info: zipfile.ZipInfo
-    header: bytes
+    begin: int
 
 
 class Archive:
@@ -84,33 +63,30 @@ class Archive:
     def __init__(self, stream: BinaryIO) -> None:
         self._zip = zipfile.ZipFile(stream)
         self._digest = hashlib.sha256()
-        entries = self._zip.infolist()
         size = stream.seek(0, 2)
-        names = [entry.filename for entry in entries]
-        if len(names) > _MEMBERS or len(set(names)) < len(names):
+        entries = {entry.filename.removesuffix(_SUFFIX): entry for entry in self._zip.infolist()}
+        if len(self._zip.infolist()) > min(len(entries), _MEMBERS):
             raise InputError("members stand there twice")
-        expanded = sum(entry.file_size for entry in entries)
+        expanded = sum(entry.file_size for entry in entries.values())
         if expanded > max(_SMALL, _EXPANSION * size):
             raise InputError(f"{size} bytes that expand to {expanded:.3g}")
-        self.members = {_stem(entry.filename): self._member(entry) for entry in entries}
+        self._entries = entries
+        self.members = {name: self._member(name) for name in entries}
 
-    def _member(self, info: zipfile.ZipInfo) -> Member:
-        name = _stem(info.filename)
-        if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) or info.flag_bits & 1:
-            raise InputError(f"{name} is encrypted or packed in another way")
-        # the header alone: sizes are checked before the array is allocated
-        with self._zip.open(info) as member:
-            start = member.read(len(_MAGIC) + 2)
-            header = member.read(int.from_bytes(start[-2:], "little"))
-        announced = _HEADER.fullmatch(header.decode("latin-1"))
-        if announced is None or not start.startswith(_MAGIC) or len(start) != len(_MAGIC) + 2:
+    def _member(self, name: str) -> Member:
+        entry = self._entries[name]
+        if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise InputError(f"{name} is packed in another way")
+        with self._zip.open(entry) as file:  # the header alone
+            if read_magic(file) != _VERSION:
+                raise InputError(f"{name} is not an array of numbers or text")
+            shape, fortran, dtype = read_array_header_1_0(file)
+            begin = file.tell()
+        if dtype.kind not in "fbiU" or dtype.str[0] == ">" or min(shape, default=0) < 0:
             raise InputError(f"{name} is not an array of numbers or text")
-        type_name = announced[1]
-        dtype = np.dtype(type_name)
-        shape = tuple(int(size) for size in announced[3].split(",") if size.strip())
-        if len(start + header) + math.prod(shape) * dtype.itemsize != info.file_size:
-            raise InputError(f"{name} has {info.file_size} bytes, not those of {type_name} and shape ({announced[3]})")
-        return Member(dtype, shape, announced[2] == "True", info, start + header)
+        if begin + math.prod(shape) * dtype.itemsize != entry.file_size:
+            raise InputError(f"{name} has {entry.file_size} bytes, not those of {dtype.str} and shape {shape}")
+        return Member(dtype, shape, fortran, begin)
 
     def read(self, name: str) -> NDArray[Any] | Stored:
         """Return an array, in a temporary file if it belongs to a long run; add its name and bytes to the checksum.
@@ -119,39 +95,16 @@ class Archive:
             KeyError: there is no such member.
         """
         member = self.members[name]
-        self._digest.update(_named(name) + member.header)
-        with self._zip.open(member.info) as stream:
-            stream.read(len(member.header))
-            if len(member.shape) and member.shape[0] > memory.LONG and not member.fortran:
-                values: NDArray[Any] | Stored = self._long(name, member, stream)
+        self._digest.update(_named(name))
+        with self._zip.open(self._entries[name]) as file:
+            stream = _Tee(file, self._digest)
+            if member.shape and member.shape[0] > memory.LONG and not member.fortran:
+                values: NDArray[Any] | Stored = _long(name, member, stream)
             else:
-                flat = np.empty(math.prod(member.shape), member.dtype)
-                self._fill(name, flat, stream)
-                values = flat.reshape(member.shape, order="F" if member.fortran else "C")
-            if stream.read(1):  # at the end zipfile compares its own checksum
+                values = read_array(stream, allow_pickle=False)
+            if file.read(1):  # at the end zipfile compares its own checksum
                 raise InputError(f"{name} is longer than announced")
         return values
-
-    def _long(self, name: str, member: Member, stream: IO[bytes]) -> Stored:
-        rows = member.shape[0]
-        row_shape = member.shape[1:]
-        table = FileTable(rows, {name: (member.dtype, row_shape)})
-        for block in blocks(rows):
-            values = np.empty((block.stop - block.start) * math.prod(row_shape), member.dtype)
-            self._fill(name, values, stream)
-            table.write(block.start, {name: values})
-        return table.stored(rows)[name]
-
-    def _fill(self, name: str, values: NDArray[Any], stream: IO[bytes]) -> None:
-        """Fill in an array of one dimension from a stream, and add its bytes to the checksum."""
-        unfilled = values.view(np.uint8).data if values.nbytes else memoryview(b"")
-        while len(unfilled):
-            chunk = stream.read(min(_CHUNK, len(unfilled)))
-            if not chunk:
-                raise InputError(f"{name} ends early")
-            unfilled[: len(chunk)] = chunk
-            self._digest.update(chunk)
-            unfilled = unfilled[len(chunk) :]
 
     def check(self) -> None:
         """Compare the checksum of the arrays read so far, in this order, with the one in the archive.
@@ -168,11 +121,12 @@ class Archive:
 def open_archive(stream: BinaryIO) -> Iterator[Archive]:
     """Open an archive; errors that its damage raises in the block become one InputError."""
     try:
-        yield Archive(stream)
-    except DAMAGE as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{type(error).__name__}: {error}") from None
+        with warnings.catch_warnings(action="ignore"):  # NumPy's, of headers that are damaged
+            yield Archive(stream)
+    except InputError:
+        raise
+    except Exception as error:  # whatever zipfile, zlib and NumPy raise for damaged files
+        raise InputError(text_of(error)[:_LONGEST]) from None
 
 
 def write_archive(stream: BinaryIO, arrays: Mapping[str, Any]) -> None:
@@ -188,7 +142,7 @@ def write_archive(stream: BinaryIO, arrays: Mapping[str, Any]) -> None:
 
 def _write(archive: zipfile.ZipFile, name: str, value: Any, digest: Any) -> None:
     with archive.open(name + _SUFFIX, "w", force_zip64=True) as member:
-        np.lib.format.write_array(_Tee(member, digest), np.asanyarray(array_of(value)), (1, 0), allow_pickle=False)
+        write_array(_Tee(member, digest), np.asanyarray(array_of(value)), _VERSION, allow_pickle=False)
 
 
 @dataclass(frozen=True)
@@ -198,14 +152,26 @@ class _Tee:
     stream: Any
     digest: Any
 
+    def read(self, size: int = -1, /) -> bytes:
+        content: bytes = self.stream.read(size)
+        self.digest.update(content)
+        return content
+
     def write(self, content: bytes) -> int:
         self.digest.update(content)
         return int(self.stream.write(content))
 
 
+def _long(name: str, member: Member, stream: _Tee) -> Stored:
+    rows, *row = member.shape
+    table = FileTable(rows, {name: (member.dtype, tuple(row))})
+    stream.read(member.begin)
+    for block in blocks(rows):
+        count = block.stop - block.start
+        content = stream.read(count * math.prod(row) * member.dtype.itemsize)
+        table.write(block.start, {name: np.frombuffer(content, member.dtype).reshape(count, *row)})
+    return table.stored(rows)[name]
+
+
 def _named(name: str) -> bytes:
     return name.encode() + b"\0"
-
-
-def _stem(name: str) -> str:
-    return name.removesuffix(_SUFFIX)

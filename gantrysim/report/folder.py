@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from gantrysim.base.errors import InputError, expanded
-from gantrysim.base.files import held, replaced_files
-from gantrysim.base.swap import check_free, pending
+from gantrysim.base.files import check_free, held, pending, replaced_files
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run

@@ -1,19 +1,25 @@
-"""Select a backend of joblib, on which the cases of a study run, by name."""
+"""Where the cases of a study run: on a backend of joblib, or on the workers of a Dask cluster."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import TYPE_CHECKING
 
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.base.extras import extra
 
+if TYPE_CHECKING:
+    from gantrysim.study.cluster import Cluster
+
 _DASK = "dask"
+cluster_in_use: ContextVar[Cluster | None] = ContextVar("cluster_in_use", default=None)
 
 
 @contextmanager
 def on_backend(name: str | None) -> Iterator[None]:
-    """Run the cases of studies inside the block on a backend of joblib.
+    """Run the cases of studies inside the block on a backend of joblib, or on a Dask cluster.
 
     Args:
         name: "loky" for processes, "threading" for threads, "dask=ADDRESS" for the workers of the Dask cluster whose
@@ -31,9 +37,13 @@ def on_backend(name: str | None) -> Iterator[None]:
         if not address:
             raise InputError(f"--backend {name}: must be dask=ADDRESS, as in dask=tcp://10.0.0.1:8786")
         with extra("dask", f"--backend {name}"):
-            from gantrysim.study.cluster import on_cluster
-        with on_cluster(address):
-            yield
+            from gantrysim.study.cluster import connected
+        with connected(address) as cluster:
+            before = cluster_in_use.set(cluster)
+            try:
+                yield
+            finally:
+                cluster_in_use.reset(before)
         return
     from joblib import parallel_config
     from joblib.parallel import BACKENDS, get_active_backend

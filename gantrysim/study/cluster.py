@@ -1,25 +1,23 @@
-"""A Dask cluster as a backend of joblib.
+"""The workers of a Dask cluster, which run the cases of a study.
 
-joblib's own Dask backend waits forever for a case that kills its workers or that no worker can read, and ignores a
-cluster of a single thread.
+joblib's Dask backend waits forever for a case that kills its workers or that no worker can read, and ignores a cluster
+of a single thread.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
+from itertools import islice
 from typing import Any
-from uuid import uuid4
 
 import cloudpickle
-from distributed import Client, Future, KilledWorker
+from distributed import Client, Future, KilledWorker, as_completed
 from distributed.core import rpc
 from distributed.security import Security
-from joblib import parallel_config
-from joblib.parallel import ParallelBackendBase
 
 from gantrysim.base.errors import InputError
 from gantrysim.study.worker import WorkerError
@@ -29,24 +27,23 @@ _SCHEDULER = "Scheduler"
 _LOGGERS = ("distributed", "distributed.client")
 
 
-class Cluster(ParallelBackendBase):  # type: ignore[misc]  # joblib has no types
+class Cluster:
     """The workers of a Dask cluster. A case whose worker ends is run by another, as soon as there is one.
 
     Args:
         client: of the scheduler.
-        options: of joblib.
     """
 
-    supports_retrieve_callback = True
-    default_n_jobs = -1
-
-    def __init__(self, client: Client, **options: Any) -> None:
-        super().__init__(**options)
+    def __init__(self, client: Client) -> None:
         self._client = client
-        self._futures: set[Future] = set()
 
-    def effective_n_jobs(self, n_jobs: int | None) -> int:
-        """Return the number of threads of all workers, at least two: joblib ignores a backend of one.
+    @property
+    def address(self) -> str:
+        """Address of the scheduler."""
+        return str(self._client.scheduler.address)
+
+    def threads(self) -> int:
+        """Return the number of threads of all workers.
 
         Raises:
             WorkerError: there is no worker within the timeout.
@@ -54,53 +51,61 @@ class Cluster(ParallelBackendBase):  # type: ignore[misc]  # joblib has no types
         try:
             self._client.wait_for_workers(1, timeout=_PATIENCE)
         except TimeoutError:
-            raise WorkerError(f"no worker at {_address(self._client)}: must have at least one") from None
+            raise WorkerError(f"no worker at {self.address}: must have at least one") from None
         threads: dict[str, int] = self._client.nthreads()
-        return max(2, sum(threads.values()))
+        return sum(threads.values())
 
-    def submit(self, func: Callable[[], Any], callback: Callable[[Future], None] | None = None) -> Future:
-        """Send a batch of calls to a worker."""
-        key = f"gantrysim-{uuid4().hex}"
-        future = self._client.submit(_reader(), cloudpickle.dumps(func), key=key, pure=False)
-        self._futures.add(future)
-        future.add_done_callback(callback)
-        return future
+    def results(self, calls: Iterator[Callable[[], Any]], at_once: int) -> Generator[Any, None, None]:
+        """Yield the results of calls as they come, with so many calls sent at once; raise the exception of a call.
 
-    def retrieve_result_callback(self, out: Future) -> Any:
-        """Return the results of a batch of calls, or raise its exception."""
-        self._futures.discard(out)
+        Raises:
+            WorkerError: a call ends its workers, no worker can read it, or the scheduler is lost.
+        """
+        under_way: set[Future] = set()
+
+        def send(count: int) -> list[Future]:
+            pickled = map(cloudpickle.dumps, islice(calls, count))
+            futures = [self._client.submit(_reader(), call, pure=False) for call in pickled]
+            under_way.update(futures)
+            return futures
+
+        finished = as_completed(send(at_once), loop=self._client.loop)
         try:
-            unreadable, results = out.result()
+            for future in finished:
+                yield self._result(future)
+                under_way.remove(future)
+                finished.update(send(1))
+        finally:
+            # not cancelled: Dask notifies every client, and one that is just connecting fails on that
+            for future in under_way:
+                future.release()
+
+    def _result(self, future: Future) -> Any:
+        try:
+            unreadable, result = future.result()
         except KilledWorker as error:
             times = error.allowed_failures + 1
             last = error.last_worker.address
             raise WorkerError(f"{times} workers ended at the same case, the last at {last}") from None
         except CancelledError:
-            raise WorkerError(f"lost the scheduler at {_address(self._client)}") from None
+            raise WorkerError(f"lost the scheduler at {self.address}") from None
         if unreadable:
             raise WorkerError(f"a worker cannot read its cases: {unreadable}: must have all that the study has")
-        return results
-
-    def abort_everything(self, ensure_ready: bool = True) -> None:
-        """Release all batches."""
-        # not cancelled: Dask notifies every client, and one that is just connecting fails on that
-        for future in list(self._futures):
-            future.release()
-        self._futures.clear()
+        return result
 
 
 def _reader() -> Callable[[bytes], tuple[str | None, Any]]:
-    """Return a function from a pickled batch of calls to the reason why it cannot be read, or None, and the results.
+    """Return a function from a pickled call to the reason why it cannot be read, or None, and the result.
 
-    The function is sent by its code, the batch as bytes: Dask unpickles anything else in the scheduler and in the
+    The function is sent by its code, the call as bytes: Dask unpickles anything else in the scheduler and in the
     worker's event loop, and a failure there ends the worker.
     """
 
-    def read(batch: bytes) -> tuple[str | None, Any]:
+    def read(pickled: bytes) -> tuple[str | None, Any]:
         import pickle
 
         try:
-            call = pickle.loads(batch)
+            call = pickle.loads(pickled)
         except Exception as error:
             return f"{type(error).__name__}: {error}", None
         return None, call()
@@ -109,24 +114,23 @@ def _reader() -> Callable[[bytes], tuple[str | None, Any]]:
 
 
 @contextmanager
-def on_cluster(address: str) -> Iterator[None]:
-    """Make a Dask cluster the backend of joblib inside the block.
+def connected(address: str) -> Iterator[Cluster]:
+    """Give the cluster of a scheduler inside the block; at its end all that was sent is taken back.
 
     Args:
-        address: of its scheduler, as in "tcp://10.0.0.1:8786".
+        address: of the scheduler, as in "tcp://10.0.0.1:8786".
 
     Raises:
         InputError: no scheduler answers there.
         WorkerError: it has no worker.
     """
-    with _quiet(), _connected(address) as client:
+    with _quiet(), _client(address) as client:
         cluster = Cluster(client)
-        cluster.effective_n_jobs(-1)
-        with parallel_config(backend=cluster):
-            yield
+        cluster.threads()
+        yield cluster
 
 
-def _connected(address: str) -> Client:
+def _client(address: str) -> Client:
     try:
         with ThreadPoolExecutor(1) as pool:  # this thread may already run an event loop
             kind = pool.submit(lambda: asyncio.run(_kind(address))).result()
@@ -158,7 +162,3 @@ def _quiet() -> Iterator[None]:
     finally:
         for name, level in levels.items():
             logging.getLogger(name).setLevel(level)
-
-
-def _address(client: Client) -> str:
-    return str(client.scheduler.address)

@@ -14,8 +14,7 @@ from types import TracebackType
 from typing import Any, BinaryIO
 
 from gantrysim.base.errors import GantryError, InputError, text_of
-from gantrysim.base.files import held
-from gantrysim.base.swap import ANY, open_regular
+from gantrysim.base.files import ANY, held, open_regular
 from gantrysim.study.cases import OK, Case, Row
 from gantrysim.study.rows import RowStore
 
@@ -62,7 +61,7 @@ class Ledger:
         with ExitStack() as stack:
             stack.enter_context(held(folder, f"--out {folder}", self._names))
             try:
-                self._stream = stack.enter_context(open_regular(self._file, write=True))
+                self._stream = stack.enter_context(open_regular(self._file))
                 good = self._read(iter(partial(self._stream.readline, _LONGEST), b""))
                 self._stream.truncate(good)
                 self._stream.seek(good)

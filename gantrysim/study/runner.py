@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 import os
-import threading
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import closing
 from functools import partial
 from itertools import pairwise
 from typing import Any
 
 from gantrysim.base.errors import whole
 from gantrysim.base.signals import blocked, deferred, end_with
+from gantrysim.study.backends import cluster_in_use
 from gantrysim.study.cases import Case, Row, measure
 from gantrysim.study.ledger import Ledger
 from gantrysim.study.rows import TaggedRows
-from gantrysim.study.worker import MeasureTogether, Origin, WorkerError, measured
+from gantrysim.study.worker import Measured, MeasureTogether, Origin, WorkerError, measured
 
 Measure = Callable[[Case], Row]  # a function of a module, or a partial of one: sent to the workers by name
 Progress = Callable[[int, int], None]  # called with the number of finished cases, and of all known by now
@@ -86,19 +87,8 @@ def run_cases(
 
 def _close(results: Generator[object, None, None]) -> None:
     """Withdraw the cases that are not finished, and end the workers."""
-    default_hook = threading.excepthook
-
-    def tell(thread: threading.ExceptHookArgs) -> None:
-        # loky's managing thread, which ends here anyway, may stumble over cases that are withdrawn by now
-        if not issubclass(thread.exc_type, KeyError):
-            default_hook(thread)
-
-    threading.excepthook = tell
-    try:
-        with warnings.catch_warnings(action="ignore"):  # joblib warns of abandoned cases, here on purpose
-            results.close()
-    finally:
-        threading.excepthook = default_hook
+    with warnings.catch_warnings(action="ignore"):  # joblib warns of abandoned cases, here on purpose
+        results.close()
 
 
 def _one_by_one(measure: Measure, cases: Sequence[Case]) -> list[Row]:
@@ -131,39 +121,52 @@ def _finished(
     """Run cases in lots, and yield the keys and rows of each finished lot."""
     if not cases:
         return
+    from joblib import effective_n_jobs  # slow to import
+
+    cluster = cluster_in_use.get()
+    cores = effective_n_jobs(-1) if cluster is None else cluster.threads()
+    workers = min(cores if workers is None else workers, cores, len(cases))
+    origin = Origin.here(cases)
+    pace = _Pace()
+    calls = (partial(measured, measure, lot, origin) for lot in lots_of(cases, workers, pace))
+    if cluster is None:
+        results = _here(calls, workers)
+    else:  # where all are to work, the next lot of each is already there
+        results = cluster.results(calls, at_once=workers if workers < cores else 2 * workers)
+    with closing(results):
+        for rows, seconds in results:
+            pace.add(len(rows), seconds)
+            yield rows
+            rows.clear()  # joblib holds a finished lot in a cycle of objects, until Python looks for such
+
+
+def _here(calls: Iterator[Callable[[], Measured]], workers: int) -> Generator[Measured, None, None]:
+    """Yield the results of calls as they come from workers of joblib: processes, or what a parallel_config around says.
+
+    Raises:
+        WorkerError: a worker ended.
+    """
     # slow to import
+    from concurrent.futures.process import BrokenProcessPool
     from multiprocessing import resource_tracker
 
     from joblib import Parallel, delayed, parallel_config
-    from joblib._parallel_backends import LokyBackend
-    from joblib.externals.loky.process_executor import BrokenProcessPool
-    from joblib.parallel import get_active_backend
+    from joblib.parallel import BACKENDS, get_active_backend
 
-    backend = get_active_backend()[0]  # of a surrounding parallel_config, processes by default
-    cores = backend.effective_n_jobs(-1)
-    workers = min(cores if workers is None else workers, cores, len(cases))
-    # a backend that ignores the number of workers, such as a cluster, is limited by the lots dispatched at once
-    dispatched = workers if backend.effective_n_jobs(workers) > workers else "2 * n_jobs"
-    origin = Origin.here(cases)
-    pace = _Pace()
-    lots = lots_of(cases, workers, pace)
     # a worker that has no case yet must end with this process too
     started: dict[str, Any] = {}
-    if isinstance(backend, LokyBackend):
+    if isinstance(get_active_backend()[0], BACKENDS["loky"]):
         started = {"initializer": end_with, "initargs": (os.getpid(),)}
         if os.name == "posix":  # its start would unblock the signals that are blocked below
             resource_tracker.ensure_running()
     with parallel_config(n_jobs=workers):
         # a lot is kept as soon as it is finished
-        parallel = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch=dispatched, **started)
+        parallel = Parallel(return_as="generator_unordered", batch_size=1, **started)
         results = None
         try:
             with deferred(), blocked():  # for the workers started here; this process stops them
-                results = parallel(delayed(measured)(measure, lot, origin) for lot in lots)
-            for rows, seconds in results:
-                pace.add(len(rows), seconds)
-                yield rows
-                rows.clear()  # joblib holds a finished lot in a cycle of objects, until Python looks for such
+                results = parallel(delayed(call)() for call in calls)
+            yield from results
         except KeyboardInterrupt:
             if results is not None:  # deferred: before a result was asked for, which would have ended it
                 _close(results)

@@ -10,13 +10,13 @@ import pytest
 from rich.console import Console
 
 import gantrysim
-from gantrysim.base import jit
+from gantrysim.base import jit, progress
 from gantrysim.cli import terminal
 
 
 def test_compilation_is_told_once_for_each_subject():
     told = []
-    jit.tell_compiling(told.append)
+    progress.tell_compiling(told.append)
     add = numba.njit(lambda a, b: a + b)
     assert not told
     assert add(1, 2) == 3

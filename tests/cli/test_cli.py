@@ -22,9 +22,8 @@ from typer.core import TyperCommand, TyperGroup
 
 import gantrysim
 from gantrysim import Fault, Job, Run, metrics
-from gantrysim.base.files import held, replaced
+from gantrysim.base.files import PARTIAL, held, replaced
 from gantrysim.base.signals import ENDING
-from gantrysim.base.swap import PARTIAL
 from gantrysim.cli.main import main
 from gantrysim.cli.start import last_words
 from gantrysim.cli.tables import outcome_table

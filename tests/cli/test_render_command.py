@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from gantrysim import InputError, Job, Run
-from gantrysim.base.swap import PARTIAL
+from gantrysim.base.files import PARTIAL
 from gantrysim.cli.render import size_of
 from gantrysim.plots.style import INK
 from gantrysim.render import Film, Take

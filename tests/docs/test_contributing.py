@@ -448,7 +448,7 @@ class FeedForwardVectorEnv(PathVectorEnv):
 RUN_TASK = """
 import json, sys
 sys.path.insert(0, sys.argv[1])
-import gymnasium, gantrysim
+import gymnasium, gantrysim.env
 envs = gymnasium.make_vec("gantrysim/FeedForward-v0", num_envs=2, turns=1, diameter=40.0, thickness=6.0, spread=None)
 envs.reset(seed=1)
 rewards = 0.0

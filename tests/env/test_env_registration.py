@@ -26,13 +26,20 @@ SHAPE = "print(env.reset(seed=1)[0].shape[-1]); env.close()"
     ("lines", "sizes"),
     [
         (
-            ("import gantrysim", "import gymnasium", MAKE, SHAPE, MAKE.replace("SpiralTuning", "GainBandit"), SHAPE),
+            (
+                "import gantrysim.env",
+                "import gymnasium",
+                MAKE,
+                SHAPE,
+                MAKE.replace("SpiralTuning", "GainBandit"),
+                SHAPE,
+            ),
             (TUNED, 22),
         ),
         (
             (
                 "import gymnasium",
-                "import gantrysim",
+                "import gantrysim.env",
                 MAKE_VECTOR.format("threads=1"),
                 SHAPE,
                 MAKE_VECTOR.format("vectorization_mode='sync'"),
@@ -42,9 +49,9 @@ SHAPE = "print(env.reset(seed=1)[0].shape[-1]); env.close()"
             ),
             (TUNED,) * 3,
         ),
-        (("import gymnasium", MAKE.replace("gantrysim/", "gantrysim:gantrysim/"), SHAPE), (TUNED,)),
+        (("import gymnasium", MAKE.replace("gantrysim/", "gantrysim.env:gantrysim/"), SHAPE), (TUNED,)),
     ],
-    ids=["gantrysim first, bandit", "gymnasium first, native, sync and async vectors", "module in the id"],
+    ids=["gantrysim.env first, bandit", "gymnasium first, native, sync and async vectors", "module in the id"],
 )
 def test_an_environment_is_made_by_its_id(lines, sizes):
     assert [int(line) for line in printed(*lines).split()] == [*sizes]

@@ -196,7 +196,7 @@ def test_compiling_is_announced_once(monkeypatch):
     terminal = Terminal()
     announced = []
     monkeypatch.setattr(bars.sys, "stderr", terminal)
-    monkeypatch.setattr("gantrysim.base.jit.tell_compiling", announced.append)
+    monkeypatch.setattr(bars, "tell_compiling", announced.append)
     bars._announce_compiling.cache_clear()
     for _ in range(2):
         with bars.shown_progress("simulate", True):

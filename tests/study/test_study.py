@@ -71,7 +71,7 @@ def test_the_folder_of_a_run_is_refused(tmp_path, job):
 
 
 def test_the_folder_of_a_run_that_was_killed_is_completed_and_refused_before_any_case(tmp_path, job):
-    half_done(tmp_path, names=None, new={"job.toml": "of a run"})
+    half_done(tmp_path, new={"job.toml": "of a run"})
     study = Toy(job)
     with pytest.raises(InputError, match=r"holds job\.toml, which no study has written"):
         run_study(study, tmp_path, workers=1)

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 
 from gantrysim import Job
 from gantrysim.base.errors import GantryError
-from gantrysim.base.files import LOCK
 from gantrysim.base.signals import ENDING
 from gantrysim.cli import study as study_commands
 from gantrysim.cli.study import carry_out
@@ -179,7 +178,7 @@ def test_a_killed_study_resumes_with_the_same_rows(tmp_path):
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate()
     done = spoken(folder)
-    assert list(content(folder)) == [LOCK, LEDGER]
+    assert list(content(folder)) == [LEDGER]
     from gantrysim.study.loop import LoopStudy
 
     study = LoopStudy(Job.load("an225", SHORT))

@@ -1,10 +1,9 @@
 """Folders that come from elsewhere, with hidden files as a killed command leaves them, and what is around them."""
 
-import json
 import os
 from pathlib import Path
 
-from gantrysim.base.swap import NAMES, NEW, OLD, SWAP
+from gantrysim.base.files import NEW, OLD, READY, SWAP
 
 
 def tree(root):
@@ -23,16 +22,14 @@ def tree(root):
     return found
 
 
-def half_done(folder, names=(), new=(), old=()):
-    """Write the hidden folder of a command that was killed: names is the list, new and old texts by name."""
+def half_done(folder, new=(), old=(), is_ready=True):
+    """Write the hidden folder of a command that was killed, with texts by name; once it is ready old ones are away."""
     swap = folder / SWAP
-    for part, texts in ((NEW, dict(new)), (OLD, dict(old))):
+    for part, texts in ((READY if is_ready else NEW, dict(new)), (OLD, dict(old))):
         (swap / part).mkdir(parents=True, exist_ok=True)
         for name, text in texts.items():
             (swap / part / name).parent.mkdir(parents=True, exist_ok=True)
             (swap / part / name).write_text(text)
-    if names is not None:
-        (swap / NAMES).write_text(json.dumps(names))
 
 
 def neighbours(root):

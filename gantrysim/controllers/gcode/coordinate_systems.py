@@ -22,24 +22,6 @@ _POSITION = 5420
 
 
 @dataclass
-class StartPosition:
-    """The initial position of a program, to which G28 and G30 lead until it stores others.
-
-    Attributes:
-        position: of the tip in the machine's coordinates.
-        reads: number of times that the program has used it since it left it.
-    """
-
-    position: Three
-    reads: int = 0
-
-    def read(self) -> Three:
-        """Return the position, and count that."""
-        self.reads += 1
-        return self.position
-
-
-@dataclass
 class CoordinateSystems:
     """The coordinate systems of a program, in millimetres and degrees.
 
@@ -48,7 +30,6 @@ class CoordinateSystems:
 
     Attributes:
         here: position of the tip in the machine's coordinates.
-        start: the position in which the program begins.
         unit: of the program's lengths.
         absolute: whether coordinates are (G90).
         diameter: whether X is one (G7).
@@ -58,11 +39,10 @@ class CoordinateSystems:
         suspended_shift: the shift that G92.2 suspends and G92.3 brings back.
         tool: length in force.
         tools: lengths by number.
-        stored: positions of G28 and G30 that the program has stored, by those names.
+        stored: positions of G28 and G30, by those names.
     """
 
     here: Three
-    start: StartPosition
     unit: float = 1.0
     absolute: bool = True
     diameter: bool = False
@@ -169,10 +149,6 @@ class CoordinateSystems:
                 self.shift[i] = value if local else place[i] - value
         self.suspended_shift = list(self.shift)
 
-    def stored_position(self, name: str) -> Three:
-        """Return the position of G28 or G30, by that name: the start until the program stores another."""
-        return self.stored[name] if name in self.stored else self.start.read()
-
     def shown(self, key: float | str) -> float | None:
         """Return a parameter that shows the frames; None for others."""
         return self._named(key) if isinstance(key, str) else self._numbered(int(key))
@@ -209,8 +185,8 @@ class CoordinateSystems:
         if number == _TOOL:
             return self.tool / self.unit
         for name, first in _STORED.items():
-            if first <= number < first + 3:
-                return self.stored_position(name)[number - first] / self.unit
+            if first <= number < first + 3 and name in self.stored:
+                return self.stored[name][number - first] / self.unit
         return None
 
 

@@ -132,11 +132,11 @@ class GCode(Controller):
             diameters=library.diameters,
             parameters=library.parameters,
         )
-        return interpret(text, self.start, setup, self.__dict__.pop("_earlier", None))
+        return interpret(text, self.start, setup)
 
     def sharing_text_of(self, other: GCode) -> None:
-        """Take over what another program with the same text has read of it, but for what its start changes."""
-        self.__dict__["program" if other.program.begins_at(self.start) else "_earlier"] = other.program
+        """Take over what another program with the same text and start has read of it."""
+        self.__dict__["program"] = other.program
 
     @property
     def needed_speeds(self) -> dict[str, float]:

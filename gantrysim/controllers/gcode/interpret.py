@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import AxisError, InputError
-from gantrysim.controllers.gcode.checkpoints import Checkpoint, Follower, Recorder, Snapshots
 from gantrysim.controllers.gcode.motion_limits import MotionLimits
 from gantrysim.controllers.gcode.move_table import DWELL, END, FLOW, KIND, LINE, OUTPUTS, WORK, MoveTable
 from gantrysim.controllers.gcode.o_words import ProgramFlow, ProgramText
@@ -36,7 +35,6 @@ class Interpreted:
         subroutines: names of those that the text holds.
         called_files: names of the files of subprograms that were called.
         without_diameter: tools of cutter compensation whose diameter nobody gave.
-        checkpoints: at which it can be taken over from another start.
     """
 
     start: tuple[float, float, float]
@@ -50,11 +48,6 @@ class Interpreted:
     subroutines: tuple[str, ...] = ()
     called_files: frozenset[str] = frozenset()
     without_diameter: tuple[int, ...] = ()
-    checkpoints: tuple[Checkpoint, ...] = ()
-
-    def begins_at(self, start: tuple[float, float, float]) -> bool:
-        """Return whether the program was run from this position, to the last bit: -0.0 is not 0.0."""
-        return repr(self.start) == repr(start)
 
     @property
     def without_moves(self) -> str:
@@ -64,17 +57,13 @@ class Interpreted:
         return f"its subroutines ({', '.join(self.subroutines[:3])}) run where another program calls them"
 
 
-def interpret(
-    program: ProgramText, start: tuple[float, float, float], setup: ProgramSetup, earlier: Interpreted | None = None
-) -> Interpreted:
+def interpret(program: ProgramText, start: tuple[float, float, float], setup: ProgramSetup) -> Interpreted:
     """Run a program.
 
     Args:
         program: its text.
         start: initial position [mm].
         setup: what it is run with.
-        earlier: the same program, run with the same setup from another start, of which all is taken over that does not
-            depend on that.
 
     Raises:
         InputError: a line that is refused, with its number.
@@ -89,13 +78,11 @@ def interpret(
 
     flow = ProgramFlow(program, system, state.subprogram_ends)
     subroutines = tuple(str(label) for label in flow.places.labels("SUB"))
-    snapshots = Snapshots(flow, state, system)
-    observer = Recorder(snapshots) if earlier is None else Follower(snapshots, earlier.checkpoints, earlier.moves)
     try:
         for line in flow.run():
             state.line = flow.line
             state.depth = flow.depth
-            if not interpreter.run(line) or observer.ends_after_line():
+            if not interpreter.run(line):
                 break
         if state.curve is not None:
             raise InputError(f"{state.curve.name}: the program ends before the curve does")
@@ -105,7 +92,6 @@ def interpret(
     except OverflowError:
         raise InputError(f"{flow.where}: a number is too large") from None
     called_files = flow.called_files
-    checkpoints = observer.finished()
     flow.lines.clear()  # the flow and its parameters refer to one another, and would keep them until a collection
     table = moves.table
     fed = (table[:, FLOW] > 0) & (table[:, KIND] != DWELL)
@@ -124,7 +110,6 @@ def interpret(
         subroutines=subroutines,
         called_files=called_files,
         without_diameter=tuple(sorted(state.tools.without_diameter)),
-        checkpoints=checkpoints,
     )
 
 

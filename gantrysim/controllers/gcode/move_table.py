@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
@@ -99,10 +99,6 @@ class MoveTable:
         self._numbers.extend(move)
         if len(self._numbers) > _MOST * WIDTH:
             raise InputError(f"more than {_MOST} moves")
-
-    def extend(self, table: Floats) -> None:
-        """Append rows of another table."""
-        self._numbers.frombytes(memoryview(cast(Any, np.ascontiguousarray(table).reshape(-1).view(np.uint8))))
 
     def row(self, index: int) -> MoveRow:
         """Return a move that was added."""

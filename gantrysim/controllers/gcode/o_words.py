@@ -54,8 +54,6 @@ class ProgramFlow(ProgramLines):
         subprogram_ends: called with the depth of a subroutine that ends.
     """
 
-    FIXED = ProgramLines.FIXED | {"_statements"}
-
     def __init__(self, program: ProgramText, system: System, subprogram_ends: Callable[[int], None]) -> None:
         super().__init__(program, system, subprogram_ends, KEYWORDS)
         self._statements: dict[int, ParsedLine] = {}  # by their places

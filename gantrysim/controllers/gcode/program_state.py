@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.coordinate_systems import CoordinateSystems, StartPosition
+from gantrysim.controllers.gcode.coordinate_systems import CoordinateSystems
 from gantrysim.controllers.gcode.cutter_compensation import CutterCompensation
 from gantrysim.controllers.gcode.dialects import GCodeDialect
 from gantrysim.controllers.gcode.limits_in_force import LimitsInForce
@@ -19,7 +18,6 @@ from gantrysim.controllers.valve import Dispense, Outputs
 
 FARTHEST = 1e7  # of a coordinate [mm]
 UNSTATED_FEED = 1500.0  # of printers' firmware before the first F, Klipper's [mm/min]
-_FIXED = {"moves", "setup", "dialect"}
 _LOWEST_FEED = 1e-9  # by inverse time, of a move without length [mm/s]
 
 
@@ -153,7 +151,8 @@ class ProgramState:
         self.moves = moves
         self.setup = setup
         self.dialect = setup.dialect
-        self.frames = CoordinateSystems(list(moves.start), StartPosition(list(moves.start)), tools=setup.tools)
+        self.frames = CoordinateSystems(list(moves.start), tools=setup.tools)
+        self.frames.stored = {"G28": list(moves.start), "G30": list(moves.start)}
         self.modes = Modes(path=setup.path_mode)
         self.motion = "G1" if setup.dialect.extrudes else "G0"
         self.outputs = Outputs(setup.dispense)
@@ -173,11 +172,6 @@ class ProgramState:
         self.tools = Tools(dict(setup.diameters))
         self._saved: dict[int, _Saved] = {}  # by the depth of calls
         self._restored: set[int] = set()  # depths at whose end the saved modes come back
-
-    @property
-    def progress(self) -> dict[str, Any]:
-        """The attributes on which the lines that follow depend, by name; all but the moves, and what stays."""
-        return {name: value for name, value in vars(self).items() if name not in _FIXED}
 
     def feed_at(self, length: float) -> float:
         """Return the path speed of a move at feed, of a length [mm], in mm/s."""

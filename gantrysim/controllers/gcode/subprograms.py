@@ -47,8 +47,6 @@ class ProgramLines(Flow[Words | FirmwareCommand]):
         keywords: of O words.
     """
 
-    FIXED = Flow.FIXED | {"program", "lines", "main_lines", "_keywords", "_files", "_subprogram_ends"}
-
     def __init__(
         self, program: ProgramText, system: System, subprogram_ends: Callable[[int], None], keywords: Keywords
     ) -> None:

@@ -8,7 +8,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum, auto
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.macro.variables import LocalParameters, Parameters
@@ -98,10 +98,7 @@ class Flow(ABC, Generic[Line]):
         parameters: of the program.
         calls: those that have not returned; the first is the main program's.
         entered: first places of the subprograms that were called.
-        FIXED: names of attributes that stay while the program runs, or only spare work.
     """
-
-    FIXED: ClassVar[frozenset[str]] = frozenset({"places", "_most_steps", "_unit"})
 
     def __init__(self, parameters: Parameters, most_steps: int, unit: str) -> None:
         self.parameters = parameters
@@ -109,8 +106,6 @@ class Flow(ABC, Generic[Line]):
         self.places = Places()
         self.calls = [Call(0, 0, parameters.scope)]
         self.entered = frozenset[int]()
-        self._next = 0
-        self._steps = 0
         self._most_steps = most_steps
         self._unit = unit
 
@@ -134,11 +129,6 @@ class Flow(ABC, Generic[Line]):
         """Note that the subprogram of the innermost call is about to return."""
 
     @property
-    def progress(self) -> dict[str, Any]:
-        """The attributes on which the lines that follow depend, by name; all but `FIXED`, which hold the text."""
-        return {name: value for name, value in vars(self).items() if name not in self.FIXED}
-
-    @property
     def depth(self) -> int:
         """Number of subprograms that have not returned."""
         return len(self.calls) - 1
@@ -154,25 +144,27 @@ class Flow(ABC, Generic[Line]):
         Raises:
             InputError: a line that cannot be read or run, or too many of them.
         """
+        following = 0
+        steps = 0
         last_motion = time.thread_time()  # when the clock was first read after a line with something for the machine
         is_still = True
-        while self._next != END and self.runs(self._next):
-            self.place = self._next
-            self._steps += 1
-            if self._steps > self._most_steps:
+        while following != END and self.runs(following):
+            self.place = following
+            steps += 1
+            if steps > self._most_steps:
                 raise self.refusal(
                     FlowRefusal.STEPS,
                     f"{self._most_steps} {self._unit} have run: must end before; is there an endless loop?",
                 )
-            if self._steps % _LOOKS == 0 and not is_still:
+            if steps % _LOOKS == 0 and not is_still:
                 last_motion = time.thread_time()
                 is_still = True
-            elif self._steps % _LOOKS == 0 and time.thread_time() - last_motion > MOST_TIME:
+            elif steps % _LOOKS == 0 and time.thread_time() - last_motion > MOST_TIME:
                 raise self.refusal(
                     FlowRefusal.STEPS,
                     f"{self._unit} have run for {MOST_TIME:g} s without a motion: is there an endless loop?",
                 )
-            self._next, line = self.execute()
+            following, line = self.execute()
             if line is not None:
                 yield line
                 is_still = False

@@ -62,7 +62,7 @@ def _go_to_stored(state: ProgramState, block: WordBlock, name: str) -> None:
         state.rapid_to(frames.end(block.values, in_machine=False))
     else:
         named = [True] * 3
-    stored = zip(frames.stored_position(name), frames.here, named, strict=True)
+    stored = zip(frames.stored[name], frames.here, named, strict=True)
     state.rapid_to([target if moves else here for target, here, moves in stored])
 
 

@@ -10,7 +10,6 @@ from lark import Lark
 from lark.exceptions import UnexpectedInput, UnexpectedToken
 
 from gantrysim.controllers.basic.statements import with_keywords
-from gantrysim.controllers.basic.table_parser import TableParser
 from gantrysim.controllers.softmc.basic.statement_table import BLOCKS, COMMANDS
 from gantrysim.controllers.softmc.basic.tree import Node
 from gantrysim.controllers.softmc.commands import SoftMCError
@@ -48,10 +47,10 @@ def without_comments(text: str) -> str:
 
 
 @cache
-def _parser() -> TableParser:
+def _parser() -> Lark:
     text = files(__package__).joinpath("mcbasic.lark").read_text(encoding="utf-8")
     grammar = with_keywords(text.replace("$commands", COMMANDS.rule).replace("$blocks", BLOCKS.rule))
-    return TableParser(Lark(grammar, parser="lalr", propagate_positions=True, maybe_placeholders=True))
+    return Lark(grammar, parser="lalr", propagate_positions=True, maybe_placeholders=True)
 
 
 def _message(text: str, error: UnexpectedInput) -> str:

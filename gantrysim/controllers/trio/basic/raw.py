@@ -123,10 +123,3 @@ class Source:
             f"line {line}: {word}, as AN-225 prints it, is not a command of the controller; {meant} is used instead"
         )
         return meant
-
-    def forget(self) -> None:
-        """Forget what its statements have named, before its text is read anew."""
-        self.read.clear()
-        self.arrays.clear()
-        self.remarks.clear()
-        self.variables.clear()

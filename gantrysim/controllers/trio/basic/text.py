@@ -14,7 +14,6 @@ from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedEOF, 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.basic.operators import RankedOperator
 from gantrysim.controllers.basic.statements import with_keywords
-from gantrysim.controllers.basic.table_parser import TableParser
 from gantrysim.controllers.basic.values import number_of
 from gantrysim.controllers.trio.basic import words
 from gantrysim.controllers.trio.basic.commands import COMMANDS
@@ -47,17 +46,17 @@ class _Parser(threading.local):
         return _Builder()
 
     @cached_property
-    def tables(self) -> TableParser:
+    def lark(self) -> Lark:
         text = files("gantrysim.controllers.trio.basic").joinpath("grammar.lark").read_text(encoding="utf-8")
         grammar = with_keywords(text.replace("$statements", STATEMENTS.rule))
-        return TableParser(Lark(grammar, parser="lalr", maybe_placeholders=True, transformer=self.builder))
+        return Lark(grammar, parser="lalr", maybe_placeholders=True, transformer=self.builder)
 
     def parse(self, text: str, source: Source, before: int) -> list[list[Raw]]:
         """Return the statements of a text, line by line, after so many lines; add the variables that it reads."""
         self.builder.source = source
         self.builder.before = before
         try:
-            return cast(list[list[Raw]], self.tables.parse(text, source.forget))
+            return cast(list[list[Raw]], self.lark.parse(text))
         finally:
             del self.builder.source  # its statements would be kept in memory until the next text is read
 
