@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.jit import plain_inner_jit, plain_jit
+from gantrysim.base.jit import jit
 from gantrysim.render.encoding import Picture
 
 _CONTRAST = 0.08  # of luma around a pixel, relative to the largest, below which there is no edge
@@ -40,7 +40,7 @@ def smoothed(picture: Picture) -> Picture:
     return result
 
 
-@plain_jit
+@jit
 def _smooth(picture: Picture, luma: Luma, edges: NDArray[np.bool_], result: Picture) -> None:
     """Write the smoothed pixels of all edges, but for those at the rim of the picture; luma and edges are scratch.
 
@@ -63,7 +63,7 @@ def _smooth(picture: Picture, luma: Luma, edges: NDArray[np.bool_], result: Pict
                 _smooth_pixel(picture, luma, row, column, result)
 
 
-@plain_inner_jit
+@jit
 def _range(luma: Luma, row: int, column: int) -> tuple[float, float]:
     """Return the least and the largest luma of a pixel and its neighbours at its corners."""
     middle = luma[row, column]
@@ -76,7 +76,7 @@ def _range(luma: Luma, row: int, column: int) -> tuple[float, float]:
     return least, largest
 
 
-@plain_inner_jit
+@jit
 def _smooth_pixel(picture: Picture, luma: Luma, row: int, column: int, result: Picture) -> None:
     """Write a smoothed pixel."""
     down, across = _along(luma, row, column)
@@ -96,7 +96,7 @@ def _smooth_pixel(picture: Picture, luma: Luma, row: int, column: int, result: P
     result[row, column, 2] = blue
 
 
-@plain_inner_jit
+@jit
 def _along(luma: Luma, row: int, column: int) -> tuple[float, float]:
     """Return the way along the edge at a pixel, square to the gradient: rows and columns, at most the furthest."""
     above_left = luma[row - 1, column - 1]
@@ -112,7 +112,7 @@ def _along(luma: Luma, row: int, column: int) -> tuple[float, float]:
     return down, across
 
 
-@plain_inner_jit
+@jit
 def _pair(picture: Picture, row: int, column: int, down: float, across: float) -> Pixel:
     """Return the mean of the colours at two places on both sides of a pixel, so many rows and columns away from it."""
     before = _sample(picture, row - down, column - across)
@@ -120,7 +120,7 @@ def _pair(picture: Picture, row: int, column: int, down: float, across: float) -
     return 0.5 * (before[0] + after[0]), 0.5 * (before[1] + after[1]), 0.5 * (before[2] + after[2])
 
 
-@plain_inner_jit
+@jit
 def _sample(picture: Picture, row: float, column: float) -> Pixel:
     """Return the colour between four pixels; beyond the rim that of the rim."""
     height, width, _ = picture.shape
@@ -137,7 +137,7 @@ def _sample(picture: Picture, row: float, column: float) -> Pixel:
     )
 
 
-@plain_inner_jit
+@jit
 def _between(picture: Picture, r: int, c: int, y: float, x: float, channel: int) -> float:
     """Return a channel at shares y and x of the way to the next row and column."""
     above = (1 - x) * picture[r, c, channel] + x * picture[r, c + 1, channel]
