@@ -41,20 +41,22 @@ import numba  # noqa: E402 - which reads that file
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 # rooms in which nothing is compiled, and of which compiled functions use nothing
-UNCOMPILED = [
-    "cli",
-    "compare",
-    "design",
-    "drawings",
-    "exchange",
-    "job",
-    "remedy",
-    "results",
-    "study",
-    "tables",
-    "tuning",
-    "view",
-]
+UNCOMPILED = frozenset(
+    (
+        "cli",
+        "compare",
+        "design",
+        "drawings",
+        "exchange",
+        "job",
+        "remedy",
+        "results",
+        "study",
+        "tables",
+        "tuning",
+        "view",
+    )
+)
 # what a disk must have left for a cache [bytes]
 _SPACE = 2**26
 # versions of the package, of numba and of its settings whose caches are kept
