@@ -181,6 +181,7 @@ def simulated(xy, **named):
 
 def test_a_bar_is_shown_in_a_terminal_alone(xy, monkeypatch):
     terminal, file = Terminal(), io.StringIO()
+    monkeypatch.setattr("gantrysim.base.jit.is_first", lambda: False)
     monkeypatch.setattr(bars.sys, "stderr", terminal)
     simulated(xy, progress=True)
     drawn = terminal.getvalue().split("\r")
