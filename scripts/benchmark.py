@@ -27,7 +27,6 @@ from typing import NamedTuple
 import gymnasium
 import mujoco
 import numpy as np
-from gantrysim.native.timers import restart_timers, stop_timers
 from mujoco.batch import Batch
 from rich.console import Console
 from rich.table import Table
@@ -41,6 +40,7 @@ from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.programs import build
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
+from gantrysim.native.callback import clock
 from gantrysim.paths.kinds import kind_of, path_of
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.render import Film, Take
@@ -395,12 +395,13 @@ BENCHMARKS = {
 
 def measured(names: Iterable[str], rounds: int, *, untimed: bool) -> dict[str, float]:
     """Return ratios by their names, with or without MuJoCo's timers in bare MuJoCo."""
-    clock = stop_timers() if untimed else None
+    before = mujoco.get_mjcb_time()
+    if untimed:
+        mujoco.set_mjcb_time(clock())
     try:
         return {name: BENCHMARKS[name].measure(rounds) for name in names}
     finally:
-        if untimed:
-            restart_timers(clock)
+        mujoco.set_mjcb_time(before)
 
 
 if __name__ == "__main__":

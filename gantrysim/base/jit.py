@@ -1,161 +1,284 @@
-"""Compilation by numba, with numbers that behave as NumPy's (a division by zero gives inf)."""
+"""Compilation by numba, with numbers that behave as NumPy's (a division by zero gives inf), and its cache on disk.
+
+Numba keeps machine code in a folder and runs what it finds there, so the folder must belong to this user alone. It is
+named by a hash of all that decides what is compiled: numba's own key is the text of a function's file, which misses an
+edit of what the function calls.
+
+A process works in a copy of the cache, of hard links to the entries that agree with their checksums, and what it
+compiles is kept when it ends. So a damaged entry is compiled anew, and no process meets half of what another writes.
+"""
 
 from __future__ import annotations
 
-import gc
+import atexit
+import hashlib
+import os
+import platform
+import shutil
+import stat
+import tempfile
+import threading
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
-from typing import Any, TypeVar, cast
+from pathlib import Path
+from typing import Any, TypeVar
 
-import numba
-from numba.core.event import Listener, install_recorder, register
+from gantrysim.base import progress
+from gantrysim.base.errors import InputError
 
-from gantrysim.base import pipeline
-from gantrysim.base.caches import Cached
-from gantrysim.base.progress import begins_compiling
+_SETTINGS = Path(".numba_config.yaml")
+
+if os.path.lexists(_SETTINGS):
+    raise InputError(
+        f"file {_SETTINGS} in the current folder: would set up numba, and where it looks for machine code: "
+        "set environment variables (NUMBA_...) instead, or work in another folder"
+    )
+
+import numba  # noqa: E402 - which reads that file
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
+# rooms in which nothing is compiled, and of which compiled functions use nothing
+UNCOMPILED = frozenset(
+    (
+        "cli",
+        "compare",
+        "design",
+        "drawings",
+        "exchange",
+        "job",
+        "remedy",
+        "results",
+        "study",
+        "tables",
+        "tuning",
+        "view",
+    )
+)
+# what a disk must have left for a cache [bytes]
+_SPACE = 2**26
+# versions of the package, of numba and of its settings whose caches are kept
+_VERSIONS = 8
+# age at which a process' copy of the cache is taken for that of a killed process [s]
+_ABANDONED = 86400.0
+_MANIFEST = "checksums"
+
+_compiled: list[Any] = []
+_c_functions = 0
+_settings_lock = threading.RLock()
+
 
 def jit(function: _Function) -> _Function:
-    """Compile a function and cache the result on disk, or in memory alone where no folder can be written."""
-    return _cached(function, no_cfunc_wrapper=True, pipeline_class=pipeline.WHOLE)
+    """Compile a function, for calls from Python and from other compiled functions, and keep the result on disk.
 
+    It is compiled where it is first called with arguments of a type.
 
-def plain_jit(function: _Function) -> _Function:
-    """Compile a function as `jit` does, one that neither makes nor returns arrays: it counts no references to them.
-
-    Numba counts atomically, at every element of a named tuple and every row of an array that is looked at: in a loop
-    over points that takes longer than a step of Newton's method. The caller keeps the arguments meanwhile.
+    Raises:
+        InputError: NUMBA_DISABLE_JIT is set.
     """
-    return _cached(function, no_cfunc_wrapper=True, pipeline_class=pipeline.WHOLE, _nrt=False)
+    compiled: Any = _cached(numba.njit, function)
+    _compiled.append(compiled)
+    return compiled
 
 
-def unlocked_jit(function: _Function) -> _Function:
-    """Compile a function as `jit` does, one that runs without Python's lock."""
-    return _cached(function, nogil=True)
+def c_function(function: Callable[..., Any], signature: Any) -> Any:
+    """Return a function compiled as a C function, kept on disk as those of `jit` are.
+
+    Args:
+        function: no closure of compiled functions: numba's cache has another key for these in every process.
+        signature: numba's types of its result and its arguments.
+
+    Raises:
+        InputError: NUMBA_DISABLE_JIT is set.
+    """
+    global _c_functions
+    compiled = _cached(numba.cfunc, function, signature)
+    _c_functions += not compiled.cache_hits
+    return compiled
 
 
-def _cached(function: _Function, **options: Any) -> _Function:
-    if pipeline.is_tested():
-        compiled: Any = numba.njit(error_model="numpy", **options)(function)
-        compiled._cache = Cached(function, compiled.targetoptions)
-        return cast(_Function, compiled)
+def count_compiled() -> int:
+    """Return how many functions this process has compiled so far, as no cache held them."""
+    return _c_functions + sum(sum(function.stats.cache_misses.values()) for function in _compiled)
+
+
+def is_first() -> bool:
+    """Return whether the cache held nothing when this process opened it, so that it compiles all that it uses."""
+    return not _opened()[1]
+
+
+def cache_folder() -> Path:
+    """Return the folder of the cache, which is there and this user's alone.
+
+    Raises:
+        InputError: it cannot be, and why.
+    """
+    root = _root()
+    if not root.is_absolute():
+        raise InputError(f"folder of compiled functions {root}: must be an absolute path")
+    folder = Path(os.path.realpath(root), source_hash()[:16])
+    home = Path(os.path.realpath(_home()))
     try:
-        return cast(_Function, numba.njit(error_model="numpy", cache=True, **options)(function))
-    except RuntimeError:  # numba finds no place for the cache
-        return cast(_Function, numba.njit(error_model="numpy", **options)(function))
-
-
-def cache_folder() -> str | None:
-    """Return the folder in which compiled functions of this room are kept, None where no folder can be written."""
-    folder: str | None = Cached(lambda: None, {}).cache_path
+        here = Path.cwd()
+        if here in folder.parents and here not in (home, *home.parents):
+            raise InputError(f"folder of compiled functions {root}: must not lie in the current folder")
+        folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, exist_ok=True)
+        for part in (folder, *folder.parents):
+            _check_owner(part, is_own=part == folder)
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        raise InputError(f"folder of compiled functions {root}: {error.strerror}") from None
+    if free < _SPACE:
+        raise InputError(f"folder of compiled functions {root}: {free} bytes free on its disk, must be {_SPACE}")
     return folder
 
 
+@cache
+def source_hash() -> str:
+    """Return a hash of the package's text, and of the version, the settings and the processor of numba."""
+    digest = hashlib.sha256()
+    settings = sorted((name, value) for name, value in os.environ.items() if name.startswith("NUMBA_"))
+    digest.update(repr((numba.__version__, platform.machine(), settings)).encode())
+    package = Path(__file__).parents[1]
+    for folder, rooms, files in os.walk(package):
+        rooms[:] = sorted(room for room in rooms if Path(folder) != package or room not in UNCOMPILED)
+        for file in sorted(file for file in files if file.endswith(".py")):
+            digest.update(file.encode())
+            digest.update(Path(folder, file).read_bytes())
+    return digest.hexdigest()
+
+
+def _root() -> Path:
+    """Return the folder of the caches of all versions."""
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    if named:
+        return Path(named, "gantrysim")
+    by_system = os.environ.get("LOCALAPPDATA" if os.name == "nt" else "XDG_CACHE_HOME", "")
+    # a relative one is to be ignored, by the XDG Base Directory Specification
+    folder = Path(by_system) if Path(by_system).is_absolute() else _home() / ".cache"
+    return folder / "gantrysim"
+
+
+def _home() -> Path:
+    """Return the home folder of this user, relative where it is not known."""
+    try:
+        return Path.home()
+    except RuntimeError:
+        return Path("~")
+
+
+def _check_owner(folder: Path, is_own: bool) -> None:
+    """Check that no other user can change what lies in a folder, or put another one in its place.
+
+    Raises:
+        InputError: one can.
+    """
+    if not hasattr(os, "geteuid"):
+        return
+    status = folder.lstat()
+    owners = [os.geteuid()] if is_own else [os.geteuid(), 0]
+    # on the way to it, a folder as /tmp is safe, in which each may remove only what is theirs
+    by_others = stat.S_IWGRP | stat.S_IWOTH if is_own else stat.S_IWOTH
+    if status.st_uid not in owners or (status.st_mode & by_others and (is_own or not status.st_mode & stat.S_ISVTX)):
+        raise InputError(f"folder {folder}: must be yours, and not writable by others, to hold compiled functions")
+
+
 @contextmanager
-def compilations() -> Iterator[Callable[[], int]]:
-    """Yield a function that returns how many functions numba has compiled in the block so far."""
-    with install_recorder("numba:compile") as recorder:
-        yield lambda: sum(event.is_start for _, event in recorder.buffer)
+def _set(**settings: str) -> Iterator[None]:
+    """Set numba's configuration in the block."""
+    with _settings_lock:
+        before = {name: getattr(numba.config, name, "") for name in settings}
+        for name, value in settings.items():
+            setattr(numba.config, name, value)
+        try:
+            yield
+        finally:
+            for name, value in before.items():
+                setattr(numba.config, name, value)
 
 
-# what the compiled functions of a room compute
-_SUBJECTS = {
-    "bead": "the bead",
-    "controllers": "the program",
-    "dispenser": "the dispenser",
-    "engine": "the record",
-    "env": "the environment",
-    "identify": "the fit",
-    "machine": "the machine",
-    "metrics": "the errors",
-    "native": "the servo",
-    "paths": "the path",
-    "plots": "the plots",
-    "render": "the film",
-    "report": "the plots",
-    "servo": "the servo",
-}
-
-
-class _Told(Listener):  # type: ignore[misc]
-    """Tells what is compiled, when numba compiles what its cache lacks."""
-
-    def __init__(self) -> None:
-        self._depth = 0
-
-    def on_start(self, event: Any) -> None:
-        if self._depth == 0:
-            begins_compiling(_subject(event.data["dispatcher"].py_func.__module__))
-        self._depth += 1
-
-    def on_end(self, event: Any) -> None:
-        self._depth -= 1
-
-
-def _subject(module: str) -> str:
-    names = module.split(".")
-    if names[0] != "gantrysim":
-        return "your functions"
-    return _SUBJECTS.get(names[1], "functions")
+def _cached(decorator: Any, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Return a function as one of numba's decorators compiles it, with the cache on disk where there is one."""
+    if numba.config.DISABLE_JIT:
+        raise InputError("NUMBA_DISABLE_JIT is set: gantrysim runs compiled only, unset it")
+    folder = _opened()[0]
+    if folder is not None:
+        with suppress(RuntimeError), _set(CACHE_DIR=str(folder), CACHE_LOCATOR_CLASSES="UserProvidedCacheLocator"):
+            return decorator(*arguments, error_model="numpy", cache=True)(function)
+    return decorator(*arguments, error_model="numpy")(function)
 
 
 @cache
-def _freezes() -> bool:
-    """Return whether this process exempts objects from collection, as the command does; counting them is slow."""
-    return gc.get_freeze_count() > 0
+def _opened() -> tuple[Path | None, dict[str, str]]:
+    """Return this process' copy of the cache, None without one, and the checksums of its entries by name."""
+    entries: dict[str, str] = {}
+    try:
+        store = cache_folder()
+        _sweep(store)
+        folder = Path(tempfile.mkdtemp(prefix="process-", dir=store))
+        for name, checksum in _manifest(store).items():
+            with suppress(OSError):
+                if _checksum(store / name) == checksum:
+                    (folder / name).parent.mkdir(exist_ok=True)
+                    _link(store / name, folder / name)
+                    entries[name] = checksum
+    except (InputError, OSError) as error:
+        progress.tell_compiling(f"compiling, and again in every process: {error}")
+        return None, entries
+    atexit.register(_keep, store, folder, os.getpid())
+    if not entries:
+        progress.tell_compiling(progress.COMPILING)
+    return folder, entries
 
 
-class _WithoutCollection(Listener):  # type: ignore[misc]
-    """Pauses Python's garbage collection while numba compiles.
-
-    The compiler makes many objects and hardly any cycles; a seventh of its time went into the collection.
-    """
-
-    def __init__(self) -> None:
-        self._depth = 0
-        self._paused = False
-
-    def on_start(self, event: Any) -> None:
-        if self._depth == 0 and gc.isenabled():
-            gc.disable()
-            self._paused = True
-        self._depth += 1
-
-    def on_end(self, event: Any) -> None:
-        self._depth -= 1
-        if self._depth == 0 and self._paused:
-            # New objects count as old: otherwise the next collection would traverse them all, after every function.
-            frozen = _freezes()
-            gc.freeze()
-            if not frozen:
-                gc.unfreeze()
-            gc.enable()
-            self._paused = False
+def _link(file: Path, link: Path) -> None:
+    try:
+        os.link(file, link)
+    except OSError:
+        # a file system without hard links
+        shutil.copyfile(file, link)
 
 
-register("numba:compile", _Told())
-register("numba:compile", _WithoutCollection())
+def _keep(store: Path, folder: Path, process: int) -> None:
+    """Move what this process has compiled to the others' entries, and remove its copy of the cache."""
+    # a forked process must leave what its parent uses
+    if os.getpid() != process:
+        return
+    with suppress(OSError):
+        entries = {}
+        for file in folder.glob("*/*.nb[ic]"):
+            name = file.relative_to(folder).as_posix()
+            if file.stat().st_nlink == 1 and _checksum(file) != _opened()[1].get(name):
+                entries[name] = _checksum(file)
+                (store / name).parent.mkdir(exist_ok=True)
+                file.replace(store / name)
+        if entries:
+            lines = [f"{checksum} {name}\n" for name, checksum in (_manifest(store) | entries).items()]
+            partial = folder / _MANIFEST
+            partial.write_text("".join(lines))
+            partial.replace(store / _MANIFEST)
+    shutil.rmtree(folder, ignore_errors=True)
 
 
-def inner_jit(function: _Function) -> _Function:
-    """Compile a helper inlined into, and cached with, its callers.
-
-    It has no wrapper to be called from Python, whose compilation takes an eighth of the time: a call from Python ends
-    the process.
-    """
-    return _inner(function)
-
-
-def plain_inner_jit(function: _Function) -> _Function:
-    """Compile a helper as `inner_jit` does, one that neither makes nor returns arrays, see `plain_jit`."""
-    return _inner(function, _nrt=False)
+def _manifest(store: Path) -> dict[str, str]:
+    """Return the checksums of a cache's entries by name; another process may have kept others since."""
+    with suppress(FileNotFoundError, ValueError):
+        lines = (store / _MANIFEST).read_text().splitlines()
+        return {name: checksum for checksum, name in (line.split(maxsplit=1) for line in lines)}
+    return {}
 
 
-def _inner(function: _Function, **options: Any) -> _Function:
-    compiled = numba.njit(
-        error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=pipeline.PART, **options
-    )(function)
-    return cast(_Function, compiled)
+def _checksum(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def _sweep(store: Path) -> None:
+    """Remove caches of other versions but the last few, and what killed processes have left."""
+    os.utime(store)
+    versions = sorted(store.parent.iterdir(), key=lambda version: version.stat().st_mtime, reverse=True)
+    killed = [folder for folder in store.glob("process-*") if time.time() - folder.stat().st_mtime > _ABANDONED]
+    for folder in [*versions[_VERSIONS:], *killed]:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -12,24 +12,12 @@ from gantrysim.base.errors import InputError, shown
 
 Progress = Callable[[float], None] | bool | None  # what callers give
 
-COMPILING = "compiling {}, once for this machine: some 7 s in all"
+COMPILING = "compiling what it computes with, once for this machine: some 15 s for a run"
+
+_listeners: list[Callable[[str], None]] = []
 
 _WIDTH = 30  # of the bar [characters]
-_tellers: list[tuple[Callable[[str], None], set[str]]] = []  # with the subjects that each has been told
 _Share = TypeVar("_Share", bound=Callable[[float], None])
-
-
-def tell_compiling(tell: Callable[[str], None]) -> None:
-    """Have a function called with what is compiled, such as "the servo", when that begins, once for each subject."""
-    _tellers.append((tell, set()))
-
-
-def begins_compiling(subject: str) -> None:
-    """Tell that the compilation of a subject begins."""
-    for tell, subjects in _tellers:
-        if subject not in subjects:
-            subjects.add(subject)
-            tell(subject)
 
 
 @contextmanager
@@ -88,12 +76,21 @@ def _bar(task: str, stream: TextIO) -> Iterator[Callable[[float], None]]:
 
 @cache
 def _announce_compiling() -> None:
-    """Print a line when numba begins to compile in this process, which takes seconds, and with what."""
+    """Print a line where this process compiles what no cache holds, which takes seconds."""
+    from gantrysim.base.jit import is_first  # slow to import
 
-    def announce(subject: str) -> None:
-        stream = _stream()
-        if stream is not None:
-            stream.write(f"\r{COMPILING.format(subject)}\n")
-            stream.flush()
+    stream = _stream()
+    if stream is not None and is_first():
+        stream.write(f"\r{COMPILING}\n")
+        stream.flush()
 
-    tell_compiling(announce)
+
+def when_compiling(tell: Callable[[str], None]) -> None:
+    """Register a function to be called with a sentence where this process begins to compile with an empty cache."""
+    _listeners.append(tell)
+
+
+def tell_compiling(sentence: str) -> None:
+    """Call the functions that wait for it."""
+    for tell in _listeners:
+        tell(sentence)

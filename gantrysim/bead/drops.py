@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import plain_jit
+from gantrysim.base.jit import jit
 from gantrysim.bead.laying import Layer
 
 
-@plain_jit
+@jit
 def drop(layer: Layer, x: Floats, y: Floats, volume: Floats, gap: float, height: float) -> None:
     """Share volumes at points among the four cells around each.
 

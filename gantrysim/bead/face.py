@@ -10,13 +10,13 @@ import math
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import plain_inner_jit, plain_jit
+from gantrysim.base.jit import jit
 from gantrysim.bead.laying import Layer
 
 _BAND = 32  # rows that are computed at a time, so that what lies between stays near the processor
 
 
-@plain_jit
+@jit
 def cover(under: Floats, x: Floats, y: Floats, volume: Floats, radius: float) -> None:
     """Raise the share of each cell that the needle's face passes over while it lays the volumes between stations.
 
@@ -56,7 +56,7 @@ def cover(under: Floats, x: Floats, y: Floats, volume: Floats, radius: float) ->
                 row[i] = max(row[i], share if distance < reach * reach else 0.0)
 
 
-@plain_inner_jit
+@jit
 def share_within(half: float, distance: float) -> float:
     """Share of a hat two cells wide about a point that lies within a strip, given half its width [cells].
 
@@ -67,7 +67,7 @@ def share_within(half: float, distance: float) -> float:
     return hat_below(half - distance) - hat_below(-half - distance)
 
 
-@plain_inner_jit
+@jit
 def hat_below(t: float) -> float:
     """Share of a hat from -1 to 1 that lies below t."""
     short = max(1.0 - abs(t), 0.0)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import plain_inner_jit, plain_jit
+from gantrysim.base.jit import jit
 from gantrysim.bead.face import share_within
 
 _ROUNDING = 1e-9  # of distances [cells]
@@ -40,7 +40,7 @@ def footprint(shape: tuple[int, int], x: Floats, y: Floats, half: Floats, wet: F
     return np.minimum(share, 1.0, out=share)
 
 
-@plain_jit
+@jit
 def _pass_along(
     share: Floats,
     present: Floats,
@@ -62,7 +62,7 @@ def _pass_along(
         _pass_over(share, present, last, point, point, wet.size + 2 * k + 1)
 
 
-@plain_inner_jit
+@jit
 def _pass_over(
     share: Floats,
     present: Floats,
@@ -107,7 +107,7 @@ def _pass_over(
             row_last[i] = number if touched else previous
 
 
-@plain_inner_jit
+@jit
 def _cells_within(
     start: tuple[float, float, float], stop: tuple[float, float, float], radius: float, j: int, nx: int
 ) -> tuple[int, int]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import jit, plain_inner_jit
+from gantrysim.base.jit import jit
 from gantrysim.bead.trace import BeadTrace
 
 # Layers of a print lie a bead's height apart, but for the machine's error; turns on a gentle slope lie closer.
@@ -189,7 +189,7 @@ def _refused(
     return refused
 
 
-@plain_inner_jit
+@jit
 def _below(piece: _Piece, i: int, j: int) -> tuple[bool, float, float, float]:
     """Return whether a piece passes over a cell, and the lowest, likely and highest surface below it there [cells]."""
     px = i - piece.x
@@ -202,7 +202,7 @@ def _below(piece: _Piece, i: int, j: int) -> tuple[bool, float, float, float]:
     return distance <= piece.reach, here - doubt, here, here + doubt
 
 
-@plain_inner_jit
+@jit
 def _conflicts(passes: _Passes, piece: _Piece, k: int, limit: float, crossing: int) -> bool:
     """Return whether any cell refuses a piece.
 
@@ -228,7 +228,7 @@ def _conflicts(passes: _Passes, piece: _Piece, k: int, limit: float, crossing: i
     return conflict
 
 
-@plain_inner_jit
+@jit
 def _take(passes: _Passes, piece: _Piece, k: int) -> None:
     """Note a piece in the cells that it passes over; arguments as of `_conflicts`."""
     low, high, begin, came, last, passed = passes

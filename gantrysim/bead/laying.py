@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import plain_inner_jit, plain_jit
+from gantrysim.base.jit import jit
 
 
 class Layer(NamedTuple):
@@ -110,7 +110,7 @@ def lay(layer: Layer, stations: Stations, volume: Floats, cosine: float, samplin
     _lay(cells, stations, volume, layer.glue.shape, (cosine, sampling, samples))
 
 
-@plain_jit
+@jit
 def _lay(
     layer: Layer, stations: Stations, volume: Floats, shape: tuple[int, int], section: tuple[float, Sampling, _Samples]
 ) -> None:
@@ -152,7 +152,7 @@ def _lay(
             _add(layer, samples, count, shape[1], (g, height))
 
 
-@plain_inner_jit
+@jit
 def _sample(section: _Interpolated, cosine: float, sampling: Sampling, samples: _Samples) -> int:
     """Sample a section across the trace, and return the number of samples.
 
@@ -186,7 +186,7 @@ def _sample(section: _Interpolated, cosine: float, sampling: Sampling, samples: 
     return count
 
 
-@plain_inner_jit
+@jit
 def _share(
     samples: _Samples, count: int, volume: float, line: tuple[float, float, float, float], shape: tuple[int, int]
 ) -> None:
@@ -226,7 +226,7 @@ def _share(
         samples.high_right[n] = a * high
 
 
-@plain_inner_jit
+@jit
 def _add(layer: Layer, samples: _Samples, count: int, nx: int, heights: tuple[float, float]) -> None:
     """Add what the cells around samples receive.
 
@@ -269,7 +269,7 @@ def _add(layer: Layer, samples: _Samples, count: int, nx: int, heights: tuple[fl
             moment[k + nx + 1] += samples.high_right[n] * gap
 
 
-@plain_inner_jit
+@jit
 def _write(
     glue: Floats, four: tuple[float, float, float, float], crest: Floats, height: float, place: tuple[int, int]
 ) -> None:

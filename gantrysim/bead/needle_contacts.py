@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import plain_inner_jit, plain_jit
+from gantrysim.base.jit import jit
 
 _STEP = 0.125  # between the positions examined within a tick, of the needle's diameter
 _MOST_CELLS = 4e6  # of the search
@@ -115,7 +115,7 @@ def cells_of(sections: Sections, needle: Needle) -> Cells:
     return Cells(low_x, low_y, size, columns, rows, first, section, highest)
 
 
-@plain_jit
+@jit
 def _sort(
     boxes: NDArray[np.int32],
     top: Floats,
@@ -175,7 +175,7 @@ def contacts(needle: Needle, sections: Sections, cells: Cells) -> tuple[Floats, 
     return depth, touched
 
 
-@plain_jit
+@jit
 def _search(needle: Needle, sections: Sections, cells: Cells, depth: Floats, touched: NDArray[np.bool_]) -> None:
     """Search for contacts; depth and touched, as of `contacts`, are written."""
     nozzle = needle.nozzle
@@ -201,7 +201,7 @@ def _search(needle: Needle, sections: Sections, cells: Cells, depth: Floats, tou
             depth[k] = max(depth[k], _touch(position, needle, sections, cells, touched))
 
 
-@plain_inner_jit
+@jit
 def _cell(position: _Position, needle: Needle, cells: Cells) -> int:
     """Return the cell of a position, or -1 where the needle touches nothing for certain."""
     column = (position.x - cells.x) / cells.size
@@ -212,13 +212,13 @@ def _cell(position: _Position, needle: Needle, cells: Cells) -> int:
     return cell if position.z <= cells.highest[cell] + needle.touching else -1
 
 
-@plain_inner_jit
+@jit
 def _is_low(position: _Position, needle: Needle, sections: Sections, k: int) -> bool:
     """Return whether the face is low enough to touch a section."""
     return position.z <= sections.top[k] + needle.touching
 
 
-@plain_inner_jit
+@jit
 def _chord(position: _Position, sections: Sections, k: int) -> tuple[float, float]:
     """Distances of the needle's axis from a section: along the trace, and across it beyond the chord [mm]."""
     dx = position.x - sections.x[k]
@@ -232,7 +232,7 @@ def _chord(position: _Position, sections: Sections, k: int) -> tuple[float, floa
     return max(along - sections.thickness, 0.0), max(across - chord, 0.0)
 
 
-@plain_inner_jit
+@jit
 def _axis_inside(position: _Position, needle: Needle, sections: Sections, cells: Cells) -> bool:
     """Return whether the needle's axis passes through a section, within half a radius along the trace."""
     cell = _cell(position, needle, cells)
@@ -249,7 +249,7 @@ def _axis_inside(position: _Position, needle: Needle, sections: Sections, cells:
     return False
 
 
-@plain_inner_jit
+@jit
 def _touch(position: _Position, needle: Needle, sections: Sections, cells: Cells, touched: NDArray[np.bool_]) -> float:
     """Note the sections that the face touches, and return its depth below the highest of their tops [mm]."""
     depth = -math.inf

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import plain_inner_jit, plain_jit
+from gantrysim.base.jit import jit
 
 _COARSEST = 16  # rows or columns
 _FINER = 0.25  # ripple of a coarser grid over that of the finer one
@@ -112,7 +112,7 @@ def means(values: Floats, size: int, beyond: float | None = None) -> Floats:
     return coarse
 
 
-@plain_jit
+@jit
 def _find_means(values: Floats, size: int, has_rim: bool, beyond: float, coarse: Floats) -> None:
     """Write means, see `means`."""
     ny, nx = values.shape
@@ -152,7 +152,7 @@ def _start_from(coarse: Floats, surface: _Surface, listed: NDArray[np.bool_], ri
     _refine(coarse, surface, listed, ripple, (first, last))
 
 
-@plain_jit
+@jit
 def _refine(
     coarse: Floats,
     surface: _Surface,
@@ -197,7 +197,7 @@ def _refine(
                     listed[q, p] = handed[q, p] > 0.0 or height[q, p] > ceiling[q, p] * (1.0 + ripple)
 
 
-@plain_inner_jit
+@jit
 def _reach(row: int, beside: int, columns: tuple[NDArray[np.intp], NDArray[np.intp]], nx: int) -> tuple[int, int]:
     """Return the first and the last of nx cells that the active cells of two rows of half as many reach."""
     first = nx
@@ -224,7 +224,7 @@ def _to_push(listed: NDArray[np.bool_]) -> tuple[_Queue, int]:
     return _Queue(cells, listed), rows.size
 
 
-@plain_jit
+@jit
 def _sweep(surface: _Surface, queue: _Queue, count: int, ripple: float, factor: float, sweeps: int) -> tuple[bool, int]:
     """Sweep over the listed cells; return whether all are settled, and their number, which may have grown."""
     height, ceiling, rise, handed = surface

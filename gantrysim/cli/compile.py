@@ -21,26 +21,24 @@ Jobs = Annotated[
 def compile_ahead(jobs: Jobs = None, allow_code: AllowCode = False) -> None:
     """Compile the functions of a run ahead of the first one, which otherwise takes some seconds longer.
 
-    They are kept beside the package's files, in the user's folder of caches where these may not be written, or in the
-    folder that NUMBA_CACHE_DIR names, until a release changes them. What they compute is simulated and dropped. Jobs
+    They are kept in the user's folder of caches, or in the one that NUMBA_CACHE_DIR names, until a release changes
+    them. What they compute is simulated and dropped. Jobs
     with other laws, drives, machines or faults need further functions: name yours to compile those too. So may what
     gantrysim improve changes in a job.
 
     Exit status: 0 if all is compiled, 2 for bad input, or without a folder that can be written.
     """
-    from gantrysim.base.errors import InputError
-    from gantrysim.base.jit import cache_folder, compilations
+    from gantrysim.base.jit import cache_folder, count_compiled
     from gantrysim.job.job import Job
 
-    if cache_folder() is None:
-        raise InputError("no folder for compiled functions can be written: NUMBA_CACHE_DIR must name one that can")
+    cache_folder()
     names = jobs or ["an225"]
-    with compilations() as count:
-        for name in names:
-            loaded = Job.load(name, allow_code=allow_code)
-            with stage(loaded.name):
-                _run_once(loaded)
-    done = count()
+    before = count_compiled()
+    for name in names:
+        loaded = Job.load(name, allow_code=allow_code)
+        with stage(loaded.name):
+            _run_once(loaded)
+    done = count_compiled() - before
     result = f"{done} functions compiled" if done else "nothing to compile"
     say(f"{result}: runs of {', '.join(names)} are ready")
 

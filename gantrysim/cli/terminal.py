@@ -28,7 +28,8 @@ from rich.progress import (
 from rich.table import Column as RichColumn
 from rich.table import Table
 
-from gantrysim.base import progress, signals
+from gantrysim.base import signals
+from gantrysim.base.progress import when_compiling
 
 # exit statuses; an interrupted command has signals.status()
 INPUT_ERROR = 2
@@ -132,13 +133,13 @@ def warn(text: str, kind: str = "") -> None:
 
 @cache
 def tell_compiling() -> None:
-    """Print a line to a terminal when numba begins to compile in this process, which takes seconds, and with what."""
+    """Print a line to a terminal when this process begins to compile, which takes seconds."""
 
-    def tell(subject: str) -> None:
+    def tell(sentence: str) -> None:
         if _messages.is_terminal:
-            warn(progress.COMPILING.format(subject))
+            warn(sentence)
 
-    progress.tell_compiling(tell)
+    when_compiling(tell)
 
 
 @contextmanager

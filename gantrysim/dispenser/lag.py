@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import jit, plain_jit
+from gantrysim.base.jit import jit
 from gantrysim.dispenser.syringe import ATMOSPHERE, exchanged
 
 _MOST_PIECES = 40  # time constants after which a lag has settled
@@ -65,7 +65,7 @@ def lagged_volumes(duration: Floats, request: Floats, lag: Lag, state: Floats) -
     return volume
 
 
-@plain_jit
+@jit
 def _lag(duration: Floats, request: Floats, lag: Lag, state: Floats, volume: Floats) -> None:
     """Write the volumes; arguments as of `lagged_volumes`."""
     y = state[0]

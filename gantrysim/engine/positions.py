@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, read_only
 from gantrysim.base.errors import InputError, TimedError
-from gantrysim.base.jit import plain_jit
+from gantrysim.base.jit import jit
 from gantrysim.machine.kinematics import UnreachableError
 from gantrysim.machine.machine import Machine
 from gantrysim.record.setpoints import Setpoints, Supervision
@@ -145,7 +145,7 @@ def axis_torques(machine: Machine, setpoints: Setpoints) -> Floats | None:
     return torque
 
 
-@plain_jit
+@jit
 def _find_extremes(
     position: Floats, lowest: NDArray[np.intp], highest: NDArray[np.intp], fastest: NDArray[np.intp]
 ) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, read_only, seen
 from gantrysim.base.columns import FileTable, blocks
-from gantrysim.base.jit import plain_jit
+from gantrysim.base.jit import jit
 from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.engine.injection import faulted_flow, stretches
 from gantrysim.faults import InjectedFault
@@ -58,7 +58,7 @@ def measured(
     return {**of_axes, **dict(zip(TIPS, tips, strict=True))}
 
 
-@plain_jit
+@jit
 def _fill(columns: Floats, log: NDArray[np.void], drives: Floats) -> None:
     """Fill in encoder, motor, demand, torque, current and voltage, (6, axes, n).
 
@@ -105,7 +105,7 @@ def _fill(columns: Floats, log: NDArray[np.void], drives: Floats) -> None:
             columns[5, a, k] = volts
 
 
-@plain_jit
+@jit
 def _fill_speeds(speeds: Floats, tip: Floats, period: float) -> None:
     """Fill in the mean speed over the period after each tick, 0 after the last, (n,) [mm/s].
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.base.jit import inner_jit, jit
+from gantrysim.base.jit import jit
 from gantrysim.env.episodes import Episode, Source
 from gantrysim.env.settings import PathSettings
 from gantrysim.machine.axis import Axis
@@ -20,7 +20,7 @@ from gantrysim.machine.perturbation import Perturbation
 from gantrysim.native.row import Log
 from gantrysim.servo.laws.friction import friction_torque
 
-_friction_torque = inner_jit(friction_torque)
+_friction_torque = jit(friction_torque)
 
 
 class Changing(Source):

@@ -14,7 +14,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import inner_jit
+from gantrysim.base.jit import jit
 from gantrysim.native.pointers import floats, logs_at, octets, row_at, typed_pointer
 from gantrysim.native.row import Log
 from gantrysim.native.stages import compiled_stage
@@ -75,7 +75,7 @@ class _Setpoints(NamedTuple):
     progress: Floats
 
 
-@inner_jit
+@jit
 def _distance(a, b):
     x = a[0] - b[0]
     y = a[1] - b[1]
@@ -120,7 +120,7 @@ def measure(userdata: int, span: int) -> None:
     _measuring()(0, userdata, span)
 
 
-@inner_jit
+@jit
 def _measure(row, span):
     """Measure the ticks of a servo's row since `before`, and write values and progress after them."""
     axes = row.axes
@@ -147,7 +147,7 @@ def _measure(row, span):
     values[_SPEED] = speed
 
 
-@inner_jit
+@jit
 def _measure_axes(log, ticks, setpoints, period, peak, row):
     """Measure following errors and torques of the axes; return the nozzle while it dispenses, and its speed.
 
@@ -204,7 +204,7 @@ def _measure_axes(log, ticks, setpoints, period, peak, row):
     return tips[:laid], way / (max(count, 1) * period)
 
 
-@inner_jit
+@jit
 def _measure_path(path, tips, span, row):
     """Measure the contour errors of the nozzle's places while it dispenses.
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import inner_jit, jit
+from gantrysim.base.jit import jit
 from gantrysim.identify.model import AxisModel
 from gantrysim.identify.small import kalman_gain, sampled
 
@@ -256,7 +256,7 @@ def _predict(
     return out
 
 
-@inner_jit
+@jit
 def _slack(stretch: float, rate: float, stiffness: float, damping: float, half: float) -> float:
     """Return what the spring and damper of the linear motion give too much: all within the gap, k half beyond."""
     if abs(stretch) < half:
@@ -264,7 +264,7 @@ def _slack(stretch: float, rate: float, stiffness: float, damping: float, half: 
     return stiffness * half if stretch > 0.0 else -stiffness * half
 
 
-@inner_jit
+@jit
 def _bristles(w: float, coulomb: float, excess: float, stribeck: float, stiffness: float) -> tuple[float, float]:
     """Return the deflection that the bristles approach at a speed w, and the rate of the approach [rad, 1/s]."""
     level = coulomb

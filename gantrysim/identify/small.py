@@ -7,14 +7,14 @@ from __future__ import annotations
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import inner_jit, jit
+from gantrysim.base.jit import jit
 
 _TERMS = 14  # of the exponential's series, for a norm of at most 1/2
 _DOUBLINGS = 60
 _SETTLED = 1e-12
 
 
-@inner_jit
+@jit
 def _product(A: Floats, B: Floats) -> Floats:
     out = np.zeros((A.shape[0], B.shape[1]))
     for i in range(A.shape[0]):
@@ -24,7 +24,7 @@ def _product(A: Floats, B: Floats) -> Floats:
     return out
 
 
-@inner_jit
+@jit
 def _solved(A: Floats, B: Floats) -> Floats:
     """Return A^-1 B by elimination with pivots."""
     n = A.shape[0]

@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 
 from gantrysim.base.arrays import Floats, seen
-from gantrysim.base.jit import plain_jit
+from gantrysim.base.jit import jit
 
 _MM = 1e3  # per m
 
@@ -133,7 +133,7 @@ class Chain:
         return _MM * points
 
 
-@plain_jit
+@jit
 def _fill(points: Floats, positions: Floats, origin: Floats, directions: Floats) -> None:
     """Fill in points = origin + positions . directions: in one pass, faster than a product of such thin matrices."""
     n, joints = positions.shape

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats, dot, lengths, scaled
 from gantrysim.base.columns import Column, blocks, by_blocks, table_by_blocks
-from gantrysim.base.jit import plain_jit
+from gantrysim.base.jit import jit
 from gantrysim.paths.path import Local, Path, Projection
 
 _NEWTON_STEPS = 20
@@ -166,7 +166,7 @@ def one_way(heading: Floats, s: Floats) -> tuple[Floats, tuple[int, int]]:
     return np.abs(turned, out=turned), (low, high + 1)
 
 
-@plain_jit
+@jit
 def _furthest_turned(heading: Floats, s: Floats) -> tuple[int, int]:
     """Return the first and the last index of the stretch that turns furthest one way, twice 0 where nothing turns."""
     n = heading.size

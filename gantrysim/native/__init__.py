@@ -10,6 +10,9 @@ state of the servo, and the addresses of two of NumPy's arrays, the setpoints to
 simulation carries its own servo, and any number of them can be stepped by any number of threads. Whoever fills in a
 row must keep its arrays alive. A row begins with a magic number, by which the callback leaves all other models alone.
 
-`pointers` turns addresses into arrays inside compiled code, `tick` is the callback, `supervision` a part of it, and
-`hook` registers it only while gantrysim steps.
+`pointers` turns addresses into arrays inside compiled code, `tick` is the callback, `supervision` a part of it. `parts`
+compiles functions of laws and faults. `hook` registers the callback only while gantrysim steps.
 """
+
+# before numba, which the modules of this room import: the first import of it is checked there
+import gantrysim.base.jit

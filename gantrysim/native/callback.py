@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from gantrysim.base.fingerprint import fingerprint
-from gantrysim.native.compiling import c_function
+from gantrysim.base.jit import c_function, source_hash
 from gantrysim.native.layout import offsets
 from gantrysim.native.pointers import row_at
 from gantrysim.native.row import ROW_NUMBERS
@@ -20,8 +19,8 @@ from gantrysim.native.tick import command, output, sample, step
 
 @cache
 def magic() -> int:
-    """Return a number of the tick's code and layout, by which the callback knows a servo's row."""
-    return int(fingerprint(step)[:15], 16)
+    """Return a number of the package's text, the row's layout included, by which the callback knows a servo's row."""
+    return int(source_hash()[:15], 16)
 
 
 @cache
@@ -36,7 +35,7 @@ def callback() -> Any:
     def tick(model, data):
         step(model, data, nuserdata_at, userdata_at, row_size, key)
 
-    return c_function(tick, types.void, types.int64, types.int64).ctypes
+    return c_function(tick, types.void(types.int64, types.int64)).ctypes
 
 
 @cache
@@ -46,7 +45,7 @@ def clock() -> Any:
     def always_zero():
         return 0.0
 
-    return c_function(always_zero, types.float64).ctypes
+    return c_function(always_zero, types.float64()).ctypes
 
 
 @cache
@@ -56,7 +55,7 @@ def parts() -> tuple[Any, Any, Any]:
     The first returns whether a tick begins with this physics step, the second takes the law's torques, and the third
     sets the controls of every step.
     """
-    key = magic()
+    key = np.int64(magic())
 
     def before_law(data, userdata):
         return row_at(userdata).magic == key and sample(data, userdata)
@@ -69,9 +68,9 @@ def parts() -> tuple[Any, Any, Any]:
         if row_at(userdata).magic == key:
             output(data, userdata)
 
-    integers = (types.int64, types.int64)
+    ends = types.void(types.int64, types.int64)
     return (
-        c_function(before_law, types.boolean, *integers).ctypes,
-        c_function(after_law, types.void, *integers).ctypes,
-        c_function(every_step, types.void, *integers).ctypes,
+        c_function(before_law, types.boolean(types.int64, types.int64)).ctypes,
+        c_function(after_law, ends).ctypes,
+        c_function(every_step, ends).ctypes,
     )

@@ -8,10 +8,10 @@ from functools import cache
 
 import numpy as np
 
-from gantrysim.base.jit import inner_jit
-from gantrysim.native.compiling import part
+from gantrysim.base.jit import jit
 from gantrysim.native.drives import follow_demand
 from gantrysim.native.encoders import read
+from gantrysim.native.parts import part
 from gantrysim.native.pointers import axis_log, drives_at, gains_of, leading, row_at, vector
 from gantrysim.native.row import POINTS, POSITION, VELOCITY
 from gantrysim.native.stages import compiled_stage, run_stages
@@ -44,7 +44,7 @@ def loop_stage() -> int:
     return compiled_stage(stage)
 
 
-@inner_jit
+@jit
 def closed_loop(data, row, userdata, axis, drive):
     """Return the torque demand of a drive that closes a loop itself, sampled in steps of its own period.
 
@@ -112,7 +112,7 @@ def closed_loop(data, row, userdata, axis, drive):
     return drive.torque
 
 
-@inner_jit
+@jit
 def _left_by_reactance(drive, speed, side):
     """Return the largest torque to one side that bus, resistance and reactance leave at a speed, in the torque's axis.
 

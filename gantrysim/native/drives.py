@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from gantrysim.base.jit import inner_jit
+from gantrysim.base.jit import jit
 from gantrysim.native.pointers import drives_at, row_at, vector
 from gantrysim.native.row import TORQUE
 from gantrysim.native.stages import compiled_stage
@@ -46,7 +46,7 @@ def transmission_stage() -> int:
     return compiled_stage(stage)
 
 
-@inner_jit
+@jit
 def follow_demand(data, row, axis, drive, torque_demand):
     """Set the control of one physics step so that the torque follows a demand: current follows it as a first-order lag.
 
@@ -63,7 +63,7 @@ def follow_demand(data, row, axis, drive, torque_demand):
         ctrl[row.control[axis]] = torque + drive.lead * (demand - torque)
 
 
-@inner_jit
+@jit
 def lose(data, row, drive):
     """Apply the friction of a transmission of efficiency e that carries the force F: (1/e - 1) |F| against the motion.
 

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from gantrysim.base.jit import inner_jit
+from gantrysim.base.jit import jit
 from gantrysim.native.pointers import drives_at, row_at, vector
 from gantrysim.native.stages import compiled_stage
 from gantrysim.native.stepping_field import field_at, stepped
@@ -50,7 +50,7 @@ def delay_stage() -> int:
     return compiled_stage(stage)
 
 
-@inner_jit
+@jit
 def read(data, row, axis, drive, sample):
     """Return the position that the encoder of an axis reads at a numbered sample before it is counted.
 
@@ -68,7 +68,7 @@ def read(data, row, axis, drive, sample):
     return seen
 
 
-@inner_jit
+@jit
 def _delayed(row, drive, measured):
     """Return what the encoder reported some ticks ago, at the start what it reported first."""
     slots = drive.delay + 1
@@ -78,7 +78,7 @@ def _delayed(row, drive, measured):
     return drive.history[(row.tick + 1) % slots]
 
 
-@inner_jit
+@jit
 def normal(seed, tick):
     """Return a number of the standard normal distribution, by Box and Muller, that depends on seed and tick alone."""
     first = _mixed(seed + np.uint64(2 * tick) * _STEP)
@@ -87,7 +87,7 @@ def normal(seed, tick):
     return radius * np.cos(2.0 * np.pi * np.float64(second >> np.uint64(11)) * _UNIT)
 
 
-@inner_jit
+@jit
 def _mixed(number):
     """Return 64 bits that look random (the finaliser of SplitMix64, Steele, Lea and Flood 2014)."""
     number = (number ^ (number >> np.uint64(30))) * _FIRST

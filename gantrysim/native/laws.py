@@ -9,8 +9,8 @@ from typing import Any
 
 import numba
 
-from gantrysim.base.jit import inner_jit
-from gantrysim.native.compiling import part
+from gantrysim.base.jit import jit
+from gantrysim.native.parts import part, with_parts
 from gantrysim.native.pointers import floats, gains_of, laws_at, leading, row_at, tick_log
 from gantrysim.native.stages import compiled_stage
 from gantrysim.servo import notch
@@ -20,7 +20,7 @@ _filtered = part(notch.filtered)
 _COEFFICIENTS = len(notch.Coefficients._fields)
 
 
-@inner_jit
+@jit
 def take(row, axis, torque, integral):
     """Take the torque of a base law and its integral after this tick, the torque through the axis' notch."""
     row.torque[axis], row.notch_first[axis], row.notch_second[axis] = _filtered(
@@ -32,27 +32,35 @@ def take(row, axis, torque, integral):
 @cache
 def base_stage(law: BaseLaw) -> int:
     """Return the address of a base law as a stage."""
-    tick = part(law.tick)
+    return compiled_stage(with_parts(_tick_all_axes, tick=law.tick))
 
-    def stage(data, userdata, argument):
-        row = row_at(userdata)
-        for axis in range(row.axes):
-            torque, integral = tick(row, axis, gains_of(row, axis))
-            take(row, axis, torque, integral)
 
-    return compiled_stage(stage)
+def tick(row, axis, gains):
+    """Stand for the function of a base law."""
+    raise NotImplementedError
+
+
+def _tick_all_axes(data, userdata, argument):
+    row = row_at(userdata)
+    for axis in range(row.axes):
+        torque, integral = tick(row, axis, gains_of(row, axis))
+        take(row, axis, torque, integral)
 
 
 @cache
-def law_stage(tick: Any) -> int:
+def law_stage(function: Any) -> int:
     """Return the address of a law's function of row and laws as a stage; its argument is the address of the laws."""
-    act = part(tick)
+    return compiled_stage(with_parts(_act_on_laws, act=function))
 
-    def stage(data, userdata, argument):
-        row = row_at(userdata)
-        act(row, laws_at(argument, row.axes))
 
-    return compiled_stage(stage)
+def act(row, laws):
+    """Stand for the function of a law."""
+    raise NotImplementedError
+
+
+def _act_on_laws(data, userdata, argument):
+    row = row_at(userdata)
+    act(row, laws_at(argument, row.axes))
 
 
 @cache

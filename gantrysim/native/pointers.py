@@ -12,11 +12,10 @@ from typing import Any
 
 import numba
 from llvmlite import ir
-from numba import types
-from numba.core.errors import RequireLiteralValue
+from numba import RequireLiteralValue, types
 from numba.extending import intrinsic
 
-from gantrysim.base.jit import inner_jit
+from gantrysim.base.jit import jit
 from gantrysim.native.row import DRIVE, FAULT, LAW, LOG_AXIS, LOG_TICK, ROW, STAGE
 from gantrysim.servo.gains import GAIN_NAMES, Gains
 
@@ -126,25 +125,25 @@ def typed_pointer(target: types.Type) -> Any:
     return types.CPointer(target)(types.int64), codegen
 
 
-@inner_jit
+@jit
 def field(struct, offset):
     """Return the 64-bit integer at an offset of a struct."""
     return numba.carray(integers(struct + offset), (1,))[0]
 
 
-@inner_jit
+@jit
 def vector(struct, offset):
     """Return the doubles to which the pointer at an offset of a struct points, however many they are."""
     return numba.carray(floats(field(struct, offset)), (_MANY,))
 
 
-@inner_jit
+@jit
 def row_at(address):
     """Return the row at an address, a view."""
     return numba.carray(_rows(address), (1,))[0]
 
 
-@inner_jit
+@jit
 def logs_at(address, axis_address, ticks, axes):
     """Return the log at two addresses, views: of the machine, (ticks,), and of the axes, (ticks, axes)."""
     return (
@@ -153,43 +152,43 @@ def logs_at(address, axis_address, ticks, axes):
     )
 
 
-@inner_jit
+@jit
 def tick_log(row, tick):
     """Return a tick's entry in the log of the machine, a view."""
     return numba.carray(_tick_entries(row.log + _TICK_SIZE * tick), (1,))[0]
 
 
-@inner_jit
+@jit
 def axis_log(row, tick):
     """Return a tick's entries in the log of the axes, a view, (axes,)."""
     return numba.carray(_axis_entries(row.axis_log + _AXIS_SIZE * row.axes * tick), (row.axes,))
 
 
-@inner_jit
+@jit
 def stages_of(row):
     """Return the stages of the tick, a view."""
     return numba.carray(_stage_entries(row.stages), (row.stage_until[-1],))
 
 
-@inner_jit
+@jit
 def fault_at(address):
     """Return the deliberate fault at an address, a view."""
     return numba.carray(_fault_entries(address), (1,))[0]
 
 
-@inner_jit
+@jit
 def drives_at(address, axes):
     """Return the drives at an address, a view, (axes,)."""
     return numba.carray(_drive_entries(address), (axes,))
 
 
-@inner_jit
+@jit
 def laws_at(address, axes):
     """Return the laws at an address, a view, (axes,)."""
     return numba.carray(_law_entries(address), (axes,))
 
 
-@inner_jit
+@jit
 def gains_of(row, axis):
     """Return the gains of an axis, a copy."""
     return Gains(*leading(row.gains[axis], _GAINS))

@@ -15,8 +15,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from gantrysim.base.jit import inner_jit
-from gantrysim.native.compiling import c_function
+from gantrysim.base.jit import c_function, jit
 from gantrysim.native.pointers import call, stages_of
 from gantrysim.native.row import POINTS, STAGE
 
@@ -37,7 +36,7 @@ class Stage(NamedTuple):
 
 def compiled_stage(function: Any) -> int:
     """Return the address of a stage, a function of addresses: mjData, userdata, argument."""
-    return int(c_function(function, types.void, types.int64, types.int64, types.int64).address)
+    return int(c_function(function, types.void(types.int64, types.int64, types.int64)).address)
 
 
 def arm(row: Any, stages: list[Stage]) -> NDArray[np.void]:
@@ -54,14 +53,14 @@ def arm(row: Any, stages: list[Stage]) -> NDArray[np.void]:
     return table
 
 
-@inner_jit
+@jit
 def has_stages(row, point):
     """Return whether there are stages at a point of the tick, given by its number."""
     begin = row.stage_until[point - 1] if point > 0 else 0
     return row.stage_until[point] > begin
 
 
-@inner_jit
+@jit
 def run_stages(data, row, userdata, point):
     """Run the stages of a point of the tick, given by its number."""
     begin = row.stage_until[point - 1] if point > 0 else 0

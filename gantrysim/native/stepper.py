@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from gantrysim.base.jit import inner_jit
+from gantrysim.base.jit import jit
 from gantrysim.native.pointers import axis_log, drives_at, row_at, vector
 from gantrysim.native.row import STEPPER
 from gantrysim.native.stages import compiled_stage
@@ -29,7 +29,7 @@ def stepper_stage() -> int:
     return compiled_stage(stage)
 
 
-@inner_jit
+@jit
 def turn_field(data, row, axis, drive):
     """Give a stepper in open loop its torque of this physics step, and drive its phases to the field's next angle.
 
@@ -65,7 +65,7 @@ def turn_field(data, row, axis, drive):
         entry.demand = drive.volts
 
 
-@inner_jit
+@jit
 def _step_circuit(row, drive, theta, turn, back, amplitude):
     """Step the phase currents from half a physics step before now to half a step after it.
 

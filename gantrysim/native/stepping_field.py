@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from gantrysim.base.jit import inner_jit
+from gantrysim.base.jit import jit
 
 
-@inner_jit
+@jit
 def turn_target(row, axis, drive):
     """Take the setpoint that is due at this physics step as the target."""
     if row.phase == row.delay % row.substeps:
@@ -21,7 +21,7 @@ def turn_target(row, axis, drive):
             drive.next = row.commanded[axis]
 
 
-@inner_jit
+@jit
 def field_at(row, drive, share):
     """Return where the field is at a share of a physics step, on its way from the last setpoint to this one [u]."""
     begun = (row.phase - row.delay) % row.substeps + share
@@ -30,13 +30,13 @@ def field_at(row, drive, share):
     return drive.start + (drive.target - drive.start) * begun / row.substeps
 
 
-@inner_jit
+@jit
 def stepped(field, drive):
     """Return a field in microsteps."""
     return drive.microstep * np.floor(field / drive.microstep + 0.5)
 
 
-@inner_jit
+@jit
 def mean_stepped(low, high, drive):
     """Return the mean of a field in microsteps while it goes from one place to another.
 

@@ -9,7 +9,7 @@ from functools import cache
 import numba
 import numpy as np
 
-from gantrysim.base.jit import inner_jit
+from gantrysim.base.jit import jit
 from gantrysim.native.pointers import floats, integers, row_at, tick_log
 from gantrysim.native.row import (
     OSCILLATION,
@@ -22,7 +22,7 @@ from gantrysim.native.row import (
 from gantrysim.native.stages import compiled_stage
 
 
-@inner_jit
+@jit
 def trip(row, fault, axis, value, limit):
     """Record a fault, unless there is one already."""
     if row.fault == 0:
@@ -33,7 +33,7 @@ def trip(row, fault, axis, value, limit):
         row.fault_limit = limit
 
 
-@inner_jit
+@jit
 def watch_oscillation(row, axis, side):
     """Trip where the demand of an axis, clamped on a side, swings from one limit to the other."""
     since = (row.tick - row.clamp_tick[axis]) * row.period
@@ -69,7 +69,7 @@ def gate_stage() -> int:
     return compiled_stage(stage)
 
 
-@inner_jit
+@jit
 def _watch_position_error(row):
     """Trip where the linear axes are too far from the command that was sent `position_error_delay` ticks ago."""
     n = row.axes
@@ -91,7 +91,7 @@ def _watch_position_error(row):
         trip(row, POSITION_ERROR if moving else POSITION_ERROR_AT_REST, worst, distance, row.position_error)
 
 
-@inner_jit
+@jit
 def _waits(row):
     """Return whether the stream waits at the setpoint of this tick for the axes to settle."""
     if row.gate >= row.gate_count or numba.carray(integers(row.gates + 8 * row.gate), (1,))[0] != row.index:

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from gantrysim.base.jit import inner_jit
-from gantrysim.native.compiling import part
+from gantrysim.base.jit import jit
 from gantrysim.native.laws import take
 from gantrysim.native.layout import WARNING_NUMBER, WARNING_SIZE
+from gantrysim.native.parts import part
 from gantrysim.native.pointers import axis_log, call, field, floats, gains_of, row_at, tick_log, vector, whole
 from gantrysim.native.row import (
     DIVERGED,
@@ -38,7 +38,7 @@ ERROR, LAW, FEEDFORWARD, DISTURBANCE, DEMAND, DRIVE, VOLTAGE = map(np.int64, ran
 _pid = part(PID.tick)
 
 
-@inner_jit
+@jit
 def _warned(address):
     """Return whether MuJoCo has warned of anything."""
     statistics = numba.carray(whole(address), (2 * WARNINGS,))
@@ -49,7 +49,7 @@ def _warned(address):
     return False
 
 
-@inner_jit
+@jit
 def _furthest(row):
     """Return the axis with the largest following error, or the first whose error is not finite."""
     worst = 0
@@ -61,7 +61,7 @@ def _furthest(row):
     return worst
 
 
-@inner_jit
+@jit
 def sample(data, userdata):
     """Measure all axes if a servo tick begins with this step; return whether it does."""
     row = row_at(userdata)
@@ -79,7 +79,7 @@ def sample(data, userdata):
     return True
 
 
-@inner_jit
+@jit
 def _read_encoders(data, row, userdata):
     """Take the setpoint of this tick, and read the encoders."""
     n = row.axes
@@ -102,7 +102,7 @@ def _read_encoders(data, row, userdata):
     run_stages(data, row, userdata, REPORT)
 
 
-@inner_jit
+@jit
 def _take_errors(data, row):
     """Set the following errors and their changes, and log what was measured."""
     axis = axis_log(row, row.tick)
@@ -128,7 +128,7 @@ def _take_errors(data, row):
         axis[a].motor_speed = velocity[row.output[a]]
 
 
-@inner_jit
+@jit
 def _check_limits(data, row):
     """Trip where an axis is beyond a limit, or its state is no number or one that MuJoCo has warned of."""
     length = vector(data, row.actuator_length_at)
@@ -153,7 +153,7 @@ def _check_limits(data, row):
         trip(row, DIVERGED, worst, row.error[worst], np.inf)
 
 
-@inner_jit
+@jit
 def _log_nozzle(data, row):
     """Log the nozzle's position in the work frame [mm]."""
     nozzle = tick_log(row, row.tick).nozzle
@@ -170,7 +170,7 @@ def _log_nozzle(data, row):
         nozzle[i] = 1e3 * (frame[f + i] * x + frame[f + 3 + i] * y + frame[f + 6 + i] * z)
 
 
-@inner_jit
+@jit
 def _apply_law(data, row, userdata):
     """Set the torque demands of all axes, before they are clamped."""
     n = row.axes
@@ -199,7 +199,7 @@ def _apply_law(data, row, userdata):
     run_stages(data, row, userdata, DEMAND)
 
 
-@inner_jit
+@jit
 def command(data, userdata):
     """Clamp, schedule and log the torques of the law."""
     row = row_at(userdata)
@@ -225,7 +225,7 @@ def command(data, userdata):
     row.tick += 1
 
 
-@inner_jit
+@jit
 def _watch_stops(data, row):
     """Note where a joint is at a stop that the model lacks: from this step on the motion is wrong."""
     position = vector(data, row.qpos_at)
@@ -235,7 +235,7 @@ def _watch_stops(data, row):
             row.stops = MISSED
 
 
-@inner_jit
+@jit
 def output(data, userdata):
     """Set the controls, with torque demands that are due at this step."""
     row = row_at(userdata)
@@ -262,7 +262,7 @@ def output(data, userdata):
         call(row.observer, data, userdata, row.observer_argument)
 
 
-@inner_jit
+@jit
 def step(model, data, nuserdata_at, userdata_at, row_size, key):
     """Do what the servo has to do before a physics step; nothing to data that bear no servo's row.
 

@@ -10,8 +10,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba import types
-from numba.core.errors import NumbaError
+from numba import NumbaError, types
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats, dot, lengths, seen
 from gantrysim.base.errors import InputError
-from gantrysim.base.jit import plain_jit
+from gantrysim.base.jit import jit
 from gantrysim.paths.lengths import find_swept
 from gantrysim.paths.path import Local, Path, tangent_of
 from gantrysim.paths.pieces import (
@@ -240,7 +240,7 @@ def _normals(u: Floats, v: Floats) -> Floats:
     return np.stack([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]], axis=1)
 
 
-@plain_jit
+@jit
 def _find_places(
     k: NDArray[np.intp],
     distance: Floats,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import plain_inner_jit, plain_jit
+from gantrysim.base.jit import jit
 
 _NEWTON_STEPS = 60
 _LAST_STEP = 1e-8  # relative; the remaining error is of the order of its square
@@ -39,21 +39,21 @@ def _together(*values: ArrayLike) -> tuple[list[Floats], tuple[int, ...]]:
     return [np.ascontiguousarray(array).ravel() for array in arrays], arrays[0].shape
 
 
-@plain_inner_jit
+@jit
 def _length(r, b, c, angle):
     if _is_even(r, b, c, angle):
         return _quadrature(r, b, c, angle)
     return (_antiderivative(r + b * angle, c) - _antiderivative(r, c)) / b
 
 
-@plain_inner_jit
+@jit
 def _is_even(r, b, c, angle):
     """Whether the radius changes so little up to an angle that `_quadrature` is exact."""
     middle = r + 0.5 * b * angle
     return abs(b * angle) <= _EVEN * np.sqrt(middle * middle + c * c)
 
 
-@plain_inner_jit
+@jit
 def _quadrature(r, b, c, angle):
     middle = r + 0.5 * b * angle
     square = c * c
@@ -64,19 +64,19 @@ def _quadrature(r, b, c, angle):
     return 0.5 * angle * total
 
 
-@plain_inner_jit
+@jit
 def _antiderivative(rho, c):
     return _antiderivative_at(rho, c, np.hypot(rho, c))
 
 
-@plain_inner_jit
+@jit
 def _antiderivative_at(rho, c, rate):
     """Return F(rho), given the rate hypot(rho, c)."""
     square = c * c
     return 0.5 * (rho * rate + square * (np.arcsinh(rho / abs(c)) if square > 0 else 0.0))
 
 
-@plain_jit
+@jit
 def _find_lengths(r, b, c, angle, lengths):
     for k in range(r.size):
         lengths[k] = _length(r[k], b[k], c[k], angle[k])
@@ -89,14 +89,14 @@ def swept_along(r, b, c, s, most):
     return angles
 
 
-@plain_inner_jit
+@jit
 def _guess(rate, b, s, most):
     """Angle at an arc length with the rate ds / d(phi) at the start, exact where b or c is 0."""
     guess = 2 * s / max(rate + np.sqrt(max(rate * rate + 2 * b * s, 0.0)), 1e-300)
     return min(max(guess, 0.0), most)
 
 
-@plain_jit
+@jit
 def find_swept(curve, s, angles, active):
     """Write the angles at which the arc lengths of a curve are s, (n,), by Newton's method to 1e-14 [rad].
 

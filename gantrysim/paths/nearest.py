@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import plain_inner_jit, plain_jit
+from gantrysim.base.jit import jit
 
 _FADING = 0.5  # of the lag, per millimetre of progress
 _LEAST = 1e-6  # radius within which the path stays [mm]
@@ -48,7 +48,7 @@ class Table(NamedTuple):
     widest: float
 
 
-@plain_inner_jit
+@jit
 def to_chord(points, i, x, y, z, between=(0.0, 1.0)):
     """Return the squared distance of a point from the chord of entry i to the next, and the share of its foot.
 
@@ -75,7 +75,7 @@ def to_chord(points, i, x, y, z, between=(0.0, 1.0)):
     return a * a + b * b + c * c, share
 
 
-@plain_inner_jit
+@jit
 def chord_at(s, place):
     """Return the index of the chord at an arc length, the later of two that meet there."""
     low = 0
@@ -89,19 +89,19 @@ def chord_at(s, place):
     return low
 
 
-@plain_inner_jit
+@jit
 def remembered(lag, distance, advance):
     """Return the lag l at a tick, from that at the tick before, the followers' distance, and the progress between."""
     return max(distance, lag - _FADING * advance)
 
 
-@plain_inner_jit
+@jit
 def _share_at(s, i, place):
     """Return the share of the chord of entry i at an arc length, from 0 to 1."""
     return min(max((place - s[i]) / (s[i + 1] - s[i]), 0.0), 1.0)
 
 
-@plain_inner_jit
+@jit
 def _left_at(table, i, step, centre, radius):
     """Return the arc length at which the path, from entry i on, forwards or backwards, leaves a ball or ends."""
     s, points, _, widest = table
@@ -128,7 +128,7 @@ def _left_at(table, i, step, centre, radius):
     return s[i] + min(max(share, 0.0), 1.0) * (s[i - step] - s[i])
 
 
-@plain_inner_jit
+@jit
 def stretch(table, place, distance, lag):
     """Return begin and end of the stretch of a tick about a place of the path, from d and l."""
     s, points, _, _ = table
@@ -141,7 +141,7 @@ def stretch(table, place, distance, lag):
     return begin, _left_at(table, i + 1, 1, (x, y, z), distance + _LEAST)
 
 
-@plain_inner_jit
+@jit
 def nearest_chord(table, x, y, z, place, between):
     """Return the chord nearest to a point within a stretch, the nearer of two to a place on it, and its foot.
 
@@ -174,7 +174,7 @@ def nearest_chord(table, x, y, z, place, between):
     return best, foot
 
 
-@plain_jit
+@jit
 def find_stretches(table, progress, distance, lag, stretches):
     """Write begin and end of the stretch of every tick.
 
@@ -196,7 +196,7 @@ def find_stretches(table, progress, distance, lag, stretches):
         stretches[1, k] = end
 
 
-@plain_jit
+@jit
 def find_starts(table, trace, places):
     """Write places of the path near which the nearest point of the whole path may lie, for the search to begin at.
 
@@ -216,7 +216,7 @@ def find_starts(table, trace, places):
                 places[k] = s[i]
 
 
-@plain_jit
+@jit
 def find_feet(table, trace, places, stretches, parts):
     """Write a smooth part of the path on which the foot of every point lies, and a guess of the foot.
 
@@ -239,7 +239,7 @@ def find_feet(table, trace, places, stretches, parts):
         parts[1, k] = min(s[i + 1] if i + 1 == last or is_corner[i + 1] else s[i + 2], end)
 
 
-@plain_jit
+@jit
 def find_progress_on_path(table, trace, progress):
     """Write the progress of a command that lies on the path, in the order of the motion, and return how many have one.
 
@@ -272,7 +272,7 @@ def find_progress_on_path(table, trace, progress):
     return len(trace)
 
 
-@plain_jit
+@jit
 def find_assignment(points, trace, between, cost, is_ahead, entries):
     """Write the chords of a path that stand for a trace: never falling, with the least sum of squared distances.
 

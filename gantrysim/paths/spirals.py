@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats, LastCall
 from gantrysim.base.errors import InputError, finite, point, positive
-from gantrysim.base.jit import plain_jit
+from gantrysim.base.jit import jit
 from gantrysim.paths.lengths import arc_length, swept_along
 from gantrysim.paths.path import Path
 
@@ -161,7 +161,7 @@ class Involute(Path):
         return self._rise / np.maximum(np.hypot(rho, self._rise), 1e-9)
 
 
-@plain_jit
+@jit
 def _find_points(phi: Floats, numbers: _Numbers, points: Floats) -> None:
     """Write the points of an involute at the angles phi, (n, 3) [mm]."""
     radius = numbers.radius

@@ -10,7 +10,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import Column, blocks, table_by_blocks
-from gantrysim.base.jit import plain_jit
+from gantrysim.base.jit import jit
 from gantrysim.base.quantity import number_text
 from gantrysim.bead.trace import BeadTrace
 from gantrysim.metrics.analysis import Analysis
@@ -123,7 +123,7 @@ class Telemetry:
         return f"{number_text(self.rms[tick], form)} / {number_text(self.max[tick], form)} {CONTOUR.unit}"
 
 
-@plain_jit
+@jit
 def _write_running_rms(values: Floats, state: Floats, rms: Floats) -> None:
     """Write the root mean square of the finite values up to each, nan before the first, (n,).
 

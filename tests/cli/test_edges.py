@@ -86,19 +86,6 @@ def test_a_users_matplotlibrc_does_not_change_the_plots():
         assert np.array_equal(drawn(), plain)
 
 
-def test_code_is_compiled_where_no_folder_can_be_written(monkeypatch):
-    from numba.core import caching
-
-    from gantrysim.base.jit import jit
-
-    monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
-
-    def double(x):
-        return 2 * x
-
-    assert jit(double)(21) == 42
-
-
 @pytest.mark.parametrize("columns", [20, 60, 400])
 def test_no_number_of_a_study_is_cut_in_a_narrow_terminal(monkeypatch, capsys, columns):
     heads = [f"quantity {k} of many" for k in range(12)]

@@ -10,7 +10,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.base.jit import plain_jit
+from gantrysim.base.jit import jit
 from gantrysim.controllers.trio.basic.axis import Axis
 from gantrysim.controllers.trio.basic.buffers import Buffers
 from gantrysim.controllers.trio.basic.corners import distance_to_stop, joint_speed, speed_along
@@ -236,7 +236,7 @@ class Motion(Buffers):
         move.displaced = displaced
 
 
-@plain_jit
+@jit
 def _add_steps(column: Floats, before: float, place: float) -> tuple[float, float, float]:
     """Write an axis' positions over its displacements, each by the step to it, as `Motion.step` adds them.
 

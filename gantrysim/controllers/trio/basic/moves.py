@@ -10,7 +10,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.base.jit import plain_jit
+from gantrysim.base.jit import jit
 from gantrysim.controllers.trio.basic.corner_rules import FULL_SPEED, CornerRules, MoveSpeeds
 
 IDLE = 0
@@ -160,7 +160,7 @@ class Arc(Shape):
         return places
 
 
-@plain_jit
+@jit
 def _find_turned(s: Floats, arc: tuple[float, float, float, float, float, float], places: Floats) -> None:
     """Write the first two displacements along an arc, (axes, n) [units].
 

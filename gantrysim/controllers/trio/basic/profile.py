@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.jit import inner_jit, jit, plain_jit
+from gantrysim.base.jit import jit
 
 _TINY = 1e-12
 
@@ -69,7 +69,7 @@ class Speed:
         return covered[:count], Speed(value, braking)
 
 
-@inner_jit
+@jit
 def _towards(value: float, target: float, up: float, down: float, remaining: float) -> tuple[float, float, float]:
     """Return speed, acceleration, and time until the speed is `target`."""
     if value < target and math.isinf(up):
@@ -83,7 +83,7 @@ def _towards(value: float, target: float, up: float, down: float, remaining: flo
     return value, 0.0, math.inf
 
 
-@inner_jit
+@jit
 def _until_braking(value: float, rate: float, down: float, remaining: float) -> float:
     """Positive root t of a t^2 + b t = c, where (v + rate t)^2 = 2 down (remaining - v t - rate t^2 / 2)."""
     if math.isinf(remaining):
@@ -97,7 +97,7 @@ def _until_braking(value: float, rate: float, down: float, remaining: float) -> 
     return 2 * c / root if root > 0 else math.inf
 
 
-@inner_jit
+@jit
 def _until(stretch: float, value: float, rate: float) -> float:
     """First root t of v t + rate t^2 / 2 = stretch, inf for none."""
     square = value**2 + 2 * rate * stretch
@@ -152,7 +152,7 @@ def _advance(
     return covered, value, braking, time_left
 
 
-@plain_jit
+@jit
 def _glide(
     value: float, braking: bool, s: float, lengths: Floats, rates: Rates, covered: Floats
 ) -> tuple[int, float, bool]:
