@@ -42,9 +42,13 @@ class FastestProgram:
 
     def __str__(self) -> str:
         is_clean = self.grade == Grade.CLEAN
-        kept = self.search.fastest
-        bound = f"not at {self.search.above:.4g} mm/s" if self.search.above else f"the search ended at {kept:.4g} mm/s"
-        if kept is not None and kept > self.speed:
+        end_of_search = self.search.fastest
+        bound = (
+            f"not at {self.search.above:.4g} mm/s"
+            if self.search.above
+            else f"the search ended at {end_of_search:.4g} mm/s"
+        )
+        if end_of_search is not None and end_of_search > self.speed:
             bound = f"a faster one takes as long; {bound}"
         other = "no speed tried is without a warning"
         if self.other.fastest is not None:
