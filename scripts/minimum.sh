@@ -18,7 +18,5 @@ tests=(  # each package is used by some of these
 PATH="$PWD/.venv-minimum/bin:$PATH"
 export PIP_CONSTRAINT=constraints-minimum.txt PIP_DISABLE_PIP_VERSION_CHECK=1
 python -m pip install --quiet ".[$extras]" imageio pytest hypothesis
-# beside the checkout's own, which another version of numba has compiled
-export NUMBA_CACHE_DIR="$PWD/.venv-minimum/numba"
 # old packages use what is deprecated in the newest of those that they bring along
 python -m pytest -q -p no:cacheprovider -W default::DeprecationWarning "${@:-${tests[@]}}"

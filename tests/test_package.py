@@ -3,13 +3,11 @@
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tarfile
 import tomllib
 import zipfile
-from contextlib import suppress
 from importlib.metadata import Distribution
 from pathlib import Path
 
@@ -72,16 +70,10 @@ def test_the_sdist_holds_sources_tests_and_scripts(archives):
 
 
 def installed(archive, folder):
-    """Install an archive with pip into a folder, without the network; give it the compiled code of equal sources."""
+    """Install an archive with pip into a folder, without the network."""
     command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-index", "--no-deps", "--no-build-isolation"]
     environment = os.environ | {"PIP_DISABLE_PIP_VERSION_CHECK": "1", "PYTHONPATH": ""}
     subprocess.run([*command, "--no-compile", "--target", folder, archive], check=True, env=environment)
-    for source in (ROOT / "gantrysim").rglob("*.py"):
-        target = folder / source.relative_to(ROOT)
-        for compiled in source.parent.glob(f"__pycache__/{source.stem}.*.nb[ic]"):
-            target.parent.joinpath("__pycache__").mkdir(exist_ok=True)
-            with suppress(FileNotFoundError):  # written by another test under a passing name
-                shutil.copy2(compiled, target.parent / "__pycache__" / compiled.name)
     return folder
 
 

@@ -64,6 +64,7 @@ _VERSIONS = 8
 # age at which a process' copy of the cache is taken for that of a killed process [s]
 _ABANDONED = 86400.0
 _MANIFEST = "checksums"
+_PACKAGE = Path(__file__).parents[1]
 
 _compiled: list[Any] = []
 _c_functions = 0
@@ -118,7 +119,7 @@ def cache_folder() -> Path:
     root = _root()
     if not root.is_absolute():
         raise InputError(f"folder of compiled functions {root}: must be an absolute path")
-    folder = Path(os.path.realpath(root), source_hash()[:16])
+    folder = Path(os.path.realpath(root), _version())
     home = Path(os.path.realpath(_home()))
     try:
         here = Path.cwd()
@@ -138,17 +139,22 @@ def cache_folder() -> Path:
 
 @cache
 def source_hash() -> str:
-    """Return a hash of the package's text, and of the version, the settings and the processor of numba."""
+    """Return a hash of the package's text, as far as functions are compiled of it."""
     digest = hashlib.sha256()
-    settings = sorted((name, value) for name, value in os.environ.items() if name.startswith("NUMBA_"))
-    digest.update(repr((numba.__version__, platform.machine(), settings)).encode())
-    package = Path(__file__).parents[1]
-    for folder, rooms, files in os.walk(package):
-        rooms[:] = sorted(room for room in rooms if Path(folder) != package or room not in UNCOMPILED)
+    for folder, rooms, files in os.walk(_PACKAGE):
+        rooms[:] = sorted(room for room in rooms if Path(folder) != _PACKAGE or room not in UNCOMPILED)
         for file in sorted(file for file in files if file.endswith(".py")):
             digest.update(file.encode())
             digest.update(Path(folder, file).read_bytes())
     return digest.hexdigest()
+
+
+def _version() -> str:
+    """Return a hash of all that decides what is compiled, and where numba keeps it."""
+    # numba's own keys tell processors of one kind apart
+    settings = sorted((name, value) for name, value in os.environ.items() if name.startswith("NUMBA_"))
+    deciding = (source_hash(), str(_PACKAGE), numba.__version__, platform.machine(), settings)
+    return hashlib.sha256(repr(deciding).encode()).hexdigest()[:16]
 
 
 def _root() -> Path:

@@ -87,7 +87,7 @@ def _copied_if_there(source, target):
 )
 def test_a_command_is_added_by_one_function_in_one_file(tmp_path, dialect, file, function):
     package = tmp_path / "gantrysim"
-    shutil.copytree(PACKAGE, package, copy_function=_copied_if_there)  # with the compiled code of the package
+    shutil.copytree(PACKAGE, package, copy_function=_copied_if_there)
     module = package / file
     module.write_text(module.read_text(encoding="utf-8") + function, encoding="utf-8")
     environment = os.environ | {"PYTHONPATH": str(tmp_path)}

@@ -31,7 +31,7 @@ class Cluster:
 
     def __init__(self, folder, **settings):
         self.folder, self.processes = folder, []
-        # of gantrysim, as it is now, whatever is edited while the tests run; with what numba has compiled
+        # of gantrysim, as it is now, whatever is edited while the tests run
         self.sources = shutil.copytree(files("gantrysim"), folder / "copy" / "gantrysim")
         self.environment = {**os.environ, **settings}
         file, bare = folder / "scheduler.json", without_gantrysim(folder)

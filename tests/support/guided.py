@@ -181,7 +181,7 @@ EVERY = Target(lambda: [bytes([k]) + seed for k, one in enumerate(TARGETS.values
 def compiled() -> list[str]:
     """Return the modules with functions that numba compiles, which may not be changed."""
     root = DOCS.parent / "gantrysim"
-    marked = re.compile(r"\bjit\b|_jit\b|\bc_function\b|PlainLaw")
+    marked = re.compile(r"\bjit\b|\bc_function\b|\bwith_parts\b|PlainLaw")
     paths = [path for path in root.rglob("*.py") if marked.search(path.read_text(encoding="utf-8"))]
     # plain functions of laws and faults, and what they call, are compiled as parts of the servo tick
     paths += [root / "servo" / "notch.py", *(root / "servo" / "laws").glob("*.py"), *(root / "faults").glob("*.py")]
