@@ -81,7 +81,7 @@ def jit(function: _Function) -> _Function:
     """
     compiled: Any = _cached(numba.njit, function)
     _compiled.append(compiled)
-    return compiled  # type: ignore[no-any-return]
+    return compiled
 
 
 def c_function(function: Callable[..., Any], signature: Any) -> Any:
@@ -103,11 +103,6 @@ def c_function(function: Callable[..., Any], signature: Any) -> Any:
 def count_compiled() -> int:
     """Return how many functions this process has compiled so far, as no cache held them."""
     return _c_functions + sum(sum(function.stats.cache_misses.values()) for function in _compiled)
-
-
-def is_first() -> bool:
-    """Return whether the cache held nothing when this process opened it, so that it compiles all that it uses."""
-    return not _opened()[1]
 
 
 def cache_folder() -> Path:
