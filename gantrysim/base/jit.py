@@ -105,11 +105,6 @@ def count_compiled() -> int:
     return _c_functions + sum(sum(function.stats.cache_misses.values()) for function in _compiled)
 
 
-def is_first() -> bool:
-    """Return whether the cache held nothing when this process opened it, so that it compiles all that it uses."""
-    return not _opened()[1]
-
-
 def cache_folder() -> Path:
     """Return the folder of the cache, which is there and this user's alone.
 

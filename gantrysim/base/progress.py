@@ -15,6 +15,7 @@ Progress = Callable[[float], None] | bool | None  # what callers give
 COMPILING = "compiling what it computes with, once for this machine: some 15 s for a run"
 
 _listeners: list[Callable[[str], None]] = []
+_sentences: list[str] = []
 
 _WIDTH = 30  # of the bar [characters]
 _Share = TypeVar("_Share", bound=Callable[[float], None])
@@ -77,20 +78,25 @@ def _bar(task: str, stream: TextIO) -> Iterator[Callable[[float], None]]:
 @cache
 def _announce_compiling() -> None:
     """Print a line where this process compiles what no cache holds, which takes seconds."""
-    from gantrysim.base.jit import is_first  # slow to import
 
-    stream = _stream()
-    if stream is not None and is_first():
-        stream.write(f"\r{COMPILING}\n")
-        stream.flush()
+    def announce(sentence: str) -> None:
+        stream = _stream()
+        if stream is not None:
+            stream.write(f"\r{sentence}\n")
+            stream.flush()
+
+    when_compiling(announce)
 
 
 def when_compiling(tell: Callable[[str], None]) -> None:
-    """Register a function to be called with a sentence where this process begins to compile with an empty cache."""
+    """Call a function with a sentence where this process compiles with an empty cache: once it does, or now."""
     _listeners.append(tell)
+    for sentence in _sentences:
+        tell(sentence)
 
 
 def tell_compiling(sentence: str) -> None:
-    """Call the functions that wait for it."""
+    """Tell those who wait for it that this process begins to compile."""
+    _sentences.append(sentence)
     for tell in _listeners:
         tell(sentence)
