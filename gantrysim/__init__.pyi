@@ -3,22 +3,20 @@ from . import controllers as controllers
 from . import env as env
 from . import faults as faults
 from . import metrics as metrics
-from . import plots as plots
 from . import render as render
 from . import study as study
-from . import tuning as tuning
 from .base.errors import GantryError as GantryError
 from .base.errors import InputError as InputError
-from .bead import Bead as Bead
-from .bead import BeadSettings as BeadSettings
-from .bead import HeightMap as HeightMap
 from .compare.runs.run_comparison import compare_runs as compare_runs
-from .dispenser.dispenser import Dispenser as Dispenser
-from .dispenser.needle import Needle as Needle
-from .dispenser.syringe import Syringe as Syringe
 from .engine.batch import simulate_batch as simulate_batch
 from .engine.simulate import perfect_follower as perfect_follower
 from .engine.simulate import simulate as simulate
+from .glue.bead import Bead as Bead
+from .glue.bead import BeadSettings as BeadSettings
+from .glue.bead import HeightMap as HeightMap
+from .glue.dispenser.dispenser import Dispenser as Dispenser
+from .glue.dispenser.needle import Needle as Needle
+from .glue.dispenser.syringe import Syringe as Syringe
 from .job.causes import Causes as Causes
 from .job.causes import causes_of as causes_of
 from .job.job import Job as Job
@@ -29,10 +27,12 @@ from .record.fault import Fault as Fault
 from .record.run import Run as Run
 from .record.setpoints import Setpoints as Setpoints
 from .remedy.improve import improve as improve
+from .report import plots as plots
 from .report.saved import SavedRun as SavedRun
 from .results.tolerance import Tolerance as Tolerance
 from .results.verdict import Verdict as Verdict
 from .servo.laws.plain import Tick as Tick
 from .servo.servo import Servo as Servo
+from .study import tuning as tuning
 
 __version__: str

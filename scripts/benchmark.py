@@ -32,15 +32,15 @@ from rich.console import Console
 from rich.table import Table
 
 from gantrysim import Job, Machine, Servo, simulate, simulate_batch
-from gantrysim.bead import Bead
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.advance import Stepper
+from gantrysim.engine.native.callback import clock
 from gantrysim.engine.simulation import Simulation
+from gantrysim.glue.bead import Bead
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.programs import build
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
-from gantrysim.native.callback import clock
 from gantrysim.paths.kinds import kind_of, path_of
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.render import Film, Take

@@ -70,7 +70,7 @@ def probe_margins(folder: Path) -> None:
 
     from gantrysim import Job, Machine, Servo
     from gantrysim.job.loading import builtin_jobs
-    from gantrysim.stability.margins import margins_of
+    from gantrysim.servo.stability.margins import margins_of
 
     values = {}
     names = [file.name for file in files("gantrysim.models").iterdir() if file.name.endswith(".xml")]

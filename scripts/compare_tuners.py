@@ -31,12 +31,12 @@ from cmaes import CMA
 from scipy.optimize import differential_evolution, minimize
 
 from gantrysim import Job
-from gantrysim.tuning import TuningStudy
-from gantrysim.tuning.candidates import Candidate
-from gantrysim.tuning.edge import MarginEdge
-from gantrysim.tuning.objective import RIPPLE, case_of, column, measure_together, trial_result
-from gantrysim.tuning.search import box, candidate_at
-from gantrysim.tuning.space import SEARCHED
+from gantrysim.study.tuning import TuningStudy
+from gantrysim.study.tuning.candidates import Candidate
+from gantrysim.study.tuning.edge import MarginEdge
+from gantrysim.study.tuning.objective import RIPPLE, case_of, column, measure_together, trial_result
+from gantrysim.study.tuning.search import box, candidate_at
+from gantrysim.study.tuning.space import SEARCHED
 
 JOBS = ("softmc-arc", "stage-outline", "fanuc-spiral")
 STARTS = {  # factors on the derived gains

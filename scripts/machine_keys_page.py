@@ -6,12 +6,12 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from gantrysim.design.ac_servo import AcServo
-from gantrysim.design.accuracy import SCREWS
-from gantrysim.design.library import Motor, counts_of, encoder_names, motor_names, motor_of
-from gantrysim.design.table import Drive, Guides, MachineTable, Masses, Slide
-from gantrysim.design.transmission import Belt, Rack, Screw
-from gantrysim.design.urdf_table import UrdfAxis, UrdfNozzle, UrdfTable
+from gantrysim.machine.design.ac_servo import AcServo
+from gantrysim.machine.design.accuracy import SCREWS
+from gantrysim.machine.design.library import Motor, counts_of, encoder_names, motor_names, motor_of
+from gantrysim.machine.design.table import Drive, Guides, MachineTable, Masses, Slide
+from gantrysim.machine.design.transmission import Belt, Rack, Screw
+from gantrysim.machine.design.urdf_table import UrdfAxis, UrdfNozzle, UrdfTable
 
 PAGE = Path(__file__).parent.parent / "docs" / "machine-keys.md"
 
@@ -74,8 +74,8 @@ def page() -> str:
         text += f"\n## {title}\n\n| key | default | meaning |\n| --- | --- | --- |\n" + "\n".join(rows(model)) + "\n"
     text += (
         "\n## Motors of the library\n\nNo-load speed and stall torque follow from the other values, at the nominal "
-        "voltage. Sources of every number: `gantrysim/design/library.toml`. For an ac servo, K and the currents are "
-        "those of its equivalent DC motor, see [machines from a table](machine-tables.md).\n\n"
+        "voltage. Sources of every number: `gantrysim/machine/design/library.toml`. For an ac servo, K and the "
+        "currents are those of its equivalent DC motor, see [machines from a table](machine-tables.md).\n\n"
         "| motor | kind | V | K [N·m/A] | R [ohm] | no-load [rpm] | stall [N·m] | continuous [N·m] | peak [N·m] "
         "| rotor [1e-6 kg·m²] |\n" + "| --- " * 10 + "|\n" + "\n".join(motors()) + "\n"
     )

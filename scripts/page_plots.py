@@ -12,18 +12,18 @@ from matplotlib.patches import FancyBboxPatch
 
 import gantrysim as gs
 from gantrysim.base.arrays import Floats
-from gantrysim.bead import Bead
 from gantrysim.compare.assignment import Assignment
 from gantrysim.compare.comparison import Comparison
 from gantrysim.compare.measured import Trace
+from gantrysim.glue.bead import Bead
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.plots.style import COLOURS, INK, UM, thinned
+from gantrysim.report.plots.style import COLOURS, INK, UM, thinned
 from gantrysim.study.machine import MachineStudy
 from gantrysim.study.run import run_study
 from gantrysim.study.speed import SpeedStudy
+from gantrysim.study.tuning import TuningStudy
 from gantrysim.tables.reading import read_table
-from gantrysim.tuning import TuningStudy
 
 ROOT = Path(__file__).parent.parent
 BEFORE, AFTER, THIRD, FOURTH = COLOURS["fault"], COLOURS["servo"], COLOURS["program"], COLOURS["structure"]

@@ -18,13 +18,13 @@ from theory_plots import THEORY_PLOTS
 
 from gantrysim import Bead, Job
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.plots import save_plots
-from gantrysim.plots.style import sheet
 from gantrysim.render import Film, Renderer, Take
+from gantrysim.report.plots import save_plots
+from gantrysim.report.plots.style import sheet
 from gantrysim.study.laws import LawsStudy
 from gantrysim.study.loop import LoopStudy
 from gantrysim.study.run import run_study
-from gantrysim.tuning import TuningStudy
+from gantrysim.study.tuning import TuningStudy
 
 FOLDER = Path(__file__).parent.parent / "docs" / "pictures"
 FIRST = "an225"  # job of the README

@@ -6,16 +6,16 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import gantrysim as gs
-from gantrysim.bead.section import Section
 from gantrysim.controllers.trio import Basic, MoveSpiral
+from gantrysim.glue.bead.section import Section
 from gantrysim.identify.fitted import fitted_machine
 from gantrysim.identify.identification import identify
 from gantrysim.identify.log import Log
 from gantrysim.identify.plan import excitation
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.plots.style import COLOURS, INK
-from gantrysim.stability.margins import Plant
+from gantrysim.report.plots.style import COLOURS, INK
+from gantrysim.servo.stability.margins import Plant
 
 BEFORE, AFTER, THIRD = COLOURS["fault"], COLOURS["servo"], COLOURS["program"]
 POINTS = {"textcoords": "offset points"}

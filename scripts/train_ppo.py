@@ -18,8 +18,8 @@ from gantrysim import Job
 from gantrysim.env.episodes import SCALED, gain_factors
 from gantrysim.env.sb3 import SB3VecEnv
 from gantrysim.metrics.analysis import Analysis, torque_ripple
-from gantrysim.stability.margins import Plant
-from gantrysim.tuning import TuningStudy
+from gantrysim.servo.stability.margins import Plant
+from gantrysim.study.tuning import TuningStudy
 
 ID = "gantrysim/GainBandit-v0"
 INTERVAL = 0.1  # between decisions [s]

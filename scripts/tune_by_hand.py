@@ -19,10 +19,10 @@ from rich.table import Table
 from gantrysim import InputError, Job, Servo, simulate
 from gantrysim.base.errors import finite, unknown
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis, torque_ripple
-from gantrysim.plots.style import UM, sheet, thinned, turn_colours
+from gantrysim.report.plots.style import UM, sheet, thinned, turn_colours
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.servo_values import DERIVED
-from gantrysim.stability.margins import Plant
+from gantrysim.servo.stability.margins import Plant
 
 BY_HAND = {name: (name,) for name in GAIN_NAMES} | {"ff": ("velocity_ff", "acceleration_ff")}
 

@@ -16,11 +16,11 @@ PAGE = ROOT / "docs" / "validation.md"
 PLACE = re.compile(r"(<!-- written by scripts/validation_page.py -->\n).*?(<!-- end -->)", re.DOTALL)
 SUBJECTS = {
     "Programs and paths": ("controllers", "paths"),
-    "Machine": ("machine", "design"),
-    "Servo, drives and stability": ("servo", "stability", "engine"),
+    "Machine": ("machine",),
+    "Servo, drives and stability": ("servo", "engine"),
     "Whole jobs": ("reference", "job"),
     "Error budget and tests of accuracy": ("metrics", "study"),
-    "Glue and bead": ("dispenser", "bead", "render"),
+    "Glue and bead": ("glue", "render"),
     "Real machines": ("exchange", "compare", "identify"),
 }
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e-?\d+)?")

@@ -12,15 +12,15 @@ MOST = 3  # reasons to use private parts
 # why uses stay, and which they are by file
 ALLOWED = {
     "compiled functions read mjData by the offsets of its struct; at import these are compared with MuJoCo's arrays": {
-        "native/layout.py": {
+        "machine/layout.py": {
             *("ctypes.c_uint64.from_address", "ctypes.c_int.from_address", "ctypes.c_int64.from_address"),
             *("data._address", "model._address"),
         },
-        "native/hook.py": {"data._address"},
+        "engine/native/hook.py": {"data._address"},
     },
     "an interrupt while modules are imported is one line, no traceback": {"cli/start.py": {"sys.excepthook ="}},
     "compiled functions read and write arrays by their addresses, which numba offers to intrinsics alone": {
-        "native/pointers.py": {"llvmlite"}
+        "engine/native/pointers.py": {"llvmlite"}
     },
 }
 # documented for everyone in spite of their names: of named tuples, of os, and what notebooks ask for

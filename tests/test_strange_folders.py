@@ -23,7 +23,7 @@ from gantrysim.study import Study
 from gantrysim.study.circle.study import CircleStudy
 from gantrysim.study.laws.study import LawsStudy
 from gantrysim.study.ledger import LEDGER, Ledger
-from gantrysim.tuning.study import TuningStudy
+from gantrysim.study.tuning.study import TuningStudy
 
 from support.films import saved, small_job
 from support.strangers import half_done, neighbours, tree

@@ -45,16 +45,12 @@ UNCOMPILED = frozenset(
     (
         "cli",
         "compare",
-        "design",
-        "drawings",
         "exchange",
         "job",
         "remedy",
         "results",
         "study",
         "tables",
-        "tuning",
-        "view",
     )
 )
 # what a disk must have left for a cache [bytes]

@@ -45,10 +45,10 @@ def compile_ahead(jobs: Jobs = None, allow_code: AllowCode = False) -> None:
 
 def _run_once(job: Job) -> None:
     """Run a job and evaluate it, up to what its page draws."""
-    from gantrysim.bead import Bead
+    from gantrysim.glue.bead import Bead
     from gantrysim.metrics.analysis import Analysis
     from gantrysim.metrics.budget import Budget
-    from gantrysim.plots.style import thinned
+    from gantrysim.report.plots.style import thinned
     from gantrysim.report.viewer_data import ViewerData
     from gantrysim.results.run_results import RunResults
 

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple
 from gantrysim.base import memory
 from gantrysim.base.errors import text_of
 from gantrysim.base.extras import MissingPackageError
-from gantrysim.bead import Bead
 from gantrysim.cli.tables import causes_table, links_table, losses_table, outcome_table, scatter_table, verdict_table
 from gantrysim.cli.terminal import count_bar, say, share_bar, show, stage, warn
+from gantrysim.glue.bead import Bead
 from gantrysim.job.causes import causes_of
 from gantrysim.job.job import Job
 from gantrysim.job.losses import Losses
@@ -139,9 +139,9 @@ class Evaluation:
         write_summary(folder, results)
         page = None
         if self._wanted.report:
-            from gantrysim.plots import save_plots
             from gantrysim.report.figures import figures_ahead
             from gantrysim.report.page import run_page, sections_with_figures
+            from gantrysim.report.plots import save_plots
 
             with share_bar("plots", self._go_on) as advance:
                 figures = figures_ahead(sections_with_figures(results), folder / PLOTS, advance)

@@ -95,7 +95,7 @@ def _read(job: Job, name: str, file: Path) -> tuple[str, list[str]]:
     from gantrysim.exchange.gains import dialect, sign_of_velocity_drives
     from gantrysim.exchange.motion_limits import program_lines
     from gantrysim.exchange.printer_config import PrinterConfig
-    from gantrysim.tuning.servo import servo_toml
+    from gantrysim.study.tuning.servo import servo_toml
 
     label = f"--from {name} {file}"
     if name == _SHAPER:

@@ -10,21 +10,21 @@ from typing import NamedTuple
 from rich.markup import escape
 from rich.table import Table
 
-from gantrysim.bead import BeadSettings
-from gantrysim.design.library import counts_of, encoder_names, motor_names, motor_of
-from gantrysim.dispenser.dispenser import Dispenser
-from gantrysim.dispenser.needle import Needle
-from gantrysim.dispenser.syringe import Syringe
+from gantrysim.glue.bead import BeadSettings
+from gantrysim.glue.dispenser.dispenser import Dispenser
+from gantrysim.glue.dispenser.needle import Needle
+from gantrysim.glue.dispenser.syringe import Syringe
 from gantrysim.job.defaults import INTEGRAL_TIME
 from gantrysim.job.key_list import Key, sections
 from gantrysim.job.loading import builtin_jobs, job_text, read_job
 from gantrysim.job.programs import PROGRAMS, described
 from gantrysim.job.settings import ServoSettings
+from gantrysim.machine.design.library import counts_of, encoder_names, motor_names, motor_of
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.models import builtin_models
 from gantrysim.servo.servo import Servo
 from gantrysim.servo.servo_values import DERIVED
-from gantrysim.stability.margins import Plant
+from gantrysim.servo.stability.margins import Plant
 
 _KG_CM2 = 1e4  # in a kg·m²
 

@@ -39,7 +39,7 @@ def new(
     """
     from gantrysim.base.errors import InputError, expanded
     from gantrysim.base.files import replaced
-    from gantrysim.design.build import mjcf_in
+    from gantrysim.machine.design.build import mjcf_in
     from gantrysim.machine.machine import Machine
 
     source = expanded(file)

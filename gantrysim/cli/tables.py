@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from gantrysim.base.quantity import Quantity, number_text
-from gantrysim.bead import BeadValues
+from gantrysim.glue.bead import BeadValues
 from gantrysim.job.causes import TITLE, Causes, cell_text
 from gantrysim.job.losses import Losses, events
 from gantrysim.job.margins import LOW_MARGIN
@@ -24,8 +24,8 @@ from gantrysim.report.rows import bead_notes, bead_rows, motion_rows
 from gantrysim.report.scatter import HEADS, remark_of, rows_of
 from gantrysim.report.scatter import TITLE as SCATTER
 from gantrysim.results.verdict import Verdict
-from gantrysim.stability.margin_quantities import GAIN_MARGIN, PHASE_MARGIN
-from gantrysim.stability.margins import NO_LOOP, Margins
+from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, PHASE_MARGIN
+from gantrysim.servo.stability.margins import NO_LOOP, Margins
 
 _MB = 1e6
 

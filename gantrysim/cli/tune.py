@@ -108,8 +108,8 @@ def tune(
     from gantrysim.exchange.gains import dialect, exported
     from gantrysim.job.job import Job
     from gantrysim.machine.tolerances import Tolerances
-    from gantrysim.tuning.space import SEARCHED
-    from gantrysim.tuning.study import TuningStudy
+    from gantrysim.study.tuning.space import SEARCHED
+    from gantrysim.study.tuning.study import TuningStudy
 
     loaded = Job.load(job, settings or (), model, allow_code=allow_code)
     held: tuple[str, ...] = ()
@@ -150,7 +150,7 @@ def write_words(folder: Path, name: str | None) -> list[str]:
     from gantrysim.exchange.gains import DIALECTS, exported
     from gantrysim.job.job import Job
     from gantrysim.report.folder import JOB
-    from gantrysim.tuning.servo import TUNED
+    from gantrysim.study.tuning.servo import TUNED
 
     files = {chosen.name: folder / f"{Path(TUNED).stem}-{chosen.name}{chosen.suffix}" for chosen in DIALECTS.values()}
     for other, file in files.items():

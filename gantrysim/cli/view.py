@@ -16,7 +16,7 @@ from gantrysim.cli.terminal import FAULT, warn
 if TYPE_CHECKING:
     from gantrysim.job.job import Job
     from gantrysim.record.fault import Fault
-    from gantrysim.view.playback import Playback
+    from gantrysim.render.view.playback import Playback
 
 _PLAIN = "plain"  # colour of the bead: `gantrysim.render.colours.PLAIN`, which takes long to import
 
@@ -52,7 +52,7 @@ def view(
     after Ctrl-C.
     """
     from gantrysim.job.job import Job
-    from gantrysim.view.display import check_display
+    from gantrysim.render.view.display import check_display
 
     positive("speed", speed)
     folder = expanded(shown)
@@ -81,9 +81,9 @@ def _is_saved(shown: str, folder: Path) -> bool:
 
 def _replay(folder: Path, camera: str | None, colour: str, speed: float) -> None:
     from gantrysim.render.scene import Scene
+    from gantrysim.render.view.playback import Playback
+    from gantrysim.render.view.source import Replay
     from gantrysim.report.saved import SavedRun
-    from gantrysim.view.playback import Playback
-    from gantrysim.view.source import Replay
 
     saved = SavedRun.load(folder)
     if saved.changed:
@@ -96,9 +96,9 @@ def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | No
     from gantrysim.engine.simulation import Simulation
     from gantrysim.render.colours import scale_for
     from gantrysim.render.scene import Scene
-    from gantrysim.view.playback import Playback
-    from gantrysim.view.push import STIFFNESS, Bodies
-    from gantrysim.view.source import Live
+    from gantrysim.render.view.playback import Playback
+    from gantrysim.render.view.push import STIFFNESS, Bodies
+    from gantrysim.render.view.source import Live
 
     simulation = Simulation.of(
         job.built_machine,
@@ -119,8 +119,8 @@ def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | No
 
 def _play(playback: Playback, camera: str | None, speed: float) -> Fault | None:
     """Play a run in a window and return the fault that ended a live run."""
-    from gantrysim.view.player import Player
-    from gantrysim.view.window import ViewerWindow, WindowClosedError
+    from gantrysim.render.view.player import Player
+    from gantrysim.render.view.window import ViewerWindow, WindowClosedError
 
     # Ctrl-C ends the play between two pictures, so that the window is closed
     with suppress(WindowClosedError), deferred() as stopped:

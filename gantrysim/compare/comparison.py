@@ -21,11 +21,11 @@ from gantrysim.compare.coverage import coverage
 from gantrysim.compare.measured import Trace
 from gantrysim.compare.trace_faults import aligned_as_named, scale_and_clock
 from gantrysim.machine.machine import Machine
+from gantrysim.metrics import circle_row
 from gantrysim.metrics.analysis import Analysis, ErrorSize
 from gantrysim.metrics.budget import DESCRIPTIONS, LINKS, Budget
 from gantrysim.metrics.parts import Part
 from gantrysim.record.run import Run
-from gantrysim.study.circle.study import circle_row
 
 PEAKS = 5  # of the spectrum that are named
 _SEGMENT = 1024  # samples of a segment of the spectrum

@@ -22,9 +22,9 @@ from gantrysim.compare.plots import draw_overlay, draw_spectrum, has_spectrum
 from gantrysim.metrics.analysis import THOUSANDTH
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.parts import ERROR, ERROR_SIZES, PART_SIZES
-from gantrysim.plots.style import COLOURS
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.drawn_page import write_page
+from gantrysim.report.plots.style import COLOURS
 from gantrysim.report.sections import drawn
 from gantrysim.report.summary import versions
 

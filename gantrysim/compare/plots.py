@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.compare.comparison import Comparison
 from gantrysim.compare.runs.compared_run import RUN_COLOURS
-from gantrysim.plots.style import COLOURS, INK, UM, axes_on, sheet, thinned
+from gantrysim.report.plots.style import COLOURS, INK, UM, axes_on, sheet, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

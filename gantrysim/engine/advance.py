@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError
+from gantrysim.engine.native.hook import Interrupted, installed, installed_law
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
-from gantrysim.native.hook import Interrupted, installed, installed_law
-from gantrysim.native.row import MISSED, NOT_IN_MODEL
+from gantrysim.machine.row import MISSED, NOT_IN_MODEL
 from gantrysim.servo.laws.plain import PlainLaw
 
 Numbers = NDArray[np.intp]  # of simulations
@@ -34,7 +34,7 @@ class Steps(Protocol):
         """Make a number of physics steps of some of them."""
 
     def stops(self, numbers: Numbers) -> NDArray[np.int64]:
-        """Return where the stops of their axes are, see `gantrysim.native.row`, (numbers,)."""
+        """Return where the stops of their axes are, see `gantrysim.machine.row`, (numbers,)."""
 
     def with_state(self, numbers: Numbers) -> list[int]:
         """Return those whose drives or laws have a state."""

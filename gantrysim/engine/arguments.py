@@ -9,8 +9,8 @@ from typing import Any
 
 from gantrysim.base.errors import InputError, shown
 from gantrysim.controllers.controller import Controller
-from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.faults import InjectedFault
+from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.paths.path import Path
 from gantrysim.record.setpoints import Setpoints

@@ -15,16 +15,16 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError, whole
 from gantrysim.base.progress import Progress, shown_progress
 from gantrysim.controllers.controller import Controller
-from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.engine.advance import MOST_STEPS, Numbers, advance, step_or_take_back
 from gantrysim.engine.batch_arguments import per_simulation, simulations_of
 from gantrysim.engine.learning import run_and_learn
+from gantrysim.engine.native.hook import installed
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.faults import InjectedFault
+from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
-from gantrysim.native.hook import installed
-from gantrysim.native.row import IN_MODEL, OFFSETS, ROW, ROW_NUMBERS, Log
+from gantrysim.machine.row import IN_MODEL, OFFSETS, ROW, ROW_NUMBERS, Log
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.servo import Servo
@@ -267,7 +267,7 @@ class Batch:
         return int(self._userdata.ctypes.data) + place * self._userdata.strides[0]
 
     def stops(self, numbers: Numbers) -> NDArray[np.int64]:
-        """Return where the stops of the axes are at some places, see `gantrysim.native.row`, (places,)."""
+        """Return where the stops of the axes are at some places, see `gantrysim.machine.row`, (places,)."""
         return np.array(self._stops[numbers])
 
     def with_state(self, numbers: Numbers) -> list[int]:
@@ -288,6 +288,6 @@ class Batch:
         """Return a field of all servos' rows, a live view of the state, (places,) and the field's own shape.
 
         Args:
-            name: as in `gantrysim.native.row`.
+            name: as in `gantrysim.machine.row`.
         """
         return self._userdata[:, :ROW_NUMBERS].view(ROW)[name][:, 0]

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.errors import InputError
+from gantrysim.engine.native.drive_loops import loop_stage
+from gantrysim.engine.native.drives import torque_stage, transmission_stage
+from gantrysim.engine.native.encoders import delay_stage, encoder_stage
+from gantrysim.engine.native.stages import Stage
+from gantrysim.engine.native.stepper import stepper_stage
 from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.machine import Machine
-from gantrysim.native.drive_loops import loop_stage
-from gantrysim.native.drives import torque_stage, transmission_stage
-from gantrysim.native.encoders import delay_stage, encoder_stage
-from gantrysim.native.row import DRIVE, POSITION, STEPPER, VELOCITY
-from gantrysim.native.stages import Stage
-from gantrysim.native.stepper import stepper_stage
+from gantrysim.machine.row import DRIVE, POSITION, STEPPER, VELOCITY
 from gantrysim.servo.drive_settings import LOOPS, DriveSettings
 from gantrysim.servo.servo import Servo
 

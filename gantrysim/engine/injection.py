@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
+from gantrysim.engine.native.faults import fault_stage
+from gantrysim.engine.native.stages import Stage
 from gantrysim.faults import InjectedFault, in_acting_order
 from gantrysim.faults.fault import FaultAxis
 from gantrysim.machine.machine import Machine
-from gantrysim.native.faults import fault_stage
-from gantrysim.native.row import FAULT, NEVER
-from gantrysim.native.stages import Stage
+from gantrysim.machine.row import FAULT, NEVER
 from gantrysim.servo.servo import Servo
 
 _GAIN = 0  # columns of the drives

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.native.laws import base_stage, feed_stage, law_stage
-from gantrysim.native.row import LAW
-from gantrysim.native.stages import Stage
+from gantrysim.engine.native.laws import base_stage, feed_stage, law_stage
+from gantrysim.engine.native.stages import Stage
+from gantrysim.machine.row import LAW
 from gantrysim.servo.laws import PID
 from gantrysim.servo.laws.law import FEEDFORWARD
 from gantrysim.servo.servo import Servo

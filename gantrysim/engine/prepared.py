@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from gantrysim.base.arrays import Floats
+from gantrysim.machine.layout import offsets
 from gantrysim.machine.machine import Machine
+from gantrysim.machine.row import OFFSETS, OVERSPEED, ROW, ROW_NUMBERS
 from gantrysim.machine.stops import stops_of
 from gantrysim.machine.timing import delay_steps
-from gantrysim.native.layout import offsets
-from gantrysim.native.row import OFFSETS, OVERSPEED, ROW, ROW_NUMBERS
 from gantrysim.record.setpoints import Setpoints, periods
 from gantrysim.servo.servo import Servo
 

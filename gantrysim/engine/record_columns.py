@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats, read_only, seen
 from gantrysim.base.columns import FileTable, blocks
 from gantrysim.base.jit import jit
-from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.engine.injection import faulted_flow, stretches
 from gantrysim.faults import InjectedFault
+from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
-from gantrysim.native.row import Log
+from gantrysim.machine.row import Log
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 
@@ -64,8 +64,8 @@ def _fill(columns: Floats, log: NDArray[np.void], drives: Floats) -> None:
 
     Columns are several times as fast to work on as rows. The voltage is by the drive's law: terminal voltage for the
     demanded torque, back-EMF compensated, within the bus; with a current loop, for what it asks for, see
-    `gantrysim.native.drives.follow_demands`. A stepper in open loop has the torque of its current, which is also its
-    demand, and the voltage that it logs.
+    `gantrysim.engine.native.drives.follow_demands`. A stepper in open loop has the torque of its current, which is also
+    its demand, and the voltage that it logs.
 
     Args:
         columns: to be filled in.

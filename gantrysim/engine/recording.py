@@ -12,7 +12,6 @@ from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import FileTable, array_of, blocks
 from gantrysim.base.memory import check_ticks
-from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.engine.record_columns import (
     IDEAL,
     TIPS,
@@ -24,8 +23,9 @@ from gantrysim.engine.record_columns import (
     sent_columns,
 )
 from gantrysim.faults import InjectedFault
+from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
-from gantrysim.native.row import STEPPER, Log
+from gantrysim.machine.row import STEPPER, Log
 from gantrysim.record.fault import Fault
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints

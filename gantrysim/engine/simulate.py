@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from gantrysim.base.errors import InputError
 from gantrysim.base.progress import Progress, shown_progress
 from gantrysim.controllers.controller import Controller
-from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.arguments import check_argument
 from gantrysim.engine.learning import run_and_learn
@@ -16,6 +15,7 @@ from gantrysim.engine.recording import perfect_record
 from gantrysim.engine.simulation import Simulation, checked_dispenser
 from gantrysim.engine.started import Started
 from gantrysim.faults import InjectedFault
+from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints

@@ -14,7 +14,6 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.memory import check_ticks
 from gantrysim.controllers.controller import Controller
-from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.engine.arguments import check_argument, sent
 from gantrysim.engine.drives import drive_entries
 from gantrysim.engine.injection import NONE, Injection, faulted_models, injection
@@ -24,10 +23,11 @@ from gantrysim.engine.prepared import start_of
 from gantrysim.engine.recording import LogBook
 from gantrysim.faults import InjectedFault
 from gantrysim.faults.checks import check_faults
+from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
+from gantrysim.machine.row import Log
 from gantrysim.machine.stops import has_no_constraints_but_stops
 from gantrysim.machine.timing import delay_steps, substeps_of
-from gantrysim.native.row import Log
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.inverse import Inverse
 from gantrysim.servo.servo import Servo

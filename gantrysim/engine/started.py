@@ -13,9 +13,12 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError
 from gantrysim.engine.drives import drive_stages
 from gantrysim.engine.laws import law_stages
+from gantrysim.engine.native.callback import magic
+from gantrysim.engine.native.stages import Stage, arm
+from gantrysim.engine.native.supervision import gate_stage, position_error_stage
+from gantrysim.engine.native.user import CalledLaw
 from gantrysim.engine.simulation import Simulation
-from gantrysim.native.callback import magic
-from gantrysim.native.row import (
+from gantrysim.machine.row import (
     FAULTS,
     IN_MODEL,
     NEVER,
@@ -26,9 +29,6 @@ from gantrysim.native.row import (
     ROW_NUMBERS,
     SETTLING,
 )
-from gantrysim.native.stages import Stage, arm
-from gantrysim.native.supervision import gate_stage, position_error_stage
-from gantrysim.native.user import CalledLaw
 from gantrysim.record.fault import Fault
 from gantrysim.record.run import Run
 from gantrysim.servo.laws.user import STATE, resolved, without_warnings
@@ -40,7 +40,7 @@ class Started:
 
     Attributes:
         simulation: the simulation, kept alive as the row holds addresses of its arrays.
-        row: the servo's row of the state's userdata, a live view, see `gantrysim.native.row`.
+        row: the servo's row of the state's userdata, a live view, see `gantrysim.machine.row`.
         drives, laws, user_law: their states, kept alive as the stages hold their addresses.
         stages: of the tick, kept alive as the row holds their address.
     """

@@ -12,10 +12,10 @@ import numpy as np
 from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, positive, unknown, whole
-from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.settings import LEAST_DIAMETER, PathSettings
+from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.job.job import Job
 from gantrysim.machine.geometry import ERRORS
 from gantrysim.machine.machine import Machine

@@ -41,7 +41,7 @@ class Frames:
         Raises:
             NoOpenGLError: OpenGL cannot draw without a display.
         """
-        from gantrysim.bead.sweep import TooFewRingsError
+        from gantrysim.glue.bead.sweep import TooFewRingsError
         from gantrysim.render import Renderer
 
         machine, run, tick = episodes.scene(place)

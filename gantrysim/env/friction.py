@@ -17,7 +17,7 @@ from gantrysim.env.episodes import Episode, Source
 from gantrysim.env.settings import PathSettings
 from gantrysim.machine.axis import Axis
 from gantrysim.machine.perturbation import Perturbation
-from gantrysim.native.row import Log
+from gantrysim.machine.row import Log
 from gantrysim.servo.laws.friction import friction_torque
 
 _friction_torque = jit(friction_torque)
@@ -97,7 +97,7 @@ def fit(log: Log, ticks: tuple[int, int], sliding: Floats, moving: Floats, forge
         demand - moving = h sliding,    h = N / D,    N <- N exp(-T/tau) + sliding (demand - moving), D likewise
 
     Args:
-        log: the servo's, see `gantrysim.native.row.Log`.
+        log: the servo's, see `gantrysim.machine.row.Log`.
         ticks: the first, and the one after the last.
         sliding: torque of the nominal friction, one row per setpoint, (n, axes) [N·m].
         moving: torque of inertia and viscous friction, (n, axes) [N·m].

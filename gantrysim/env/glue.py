@@ -14,7 +14,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
-from gantrysim.native.row import Log
+from gantrysim.machine.row import Log
 
 PIECE = 0.5  # length of the pieces [mm]
 PIECES = 64  # of the bead that are kept, more than lie between nozzle and camera
@@ -114,7 +114,7 @@ def lay(log: Log, ticks: tuple[int, int], program: Program, glue: Glue, camera: 
         Q = c (p / f)^(1/n),  f = f0 w^(1 - exp(-t / tw)),  c = 1 before, and k from the time of the clog on.
 
     Args:
-        log: the servo's, see `gantrysim.native.row.Log`.
+        log: the servo's, see `gantrysim.machine.row.Log`.
         ticks: the first, and the one after the last.
         program: of the motion.
         glue: of the episode.

@@ -13,7 +13,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
 from gantrysim.env.friction import Changing
 from gantrysim.machine.perturbation import Perturbation
-from gantrysim.native.row import Log
+from gantrysim.machine.row import Log
 
 MOST = 4.0  # payload after a change [kg]
 
@@ -50,7 +50,7 @@ def fit(
     the demand at the tick before, which acts by then, friction at that tick. An axis at rest adds and forgets nothing.
 
     Args:
-        log: the servo's, see `gantrysim.native.row.Log`.
+        log: the servo's, see `gantrysim.machine.row.Log`.
         ticks: the first, and the one after the last.
         motion: torque of the nominal friction [N·m] and dDPOS, one row per setpoint, (n, axes) each.
         axes: inertia / T² and viscous / T of the nominal axes, (axes, 2) [N·m/mm].

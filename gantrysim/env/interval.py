@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
-from gantrysim.native.pointers import floats, logs_at, octets, row_at, typed_pointer
-from gantrysim.native.row import Log
-from gantrysim.native.stages import compiled_stage
+from gantrysim.engine.native.pointers import floats, logs_at, octets, row_at, typed_pointer
+from gantrysim.engine.native.stages import compiled_stage
+from gantrysim.machine.row import Log
 from gantrysim.paths.nearest import Table, chord_at, nearest_chord, remembered, stretch, to_chord
 
 # a row of measurements, see `IntervalValues`: those of the path, then those of one axis after the other
@@ -96,7 +96,7 @@ def measuring_stage() -> int:
     distance to the path is that to the chords between its points, whose sagitta is spacing^2 curvature / 8; its feet
     are found as those of the analysis are, near the progress of the command.
 
-    As the observer of a servo's row, see `gantrysim.native.row`, it measures on the thread that has stepped.
+    As the observer of a servo's row, see `gantrysim.machine.row`, it measures on the thread that has stepped.
     """
 
     def stage(data, userdata, argument):

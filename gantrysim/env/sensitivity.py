@@ -16,8 +16,8 @@ from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.servo.axis_loop import LARGEST_PEAK
 from gantrysim.servo.servo import Servo
-from gantrysim.stability.margins import Plant
-from gantrysim.stability.motion import UnknownLoopError
+from gantrysim.servo.stability.margins import Plant
+from gantrysim.servo.stability.motion import UnknownLoopError
 
 _STEPS = 16  # of the table per unit of the action
 _PAYLOADS = 8  # of the table per kilogram

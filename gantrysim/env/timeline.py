@@ -14,12 +14,12 @@ from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.base.jit import jit
-from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.engine.recording import LogBook
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.episodes import Plan
 from gantrysim.env.friction import ChangingFriction
 from gantrysim.env.settings import Bounds, PathSettings
+from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.record.setpoints import Setpoints
 

@@ -16,7 +16,7 @@ from scipy.linalg import eigvals
 from gantrysim.base.arrays import Complexes, Floats
 from gantrysim.base.errors import InputError, between, positive, unknown
 from gantrysim.machine.axis import Axis
-from gantrysim.stability.motion import Motion
+from gantrysim.servo.stability.motion import Motion
 
 SHAPERS = ("zv", "mzv", "ei")
 _SHAPED = ("x", "y", "z")

@@ -12,7 +12,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.identify.identification import spectrum
 from gantrysim.identify.result import AxisFit
 from gantrysim.identify.whiteness import correlation
-from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet, thinned
+from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

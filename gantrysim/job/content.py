@@ -15,10 +15,10 @@ from pydantic import BaseModel, Field, PrivateAttr, ValidationInfo, field_valida
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.base.toml_files import validated
 from gantrysim.base.user_code import is_code
-from gantrysim.bead import BeadSettings
 from gantrysim.controllers.controller import Controller
-from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.faults import KINDS, AnyFault, InjectedFault
+from gantrysim.glue.bead import BeadSettings
+from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.job.code import named_code
 from gantrysim.job.defaults import MACHINE
 from gantrysim.job.given import Given

@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 from gantrysim.base.errors import AxisError, InputError
 from gantrysim.base.user_code import is_code
-from gantrysim.bead import BeadSettings
-from gantrysim.bead.section import Section
 from gantrysim.controllers.controller import Controller
-from gantrysim.dispenser.needle import Needle
+from gantrysim.glue.bead import BeadSettings
+from gantrysim.glue.bead.section import Section
+from gantrysim.glue.dispenser.needle import Needle
 from gantrysim.job.content import JobContent
 from gantrysim.job.defaults import GLUE, INTEGRAL_TIME, MACHINE, MACHINES, TURNING_MACHINE, smallest_machine
 from gantrysim.job.recognition import Recognised

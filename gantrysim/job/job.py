@@ -20,7 +20,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.servo import Servo
-from gantrysim.stability.margins import Margins, margins_of
+from gantrysim.servo.stability.margins import Margins, margins_of
 
 
 class Job(LoadedJob):

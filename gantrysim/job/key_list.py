@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, NamedTuple, get_args, get_type_hints
 
-from gantrysim.bead import BeadSettings
-from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.faults import KINDS
+from gantrysim.glue.bead import BeadSettings
+from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.job.job import Job
 from gantrysim.job.programs import PROGRAMS, described
 from gantrysim.job.settings import ServoSettings, SimulationSettings, ToleranceSettings

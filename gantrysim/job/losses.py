@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.quantity import Quantity
-from gantrysim.bead import Bead
 from gantrysim.faults import InjectedFault
+from gantrysim.glue.bead import Bead
 from gantrysim.record.run import Run
 
 _LEFT = 0.5  # share of the section below which the bead is missing

@@ -16,7 +16,7 @@ from gantrysim.servo.laws import PD
 from gantrysim.servo.notch import without_notches
 from gantrysim.servo.servo import Servo
 from gantrysim.servo.servo_values import LOOP_GAINS, SHAPING
-from gantrysim.stability.margins import Margins
+from gantrysim.servo.stability.margins import Margins
 
 LOW_MARGIN = 1.5  # gain margin below which a run has a note
 _SOFTER = 0.5**0.5  # from one frequency tried to the next

@@ -10,9 +10,9 @@ from typing import Any
 
 from gantrysim.base.errors import InputError, expanded, meant, nearest, shown
 from gantrysim.base.toml_files import toml_content
-from gantrysim.bead import BeadSettings
-from gantrysim.dispenser.dispenser import Dispenser
 from gantrysim.faults import KINDS
+from gantrysim.glue.bead import BeadSettings
+from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.job.code import CONTROLLER, absolute_value
 from gantrysim.job.programs import dotted, keys
 from gantrysim.job.settings import ServoSettings, SimulationSettings, ToleranceSettings

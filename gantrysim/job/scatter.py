@@ -17,10 +17,10 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, whole
 from gantrysim.base.quantity import MAX, MEAN, P95, RMS, STD, Quantity
-from gantrysim.bead import Bead
-from gantrysim.bead.bead_quantities import CLEARANCE, SECTION, VOLUME_ERROR_PERCENT, WIDTH
 from gantrysim.engine.batch import simulate_batch
 from gantrysim.engine.positions import axis_positions
+from gantrysim.glue.bead import Bead
+from gantrysim.glue.bead.bead_quantities import CLEARANCE, SECTION, VOLUME_ERROR_PERCENT, WIDTH
 from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis, torque_ripple

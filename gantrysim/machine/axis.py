@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from gantrysim.base.display import table_html
 from gantrysim.servo.axis_dynamics import Friction
-from gantrysim.stability.motion import Motion
+from gantrysim.servo.stability.motion import Motion
 
 PER_SI = {"mm": 1e3, "deg": 180 / math.pi}  # millimetres per metre, degrees per radian
 

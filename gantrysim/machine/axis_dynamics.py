@@ -12,7 +12,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.machine.axis import PER_SI, Axis, AxisAddress
 from gantrysim.machine.linear_motion import linear_motion
-from gantrysim.stability.motion import Motion, UnknownLoopError
+from gantrysim.servo.stability.motion import Motion, UnknownLoopError
 
 _HEAVY = 1e6  # inertia of a motor that does not move [kg or kg·m²]
 

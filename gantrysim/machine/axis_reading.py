@@ -25,7 +25,7 @@ from gantrysim.machine.motors import (
     TIME_CONSTANT,
 )
 from gantrysim.servo.axis_dynamics import Friction
-from gantrysim.stability.motion import MODES
+from gantrysim.servo.stability.motion import MODES
 
 EFFICIENCY = "efficiency"  # custom numeric
 _PARALLEL = 1 - 1e-6  # cosine of the angle between an axis and the spring of its load

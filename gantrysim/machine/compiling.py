@@ -11,8 +11,8 @@ import numpy as np
 
 from gantrysim.base.errors import InputError, between
 from gantrysim.machine.naming import rename
+from gantrysim.machine.row import ROW_NUMBERS
 from gantrysim.machine.sizes import check_sizes
-from gantrysim.native.row import ROW_NUMBERS
 
 _TIMESTEPS = 1e-7, 1.0  # [s]
 
@@ -54,7 +54,7 @@ def compile_mjcf(
 def _read(source: Path) -> mujoco.MjSpec:
     """Return the MJCF in a file, or the MJCF of a machine from its table in a TOML file, alone or beside a URDF."""
     if source.suffix.lower() in (".toml", ".urdf"):
-        from gantrysim.design.build import mjcf_in  # slow to import, and for tables alone
+        from gantrysim.machine.design.build import mjcf_in  # slow to import, and for tables alone
 
         return mujoco.MjSpec.from_string(mjcf_in(source))
     check_sizes(source)

@@ -12,8 +12,8 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.machine.motors import smooth_model
-from gantrysim.native.quiet import quiet
-from gantrysim.stability.motion import Motion, UnknownLoopError
+from gantrysim.machine.quiet import quiet
+from gantrysim.servo.stability.motion import Motion, UnknownLoopError
 
 _DIFFERENCE = 1e-6  # change of a state for finite differences; the model is almost linear [SI]
 

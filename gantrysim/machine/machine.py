@@ -29,10 +29,10 @@ from gantrysim.machine.models import model_file
 from gantrysim.machine.perturbation import Perturbation, geometry_factors, perturbed_model
 from gantrysim.machine.physics_models import PhysicsModels
 from gantrysim.machine.posing import Posing, checked_position
+from gantrysim.machine.quiet import quiet
+from gantrysim.machine.row import MAX_AXES
 from gantrysim.machine.springs import driven_joints
-from gantrysim.native.quiet import quiet
-from gantrysim.native.row import MAX_AXES
-from gantrysim.stability.motion import Motion
+from gantrysim.servo.stability.motion import Motion
 
 NOZZLE = "nozzle"  # site at the tip
 NEEDLE = "needle"  # geom that draws the needle

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.machine.machine import NEEDLE, Machine
-from gantrysim.native.quiet import quiet
+from gantrysim.machine.quiet import quiet
 
 _MM = 1e3  # in a metre
 _LEAST_RADIUS = 0.012  # of the ball around a geom; smaller parts, as bolts, are left out [m]

@@ -18,6 +18,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, finite, positive
 from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, MOTOR_CONSTANT, STATIC, dcmotors
+from gantrysim.machine.quiet import quiet
 from gantrysim.machine.springs import (
     axes_of_tendon,
     axis_above,
@@ -26,7 +27,6 @@ from gantrysim.machine.springs import (
     spring_joints,
     wraps_of,
 )
-from gantrysim.native.quiet import quiet
 
 PerAxis = float | tuple[float, ...]  # one value for all axes, or one per axis
 _thread = threading.local()  # .data: a state of .model, kept because allocating one is slow

@@ -9,15 +9,15 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from gantrysim.design.library import Winding, largest_torque
-from gantrysim.design.modes import modes
 from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.axis_reading import fact
+from gantrysim.machine.design.library import Winding, largest_torque
+from gantrysim.machine.design.modes import modes
 from gantrysim.machine.machine import Machine
-from gantrysim.native.quiet import quiet
+from gantrysim.machine.quiet import quiet
 from gantrysim.record.run import Run
 from gantrysim.servo.servo import Servo
-from gantrysim.stability.margins import margins_of
+from gantrysim.servo.stability.margins import margins_of
 
 # values beyond which a finding is reported
 INERTIA_RATIO = 10.0

@@ -19,7 +19,7 @@ from gantrysim.metrics.analysis import (
     values,
 )
 from gantrysim.metrics.budget import DESCRIPTIONS, GEOMETRY, LINKS, Budget
-from gantrysim.metrics.circular import SPIKE_REACH, CircularTest, Reversal, Trace
+from gantrysim.metrics.circular import SPIKE_REACH, CircularTest, Reversal, Trace, circle_row
 from gantrysim.metrics.parts import BudgetValues, Part, PartValues, TurnValues
 from gantrysim.metrics.positioning import Positioning
 from gantrysim.metrics.repeatability import RepeatedPath, interpolated, offset_over_length

@@ -15,13 +15,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive
 from gantrysim.metrics.zone import least_squares_circle, minimum_zone, plane_points
+from gantrysim.record.run import Run
 
+_UM = 1e3
 SPIKE_REACH = 15.0  # range of a spike after its reversal [deg]
 _LARGEST_REACH = 45.0  # [deg]
 _LARGEST_GAP = 5.0  # between neighbouring points of a full circle [deg]
@@ -166,3 +169,44 @@ class CircularTest:
     def mean_bidirectional_radial_deviation(self) -> float:
         """D, positive for paths that are too large [mm]."""
         return least_squares_circle(self._both)[1] - self.clockwise.radius
+
+
+def circle_row(run: Run, centre: tuple[float, float], radius: float, lead: float, reach: float) -> dict[str, Any]:
+    """Return the values of one circle, and its radial deviation as curves over the angle.
+
+    Args:
+        run: of a circle with leads.
+        centre: of the nominal circle [mm].
+        radius: of the nominal circle [mm].
+        lead: angle commanded before the evaluated circle [deg].
+        reach: as in `Trace.reversals` [deg].
+    """
+    commanded = run.commanded_tip[:, :2] - centre
+    swept = np.degrees(np.abs(np.unwrap(np.arctan2(commanded[:, 1], commanded[:, 0]))))
+    passed = np.abs(swept - swept[0])
+    evaluated = (passed >= lead) & (passed < lead + 360)
+    nozzle = Trace(run.nozzle[evaluated, :2], centre, radius)
+    motor = Trace(run.motor_tip[evaluated, :2], centre, radius)
+    row: dict[str, Any] = {
+        "circular_deviation_um": _UM * nozzle.circular_deviation,
+        "radial_deviation_max_um": _UM * float(nozzle.deviation.max()),
+        "radial_deviation_min_um": _UM * float(nozzle.deviation.min()),
+    }
+    for reversal in nozzle.reversals(reach):
+        row |= _reversal_row(reversal)
+    # the motors' deviation is given at the nozzle's angle: their distance changes it in second order only
+    curves = {
+        "angle_deg": nozzle.angle,
+        "radial_deviation_um": _UM * nozzle.deviation,
+        "motor_deviation_um": _UM * motor.deviation,
+    }
+    return row | {name: np.round(curve, 6).tolist() for name, curve in curves.items()}
+
+
+def _reversal_row(reversal: Reversal) -> dict[str, Any]:
+    name = f"reversal_{'xy'[reversal.axis]}_{reversal.angle:.0f}"
+    return {
+        f"{name}_step_um": _UM * reversal.step,
+        f"{name}_spike_um": _UM * reversal.spike,
+        f"{name}_spike_at_deg": reversal.spike_at,
+    }

@@ -60,7 +60,7 @@ class Conveniences:
         Raises:
             InputError: the dispenser is never on.
         """
-        return _named("gantrysim.plots.overview", "overview")(self.budget)
+        return _named("gantrysim.report.plots.overview", "overview")(self.budget)
 
     def report(
         self, folder: str | os.PathLike[str], *, causes: bool = True, improve: bool = True, progress: Any = None

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from gantrysim.base.errors import GantryError
-from gantrysim.dispenser.dispenser import Dispenser
+from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.job.job import Job
 from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.outcome import Outcome

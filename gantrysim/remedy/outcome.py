@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from gantrysim.base.errors import GantryError
-from gantrysim.bead import Bead
-from gantrysim.dispenser.dispenser import time_before
 from gantrysim.engine.record_columns import dispensed_otherwise
+from gantrysim.glue.bead import Bead
+from gantrysim.glue.dispenser.dispenser import time_before
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget

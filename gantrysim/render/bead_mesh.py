@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.bead.rings import SIDES, Mesh, faces
+from gantrysim.glue.bead.rings import SIDES, Mesh, faces
 
 _RINGS = 64  # of a piece: of fewer, more geoms are drawn; of more, more rings are uploaded with every picture
 _SHOWN = 0  # group of geoms that pictures show

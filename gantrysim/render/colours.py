@@ -13,8 +13,8 @@ from PIL import ImageColor
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, unknown
-from gantrysim.bead.sweep import Sweep
-from gantrysim.bead.trace import BeadSettings, BeadTrace
+from gantrysim.glue.bead.sweep import Sweep
+from gantrysim.glue.bead.trace import BeadSettings, BeadTrace
 from gantrysim.record.run import Run
 from gantrysim.results.glue import BeadWidth
 from gantrysim.results.tolerance import Tolerance

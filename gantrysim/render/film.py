@@ -14,8 +14,8 @@ import numpy as np
 
 from gantrysim.base import memory
 from gantrysim.base.errors import InputError, finite, positive
-from gantrysim.bead import BeadSettings
-from gantrysim.bead.trace import BeadTrace
+from gantrysim.glue.bead import BeadSettings
+from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.render.colours import default_colour, scale_for

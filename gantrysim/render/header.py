@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from PIL import Image, ImageDraw
 
-from gantrysim.plots.style import COLOURS, INK
 from gantrysim.render.encoding import Picture
 from gantrysim.render.fonts import LINE, MUTED, PAPER, Font, font
 from gantrysim.render.telemetry import Telemetry
+from gantrysim.report.plots.style import COLOURS, INK
 
 _HEIGHT = 2.9  # of a header with one line of readout, in sizes of its letters
 _WIDTHS = {1: 34, 2: 22}  # by lines of readout, that hold all of it, in sizes of the letters

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from gantrysim.base.errors import expanded
-from gantrysim.bead import BeadSettings
-from gantrysim.dispenser.dispenser import Dispenser
+from gantrysim.glue.bead import BeadSettings
+from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.job.job import Job
 from gantrysim.job.programs import PROGRAMS, described
 from gantrysim.job.settings import ServoSettings

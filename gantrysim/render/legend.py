@@ -7,10 +7,10 @@ from functools import lru_cache
 import numpy as np
 from PIL import Image, ImageDraw
 
-from gantrysim.plots.style import INK
 from gantrysim.render.colours import Scale
 from gantrysim.render.encoding import Picture
 from gantrysim.render.fonts import LINE, PAPER, Font, font
+from gantrysim.report.plots.style import INK
 
 # of the upright scale, in sizes of the letters
 _BAR = 0.9

@@ -8,13 +8,13 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from gantrysim.base.errors import InputError
-from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK
 from gantrysim.render.colours import Scale
 from gantrysim.render.encoding import Picture
 from gantrysim.render.fonts import LINE, MUTED, PAPER, Font, font, rgb
 from gantrysim.render.legend import Legend
 from gantrysim.render.strip import Strip
 from gantrysim.render.telemetry import Telemetry
+from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, INK
 
 _SHARE = 0.18  # height of a panel of one row, relative to the frame's
 _LEAST_HEIGHT = 66  # [pixels], for letters of 10

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 
 from gantrysim.base.errors import InputError, whole
-from gantrysim.bead import BeadSettings
-from gantrysim.bead.trace import BeadTrace
+from gantrysim.glue.bead import BeadSettings
+from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.machine.machine import NOZZLE, Machine
 from gantrysim.record.run import Run
 from gantrysim.render.antialiasing import smoothed

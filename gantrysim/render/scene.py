@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import unknown
-from gantrysim.bead import BeadSettings
-from gantrysim.bead.sweep import Sweep
-from gantrysim.bead.trace import BeadTrace
+from gantrysim.glue.bead import BeadSettings
+from gantrysim.glue.bead.sweep import Sweep
+from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.machine.machine import NEEDLE, NOZZLE, WORK, Machine
-from gantrysim.native.quiet import quiet
+from gantrysim.machine.quiet import quiet
 from gantrysim.record.run import Run
 from gantrysim.render.bead_mesh import BeadMesh, add_pieces, piece_slices
 from gantrysim.render.colours import PLAIN, Scale, scale_for, values_along

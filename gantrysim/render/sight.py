@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.machine.machine import NEEDLE, NOZZLE, Machine
-from gantrysim.native.quiet import quiet
+from gantrysim.machine.quiet import quiet
 from gantrysim.record.run import Run
 from gantrysim.render.framing import Framing
 

@@ -11,10 +11,10 @@ from PIL import Image, ImageDraw
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks
 from gantrysim.metrics.error_quantities import CONTOUR
-from gantrysim.plots.style import COLOURS, INK
 from gantrysim.render.encoding import Picture
 from gantrysim.render.fonts import MUTED, PAPER, Font, rgb
 from gantrysim.render.telemetry import Telemetry
+from gantrysim.report.plots.style import COLOURS, INK
 
 _GREY = COLOURS["requested"]
 _FAULT = COLOURS["fault"]

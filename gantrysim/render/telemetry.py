@@ -12,7 +12,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import Column, blocks, table_by_blocks
 from gantrysim.base.jit import jit
 from gantrysim.base.quantity import number_text
-from gantrysim.bead.trace import BeadTrace
+from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.record.run import Run

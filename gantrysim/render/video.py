@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 
-from gantrysim.bead import BeadSettings
-from gantrysim.bead.trace import BeadTrace
+from gantrysim.glue.bead import BeadSettings
+from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.render.film import Film, Take

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.bead.trace import BeadTrace
+from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.render.framing import FIELD_OF_VIEW, Framing
 
 # of the picture below the panel that the bead is to cover: a twelfth of the whole frame, with some of it hidden

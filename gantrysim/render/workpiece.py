@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.bead import BeadSettings
-from gantrysim.bead.trace import BeadTrace
+from gantrysim.glue.bead import BeadSettings
+from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.record.run import Run
 

@@ -1,4 +1,5 @@
 """Reports and output folders: summary.json, the HTML report of a run, and the page on which studies report too."""
 
-from gantrysim.report.document import Column, Section, Table
-from gantrysim.report.drawn_page import write_page
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

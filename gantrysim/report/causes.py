@@ -8,8 +8,8 @@ from typing import Any
 from gantrysim.base.quantity import contents
 from gantrysim.job.causes import CELL_FORM, Causes, Errors
 from gantrysim.metrics.parts import ERROR, ERROR_SIZES
-from gantrysim.plots.causes import draw_causes
 from gantrysim.report.document import Column, Section, Table
+from gantrysim.report.plots.causes import draw_causes
 from gantrysim.report.sections import drawn
 
 # of the plot [inch]

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from gantrysim.base.errors import InputError
 from gantrysim.base.quantity import Quantity, number_text
-from gantrysim.plots.style import INK
+from gantrysim.report.plots.style import INK
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from gantrysim.plots.pictures import Plot
+    from gantrysim.report.plots.pictures import Plot
 
     Drawing = Figure | Plot | Callable[[], Figure]
 

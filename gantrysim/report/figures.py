@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gantrysim.plots.pictures import Plot
 from gantrysim.report.document import Section
+from gantrysim.report.plots.pictures import Plot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,8 +8,8 @@ from typing import Any
 
 from gantrysim.base.display import decimals_of
 from gantrysim.base.quantity import Quantity
-from gantrysim.bead import BeadValues
-from gantrysim.bead.bead_quantities import (
+from gantrysim.glue.bead import BeadValues
+from gantrysim.glue.bead.bead_quantities import (
     CLEARANCE,
     COVERAGE,
     EXCESS_AT_STOP,

@@ -7,17 +7,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from gantrysim.base.quantity import RANGE, RMS, number_text
-from gantrysim.bead import Bead, BeadValues
-from gantrysim.bead.bead_quantities import BEAD, VOLUME_ERROR_PERCENT
+from gantrysim.glue.bead import Bead, BeadValues
+from gantrysim.glue.bead.bead_quantities import BEAD, VOLUME_ERROR_PERCENT
 from gantrysim.job.losses import Losses, events
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import CONTOUR, FOLLOWING_ALONG, LAG, PROGRAM
 from gantrysim.metrics.parts import PART_COLUMNS, PART_PLACE, PART_SIZES, PartValues
-from gantrysim.plots.bead import draw_bead_along
-from gantrysim.plots.budget import draw_by_turn, draw_shares
-from gantrysim.plots.pictures import (
+from gantrysim.record.run import Run
+from gantrysim.report.document import Column, Section, Table, with_minus
+from gantrysim.report.headline import NO_ERROR
+from gantrysim.report.plots.bead import draw_bead_along
+from gantrysim.report.plots.budget import draw_by_turn, draw_shares
+from gantrysim.report.plots.pictures import (
     HALF,
     PAGE_COLUMNS,
     WIDE,
@@ -27,11 +30,8 @@ from gantrysim.plots.pictures import (
     plan_plot,
     spacing_plot,
 )
-from gantrysim.plots.spacing import draw_polar_spacing
-from gantrysim.plots.style import COLOURS, sheet
-from gantrysim.record.run import Run
-from gantrysim.report.document import Column, Section, Table, with_minus
-from gantrysim.report.headline import NO_ERROR
+from gantrysim.report.plots.spacing import draw_polar_spacing
+from gantrysim.report.plots.style import COLOURS, sheet
 from gantrysim.report.rows import RowTexts, bead_rows, motion_rows, volume_error, volume_parts
 from gantrysim.report.viewer_data import ViewerData
 from gantrysim.results.run_results import RunResults

@@ -13,8 +13,8 @@ from gantrysim.servo.laws import LAW_PARAMETERS
 from gantrysim.servo.laws.selection import Laws, words
 from gantrysim.servo.servo import Servo
 from gantrysim.servo.servo_values import NOTCH
-from gantrysim.stability.margin_quantities import GAIN_MARGIN, MARGINS
-from gantrysim.stability.margins import NO_LOOP, Margins
+from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, MARGINS
+from gantrysim.servo.stability.margins import NO_LOOP, Margins
 
 
 def servo_section(results: RunResults) -> Section:

@@ -1,6 +1,6 @@
 """What the page's 3-D view needs beside the columns of the viewer: the bead's height and the machine's poses.
 
-Only jobs whose bead leaves a plane have the view, see `gantrysim.bead.climb`.
+Only jobs whose bead leaves a plane have the view, see `gantrysim.glue.bead.climb`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.bead import Bead
+from gantrysim.glue.bead import Bead
 from gantrysim.machine.outline import Part, Solid, outline
 from gantrysim.record.run import Run
 from gantrysim.report.encoding import encoded

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gantrysim.plots.style import INK, common_style
+from gantrysim.report.plots.style import INK, common_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

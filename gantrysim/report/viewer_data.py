@@ -19,15 +19,15 @@ from numpy.typing import NDArray
 from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks, by_blocks, extent
-from gantrysim.bead import Bead
-from gantrysim.bead.climb import leaves_plane
+from gantrysim.glue.bead import Bead
+from gantrysim.glue.bead.climb import leaves_plane
 from gantrysim.job.lines import program_lines_at
 from gantrysim.metrics.analysis import path_speed
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.parts import CORNER
-from gantrysim.plots.plan import magnification
-from gantrysim.plots.style import COLOURS, DASHES
 from gantrysim.report.encoding import encoded, encoded_ascending, encoded_runs
+from gantrysim.report.plots.plan import magnification
+from gantrysim.report.plots.style import COLOURS, DASHES
 from gantrysim.report.space_data import bead_height, space_content
 from gantrysim.report.thinning import MOST_ROWS, shown_rows
 from gantrysim.results.run_results import RunResults

@@ -7,18 +7,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 from gantrysim.base.progress import Progress, shown_progress
-from gantrysim.bead import Bead
+from gantrysim.glue.bead import Bead
 from gantrysim.job.causes import causes_of
 from gantrysim.job.job import Job
 from gantrysim.job.losses import Losses
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
-from gantrysim.plots import save_plots
 from gantrysim.record.run import Run
 from gantrysim.report.document import Section
 from gantrysim.report.figures import figures_ahead
 from gantrysim.report.folder import PLOTS, REPORT, output_folder, write_fault, write_run
 from gantrysim.report.page import run_page, sections_with_figures
+from gantrysim.report.plots import save_plots
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.verdict import Verdict
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from gantrysim.base.quantity import AXIS, Item, Quantity, contents
-from gantrysim.bead.bead_quantities import BEAD
+from gantrysim.glue.bead.bead_quantities import BEAD
 from gantrysim.job.losses import LOSSES
 from gantrysim.metrics.error_quantities import ERRORS, MOTION, TORQUE_RIPPLE, of_axes
 from gantrysim.results.run_results import AxisLoop, RunResults
-from gantrysim.stability.margin_quantities import MARGINS
+from gantrysim.servo.stability.margin_quantities import MARGINS
 
 TORQUE_RIPPLE_PERCENT = Quantity[AxisLoop](
     "torque_ripple",

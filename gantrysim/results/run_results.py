@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from gantrysim.bead import Bead, BeadValues
+from gantrysim.glue.bead import Bead, BeadValues
 from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
 from gantrysim.job.losses import Losses
@@ -14,7 +14,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.metrics.budget import Budget
 from gantrysim.results.verdict import Verdict
-from gantrysim.stability.loop_margins import Margins
+from gantrysim.servo.stability.loop_margins import Margins
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from gantrysim.base.display import Shown
 from gantrysim.base.quantity import MAX, P95
-from gantrysim.bead import Bead
+from gantrysim.glue.bead import Bead
 from gantrysim.job.job import Job
 from gantrysim.job.lines import program_lines
 from gantrysim.job.losses import happened, reached
@@ -26,8 +26,8 @@ from gantrysim.results.glue import GLUE, glue_row
 from gantrysim.results.row import Row
 from gantrysim.results.tolerance import DEFAULT, Tolerance
 from gantrysim.results.verdict_quantities import SPEED_RESERVE, STEPS_LOST, TORQUE_RESERVE
-from gantrysim.stability.margin_quantities import GAIN_MARGIN, SENSITIVITY
-from gantrysim.stability.margins import Margins, margins_of
+from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, SENSITIVITY
+from gantrysim.servo.stability.margins import Margins, margins_of
 
 PATH = "path"
 STABILITY = "stability"

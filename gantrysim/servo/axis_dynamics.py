@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
-from gantrysim.stability.motion import Drives, Motion
+from gantrysim.servo.stability.motion import Drives, Motion
 
 
 class Friction(NamedTuple):

@@ -17,8 +17,8 @@ from gantrysim.servo.laws import PID
 from gantrysim.servo.laws.law import Law, LawDesign, Timing
 from gantrysim.servo.laws.linear import added_laws, linear_law
 from gantrysim.servo.laws.user import LawName
-from gantrysim.stability.compensator import Compensator
-from gantrysim.stability.margins import NO_LOOP, Laws, LinearLaw, Margins, Plant
+from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.margins import NO_LOOP, Laws, LinearLaw, Margins, Plant
 
 LEAST_GAIN_MARGIN = 2.0  # of every derived loop
 LARGEST_PEAK = 2.0  # of its |S|

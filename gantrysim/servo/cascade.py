@@ -15,9 +15,9 @@ from gantrysim.servo.derivation import Loop, NoLoopError, loop
 from gantrysim.servo.gains import Gains
 from gantrysim.servo.laws import PID
 from gantrysim.servo.laws.pid import compensator
-from gantrysim.stability.compensator import Compensator
-from gantrysim.stability.margins import Laws, Plant
-from gantrysim.stability.motion import MODES, Drives, Motion
+from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.margins import Laws, Plant
+from gantrysim.servo.stability.motion import MODES, Drives, Motion
 
 _SLOWER = 0.97  # from one gain tried to the next
 _SLOWEST = 1e-4  # relative to the first

@@ -17,7 +17,7 @@ from gantrysim.servo.axis_loop import (
     CoupledLoops,
     LoopTask,
 )
-from gantrysim.stability.motion import Motion
+from gantrysim.servo.stability.motion import Motion
 
 FREQUENCIES = (1e-3, 1e5)  # natural frequencies that can be given [Hz]
 

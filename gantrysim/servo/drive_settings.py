@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Annotated, NamedTuple, TypedDict
 
 from gantrysim.servo.parameter import PerAxis, parameters_of
-from gantrysim.stability.motion import MODES, Drives
+from gantrysim.servo.stability.motion import MODES, Drives
 
 LOOPS = {"velocity", "position"}  # modes of drives that close loops themselves
 DRIVE_PERIOD = 1.25e-4  # of the loops in the drives [s]

@@ -36,8 +36,8 @@ from gantrysim.servo.servo_values import (
     checked,
     per_axis,
 )
-from gantrysim.stability.compensator import Compensator
-from gantrysim.stability.motion import MODES, Drives
+from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.motion import MODES, Drives
 
 _COMMON = ("period", "delay", "drive_period", "feedback_delay", "encoder_seed")  # keys of values for all axes
 

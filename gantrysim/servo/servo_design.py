@@ -24,8 +24,8 @@ from gantrysim.servo.request import ServoRequest
 from gantrysim.servo.servo_values import (
     per_axis,
 )
-from gantrysim.stability import margins as stability
-from gantrysim.stability.margins import NO_LOOP, Margins, Plant
+from gantrysim.servo.stability import margins as stability
+from gantrysim.servo.stability.margins import NO_LOOP, Margins, Plant
 
 _ROUNDING = 1e-6  # of margins computed of the same loop in two ways, relative
 

@@ -11,7 +11,7 @@ from gantrysim.servo.drive_settings import DRIVE, LOOPS, WORDS, GivenDrives
 from gantrysim.servo.gains import FEED_FORWARD, GAIN_NAMES, GAINS, GivenGains
 from gantrysim.servo.laws import LAW_PARAMETERS, LAWS, GivenLaws
 from gantrysim.servo.notch import NOTCH, GivenNotches
-from gantrysim.stability.motion import MODES
+from gantrysim.servo.stability.motion import MODES
 
 _LARGEST_GAIN = 1e18
 DAMPINGS = (1e-3, 1e3)

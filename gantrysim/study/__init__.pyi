@@ -1,3 +1,4 @@
+from . import tuning as tuning
 from .backends import on_backend as on_backend
 from .cases import OK as OK
 from .cases import Case as Case

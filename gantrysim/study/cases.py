@@ -13,8 +13,8 @@ from typing import Any, Literal, Self
 
 from gantrysim.base.errors import InputError
 from gantrysim.base.quantity import MEAN, contents
-from gantrysim.bead import Bead, BeadSettings
-from gantrysim.bead.bead_quantities import VOLUME_ERROR_PERCENT, WIDTH
+from gantrysim.glue.bead import Bead, BeadSettings
+from gantrysim.glue.bead.bead_quantities import VOLUME_ERROR_PERCENT, WIDTH
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation

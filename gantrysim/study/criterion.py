@@ -8,7 +8,7 @@ from functools import cached_property
 
 from gantrysim.base.errors import InputError, positive, unknown
 from gantrysim.base.quantity import MAX, P95, RMS, SHARE, STD, numbers_of
-from gantrysim.bead.bead_quantities import VOLUME_ERROR_PERCENT, WIDTH
+from gantrysim.glue.bead.bead_quantities import VOLUME_ERROR_PERCENT, WIDTH
 from gantrysim.metrics.error_quantities import ERRORS, MOTION, SPACING, SPEED, SPEED_RIPPLE
 from gantrysim.study.acceptance import MOTION_LIMITS, Acceptance, Scope
 from gantrysim.study.cases import OK, Row

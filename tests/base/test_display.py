@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 import pytest
 
 from gantrysim import Budget, Job
-from gantrysim.bead import Bead
+from gantrysim.glue.bead import Bead
 from gantrysim.metrics import Analysis
 
 from support.jobs import job_run

@@ -30,7 +30,7 @@ from gantrysim.cli.tables import outcome_table
 from gantrysim.cli.terminal import interruptible
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.budget import LINKS, Budget
-from gantrysim.plots import pictures
+from gantrysim.report.plots import pictures
 from gantrysim.report.saved import SavedRun
 from gantrysim.report.summary import summary
 from gantrysim.results.quantities import ERROR_GROUP
@@ -301,7 +301,7 @@ def test_a_run_interrupted_while_it_simulates_writes_nothing(gantrysim_command, 
     assert signal.getsignal(signal.SIGINT) is before
 
 
-@pytest.mark.parametrize("place", ["gantrysim.cli.evaluation.links_table", "gantrysim.plots.save_plots"])
+@pytest.mark.parametrize("place", ["gantrysim.cli.evaluation.links_table", "gantrysim.report.plots.save_plots"])
 def test_a_run_interrupted_once_it_is_complete_keeps_record_and_summary(
     gantrysim_command, tmp_path, monkeypatch, place
 ):
@@ -334,7 +334,7 @@ def test_an_interrupt_that_became_another_error_ends_the_run(gantrysim_command, 
             signal.raise_signal(number)
 
     function = ctypes.PYFUNCTYPE(None, Argument)(lambda _: None)
-    monkeypatch.setattr("gantrysim.plots.save_plots", lambda *_, **__: function(1))
+    monkeypatch.setattr("gantrysim.report.plots.save_plots", lambda *_, **__: function(1))
     status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
     said = f"interrupted: the run is complete, its record and summary are in {tmp_path / 'out'}/\n"
     assert (status, errors) == (128 + number, said)
@@ -347,7 +347,7 @@ def test_a_lost_interrupt_ends_the_next_step(gantrysim_command, tmp_path, monkey
         progress(0.5)
         pytest.fail("went on")
 
-    monkeypatch.setattr("gantrysim.plots.save_plots", lost)
+    monkeypatch.setattr("gantrysim.report.plots.save_plots", lost)
     assert gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)[0] == 130
 
 

@@ -10,8 +10,8 @@ import pytest
 from gantrysim import InputError, Job, Machine, Run
 from gantrysim.base.toml_files import read_text
 from gantrysim.cli import study, terminal
-from gantrysim.plots.style import sheet
 from gantrysim.report.document import Table
+from gantrysim.report.plots.style import sheet
 
 from support.studies import SHORT
 

@@ -9,10 +9,10 @@ from typer.core import TyperGroup
 from gantrysim import InputError, Job
 from gantrysim.cli import terminal
 from gantrysim.cli.main import app
-from gantrysim.design.library import encoder_names, motor_names
 from gantrysim.job.key_list import sections
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.programs import PROGRAMS
+from gantrysim.machine.design.library import encoder_names, motor_names
 
 
 def commands(command, path=()):

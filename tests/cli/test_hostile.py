@@ -118,7 +118,7 @@ DRAWINGS = {
 
 @pytest.mark.parametrize(("text", "settings"), [(t, s) for t, *s in DRAWINGS.values()], ids=DRAWINGS.keys())
 def test_a_route_has_a_leg_for_every_piece_of_its_chain(text, settings):
-    from gantrysim.drawings import Drawing
+    from gantrysim.controllers.drawings import Drawing
 
     values = dict(setting.split("=") for setting in settings)
     if "corner_tolerance" in values:
@@ -154,7 +154,7 @@ LONG = {
 @pytest.mark.parametrize(("text", "message"), LONG.values(), ids=LONG.keys())
 def test_a_drawing_with_a_long_text_is_read_or_refused_at_once(text, message):
     from gantrysim import InputError
-    from gantrysim.drawings import Drawing
+    from gantrysim.controllers.drawings import Drawing
 
     if message is None:
         assert Drawing(text=text).route.legs
@@ -164,7 +164,7 @@ def test_a_drawing_with_a_long_text_is_read_or_refused_at_once(text, message):
 
 
 def test_a_style_sheet_still_hides_and_colours():
-    from gantrysim.drawings import Drawing
+    from gantrysim.controllers.drawings import Drawing
 
     sheet = "<style>/* x{ */ .a { stroke : #ff0000 ; } .b{visibility:hidden}</style>"
     text = svg(sheet + '<path class="a" d="M0 0 L10 0"/><path class="b" d="M0 5 L10 5"/>')
@@ -223,9 +223,9 @@ def test_the_title_of_a_plan_lies_on_its_sheet(size):
     from gantrysim.metrics.analysis import Analysis
     from gantrysim.paths.chain import Chain
     from gantrysim.paths.pieces import Line
-    from gantrysim.plots.plan import draw_plan, plan_extent
-    from gantrysim.plots.style import sheet, view_height
     from gantrysim.record.setpoints import Setpoints
+    from gantrysim.report.plots.plan import draw_plan, plan_extent
+    from gantrysim.report.plots.style import sheet, view_height
 
     wide, high = size
     path = Chain([Line((0, 0, 0), (wide, 0, 0)), Line((wide, 0, 0), (wide, high, 0))])

@@ -15,10 +15,10 @@ from PIL import Image
 from gantrysim import InputError, Job, Run
 from gantrysim.base.files import PARTIAL
 from gantrysim.cli.render import size_of
-from gantrysim.plots.style import INK
 from gantrysim.render import Film, Take
 from gantrysim.render.labels import labels_of
 from gantrysim.render.panel import run_colours
+from gantrysim.report.plots.style import INK
 from gantrysim.report.saved import SavedRun
 
 from support.films import cut, saved, shows, small_job

@@ -64,7 +64,7 @@ def test_the_files_are_made_once_all_is_printed_and_the_film_last(
 
     drawn = []
     printed = []
-    monkeypatch.setattr("gantrysim.plots.save_plots", plot)
+    monkeypatch.setattr("gantrysim.report.plots.save_plots", plot)
     monkeypatch.setattr("gantrysim.report.page.run_page", draw)
     monkeypatch.setattr("gantrysim.render.save_video", lambda *_, **__: order.append("film"))
     words = [word for word in QUICK if word not in ("--no-video", "--no-report")]

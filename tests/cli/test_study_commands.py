@@ -12,7 +12,7 @@ import gantrysim.study
 from gantrysim.cli import study as study_commands
 from gantrysim.cli.tune import tune
 from gantrysim.study import CircleStudy, LawsStudy, MachineStudy, RepeatStudy, SpeedStudy
-from gantrysim.tuning import TuningStudy
+from gantrysim.study.tuning import TuningStudy
 
 SMALL = ("an225", "--set", "diameter=60.0", "--set", "turns=1", "--workers", 1)
 

@@ -13,7 +13,7 @@ import pytest
 from gantrysim import InputError, Job
 from gantrysim.cli.tune import write_words
 from gantrysim.study.ledger import LEDGER
-from gantrysim.tuning.servo import TUNED
+from gantrysim.study.tuning.servo import TUNED
 
 from support.studies import PATIENCE, content, spoken
 from support.tunings import circle, detuned

@@ -19,8 +19,9 @@ from gantrysim.compare.comparison import Comparison
 from gantrysim.compare.measured import Trace
 from gantrysim.compare.page import headline, share_text
 from gantrysim.engine.simulate import perfect_follower
+from gantrysim.metrics import circle_row
 from gantrysim.record.setpoints import Setpoints
-from gantrysim.study.circle.study import CircleStudy, circle_row
+from gantrysim.study.circle.study import CircleStudy
 from gantrysim.tables.column_table import ColumnTable
 from gantrysim.tables.reading import read_table
 from gantrysim.tables.source import Source

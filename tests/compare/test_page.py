@@ -11,7 +11,7 @@ from gantrysim import Budget, Job, Machine
 from gantrysim.compare.comparison import Comparison
 from gantrysim.compare.measured import Trace
 from gantrysim.compare.page import write_comparison_page
-from gantrysim.plots.style import COLOURS
+from gantrysim.report.plots.style import COLOURS
 
 from support.jobs import job_run
 from support.pages import Page

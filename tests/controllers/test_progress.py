@@ -9,9 +9,9 @@ import pytest
 from gantrysim import Job
 from gantrysim.base.errors import InputError
 from gantrysim.controllers import fanuc
+from gantrysim.controllers.drawings import Drawing
 from gantrysim.controllers.gcode import linuxcnc
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.drawings import Drawing
 from gantrysim.engine.positions import axis_positions
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Line

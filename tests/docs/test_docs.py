@@ -17,8 +17,8 @@ import typer
 
 import gantrysim
 from gantrysim import Budget, Job, metrics
-from gantrysim.bead import Bead
 from gantrysim.cli.main import app
+from gantrysim.glue.bead import Bead
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.losses import Losses
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Budget, Job, simulate_batch
-from gantrysim.bead import Bead
+from gantrysim.glue.bead import Bead
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.report.summary import summary
 from gantrysim.results.run_results import RunResults

@@ -19,11 +19,11 @@ from gantrysim.job.causes import CAUSES, Setup
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.cascade import velocity_loop
-from gantrysim.stability.cascade import with_velocity_loops
-from gantrysim.stability.compensator import Compensator
-from gantrysim.stability.margins import Laws, Plant, margins_of
-from gantrysim.stability.motion import Drives, LinearSystem
-from gantrysim.tuning.study import TuningStudy
+from gantrysim.servo.stability.cascade import with_velocity_loops
+from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.margins import Laws, Plant, margins_of
+from gantrysim.servo.stability.motion import Drives, LinearSystem
+from gantrysim.study.tuning.study import TuningStudy
 
 from support.runs import plain, ramp
 from support.tables import EXAMPLES

@@ -15,7 +15,7 @@ from gantrysim.job.job import Job
 from gantrysim.machine.ideal import without_winding
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import Setpoints
-from gantrysim.stability.margins import Plant, margins_of
+from gantrysim.servo.stability.margins import Plant, margins_of
 from gantrysim.study.loop.sampling import circle_response
 
 from support.runs import plain, ramp, turntable

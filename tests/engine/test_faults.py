@@ -10,9 +10,9 @@ import pytest
 
 from gantrysim import Fault, Machine, Servo, metrics, simulate
 from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.engine.native.hook import installed
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
-from gantrysim.native.hook import installed
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.record.setpoints import Setpoints
 

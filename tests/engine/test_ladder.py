@@ -15,7 +15,7 @@ from gantrysim.engine.learning import run_and_learn
 from gantrysim.engine.simulation import Simulation
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import Setpoints
-from gantrysim.stability.margins import margins_of
+from gantrysim.servo.stability.margins import margins_of
 
 from support.runs import PERIOD, ramp, smooth
 

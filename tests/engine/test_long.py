@@ -13,12 +13,12 @@ from gantrysim import Job, Run, simulate
 from gantrysim.base import columns, memory
 from gantrysim.base.columns import Stored
 from gantrysim.base.errors import InputError
-from gantrysim.bead import Bead
 from gantrysim.cli.tables import plan_table
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.dispenser.dispenser import Dispenser
-from gantrysim.dispenser.needle import Needle
-from gantrysim.dispenser.syringe import Syringe
+from gantrysim.glue.bead import Bead
+from gantrysim.glue.dispenser.dispenser import Dispenser
+from gantrysim.glue.dispenser.needle import Needle
+from gantrysim.glue.dispenser.syringe import Syringe
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
@@ -211,7 +211,7 @@ def test_check_shows_ticks_machine_time_and_memory(monkeypatch):
 PROGRAM = """
 import gc, resource, sys
 from gantrysim import Job
-from gantrysim.bead import Bead
+from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.summary import summary

@@ -11,8 +11,8 @@ import pytest
 
 from gantrysim import InputError, Job, Servo, simulate, simulate_batch
 from gantrysim.servo.laws.user import resolved
-from gantrysim.stability.margins import margins_of
-from gantrysim.stability.motion import UnknownLoopError
+from gantrysim.servo.stability.margins import margins_of
+from gantrysim.servo.stability.motion import UnknownLoopError
 
 from support import own_laws
 from support.runs import ramp

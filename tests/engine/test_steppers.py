@@ -12,6 +12,7 @@ from scipy.linalg import eigh
 from gantrysim import Machine, Servo, simulate
 from gantrysim.base.errors import InputError
 from gantrysim.engine.advance import Stepper
+from gantrysim.engine.native.stepping_field import mean_stepped
 from gantrysim.engine.simulation import Simulation
 from gantrysim.faults import BusSag
 from gantrysim.identify.identification import identify
@@ -20,7 +21,6 @@ from gantrysim.job.job import Job
 from gantrysim.job.steps import lost_steps
 from gantrysim.machine.ideal import without_winding
 from gantrysim.metrics.budget import Budget
-from gantrysim.native.stepping_field import mean_stepped
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.report.summary import summary
 from gantrysim.results.run_results import RunResults

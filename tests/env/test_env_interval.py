@@ -7,7 +7,7 @@ import pytest
 from gantrysim.env import episode_batch
 from gantrysim.env.interval import PER_AXIS, SHARED, SPAN, measure
 from gantrysim.env.observation import IntervalValues
-from gantrysim.native.row import ROW, Log
+from gantrysim.machine.row import ROW, Log
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.spirals import Involute
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from gantrysim import InputError, Job, Machine
 from gantrysim.env import ServoTorqueEnv, SpiralTuningEnv, friction_compensation
 from gantrysim.env.friction import fit, model_torques
-from gantrysim.native.row import Log
+from gantrysim.machine.row import Log
 
 from support.episodes import TORQUE, returned, same, seen
 

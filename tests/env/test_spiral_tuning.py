@@ -19,7 +19,7 @@ from gantrysim.env.baselines import _stiffest
 from gantrysim.env.inertia import fit, ratios
 from gantrysim.env.sensitivity import SensitivityTable
 from gantrysim.machine.perturbation import Perturbation
-from gantrysim.native.row import Log
+from gantrysim.machine.row import Log
 from gantrysim.servo.servo import Servo
 
 from support.costs import expected_cost

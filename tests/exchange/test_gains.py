@@ -15,7 +15,7 @@ from gantrysim.exchange.shaper import SHAPERS, first_mode, klipper, pulses
 from gantrysim.exchange.unsaid import BESIDE, THROUGH
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.laws import LAW_PARAMETERS
-from gantrysim.stability.motion import Motion
+from gantrysim.servo.stability.motion import Motion
 
 from support.runs import ramp
 

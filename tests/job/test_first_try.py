@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Bead, Budget, InputError, Job
-from gantrysim.bead.section import Section
+from gantrysim.glue.bead.section import Section
 from gantrysim.job.defaults import INTEGRAL_TIME, MACHINES, smallest_machine
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.machine.machine import Machine

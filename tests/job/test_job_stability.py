@@ -8,7 +8,7 @@ import pytest
 from gantrysim import InputError, Job
 from gantrysim.cli.tables import outcome_table
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.stability.margins import margins_of
+from gantrysim.servo.stability.margins import margins_of
 
 SHORT = ("diameter=40", "turns=1")
 

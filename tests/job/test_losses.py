@@ -10,21 +10,21 @@ import numpy as np
 import pytest
 
 from gantrysim import Dispenser, InputError, Job, Run, Verdict, causes_of
-from gantrysim.bead import Bead, BeadSettings
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.episodes import Source
 from gantrysim.env.settings import Settings
 from gantrysim.faults import CloggedNozzle, EncoderSlip, InjectedFault, OpenWinding, StuckAxis
+from gantrysim.glue.bead import Bead, BeadSettings
 from gantrysim.job.losses import Losses, events
 from gantrysim.metrics.analysis import Analysis, values
-from gantrysim.plots.error import draw_error
-from gantrysim.plots.style import sheet
 from gantrysim.record.fault import Fault
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.report.page import run_sections
+from gantrysim.report.plots.error import draw_error
+from gantrysim.report.plots.style import sheet
 from gantrysim.report.writing import results_of
 from gantrysim.study.cases import simulated
-from gantrysim.tuning.objective import case_of, column, measure_together
+from gantrysim.study.tuning.objective import case_of, column, measure_together
 
 from support.beads import AREA, GAP, PERIOD, PLATE, SPEED, line
 

@@ -16,7 +16,7 @@ from gantrysim.render.labels import labels_of
 from gantrysim.report.saved import SavedRun
 from gantrysim.study import Case, SpeedStudy, run_study
 from gantrysim.study.cases import measure
-from gantrysim.tuning import TuningStudy
+from gantrysim.study.tuning import TuningStudy
 
 from support import own_controllers
 from support.films import saved

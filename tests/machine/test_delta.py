@@ -15,7 +15,7 @@ from gantrysim.machine.kinematics import UnreachableError
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.record.setpoints import Setpoints, Supervision
-from gantrysim.stability.margins import margins_of
+from gantrysim.servo.stability.margins import margins_of
 
 from support.runs import PERIOD, STEP, plain
 

@@ -13,7 +13,7 @@ from gantrysim.controllers.softmc import Group, Program
 from gantrysim.machine.ideal import without_compliance
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.springs import springs_have_axes
-from gantrysim.stability.margins import margins_of
+from gantrysim.servo.stability.margins import margins_of
 
 from support.mechanisms import COREXY, corexy, tandem
 from support.runs import PERIOD, plain

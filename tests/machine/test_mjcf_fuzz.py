@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.machine.models import builtin_models
-from gantrysim.native.quiet import quiet
+from gantrysim.machine.quiet import quiet
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.record.setpoints import Setpoints
-from gantrysim.stability.margins import margins_of
+from gantrysim.servo.stability.margins import margins_of
 
 VALUES = ("0", "-1", "nan", "inf", "1e300", "1e-300", "", "abc", "1 2", "0 0 0", "1e15", "-0.001", "1e5", "x", "none")
 OPTIONS = ("timestep", "gravity", "integrator", "solver", "iterations", "tolerance", "density", "viscosity")

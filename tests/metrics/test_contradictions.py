@@ -7,7 +7,7 @@ import pytest
 
 from gantrysim import Budget, Job
 from gantrysim.base.errors import InputError
-from gantrysim.bead.bead import Bead
+from gantrysim.glue.bead.bead import Bead
 from gantrysim.job.causes import causes_of
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.paths.feet import Projection

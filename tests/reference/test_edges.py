@@ -18,7 +18,7 @@ from gantrysim import Machine, Servo, simulate
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.record.setpoints import Setpoints
-from gantrysim.stability.margins import margins_of
+from gantrysim.servo.stability.margins import margins_of
 
 from .compare import law_of
 from .law import notch_coefficients

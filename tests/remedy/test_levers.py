@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from gantrysim import Job
-from gantrysim.dispenser.dispenser import Dispenser
+from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.remedy.lever import State
 from gantrysim.remedy.levers import LEVERS
 from gantrysim.remedy.levers.speed import speed_changes

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gantrysim import Dispenser, Servo, simulate
-from gantrysim.bead import BeadSettings
 from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.glue.bead import BeadSettings
 from gantrysim.render import Renderer
 from gantrysim.render.bead_mesh import mesh_part
 from gantrysim.render.colours import scale_for

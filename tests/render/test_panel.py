@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from gantrysim import Fault, InputError
 from gantrysim.base import columns, memory
 from gantrysim.metrics.analysis import Analysis, path_speed
-from gantrysim.plots.style import COLOURS, INK
 from gantrysim.render.colours import Scale, scale_for
 from gantrysim.render.fonts import MUTED, PAPER, font, rgb
 from gantrysim.render.header import Header, headers
 from gantrysim.render.panel import Panel, run_colours
 from gantrysim.render.strip import Strip, axis_ticks
 from gantrysim.render.telemetry import Telemetry
+from gantrysim.report.plots.style import COLOURS, INK
 
 from support.films import SHAPES, cut, shows, small_job
 

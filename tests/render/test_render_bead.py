@@ -8,10 +8,10 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 from gantrysim import Dispenser, InputError, Machine, Servo, simulate
-from gantrysim.bead import Bead, BeadSettings
-from gantrysim.bead.height_map import HeightMap
-from gantrysim.bead.trace import BeadTrace
 from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.glue.bead import Bead, BeadSettings
+from gantrysim.glue.bead.height_map import HeightMap
+from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.render import Renderer
 from gantrysim.render.colours import COLOURS, errors_along, scale_for

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gantrysim.bead.trace import BeadTrace
+from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.job.job import Job
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.render import Film, Take

@@ -15,8 +15,8 @@ from PIL import Image
 from svgelements import Path as SvgPath
 
 from gantrysim import InputError
-from gantrysim.plots.style import INK, sheet, thinned
 from gantrysim.report import Column, Section, Table, write_page
+from gantrysim.report.plots.style import INK, sheet, thinned
 from gantrysim.report.svg import description, inline_svg
 
 from support.pages import Page

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from gantrysim import Fault, Job, Run, causes_of
-from gantrysim.bead import Bead
 from gantrysim.faults import EncoderSlip
+from gantrysim.glue.bead import Bead
 from gantrysim.job.causes import CAUSES
 from gantrysim.metrics.analysis import Analysis, torque_ripple
 from gantrysim.metrics.budget import LINKS, Budget
@@ -22,7 +22,7 @@ from gantrysim.report.headline import headline
 from gantrysim.report.page import write_run_page
 from gantrysim.report.summary import summary
 from gantrysim.results.run_results import RunResults
-from gantrysim.stability.margins import Margins
+from gantrysim.servo.stability.margins import Margins
 
 from support.pages import Page
 

@@ -12,12 +12,12 @@ import pytest
 from matplotlib.figure import Figure
 
 from gantrysim import Job
-from gantrysim.bead import Bead
 from gantrysim.cli.tables import links_table, outcome_table
+from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import DESCRIPTIONS, LINKS, Budget
-from gantrysim.plots.budget import draw_budget
 from gantrysim.report.page import write_run_page
+from gantrysim.report.plots.budget import draw_budget
 from gantrysim.report.summary import summary
 from gantrysim.results.run_results import RunResults
 

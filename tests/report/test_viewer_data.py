@@ -17,15 +17,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim import Job
-from gantrysim.bead import Bead
-from gantrysim.bead.climb import LEVEL, climb, leaves_plane
+from gantrysim.glue.bead import Bead
+from gantrysim.glue.bead.climb import LEVEL, climb, leaves_plane
 from gantrysim.job.lines import program_lines, program_lines_at
 from gantrysim.machine.outline import outline
 from gantrysim.metrics.analysis import Analysis, path_speed
 from gantrysim.metrics.budget import Budget
-from gantrysim.plots.style import COLOURS, DASHES, INK
 from gantrysim.report.encoding import encoded, encoded_ascending, encoded_runs
 from gantrysim.report.page import write_run_page
+from gantrysim.report.plots.style import COLOURS, DASHES, INK
 from gantrysim.report.space_data import POSES, pose_ticks
 from gantrysim.report.thinning import shown_rows
 from gantrysim.report.viewer_data import Series, ViewerData

@@ -6,7 +6,7 @@ import imageio.v3
 import numpy as np
 import pytest
 
-from gantrysim.bead import Bead
+from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.report.page import write_run_page

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Fault, InputError, Job, Tolerance, Verdict
-from gantrysim.bead import Bead
+from gantrysim.glue.bead import Bead
 from gantrysim.job.settings import ToleranceSettings
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
@@ -16,7 +16,7 @@ from gantrysim.results.checks import Check, Place
 from gantrysim.results.row import Row
 from gantrysim.results.run_results import RunResults
 from gantrysim.results.score import burden_of
-from gantrysim.stability.margins import Margins
+from gantrysim.servo.stability.margins import Margins
 
 from support.jobs import job_run
 from support.remedies import spiral_job

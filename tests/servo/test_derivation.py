@@ -19,8 +19,8 @@ from gantrysim.servo.derivation import NoLoopError, loop, natural_frequency
 from gantrysim.servo.notch import NOTCH_DEPTH, NOTCH_WIDTH
 from gantrysim.servo.request import ServoRequest
 from gantrysim.servo.servo_design import check_margins, margins_at
-from gantrysim.stability.margins import Margins, Plant, margins_of
-from gantrysim.stability.motion import Motion
+from gantrysim.servo.stability.margins import Margins, Plant, margins_of
+from gantrysim.servo.stability.motion import Motion
 
 from support.closed_loops import shortfall
 from support.tables import EXAMPLES

@@ -118,7 +118,7 @@ def test_a_killed_worker_does_not_change_the_study(cluster, job, tmp_path):
 def test_tuning_on_a_cluster_with_a_killed_worker_writes_the_same_files(
     cluster, gantrysim_command, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("gantrysim.tuning.report.plots", lambda study, rows: [])  # they take longest
+    monkeypatch.setattr("gantrysim.study.tuning.report.plots", lambda study, rows: [])  # they take longest
     settings = [part for setting in SHORT for part in ("--set", setting)]
     command = ("tune", "an225", *settings, "--budget", 24, "--robust", 1, "--unseen", 2)
     here, there, killed = tmp_path / "here", tmp_path / "there", []

@@ -16,8 +16,8 @@ from gantrysim.study.loop.answer import loop_answer, sweep_verdicts
 from gantrysim.study.page import page_sections
 from gantrysim.study.repeat.answer import repeat_answer
 from gantrysim.study.study import Details, Plot, Report
+from gantrysim.study.tuning.answer import question as tuning_question
 from gantrysim.study.verdict_columns import ASPECTS
-from gantrysim.tuning.answer import question as tuning_question
 
 from support.tunings import tuning
 

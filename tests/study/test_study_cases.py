@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Job
-from gantrysim.bead import Bead, HeightMap
+from gantrysim.glue.bead import Bead, HeightMap
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis, path_speed, speed_ripple, steady
 from gantrysim.metrics.budget import Budget

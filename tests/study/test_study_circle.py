@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from gantrysim.base.errors import InputError
-from gantrysim.metrics import Trace
+from gantrysim.metrics import Trace, circle_row
 from gantrysim.study import OK, run_study
 from gantrysim.study.circle import CircleStudy
-from gantrysim.study.circle.study import circle_row
 from gantrysim.study.run import NoValuesError
 
 from support.distinct import unaccounted

@@ -12,8 +12,8 @@ import pytest
 from gantrysim import InputError, Job
 from gantrysim.study import Case, run_study
 from gantrysim.study.laws import LADDER, LawsStudy, laws_row, reversals
-from gantrysim.tuning import TuningStudy
-from gantrysim.tuning.servo import servo_toml
+from gantrysim.study.tuning import TuningStudy
+from gantrysim.study.tuning.servo import servo_toml
 
 from support import own_laws
 from support.tunings import circle

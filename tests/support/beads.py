@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from gantrysim import Dispenser
-from gantrysim.bead import Bead, BeadSettings
 from gantrysim.engine.simulate import perfect_follower
+from gantrysim.glue.bead import Bead, BeadSettings
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.spirals import Involute
 from gantrysim.record.setpoints import Setpoints

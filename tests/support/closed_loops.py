@@ -1,7 +1,7 @@
 """Closed loops of a servo on a linear machine, tick by tick, written by hand: poles and sensitivity without margins.
 
-Nothing of `gantrysim.stability` but the continuous motion is used. All axes are in one system, whether they move each
-other or not; only where drives of several modes are on one machine is each axis by itself.
+Nothing of `gantrysim.servo.stability` but the continuous motion is used. All axes are in one system, whether they move
+each other or not; only where drives of several modes are on one machine is each axis by itself.
 """
 
 # ruff: noqa: N803, N806 - matrices bear the letters of the equations

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gantrysim.machine.perturbation import Perturbation
-from gantrysim.stability.margins import Plant
+from gantrysim.servo.stability.margins import Plant
 
 DENSE = np.linspace(1.0, 500.0, 20_000)  # Hz, up to half the servo's frequency
 

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 
 from gantrysim.base.errors import InputError
-from gantrysim.bead import Bead
+from gantrysim.glue.bead import Bead
 from gantrysim.job.job import Job
 
 VALUES = (

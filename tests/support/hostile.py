@@ -191,7 +191,7 @@ def study(rng: random.Random, folder: Path) -> None:
 def mjcf(rng: random.Random, folder: Path) -> None:
     from gantrysim import Machine, Servo
     from gantrysim.machine.checks import notes
-    from gantrysim.stability.margins import margins_of
+    from gantrysim.servo.stability.margins import margins_of
 
     root = ET.fromstring(_flat(rng.choice(("xy", "xyz", "stage", "delta"))))
     for _ in range(rng.randint(1, 2)):
@@ -278,7 +278,7 @@ def program(rng: random.Random, folder: Path) -> None:
 
 
 def drawing(rng: random.Random, folder: Path) -> None:
-    from gantrysim.drawings import Drawing
+    from gantrysim.controllers.drawings import Drawing
 
     from support.drawings import circle, csv, dxf, line, polyline, svg
 

@@ -129,12 +129,12 @@ class Commands:
 
 def _serve():
     from gantrysim import Job
-    from gantrysim.bead import Bead
     from gantrysim.cli import evaluation, main, start
+    from gantrysim.glue.bead import Bead
     from gantrysim.metrics.analysis import Analysis
-    from gantrysim.plots import save_plots
     from gantrysim.render import save_video
     from gantrysim.report.page import write_run_page
+    from gantrysim.report.plots import save_plots
 
     assert evaluation
     assert main

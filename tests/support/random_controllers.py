@@ -8,12 +8,12 @@ import numpy as np
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers import fanuc, softmc
+from gantrysim.controllers.drawings.drawing import Drawing
 from gantrysim.controllers.gcode import linuxcnc, slicer
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.stage import OutlineTrace
 from gantrysim.controllers.trio import Basic, MoveSpiral
 from gantrysim.controllers.valve import Dispense
-from gantrysim.drawings.drawing import Drawing
 
 from support.drawings import arc, csv, dxf, line, svg
 from support.random_figures import log_uniform, random_strokes

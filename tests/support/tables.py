@@ -5,7 +5,7 @@ from pathlib import Path
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples" / "machines"
 LIBRARY = tomllib.loads(
-    (Path(__file__).parent.parent.parent / "gantrysim/design/library.toml").read_text(encoding="utf-8")
+    (Path(__file__).parent.parent.parent / "gantrysim/machine/design/library.toml").read_text(encoding="utf-8")
 )["motors"]
 
 # Long axes without friction and damping; a motor without inductance, 0.05 N·m/A, 24 V, 0.5 ohm, at most 20 A

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 
 from gantrysim import Job
-from gantrysim.tuning import TuningStudy
-from gantrysim.tuning.objective import case_of, trial_result
+from gantrysim.study.tuning import TuningStudy
+from gantrysim.study.tuning.objective import case_of, trial_result
 
 CIRCLE = """
 %

@@ -11,7 +11,7 @@ from typing import Any
 
 from gantrysim.base.errors import InputError, expanded
 from gantrysim.base.toml_files import read_text
-from gantrysim.bead import Bead
+from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.parts import ERROR_SIZES

@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.bead import Bead
 from gantrysim.compare.runs.common_path import Track
 from gantrysim.compare.runs.compared_run import RUN_COLOURS, RUN_DASHES, ComparedRun
 from gantrysim.compare.runs.compared_runs import ComparedRuns
 from gantrysim.compare.runs.overlays import drawn_links, shared_magnification
+from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import path_speed
 from gantrysim.metrics.budget import DESCRIPTIONS
-from gantrysim.plots.style import INK
 from gantrysim.report.encoding import encoded
+from gantrysim.report.plots.style import INK
 from gantrysim.report.thinning import MOST_ROWS, shown_rows
 from gantrysim.report.viewer_data import BEAD, ERROR, MOTION
 

@@ -13,8 +13,8 @@ from gantrysim.compare.runs.compared_run import RUN_COLOURS, RUN_DASHES
 from gantrysim.compare.runs.compared_runs import ComparedRuns
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.parts import ERROR
-from gantrysim.plots.plan import magnification
-from gantrysim.plots.style import COLOURS, INK, UM, add_legend, axes_on, thinned
+from gantrysim.report.plots.plan import magnification
+from gantrysim.report.plots.style import COLOURS, INK, UM, add_legend, axes_on, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

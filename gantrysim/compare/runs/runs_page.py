@@ -22,11 +22,11 @@ from gantrysim.compare.runs.overlays import (
 from gantrysim.compare.runs.runs_tables import WORTH, check_cells, difference_cells, size_change, value_cells
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.parts import PART_COLUMNS
-from gantrysim.plots.plan import plan_extent
-from gantrysim.plots.style import view_height
 from gantrysim.report.document import Column, Section, Table, with_minus
 from gantrysim.report.drawn_page import write_page
 from gantrysim.report.folder import Output, output_folder
+from gantrysim.report.plots.plan import plan_extent
+from gantrysim.report.plots.style import view_height
 from gantrysim.report.sections import drawn
 from gantrysim.report.summary import package_versions
 

@@ -9,7 +9,7 @@ from gantrysim.results.verdict import PATH
 from gantrysim.servo.laws import FRICTION, LEARNING, OBSERVER
 from gantrysim.servo.laws.law import Law
 from gantrysim.servo.laws.selection import is_own
-from gantrysim.stability.motion import MODES
+from gantrysim.servo.stability.motion import MODES
 
 
 def _with_law(addition: Law) -> Callable[[State], list[Setting] | str]:

@@ -14,7 +14,7 @@ from gantrysim.remedy.lever import Lever, Setting, State
 from gantrysim.remedy.levers.numbers import factor_text, milliseconds, rounded
 from gantrysim.results.verdict import PATH, STABILITY
 from gantrysim.servo.laws import PD
-from gantrysim.stability.motion import MODES
+from gantrysim.servo.stability.motion import MODES
 
 _SHORTER = (0.5, 0.3)  # integral times, of the present one
 _FREQUENCIES = (0.8, 1.2, 1.4)  # of the present one

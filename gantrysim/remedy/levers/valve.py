@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gantrysim.base.errors import InputError
-from gantrysim.dispenser.dispenser import Dispenser
+from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.remedy.lever import Effort, Lever, Setting, State
 from gantrysim.remedy.levers.numbers import factor_text, milliseconds, rounded
 from gantrysim.results.verdict import GLUE

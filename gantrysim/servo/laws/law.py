@@ -12,7 +12,7 @@ from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.axis_dynamics import AxisDynamics
 from gantrysim.servo.gains import Gains
 from gantrysim.servo.parameter import Parameter
-from gantrysim.stability.compensator import Compensator
+from gantrysim.servo.stability.compensator import Compensator
 
 # Points of the servo tick at which a law acts, in their order
 ERROR = "error"  # after the measurement: changes the error to which the law answers, `row.law_error` and `law_change`

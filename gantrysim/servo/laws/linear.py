@@ -9,7 +9,7 @@ from gantrysim.servo.laws import ADDITIONS, BASES, PID
 from gantrysim.servo.laws.law import BaseLaw, Law, Timing
 from gantrysim.servo.laws.user import LawName
 from gantrysim.servo.notch import Coefficients
-from gantrysim.stability.compensator import Compensator
+from gantrysim.servo.stability.compensator import Compensator
 
 
 def linear_law(

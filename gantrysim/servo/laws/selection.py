@@ -15,8 +15,8 @@ from gantrysim.servo.laws.law import Timing, in_words
 from gantrysim.servo.laws.linear import added_laws, base_law, closed_around, linear_law
 from gantrysim.servo.laws.user import LawName, linearised, resolved
 from gantrysim.servo.notch import Coefficients
-from gantrysim.stability.compensator import Compensator
-from gantrysim.stability.motion import Motion
+from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.motion import Motion
 
 MOST_REPEATS = 1000
 

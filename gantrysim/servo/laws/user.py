@@ -10,8 +10,8 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.user_code import named_object
-from gantrysim.stability.compensator import Compensator
-from gantrysim.stability.motion import UnknownLoopError
+from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.motion import UnknownLoopError
 
 STATE = 64  # numbers that a law keeps from tick to tick, 0 at the start of a run
 _ORDER = 24  # largest of a linear law

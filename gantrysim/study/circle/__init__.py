@@ -1,3 +1,3 @@
 """The circular test of a machine."""
 
-from gantrysim.study.circle.study import CircleStudy, circle_row
+from gantrysim.study.circle.study import CircleStudy

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gantrysim.metrics import CircularTest, Trace
-from gantrysim.plots.style import UM
+from gantrysim.report.plots.style import UM
 from gantrysim.study.acceptance import MOTION_LIMITS, Acceptance, Scope, improve_command
 from gantrysim.study.cases import Row
 from gantrysim.study.circle.study import CircleStudy

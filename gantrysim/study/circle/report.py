@@ -10,8 +10,8 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.metrics import CircularTest, Trace, minimum_zone
 from gantrysim.metrics.error_quantities import CONTOUR
-from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
 from gantrysim.report.document import Column, Table
+from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.circle.answer import QUESTION, circle_answer
 from gantrysim.study.circle.study import AXES, DECAY, SENSES, CircleStudy

@@ -13,8 +13,7 @@ import numpy as np
 from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.job.circles import circle_program
 from gantrysim.job.job import Job
-from gantrysim.metrics import SPIKE_REACH, Reversal, Trace
-from gantrysim.record.run import Run
+from gantrysim.metrics import SPIKE_REACH, Trace, circle_row
 from gantrysim.study.cases import OK, Case, Row, measure
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Rounds, Study
@@ -141,47 +140,6 @@ class CircleStudy(Study):
         """Return the paths of nozzle or motors by direction, for the rows that have values."""
         good = [row for row in rows if row["status"] == OK]
         return {str(row["direction"]): _trace(row, self.centre, self.radius, link) for row in good}
-
-
-def circle_row(run: Run, centre: tuple[float, float], radius: float, lead: float, reach: float) -> Row:
-    """Return the values of one circle, and its radial deviation as curves over the angle.
-
-    Args:
-        run: of a circle with leads.
-        centre: of the nominal circle [mm].
-        radius: of the nominal circle [mm].
-        lead: angle commanded before the evaluated circle [deg].
-        reach: as in `Trace.reversals` [deg].
-    """
-    commanded = run.commanded_tip[:, :2] - centre
-    swept = np.degrees(np.abs(np.unwrap(np.arctan2(commanded[:, 1], commanded[:, 0]))))
-    passed = np.abs(swept - swept[0])
-    evaluated = (passed >= lead) & (passed < lead + 360)
-    nozzle = Trace(run.nozzle[evaluated, :2], centre, radius)
-    motor = Trace(run.motor_tip[evaluated, :2], centre, radius)
-    row: Row = {
-        "circular_deviation_um": _UM * nozzle.circular_deviation,
-        "radial_deviation_max_um": _UM * float(nozzle.deviation.max()),
-        "radial_deviation_min_um": _UM * float(nozzle.deviation.min()),
-    }
-    for reversal in nozzle.reversals(reach):
-        row |= _reversal_row(reversal)
-    # the motors' deviation is given at the nozzle's angle: their distance changes it in second order only
-    curves = {
-        "angle_deg": nozzle.angle,
-        "radial_deviation_um": _UM * nozzle.deviation,
-        "motor_deviation_um": _UM * motor.deviation,
-    }
-    return row | {name: np.round(curve, 6).tolist() for name, curve in curves.items()}
-
-
-def _reversal_row(reversal: Reversal) -> Row:
-    name = f"reversal_{AXES[reversal.axis]}_{reversal.angle:.0f}"
-    return {
-        f"{name}_step_um": _UM * reversal.step,
-        f"{name}_spike_um": _UM * reversal.spike,
-        f"{name}_spike_at_deg": reversal.spike_at,
-    }
 
 
 def _trace(row: Row, centre: tuple[float, float], radius: float, link: Link) -> Trace:

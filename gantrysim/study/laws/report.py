@@ -9,12 +9,12 @@ import numpy as np
 
 from gantrysim.base.quantity import MAX, RMS, Quantity
 from gantrysim.metrics.error_quantities import CONTOUR, FOLLOWING_ALONG
-from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, sheet
 from gantrysim.report.document import Column, Table
+from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, INK, sheet
 from gantrysim.results.checks import FAIL
 from gantrysim.results.quantities import TORQUE_RIPPLE
 from gantrysim.results.verdict import GLUE, MACHINE, PATH, STABILITY
-from gantrysim.stability.margin_quantities import GAIN_MARGIN, PHASE_MARGIN, SENSITIVITY
+from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, PHASE_MARGIN, SENSITIVITY
 from gantrysim.study.acceptance import Scope
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.drawing import logarithmic

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.plots.style import COLOURS, INK, UM
+from gantrysim.report.plots.style import COLOURS, INK, UM
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.loop.study import AS_IT_IS, LOOP_ALONE, NO_FRICTION, NO_LOOP, PERFECT
 from gantrysim.study.series import series

@@ -10,7 +10,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.controllers.loop_theory import LoopTheory
-from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
+from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
 from gantrysim.servo.servo import Servo
 from gantrysim.study.cases import Row
 from gantrysim.study.loop.panels import SHAPES, Panels

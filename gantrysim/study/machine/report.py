@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.machine.tolerances import in_words
-from gantrysim.plots.style import COLOURS, INK, sheet
 from gantrysim.report.document import Column, Table
+from gantrysim.report.plots.style import COLOURS, INK, sheet
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.machine.answer import QUESTION, machine_answer
 from gantrysim.study.machine.study import MachineStudy

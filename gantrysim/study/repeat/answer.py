@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gantrysim.metrics import RepeatedPath
-from gantrysim.plots.style import UM
+from gantrysim.report.plots.style import UM
 from gantrysim.study.acceptance import Acceptance, Scope, improve_command
 from gantrysim.study.cases import Row
 from gantrysim.study.repeat.repeats import ALL

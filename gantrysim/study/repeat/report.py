@@ -11,8 +11,8 @@ from gantrysim.metrics import Positioning, RepeatedPath
 from gantrysim.metrics.analysis import THOUSANDTH
 from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.metrics.parts import PART_PLACE
-from gantrysim.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
 from gantrysim.report.document import Column, Table
+from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.repeat.answer import QUESTION, repeat_answer
 from gantrysim.study.repeat.repeats import ALL, PHASES, has_phase

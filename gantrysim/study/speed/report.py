@@ -10,8 +10,8 @@ import numpy as np
 from gantrysim.base.quantity import MEAN
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.error_quantities import CONTOUR, DURATION, SPEED
-from gantrysim.plots.style import COLOURS, INK, sheet
 from gantrysim.report.document import Column, Table
+from gantrysim.report.plots.style import COLOURS, INK, sheet
 from gantrysim.study.cases import OK, Row
 from gantrysim.study.drawing import logarithmic
 from gantrysim.study.speed.answer import QUESTION, Fastest, speed_answer

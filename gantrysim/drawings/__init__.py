@@ -1,3 +1,0 @@
-"""Drawings in DXF, SVG and CSV, traced at the fastest speed within the limits of the axes."""
-
-from gantrysim.drawings.drawing import Drawing

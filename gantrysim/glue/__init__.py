@@ -1,0 +1,1 @@
+"""Glue: how it leaves the dispenser, and the bead that is laid."""

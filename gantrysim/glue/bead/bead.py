@@ -1,0 +1,264 @@
+"""The bead of a run along the trace and on the map, and its values."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base.arrays import Floats, spans
+from gantrysim.base.columns import by_blocks
+from gantrysim.base.display import Shown
+from gantrysim.base.errors import InputError
+from gantrysim.glue.bead.height_map import HeightMap
+from gantrysim.glue.bead.layers import merging_height
+from gantrysim.glue.bead.lengths import cumulated
+from gantrysim.glue.bead.trace import BeadTrace
+from gantrysim.glue.bead.values import BeadValues
+from gantrysim.metrics.analysis import Range
+from gantrysim.metrics.spacing import forward
+
+_TOUCHING = 1e-6  # [mm], within which neighbouring turns neither overlap nor leave a gap
+_LINKS = 1000  # links between neighbouring turns, on which coverage is sampled
+_ON_A_LINK = 48  # samples
+_GOLDEN = 0.618034
+_SETTLED = 1e-5  # tolerance of a settled flow, of the flow demand
+
+
+class Bead(BeadTrace, Shown):
+    """The bead of a run: stations along the nozzle's trace, the height map, and its values.
+
+    Args:
+        run: the run.
+        settings: shape of the bead, by default that of `BeadSettings()`.
+        analysis: the analysis of the run, if there is one already.
+        stations: number of stations; by default one every quarter of a millimetre.
+    """
+
+    def facts(self) -> dict[str, str]:
+        remark = {"remark": self._no_values} if self._no_values else {}
+        return {
+            **remark,
+            "machine": self.run.machine,
+            "section": f"{self.nominal:.3g} mm²",
+            "volume": f"{self.total_volume:.4g} mm³",
+            "requested": f"{self.requested_volume:.4g} mm³",
+        }
+
+    @property
+    def _no_values(self) -> str:
+        """Why the bead has no values; empty where it has some."""
+        run = self.run
+        if self.nominal > 0:
+            return ""
+        if run.fault is not None and run.flow_demand.any():
+            return "the fault came before the path speed was steady: the requested section is unknown"
+        remedy = (
+            "" if run.flow_demand.any() else "; run it with a dispenser, as dispenser=gantrysim.Dispenser(flow=100)"
+        )
+        return f"the run requests no glue while the nozzle moves: its bead has no values{remedy}"
+
+    @cached_property
+    def map(self) -> HeightMap:
+        """The height map."""
+        return HeightMap.of(self)
+
+    @cached_property
+    def values(self) -> BeadValues:
+        """The values of the bead, up to a fault where there is one.
+
+        Raises:
+            InputError: no glue is requested while the nozzle moves, or a fault came before the speed was steady.
+        """
+        run = self.run
+        if self._no_values:
+            raise InputError(self._no_values)
+        on = self.dispensing
+        clearance = self.clearance()
+        weight = self._turn_lengths
+        length = float(weight.sum())
+        turns = clearance.size > 0 and length > 0
+        excess_at_stop = self.excess_at_stops
+        coverage, apart_share = self._coverage if turns else (None, None)
+        delay_at_start, overrun_at_stop = self._offsets
+        return BeadValues(
+            nominal=self.nominal,
+            width=Range.of(self.width[on]),
+            section=Range.of(self.section.area[on]),
+            clearance=Range.of(clearance) if turns else None,
+            overlap_share=float(weight[clearance < -_TOUCHING].sum()) / length if turns else None,
+            gap_share=float(weight[clearance > _TOUCHING].sum()) / length if turns else None,
+            coverage=coverage,
+            apart_share=apart_share,
+            height_apart=float(np.abs(np.diff(self.analysis.spacing.link[..., 2], axis=1)).max()) if turns else None,
+            missing_at_start=Range.of(self.missing_at_starts),
+            excess_at_stop=Range.of(excess_at_stop) if excess_at_stop.size else None,
+            delay_at_start=Range.of(delay_at_start) if delay_at_start.size else None,
+            overrun_at_stop=Range.of(overrun_at_stop) if overrun_at_stop.size else None,
+            volume=self.total_volume,
+            requested_volume=self.requested_volume,
+            ramp_error=float(run.flow_demand[:-1].sum()) * run.period - self.requested_volume,
+            start_error=float(self._parts[:, 0].sum()),
+            running_error=float(self._parts[:, 1].sum()),
+            stop_error=float(self._parts[:, 2].sum()),
+            ridge=self.map.ridge,
+        )
+
+    @property
+    def missing_at_starts(self) -> Floats:
+        """Volume missing at the start of every stretch, as length of the nominal section, (k,) [mm]."""
+        return -self._parts[:, 0] / self.nominal
+
+    @property
+    def excess_at_stops(self) -> Floats:
+        """Excess volume at the stops within the record, as length of the nominal section, (at most k,) [mm]."""
+        stopped = self.stretches[:, 1] < len(self.run.time)
+        return self._parts[stopped, 2] / self.nominal
+
+    @property
+    def total_volume(self) -> float:
+        """Volume dispensed [mm³]."""
+        return float(self.volume[-1])
+
+    @property
+    def requested_volume(self) -> float:
+        """Volume of the nominal section along the commanded path, while the dispenser is on [mm³]."""
+        return self.nominal * float(self.commanded_steps[self.run.dispense[:-1]].sum())
+
+    @property
+    def volume_error_percent(self) -> float:
+        """Dispensed minus requested volume, relative to the latter [%]."""
+        return 100 * (self.total_volume - self.requested_volume) / self.requested_volume
+
+    @cached_property
+    def dispensing(self) -> NDArray[np.bool_]:
+        """Stations that the nozzle passes while the dispenser is on, (r,)."""
+        passed = np.zeros(self.place.size, bool)
+        for first, after in self.stretches:
+            low = self.length[first]
+            high = self.length[min(after, self.length.size - 1)]
+            passed |= (self.place >= low) & (self.place <= high)
+        if not passed.any():  # a stretch shorter than the distance of the stations
+            passed[np.abs(self.place - self.length[self.stretches[0, 0]]).argmin()] = True
+        return passed
+
+    @property
+    def _turn_lengths(self) -> Floats:
+        """Length of the path that each point of the spacing stands for, (m,) [mm]."""
+        s = self.analysis.spacing.s
+        return np.gradient(s) if s.size > 1 else np.zeros(s.size)
+
+    def clearance(self) -> Floats:
+        """Return the distance of neighbouring turns minus their mean width, at the analysis' spacing, (m,) [mm]."""
+        spacing = self.analysis.spacing
+        ticks = self.analysis.ticks
+        s = self.analysis.nozzle.s
+        ahead = forward(s)
+        if not ahead.all():
+            s = s[ahead]
+            ticks = ticks[ahead]
+        width = by_blocks(lambda block: np.interp(self.length[ticks[block]], self.place, self.width), ticks.size)
+
+        def clearance(block: slice) -> Floats:
+            here = np.interp(spacing.s[block], s, width)
+            there = np.interp(spacing.next_s[block], s, width)
+            return spacing.distance[block] - 0.5 * (here + there)
+
+        return by_blocks(clearance, len(spacing.s))
+
+    @cached_property
+    def _coverage(self) -> tuple[float | None, float]:
+        """Wet share of the links between neighbouring turns of one layer, and share of the links between layers.
+
+        Both are weighted by area; the first is None where no link is within a layer.
+        """
+        spacing = self.analysis.spacing
+        cumulated = np.concatenate([[0.0], np.cumsum(self._turn_lengths)])
+        some = np.minimum(
+            np.searchsorted(cumulated, cumulated[-1] * (np.arange(_LINKS) + 0.5) / _LINKS) - 1, cumulated.size - 2
+        )
+        area = spacing.distance[some]
+        link = spacing.link[some]
+        begin_layer = self._layer_at(spacing.s[some])
+        end_layer = self._layer_at(spacing.next_s[some])
+        level = np.abs(link[:, 1, 2] - link[:, 0, 2]) < merging_height(self)
+        within = (begin_layer == end_layer) & level
+        apart_share = float(area[~within].sum() / area.sum())
+        if not within.any():
+            return None, apart_share
+        # the golden ratio shifts the samples from link to link, so that they meet every distance from the trace
+        share = (np.arange(_ON_A_LINK) + (_GOLDEN * np.arange(_LINKS)[:, None]) % 1.0) / _ON_A_LINK
+        begin, end = np.moveaxis(link[..., :2], 1, 0)
+        points = begin[:, None] + share[..., None] * (end - begin)[:, None]
+        wet = np.zeros(len(some))
+        for layer in np.unique(begin_layer[within]).tolist():
+            inside = within & (begin_layer == layer)
+            wet[inside] = self.map.wet_share(points[inside], layer).mean(axis=1)
+        return float(np.average(wet[within], weights=area[within])), apart_share
+
+    def _layer_at(self, s: Floats) -> NDArray[np.int64]:
+        """Return the layers of points of the trace, given by their arc length on the requested path, (m,)."""
+        nozzle = self.analysis.nozzle
+        ticks = self.analysis.ticks
+        ahead = forward(nozzle.s)
+        place = np.interp(s, nozzle.s[ahead], self.length[ticks[ahead]])
+        last = self.map.layer.size - 1
+        return self.map.layer[np.minimum((place / self.ds).astype(np.intp), last)]
+
+    @cached_property
+    def _bounds(self) -> NDArray[np.intp]:
+        """First ticks of the stretches' shares of the record, bounded midway between stretches, and its last one."""
+        between = (self.stretches[:-1, 1] + self.stretches[1:, 0]) // 2
+        return np.concatenate([[0], between, [len(self.run.time) - 1]])
+
+    @cached_property
+    def _parts(self) -> Floats:
+        """Volume beyond the demand at start, in steady flow and at stop of every stretch, (k, 3) [mm³]."""
+        run = self.run
+        excess = cumulated(by_blocks(lambda block: run.flow[block] - run.flow_demand[block], len(self.length) - 1))
+        excess *= run.period
+        last = excess.size - 1
+        ticks = []
+        for (begin, end), low, high in zip(self.stretches.tolist(), self._bounds[:-1], self._bounds[1:], strict=True):
+            ticks.append([low, *self._settled(begin, min(end, last)), high])
+        return np.diff(excess[np.array(ticks)], axis=1)
+
+    def _settled(self, begin: int, end: int) -> tuple[int, int]:
+        """First tick of a stretch at which the flow has settled, and the tick after the last such."""
+        demand = self.run.flow_demand[begin:end]
+        excess = self.run.flow[begin:end] - demand
+        usual = float(np.median(excess)) if excess.size else 0.0
+        # a flow may also cross its settled value on a ramp
+        full = demand >= 0.5 * demand.max(initial=0.0)
+        near = np.flatnonzero(
+            full & by_blocks(lambda block: np.abs(excess[block] - usual) <= _SETTLED * demand[block], demand.size)
+        )
+        middle = (begin + end) // 2
+        if not near.size or usual <= -demand.max(initial=0.0) * (1 - _SETTLED):  # too short to settle
+            return middle, middle
+        return begin + int(near[0]), begin + int(near[-1]) + 1
+
+    @cached_property
+    def _offsets(self) -> tuple[Floats, Floats]:
+        """Offsets of the bead's visible starts and stops from the nozzle's place at the commands [mm]."""
+        edges = spans(self.area >= 0.5 * self.nominal)
+        rises = np.array([self._crossing(k) for k in edges[:, 0].tolist()])
+        falls = np.array([self._crossing(k) for k in edges[:, 1].tolist()])
+        starts = []
+        stops = []
+        for k, (begin, end) in enumerate(self.stretches.tolist()):
+            low, middle, high = self.length[[self._bounds[k], (begin + end) // 2, self._bounds[k + 1]]]
+            start = rises[(rises >= low) & (rises <= middle)]
+            starts += (start[:1] - self.length[begin]).tolist()
+            if end < len(self.run.time):
+                stop = falls[(falls >= middle) & (falls <= high)]
+                stops += (stop[-1:] - self.length[end]).tolist()
+        return np.array(starts), np.array(stops)
+
+    def _crossing(self, station: int) -> float:
+        """Place before a station where the section is half the nominal one, or the trace's end [mm]."""
+        if station in (0, self.place.size):
+            return float(self.place[min(station, self.place.size - 1)])
+        a, b = self.area[station - 1 : station + 1].tolist()
+        return float(self.place[station - 1]) + self.ds * (0.5 * self.nominal - a) / (b - a)

@@ -1,0 +1,181 @@
+"""The needle's passes through glue that it has laid before.
+
+The needle is a vertical cylinder; its lower face is a disc of the needle's outer diameter f at the nozzle's height z in
+the work frame. At a station of the trace the bead fills its cross-section, square to the trace, from the surface to its
+top. The needle passes through it where the face is no higher than the top and its disc meets the chord that the section
+has at the height of the face,
+
+    a^2 + max(|u| - w(z), 0)^2 < (f / 2)^2,
+
+with a and u the distances of the needle's axis from the section, along the trace and across it, and w half the chord.
+A face within a hundredth of the nozzle's gap over the top touches the glue, which wets it.
+
+Three kinds of contact belong to laying a bead and do not count:
+
+- Glue being laid: the last two widths of bead, and a diameter of the needle, behind it on its trace. An acute corner of
+  30 deg or more lies within.
+- Neighbouring turns, which the face may brush while it dispenses: there the needle passes through a bead only where its
+  axis does. How close turns lie is judged by their clearance.
+- Joints: a stretch of dispensing that begins or ends at a bead, its own in an outline that closes, with all of the
+  contact there within the reach of that begin or end. The reach is the length of glue being laid, or `start` and `stop`
+  where those are longer. An overlap beyond it counts, and so does a stretch that lies on another bead throughout.
+
+The round ends of a bead and the hollow between shoulders are left out: a section there is as long as at its station.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base.arrays import Floats, spans
+from gantrysim.glue.bead.ends import upright
+from gantrysim.glue.bead.needle_contacts import Needle, Sections, cells_of, contacts
+from gantrysim.glue.bead.trace import BeadTrace
+
+_TOUCHING = 0.01  # height over a bead's top at which glue still wets the face, of the nozzle's gap
+_BEHIND = 2.0  # bead that counts as being laid, of its nominal width
+
+
+@dataclass(frozen=True)
+class Ploughing:
+    """Passes of the needle through glue that it has laid before.
+
+    Attributes:
+        length: bead that the needle has passed through, each piece counted once [mm].
+        passes: number of passes; two with less than a needle's diameter of motion in between are one.
+        depth: greatest depth of the face below a bead's top; 0 where it only touches [mm].
+        tick: where the face is deepest in the longest pass; None without any.
+    """
+
+    length: float = 0.0
+    passes: int = 0
+    depth: float = 0.0
+    tick: int | None = None
+
+    @classmethod
+    def of(cls, bead: BeadTrace, start: float, stop: float) -> Ploughing:
+        """Return the passes through a bead.
+
+        Args:
+            bead: with a nominal section.
+            start: length after the begin of a stretch on which it may lie on a bead [mm].
+            stop: length before the end of a stretch on which it may do so [mm].
+        """
+        wet = _wet(bead)
+        if not wet.any():
+            return cls()
+        sections = _sections(bead, wet)
+        behind = _BEHIND * float(bead.nominal_section.width[0]) + bead.run.face
+        run = bead.run
+        needle = Needle(
+            nozzle=np.ascontiguousarray(run.nozzle),
+            length=bead.length,
+            dispense=np.ascontiguousarray(run.dispense),
+            counted=np.ones(bead.length.size, bool),
+            radius=0.5 * run.face,
+            behind=behind,
+            touching=_TOUCHING * bead.gap,
+        )
+        cells = cells_of(sections, needle)
+        depth, touched = contacts(needle, sections, cells)
+        joints = _joints(bead, spans(depth > -np.inf), (max(start, behind), max(stop, behind)))
+        if len(joints):
+            for first, after in joints.tolist():
+                needle.counted[first:after] = False
+            depth, touched = contacts(needle, sections, cells)
+        passes = _joined(spans(depth > -np.inf), bead.length, run.face)
+        if not len(passes):
+            return cls()
+        lengths = [bead.length[after - 1] - bead.length[max(first - 1, 0)] for first, after in passes]
+        first, after = passes[int(np.argmax(lengths))]
+        return cls(
+            length=float(np.count_nonzero(touched)) * bead.ds,
+            passes=len(passes),
+            depth=max(float(depth.max()), 0.0),
+            tick=first + int(depth[first:after].argmax()),
+        )
+
+
+def _wet(bead: BeadTrace) -> NDArray[np.bool_]:
+    """Whether there is glue at the stations, (r,)."""
+    wet = np.zeros(bead.place.size, bool)
+    for first, after in bead.wet_stretches.tolist():
+        wet[first:after] = True
+    return wet
+
+
+def _sections(bead: BeadTrace, wet: NDArray[np.bool_]) -> Sections:
+    section = bead.section
+    steep = upright(bead) / bead.nozzle_height
+    surface = _surface(bead)
+    angle = math.radians(bead.settings.contact_angle)
+    return Sections(
+        place=bead.place[wet],
+        x=bead.point[wet, 0],
+        y=bead.point[wet, 1],
+        cosine=np.cos(bead.heading[wet]),
+        sine=np.sin(bead.heading[wet]),
+        surface=surface[wet],
+        top=(surface + section.height * steep)[wet],
+        steep=steep[wet],
+        radius=section.radius[wet],
+        drop=section.radius[wet] * math.cos(angle),
+        flat=0.5 * section.flat[wet],
+        half=0.5 * section.width[wet],
+        thickness=0.5 * max(bead.ds - 0.5 * bead.run.face, 0.0),
+    )
+
+
+def _surface(bead: BeadTrace) -> Floats:
+    """Return the height of the surface below the stations, (r,) [mm].
+
+    Glue that flows while the nozzle dives or rises lies on the spot: only motion along the surface gives its height.
+    """
+    run = bead.run
+    step = np.diff(run.nozzle, axis=0)
+    ahead = np.hypot(step[:, 0], step[:, 1])
+    along = (ahead > 0) & (np.abs(step[:, 2]) <= ahead) & run.dispense[:-1]
+    ticks = np.flatnonzero(along)
+    if not ticks.size:
+        return bead.along(bead.surface())
+    return np.interp(bead.place, bead.length[ticks], bead.surface()[ticks])
+
+
+def _joints(bead: BeadTrace, touches: NDArray[np.intp], reach: tuple[float, float]) -> NDArray[np.intp]:
+    """Return the contacts at the begins and ends of stretches of dispensing, first tick and the one after the last.
+
+    Args:
+        bead: with its trace.
+        touches: contacts, first tick and the one after the last, (m, 2).
+        reach: of the begin and of the end of a stretch, within which a contact there lies [mm].
+    """
+    low = bead.length[np.maximum(touches[:, 0] - 1, 0)]
+    high = bead.length[touches[:, 1] - 1]
+    radius = 0.5 * bead.run.face
+    # the glue laid at a begin or end reaches the other bead
+    near = radius + 0.5 * float(bead.nominal_section.width[0])
+    begins = bead.length[bead.stretches[:, 0]]
+    ends = bead.length[np.minimum(bead.stretches[:, 1], bead.length.size - 1)]
+    is_joint = np.zeros(len(touches), bool)
+    for places, within in ((begins, reach[0]), (ends, reach[1])):
+        # the contact comes near a place, and none of it lies farther than the reach from there
+        nearest = np.searchsorted(places, np.maximum(low - near, high - within))
+        is_joint |= nearest < np.searchsorted(places, np.minimum(high + near, low + within), "right")
+    first = np.searchsorted(begins, low - radius)
+    is_whole = np.append(ends, np.inf)[first] <= high + radius
+    return touches[is_joint & ~is_whole]
+
+
+def _joined(passes: NDArray[np.intp], length: Floats, least: float) -> list[tuple[int, int]]:
+    """Return passes, first tick and the one after the last, joined where less than `least` of motion parts them."""
+    joined: list[tuple[int, int]] = []
+    for first, after in passes.tolist():
+        if joined and length[first] - length[joined[-1][1] - 1] < least:
+            joined[-1] = (joined[-1][0], after)
+        else:
+            joined.append((first, after))
+    return joined

@@ -1,0 +1,199 @@
+"""The bead as one swept mesh of a fixed number of rings: its section along the trace, with round ends.
+
+Rings stand where there is glue, by distance and turn of the trace. Those not yet laid collapse onto the end of the
+growing bead, so that its cost hardly depends on its length. As on the height map an end is half the body of revolution
+of the section, made of the last glue of its stretch.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import GantryError
+from gantrysim.glue.bead.rings import SIDES, Mesh, faces, joined, rings
+from gantrysim.glue.bead.section import Section
+from gantrysim.glue.bead.settings import BeadSettings
+from gantrysim.glue.bead.trace import BeadTrace
+from gantrysim.record.run import Run
+
+_DISTANCE = 2.0  # of the rings [mm]
+_TURN = np.radians(15)  # of the trace, between two rings
+_RINGS = (800, 4000)  # between the ends: fewer look coarse, more cost time that nobody sees
+_TURNED = np.radians([90, 90, 75, 60, 45, 30, 15, 0])  # of the rings of an end; the first is a point on its rim
+_END = _TURNED.size
+
+
+class TooFewRingsError(GantryError, ValueError):
+    """A bead needs more rings than its mesh has."""
+
+
+class Sweep:
+    """The mesh of a run's bead.
+
+    Args:
+        run: the run.
+        bead: settings of the bead, or the bead itself.
+        like: a mesh with the same number of rings, at least as close to each other; by default both follow from length,
+            turns and stretches of the bead.
+
+    Attributes:
+        bead_trace: the bead.
+        surface: height of the surface below the nozzle at each tick, (n,) [mm].
+        rings: number of rings.
+
+    Raises:
+        TooFewRingsError: too few rings for the ends of all stretches.
+    """
+
+    def __init__(self, run: Run, bead: BeadSettings | BeadTrace | None = None, like: Sweep | None = None) -> None:
+        trace = self.bead_trace = BeadTrace.of(run, bead)
+        self._stretches = trace.wet_stretches
+        steps = trace.ds / _DISTANCE + np.abs(np.diff(trace.heading)) / _TURN
+        wet = np.zeros(steps.size, bool)
+        for first, after in self._stretches:
+            wet[first : after - 1] = True
+        self._needed: Floats = np.concatenate([[0.0], np.cumsum(steps * wet)])  # rings up to each station
+        needed = float(self._needed[-1])
+        ends = (2 * _END + 2) * max(len(self._stretches), 1)
+        self.rings: int = int(np.clip(np.ceil(needed), *_RINGS)) + ends if like is None else like.rings
+        if self.rings <= ends:
+            raise TooFewRingsError(f"rings of the mesh = {self.rings}: must be more than {ends}, for the bead's ends")
+        self._step: float = max(needed / (self.rings - ends), 0.0 if like is None else like._step)
+        self.surface = trace.surface()
+        self._base = np.column_stack([trace.point[:, :2], trace.along(self.surface)])  # surface below the stations
+        # edges of the stations' shares of the trace, glue up to these and to the stations, and glue of an end there
+        self._edges = np.clip((np.arange(trace.place.size + 1) - 0.5) * trace.ds, 0.0, trace.place[-1])
+        self._held = np.concatenate([[0.0], np.cumsum(trace.area * np.diff(self._edges))])
+        self._before = np.interp(trace.place, self._edges, self._held)
+        self._half = trace.strand.half_body()
+        self._finished: tuple[int, list[Mesh]] = (0, [])
+
+    def faces(self) -> NDArray[np.int32]:
+        """Triangles of the mesh, (f, 3)."""
+        return faces(self.rings)
+
+    def mesh(self, tick: int) -> Mesh:
+        """Return the bead laid up to a tick, of all its rings."""
+        return self.laid(tick).of_length(self.rings)
+
+    def laid(self, tick: int) -> Mesh:
+        """Return the bead laid up to a tick, of the rings that this takes; one below the start if it is none."""
+        laid = float(self.bead_trace.length[tick])
+        volume = float(self.bead_trace.volume[tick])
+        starts, stops = self._stretches.T
+        begun = np.flatnonzero((self._edges[starts] <= laid) & (self._held[starts] < volume)).tolist()
+        stops = stops[begun]
+        complete = int(np.sum((self._edges[stops] <= laid) & (self._held[stops] <= volume)))
+        growing = [self._stretch(k, laid, volume) for k in begun[complete:]]
+        return joined([*self._complete(complete), *growing] or [self._nothing])
+
+    def _complete(self, count: int) -> list[Mesh]:
+        """Return the first stretches as one mesh, if there are any; cached until the next one is complete."""
+        if count != self._finished[0]:
+            before, mesh = self._finished if self._finished[0] < count else (0, [])
+            added = [self._stretch(k, np.inf, np.inf) for k in range(before, count)]
+            self._finished = (count, [joined([*mesh, *added])] if count else [])
+        return self._finished[1]
+
+    @property
+    def _nothing(self) -> Mesh:
+        """A point below the start of the trace."""
+        point = 1e-3 * self._base[0]
+        up = np.array([0.0, 0.0, 1.0])
+        vertices = np.tile(point.astype(np.float32), (SIDES + 1, 1))
+        normals = np.tile(up.astype(np.float32), (SIDES + 1, 1))
+        return Mesh(vertices, normals, np.zeros(1), np.zeros(1), vertices[:1])
+
+    @cached_property
+    def _between(self) -> list[Mesh]:
+        """The rings of each stretch, without its ends."""
+        meshes = []
+        for first, after in self._stretches:
+            needed = self._needed[first:after]
+            place = self.bead_trace.place[first:after]
+            count = max(int(np.ceil((needed[-1] - needed[0]) / self._step)), 1) + 1 if self._step > 0 else 2
+            where = np.interp(np.linspace(needed[0], needed[-1], count), needed, place)
+            meshes.append(self._rings(where, np.zeros(count)))
+        return meshes
+
+    def _rings(self, where: Floats, turned: Floats, section: Section | None = None) -> Mesh:
+        """Return rings at places of the trace, of the bead's own section there or of another."""
+        trace = self.bead_trace
+        point = np.stack([np.interp(where, trace.place, self._base[:, i]) for i in range(3)], axis=1)
+        if section is None:
+            shape = _Shape(*(np.interp(where, trace.place, values) for values in self._shape))
+        else:
+            shape = _Shape(*(np.full(where.size, values[0]) for values in _shape_of(section)))
+        heading = np.interp(where, trace.place, trace.heading)
+        contact = float(np.radians(trace.settings.contact_angle))
+        return rings(point, heading, shape, turned, where, contact)
+
+    @cached_property
+    def _shape(self) -> _Shape:
+        """The sections at the stations."""
+        return _shape_of(self.bead_trace.strand)
+
+    @cached_property
+    def _starts(self) -> list[float]:
+        """Middle of the first end of each stretch, inf for a stretch with too little glue [mm]."""
+        place = self.bead_trace.place
+        glue = self._before
+        parts = [slice(first, after) for first, after in self._stretches]
+        return [_crossing(place[p], glue[p] - self._held[p.start] - self._half[p]) for p in parts]
+
+    def _stretch(self, number: int, laid: float, volume: float) -> Mesh:
+        """Return the mesh of a stretch up to a place of the trace [mm] and a volume of the bead [mm³]."""
+        first, after = self._stretches[number]
+        place = self.bead_trace.place
+        gap = self.bead_trace.section.gap
+        stop = min(laid, float(self._edges[after]))
+        upto = slice(first, max(int(np.searchsorted(place, stop, side="right")), first + 1))
+        missing = np.interp(stop, self._edges, self._held) - self._before[upto] - self._half[upto]
+        begin = self._starts[number]
+        end = _crossing(place[upto][::-1], missing[::-1])
+        if not begin < end < np.inf:  # a drop of two ends
+            middle = 0.5 * (float(self._edges[first]) + stop)
+            held = min(volume, float(self._held[after])) - float(self._held[first])
+            under = np.array([np.interp(middle, place, gap)])
+            drop = self.bead_trace.drop(held, under)
+            return joined([self._end(middle, -1.0, drop), self._end(middle, 1.0, drop)])
+        between = self._between[number]
+        part = slice(*np.searchsorted(between.place, [begin, end], side="right").tolist())
+        return joined([self._end(begin, -1.0), between.part(part), self._end(end, 1.0)])
+
+    def _end(self, place: float, sign: float, section: Section | None = None) -> Mesh:
+        """Return the round end about a place of the trace, at the start (sign -1) or stop (1) of a stretch."""
+        mesh = self._rings(np.full(_END, place), sign * _TURNED, section)
+        vertices = mesh.vertices.reshape(_END, SIDES + 1, 3)
+        normals = mesh.normals.reshape(_END, SIDES + 1, 3)
+        vertices[0] = vertices[0, 0]
+        order = slice(None, None, -1 if sign > 0 else 1)
+        # all its rings stand about one place
+        return replace(mesh, vertices=vertices[order].reshape(-1, 3), normals=normals[order].reshape(-1, 3))
+
+
+class _Shape(NamedTuple):
+    """Radius, flat and groove of sections, (r,) each [mm]."""
+
+    radius: Floats
+    flat: Floats
+    groove: Floats
+
+
+def _shape_of(section: Section) -> _Shape:
+    return _Shape(section.radius, section.flat, section.groove)
+
+
+def _crossing(place: Floats, values: Floats) -> float:
+    """Interpolate the first place where values are not negative; inf where all are."""
+    above = values >= 0
+    k = int(above.argmax())
+    if k == 0:
+        return float(place[0]) if above[0] else np.inf
+    return float(place[k] - (place[k] - place[k - 1]) * values[k] / (values[k] - values[k - 1]))

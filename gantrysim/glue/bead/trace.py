@@ -1,0 +1,289 @@
+"""The bead along the nozzle's trace: its cross-section from conservation of volume.
+
+With the glue's flow Q and the nozzle's speed v the section is A = Q / v. Here it is the volume laid between two points
+of the trace over their distance, which is the same while the nozzle moves and also holds while it rests.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base.arrays import Floats, lengths, spans
+from gantrysim.base.columns import by_blocks
+from gantrysim.base.errors import whole
+from gantrysim.glue.bead.lengths import cumulated, surface_steps
+from gantrysim.glue.bead.section import Section
+from gantrysim.glue.bead.settings import BeadSettings
+from gantrysim.glue.bead.spreading import spread
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.record.run import Run, check_run
+
+_DISTANCE = 0.25  # of the stations [mm]
+_STATIONS = (2, 400_000)
+# tolerance of a steady section, and share of the ticks before a fault that must keep it
+_STEADY = 0.1
+_MOSTLY = 0.5
+_SHORTEST = 1e-6  # length of the trace of a dot [mm]
+_LEAST_GAP = 0.05  # of the nominal one, for a nozzle that dips into the work
+_WET = 1e-3  # of the nominal section; below, a stretch of bead has ended
+
+
+class BeadTrace:
+    """The bead of a run at stations evenly spaced along the nozzle's trace in the work frame.
+
+    A surplus, as at a stop or in a slow corner, spreads along the trace as far as it is wide. Volume is conserved: the
+    sum of area * ds, with half a length for the first and the last station, is the volume laid. Glue laid at rest at an
+    end of the trace spreads to one side only, into a pear instead of a disc. A stretch shorter than its two round ends
+    is one round drop.
+
+    Args:
+        run: the run.
+        settings: shape of the bead.
+        analysis: the analysis of the run, if there is one already.
+        stations: number of stations; by default one every quarter of a millimetre.
+
+    Attributes:
+        gap: height of the nozzle above the surface on the requested path [mm].
+        length: length of the nozzle's trace along the surface up to each tick, (n,) [mm].
+        place: place of the stations along the trace, (r,) [mm].
+    """
+
+    def __init__(
+        self,
+        run: Run,
+        settings: BeadSettings | None = None,
+        analysis: Analysis | None = None,
+        stations: int | None = None,
+    ) -> None:
+        check_run(run)
+        self.run = run
+        self.settings = BeadSettings() if settings is None else settings
+        self.gap = run.gap if self.settings.gap is None else self.settings.gap
+        self._analysis = analysis
+        self.length: Floats = cumulated(surface_steps(run))
+        total = max(float(self.length[-1]), _SHORTEST)
+        if stations is None:
+            stations = int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS))
+        self.place: Floats = np.linspace(0.0, total, whole("stations", stations, 2))
+
+    @staticmethod
+    def of(run: Run, bead: BeadSettings | BeadTrace | None) -> BeadTrace:
+        """Return the bead of a run, given as its settings, or as itself."""
+        return bead if isinstance(bead, BeadTrace) and bead.run is run else BeadTrace(run, _settings_of(bead))
+
+    @cached_property
+    def analysis(self) -> Analysis:
+        """The run's traces projected onto its requested path."""
+        return Analysis(self.run) if self._analysis is None else self._analysis
+
+    @property
+    def ds(self) -> float:
+        """Distance of the stations [mm]."""
+        return float(self.place[1])
+
+    @property
+    def _ascending(self) -> Floats:
+        """The length, strictly ascending as np.interp requires, (n,) [mm]."""
+        # a nozzle at rest repeats its length: rounding-sized steps, in place, as a long run has room for few arrays
+        length = np.arange(self.length.size, dtype=np.float64)
+        length *= 1e-12
+        length += self.length
+        return length
+
+    def along(self, values: Floats) -> Floats:
+        """Interpolate values at the ticks, (n,), at the stations, (r,)."""
+        return np.interp(self.place, self._ascending, values)
+
+    @cached_property
+    def point(self) -> Floats:
+        """The stations in the work frame, (r, 3) [mm]."""
+        return np.stack([self.along(self._nozzle(i)) for i in range(3)], axis=1)
+
+    def _nozzle(self, i: int) -> Floats:
+        """One coordinate of the nozzle, (n,) [mm]."""
+        return by_blocks(lambda block: self.run.nozzle[block, i], len(self.length))
+
+    @property
+    def _vertical_error(self) -> Floats:
+        """Vertical contour error at every tick, before and after dispensing that at the end, (n,) [mm]."""
+        analysis = self.analysis
+        error = by_blocks(lambda block: analysis.nozzle.offset[block, 2], analysis.ticks.size)
+        if error.size == len(self.length):
+            return error
+        return np.interp(np.arange(len(self.length), dtype=np.float64), analysis.ticks, error)
+
+    @cached_property
+    def heading(self) -> Floats:
+        """Angle of the trace in plan view, not wrapped, (r,) [rad]."""
+        along = np.gradient(self.point[:, :2], axis=0)
+        moving = np.flatnonzero(np.abs(along).max(axis=1) > 1e-9 * self.ds)
+        if not moving.size:
+            return np.zeros(self.place.size)
+        # vertical motion keeps the direction before it
+        last = moving[np.maximum(np.searchsorted(moving, np.arange(self.place.size), "right") - 1, 0)]
+        return np.unwrap(np.arctan2(along[last, 1], along[last, 0]))
+
+    @cached_property
+    def volume(self) -> Floats:
+        """Volume laid up to each tick, (n,) [mm³]."""
+        volume = cumulated(self.run.flow[:-1])
+        volume *= self.run.period
+        return volume
+
+    @cached_property
+    def most_flow(self) -> float:
+        """Largest flow of the run [mm³/s]."""
+        return float(self.run.flow.max())
+
+    @cached_property
+    def nominal(self) -> float:
+        """Requested section, the median of flow demand over commanded speed [mm²].
+
+        It is 0 where it is unknown: without flow in motion, or if a fault comes before the speed is steady.
+        """
+        demand = self.run.flow_demand[:-1]
+        speed = self.commanded_steps
+        speed /= self.run.period
+        moving = (demand > 0) & (speed > 0)
+        if not moving.any():
+            return 0.0
+        sections = demand[moving]
+        sections /= speed[moving]
+        del demand, speed
+        section = float(np.median(sections))  # ramps and corners are few
+        steady = np.abs(sections - section) <= _STEADY * section
+        return section if self.run.fault is None or np.mean(steady) >= _MOSTLY else 0.0
+
+    @property
+    def commanded_steps(self) -> Floats:
+        """Length of the commanded path from each tick to the next, (n - 1,) [mm]."""
+        run = self.run
+
+        def steps(block: slice) -> Floats:
+            return lengths(np.diff(run.commanded_tip[block.start : block.stop + 1], axis=0))
+
+        return by_blocks(steps, len(run.time) - 1)
+
+    @cached_property
+    def nozzle_height(self) -> Floats:
+        """Height of the nozzle above the surface: the gap and the vertical contour error, (r,) [mm].
+
+        The surface climbs with the path. Before and after dispensing the error is that at the end.
+        """
+        run = self.run
+        if not run.dispense.any():
+            return np.full(self.place.size, self.gap)
+        return np.maximum(self.along(self.gap + self._vertical_error), _LEAST_GAP * self.gap)
+
+    def surface(self) -> Floats:
+        """Return the height of the surface below the nozzle at each tick, in the work frame, (n,) [mm].
+
+        It is the gap below the requested path, and before and after dispensing that at the end.
+        """
+        run = self.run
+        if not run.dispense.any():
+            return run.nozzle[:, 2] - self.gap
+        ticks = self.analysis.ticks
+        offset = self.analysis.nozzle.offset
+
+        def below(block: slice) -> Floats:
+            first, after = np.searchsorted(ticks, [block.start, block.stop])
+            near = slice(max(first - 1, 0), after + 1)  # with the neighbours of the block
+            requested = run.nozzle[ticks[near], 2] - offset[near, 2]
+            return np.interp(np.arange(block.start, block.stop), ticks[near], requested) - self.gap
+
+        return by_blocks(below, len(run.time))
+
+    @cached_property
+    def area(self) -> Floats:
+        """Cross-section A, (r,) [mm²]."""
+        ds = self.ds
+        edges = np.concatenate([[-ds], self.place]) + 0.5 * ds
+        laid = np.diff(np.interp(edges, self._ascending, self.volume))
+        laid[[0, -1]] *= 2  # the shares of the first and the last station are half as long
+        return self._spread(np.maximum(laid / ds, 0.0))
+
+    def _spread(self, area: Floats) -> Floats:
+        """Spread the surplus of a section over the nominal one along the trace."""
+        steady = self.nominal if self.nominal > 0 else float(area.max())
+        if steady <= 0:
+            return area
+        width = float(self._sections(np.array([steady]), np.array([self.gap])).width[0])
+        return spread(area, steady, width, self.ds, longest=2 * float(self.place[-1]))
+
+    def _sections(self, area: Floats, gap: Floats) -> Section:
+        gap = gap if self.settings.squashed else np.full_like(gap, np.inf)
+        return Section(area, gap, self.settings.contact_angle, self.run.face)
+
+    def drop(self, volume: float, gap: Floats) -> Section:
+        """Return the section of a round drop of a volume [mm³] under one gap of `section`, (1,) [mm]."""
+        return Section.drop(volume, gap, self.settings.contact_angle, self.run.face)
+
+    @cached_property
+    def strand(self) -> Section:
+        """The sections at the stations of a bead that is long everywhere."""
+        return self._sections(self.area, self.nozzle_height)
+
+    @cached_property
+    def end_length(self) -> Floats:
+        """Length of bead with the volume of a round end at the stations, half of a round drop, (r,) [mm]."""
+        return np.divide(self.strand.half_body(), self.area, out=np.zeros_like(self.area), where=self.area > 0)
+
+    @cached_property
+    def drops(self) -> NDArray[np.intp]:
+        """The wet stretches shorter than their two round ends, each of which is one round drop, (k, 2)."""
+        short = []
+        for first, after in self.wet_stretches.tolist():
+            place = self.ds * (np.arange(after - first) + 0.5)
+            ends = self.end_length[first:after]
+            begin = np.flatnonzero(place >= ends)
+            end = np.flatnonzero(place[::-1] >= ends)
+            if not begin.size or not end.size or begin[0] > end[-1]:
+                short.append((first, after))
+        return np.array(short, np.intp).reshape(-1, 2)
+
+    @cached_property
+    def section(self) -> Section:
+        """The sections at the stations; along a drop, the section through its middle."""
+        if not len(self.drops):
+            return self.strand
+        area = self.area.copy()
+        laid = self.area * self.ds
+        laid[[0, -1]] *= 0.5
+        for first, after in self.drops.tolist():
+            gap = self.strand.gap[(first + after - 1) // 2, None]
+            area[first:after] = self.drop(float(laid[first:after].sum()), gap).area
+        return self._sections(area, self.nozzle_height)
+
+    @property
+    def width(self) -> Floats:
+        """Width of the bead, (r,) [mm]."""
+        return self.section.width
+
+    @property
+    def height(self) -> Floats:
+        """Largest height of the bead, (r,) [mm]."""
+        return self.section.height
+
+    @cached_property
+    def nominal_section(self) -> Section:
+        """The nominal section under a nozzle at its nominal height."""
+        return self._sections(np.array([self.nominal]), np.array([self.gap]))
+
+    @cached_property
+    def stretches(self) -> NDArray[np.intp]:
+        """First tick of every stretch of dispensing, and the first after it, (k, 2)."""
+        return spans(self.run.dispense)
+
+    @cached_property
+    def wet_stretches(self) -> NDArray[np.intp]:
+        """First station of every stretch of glue, and the first after it, (k, 2)."""
+        least = _WET * (self.nominal if self.nominal > 0 else float(self.area.max()))
+        return spans(self.area > least)
+
+
+def _settings_of(bead: BeadSettings | BeadTrace | None) -> BeadSettings | None:
+    return bead.settings if isinstance(bead, BeadTrace) else bead

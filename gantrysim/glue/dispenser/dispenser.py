@@ -1,0 +1,285 @@
+"""Dispenser: from the program's command to the flow out of the nozzle.
+
+    command --leads--> valve --compensation--> request --dead time--> lag --syringe--> needle--> flow
+
+Rising and falling flow, or pressure, have separate time constants. Syringe and needle turn pressure into flow.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gantrysim.base.arrays import Floats
+from gantrysim.base.columns import blocks
+from gantrysim.base.errors import InputError, at_least, positive, unknown
+from gantrysim.glue.dispenser.lag import Lag, NeedleLaw, driven_volumes, lagged_volumes, syringe_volumes
+from gantrysim.glue.dispenser.needle import Needle
+from gantrysim.glue.dispenser.syringe import ATMOSPHERE, Syringe
+from gantrysim.glue.dispenser.valve import ValveTimes, on_ticks
+from gantrysim.record.setpoints import Setpoints
+
+VOLUMETRIC = "volumetric"
+TIME_PRESSURE = "time-pressure"
+
+_MOST = 1e9  # largest flow, area and pressure
+_LONGEST = 1e3  # dead time, time constants, leads and advance [s]
+_EMPTY = 1e-9  # glue that remains in an empty syringe, relative to that at the start
+
+
+@dataclass(frozen=True)
+class Dispenser:
+    """A dispenser: a valve with a pump or a pressure vessel. `Dispenser()` dispenses nothing.
+
+    While the program dispenses, the request r(t) is a fixed flow, an area times the commanded path speed (a
+    controller's speed-proportional analogue output), or a fixed pressure. A time-pressure dispenser converts a flow
+    request to the pressure that drives this flow through the needle. The state y, the flow of a volumetric dispenser or
+    the pressure of a time-pressure one, follows
+
+        dy/dt = (r(t - dead_time) - y) / T,  T = opening where y rises, closing where it falls,
+
+    solved exactly between the edges of r, which need not lie at servo ticks. With a syringe, y is the pressure at the
+    valve, from which air flows into the syringe; see `Syringe`.
+
+    The leads shift the switching of the valve, but not the speed that `area` multiplies. `advance` compensates the lag:
+    with r(k) the mean request of servo period k, the controller requests
+
+        c(k) = r(k) + advance (r(k) - r(k-1)) / period,  0 <= c <= limit.
+
+    With advance = T, a ramp is followed without lag, and an opening makes up for the volume that the lag withholds. A
+    closing cannot, because the flow is never negative: use `stop_lead`. (Klipper's pressure advance adds the same term
+    to the filament.)
+
+    Attributes:
+        flow: flow rate while the dispenser is on [mm³/s].
+        area: cross-section of the bead, an alternative to `flow`: the flow rate is then area times path speed [mm²].
+        pressure: pressure while the dispenser is on, an alternative to `flow` with time-pressure metering [kPa].
+        metering: "volumetric" (a pump or screw meters the flow) or "time-pressure" (a pressure drives the needle).
+        needle: needle, also used for the bead's section and for pictures; None for the needle in the machine's model.
+            Required for time-pressure metering.
+        syringe: air volume and fill level for time-pressure metering; None applies the pressure directly to the glue.
+        dead_time: delay from the command until the flow begins to change [s].
+        opening: time constant of rising flow or pressure [s].
+        closing: time constant of falling flow or pressure [s].
+        start_lead: time by which the valve opens ahead of the program's on command [s].
+        stop_lead: time by which the valve closes ahead of the program's off command [s].
+        advance: lag compensation: adds the request's rate of change multiplied by this time [s].
+        limit: largest request: a flow rate [mm³/s], or a pressure [kPa] with time-pressure metering; inf for none.
+
+    Raises:
+        InputError: more than one of flow, area and pressure, or a value out of bounds.
+    """
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "allow_inf_nan": True}
+
+    flow: float = 0.0
+    area: float = 0.0
+    pressure: float = 0.0
+    metering: Literal["volumetric", "time-pressure"] = "volumetric"
+    dead_time: float = 0.0
+    opening: float = 0.0
+    closing: float = 0.0
+    start_lead: float = 0.0
+    stop_lead: float = 0.0
+    advance: float = 0.0
+    limit: float = math.inf
+    needle: Needle | None = None
+    syringe: Syringe | None = None
+
+    def __post_init__(self) -> None:
+        demands = {"flow": "mm³/s", "area": "mm²", "pressure": "kPa"}
+        for name, unit in demands.items():
+            at_least(name, getattr(self, name), 0, unit, _MOST)
+        given = [f"{name} = {getattr(self, name):g} {unit}" for name, unit in demands.items() if getattr(self, name)]
+        if len(given) > 1:
+            raise InputError(f"{' and '.join(given)}: only one of flow, area and pressure can be given")
+        for name in ("dead_time", "opening", "closing", "start_lead", "stop_lead", "advance"):
+            at_least(name, getattr(self, name), 0, "s", _LONGEST)
+        if self.metering not in (VOLUMETRIC, TIME_PRESSURE):
+            raise unknown("metering", self.metering, (VOLUMETRIC, TIME_PRESSURE))
+        if self.metering == TIME_PRESSURE and self.needle is None:
+            raise InputError("metering time-pressure: needs a needle, which converts pressure to flow")
+        if self.metering == VOLUMETRIC and self.syringe is not None:
+            raise InputError("metering volumetric: takes no syringe; a syringe needs time-pressure")
+        if self.pressure:
+            if self._driven is None:
+                raise InputError(f"{given[0]}: metering volumetric takes flow or area; pressure needs time-pressure")
+            with np.errstate(over="ignore"):
+                flow = float(self._driven.flow(self.pressure))
+            if not flow <= _MOST:
+                raise InputError(
+                    f"{given[0]}: drives {flow:g} mm³/s through the needle, must be at most {_MOST:g} mm³/s"
+                )
+            if not flow:
+                least = self._driven.yield_pressure
+                raise InputError(f"{given[0]}: must be greater than the needle's yield pressure, {least:.4g} kPa")
+        if self.limit != math.inf:
+            unit = "kPa" if self.metering == TIME_PRESSURE else "mm³/s"
+            limit = positive("limit", self.limit, unit)
+            request = float(self._request(np.array([self.flow]))[0]) if self.flow else self.pressure
+            if request > limit:
+                raise InputError(f"limit = {limit:g} {unit}: must be at least the request, {request:g} {unit}")
+
+    @property
+    def _driven(self) -> Needle | None:
+        """The needle through which a pressure drives the flow, None for a volumetric dispenser."""
+        return self.needle if self.metering == TIME_PRESSURE else None
+
+    @property
+    def flows_at_all(self) -> bool:
+        """Whether glue flows while the dispenser is on."""
+        return bool(self.flow or self.area or self.pressure)
+
+    def flow_demand(self, dispense: ArrayLike, speed: ArrayLike) -> Floats:
+        """Return the mean flow requested by the program in each servo period, without leads and lags, (n,) [mm³/s].
+
+        Args:
+            dispense: dispenser command between each tick and the next, (n,).
+            speed: mean commanded path speed over that period, (n,) [mm/s].
+        """
+        on = np.asarray(dispense, bool)
+        if not self.flows_at_all:
+            return np.zeros(on.shape)
+        return np.where(on, self._demand(np.asarray(speed, float)), 0.0)
+
+    def flows(self, dispense: ArrayLike, speed: ArrayLike, period: float) -> Floats:
+        """Return the mean flow out of the nozzle over the period after each tick, (n,) [mm³/s].
+
+        The dispenser is at rest before the first tick.
+
+        Args:
+            dispense: as for `flow_demand`, (n,).
+            speed: as for `flow_demand`, (n,) [mm/s].
+            period: servo period [s].
+
+        Raises:
+            InputError: a start lead longer than the time before the first dispensing, arrays not both of shape (n,),
+                or a speed that is negative or not finite.
+        """
+        on = np.asarray(dispense, bool)
+        speeds = np.asarray(speed, float)
+        positive("period", period, "s")
+        if on.ndim != 1 or speeds.shape != on.shape:
+            raise InputError(f"speed of shape {speeds.shape}: must be that of dispense, (n,), here {on.shape}")
+        if not (speeds.min(initial=0.0) >= 0 and speeds.max(initial=0.0) < math.inf):
+            tick = int(np.flatnonzero(~(np.isfinite(speeds) & (speeds >= 0)))[0])
+            raise InputError(f"speed = {speeds[tick]:g} mm/s at tick {tick}: must be finite and at least 0 mm/s")
+        if not self.flows_at_all:
+            return np.zeros(on.size)
+        valve = self._valve(on, period)
+        if not valve.opens.size:
+            return np.zeros(on.size)
+        state = self._at_rest()
+        parts = [self._flows(block, speeds, valve, period, state) for block in blocks(on.size)]
+        return np.concatenate(parts)
+
+    def _flows(self, block: slice, speed: Floats, valve: ValveTimes, period: float, state: Floats) -> Floats:
+        """Return the flow over a block of periods, given the state before it, which becomes that after it."""
+        delay = self.dead_time / period
+        # a tick more on either side: edges lie between ticks
+        first = max(math.floor(block.start - delay) - 1, 0)
+        last = min(max(math.ceil(block.stop - delay) + 1, first), speed.size)
+        breaks, value = self._requests(first, last, speed, valve, period)
+        return self._lagged(breaks, value, block, period, state)
+
+    def _requests(
+        self, first: int, last: int, speed: Floats, valve: ValveTimes, period: float
+    ) -> tuple[Floats, Floats]:
+        """Return when the request changes from one tick to another, (k + 1,) [periods], and its values, (k,)."""
+        # the compensation needs the mean request of the period before
+        before = first - 1 if self.advance and first else first
+        ticks = np.arange(before, last + 1, dtype=np.float64)
+        request = self._request(self._demand(speed[before : last + 1]))
+        edges = [edge[(edge >= before) & (edge <= last)] for edge in valve]
+        breaks = np.unique(np.concatenate([ticks, *edges]))
+        open_until_next = valve.is_open(breaks[:-1])
+        value = np.where(open_until_next, request[breaks[:-1].astype(np.intp) - before], 0.0)
+        if self.advance:
+            amount = value * np.diff(breaks)
+            mean = np.bincount(breaks[:-1].astype(np.intp) - before, amount, minlength=last - before)
+            change = np.diff(mean, prepend=0.0)
+            breaks = ticks[first - before :]
+            value = (mean + self.advance / period * change)[first - before :]
+        return breaks, np.clip(value, 0.0, self.limit)
+
+    def notes(self, flow: Floats, period: float) -> tuple[str, ...]:
+        """Return notes on a run with these mean flows per period [mm³/s], such as when the syringe runs empty."""
+        if self.syringe is None:
+            return ()
+        empty = np.flatnonzero(np.cumsum(flow) * period >= (1 - _EMPTY) * self.syringe.glue)
+        if not empty.size:
+            return ()
+        return (f"the syringe of {self.syringe.glue:.4g} mm³ runs empty at t = {(empty[0] + 1) * period:.4g} s",)
+
+    def open_share(self, dispense: ArrayLike, period: float) -> Floats:
+        """Return the fraction of the period after each tick in which the valve is open, (n,); arguments as `flows`."""
+        on = np.asarray(dispense, bool)
+        valve = self._valve(on, period)
+        edges = np.unique(np.concatenate([np.arange(on.size + 1, dtype=np.float64), *valve]))
+        edges = edges[(edges >= 0) & (edges <= on.size)]
+        open_for = np.where(valve.is_open(edges[:-1]), np.diff(edges), 0.0)
+        return np.bincount(edges[:-1].astype(np.intp), open_for, minlength=on.size).astype(np.float64)
+
+    def check(self, setpoints: Setpoints) -> None:
+        """Raise InputError where the start lead is longer than the time before the first dispensing."""
+        self._valve(setpoints.dispense, setpoints.period)
+
+    def held_back(self, setpoints: Setpoints) -> Setpoints:
+        """Return the setpoints, delayed if the start lead is longer than the time before the first dispensing."""
+        return setpoints.wait(max(self.start_lead - time_before(setpoints), 0.0))
+
+    def _demand(self, speed: Floats) -> Floats:
+        """Return the flow while the dispenser is on, of the speed's shape [mm³/s]."""
+        if self.area:
+            return self.area * speed
+        if self._driven is not None and self.pressure:
+            return np.full(speed.shape, float(self._driven.flow(self.pressure)))
+        return np.full(speed.shape, self.flow)
+
+    def _request(self, flow: Floats) -> Floats:
+        """Return the request for a flow: the flow itself, or the pressure for it [kPa]."""
+        return flow if self._driven is None else self._driven.pressure(flow)
+
+    def _valve(self, on: NDArray[np.bool_], period: float) -> ValveTimes:
+        return ValveTimes.of(on, period, self.start_lead, self.stop_lead)
+
+    def _at_rest(self) -> Floats:
+        """Return the state of the lag before the first tick, see `gantrysim.glue.dispenser.lag`."""
+        if self.syringe is None:
+            return np.zeros(1)
+        return np.array([0.0, ATMOSPHERE, self.syringe.glue, self.syringe.air])
+
+    def _lagged(self, breaks: Floats, value: Floats, block: slice, period: float, state: Floats) -> Floats:
+        """Return the mean flow over each period of a block for a request of `value` between `breaks` [periods]."""
+        delayed = on_ticks(breaks + self.dead_time / period)
+        if breaks[0] == 0:  # nothing is requested before the first tick
+            delayed = np.concatenate([[0.0], delayed])
+            value = np.concatenate([[0.0], value])
+        edges = np.unique(np.concatenate([delayed, np.arange(block.start, block.stop + 1, dtype=np.float64)]))
+        edges = edges[(edges >= block.start) & (edges <= block.stop)]
+        request_index = np.minimum(np.searchsorted(delayed, edges[:-1], "right") - 1, value.size - 1)
+        volume = self._volumes(period * np.diff(edges), value[request_index], state)
+        period_index = edges[:-1].astype(np.intp) - block.start
+        return np.bincount(period_index, volume, minlength=block.stop - block.start) / period
+
+    def _volumes(self, duration: Floats, request: Floats, state: Floats) -> Floats:
+        """Return the volumes over pieces of constant request, (k,) [mm³]; the state becomes that after them."""
+        lag = Lag(self.opening, self.closing)
+        needle = self._driven
+        if needle is None:
+            return lagged_volumes(duration, request, lag, state)
+        law = NeedleLaw(needle.conductance, needle.yield_pressure, 1 / needle.index, *needle.shape)
+        if self.syringe is None:
+            return needle.conductance * driven_volumes(duration, request, lag, law, state)
+        air = (self.syringe.rate, self.syringe.critical_ratio)
+        return syringe_volumes(duration, request, lag, law, air, state)
+
+
+def time_before(setpoints: Setpoints) -> float:
+    """Return the time before the first dispensing of setpoints, inf where there is none [s]."""
+    first = int(np.argmax(setpoints.dispense))
+    return first * setpoints.period if setpoints.dispense[first] else math.inf

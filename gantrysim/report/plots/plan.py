@@ -1,0 +1,71 @@
+"""Plot of the plan view."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gantrysim.base.columns import by_blocks
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.report.plots.style import COLOURS, INK, UM, add_legend, axes_on
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+_MOST_POINTS = 500_000  # of the nozzle's path
+_MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+
+
+def draw_plan(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
+    """Draw the requested path, and the nozzle's path with its error magnified; return the axes."""
+    run = analysis.run
+    axes = axes_on(on)
+    distance = analysis.nozzle.distance
+    worst = int(distance.argmax())
+    factor = magnification(analysis)
+    every = np.arange(0, distance.size, -(-distance.size // _MOST_POINTS))
+    shown = np.unique(np.append(every, [worst, distance.size - 1]))
+    ticks = analysis.ticks[shown]
+    trace = by_blocks(lambda block: run.nozzle[ticks[block]], shown.size)
+    drawn = trace + (factor - 1) * by_blocks(lambda block: analysis.nozzle.offset[shown[block]], shown.size)
+    line = run.requested.position(np.linspace(0, run.requested.length, 4000))
+    axes.plot(line[:, 0], line[:, 1], color=COLOURS["requested"], lw=1.0, label="requested path")
+    label = f"nozzle, error × {factor}" if factor > 1 else "nozzle"
+    axes.plot(drawn[:, 0], drawn[:, 1], color=COLOURS["contour"], lw=1.0, label=label)
+    worst_label = f"largest error: {UM * distance[worst]:.0f} µm"
+    axes.plot(
+        *drawn[np.searchsorted(shown, worst), :2],
+        "v",
+        ms=7,
+        mfc="none",
+        color=COLOURS["fault"],
+        ls="none",
+        label=worst_label,
+    )
+    for k, mark, name in ((0, "o", "start"), (-1, "s", "end")):
+        axes.plot(*trace[k, :2], mark, ms=5, color=INK)
+        axes.annotate(name, (trace[k, 0], trace[k, 1]), xytext=(6, -4), textcoords="offset points", va="top")
+    axes.set_aspect("equal", adjustable="datalim")  # a box that shrinks would leave the title out of the layout
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", title=f"Plan view, machine {run.machine}")
+    add_legend(on, 3)
+    return axes
+
+
+def plan_extent(analysis: Analysis) -> tuple[float, float]:
+    """Return the size of the requested path in plan view, along x and along y [mm]."""
+    path = analysis.run.requested
+    x, y = np.ptp(path.position(np.linspace(0, path.length, 1000))[:, :2], axis=0).tolist()
+    return x, y
+
+
+def magnification(analysis: Analysis) -> int:
+    """Return the largest factor that keeps drawn errors below a fifth of the turns' spacing, or 2 % of the extent."""
+    turns = analysis.spacing.distance
+    if turns.size:
+        room = 0.2 * float(turns.mean())
+    else:
+        room = 0.02 * float(np.ptp(analysis.run.nozzle[analysis.ticks, :2], axis=0).max())
+    usual = max(float(np.percentile(analysis.nozzle.distance, 99)), 1e-9)
+    return max((factor for factor in _MAGNIFICATIONS if factor * usual <= room), default=1)

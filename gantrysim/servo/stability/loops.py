@@ -1,0 +1,206 @@
+"""Servo loops closed around a linear machine: frequency responses, crossings and poles."""
+
+# ruff: noqa: N803, N806 - matrices and functions of z bear the letters of the law
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base.arrays import Complexes, Floats
+from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.motion import LinearSystem
+
+_LOWEST = 1e-5  # lowest frequency of the grid, relative to the Nyquist frequency
+_PER_DECADE = 80
+_AT_NYQUIST = 0.2  # distance from the Nyquist angle within which the grid is finer [rad]
+_PEAKED = 0.3  # damping ratio below which a mode or zero gets grid points of its own
+_AROUND_A_PEAK = np.geomspace(1e-6, 0.03, 24)  # relative distances of these points from the peak
+_HIGH_GAIN = 1e6  # gain at which the poles have reached the zeros
+_ASYMPTOTIC = 1e-9  # least distance of a stable pole from the unit circle
+_EXACT = 1e-8  # accuracy of a crossing, relative
+_MOST_STEPS = 60  # iterations to find a crossing
+_NO_LOOP = 1e-300  # magnitude of a loop without gains
+_ZOOM = 9  # points between those of the grid around the peak of |S|
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyResponse:
+    """A linear system and its response on a grid of angles theta = 2 pi f T.
+
+    Attributes:
+        system: the system.
+        theta: angles up to pi, the Nyquist frequency, (n,).
+        P: response, (n, axes, axes) [mm/N·m or deg/N·m].
+    """
+
+    system: LinearSystem
+    theta: Floats
+    P: Complexes
+
+    @classmethod
+    def of(cls, system: LinearSystem) -> FrequencyResponse:
+        """Return the response on a grid that resolves the system's modes."""
+        theta = _grid(system)
+        return cls(system, theta, system.response(np.exp(1j * theta)))
+
+
+def _grid(system: LinearSystem) -> Floats:
+    """Return angles up to the Nyquist frequency, finer around lightly damped modes and zeros, (n,)."""
+    count = round(-math.log10(_LOWEST) * _PER_DECADE)
+    even = np.pi * np.logspace(math.log10(_LOWEST), 0, count + 1)
+    even = np.append(even, np.pi - even[even < _AT_NYQUIST][::4])  # pairs of poles leave the circle near -1
+    G = system.G0 + system.G1
+    roots = [np.linalg.eigvals(system.F)]
+    for a in range(len(system.axes)):  # high gain takes the poles of an axis to its zeros
+        through = np.outer(G[:, a], system.H[a])
+        strength = np.abs(system.H[a] @ G[:, a])
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            drawn = system.F - _HIGH_GAIN / strength * through
+        if np.isfinite(drawn).all():  # not where the axis does not move at once
+            roots.append(np.linalg.eigvals(drawn))
+    z = np.concatenate(roots)
+    z = z[np.abs(z) > 0]
+    angle = np.angle(z)
+    width = np.abs(np.log(np.abs(z)))
+    peaked = (angle > 0) & (angle < np.pi) & (width < _PEAKED * angle)
+    close = np.outer(np.append(1 - _AROUND_A_PEAK, 1 + _AROUND_A_PEAK), angle[peaked]).ravel()
+    return np.unique(np.concatenate([even, close[(close > even[0]) & (close < np.pi)]]))
+
+
+class Loops:
+    """Servo loops around axes that move each other.
+
+    Args:
+        plant: frequency response of these axes.
+        laws: the law of each axis.
+        period: servo period [s].
+    """
+
+    def __init__(self, plant: FrequencyResponse, laws: Sequence[Compensator], period: float) -> None:
+        self.plant = plant
+        self.system = plant.system
+        self.laws = tuple(laws)
+        self.T = period
+        self.delayed = bool(np.any(self.system.G0))
+
+    def open(self, theta: Floats, P: Complexes) -> Complexes:
+        """Return the open loop of each axis with the others closed, (n, axes).
+
+        With S = (1 + C P)^-1, that of axis i is 1/S_ii - 1.
+        """
+        C = np.stack([law.response(np.exp(1j * theta)) for law in self.laws], axis=1)
+        if len(self.laws) == 1:
+            return C * P[:, 0]
+        S = np.linalg.inv(np.eye(len(self.laws)) + C[:, :, None] * P)
+        return np.asarray(1 / np.einsum("nii->ni", S) - 1, complex)
+
+    def poles(self, axes: Sequence[int] = (), factor: float = 1.0) -> Complexes:
+        """Return the closed-loop poles with the demands of some axes scaled by a factor.
+
+        The state is x, those of the laws, and the last u if the output is delayed.
+        """
+        F = self.system.F
+        G0 = self.system.G0
+        G1 = self.system.G1
+        H = self.system.H
+        n = len(F)
+        m = len(H)
+        ends = np.cumsum([n, *(len(law.A) for law in self.laws)])  # of the laws' states
+        size = ends[-1] + (m if self.delayed else 0)
+        A = np.zeros((size, size))
+        u = np.zeros((m, size))
+        for a, law in enumerate(self.laws):
+            scale = factor if a in axes else 1.0
+            part = slice(ends[a], ends[a + 1])
+            u[a, :n] = -scale * law.D * H[a]  # the error is -H x: the command is zero
+            u[a, part] = scale * law.C
+            A[part, :n] = -np.outer(law.B, H[a])
+            A[part, part] = law.A
+        A[:n] = G1 @ u
+        A[:n, :n] += F
+        if self.delayed:
+            A[:n, ends[-1] :] += G0
+            A[ends[-1] :] = u
+        return np.linalg.eigvals(A).astype(complex)
+
+    def stable(self, axes: Sequence[int] = (), factor: float = 1.0) -> bool:
+        """Return whether all closed-loop poles lie inside the unit circle."""
+        return bool(np.abs(self.poles(axes, factor)).max() < 1 - _ASYMPTOTIC)
+
+    def crossings(self, L: Complexes) -> Crossings:
+        """Return the crossings of the real axis and the unit circle, given the loops on the grid, (n, axes)."""
+        theta = np.log(self.plant.theta)
+        size = np.maximum(np.abs(L), _NO_LOOP)
+        values = np.stack([L.imag / size, np.log(size)])  # (2, n, axes)
+        kind, k, axis = np.nonzero((values[:, :-1] >= 0) != (values[:, 1:] >= 0))
+        unit = kind == 1
+        a = theta[k]
+        b = theta[k + 1]
+        fa = values[kind, k, axis]
+        fb = values[kind, k + 1, axis]
+        falls = fa >= 0
+        value = L[k + 1, axis]
+        for _ in range(_MOST_STEPS):  # regula falsi, Illinois variant
+            if not len(k) or np.abs(fb).max() < _EXACT:
+                break
+            c = (a * fb - b * fa) / (fb - fa)
+            value = self.at(np.exp(c))[np.arange(len(c)), axis]
+            fc = np.where(unit, np.log(np.abs(value)), value.imag / np.abs(value))
+            over = (fc >= 0) != (fb >= 0)
+            a = np.where(over, b, a)
+            fa = np.where(over, fb, 0.5 * fa)
+            b = c
+            fb = fc
+        return Crossings(np.exp(b), axis, unit, falls, value)
+
+    def peaks(self, L: Complexes) -> Floats:
+        """Return the peak of |S| of each axis, given the loops on the grid, (axes,)."""
+        theta = self.plant.theta
+        axes = np.arange(L.shape[1])
+        peaks: Floats = np.abs(1 / (1 + L)).max(axis=0)
+        k = np.abs(1 + L).argmin(axis=0)
+        low = theta[np.maximum(k - 1, 0)]
+        high = theta[np.minimum(k + 1, len(theta) - 1)]
+        for _ in range(2):
+            near = np.linspace(low, high, _ZOOM)  # (zoom, axes)
+            size = np.abs(1 / (1 + self.at(near.ravel()).reshape(*near.shape, -1)[:, axes, axes]))
+            peaks = np.maximum(peaks, size.max(axis=0))
+            k = size.argmax(axis=0)
+            low = near[np.maximum(k - 1, 0), axes]
+            high = near[np.minimum(k + 1, _ZOOM - 1), axes]
+        poles = self.poles()  # lightly damped ones have peaks narrower than the grid
+        narrow = poles[(poles.imag > 0) & (np.abs(poles) > 1 - _PEAKED * np.angle(poles))]
+        return np.maximum(peaks, np.abs(1 / (1 + self.at(np.angle(narrow)))).max(axis=0, initial=0))
+
+    def at(self, theta: Floats) -> Complexes:
+        """Return the open loops at given angles, (n, axes)."""
+        return self.open(theta, self.system.response(np.exp(1j * theta)))
+
+
+@dataclass(frozen=True, eq=False)
+class Crossings:
+    """Crossings of the real axis or the unit circle, (n,) each.
+
+    Attributes:
+        theta: angle.
+        axis: axis of the loop.
+        unit: whether the unit circle is crossed.
+        falls: whether the imaginary part or the magnitude falls.
+        L: value of the loop.
+    """
+
+    theta: Floats
+    axis: NDArray[np.intp]
+    unit: NDArray[np.bool_]
+    falls: NDArray[np.bool_]
+    L: Complexes
+
+    def of(self, axis: int, *, unit: bool) -> Crossings:
+        """Return the crossings of one axis, of the unit circle or of the real axis."""
+        chosen = (self.axis == axis) & (self.unit == unit)
+        return Crossings(*(value[chosen] for value in vars(self).values()))

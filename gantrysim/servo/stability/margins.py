@@ -1,0 +1,236 @@
+"""Stability margins of the sampled loop of each axis.
+
+Rotor, load, compliance, winding or current loop, hold and delays are in them, exactly and in continuous time between
+the ticks. Encoder quantisation, noise and interpolation errors, torque and voltage limits and Coulomb friction are left
+out.
+"""
+
+# ruff: noqa: N806 - functions of z bear the letters of the law
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gantrysim.base.arrays import Complexes, Floats
+from gantrysim.base.errors import InputError, at_least, positive
+from gantrysim.servo.stability.cascade import with_velocity_loops
+from gantrysim.servo.stability.compensator import Compensator
+from gantrysim.servo.stability.loop_margins import NO_LOOP, Margins, margins_of_loops
+from gantrysim.servo.stability.loops import FrequencyResponse, Loops
+from gantrysim.servo.stability.motion import Drives, LinearSystem, Motion, UnknownLoopError
+
+_COARSE = 4  # points of the grid for each of a coarse one
+
+
+class LinearLaw(Protocol):
+    """The part of a servo on which stability depends."""
+
+    @property
+    def period(self) -> float:
+        """Servo period T [s]."""
+
+    @property
+    def delay(self) -> float:
+        """Time from sample to output [s]."""
+
+    @property
+    def loop_drives(self) -> Drives:
+        """Drive dynamics inside the loops."""
+
+    def compensators(self) -> tuple[Compensator, ...]:
+        """Return the law of each axis."""
+
+
+class Laws(NamedTuple):
+    """Laws of axes that no servo holds yet.
+
+    Attributes:
+        period: servo period T [s].
+        delay: time from sample to output [s].
+        laws: the law of each axis.
+        loop_drives: drive dynamics inside the loops.
+    """
+
+    period: float
+    delay: float
+    laws: tuple[Compensator, ...]
+    loop_drives: Drives = Drives()
+
+    def compensators(self) -> tuple[Compensator, ...]:
+        """Return the law of each axis."""
+        return self.laws
+
+
+class Movable(Protocol):
+    """The part of a machine on which stability depends."""
+
+    def motion(self, position: ArrayLike | None = None) -> Motion:
+        """Return the motion about rest at a position of the axes, by default zero, (axes,) [mm or deg]."""
+
+
+_PLAIN = Drives()
+
+
+class Plant:
+    """The motion of axes, sampled by servos of one period and delay.
+
+    It is exact: the demand is held from tick to tick, and the matrix exponential integrates what it moves; no step of a
+    simulation is in it. The loop of an axis has all others closed by the same servo. Axes that do not move each other,
+    as on a gantry, are stable or unstable separately; coupled axes are so together. The methods raise InputError for a
+    servo of another number of axes, period, delay or drives.
+
+    Args:
+        motion: the motion of the axes.
+        period: servo period T [s].
+        delay: time from sample to output, at most the period [s].
+        drives: of the servos.
+
+    Attributes:
+        groups: axes that move each other, by number, but for steppers in open loop.
+
+    Raises:
+        InputError: a period or delay out of range.
+    """
+
+    def __init__(self, motion: Motion, period: float, delay: float = 0.0, drives: Drives = _PLAIN) -> None:
+        self.period = positive("servo period", period, "s")
+        self.delay = at_least("servo delay", delay, 0, "s")
+        if delay > period:
+            raise InputError(f"servo delay = {delay:g} s: must be at most the period, {period:g} s")
+        self.axes = len(motion.C)
+        self.drives = drives
+        motors = motion.C
+        if drives != _PLAIN:
+            motion = motion.driven(drives)
+        self._responses: list[FrequencyResponse] = []
+        self._periods: list[float] = []  # of the loop around each of them
+        for states, axes in motion.groups():
+            modes = {drives.mode_of(a) for a in axes}
+            if len(modes) > 1:
+                raise InputError(
+                    f"servo mode: axes {', '.join(str(a + 1) for a in axes)} move each other: must have one mode, not "
+                    f"{' and '.join(map(repr, sorted(modes)))}"
+                )
+            if modes != {"stepper"}:
+                loop_period, system = self._sampled(motion, motors, states, axes)
+                self._periods.append(loop_period)
+                self._responses.append(FrequencyResponse.of(system))
+        self.groups = tuple(response.system.axes for response in self._responses)
+
+    def _sampled(
+        self, motion: Motion, motors: Floats, states: list[int], axes: list[int]
+    ) -> tuple[float, LinearSystem]:
+        """Return the period of the loop that the group's mode closes, and the group's motion between its samples."""
+        drives = self.drives
+        mode = self.drives.mode_of(axes[0])
+        if mode == "position":
+            return drives.period, motion.sampled_group(states, axes, drives.period)
+        if mode != "velocity":
+            return self.period, motion.sampled_group(states, axes, self.period, self.delay)
+        gain, rate = np.array([drives.velocity[a] for a in axes]).T
+        between_samples = motion.sampled_group(states, axes, drives.period)
+        times = (drives.period, self.period, self.delay)
+        return self.period, with_velocity_loops(between_samples, motors[np.ix_(axes, states)], gain, rate, times)
+
+    @classmethod
+    def of(
+        cls,
+        machine: Movable,
+        period: float,
+        delay: float = 0.0,
+        *,
+        drives: Drives = _PLAIN,
+        position: ArrayLike | None = None,
+    ) -> Plant:
+        """Return the plant of a machine about a position of its axes.
+
+        Args:
+            machine: a `Machine`.
+            period: servo period [s].
+            delay: time from sample to output, at most the period [s].
+            drives: of the servo.
+            position: by default zero, (axes,) [mm or deg].
+
+        Raises:
+            InputError: a period or delay out of range, or a position that is not one finite number per axis.
+            UnknownLoopError: an actuator has a delay in the MJCF.
+        """
+        return cls(machine.motion(position), period, delay, drives)
+
+    def margins(self, servo: LinearLaw) -> tuple[Margins, ...]:
+        """Return the margins of each axis."""
+        margins: dict[int, Margins] = {}
+        for loops in self._loops(servo):
+            margins |= zip(loops.system.axes, margins_of_loops(loops), strict=True)
+        return tuple(margins.get(a, NO_LOOP) for a in range(self.axes))
+
+    def sensitivity(self, servo: LinearLaw) -> Floats:
+        """Return the peak of |S| of each axis, inf for an unstable loop, (axes,); as in `margins`, but much faster."""
+        peaks = np.full(self.axes, np.inf)
+        for loops in self._loops(servo):
+            if loops.stable():
+                peaks[list(loops.system.axes)] = loops.peaks(loops.open(loops.plant.theta, loops.plant.P))
+        return peaks
+
+    def exceeds(self, servo: LinearLaw, peak: float) -> bool:
+        """Return whether a loop is unstable, or its |S| above a peak on a coarse grid; much faster than `margins`.
+
+        |S| between the points may be higher: where this is False, `margins` decides.
+        """
+        for loops in self._loops(servo):
+            if not loops.stable():
+                return True
+            L = loops.open(loops.plant.theta[::_COARSE], loops.plant.P[::_COARSE])
+            if np.abs(1 + L).min() < 1 / peak:
+                return True
+        return False
+
+    def loop(self, servo: LinearLaw, frequency: ArrayLike) -> Complexes:
+        """Return L, the open loop of each axis with all others closed, (n, axes).
+
+            L = C P of a single axis, C(z) the law and its notch, P(z) the motion with hold and delay
+
+        Args:
+            servo: the servo.
+            frequency: above 0 and at most the Nyquist frequency of the servo, (n,) [Hz].
+        """
+        groups = self._loops(servo)
+        angle = 2 * np.pi * np.atleast_1d(np.asarray(frequency, float))
+        if not ((angle > 0) & (angle * self.period <= np.pi * (1 + 1e-9))).all():
+            raise InputError(f"frequency: must be above 0 and at most {0.5 / self.period:g} Hz")
+        L = np.zeros((len(angle), self.axes), complex)
+        for loops in groups:
+            L[:, loops.system.axes] = loops.at(loops.T * angle)
+        return L
+
+    def poles(self, servo: LinearLaw) -> Complexes:
+        """Return the closed-loop poles, each of a step of its loop, unstable outside the unit circle, (n,)."""
+        return np.concatenate([np.zeros(0, complex), *(loops.poles() for loops in self._loops(servo))])
+
+    def _loops(self, servo: LinearLaw) -> list[Loops]:
+        """Return the loops of each group of axes that move each other."""
+        laws = servo.compensators()
+        if len(laws) != self.axes:
+            raise InputError(f"servo has {len(laws)} axes: the plant has {self.axes}")
+        for name in ("period", "delay"):
+            given = getattr(servo, name)
+            expected = getattr(self, name)
+            if abs(given - expected) > 1e-12:
+                raise InputError(f"servo {name} = {given:g} s: must be the plant's, {expected:g} s")
+        if servo.loop_drives != self.drives:
+            raise InputError("servo drives: their modes, loops and feedback must be the plant's")
+        return [
+            Loops(response, [laws[a] for a in response.system.axes], period)
+            for response, period in zip(self._responses, self._periods, strict=True)
+        ]
+
+
+def margins_of(machine: Movable, servo: LinearLaw) -> tuple[Margins, ...] | None:
+    """Return the margins of each axis with its servo, or None if the machine or the law cannot be linearised."""
+    try:
+        return Plant.of(machine, servo.period, servo.delay, drives=servo.loop_drives).margins(servo)
+    except UnknownLoopError:
+        return None
