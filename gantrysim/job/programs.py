@@ -60,7 +60,7 @@ PROGRAMS = Programs(
         "stage.OutlineTrace": ("controllers.stage", "OutlineTrace"),
         "linuxcnc.Program": ("controllers.gcode.linuxcnc", "Program"),
         "slicer.Program": ("controllers.gcode.slicer", "Program"),
-        "cad.Drawing": ("drawings", "Drawing"),
+        "cad.Drawing": ("controllers.drawings", "Drawing"),
     }
 )
 
