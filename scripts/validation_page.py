@@ -78,7 +78,7 @@ def tables() -> str:
     """Return the tables of all subjects."""
     text = ""
     for subject, rooms in SUBJECTS.items():
-        files = [file for room in rooms for file in sorted((TESTS / room).glob("test_*.py"))]
+        files = [file for room in rooms for file in sorted((TESTS / room).rglob("test_*.py"))]
         rows = "".join(comparison.row for file in files for comparison in marked(file))
         text += f"\n## {subject}\n\n| what | against | tolerance | test |\n|---|---|---|---|\n{rows}"
     return text + "\n"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -143,10 +143,12 @@ class Evaluation:
             from gantrysim.report.page import run_page, sections_with_figures
             from gantrysim.report.plots import save_plots
 
-            with share_bar("plots", self._go_on) as advance:
+            figures = None
+            # what fails is drawn again, where its error is reported
+            with suppress(Exception), share_bar("figures", self._go_on) as advance:
                 figures = figures_ahead(sections_with_figures(results), folder / PLOTS, advance)
-            with self._optional("plot"):
-                save_plots(results.budget, folder / PLOTS, results.bead, only_missing=True)
+            with self._optional("plot"), share_bar("plots", self._go_on) as advance:
+                save_plots(results.budget, folder / PLOTS, results.bead, progress=advance, only_missing=True)
             with self._optional("report"), share_bar("page", self._go_on) as advance:
                 video = folder / VIDEO if self._wanted.video else None
                 page = run_page(results, video, advance, self._changes, figures)

@@ -37,7 +37,7 @@ sys.meta_path.insert(0, Raised())
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
-    "module", ["lazy_loader", "gantrysim.cli.start", "gantrysim.base.memory", "numpy", "datetime", "typer", "pydantic"]
+    "module", ["lazy_loader", "gantrysim.cli.start", "gantrysim.cli.main", "numpy", "datetime", "typer", "pydantic"]
 )
 def test_a_signal_during_an_import_ends_the_command_without_a_traceback(tmp_path, command, number, module):
     (tmp_path / "sitecustomize.py").write_text(SITE)
