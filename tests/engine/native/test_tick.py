@@ -169,7 +169,7 @@ def test_no_compiled_code_outlives_a_change_of_what_it_was_compiled_from(tmp_pat
         return done.stdout.splitlines()
 
     assert ask() == ["None", "None"]
-    row = package / "native" / "row.py"
+    row = package / "machine" / "row.py"
     row.write_text(row.read_text().replace("OVERSPEED = 1.2", "OVERSPEED = 0.01"))
     compiled, plain = ask()
     assert compiled.startswith("overspeed on axis")
