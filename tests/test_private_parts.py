@@ -16,7 +16,6 @@ ALLOWED = {
             *("ctypes.c_uint64.from_address", "ctypes.c_int.from_address", "ctypes.c_int64.from_address"),
             *("data._address", "model._address"),
         },
-        "engine/native/hook.py": {"data._address"},
     },
     "an interrupt while modules are imported is one line, no traceback": {"cli/start.py": {"sys.excepthook ="}},
     "compiled functions read and write arrays by their addresses, which numba offers to intrinsics alone": {

@@ -46,30 +46,30 @@ def test_a_clean_program_is_made_faster_while_it_stays_clean(job):
     tried = []
     fastest = fastest_program(job, bench_of(steps(183.0, 266.0), tried=tried))
     assert fastest.grade == Grade.CLEAN
-    assert 183.0 / (1 + WIDTH) < fastest.speed <= 183.0 < fastest.above <= fastest.speed * (1 + WIDTH)
-    assert 266.0 / (1 + WIDTH) < fastest.other_speed <= 266.0
+    assert 183.0 / (1 + WIDTH) < fastest.speed <= 183.0 < fastest.search.above <= fastest.speed * (1 + WIDTH)
+    assert 266.0 / (1 + WIDTH) < fastest.other.fastest <= 266.0
     assert fastest.programmed_speed == pytest.approx(PROGRAMMED)
     assert fastest.job.controller.programmed_speed == pytest.approx(fastest.speed)
     assert fastest.outcome.duration == pytest.approx(100.0 / fastest.speed)
-    for speed in (fastest.speed, fastest.above):
+    for speed in (fastest.speed, fastest.search.above):
         assert any(speed == pytest.approx(other) for other in tried)
     assert str(fastest) == (
         f"fastest program without a warning: {fastest.speed:.4g} mm/s instead of 100 mm/s, "
-        f"{fastest.outcome.duration:.2f} s (not at {fastest.above:.4g} mm/s); without a failure up to "
-        f"{fastest.other_speed:.4g} mm/s"
+        f"{fastest.outcome.duration:.2f} s (not at {fastest.search.above:.4g} mm/s); without a failure up to "
+        f"{fastest.other.fastest:.4g} mm/s"
     )
 
 
 def test_a_program_with_a_warning_is_made_faster_while_it_does_not_fail(job):
     fastest = fastest_program(job, bench_of(steps(0.0, 222.0)))
     assert fastest.grade == Grade.WARNED
-    assert 222.0 / (1 + WIDTH) < fastest.speed <= 222.0 < fastest.above
-    assert fastest.other_speed is None
+    assert 222.0 / (1 + WIDTH) < fastest.speed <= 222.0 < fastest.search.above
+    assert fastest.other.fastest is None
     assert str(fastest).startswith("fastest program without a failure: ")
     assert str(fastest).endswith("; no speed tried is without a warning")
     slow_clean = fastest_program(job, bench_of(steps(52.0, 222.0)))
-    assert 52.0 / (1 + WIDTH) < slow_clean.other_speed <= 52.0
-    assert str(slow_clean).endswith(f"; without a warning up to {slow_clean.other_speed:.4g} mm/s")
+    assert 52.0 / (1 + WIDTH) < slow_clean.other.fastest <= 52.0
+    assert str(slow_clean).endswith(f"; without a warning up to {slow_clean.other.fastest:.4g} mm/s")
 
 
 def test_beyond_the_speed_at_which_the_time_no_longer_falls_a_program_is_no_faster(job):
