@@ -16,6 +16,7 @@ ALLOWED = {
             *("ctypes.c_uint64.from_address", "ctypes.c_int.from_address", "ctypes.c_int64.from_address"),
             *("data._address", "model._address"),
         },
+        "engine/native/hook.py": {"data._address"},
     },
     "an interrupt while modules are imported is one line, no traceback": {"cli/start.py": {"sys.excepthook ="}},
     "compiled functions read and write arrays by their addresses, which numba offers to intrinsics alone": {
@@ -37,7 +38,7 @@ class Uses(ast.NodeVisitor):
     """The uses of private parts in a file, as (line, text).
 
     Args:
-        own: names with an underscore that objects of the same room have.
+        own: names with an underscore that objects of the same folder have.
     """
 
     def __init__(self, own=frozenset()):
@@ -135,11 +136,11 @@ def own_names(trees):
 def uses():
     """The uses of private parts in the package, as (line, text) by file."""
     trees = {file.relative_to(PACKAGE): ast.parse(file.read_text(encoding="utf-8")) for file in PACKAGE.rglob("*.py")}
-    rooms = {file.parts[0] for file in trees}
-    own = {room: own_names(tree for file, tree in trees.items() if file.parts[0] == room) for room in rooms}
+    folders = {file.parent for file in trees}
+    own = {folder: own_names(tree for file, tree in trees.items() if file.parent == folder) for folder in folders}
     found = {}
     for file, tree in sorted(trees.items()):
-        visitor = Uses(own[file.parts[0]])
+        visitor = Uses(own[file.parent])
         visitor.visit(tree)
         found[file.as_posix()] = visitor.found
     return found

@@ -52,7 +52,7 @@ def change(content: Content, key: str, value: Any, known: Sequence[str]) -> None
 
 
 def settings_of(overrides: Iterable[str] | Mapping[str, Any]) -> tuple[Override, ...]:
-    """Return overrides one by one, from texts "key=value" or from values by their keys.
+    """Return the overrides of a job, given as texts "key=value" or as values by their keys.
 
     Raises:
         InputError: a single text.

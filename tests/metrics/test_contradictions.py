@@ -13,6 +13,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.paths.feet import Projection
 from gantrysim.report.headline import headline
 from gantrysim.results.verdict import Verdict
+from gantrysim.study.cases import Case, measure
 
 
 @pytest.fixture(scope="module")
@@ -70,3 +71,10 @@ def test_a_wrong_foot_is_told_and_nothing_blamed(job, run, trace, change, text):
     assert "not known" in headline(budget)
     with pytest.raises(InputError, match="neither its errors nor their causes are known"):
         causes_of(job, budget=budget)
+
+
+def test_a_study_does_not_take_it_as_a_run_that_keeps_its_limits(job, run, monkeypatch):
+    monkeypatch.setattr("gantrysim.study.cases.Budget", lambda run: spoiled(run, "encoder", lost))
+    row = measure(Case.of(job, {}, value=0.0))
+    assert row["status"].startswith("refused: errors not known, because the change of distance by the link servo is")
+    assert list(row) == ["status"]

@@ -69,6 +69,16 @@ def test_a_follower_on_the_path_is_found_behind_a_corner(inner):
     assert foot.s == pytest.approx(behind, abs=1e-6)
 
 
+def test_a_follower_is_found_before_a_tip_that_its_command_has_passed_within_a_tick():
+    """At a corner of 11 degrees: 0.1 mm before and behind the tip, and the follower 0.07 mm before it."""
+    path = Chain([Line((0, 0, 0), (10, 0, 0)), Line((10, 0, 0), (0, 2, 0))])
+    s = np.array([9.9, 10.1])
+    follower = np.array([[9.88, 0.0, 0.0], [9.93, 0.0, 0.0]])
+    foot = path.near(follower, s, path.stretches(path.position(s), [follower], s))
+    assert foot.s == pytest.approx([9.88, 9.93], abs=1e-6)
+    assert foot.distance.max() < EXACT
+
+
 angles = st.one_of(st.sampled_from([0.0, 0.0, 0.5, 1.0, 2.0, 5.0, 90.0, 180.0]), st.floats(0, 180))
 
 

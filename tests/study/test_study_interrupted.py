@@ -32,7 +32,8 @@ def job():
 
 @pytest.mark.parametrize("at", [1, 3])
 def test_a_resumed_study_ends_like_an_uninterrupted_one(tmp_path, job, at):
-    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    whole = tmp_path / "whole"
+    broken = tmp_path / "broken"
     expected = run_study(Toy(job), whole, workers=1)
     with pytest.raises(StudyInterrupted) as interrupted:
         run_study(Toy(job, Counted(interrupted_at=at)), broken, workers=1)

@@ -141,7 +141,8 @@ def test_a_row_unlike_the_others_is_run_again_and_written_once_more(tmp_path, mi
 
 def test_a_resumed_study_with_rows_unlike_the_others_ends_like_an_uninterrupted_one(tmp_path):
     job = Job.load("an225", SHORT)
-    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    whole = tmp_path / "whole"
+    broken = tmp_path / "broken"
     expected = run_study(Toy(job), whole, workers=1)
     with pytest.raises(StudyInterrupted):
         run_study(Toy(job, Counted(interrupted_at=2)), broken, workers=1)

@@ -70,7 +70,7 @@ def state():
         mujoco.get_mjcb_control(),
         mujoco.get_mjcb_time(),
         mujoco.get_mju_user_warning(),
-        signal.getsignal(signal.SIGINT),
+        *map(signal.getsignal, signals.ENDING),
         hook._users,
         hook._changed.acquire(blocking=False) and hook._changed.release(),
         getattr(hook._thread, "depth", 0),

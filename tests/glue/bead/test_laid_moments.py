@@ -69,7 +69,8 @@ def test_a_turned_piece_is_the_piece_turned():
 
 def test_in_a_bend_less_glue_lies_on_the_inner_side():
     """To the left of a left turn of radius R: the mean of u (1 - u / R) over a half circle is -w² / 4 R."""
-    w, radius = 3.0, 10.0
+    w = 3.0
+    radius = 10.0
     layer = laid((w, w), curvature=1 / radius, samples=16.0)
     rows, _ = np.indices(layer.glue.shape)
     offset = (layer.glue * (rows - MIDDLE)).sum() / VOLUME * CELL

@@ -166,7 +166,8 @@ class Screen:
         self.cursor = (x, y)
 
 
-LEFT, RIGHT = glfw.MOUSE_BUTTON_LEFT, glfw.MOUSE_BUTTON_RIGHT
+LEFT = glfw.MOUSE_BUTTON_LEFT
+RIGHT = glfw.MOUSE_BUTTON_RIGHT
 TEXTS = Texts((("time", "1 s"),), (("Space", "pause"),), ())
 
 
@@ -261,7 +262,8 @@ def test_the_mouse_turns_moves_and_zooms_the_view(opened):
 
 def test_a_selected_body_is_pushed_until_the_button_is_released(opened):
     window, screen = opened
-    model, data = window._scene.model, window._scene.data
+    model = window._scene.model
+    data = window._scene.data
     assert not window.pushes().any()
     screen.move(200, 150)
     for at in (1.0, 1.1):
