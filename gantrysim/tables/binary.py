@@ -82,10 +82,6 @@ def _table(label: str, content: Mapping[str, NDArray[Any]]) -> ColumnTable:
     return ColumnTable(label, columns, units, texts)
 
 
-def _is_vector(values: NDArray[Any]) -> bool:
-    return values.size == max(values.shape, default=0)
-
-
 class _Unpacked:
     """What a file unpacks to, counted while it is read: a small file must not fill the memory.
 
