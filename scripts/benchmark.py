@@ -31,6 +31,7 @@ from mujoco.batch import Batch
 from rich.console import Console
 from rich.table import Table
 
+import gantrysim.env  # noqa: F401 - registers the environments
 from gantrysim import Job, Machine, Servo, simulate, simulate_batch
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.advance import Stepper
