@@ -385,7 +385,7 @@ BENCHMARKS = {
     "frame_growth": Benchmark(frame_growth, "at most 1.30"),
     "frame_cost": Benchmark(frame_cost, "at most 1.50"),
     "bead_cost": Benchmark(bead_cost, "at most 8.00"),
-    "first_run": Benchmark(first_run, "at most 115"),
+    "first_run": Benchmark(first_run, "at most 210"),
     "verdict": Benchmark(verdict, "at most 20.0"),
     "page": Benchmark(page, "at most 45.0"),
     "film": Benchmark(film, "at most 175"),
