@@ -18,7 +18,10 @@ ALLOWED = {
         },
         "engine/native/hook.py": {"data._address"},
     },
-    "an interrupt while modules are imported is one line, no traceback": {"cli/start.py": {"sys.excepthook ="}},
+    "no traceback of what is no error: an interrupt while modules are imported, the end of loky's manager": {
+        "cli/start.py": {"sys.excepthook ="},
+        "study/runner.py": {"threading.excepthook ="},
+    },
     "compiled functions read and write arrays by their addresses, which numba offers to intrinsics alone": {
         "engine/native/pointers.py": {"llvmlite"}
     },

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import threading
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
@@ -27,6 +28,7 @@ _TOGETHER = 32  # maximum number of cases measured together, whose rows are kept
 # many at once as this time allows [s], but no more than a share of its part of those that are still to come.
 _LOT_TIME = 2.0
 _LOT_SHARE = 1 / 8
+_LOKY_MANAGER = "ExecutorManagerThread"
 
 
 def run_cases(
@@ -87,8 +89,19 @@ def run_cases(
 
 def _close(results: Generator[object, None, None]) -> None:
     """Withdraw the cases that are not finished, and end the workers."""
-    with warnings.catch_warnings(action="ignore"):  # joblib warns of abandoned cases, here on purpose
-        results.close()
+    report = threading.excepthook
+
+    def without_withdrawn(args: threading.ExceptHookArgs) -> None:
+        if not (args.exc_type is KeyError and args.thread is not None and args.thread.name == _LOKY_MANAGER):
+            report(args)
+
+    # loky's manager looks for a withdrawn case that no worker had yet taken, and ends by a KeyError, as it was to end
+    threading.excepthook = without_withdrawn
+    try:
+        with warnings.catch_warnings(action="ignore"):  # joblib warns of abandoned cases, here on purpose
+            results.close()
+    finally:
+        threading.excepthook = report
 
 
 def _one_by_one(measure: Measure, cases: Sequence[Case]) -> list[Row]:
