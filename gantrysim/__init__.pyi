@@ -7,7 +7,7 @@ from . import render as render
 from . import study as study
 from .base.errors import GantryError as GantryError
 from .base.errors import InputError as InputError
-from .compare.runs.run_comparison import compare_runs as compare_runs
+from .compare.runs.runs_page import compare_runs as compare_runs
 from .engine.batch import simulate_batch as simulate_batch
 from .engine.simulate import perfect_follower as perfect_follower
 from .engine.simulate import simulate as simulate
@@ -23,15 +23,15 @@ from .job.job import Job as Job
 from .machine.axis import Axis as Axis
 from .machine.machine import Machine as Machine
 from .metrics.budget import Budget as Budget
-from .record.fault import Fault as Fault
 from .record.run import Run as Run
+from .record.run_file import Fault as Fault
 from .record.setpoints import Setpoints as Setpoints
 from .remedy.improve import improve as improve
 from .report import plots as plots
 from .report.saved import SavedRun as SavedRun
 from .results.tolerance import Tolerance as Tolerance
 from .results.verdict import Verdict as Verdict
-from .servo.laws.plain import Tick as Tick
+from .servo.laws.user import Tick as Tick
 from .servo.servo import Servo as Servo
 from .study import tuning as tuning
 

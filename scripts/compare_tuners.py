@@ -33,9 +33,8 @@ from scipy.optimize import differential_evolution, minimize
 from gantrysim import Job
 from gantrysim.study.tuning import TuningStudy
 from gantrysim.study.tuning.candidates import Candidate
-from gantrysim.study.tuning.edge import MarginEdge
 from gantrysim.study.tuning.objective import RIPPLE, case_of, column, measure_together, trial_result
-from gantrysim.study.tuning.search import box, candidate_at
+from gantrysim.study.tuning.search import MarginEdge, box, candidate_at
 from gantrysim.study.tuning.space import SEARCHED
 
 JOBS = ("softmc-arc", "stage-outline", "fanuc-spiral")

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import gantrysim as gs
 from gantrysim.job.loading import builtin_jobs
-from gantrysim.remedy.bound import bound_of
-from gantrysim.remedy.improvement import Improvement
+from gantrysim.remedy.improvement import Improvement, bound_of
 from gantrysim.remedy.levers import LEVERS
 from gantrysim.results.checks import PASS
 from gantrysim.results.row import Row

@@ -12,9 +12,8 @@ from matplotlib.patches import FancyBboxPatch
 
 import gantrysim as gs
 from gantrysim.base.arrays import Floats
-from gantrysim.compare.assignment import Assignment
 from gantrysim.compare.comparison import Comparison
-from gantrysim.compare.measured import Trace
+from gantrysim.compare.measured import Assignment, Trace
 from gantrysim.glue.bead import Bead
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis

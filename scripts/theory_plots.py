@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 import gantrysim as gs
 from gantrysim.controllers.trio import Basic, MoveSpiral
 from gantrysim.glue.bead.section import Section
-from gantrysim.identify.fitted import fitted_machine
 from gantrysim.identify.identification import identify
 from gantrysim.identify.log import Log
 from gantrysim.identify.plan import excitation
+from gantrysim.identify.whole_run import fitted_machine
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.report.plots.style import COLOURS, INK

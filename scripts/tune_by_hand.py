@@ -21,7 +21,7 @@ from gantrysim.base.errors import finite, unknown
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis, torque_ripple
 from gantrysim.report.plots.style import UM, sheet, thinned, turn_colours
 from gantrysim.servo.gains import GAIN_NAMES
-from gantrysim.servo.servo_values import DERIVED
+from gantrysim.servo.request import DERIVED
 from gantrysim.servo.stability.margins import Plant
 
 BY_HAND = {name: (name,) for name in GAIN_NAMES} | {"ff": ("velocity_ff", "acceleration_ff")}

@@ -27,7 +27,7 @@ PARAMETERS_ALLOWED: dict[str, str] = {
     "servo/laws/pid.py:torque_demand": "the quantities of its equation; compiled",
     "remedy/improve.py:improve": "keywords that users type",
     "servo/servo.py:derive": "keywords that users type",
-    "render/video.py:save_video": "keywords of Take, Film and Film.save in one call, which users type",
+    "render/film.py:save_video": "keywords of Take, Film and Film.save in one call, which users type",
     "render/renderer.py:__init__": "a run, its view and the looks of its bead, which users type",
     "cli/tune.py:tune": "a command: its parameters are its options",
     "job/loaded.py:load": "keywords of a public constructor, one for each option of the command",

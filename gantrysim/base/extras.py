@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
 
 from gantrysim.base.errors import InputError, text_of
+
+if TYPE_CHECKING:
+    import pandas
 
 
 class MissingPackageError(InputError, ImportError):
@@ -33,3 +37,22 @@ def extra(name: str, purpose: str, alternative: str = "") -> Iterator[None]:
         reason = f"{package} is not installed" if is_missing else text_of(error)
         install = f'pip install "gantrysim[{name}]"'
         raise MissingPackageError(f"{purpose}: {reason}: {install}{alternative and f', {alternative}'}") from None
+
+
+# Data frames of pandas, which is installed on request.
+
+
+def pandas_frame(method: str, columns: Mapping[str, Any], index: Sequence[str] | None = None) -> pandas.DataFrame:
+    """Return columns as a pandas DataFrame.
+
+    Args:
+        method: that was called, named in the error.
+        columns: by name, each (n,).
+        index: names of the rows; None for their numbers.
+
+    Raises:
+        InputError: pandas is not installed.
+    """
+    with extra("tables", method):
+        import pandas
+    return pandas.DataFrame(dict(columns), index=index)

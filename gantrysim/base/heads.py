@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+# Regular expressions that several readers of text share.
+
+NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"  # decimal
+
+
 _OPENING = "[("
 _CLOSING = "])"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -15,6 +16,81 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from gantrysim.compare.comparison import Comparison
+    from gantrysim.compare.runs.compared_runs import ComparedRuns
+
+
+# What `gantrysim compare RUN RUN` does: runs beside one another, in tables and a page.
+
+
+def compare_folders(folders: Sequence[Path], out: Path) -> None:
+    """Compare saved runs, print what differs, and write the page into a folder.
+
+    Raises:
+        InputError: a folder that holds no run, or that is given twice.
+    """
+    from gantrysim.compare.runs.compared_run import names_of_folders
+    from gantrysim.compare.runs.runs_page import OUTPUT, REPORT, SUMMARY, check_number, compare_runs
+    from gantrysim.report.saved import SavedRun
+
+    check_number(len(folders))
+    places = [expanded(folder).resolve() for folder in folders]
+    for number, place in enumerate(places):
+        if place in places[:number]:
+            raise InputError(f"run {folders[number]}: is given twice; name the folder of another run")
+    OUTPUT.check(out)
+    saved = [SavedRun.load(folder) for folder in folders]
+    comparison = compare_runs(*saved, names=names_of_folders(folders))
+    comparison.report(out)
+    show_comparison(comparison)
+    say(f"written to {out}/: {REPORT}, {SUMMARY}")
+
+
+def show_comparison(comparison: ComparedRuns) -> None:
+    """Print the answer, what differs, checks, error budgets, causes, values that differ, and notes."""
+    say(comparison.sentence, wrap=True)
+    for table in comparison_tables(comparison):
+        show(table)
+    for note in comparison.notes:
+        say(f"note: {note}", wrap=True)
+
+
+def comparison_tables(comparison: ComparedRuns) -> list[Table]:
+    """Return the tables of a comparison; those without rows are left out."""
+    from gantrysim.compare.runs.differences import LARGE
+    from gantrysim.compare.runs.runs_tables import (
+        budget_cells,
+        cause_cells,
+        check_cells,
+        difference_cells,
+        value_cells,
+    )
+
+    first = comparison.names[0]
+    judged = f"checks of the verdict; changes against {first}"
+    named = [
+        ("what differs", 2, difference_cells(comparison)),
+        (judged, 3, check_cells(comparison.names, comparison.checks)),
+        ("error normal to the requested path, rms [µm]", 1, budget_cells(comparison)),
+        ("worth of causes, of the rms contour error [µm]", 1, cause_cells(comparison)),
+    ]
+    for group in dict.fromkeys(value.group for value in comparison.values):
+        title = f"{group.lower()}: values that differ by {100 * LARGE:.0f} % or more"
+        named.append((title, 1, value_cells(comparison, group, large_only=True)))
+    return [_table_of_texts(title, heads, rows, texts) for title, texts, (heads, rows) in named if rows]
+
+
+def _table_of_texts(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]], texts: int) -> Table:
+    """Return a table whose first columns are text, and whose others are numbers."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title=escape(title), title_justify="left", box=None, padding=(0, 1, 0, 0))
+    for number, head in enumerate(heads):
+        table.add_column(escape(head), justify="left" if number < texts else "right")
+    for row in rows:
+        table.add_row(*map(escape, row))
+    return table
+
 
 _SUMMARY = "compare.json"
 _HEADS = ("measured\nrms", "\n95 %", "\nmax", "simulated\nrms", "\n95 %", "\nmax", "difference\nrms", "\nmax")
@@ -87,7 +163,6 @@ def compare(
     for option, value in given.items():
         if value is not None:
             raise InputError(f"{option}: describes a log: needs --measured FILE")
-    from gantrysim.cli.compared_runs import compare_folders
 
     compare_folders(runs, folder)
 
@@ -106,12 +181,18 @@ def _compare_log(run: Path, measured: Path, options: Log, folder: Path) -> None:
     """Compare a saved run with a measured trace."""
     from dataclasses import replace
 
-    from gantrysim.compare.assignment import Assignment
     from gantrysim.compare.compare_quantities import FREQUENCY, PEAK_SIZE
     from gantrysim.compare.comparison import Comparison
-    from gantrysim.compare.measured import Trace
-    from gantrysim.compare.page import REPORT, alignment_text, headline, write_comparison_page
-    from gantrysim.compare.plots import OVERLAY, SPECTRUM, save_comparison
+    from gantrysim.compare.measured import Assignment, Trace
+    from gantrysim.compare.page import (
+        OVERLAY,
+        REPORT,
+        SPECTRUM,
+        alignment_text,
+        headline,
+        save_comparison,
+        write_comparison_page,
+    )
     from gantrysim.report.folder import Output, output_folder
     from gantrysim.report.saved import SavedRun
     from gantrysim.tables.reading import read_table

@@ -148,8 +148,7 @@ def _table(job: Job) -> Table:
     from rich.table import Table
 
     from gantrysim.exchange.dialect import SYMBOLS, AxisServo
-    from gantrysim.exchange.gains import DIALECTS
-    from gantrysim.exchange.unsaid import unsaid
+    from gantrysim.exchange.gains import DIALECTS, unsaid
 
     machine = job.built_machine
     axis_servos = AxisServo.of(machine.axes, job.built_servo)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import fields
@@ -10,20 +11,21 @@ from typing import NamedTuple
 from rich.markup import escape
 from rich.table import Table
 
+from gantrysim.base.errors import InputError, meant, nearest, shown
+from gantrysim.cli.machine import describe
+from gantrysim.cli.terminal import say, show
 from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.glue.dispenser.needle import Needle
 from gantrysim.glue.dispenser.syringe import Syringe
-from gantrysim.job.defaults import INTEGRAL_TIME
-from gantrysim.job.key_list import Key, sections
+from gantrysim.job.key_list import Key, controller_keys, sections
 from gantrysim.job.loading import builtin_jobs, job_text, read_job
 from gantrysim.job.programs import PROGRAMS, described
-from gantrysim.job.settings import ServoSettings
+from gantrysim.job.settings import INTEGRAL_TIME, ServoSettings
 from gantrysim.machine.design.library import counts_of, encoder_names, motor_names, motor_of
-from gantrysim.machine.machine import Machine
-from gantrysim.machine.models import builtin_models
+from gantrysim.machine.machine import Machine, builtin_models
+from gantrysim.servo.request import DERIVED
 from gantrysim.servo.servo import Servo
-from gantrysim.servo.servo_values import DERIVED
 from gantrysim.servo.stability.margins import Plant
 
 _KG_CM2 = 1e4  # in a kg·m²
@@ -239,3 +241,47 @@ def overview_table() -> Table:
         table.add_row(f"  {name}", kind.content)
     table.add_row("  NAME", "one machine, job, controller, or key, as in servo.damping")
     return table
+
+
+# What `gantrysim info NAME` prints: one machine, job, controller or key, or all of a kind.
+
+
+def show_name(name: str) -> None:
+    """Print what a name stands for: a machine, job or controller, a key in full or its last part, or one of `KINDS`.
+
+    Raises:
+        InputError: none of these.
+    """
+    tables = sections()
+    if name in builtin_models():
+        describe(Machine(name), None)
+    elif name in builtin_jobs():
+        say(job_text(name).rstrip())
+    elif name in PROGRAMS:
+        say((inspect.getdoc(PROGRAMS[name]) or "").split("\n\n")[0], wrap=True)
+        show(keys_table(f'keys of [program] with controller = "{name}"', controller_keys(name)))
+    elif name in KINDS:
+        for table in KINDS[name].tables():
+            show(table)
+    elif named := _named(name, tables):
+        for title, keys in named.items():
+            show(keys_table(title.replace("`", ""), keys))
+    else:
+        raise _unknown_name(name, tables)
+
+
+def _named(name: str, tables: dict[str, list[Key]]) -> dict[str, list[Key]]:
+    """Return the keys of a name in full, or else those that end with it, by their tables."""
+    in_full = {title: [key for key in keys if key.name == name] for title, keys in tables.items()}
+    ending = {title: [key for key in keys if key.name.endswith(f".{name}")] for title, keys in tables.items()}
+    named = in_full if any(in_full.values()) else ending
+    return {title: keys for title, keys in named.items() if keys}
+
+
+def _unknown_name(name: str, tables: dict[str, list[Key]]) -> InputError:
+    keys = [key.name for table in tables.values() for key in table]
+    question = meant(nearest(name, {*builtin_models(), *builtin_jobs(), *PROGRAMS, *KINDS, *keys}))
+    return InputError(
+        f"unknown name {shown(name)}: {f'{question} ' if question else ''}"
+        "gantrysim info lists machines and jobs, gantrysim info keys all keys"
+    )

@@ -123,7 +123,7 @@ def info(
     if name is not None:
         if model is not None or job is not None:
             raise InputError(f"{shown(name)}: give either NAME or --model")
-        from gantrysim.cli.info_name import show_name
+        from gantrysim.cli.info import show_name
 
         show_name(name)
         return

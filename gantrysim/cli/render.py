@@ -74,7 +74,7 @@ def render(
     """
     from gantrysim.render.encoding import FILMS, film_rate
     from gantrysim.render.film import COUNTS, Film, Take
-    from gantrysim.render.labels import labels_of
+    from gantrysim.render.header import labels_of
     from gantrysim.report.saved import SavedRun
 
     if len(folders) not in COUNTS:

@@ -15,7 +15,7 @@ from gantrysim.cli.terminal import FAULT, warn
 
 if TYPE_CHECKING:
     from gantrysim.job.job import Job
-    from gantrysim.record.fault import Fault
+    from gantrysim.record.run_file import Fault
     from gantrysim.render.view.playback import Playback
 
 _PLAIN = "plain"  # colour of the bead: `gantrysim.render.colours.PLAIN`, which takes long to import
@@ -52,7 +52,7 @@ def view(
     after Ctrl-C.
     """
     from gantrysim.job.job import Job
-    from gantrysim.render.view.display import check_display
+    from gantrysim.render.view.window import check_display
 
     positive("speed", speed)
     folder = expanded(shown)
@@ -96,8 +96,7 @@ def _live(job: Job, camera: str | None, colour: str, speed: float) -> Fault | No
     from gantrysim.engine.simulation import Simulation
     from gantrysim.render.colours import scale_for
     from gantrysim.render.scene import Scene
-    from gantrysim.render.view.playback import Playback
-    from gantrysim.render.view.push import STIFFNESS, Bodies
+    from gantrysim.render.view.playback import STIFFNESS, Bodies, Playback
     from gantrysim.render.view.source import Live
 
     simulation = Simulation.of(

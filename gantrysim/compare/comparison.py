@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.signal import find_peaks, welch
 
 from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.errors import InputError
 from gantrysim.base.quantity import contents
-from gantrysim.compare.alignment import Alignment
-from gantrysim.compare.beside import beside, evenly
+from gantrysim.compare.alignment import Alignment, turned
 from gantrysim.compare.compare_quantities import DIFFERENCES, EXPLAINED, PEAK, ROTATION, SHIFT
-from gantrysim.compare.coverage import coverage
 from gantrysim.compare.measured import Trace
 from gantrysim.compare.trace_faults import aligned_as_named, scale_and_clock
 from gantrysim.machine.machine import Machine
@@ -26,6 +25,114 @@ from gantrysim.metrics.analysis import Analysis, ErrorSize
 from gantrysim.metrics.budget import DESCRIPTIONS, LINKS, Budget
 from gantrysim.metrics.parts import Part
 from gantrysim.record.run import Run
+
+# The records of a measured and of a simulated run, at the same instants.
+#
+# The measured samples are never interpolated: the simulation, which is smooth, is taken at their instants.
+
+_UNEVEN = 0.01  # of a period, between samples of one rate
+
+
+def beside(trace: Trace, alignment: Alignment, run: Run, machine: Machine) -> tuple[Run, Run]:
+    """Return the records of the measured and of the simulated run, at the trace's instants that both cover.
+
+    A link that is not measured repeats the link before it, in both runs, so that its share is zero: without
+    the encoder, the nozzle's whole deviation from the command is structure; without the nozzle, the rigid machine's at
+    the encoder is the nozzle. Of an encoder that is measured on some axes alone, the others are the command. Command,
+    dispenser and flow are the simulation's unless the command is measured. What no link needs is nan.
+
+    Raises:
+        InputError: the dispenser is off for as long as both last.
+    """
+    instants = trace.time - alignment.shift
+    rows = np.flatnonzero((instants >= run.time[0]) & (instants <= run.time[-1]))
+    instants = instants[rows]
+    period = float(np.median(np.diff(trace.time)))
+    tick = np.clip(np.floor(instants / run.period + 1e-6).astype(int), 0, len(run.time) - 1)
+    if not run.dispense[tick].any():
+        bead = run.time[np.flatnonzero(run.dispense)[[0, -1]]]
+        raise InputError(
+            f"the trace covers {instants[0]:.4g} to {instants[-1]:.4g} s of the run, in which the dispenser is off: "
+            f"must cover some of {bead[0]:.4g} to {bead[1]:.4g} s"
+        )
+    simulated = {name: CubicSpline(run.time, getattr(run, name), axis=0)(instants) for name in ("commanded", "encoder")}
+    measured: dict[str, Floats] = {"commanded": simulated["commanded"]}
+    if "commanded" in trace.axes:
+        commanded = trace.axes["commanded"][rows] - alignment.offsets["axes"]
+        measured["commanded"] = np.where(np.isnan(commanded), simulated["commanded"], commanded)
+    if "encoder" in trace.axes:
+        encoder = trace.axes["encoder"][rows] - alignment.offsets["axes"]
+        missing = np.isnan(encoder)
+        measured["encoder"] = np.where(missing, measured["commanded"], encoder)
+        simulated["encoder"] = np.where(missing, simulated["commanded"], simulated["encoder"])
+    else:
+        measured["encoder"] = measured["commanded"]
+        simulated["encoder"] = simulated["commanded"]
+    records = []
+    for chain, actual in ((measured, True), (simulated, False)):
+        tips = {link: machine.tip(chain[link]) for link in ("commanded", "encoder")}
+        if trace.nozzle is None:
+            nozzle = tips["encoder"]
+        elif actual:
+            nozzle = turned(trace.nozzle[rows] - alignment.offsets["nozzle"], -np.radians(alignment.rotation))
+            nozzle = np.where(np.isnan(nozzle), tips["commanded"], nozzle)
+        else:
+            nozzle = CubicSpline(run.time, run.nozzle, axis=0)(instants)
+            nozzle = np.where(np.isnan(trace.nozzle[rows]), tips["commanded"], nozzle)
+        # a trace cannot separate errors of the geometry from structure
+        columns: dict[str, Any] = {
+            "geometric_tip": None,
+            **chain,
+            **dict.fromkeys(("demand", "torque", "current", "voltage"), np.full_like(chain["encoder"], np.nan)),
+        }
+        records.append(
+            replace(
+                run,
+                period=period,
+                time=instants,
+                **columns,
+                motor=chain["encoder"],
+                commanded_tip=tips["commanded"],
+                encoder_tip=tips["encoder"],
+                motor_tip=tips["encoder"],
+                nozzle=nozzle,
+                flow=run.flow[tick],
+                flow_demand=run.flow_demand[tick],
+                dispense=run.dispense[tick],
+                progress=None if run.progress is None else np.interp(instants, run.time, run.progress),
+            )
+        )
+    return records[0], records[1]
+
+
+def evenly(time: Floats) -> bool:
+    """Return whether samples have one rate."""
+    steps = np.diff(time)
+    return bool(np.ptp(steps) <= _UNEVEN * np.median(steps))
+
+
+# The part of a run that a measured trace covers.
+
+_WHOLE = 0.999  # of the dispensing time, from which a trace covers it all
+
+
+def coverage(measured: Run, run: Run, alignment: Alignment) -> list[str]:
+    """Return notes on the part of the bead that the trace covers, and on other parts that it fits as well."""
+    notes = []
+    covered = measured.dispense.sum() * measured.period / (run.dispense.sum() * run.period)
+    if covered < _WHOLE:
+        notes.append(
+            f"the trace covers {measured.time[0]:.4g} to {measured.time[-1]:.4g} s of the run, {100 * covered:.1f} % "
+            "of the time for which the dispenser is on"
+        )
+    if alignment.others:
+        shifts = ", ".join(f"{shift - alignment.shift:+.4g}" for shift in alignment.others)
+        notes.append(
+            f"the trace fits other parts of the run as well, with a time shift larger by {shifts} s: which part it "
+            "covers is not identified"
+        )
+    return notes
+
 
 PEAKS = 5  # of the spectrum that are named
 _SEGMENT = 1024  # samples of a segment of the spectrum

@@ -17,7 +17,7 @@ from gantrysim.engine.native.hook import Interrupted, installed, installed_law
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.machine.row import MISSED, NOT_IN_MODEL
-from gantrysim.servo.laws.plain import PlainLaw
+from gantrysim.servo.laws.user import PlainLaw
 
 Numbers = NDArray[np.intp]  # of simulations
 

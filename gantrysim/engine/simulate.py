@@ -19,7 +19,7 @@ from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
-from gantrysim.servo.laws.plain import PlainLaw
+from gantrysim.servo.laws.user import PlainLaw
 from gantrysim.servo.servo import Servo
 
 

@@ -19,18 +19,90 @@ from gantrysim.engine.drives import drive_entries
 from gantrysim.engine.injection import NONE, Injection, faulted_models, injection
 from gantrysim.engine.laws import law_entries
 from gantrysim.engine.positions import axis_positions, axis_torques, check_supervision
-from gantrysim.engine.prepared import start_of
 from gantrysim.engine.recording import LogBook
 from gantrysim.faults import InjectedFault
 from gantrysim.faults.checks import check_faults
 from gantrysim.glue.dispenser.dispenser import Dispenser
+from gantrysim.machine.layout import offsets
 from gantrysim.machine.machine import Machine
-from gantrysim.machine.row import Log
-from gantrysim.machine.stops import has_no_constraints_but_stops
+from gantrysim.machine.row import OFFSETS, OVERSPEED, ROW, ROW_NUMBERS, Log
 from gantrysim.machine.timing import delay_steps, substeps_of
-from gantrysim.record.setpoints import Setpoints
+from gantrysim.machine.travel import has_no_constraints_but_stops, stops_of
+from gantrysim.record.setpoints import Setpoints, periods
 from gantrysim.servo.inverse import Inverse
 from gantrysim.servo.servo import Servo
+
+# The start of a run: the machine's position, and the servo's row with its parameters, before it is armed.
+
+
+def start_of(
+    machine: Machine, servo: Servo, setpoints: Setpoints, position: Floats, substeps: int
+) -> tuple[Floats, Floats]:
+    """Return qpos at rest at the first setpoint, (nq,), and the servo's row as numbers, (ROW_NUMBERS,).
+
+    Args:
+        machine: the machine.
+        servo: the servo.
+        setpoints: the setpoints.
+        position: the same for all the machine's axes, kept alive by the caller, (n, axes) [mm or deg].
+        substeps: physics steps per servo period.
+    """
+    numbers = np.zeros(ROW_NUMBERS)
+    row = numbers.view(ROW)[0]
+    row["ticks"] = len(position)
+    row["setpoints"] = position.ctypes.data
+    row["substeps"] = substeps
+    row["delay"] = delay_steps(servo.delay, servo.period, substeps)
+    _fill(machine, servo, row)
+    _supervise(machine, setpoints, row)
+    return machine.to_qpos(position[0]), numbers
+
+
+def _fill(machine: Machine, servo: Servo, row: np.void) -> None:
+    """Write the servo, its axes and where MuJoCo has them."""
+    for name, field in OFFSETS.items():
+        row[name] = offsets()[field]
+    row["axes"] = servo.axes
+    row["nozzle"] = machine.nozzle
+    row["work"] = machine.work
+    row["period"] = servo.period
+    row["resolution"][: servo.axes] = [drive.resolution for drive in servo.drives]
+    row["following_error_limit"][: servo.axes] = servo.following_error_limit
+    row["gains"][: servo.axes] = servo.gains
+    row["notch"][: servo.axes] = servo.filters
+    # a demand beyond what the drive can give is clamped by the drive itself
+    peak = np.array([axis.peak_torque for axis in machine.plain_axes]) / machine.drive_gain
+    row["torque_limit"][: servo.axes] = np.minimum([drive.torque_limit for drive in servo.drives], peak)
+    for a, (axis, mode) in enumerate(zip(machine.plain_axes, servo.modes, strict=True)):
+        if mode != "torque":  # the drives limit torques themselves
+            row["torque_limit"][a] = axis.speed_limit if mode == "velocity" else np.inf
+    row["drive_gain"][: servo.axes] = machine.drive_gain
+    for name, values in zip(("joint", "stop_low", "stop_high"), stops_of(machine.layout), strict=True):
+        row[name][: servo.axes] = values
+    for a, (axis, address) in enumerate(zip(machine.plain_axes, machine.addresses, strict=True)):
+        for name in ("control", "output", "current"):
+            row[name][a] = getattr(address, name)
+        row["scale"][a] = axis.scale
+        row["speed_limit"][a] = axis.speed_limit
+        row["low"][a], row["high"][a] = axis.travel
+
+
+def _supervise(machine: Machine, setpoints: Setpoints, row: np.void) -> None:
+    """Write the limits of the supervision."""
+    supervision = setpoints.supervision
+    gates = setpoints.gates
+    row["position_error"] = supervision.position_error
+    row["position_error_delay"] = supervision.position_error_delay
+    row["gates"] = gates.ctypes.data
+    row["gate_count"] = gates.size
+    row["settle_error"] = supervision.settle_error
+    row["settle_ticks"] = periods(supervision.settle_time, setpoints.period)
+    row["timeout_ticks"] = periods(supervision.settle_timeout, setpoints.period)
+    for a, axis in enumerate(machine.plain_axes):
+        row["linear"][a] = axis.unit == "mm"
+        if axis.unit == "mm":
+            row["speed_limit"][a] = min(axis.speed_limit, supervision.velocity_limit / OVERSPEED)
+
 
 _NO_GLUE = Dispenser()
 
@@ -47,7 +119,7 @@ class Simulation:
         position: the setpoints for all the machine's axes, (n, axes) [mm or deg].
         substeps: physics steps per servo period.
         model: the machine's, with the physics step; not to be changed.
-        stops: whether it has the stops of the axes; if not, see `gantrysim.machine.stops`.
+        stops: whether it has the stops of the axes; if not, see `gantrysim.machine.travel`.
         book: of the log that the servo writes.
         faults: deliberate faults.
         injection: those that act in the servo tick.

@@ -29,8 +29,8 @@ from gantrysim.machine.row import (
     ROW_NUMBERS,
     SETTLING,
 )
-from gantrysim.record.fault import Fault
 from gantrysim.record.run import Run
+from gantrysim.record.run_file import Fault
 from gantrysim.servo.laws.user import STATE, resolved, without_warnings
 
 

@@ -12,8 +12,8 @@ from .servo_torque import ServoTorqueSettings as ServoTorqueSettings
 from .servo_torque import ServoTorqueVectorEnv as ServoTorqueVectorEnv
 from .settings import Settings as Settings
 from .speed_override import SpeedOverrideEnv as SpeedOverrideEnv
+from .speed_override import SpeedOverrideSettings as SpeedOverrideSettings
 from .speed_override import SpeedOverrideVectorEnv as SpeedOverrideVectorEnv
 from .spiral_tuning import SpiralTuningEnv as SpiralTuningEnv
 from .spiral_tuning import SpiralTuningSettings as SpiralTuningSettings
 from .spiral_tuning import SpiralTuningVectorEnv as SpiralTuningVectorEnv
-from .timeline import SpeedOverrideSettings as SpeedOverrideSettings

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from gantrysim.base.errors import GantryError, InputError, unknown
 from gantrysim.env.episode_batch import EpisodeBatch
-from gantrysim.env.episode_state import EpisodeState
 from gantrysim.env.episodes import Chosen
 from gantrysim.env.frames import Frames
+from gantrysim.env.outcome import EpisodeState
 from gantrysim.env.settings import PathSettings
 from gantrysim.env.spec import with_bound
 from gantrysim.record.run import Run

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from gantrysim.base.errors import InputError
-from gantrysim.base.patterns import NUMBER
+from gantrysim.base.heads import NUMBER
 from gantrysim.exchange.dialect import AxisServo, Dialect, Word, by_name
 from gantrysim.servo.gains import GAIN_NAMES
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from gantrysim.base.errors import InputError, between
-from gantrysim.faults.electrical import check_electrical, spared
-from gantrysim.faults.fault import VOLTAGE, FaultAxis, Lasting, acts_in_step
+from gantrysim.faults.fault import VOLTAGE, FaultAxis, Lasting, acts_in_step, check_electrical, spared
 
 
 def limit_voltage(row: Any, fault: Any) -> None:

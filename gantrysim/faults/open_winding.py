@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from gantrysim.faults.electrical import check_electrical, spared
-from gantrysim.faults.fault import CURRENT, VOLTAGE, FaultAxis, Lasting, acts_in_step
+from gantrysim.faults.fault import CURRENT, VOLTAGE, FaultAxis, Lasting, acts_in_step, check_electrical, spared
 
 
 def take_current(row: Any, fault: Any) -> None:

@@ -12,14 +12,10 @@ from scipy.signal import welch
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.identify.checks.columns import check_columns, check_swapped
-from gantrysim.identify.checks.encoder import check_encoder
-from gantrysim.identify.checks.excitation import check_excitation
 from gantrysim.identify.checks.finding import NotIdentifiedError
 from gantrysim.identify.checks.judgement import Judgement, judged
-from gantrysim.identify.checks.sampling import check_sampling
-from gantrysim.identify.checks.torque import check_torque
-from gantrysim.identify.checks.units import check_inertia, check_travel, inertia_ratio
+from gantrysim.identify.checks.sampling import check_encoder, check_excitation, check_sampling, check_torque
+from gantrysim.identify.checks.units import check_columns, check_inertia, check_swapped, check_travel, inertia_ratio
 from gantrysim.identify.explained import explained_residual
 from gantrysim.identify.fit import AxisLog, fit_axis
 from gantrysim.identify.log import Log

@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.base.files import replaced
-from gantrysim.identify.checks.times import even_period
+from gantrysim.identify.checks.sampling import even_period
 from gantrysim.machine.axis import Axis
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
-from gantrysim.tables.column_table import ColumnTable
+from gantrysim.tables.column_table import ColumnTable, Source
 from gantrysim.tables.reading import read_table
-from gantrysim.tables.source import Source
 from gantrysim.tables.units import TIME
 from gantrysim.tables.units import TORQUE as TORQUE_UNIT
 

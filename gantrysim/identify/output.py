@@ -11,11 +11,10 @@ import tomli_w
 from rich.table import Table
 
 from gantrysim.base.arrays import Floats
-from gantrysim.identify.fitted import fitted_machine, write_machine
 from gantrysim.identify.identification import Identification
 from gantrysim.identify.log import Log
 from gantrysim.identify.plots import draw_friction, draw_residuals, draw_response
-from gantrysim.identify.whole_run import WholeRun
+from gantrysim.identify.whole_run import WholeRun, fitted_machine, write_machine
 from gantrysim.report.folder import Output, output_folder
 
 VALUES = "identified.toml"

@@ -20,11 +20,10 @@ from gantrysim.faults import KINDS, AnyFault, InjectedFault
 from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.job.code import named_code
-from gantrysim.job.defaults import MACHINE
-from gantrysim.job.given import Given
 from gantrysim.job.overrides import LIST_OF_KEYS, TABLES, change, known_keys, override, settings_of
 from gantrysim.job.programs import build, reject_booleans
-from gantrysim.job.settings import STRICT, ServoSettings, SimulationSettings, ToleranceSettings
+from gantrysim.job.reading import Given
+from gantrysim.job.settings import MACHINE, STRICT, ServoSettings, SimulationSettings, ToleranceSettings
 from gantrysim.machine.geometry import Geometry
 
 # keys of a validation's context

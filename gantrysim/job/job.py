@@ -11,10 +11,9 @@ from gantrysim.base.progress import Progress
 from gantrysim.base.user_code import is_code
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.engine.simulation import Simulation
-from gantrysim.job.fitting import check_fit
 from gantrysim.job.loaded import LoadedJob
 from gantrysim.job.margins import check_stability, machine_notes, servo_reason
-from gantrysim.job.plan import Plan, plan_of
+from gantrysim.job.plan import Plan, check_fit, plan_of
 from gantrysim.job.user_controller import checked_setpoints
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run

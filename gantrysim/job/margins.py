@@ -11,11 +11,11 @@ from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.checks import notes, weights
 from gantrysim.machine.machine import Machine
 from gantrysim.servo.axis_loop import LoopTask
-from gantrysim.servo.cascade import gains
 from gantrysim.servo.laws import PD
 from gantrysim.servo.notch import without_notches
+from gantrysim.servo.request import LOOP_GAINS, SHAPING
 from gantrysim.servo.servo import Servo
-from gantrysim.servo.servo_values import LOOP_GAINS, SHAPING
+from gantrysim.servo.servo_design import gains
 from gantrysim.servo.stability.margins import Margins
 
 LOW_MARGIN = 1.5  # gain margin below which a run has a note

@@ -17,7 +17,7 @@ from gantrysim.job.code import CONTROLLER, absolute_value
 from gantrysim.job.programs import dotted, keys
 from gantrysim.job.settings import ServoSettings, SimulationSettings, ToleranceSettings
 from gantrysim.machine.geometry import Geometry
-from gantrysim.machine.models import builtin_models
+from gantrysim.machine.machine import builtin_models
 
 Content = dict[str, Any]  # of a job file
 Override = str | tuple[str, Any]  # text "key=value", or key and value

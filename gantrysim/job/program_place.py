@@ -13,7 +13,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.base.user_code import is_code
 from gantrysim.controllers.controller import Controller
 from gantrysim.job.content import JobContent
-from gantrysim.job.defaults import MACHINES
+from gantrysim.job.settings import MACHINES
 from gantrysim.machine.machine import Machine
 from gantrysim.record.setpoints import Setpoints
 

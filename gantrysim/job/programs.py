@@ -22,6 +22,27 @@ from gantrysim.base.user_code import is_code
 from gantrysim.controllers.controller import Controller
 from gantrysim.job.user_controller import check_arguments, user_controller
 
+# A program that runs a circle, for a job that tests a machine whatever its controller is.
+
+
+def circle_program(radius: float, speed: float, acceleration: float, angle: float) -> dict[str, Any]:
+    """Return a program that runs along a circle about the zero of the axes x and y, from the positive x axis on.
+
+    softMC's CIRCLE takes any angle in one command, so that nothing stops the motion between two turns.
+
+    Args:
+        radius: of the circle [mm].
+        speed: along it [mm/s].
+        acceleration: along it at start and end [mm/s²].
+        angle: of the motion, counter-clockwise positive [deg].
+    """
+    return {
+        "controller": "softmc.Program",
+        "program": f"Circle G1 Angle={angle:.10g} CircleCenter={{0, 0}}",
+        "start": [radius, 0.0],
+        "group": {"velocity": speed, "acceleration": acceleration},
+    }
+
 
 class Programs(Mapping[str, type[Controller]]):
     """The built-in controllers by their names, each imported at its first use: together they take as long as a run.

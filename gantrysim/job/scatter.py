@@ -20,7 +20,7 @@ from gantrysim.base.quantity import MAX, MEAN, P95, RMS, STD, Quantity
 from gantrysim.engine.batch import simulate_batch
 from gantrysim.engine.positions import axis_positions
 from gantrysim.glue.bead import Bead
-from gantrysim.glue.bead.bead_quantities import CLEARANCE, SECTION, VOLUME_ERROR_PERCENT, WIDTH
+from gantrysim.glue.bead.values import CLEARANCE, SECTION, VOLUME_ERROR_PERCENT, WIDTH
 from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis, torque_ripple

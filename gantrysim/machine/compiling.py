@@ -2,17 +2,224 @@
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import mujoco
 import numpy as np
 
-from gantrysim.base.errors import InputError, between
-from gantrysim.machine.naming import rename
+from gantrysim.base.errors import InputError, between, unknown
+from gantrysim.base.input_files import check_regular
 from gantrysim.machine.row import ROW_NUMBERS
-from gantrysim.machine.sizes import check_sizes
+
+# Renaming of elements of an MJCF to the names that a machine needs.
+
+_OBJECT = mujoco.mjtObj
+
+
+def rename(spec: mujoco.MjSpec, names: Mapping[str, str]) -> None:
+    """Rename elements of an MJCF before its compilation, with what refers to them.
+
+    Args:
+        spec: changed in place.
+        names: from the name that is needed to the one in the MJCF: "nozzle" of a site, "work" of a body, "needle" of a
+            geom, any other of an actuator, whose joint and encoder take it too.
+
+    Raises:
+        InputError: an element that the MJCF lacks, a name that is taken, or a joint that a tendon names.
+    """
+    for new, old in names.items():
+        if new in ("nozzle", "work", "needle"):
+            kind, elements = {
+                "nozzle": (_OBJECT.mjOBJ_SITE, spec.sites),
+                "work": (_OBJECT.mjOBJ_BODY, spec.bodies),
+                "needle": (_OBJECT.mjOBJ_GEOM, spec.geoms),
+            }[new]
+            _rename(spec, kind, elements, new, old)
+        else:
+            _rename_axis(spec, new, old)
+
+
+def _rename_axis(spec: mujoco.MjSpec, new: str, old: str) -> None:
+    actuator = _element(spec.actuators, "actuator", new, old)
+    joint = actuator.target
+    if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT:
+        raise InputError(
+            f'names.{new}: actuator {old!r} drives no joint, but {joint!r}: give it joint="...", a slide or hinge'
+        )
+    # a path element of a tendon keeps the name that it was made with
+    for tendon in spec.tendons:
+        if any(getattr(wrap.target, "name", None) == joint for wrap in tendon.path):
+            raise InputError(
+                f"names.{new}: joint {joint!r} is part of tendon {tendon.name!r}: rename joint and actuator "
+                f"in the MJCF to {new!r}"
+            )
+    for sensor in spec.sensors:
+        if sensor.type == mujoco.mjtSensor.mjSENS_ACTUATORPOS and sensor.objname == old:
+            _free(spec.sensors, "sensor", new, sensor)
+            sensor.name = new
+    _rename(spec, _OBJECT.mjOBJ_JOINT, spec.joints, new, joint)
+    _rename(spec, _OBJECT.mjOBJ_ACTUATOR, spec.actuators, new, old)
+
+
+def _rename(spec: mujoco.MjSpec, kind: mujoco.mjtObj, elements: Sequence[Any], new: str, old: str) -> None:
+    label = {"SITE": "site", "BODY": "body", "GEOM": "geom", "JOINT": "joint", "ACTUATOR": "actuator"}
+    element = _element(elements, label[kind.name.rpartition("_")[2]], new, old)
+    element.name = new
+    for sensor in spec.sensors:
+        if sensor.objtype == kind and sensor.objname == old:
+            sensor.objname = new
+        if sensor.reftype == kind and sensor.refname == old:
+            sensor.refname = new
+    for equality in spec.equalities:
+        # only other equalities state the kind of the elements that they join
+        joins_joints = equality.type == mujoco.mjtEq.mjEQ_JOINT
+        if (kind == _OBJECT.mjOBJ_JOINT and joins_joints) or (not joins_joints and equality.objtype == kind):
+            for end in ("name1", "name2"):
+                if getattr(equality, end) == old:
+                    setattr(equality, end, new)
+    if kind == _OBJECT.mjOBJ_JOINT:
+        for actuator in spec.actuators:
+            if actuator.target == old:
+                actuator.target = new
+    if kind == _OBJECT.mjOBJ_BODY:
+        for camera_or_light in (*spec.cameras, *spec.lights):
+            if camera_or_light.targetbody == old:
+                camera_or_light.targetbody = new
+        for pair in spec.excludes:
+            for end in ("bodyname1", "bodyname2"):
+                if getattr(pair, end) == old:
+                    setattr(pair, end, new)
+
+
+def _element(elements: Sequence[Any], label: str, new: str, old: str) -> Any:
+    """Return an element by its name, or raise InputError; the new name must be free."""
+    for element in elements:
+        if element.name == old:
+            _free(elements, label, new, element)
+            return element
+    if not any(element.name for element in elements):
+        raise InputError(f'names.{new}: the MJCF names no {label}: add <{label} name="{old}"/>, or a name to one')
+    try:
+        raise unknown(label, old, [element.name for element in elements if element.name])
+    except InputError as error:
+        raise InputError(f"names.{new}: {error}") from None
+
+
+def _free(elements: Sequence[Any], label: str, new: str, element: Any) -> None:
+    if any(other.name == new and other is not element for other in elements):
+        raise InputError(f"names.{new}: the MJCF has another {label} {new!r}: rename that one in the MJCF")
+
+
+# Bounds on sizes in an MJCF, checked before MuJoCo reads it: a few characters can ask for minutes or gigabytes.
+
+_MOST_ELEMENTS = 20_000  # copies by replicate, composite and flexcomp counted each time
+_MOST_CELLS = 100_000_000  # of height fields and textures together: as floats 400 MB
+_MOST_MEMORY = 4e9  # of <size memory>, [bytes]
+_MOST_USER = 100_000  # user values of an element, or of the simulation
+_DEEPEST = 10  # files that include one another
+_SUFFIX = {"k": 2.0**10, "m": 2.0**20, "g": 2.0**30, "t": 2.0**40, "p": 2.0**50, "e": 2.0**60}
+_COPIES = ("replicate", "composite", "flexcomp")
+_CELLS = {"hfield": ("nrow", "ncol"), "texture": ("width", "height")}
+
+
+def check_sizes(file: Path) -> None:
+    """Check sizes and files that an MJCF states, included files among them.
+
+    A file that is no XML passes: MuJoCo's own message describes the mistake.
+
+    Raises:
+        InputError: too many elements or cells, too much memory, or a named file that is no regular one.
+    """
+    try:
+        root = ElementTree.parse(file).getroot()
+    except (ElementTree.ParseError, ValueError, OSError):
+        return
+    elements = 0.0
+    cells = 0.0
+    for element, copies in _elements(root, file.parent, 1.0, 1):
+        elements += copies
+        if element.tag in _CELLS:
+            cells += math.prod(_number(element, name) for name in _CELLS[element.tag])
+        _check_memory(element)
+        _check_file(element, root, file.parent)
+        if elements > _MOST_ELEMENTS:
+            raise InputError(f"has more than {_MOST_ELEMENTS} elements, copies counted each time: must have fewer")
+        if cells > _MOST_CELLS:
+            raise InputError(
+                f"its height fields and textures have {cells:.3g} cells: must have at most {_MOST_CELLS:.3g}"
+            )
+
+
+def _elements(parent: Element, folder: Path, copies: float, depth: int) -> Iterator[tuple[Element, float]]:
+    """Yield all elements, of included files too, with the number of times that each is copied."""
+    for child in parent:
+        if child.tag == "include" and child.get("file"):
+            included = folder / str(child.get("file"))
+            check_regular(included)
+            if depth < _DEEPEST and included.is_file():
+                try:
+                    root = ElementTree.parse(included).getroot()
+                except (ElementTree.ParseError, ValueError, OSError):
+                    continue
+                yield from _elements(root, folder, copies, depth + 1)
+            continue
+        count = math.prod(_numbers(child.get("count", "1"))) if child.tag in _COPIES else 1.0
+        yield child, copies * count
+        yield from _elements(child, folder, copies * count, depth)
+
+
+def _check_memory(element: Element) -> None:
+    if element.tag != "size":
+        return
+    for name, text in element.attrib.items():
+        if name == "memory":
+            memory = _memory(text)
+            if memory > _MOST_MEMORY:
+                raise InputError(f"size memory = {text[:20]}: must be at most {_MOST_MEMORY:.3g} bytes")
+        elif _number(element, name) > _MOST_USER:
+            raise InputError(f"size {name[:20]} = {text[:20]}: must be at most {_MOST_USER}")
+
+
+def _memory(text: str) -> float:
+    """Return a size such as "10M" in bytes, 0 for a text that is not a size."""
+    plain = text.strip().lower()
+    factor = _SUFFIX.get(plain[-1:], 1.0)
+    numbers = _numbers(plain[:-1] if plain[-1:] in _SUFFIX else plain)
+    return numbers[0] * factor if numbers else 0.0
+
+
+def _check_file(element: Element, root: Element, folder: Path) -> None:
+    """Refuse a mesh, texture or height field in a file that is no regular one, which MuJoCo would wait for."""
+    name = element.get("file")
+    if not name:
+        return
+    asset_folders = [""]
+    for compiler in root.iter("compiler"):
+        asset_folders += [compiler.get(key, "") for key in ("assetdir", "meshdir", "texturedir")]
+    for asset_folder in asset_folders:
+        check_regular(folder / asset_folder / name)
+
+
+def _number(element: Element, name: str) -> float:
+    return max(_numbers(element.get(name, "")), default=0.0)
+
+
+def _numbers(text: str) -> list[float]:
+    """Return the numbers of an attribute, without those that are none, which MuJoCo refuses."""
+    numbers = []
+    for word in text.split()[:10]:
+        try:
+            numbers.append(max(float(word), 0.0))
+        except ValueError:
+            continue
+    return numbers
+
 
 _TIMESTEPS = 1e-7, 1.0  # [s]
 

@@ -40,17 +40,164 @@ through the play, no limit cycle of a loop closed on the load.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple, Protocol
 
+import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
-from gantrysim.machine.error_values import RigidMachine, error_values, refusal
-from gantrysim.machine.geometry import BENDING, LOADS, OF_GUIDES, SQUARENESS, Geometry, check_lengths
-from gantrysim.machine.levers import Levers
+from gantrysim.machine.axis import Axis
+from gantrysim.machine.axis_reading import fact
+from gantrysim.machine.geometry import BENDING, ERRORS, LOADS, OF_FRAME, OF_GUIDES, SQUARENESS, Geometry, check_lengths
+
+# Errors of a geometry that a machine can have, a value per column; the others are refused or left out.
+
+
+class RigidMachine(Protocol):
+    """A machine whose geometry is ideal."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def axes(self) -> tuple[Axis, ...]: ...
+    def tip(self, position: ArrayLike) -> Floats:
+        """Return the nozzle in the work frame, (n, 3) [mm], at axis positions, (n, axes) [mm or deg]."""
+        ...
+
+
+def error_values(
+    machine: RigidMachine, geometry: Geometry, placing: Collection[str], has_ram: bool
+) -> dict[str, float]:
+    """Return the errors that are not 0, by column such as "play_x" or "squareness_xy".
+
+    An error of the accuracy class that the machine cannot have is left out, where the machine has others of its kind.
+
+    Args:
+        machine: the rigid machine.
+        geometry: its errors.
+        placing: names of the axes x, y and z that place the nozzle.
+        has_ram: whether z carries the nozzle on a ram.
+
+    Raises:
+        InputError: an error that the machine cannot have.
+    """
+    values: dict[str, float] = {}
+    for name in ERRORS:
+        if name in OF_FRAME:
+            values |= _of_frame(machine, geometry, name, placing, has_ram)
+        else:
+            values |= _of_axes(machine, geometry, name, placing)
+    return values
+
+
+def _of_frame(
+    machine: RigidMachine, geometry: Geometry, name: str, placing: Collection[str], has_ram: bool
+) -> dict[str, float]:
+    value = geometry.of(name)
+    assert isinstance(value, float | int)
+    if not value:
+        return {}
+    if all(axis in placing for axis in OF_FRAME[name]) and (name not in BENDING or has_ram):
+        return {name: value}
+    # a class suits machines of other arrangements too, an error that a user states is meant for this one
+    if geometry.given(name) or not placing:
+        raise refusal(machine, name)
+    return {}
+
+
+def _of_axes(machine: RigidMachine, geometry: Geometry, name: str, placing: Collection[str]) -> dict[str, float]:
+    """Return the values of an error of screws or guides, a column per axis."""
+    value = geometry.of(name)
+    given = geometry.given(name)
+    listed = isinstance(value, tuple)
+    columns = {}
+    values = np.broadcast_to(np.asarray(value, float), len(machine.axes))
+    for axis, axis_value in zip(machine.axes, values, strict=True):
+        if name == "play" and not given and axis.name == "z":
+            continue  # the weight takes up the play of an accuracy class
+        if name in OF_GUIDES:
+            applies = axis.name in placing and (name != "yaw" or axis.name != "z")
+        else:
+            applies = axis.unit == "mm" or (name == "play" and listed)
+        if axis_value and applies:
+            columns[f"{name}_{axis.name}"] = float(axis_value)
+        elif axis_value and (listed or (name in OF_GUIDES and not placing)):
+            raise refusal(machine, name, axis.name)
+    if given and np.any(value) and not columns:
+        raise refusal(machine, name)
+    return columns
+
+
+def refusal(machine: RigidMachine, error: str, axis: str = "") -> InputError:
+    """Return the refusal of an error that a machine, or one of its axes, cannot have."""
+    of_axis = f" of axis {axis}" if axis else ""
+    axes = ", ".join(f"{machine_axis.name} [{machine_axis.unit}]" for machine_axis in machine.axes)
+    return InputError(
+        f"geometry: machine {machine.name} with the axes {axes} can have no {error}{of_axis}: "
+        "errors of guides and frame need axes x, y and z in series, those of screws an axis in mm; give others alone"
+    )
+
+
+# Which axes carry which, for the levers of yaws.
+
+GUIDE_ARM = "guide_arm"  # custom numeric, see `Geometry` [mm]
+
+
+class Levers(NamedTuple):
+    """The chain of a machine whose axes x, y and z place the nozzle, for the levers of yaws.
+
+    Attributes:
+        carried: names of the axes that each axis carries.
+        movers_of_work: names of the axes that move the work; the others move the nozzle.
+        guide_arm: along each axis, from the middle of its guide blocks to the nozzle with the axes at zero, (axes,)
+            [mm].
+    """
+
+    carried: Mapping[str, Sequence[str]]
+    movers_of_work: Collection[str]
+    guide_arm: Sequence[float]
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, axes: Sequence[str], work: int) -> Levers:
+        """Return the levers of a compiled model.
+
+        Args:
+            model: the compiled model.
+            axes: names of the axes, in the order of the actuators.
+            work: index of the body.
+        """
+        bodies = model.jnt_bodyid[model.actuator_trnid[:, 0]].tolist()
+        carried: dict[str, list[str]] = {name: [] for name in axes}
+        for name, body in zip(axes, bodies, strict=True):
+            for ancestor in _ancestors(model, body):
+                if ancestor in bodies:
+                    carried[axes[bodies.index(ancestor)]].append(name)
+        # an axis moves the work where its body is the work's or carries it
+        chain_of_work = [work, *_ancestors(model, work)]
+        movers_of_work = [name for name, body in zip(axes, bodies, strict=True) if body in chain_of_work]
+        guide_arm = [fact(model, GUIDE_ARM, actuator, 0.0) for actuator in range(len(axes))]
+        return cls(carried, movers_of_work, guide_arm)
+
+    def moves_nozzle_from(self, axis: str, body: str) -> bool:
+        """Whether an axis moves the nozzle against the body of another, or of itself."""
+        if body in self.movers_of_work:
+            return axis not in self.carried[body]
+        return axis in self.carried[body]
+
+
+def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
+    """Return the bodies above a body in the tree, from its parent up, without the world."""
+    ancestors = []
+    parent = int(model.body_parentid[body])
+    while parent:
+        ancestors.append(parent)
+        parent = int(model.body_parentid[parent])
+    return ancestors
+
 
 PRESLIDING = 0.02  # motion over which a bridge racks at a reversal; an assumption [mm]
 _INTERVAL = 300.0  # of the travel error [mm]

@@ -6,6 +6,7 @@ import copy
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property, partial
+from importlib.resources import files
 from pathlib import Path
 
 import mujoco
@@ -13,26 +14,99 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError
+from gantrysim.base.errors import InputError, expanded, unknown
+from gantrysim.base.input_files import check_regular
 from gantrysim.machine.axis import Axis, axis_table
 from gantrysim.machine.axis_dynamics import motion_of, with_dynamics
 from gantrysim.machine.axis_reading import element_index, perturbed_axes, read_axes, stated_geometry
 from gantrysim.machine.compiling import compile_mjcf, without_visuals
-from gantrysim.machine.digest import digest_of
 from gantrysim.machine.geometry import Geometry
-from gantrysim.machine.height import height_above, needle_size
-from gantrysim.machine.kinematic_errors import KinematicErrors
+from gantrysim.machine.kinematic_errors import KinematicErrors, Levers
 from gantrysim.machine.kinematics import kinematics_of
 from gantrysim.machine.kinematics.frame import check_work_frame
-from gantrysim.machine.levers import Levers
-from gantrysim.machine.models import model_file
 from gantrysim.machine.perturbation import Perturbation, geometry_factors, perturbed_model
-from gantrysim.machine.physics_models import PhysicsModels
+from gantrysim.machine.physics_models import PhysicsModels, digest_of
 from gantrysim.machine.posing import Posing, checked_position
 from gantrysim.machine.quiet import quiet
 from gantrysim.machine.row import MAX_AXES
 from gantrysim.machine.springs import driven_joints
 from gantrysim.servo.stability.motion import Motion
+
+# The file of a machine: built-in, MJCF or table.
+
+
+def builtin_models() -> list[str]:
+    """Return the names of the machines included in gantrysim."""
+    names = [item.name for item in files("gantrysim.models").iterdir()]
+    return sorted(Path(name).stem for name in names if name.endswith(".xml"))
+
+
+def model_file(model: str | Path) -> Path:
+    """Return the file of a machine.
+
+    Args:
+        model: name of a built-in machine, or path of an MJCF file or of a machine's table in TOML.
+
+    Raises:
+        InputError: an unknown name, or a path without a regular file.
+    """
+    text = str(model)
+    builtin = builtin_models()
+    if text in builtin:
+        return Path(str(files("gantrysim.models") / f"{text}.xml"))
+    path = expanded(text)
+    check_regular(path, f"model {text}")
+    if path.is_file():
+        return path.resolve()
+    if path.suffix or path.parent != Path():
+        raise InputError(f"model {text}: no such file; built-in models: {', '.join(builtin)}")
+    raise unknown("model", text, builtin)
+
+
+# The nozzle as the model shows it: height above the work, size of the needle.
+
+_MM = 1e3
+_ROUND = (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER))
+
+
+def height_above(model: mujoco.MjModel, nozzle: int, work: int) -> float | None:
+    """Return the height of the nozzle above the work at the model's reference, None if none of it lies below [mm].
+
+    Args:
+        model: the compiled model, with its visual elements.
+        nozzle: index of the site.
+        work: index of the body.
+    """
+    data = mujoco.MjData(model)
+    with quiet():
+        mujoco.mj_forward(model, data)
+    geom = np.full(1, -1, np.int32)
+    up = data.xmat[work].reshape(3, 3)[:, 2]
+    above = data.xpos[work] + up * (up @ (data.site_xpos[nozzle] - data.xpos[work]))
+    distance = mujoco.mj_ray(model, data, above, -up, None, 1, int(model.site_bodyid[nozzle]), geom, None)
+    if geom[0] < 0:
+        return None
+    hit = int(model.geom_bodyid[geom[0]])
+    weld = model.body_weldid
+    # a work that is a mere frame has the geoms of the body that it is part of
+    on_work = hit == work or (model.body_geomnum[work] == 0 and weld[hit] == weld[work])
+    return _MM * float(distance) if on_work else None
+
+
+def needle_size(model: mujoco.MjModel, nozzle: int, name: str) -> tuple[float, float] | None:
+    """Return outer diameter and length of the needle that the model draws, None without a round geom [mm].
+
+    Args:
+        model: the compiled model, with its visual elements.
+        nozzle: index of the site, on whose body the needle is.
+        name: of the geom.
+    """
+    geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name)
+    if geom < 0 or model.geom_bodyid[geom] != model.site_bodyid[nozzle] or model.geom_type[geom] not in _ROUND:
+        return None
+    radius, half_length, _ = model.geom_size[geom]
+    return 2 * _MM * float(radius), 2 * _MM * float(half_length)
+
 
 NOZZLE = "nozzle"  # site at the tip
 NEEDLE = "needle"  # geom that draws the needle
@@ -263,7 +337,7 @@ class Machine:
         Args:
             timestep: length of a step [s].
             voltage: whether the bus voltage is the only limit on a dcmotor's control, as a current loop requires.
-            stops: whether to include the stops of the axes and all other constraints, see `gantrysim.machine.stops`.
+            stops: whether to include the stops of the axes and all other constraints, see `gantrysim.machine.travel`.
         """
         return self._models.stepping(timestep, voltage, stops)
 

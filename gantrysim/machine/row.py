@@ -12,7 +12,7 @@ from gantrysim.machine.layout import POINTERS
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.laws import LAW_PARAMETERS, LAWS
 from gantrysim.servo.notch import Coefficients
-from gantrysim.servo.servo_values import MAX_FEEDBACK_DELAY
+from gantrysim.servo.request import MAX_FEEDBACK_DELAY
 
 MAX_AXES = 6
 

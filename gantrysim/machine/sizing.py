@@ -11,8 +11,8 @@ import numpy as np
 
 from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.axis_reading import fact
+from gantrysim.machine.design.build import modes
 from gantrysim.machine.design.library import Winding, largest_torque
-from gantrysim.machine.design.modes import modes
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.quiet import quiet
 from gantrysim.record.run import Run

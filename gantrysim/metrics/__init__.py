@@ -19,9 +19,17 @@ from gantrysim.metrics.analysis import (
     values,
 )
 from gantrysim.metrics.budget import DESCRIPTIONS, GEOMETRY, LINKS, Budget
-from gantrysim.metrics.circular import SPIKE_REACH, CircularTest, Reversal, Trace, circle_row
+from gantrysim.metrics.circular import (
+    SPIKE_REACH,
+    CircularTest,
+    MinimumZone,
+    Reversal,
+    Trace,
+    circle_row,
+    least_squares_circle,
+    minimum_zone,
+)
 from gantrysim.metrics.parts import BudgetValues, Part, PartValues, TurnValues
 from gantrysim.metrics.positioning import Positioning
 from gantrysim.metrics.repeatability import RepeatedPath, interpolated, offset_over_length
 from gantrysim.metrics.spacing import Spacing, spacing
-from gantrysim.metrics.zone import MinimumZone, least_squares_circle, minimum_zone

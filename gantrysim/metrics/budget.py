@@ -29,27 +29,141 @@ belongs to no link (`gantrysim.metrics.links`).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.base.arrays import Floats
-from gantrysim.base.columns import by_blocks
+from gantrysim.base.arrays import Floats, at_rows, dot, lengths
+from gantrysim.base.columns import blocks, by_blocks, table_by_blocks
 from gantrysim.base.display import table_html
-from gantrysim.base.frames import pandas_frame
+from gantrysim.base.extras import pandas_frame
 from gantrysim.metrics.analysis import Analysis, ErrorSize, ErrorSpread
-from gantrysim.metrics.contradictions import contradictions
-from gantrysim.metrics.following import ForwardKinematics, servo_by_axis
-from gantrysim.metrics.links import Trace, links, offset_of
+from gantrysim.metrics.links import Trace, largest_link, links, offset_of
 from gantrysim.metrics.parts import CORNER, ERROR, PART_COLUMNS, BudgetValues, Part, PartValues, TurnValues
 from gantrysim.metrics.spacing import one_way
 from gantrysim.record.run import Run
 
 if TYPE_CHECKING:
     import pandas
+
+
+# The servo part of the error by axis: whose following error moves the nozzle off the path.
+
+_NO_MOTION = 1e-9  # shortest displacement that has a direction [mm]
+
+
+class ForwardKinematics(Protocol):
+    """Kinematics of a machine."""
+
+    def tip(self, position: ArrayLike) -> Floats:
+        """Return the nozzle in the work frame, (n, 3) [mm], at axis positions, (n, axes) [mm or deg]."""
+        ...
+
+
+def servo_by_axis(analysis: Analysis, servo: Part, machine: ForwardKinematics) -> dict[str, Part]:
+    """Return each axis' contribution to the servo part, see `Budget.servo_by_axis`.
+
+    Args:
+        analysis: of the run.
+        servo: part of the error between command and encoder.
+        machine: the machine of the run.
+    """
+    run = analysis.run
+    ticks = analysis.ticks
+
+    @lru_cache(maxsize=1)  # a block's normals serve all axes
+    def normals(first: int, last: int) -> tuple[Floats, Floats, Floats]:
+        return _normals(analysis, servo, slice(first, last))
+
+    def part(a: int, block: slice) -> Part:
+        lateral, vertical, beyond = normals(block.start, block.stop)
+        position = run.commanded[ticks[block]]
+        position[:, a] = run.encoder[ticks[block], a]
+        shift = machine.tip(position) - run.commanded_tip[ticks[block]]
+        return Part(dot(shift, lateral), dot(shift, vertical), dot(shift, beyond))
+
+    return {
+        name: table_by_blocks((part(a, block) for block in blocks(ticks.size)), ticks.size)
+        for a, name in enumerate(run.axes)
+    }
+
+
+def _normals(analysis: Analysis, servo: Part, block: slice) -> tuple[Floats, Floats, Floats]:
+    """Return the directions along which a displacement counts as lateral, vertical and beyond, (n, 3) each."""
+    run = analysis.run
+    path = run.requested
+    s = analysis.commanded.s[block]
+    lateral = path.normal(s)
+    vertical = np.cross(path.tangent(s), lateral)
+    beyond = np.zeros_like(lateral)
+    if not path.corners.size:
+        return lateral, vertical, beyond
+    # the frame turns between the feet of two points with a corner between them: no one normal fits both
+    corner = path.legs.between(s, analysis.encoder.s[block])
+    corner |= path.legs.between(s, analysis.nozzle.s[block])
+    rows = np.flatnonzero(corner)
+    corner_ticks = analysis.ticks[block][rows]
+    displacement = run.encoder_tip[corner_ticks] - run.commanded_tip[corner_ticks]
+    square = np.maximum(dot(displacement, displacement), _NO_MOTION**2)
+    present = servo.at(block)
+    for normal, component in ((lateral, present.lateral), (vertical, present.vertical), (beyond, present.beyond)):
+        missing = component[rows] - dot(normal[rows], displacement)
+        normal[rows] += (missing / square)[:, None] * displacement
+    return lateral, vertical, beyond
+
+
+# Checks of the errors of a run against distances alone, made in every run.
+#
+#     |point, path|   <=  |point before it in the chain, path| + l
+#     |link|          <=  l + kappa l^2 / 2
+#     |nozzle, path|  >=  distance to the nearest point of the whole path
+#
+# l is the distance of two neighbouring points of the chain from command to nozzle, kappa the curvature of the path at
+# their feet. The first holds for feet that lie on one stretch of the path, and is broken by a foot that is lost; the
+# budget itself then bounds the link, see `gantrysim.metrics.links`, so that the second is broken by a wrong frame
+# alone. Whatever the program and the machine, a run satisfies all three; one that does not has been measured wrongly,
+# and neither its errors nor their causes are known.
+
+_ROUNDING = 1e-6  # of distances and links [mm]
+_PLACES = 256  # at which the whole path is searched for a nearer point
+
+
+def contradictions(analysis: Analysis, chain: list[Trace], links: dict[str, Part]) -> Iterator[str]:
+    """Yield which of the three bounds a run breaks, each where it is broken most.
+
+    Args:
+        analysis: of the run.
+        chain: the traces between which the links lie.
+        links: the links between each trace and the next, by name.
+    """
+    run = analysis.run
+    for block in blocks(analysis.ticks.size):
+        for (before, after), (name, part) in zip(pairwise(chain), links.items(), strict=True):
+            apart = lengths(after.at(block) - before.at(block))
+            excess = np.abs(after.foot.distance[block] - before.foot.distance[block]) - apart
+            what = f"the change of distance by the link {name}"
+            yield from _worst(what, excess, "its two points are apart", analysis, block)
+            excess = part.at(block).size - largest_link(run.requested, before, after, block)
+            yield from _worst(f"the link {name}", excess, "its two points are apart", analysis, block)
+    distance = chain[-1].foot.distance
+    rows = np.unique(np.append(np.linspace(0, distance.size - 1, _PLACES).astype(np.intp), distance.argmax()))
+    nearest = run.requested.project(at_rows(run.nozzle, analysis.ticks[rows])).distance
+    excess = np.full(distance.size, -np.inf)
+    excess[rows] = nearest - distance[rows]
+    yield from _worst(
+        "the distance of the nearest point of the path", excess, "the contour error", analysis, slice(0, distance.size)
+    )
+
+
+def _worst(what: str, excess: Floats, bound: str, analysis: Analysis, block: slice) -> Iterator[str]:
+    k = int(excess.argmax())
+    if excess[k] > _ROUNDING:
+        time = float(analysis.run.time[analysis.ticks[block][k]])
+        yield f"{what} is {1e3 * excess[k]:.3g} µm larger than {bound} at t = {time:.3f} s"
+
 
 # the links of the chain in their order; DESCRIPTIONS also has their sum, the contour error
 LINKS: tuple[str, ...] = ("program", "servo", "encoder", "structure")
@@ -161,7 +275,7 @@ class Budget:
 
     @cached_property
     def contradictions(self) -> tuple[str, ...]:
-        """What contradicts the errors of this run, see `gantrysim.metrics.contradictions`; empty in a right one."""
+        """What contradicts the errors of this run; empty in a right one."""
         after_program = {name: part for name, part in self.parts.items() if name != "program"}
         return tuple(contradictions(self.analysis, self._chain, after_program))
 

@@ -24,8 +24,7 @@ from gantrysim.base.columns import blocks, by_blocks, table_by_blocks
 from gantrysim.base.errors import InputError
 from gantrysim.paths.assignment import assigned_progress
 from gantrysim.paths.corners import Corners
-from gantrysim.paths.feet import Projection, foot_between
-from gantrysim.paths.local import Local
+from gantrysim.paths.feet import Local, Projection, foot_between
 from gantrysim.paths.nearest import Table, find_feet, find_starts, find_stretches
 
 # Table of points from which a projection starts: of two stretches of the path the wrong one can be chosen where their

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from gantrysim.job.job import Job
 from gantrysim.metrics.budget import Budget
-from gantrysim.record.fault import Fault
+from gantrysim.record.run_file import Fault
 from gantrysim.results.verdict import Verdict
 
 class Conveniences:

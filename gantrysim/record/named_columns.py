@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.errors import InputError, meant, nearest, shown
-from gantrysim.base.frames import pandas_frame
+from gantrysim.base.extras import pandas_frame
 from gantrysim.base.quantity import Quantity
 
 if TYPE_CHECKING:

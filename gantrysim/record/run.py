@@ -18,8 +18,8 @@ from gantrysim.base.input_files import opened
 from gantrysim.faults import InjectedFault
 from gantrysim.paths.path import Path
 from gantrysim.record.conveniences import Conveniences
-from gantrysim.record.fault import Fault
 from gantrysim.record.named_columns import column, column_names, frame
+from gantrysim.record.run_file import Fault
 
 if TYPE_CHECKING:
     import pandas

@@ -2,18 +2,90 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
+from gantrysim.base import memory
 from gantrysim.base.errors import whole
 from gantrysim.job.job import Job
 from gantrysim.metrics.budget import Budget
-from gantrysim.remedy.family import Family
-from gantrysim.remedy.outcome import Measured, Motion, Outcome, measured_together, motion_key
-from gantrysim.remedy.recent import Recent
+from gantrysim.remedy.outcome import Measured, Motion, Outcome, measured_together, motion_key, time_before_glue
+
+# What was computed of runs, kept as long as there is room for it.
+
+ROOM = memory.LONG  # [kB]: a tick of a record with its analysis takes one
+
+_Value = TypeVar("_Value")
+
+
+class Recent(Generic[_Value]):
+    """Values by a key; of those used last, as many as there is `ROOM` for."""
+
+    def __init__(self) -> None:
+        self._values: dict[str, tuple[_Value, float]] = {}  # with their sizes [kB]; that used last at the end
+
+    def get(self, key: str) -> _Value | None:
+        """Return the value of a key, None where it is not kept."""
+        entry = self._values.pop(key, None)
+        if entry is None:
+            return None
+        self._values[key] = entry
+        return entry[0]
+
+    def keep(self, key: str, value: _Value, size: float) -> None:
+        """Keep a value of a size [kB], and drop those for which there is no room then."""
+        self._values.pop(key, None)
+        self._values[key] = value, size
+        total = sum(stored for _, stored in self._values.values())
+        while total > ROOM:
+            oldest = next(iter(self._values))
+            total -= self._values.pop(oldest)[1]
+
+
+# Jobs that levers make of one job, and what they have in common.
+
+_MACHINE = {"machine", "names", "travel", "geometry"}
+_OF_SERVO = ("built_servo", "margins")  # of a job, computed at their first use
+
+
+class Family:
+    """Jobs with other values than a base job.
+
+    A job shares machine, controller and servo with the base where both specify the same, and a servo that the base does
+    not have with the first job that had it: deriving one takes as long as a tenth of a run, or as a whole run where the
+    machine has a closed chain.
+
+    Args:
+        base: the job.
+    """
+
+    def __init__(self, base: Job) -> None:
+        self._base = base
+        self._first: dict[str, Job] = {}  # by servo and machine
+        self._before: dict[str, float] = {}  # by program and period [s]
+
+    def member(self, job: Job) -> Job:
+        """Return a job that shares with others what it has in common with them."""
+        shared = job.sharing(self._base)
+        key = json.dumps(job.model_dump(include={"servo", *_MACHINE}), sort_keys=True, default=str)
+        first = self._first.setdefault(key, shared)
+        if first is shared:
+            return shared
+        computed = {name: first.__dict__[name] for name in _OF_SERVO if name in first.__dict__}
+        return shared.model_copy(update=computed)
+
+    def time_before_glue(self, job: Job) -> float:
+        """Return the time before the first dispensing of a job's program, 0 for a program that is refused [s]."""
+        key = json.dumps([job.servo.period, job.program], sort_keys=True, default=str)
+        if key not in self._before:
+            self._before[key] = time_before_glue(job)
+        return self._before[key]
+
 
 Progress = Callable[[int, int, str], None]  # called with the runs done, those known by now, and what runs
 

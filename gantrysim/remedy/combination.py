@@ -14,12 +14,15 @@ hardly grows without it. The search ends as soon as the verdict is a pass.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations as subsets
 
 from gantrysim.base.errors import GantryError
 from gantrysim.job.job import Job
 from gantrysim.remedy.lever import Effort, Lever, Setting, State
+from gantrysim.remedy.levers.numbers import factor_text, rounded
+from gantrysim.remedy.levers.speed import FASTER, SLOWER, at_factor
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.results.score import usage_of
 
@@ -198,3 +201,115 @@ def rank(outcome: Outcome) -> tuple[float, float, float]:
     """Return what the better of two settings has less of: burden, time, and usage of its worst row."""
     usages = [] if outcome.verdict is None else [usage_of(row) for row in outcome.verdict.rows]
     return outcome.burden, round(outcome.duration, 2), max((u for u in usages if not math.isnan(u)), default=0.0)
+
+
+# Levers of a combination that change one value, shown as one: the search may set a value twice.
+
+
+def merged(combinations: Combinations, picks: Sequence[Pick]) -> list[Pick]:
+    """Return a combination in which no two levers change one value, if that is as good."""
+    single = _with_one_speed(combinations, picks)
+    while fewer := _with_one_less(combinations, single):
+        single = fewer
+    return single
+
+
+def _with_one_speed(combinations: Combinations, picks: Sequence[Pick]) -> list[Pick]:
+    """Return a combination with one factor of the speed in place of several."""
+    speeds = [k for k, pick in enumerate(picks) if pick.lever in (FASTER, SLOWER)]
+    if len(speeds) < 2:
+        return list(picks)
+    present = combinations.state_of(picks)
+    factor = rounded(
+        present.job.controller.programmed_speed / combinations.state_of([]).job.controller.programmed_speed
+    )
+    single = [Pick(at_factor(factor), factor_text(factor))] if factor != 1 else []
+    first = speeds[0]
+    together = [*picks[:first], *single, *(pick for k, pick in enumerate(picks) if k > first and k not in speeds)]
+    try:
+        outcome = combinations.state_of(together).outcome
+    except GantryError:  # a lever between them has no such setting at that speed
+        return list(picks)
+    return together if (1 - SHARE) * outcome.burden <= present.outcome.burden else list(picks)
+
+
+def _with_one_less(combinations: Combinations, picks: Sequence[Pick]) -> list[Pick] | None:
+    """Return a combination that makes the same job without one of two levers that set one value; None without such."""
+    job = combinations.state_of(picks).job.toml()
+    changed = [set(setting_of(combinations.state_of(picks[:k]), pick).changes) for k, pick in enumerate(picks)]
+    for later in range(len(picks)):
+        for k in range(later):
+            if not changed[k] & changed[later]:
+                continue
+            settings = picks[k].lever.settings(combinations.state_of(picks[:k]))
+            for setting in () if isinstance(settings, str) else settings:
+                others = [pick for n, pick in enumerate(picks) if n not in (k, later)]
+                fewer = [*others[:k], Pick(picks[k].lever, setting.label), *others[k:]]
+                try:
+                    if combinations.state_of(fewer).job.toml() == job:
+                        return fewer
+                except GantryError:  # the values do not fit those of other levers
+                    continue
+    return None
+
+
+# The fewest levers that pass, of those of a combination that passes.
+#
+# The greedy search adds one lever after the other, so that a later one may make up for the setting of an earlier one.
+# Where the levers of its combination have few settings together, all of them are tried in smaller numbers.
+
+MOST_MOTIONS = 64  # that are simulated for a number of levers
+
+
+def fewest_levers(combinations: Combinations, picks: Sequence[Pick], motion_of: Callable[[Job], str]) -> list[Pick]:
+    """Return the fewest of some levers that pass, with the settings of the shortest run.
+
+    A combination counts if it takes no longer than the present one.
+
+    Args:
+        combinations: of the job.
+        picks: a combination; returned as it is where it does not pass, or too many motions would be simulated.
+        motion_of: returns a text that is the same for jobs with the same motion.
+    """
+    present = combinations.state_of(picks).outcome
+    if present.burden > 0:
+        return list(picks)
+    levers = [pick.lever for pick in picks]
+    for count in range(1, len(levers) + 1):
+        candidates = [
+            candidate for chosen in subsets(levers, count) for candidate in _candidates(combinations, (), chosen)
+        ]
+        if len({motion_of(candidate.job) for candidate in candidates}) > MOST_MOTIONS:
+            continue
+        outcomes = combinations.measured([candidate.job for candidate in candidates])
+        passing = [
+            (rank(outcome), k)
+            for k, outcome in enumerate(outcomes)
+            if outcome.burden == 0 and outcome.duration <= (1 + SHARE) * present.duration
+        ]
+        if passing:
+            return list(candidates[min(passing)[1]].picks)
+    return list(picks)
+
+
+def _candidates(combinations: Combinations, picks: tuple[Pick, ...], levers: Sequence[Lever]) -> Iterator[Candidate]:
+    """Yield a combination with further levers, each at every setting."""
+    if not levers:
+        yield Candidate(picks, combinations.state_of(picks).job)
+        return
+    for pick in _settings(combinations, picks, levers[0]):
+        yield from _candidates(combinations, (*picks, pick), levers[1:])
+
+
+def _settings(combinations: Combinations, picks: tuple[Pick, ...], lever: Lever) -> list[Pick]:
+    """Return a lever at each setting that the job admits after others."""
+    picked = []
+    settings = lever.settings(combinations.state_of(picks))
+    for setting in () if isinstance(settings, str) else settings:
+        pick = Pick(lever, setting.label)
+        try:
+            combinations.state_of([*picks, pick])
+        except GantryError:  # the values do not fit those of other levers
+            continue
+        picked.append(pick)
+    return picked

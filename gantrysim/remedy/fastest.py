@@ -9,8 +9,8 @@ from gantrysim.job.job import Job
 from gantrysim.remedy.bench import Bench
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.results.checks import FAIL, WARN
-from gantrysim.study.speed.saturation import saturation_of
-from gantrysim.study.speed.search import RESOLUTION, Grade, SpeedAnswer, answer_of, next_speeds_of_grades, speed_changes
+from gantrysim.study.speed.report import saturation_of
+from gantrysim.study.speed.study import RESOLUTION, Grade, SpeedAnswer, answer_of, next_speeds_of_grades, speed_changes
 
 _SHORTER = 1e-3  # share of its time by which a program must be shorter to be faster
 

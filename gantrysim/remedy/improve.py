@@ -2,22 +2,166 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from gantrysim.base.errors import InputError, unknown
-from gantrysim.job.causes import Causes, causes_of
+from gantrysim.base.errors import GantryError, InputError, unknown
+from gantrysim.job.causes import Causes, Effect, causes_of
 from gantrysim.job.job import Job
 from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.bench import Bench, Progress
+from gantrysim.remedy.combination import Combinations, Pick, best_combination, fewest_levers, merged, setting_of
 from gantrysim.remedy.fastest import fastest_program
 from gantrysim.remedy.improvement import Improvement
-from gantrysim.remedy.lever import ROWS, Lever
+from gantrysim.remedy.lever import ROWS, Lever, Setting, State
 from gantrysim.remedy.levers import LEVERS
 from gantrysim.remedy.outcome import Outcome
-from gantrysim.remedy.search import Search
+from gantrysim.remedy.trial import Skipped, Trial, gains_of
 from gantrysim.results.score import row_burden
 from gantrysim.results.verdict import PATH
+
+# The search: every plausible lever alone, and the best combination, see `gantrysim.remedy.combination`.
+
+_SAME_SECTION = 0.02  # relative
+_SAME_DOT = 10.0  # [%]
+WORTH = 0.05  # of the contour error, rms or largest: a cause that is worth less does not matter
+
+
+class Search:
+    """The search for what to change in a job.
+
+    Args:
+        job: the job as it is.
+        bench: simulates.
+        rows: names of the rows of the verdict that are to pass.
+        causes: of the error; None where they are not known, so that any cause may matter.
+
+    Attributes:
+        start: the state of the job as it is.
+    """
+
+    def __init__(self, job: Job, bench: Bench, rows: Sequence[str], causes: Causes | None = None) -> None:
+        self.start = State(job, self._measure)
+        self._bench = bench
+        self._rows = frozenset(rows)
+        self._causes = causes
+        self._combinations = Combinations(self.start, self._measure_all, self._bad_rows, bench.family.member)
+
+    def plausible(self, levers: Sequence[Lever]) -> tuple[list[Lever], list[Skipped]]:
+        """Return the levers to try, and those that cannot help: the rows they act on pass, or no cause is theirs."""
+        plausible = []
+        skipped = []
+        for lever in levers:
+            reason = self._implausible(lever)
+            if reason:
+                skipped.append(Skipped(lever, reason))
+            else:
+                plausible.append(lever)
+        return plausible, skipped
+
+    def alone(self, levers: Sequence[Lever]) -> tuple[list[Trial], list[Skipped]]:
+        """Simulate each setting of each lever alone; return the trials, and the levers that do not apply."""
+        candidates = []
+        skipped = []
+        for lever in levers:
+            settings = lever.settings(self.start)
+            if isinstance(settings, str):
+                skipped.append(Skipped(lever, settings))
+            else:
+                candidates += [(lever, setting) for setting in settings]
+        self._bench.task.name = "levers"
+        return self._trials(self.start, candidates), skipped
+
+    def combined(self, levers: Sequence[Lever]) -> list[Pick]:
+        """Return the best combination, in the order in which its levers joined; empty where none helps."""
+        self._bench.task.name = "combination"
+        picks = best_combination(self._combinations, levers)
+        fewest = fewest_levers(self._combinations, picks, self._bench.motion_key)
+        return merged(self._combinations, fewest)
+
+    def state_of(self, picks: Sequence[Pick]) -> State:
+        """Return the state after the levers of a combination are set, see `Combinations.state_of`."""
+        return self._combinations.state_of(picks)
+
+    def trials_of(self, picks: Sequence[Pick]) -> list[Trial]:
+        """Return the trial of each lever of a combination, on top of those before it."""
+        trials = []
+        for k, pick in enumerate(picks):
+            state = self.state_of(picks[:k])
+            trials += self._trials(state, [(pick.lever, setting_of(state, pick))])
+        return trials
+
+    def _implausible(self, lever: Lever) -> str:
+        rows = [name for name in lever.rows if name in self._bad_rows(self.start.outcome)]
+        if not rows:
+            return f"{' and '.join(lever.rows)} {'passes' if len(lever.rows) == 1 else 'pass'}"
+        if rows != [PATH] or not lever.causes or self._causes is None:
+            return ""
+        worth = {effect.cause.name: _share(effect) for effect in self._causes.effects}
+        if any(worth.get(cause, 0.0) >= WORTH for cause in lever.causes):
+            return ""
+        return f"the error is not caused by {' or '.join(lever.causes)}"
+
+    def _bad_rows(self, outcome: Outcome) -> set[str]:
+        if outcome.verdict is None:
+            return set()
+        return {row.name for row in outcome.verdict.rows if row.name in self._rows and row_burden(row) > 0}
+
+    def _trials(self, state: State, candidates: Sequence[tuple[Lever, Setting]]) -> list[Trial]:
+        jobs: list[Job] = []
+        refusals: dict[int, Outcome] = {}
+        for k, (_, setting) in enumerate(candidates):
+            try:
+                jobs.append(state.job.changed(setting.changes))
+            except GantryError as error:
+                refusals[k] = Outcome(None, failure=str(error))
+        measured = iter(self._measure_all(jobs))
+        trials = []
+        base = self.start.outcome
+        assert base.verdict is not None
+        for k, (lever, setting) in enumerate(candidates):
+            outcome = refusals[k] if k in refusals else next(measured)
+            gains = gains_of(base.verdict, outcome.verdict)
+            time = outcome.duration - base.duration
+            trials.append(Trial(lever, setting.label, setting.changes, outcome, gains, time))
+        return trials
+
+    def _measure(self, job: Job) -> Outcome:
+        return self._bench.measure(job) if job is self.start.job else self._measure_all([job])[0]
+
+    def _measure_all(self, jobs: Sequence[Job]) -> list[Outcome]:
+        return [self._admitted(outcome) for outcome in self._bench.measure_all(jobs)]
+
+    def _admitted(self, outcome: Outcome) -> Outcome:
+        """Return the outcome, as a failure where it lays another part than the job: no row judges that."""
+        return outcome if outcome.failure else replace(outcome, failure=another_part(self.start.outcome, outcome))
+
+
+def another_part(before: Outcome, after: Outcome) -> str:
+    """Return how the glue requested after a change differs: section and dots; empty where it is the same.
+
+    A speed that the controller clamps, for one, leaves a scaled flow on a path that is no faster.
+    """
+    if abs(after.nominal - before.nominal) > _SAME_SECTION * before.nominal:
+        return f"another bead: {after.nominal:.3g} mm² instead of {before.nominal:.3g} mm²"
+    if len(after.dots) != len(before.dots):
+        return f"{len(after.dots)} dots instead of {len(before.dots)}"
+    changes = [100 * (dot / asked - 1) for dot, asked in zip(after.dots, before.dots, strict=True) if asked]
+    largest = max(changes, key=abs, default=0.0)
+    if abs(largest) <= _SAME_DOT:
+        return ""
+    return f"another volume of dots, {largest:+.1f} %"
+
+
+def _share(effect: Effect) -> float:
+    """Return the share of the contour error, rms or largest, that a cause is worth; inf where its run failed."""
+    worth = effect.worth.get("contour")
+    if worth is None:
+        return math.inf
+    before = effect.before["contour"]
+    pairs = ((worth.rms, before.rms), (worth.max, before.max))
+    return max(part / whole if whole > 0 else 0.0 for part, whole in pairs)
 
 
 def improve(
@@ -34,7 +178,7 @@ def improve(
     """Find out what to change in a job so that its verdict becomes a pass.
 
     Every lever that the verdict and the causes of the error suggest is simulated alone, and then in the best
-    combination, see `gantrysim.remedy.search`. No levers are tried for a job that passes or ends in a fault.
+    combination, by the search above. No levers are tried for a job that passes or ends in a fault.
 
     Args:
         job: the job.

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gantrysim.base.errors import GantryError
-from gantrysim.engine.record_columns import dispensed_otherwise
+from gantrysim.engine.recording import dispensed_otherwise
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.dispenser.dispenser import time_before
 from gantrysim.job.job import Job

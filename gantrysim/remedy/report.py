@@ -6,9 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from gantrysim.base.errors import InputError
-from gantrysim.compare.runs.check_changes import check_changes
-from gantrysim.compare.runs.run_comparison import RunComparison, compare_runs
-from gantrysim.compare.runs.runs_page import checks_table, run_sections, write_sections
+from gantrysim.compare.runs.differences import check_changes
+from gantrysim.compare.runs.runs_page import RunComparison, checks_table, compare_runs, run_sections, write_sections
 from gantrysim.job.job import Job
 from gantrysim.remedy.improve import improve, worst_rows
 from gantrysim.remedy.improvement import USAGE, Improvement

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -13,6 +14,7 @@ import mujoco
 import numpy as np
 
 from gantrysim.base import memory
+from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, finite, positive
 from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.bead.trace import BeadTrace
@@ -20,15 +22,72 @@ from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
 from gantrysim.render.colours import default_colour, scale_for
 from gantrysim.render.encoding import Picture, film_rate, film_writer, save_picture
+from gantrysim.render.flight import Sight
 from gantrysim.render.fonts import PAPER, rgb
-from gantrysim.render.framing import Framing
+from gantrysim.render.framing import FIELD_OF_VIEW, Framing
 from gantrysim.render.header import Caption, Header, headers
 from gantrysim.render.opengl import Closing
 from gantrysim.render.panel import Panel, run_colours
 from gantrysim.render.renderer import BEAD, Renderer, checked_size
-from gantrysim.render.sight import Sight
 from gantrysim.render.telemetry import Telemetry
-from gantrysim.render.widening import widening
+
+# How many times as wide as it is a thin bead is drawn, so that it is seen in a picture that holds all of it.
+
+# of the picture below the panel that the bead is to cover: a twelfth of the whole frame, with some of it hidden
+_SHARE = 0.12
+_MOST = 4.0  # a wider bead looks like a ribbon
+_STEPS = 10  # of the factor, per unit
+_MERGING = 0.2  # share of the bead that may reach a neighbouring turn
+_STATIONS = 800  # of the bead that are compared with each other
+_DRY = 0.2  # of the median width, below which there is hardly a bead
+
+
+def widening(framing: Framing, bead_trace: BeadTrace, width_over_height: float) -> float:
+    """Return the factor, at least 1, by which a bead is drawn wider: as little as it needs, in tenths.
+
+    It ends where a fifth of the bead would reach a neighbouring turn, as gaps are to stay gaps, and at 4.
+
+    Args:
+        framing: of the bead.
+        bead_trace: the bead.
+        width_over_height: of the picture.
+    """
+    share = picture_share(framing, bead_trace, width_over_height)
+    if share <= 0:
+        return 1.0
+    needed = math.ceil(_STEPS * _SHARE / share - 1e-9) / _STEPS
+    room = math.floor(_STEPS * min(clearance(bead_trace), _MOST)) / _STEPS
+    return max(min(needed, room), 1.0)
+
+
+def picture_share(framing: Framing, bead_trace: BeadTrace, width_over_height: float) -> float:
+    """Return the share of a picture that a bead covers, were it flat and nothing before it.
+
+    A level piece of the bead, of the area dA at q from the camera, covers dA |q_z| / (q.f)³ of the plane at unit
+    distance, where f is the camera's axis; the picture covers 4 tan²(a) times its width over its height, where a is
+    half of the field of view.
+    """
+    place = 1e-3 * bead_trace.point - framing.position(width_over_height)
+    depth = place @ framing.axes[0]
+    area = 1e-6 * bead_trace.width * bead_trace.ds
+    covered = float(np.sum(area * np.abs(place[:, 2]) / depth**3))
+    return covered / (4 * np.tan(np.radians(0.5 * FIELD_OF_VIEW)) ** 2 * width_over_height)
+
+
+def clearance(bead_trace: BeadTrace) -> float:
+    """Return the distance of neighbouring turns over the bead's width that four fifths of the bead exceed."""
+    width = bead_trace.width
+    wet = np.flatnonzero(width > _DRY * np.median(width[width > 0])) if width.any() else np.array([], np.intp)
+    if not wet.size:
+        return math.inf
+    station = wet[np.linspace(0, wet.size - 1, min(wet.size, _STATIONS)).astype(int)]
+    point = bead_trace.point[station]
+    along = np.abs(np.subtract.outer(bead_trace.place[station], bead_trace.place[station]))
+    distance: Floats = np.linalg.norm(point[:, None] - point[None], axis=2)
+    # the same turn: hardly a detour along the bead, as around a corner
+    distance[along <= 2 * (distance + width[station].max())] = np.inf
+    return float(np.quantile(distance.min(axis=1) / width[station], _MERGING, method="lower"))
+
 
 _LONGEST = 60.0  # of a film at the default speed [s]
 _MOST_FRAMES = 100_000
@@ -289,3 +348,31 @@ def _common_framing(takes: Sequence[Take], size: tuple[int, int]) -> Framing | N
         return None
     sight = Sight(first.machine.model, first.machine, first.run, size[0] / size[1])
     return sight.framing([take.run for take in takes[1:]])
+
+
+# The film of one run in a call.
+
+
+def save_video(
+    machine: Machine,
+    run: Run,
+    file: str | os.PathLike[str],
+    *,
+    camera: str | None = None,
+    size: tuple[int, int] = (800, 600),
+    fps: float = 25.0,
+    speed: float | None = None,
+    bead: BeadSettings | BeadTrace | None = None,
+    colour: str | None = None,
+    true_width: bool = False,
+    label: str = "",
+    verdict: str = "",
+    progress: Callable[[float], None] | None = None,
+) -> int:
+    """Write a film of one run, MP4 or GIF, and return its number of frames.
+
+    Arguments and errors as of `Take`, `Film` and `Film.save`.
+    """
+    take = Take(machine, run, label, bead, verdict)
+    with Film([take], camera=camera, size=size, colour=colour, true_width=true_width) as film:
+        return film.save(file, fps=fps, speed=speed, progress=progress)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import by_blocks
-from gantrysim.glue.bead.climb import LEVEL, climb
+from gantrysim.glue.bead.trace import LEVEL, climb
 from gantrysim.record.run import Run
 
 FIELD_OF_VIEW = 35.0  # vertical [deg]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.base.errors import InputError, whole
 from gantrysim.glue.bead import BeadSettings
@@ -15,10 +16,156 @@ from gantrysim.render.colours import Scale
 from gantrysim.render.encoding import Picture
 from gantrysim.render.flight import Flight
 from gantrysim.render.framing import Framing
-from gantrysim.render.geoms import Geoms
-from gantrysim.render.inset import Inset
 from gantrysim.render.opengl import Closing, NoOpenGLError, offscreen
 from gantrysim.render.scene import Scene
+
+# The geoms of a model in an order in which a renderer without a GPU draws them soon.
+
+_SHOWN = 0  # group of the geoms that are added
+_HIDDEN = 5  # group of all others meanwhile
+_EVERYTHING = mujoco.mjtCatBit.mjCAT_ALL.value
+_PLANE = mujoco.mjtGeom.mjGEOM_PLANE
+
+
+class Geoms:
+    """Puts the geoms of a model into a MuJoCo scene: those in the picture, planes last.
+
+    A pixel of a geom is coloured unless something nearer has been drawn there. A floor comes first in most models: it
+    would be coloured all over the picture, and then hidden. The picture is the same in any order.
+
+    Args:
+        model: of the geoms; those in its groups 0, 1 and 2 are drawn.
+        unbounded: geoms whose shape is not the one that the model was compiled with.
+    """
+
+    def __init__(self, model: mujoco.MjModel, unbounded: list[int]) -> None:
+        self._model = model
+        self._is_plane = model.geom_type == _PLANE
+        self._radius = model.geom_rbound.copy()
+        self._radius[self._is_plane] = np.inf
+        self._radius[unbounded] = np.inf
+        self._has_mirror = bool(np.any(model.mat_reflectance > 0))  # which may show what is outside the picture
+        self._first = mujoco.MjvOption()
+        self._drawn_groups = self._first.geomgroup.astype(bool)
+        self._planes = mujoco.MjvOption()
+        for option in (self._first, self._planes):
+            option.geomgroup[:] = 0
+            option.geomgroup[_SHOWN] = 1
+        for kind in ("site", "joint", "tendon", "actuator", "flex", "skin"):  # the first call has added them
+            getattr(self._planes, f"{kind}group")[:] = 0
+        self._push = mujoco.MjvPerturb()
+
+    def update(
+        self, data: mujoco.MjData, view: mujoco.MjvCamera, scene: mujoco.MjvScene, shape: float, *, shadows: bool
+    ) -> None:
+        """Fill a scene with the model in its pose.
+
+        Args:
+            data: the pose.
+            view: the camera.
+            scene: to be filled.
+            shape: width over height of the picture.
+            shadows: whether what is outside the picture may cast a shadow into it.
+        """
+        model = self._model
+        groups = model.geom_group.copy()
+        drawn = self._drawn_groups[groups]
+        if not shadows and not self._has_mirror:
+            mujoco.mjv_updateCamera(model, data, view, scene)
+            drawn &= self._inside(data, scene.camera, shape)
+        try:
+            model.geom_group[:] = np.where(drawn & ~self._is_plane, _SHOWN, _HIDDEN)
+            mujoco.mjv_updateScene(model, data, self._first, None, view, _EVERYTHING, scene)
+            model.geom_group[:] = np.where(drawn & self._is_plane, _SHOWN, _HIDDEN)
+            mujoco.mjv_addGeoms(model, data, self._planes, self._push, _EVERYTHING, scene)
+        finally:
+            model.geom_group[:] = groups
+
+    def _inside(
+        self, data: mujoco.MjData, eyes: tuple[mujoco.MjvGLCamera, mujoco.MjvGLCamera], shape: float
+    ) -> NDArray[np.bool_]:
+        """Return which geoms may be in the picture, by the spheres around them.
+
+        A sphere of radius r is beside a picture with half width w at distance 1 along its axis z where
+
+            |x| - w z > r sqrt(1 + w²).
+        """
+        eye = eyes[0]
+        if eye.orthographic or eye.frustum_width:
+            return np.ones(self._radius.size, np.bool_)
+        forward = np.array(eye.forward)
+        up = np.array(eye.up)
+        # the two eyes are beside each other for pictures in stereo; others are drawn from between them
+        place = data.geom_xpos - 0.5 * (np.array(eye.pos) + np.array(eyes[1].pos))
+        half_height = eye.frustum_top / eye.frustum_near
+        half_width = half_height * shape
+        z = place @ forward
+        x = np.abs(place @ np.cross(forward, up))
+        y = np.abs(place @ up)
+        inside = z + self._radius > 0
+        inside &= x - half_width * z <= self._radius * np.hypot(1, half_width)
+        inside &= y - half_height * z <= self._radius * np.hypot(1, half_height)
+        return inside
+
+
+# The nozzle from near, in the corner of a picture that the bead leaves free.
+
+_CAMERA = "nozzle"
+_SIDE = 0.3  # width and height, relative to the picture's
+_BELOW = 0.08  # distance from the upper edge, where the verdict stands, relative to the picture's height
+_LEAST = 120  # width [pixels]: in a smaller picture there is none
+_FRAME = 2  # [pixels]
+_SHADE = 96  # grey of the frame, 0 to 255
+# corners in the order of preference: the needle comes from above
+_CORNERS = ((1, -1), (-1, -1), (1, 1), (-1, 1))
+
+
+class Inset:
+    """A second view of a scene in a corner of its picture.
+
+    Args:
+        scene: the machine with its bead.
+        corner: signs of the corner's place in the picture, to the right and up.
+        size: width and height of the picture [pixels].
+
+    Attributes:
+        viewport: place in the picture.
+    """
+
+    def __init__(self, scene: Scene, corner: tuple[int, int], size: tuple[int, int]) -> None:
+        self._view = scene.camera(_CAMERA)
+        width, height = (round(_SIDE * side) for side in size)
+        right, up = corner
+        column = size[0] - width if right > 0 else 0
+        bottom = size[1] - height - round(_BELOW * size[1]) if up > 0 else 0
+        self.viewport = mujoco.MjrRect(column, bottom, width, height)
+
+    @classmethod
+    def of(cls, scene: Scene, framing: Framing, size: tuple[int, int]) -> Inset | None:
+        """Return the inset of a bead's picture, or None without room for it or without a camera at the nozzle."""
+        if _SIDE * size[0] < _LEAST or not scene.has_camera(_CAMERA):
+            return None
+        places = framing.in_picture(size[0] / size[1])
+        free = 1 - 2 * _SIDE  # from the middle to the inset's edges
+        covered = [int(np.count_nonzero(np.all(places * corner > free, axis=1))) for corner in _CORNERS]
+        return cls(scene, _CORNERS[int(np.argmin(covered))], size)
+
+    def render(self, scene: Scene, geoms: Geoms, drawn: mujoco.MjvScene, context: mujoco.MjrContext) -> None:
+        """Draw the inset over the picture in the present buffer, without shadows."""
+        geoms.update(scene.data, self._view, drawn, self.viewport.width / self.viewport.height, shadows=False)
+        scene.decorate(drawn)
+        mujoco.mjr_render(self.viewport, drawn, context)
+
+    def frame(self, picture: Picture) -> None:
+        """Draw the inset's frame on a picture, whose first row is its lowest, (height, width, 3)."""
+        place = self.viewport
+        rows = slice(place.bottom, place.bottom + place.height)
+        columns = slice(place.left, place.left + place.width)
+        part = picture[rows, columns]
+        for edge in (slice(None, _FRAME), slice(-_FRAME, None)):
+            part[edge] = _SHADE
+            part[:, edge] = _SHADE
+
 
 BEAD = "bead"  # camera that is fitted to the bead
 

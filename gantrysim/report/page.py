@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
+from gantrysim.job.job import Job
+from gantrysim.job.margins import LOW_MARGIN
 from gantrysim.job.steps import run_notes
+from gantrysim.machine.machine import Machine
+from gantrysim.metrics.error_quantities import TORQUE_RIPPLE
 from gantrysim.report.causes import causes_section
-from gantrysim.report.document import Section, Table
+from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.drawn_page import DrawnPage, draw_page
 from gantrysim.report.figures import Figures
 from gantrysim.report.headline import headline
-from gantrysim.report.job_section import job_section
-from gantrysim.report.order import in_order
 from gantrysim.report.scatter import scatter_section
 from gantrysim.report.sections import (
     bead_section,
@@ -24,10 +27,138 @@ from gantrysim.report.sections import (
     spacing_section,
     summary_facts,
 )
-from gantrysim.report.servo import servo_section
 from gantrysim.report.summary import versions
-from gantrysim.report.verdict import verdict_section
-from gantrysim.results.run_results import RunResults
+from gantrysim.results.quantities import TORQUE_RIPPLE_PERCENT
+from gantrysim.results.run_results import AxisLoop, RunResults
+from gantrysim.results.verdict import Verdict
+from gantrysim.servo.gains import GAINS
+from gantrysim.servo.laws import LAW_PARAMETERS
+from gantrysim.servo.laws.selection import Laws, words
+from gantrysim.servo.request import NOTCH
+from gantrysim.servo.servo import Servo
+from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, MARGINS
+from gantrysim.servo.stability.margins import NO_LOOP, Margins
+
+# The order of a run's report: what one asks first comes first, details are folded.
+
+# is it good enough, where and how, what spoils it, what to change
+_FIRST = ("Verdict", "Deliberate faults", "Bead and path", "Summary", "Error budget", "Causes", "What to change")
+
+
+def in_order(sections: Iterable[Section]) -> list[Section]:
+    """Return the sections in the order of `_FIRST`, then all others as they come, folded."""
+    given = list(sections)
+    first = sorted((section for section in given if section.title in _FIRST), key=lambda part: _FIRST.index(part.title))
+    details = [replace(section, folded=True) for section in given if section.title not in _FIRST]
+    return [*first, *details]
+
+
+# The verdict's section of a report.
+
+
+def verdict_section(verdict: Verdict) -> Section:
+    """Return the section of the verdict: a row per value that it shows."""
+    if verdict.unjudged:
+        return Section("Verdict", verdict.headline)
+    rows = [
+        [f"{row.symbol} {row.state}" if k == 0 else "", row.name if k == 0 else "", text]
+        for row in verdict.rows
+        for k, text in enumerate(row.texts)
+    ]
+    caption = "A value above 80 % of its limit is a warning; limits are given by [tolerance] in the job, or defaults"
+    return Section(
+        "Verdict", verdict.headline, table=Table(["verdict", "of", "worst value and its limit"], rows, caption)
+    )
+
+
+# The job of a run on its page, as a file to repeat it; of a long program the first and the last lines.
+
+_WHOLE = 4000  # lines of a job that the page shows whole
+_ENDS = 500  # lines shown of either end of a longer one
+_REPEAT = "Save as a file for gantrysim run to repeat this run bit for bit."
+
+
+def job_section(job: Job) -> Section:
+    """Return the section with a job's TOML; a long program would make the page larger than all its figures."""
+    text = job.toml()
+    lines = text.split("\n")
+    if len(lines) <= _WHOLE:
+        return Section("Job", _REPEAT, code=text)
+    missing = len(lines) - 2 * _ENDS
+    shown = [*lines[:_ENDS], f"# ... {missing:,} lines are in job.toml only ...", *lines[-_ENDS:]]
+    note = (
+        f"The first and last {_ENDS} of {len(lines):,} lines, with those of the program: {missing:,} lines between are "
+        "left out. job.toml beside this page is whole, and repeats this run bit for bit."
+    )
+    return Section("Job", note, code="\n".join(shown))
+
+
+# The section of a run's report on its servo: gains, stability margins, torque ripple.
+
+
+def servo_section(results: RunResults) -> Section:
+    """Return the section of the servo of a job on the machine of its run."""
+    job = results.job
+    machine = results.machine
+    margins = job.margins
+    reason = job.servo_reason
+    law = job.built_servo.laws.names
+    named = [] if law == Laws.names else [f"Law: {words(law)}."]
+    return Section(
+        "Servo",
+        [_text(machine, margins), *named, f"{reason[0].upper()}{reason[1:]}."],
+        table=[_gains(machine, job.built_servo), _margins(results.loops)],
+    )
+
+
+def _margins(loops: dict[str, AxisLoop]) -> Table:
+    shown = [quantity for quantity in MARGINS if quantity is not GAIN_MARGIN]  # the smaller of two that are shown
+    ripples = (TORQUE_RIPPLE, TORQUE_RIPPLE_PERCENT)
+    columns: list[str | Column] = ["axis", *map(Column.of, shown), *map(Column.of, ripples)]
+    rows = [
+        [
+            axis,
+            *(quantity.scaled(quantity.get(loop.margins)) for quantity in shown),
+            *(quantity.scaled(quantity.get(loop)) for quantity in ripples),
+        ]
+        for axis, loop in loops.items()
+    ]
+    return Table(
+        columns,
+        rows,
+        "Stability margins at the home position, without Coulomb friction; with all it moves: for a factor on the "
+        "gains of all axes that move each other; torque ripple while the dispenser is on",
+    )
+
+
+def _gains(machine: Machine, servo: Servo) -> Table:
+    laws = (parameter for parameter in LAW_PARAMETERS if any(servo.per_axis(parameter.name)))
+    shown = (*GAINS, *(NOTCH if any(servo.per_axis("notch_frequency")) else ()), *laws)
+    # a row for each gain: with a column for each, the table would be wider than the page
+    rows = [[gain.name, gain.unit, *servo.per_axis(gain.name)] for gain in shown]
+    columns = [Column(f"{axis.name} [{axis.unit}]") for axis in machine.axes]
+    return Table(["gain", "unit", *columns], rows, "Gains")
+
+
+def _text(machine: Machine, margins: tuple[Margins, ...] | None) -> str:
+    if margins is None:
+        return (
+            "Stability margins are unknown: an actuator of the machine has a delay of its own, or the servo a law of "
+            "the user's that is not linear."
+        )
+    by_axis = dict(zip((axis.name for axis in machine.axes), margins, strict=True))
+    unstable = [name for name, axis_margins in by_axis.items() if not axis_margins.stable]
+    if unstable:
+        return f"Unstable, Coulomb friction neglected: {', '.join(unstable)}."
+    loops = {name: axis_margins for name, axis_margins in by_axis.items() if axis_margins != NO_LOOP}
+    gains = {name: axis_margins.least_gain for name, axis_margins in loops.items()}
+    if not gains:
+        return "All axes are steppers in open loop: no loop, no margins."
+    least = min(gains, key=gains.__getitem__)
+    text = f"Axis {least} has the smallest {GAIN_MARGIN.label}: {GAIN_MARGIN.text(gains[least])}"
+    if gains[least] < LOW_MARGIN:
+        text += f", below {LOW_MARGIN:g}: with another load, or on another machine of this kind, it may be unstable"
+    return f"{text}."
 
 
 def write_run_page(

@@ -9,7 +9,7 @@ from typing import Any
 from gantrysim.base.display import decimals_of
 from gantrysim.base.quantity import Quantity
 from gantrysim.glue.bead import BeadValues
-from gantrysim.glue.bead.bead_quantities import (
+from gantrysim.glue.bead.values import (
     CLEARANCE,
     COVERAGE,
     EXCESS_AT_STOP,

@@ -11,8 +11,7 @@ from gantrysim.base.files import check_whole
 from gantrysim.base.toml_files import read_toml
 from gantrysim.job.content import content_digest
 from gantrysim.job.job import Job
-from gantrysim.machine.machine import Machine
-from gantrysim.machine.models import builtin_models
+from gantrysim.machine.machine import Machine, builtin_models
 from gantrysim.record.run import Run
 from gantrysim.record.run_file import RUN
 from gantrysim.report.folder import JOB

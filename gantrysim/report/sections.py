@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from gantrysim.base.quantity import RANGE, RMS, number_text
 from gantrysim.glue.bead import Bead, BeadValues
-from gantrysim.glue.bead.bead_quantities import BEAD, VOLUME_ERROR_PERCENT
+from gantrysim.glue.bead.values import BEAD, VOLUME_ERROR_PERCENT
 from gantrysim.job.losses import Losses, events
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.quantity import contents
 from gantrysim.glue.bead import Bead, Ploughing
-from gantrysim.glue.bead.bead_quantities import EXCESS_AT_STOP, MISSING_AT_START, excess_at_stop, missing_at_start
 from gantrysim.glue.bead.trace import BeadTrace
+from gantrysim.glue.bead.values import EXCESS_AT_STOP, MISSING_AT_START, excess_at_stop, missing_at_start
 from gantrysim.results.checks import FAIL, UNJUDGED, WARN, Check, Place
 from gantrysim.results.row import Row
 from gantrysim.results.tolerance import Tolerance

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gantrysim.base.quantity import AXIS, Item, Quantity, contents
-from gantrysim.glue.bead.bead_quantities import BEAD
+from gantrysim.glue.bead.values import BEAD
 from gantrysim.job.losses import LOSSES
 from gantrysim.metrics.error_quantities import ERRORS, MOTION, TORQUE_RIPPLE, of_axes
 from gantrysim.results.run_results import AxisLoop, RunResults

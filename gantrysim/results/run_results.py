@@ -14,7 +14,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.metrics.budget import Budget
 from gantrysim.results.verdict import Verdict
-from gantrysim.servo.stability.loop_margins import Margins
+from gantrysim.servo.stability.loops import Margins
 
 
 @dataclass(frozen=True)

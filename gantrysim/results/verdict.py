@@ -45,7 +45,7 @@ class Verdict(Shown):
     Attributes:
         rows: verdict on path, glue, stability and machine.
         fault: description of the fault that ended the run early; empty for a complete run. No row is then judged.
-        contradiction: why the errors of a complete run are not known, see `gantrysim.metrics.contradictions`; empty
+        contradiction: why the errors of a complete run are not known, see `gantrysim.metrics.budget`; empty
             where they are. No row is then judged.
         tolerance: limits; None for a run that a fault ended.
         disturbances: deliberate faults that occurred in a complete run, by time; its rows are judged with them.

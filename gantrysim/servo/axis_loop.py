@@ -18,7 +18,7 @@ from gantrysim.servo.laws.law import Law, LawDesign, Timing
 from gantrysim.servo.laws.linear import added_laws, linear_law
 from gantrysim.servo.laws.user import LawName
 from gantrysim.servo.stability.compensator import Compensator
-from gantrysim.servo.stability.margins import NO_LOOP, Laws, LinearLaw, Margins, Plant
+from gantrysim.servo.stability.margins import NO_LOOP, LinearLaw, Margins, Plant, UnheldLaws
 
 LEAST_GAIN_MARGIN = 2.0  # of every derived loop
 LARGEST_PEAK = 2.0  # of its |S|
@@ -143,8 +143,8 @@ class AxisLoop:
             return NO_LOOP
         return self._plant.margins(self._laws(frequency, mode))[0]
 
-    def _laws(self, frequency: float, mode: float) -> Laws:
-        return Laws(self._task.period, self.lags.delay, (self.law(frequency, mode),), self.lags.drives)
+    def _laws(self, frequency: float, mode: float) -> UnheldLaws:
+        return UnheldLaws(self._task.period, self.lags.delay, (self.law(frequency, mode),), self.lags.drives)
 
     def _mode(self, frequency: float) -> float:
         """Return the frequency of the mode at which the loop is largest, 0 without modes [Hz]."""
@@ -192,9 +192,9 @@ class CoupledLoops:
             "",
         )
 
-    def _laws(self, frequency: float) -> Laws:
+    def _laws(self, frequency: float) -> UnheldLaws:
         laws = tuple(loop.law(frequency, loop.notch_at(frequency) or notch.NONE) for loop in self._loops)
-        return Laws(self._task.period, self._task.lags.delay, laws, self._drives)
+        return UnheldLaws(self._task.period, self._task.lags.delay, laws, self._drives)
 
 
 def pd_gains(axis: AxisDynamics, frequency: float, damping: float, integral_time: float) -> Gains:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, NamedTuple, TypedDict
 
-from gantrysim.servo.parameter import PerAxis, parameters_of
+from gantrysim.servo.gains import PerAxis, parameters_of
 from gantrysim.servo.stability.motion import MODES, Drives
 
 LOOPS = {"velocity", "position"}  # modes of drives that close loops themselves

@@ -10,7 +10,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive
-from gantrysim.servo.parameter import PerAxis, parameters_of
+from gantrysim.servo.gains import PerAxis, parameters_of
 
 NONE = 0.0  # frequency of an axis without a notch
 

@@ -13,9 +13,7 @@ from gantrysim.servo.axis_loop import LARGEST_PEAK, LEAST_GAIN_MARGIN
 from gantrysim.servo.derivation import NoLoopError, natural_frequency
 from gantrysim.servo.drive_settings import LOOPS
 from gantrysim.servo.laws import ADDITIONS, P_PI, PID
-from gantrysim.servo.parts import Parts
-from gantrysim.servo.request import ServoRequest
-from gantrysim.servo.servo_values import LARGEST_BANDWIDTH
+from gantrysim.servo.request import LARGEST_BANDWIDTH, Parts, ServoRequest
 
 _PREFERRED = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.3, 8.0)  # steps of 10^(1/10), rounded
 _LONGER = 1e4  # longest integral time proposed, relative to that given

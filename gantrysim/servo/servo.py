@@ -20,22 +20,25 @@ from gantrysim.servo.laws.law import Timing
 from gantrysim.servo.laws.selection import PID_ALONE, Laws, words
 from gantrysim.servo.laws.user import LawName
 from gantrysim.servo.notch import Notch
-from gantrysim.servo.parts import Parts, check_keys
 from gantrysim.servo.remedies import refusal
-from gantrysim.servo.request import ServoRequest, axes_of, check_keywords
-from gantrysim.servo.servo_design import check_margins, designed_parts, margins_at
-from gantrysim.servo.servo_values import (
+from gantrysim.servo.request import (
     DERIVED,
     FOLLOWING_ERROR_LIMIT,
     LARGEST_SEED,
     GivenValues,
+    Parts,
+    ServoRequest,
+    axes_of,
     check_drive_period,
+    check_keys,
+    check_keywords,
     check_modes,
     check_timing,
     check_whole,
     checked,
     per_axis,
 )
+from gantrysim.servo.servo_design import check_margins, designed_parts, margins_at
 from gantrysim.servo.stability.compensator import Compensator
 from gantrysim.servo.stability.motion import MODES, Drives
 
@@ -230,7 +233,8 @@ class Servo(Shown):
         All axes get the same frequency, so that their lags match and a circle stays round: the highest at which each
         axis keeps a gain margin of 2 and |S| <= 2, if necessary with a notch at its mode, see `derivation`. Coupled
         axes keep both with all loops closed, the margin for a common factor on all gains. Given values, such as a
-        frequency, gains or a notch, are used whatever the margins. Loops in the drives: see `gantrysim.servo.cascade`.
+        frequency, gains or a notch, are used whatever the margins. Loops in the drives: see
+        `gantrysim.servo.servo_design`.
 
         Args:
             axes: the machine's axes.

@@ -6,8 +6,31 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
+from gantrysim.base.arrays import Floats
+from gantrysim.study.cases import OK, Row, Value
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+# Columns of a study's rows as arrays.
+
+
+def series(rows: Sequence[Row], *columns: str, **tags: Value) -> tuple[Floats, ...]:
+    """Return columns of the rows with all these tags, sorted by the first column, each (m,).
+
+    Rows without values in one of the columns are left out.
+    """
+    chosen = []
+    for row in rows:
+        tagged = all(row.get(tag) == value for tag, value in tags.items())
+        if row["status"] == OK and tagged and all(row.get(column) is not None for column in columns):
+            chosen.append([row[column] for column in columns])
+    values = np.array(chosen, float).reshape(-1, len(columns))
+    return tuple(values[np.argsort(values[:, 0], kind="stable")].T)
+
 
 _STEPS = ((1, 2, 5), (1, 1.5, 2, 3, 5, 7), (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 9))
 _LEAST_TICKS = 4

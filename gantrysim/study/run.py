@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, is_dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, is_dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -21,11 +21,42 @@ from gantrysim.report.drawn_page import write_page
 from gantrysim.report.folder import JOB, PLOTS, REPORT, Output
 from gantrysim.report.summary import versions
 from gantrysim.study.cases import OK, Case, Row, forget_jobs, is_fault
-from gantrysim.study.ledger import Ledger
-from gantrysim.study.page import page_sections
-from gantrysim.study.rows import TaggedRows
+from gantrysim.study.ledger import Ledger, TaggedRows
 from gantrysim.study.runner import Progress, run_cases
-from gantrysim.study.study import Report, Rounds, Study
+from gantrysim.study.study import Plot, Report, Rounds, Study
+
+# The page of a study or a tuning: answer, chart and table, then folded details.
+
+
+def page_sections(report: Report, origin: Iterable[Section] = ()) -> list[Section]:
+    """Return the sections of a report's page, whose title is the question.
+
+    Args:
+        report: to show.
+        origin: sections on the cases and the job, the last of the details.
+    """
+    first = [Section("Answer", report.answer)]
+    details = []
+    if report.chart is not None:
+        # the tables of the chart are details: the answer has one table
+        first.append(_plot_section(replace(report.chart, tables=())))
+        if report.chart.tables:
+            details.append(Section(f"{report.chart.title}: details", table=report.chart.tables))
+    if report.table is not None:
+        first.append(Section("Table", table=report.table))
+    if report.details.tables:
+        details.append(Section("More tables", table=report.details.tables))
+    details += map(_plot_section, report.details.plots)
+    if report.details.notes:
+        details.append(Section("Notes", report.details.notes))
+    return [*first, *(replace(section, folded=True) for section in (*details, *origin))]
+
+
+def _plot_section(plot: Plot) -> Section:
+    if plot.viewer is None:
+        return Section(plot.title, plot.text, plot.figure, plot.tables or None)
+    return Section(plot.title, plot.text, table=plot.tables or None, viewer=plot.viewer, still=plot.figure)
+
 
 _ROWS = "study.csv"
 _CURVES = "curves.csv"

@@ -16,8 +16,7 @@ from gantrysim.base.errors import whole
 from gantrysim.base.signals import blocked, deferred, end_with
 from gantrysim.study.backends import cluster_in_use
 from gantrysim.study.cases import Case, Row, measure
-from gantrysim.study.ledger import Ledger
-from gantrysim.study.rows import TaggedRows
+from gantrysim.study.ledger import Ledger, TaggedRows
 from gantrysim.study.worker import Measured, MeasureTogether, Origin, WorkerError, measured
 
 Measure = Callable[[Case], Row]  # a function of a module, or a partial of one: sent to the workers by name

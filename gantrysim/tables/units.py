@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 
 from gantrysim.base.errors import InputError
-from gantrysim.base.patterns import NUMBER
+from gantrysim.base.heads import NUMBER
 
 TIME = "s"
 LENGTH = "mm"

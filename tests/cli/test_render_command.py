@@ -16,7 +16,7 @@ from gantrysim import InputError, Job, Run
 from gantrysim.base.files import PARTIAL
 from gantrysim.cli.render import size_of
 from gantrysim.render import Film, Take
-from gantrysim.render.labels import labels_of
+from gantrysim.render.header import labels_of
 from gantrysim.render.panel import run_colours
 from gantrysim.report.plots.style import INK
 from gantrysim.report.saved import SavedRun

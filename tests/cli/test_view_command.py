@@ -13,7 +13,7 @@ from gantrysim import Run
 from gantrysim.cli.view import view
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.render.view.push import STIFFNESS
+from gantrysim.render.view.playback import STIFFNESS
 from gantrysim.render.view.window import WindowClosedError
 
 from support.views import write_run
@@ -62,7 +62,7 @@ def test_zero_speed_is_refused(gantrysim_command):
     ],
 )
 def test_bad_input_opens_no_window(arguments, said, tmp_path, monkeypatch, gantrysim_command):
-    monkeypatch.setattr("gantrysim.render.view.display.check_display", lambda: None)
+    monkeypatch.setattr("gantrysim.render.view.window.check_display", lambda: None)
     monkeypatch.setattr("gantrysim.render.view.window.open_window", lambda *_: pytest.fail("a window was opened"))
     status, _, err = gantrysim_command("view", *[text.format(folder=tmp_path) for text in arguments])
     assert status == 2
@@ -72,7 +72,7 @@ def test_bad_input_opens_no_window(arguments, said, tmp_path, monkeypatch, gantr
 def test_a_run_in_a_folder_with_the_name_of_a_job_is_replayed(saved, tmp_path, monkeypatch):
     seen = []
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("gantrysim.render.view.display.check_display", lambda: None)
+    monkeypatch.setattr("gantrysim.render.view.window.check_display", lambda: None)
     monkeypatch.setattr("gantrysim.cli.view._replay", lambda *_: seen.append("replay"))
     monkeypatch.setattr("gantrysim.cli.view._live", lambda *_: seen.append("live"))
     (tmp_path / "an225").mkdir()
@@ -84,7 +84,7 @@ def test_a_run_in_a_folder_with_the_name_of_a_job_is_replayed(saved, tmp_path, m
 
 @pytest.mark.parametrize("name", ["run.npz", "video.mp4"])
 def test_a_file_of_a_run_is_not_its_folder(saved, monkeypatch, gantrysim_command, tmp_path, name):
-    monkeypatch.setattr("gantrysim.render.view.display.check_display", lambda: None)
+    monkeypatch.setattr("gantrysim.render.view.window.check_display", lambda: None)
     shutil.copy(saved / "run.npz", tmp_path)
     (tmp_path / "video.mp4").write_bytes(b"\xff")
     status, out, err = gantrysim_command("view", tmp_path / name)
@@ -94,7 +94,7 @@ def test_a_file_of_a_run_is_not_its_folder(saved, monkeypatch, gantrysim_command
 
 def test_the_job_file_of_a_run_runs_live(saved, monkeypatch):
     seen = []
-    monkeypatch.setattr("gantrysim.render.view.display.check_display", lambda: None)
+    monkeypatch.setattr("gantrysim.render.view.window.check_display", lambda: None)
     monkeypatch.setattr("gantrysim.cli.view._live", lambda *_: seen.append("live"))
     view(str(saved / "job.toml"))
     assert seen == ["live"]
@@ -134,7 +134,7 @@ def window(monkeypatch):
         def close(self):
             seen.append(("closed",))
 
-    monkeypatch.setattr("gantrysim.render.view.display.check_display", lambda: None)
+    monkeypatch.setattr("gantrysim.render.view.window.check_display", lambda: None)
     monkeypatch.setattr("gantrysim.render.view.window.ViewerWindow", Window)
     return seen
 

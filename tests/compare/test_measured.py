@@ -13,18 +13,15 @@ from scipy.interpolate import CubicSpline
 from gantrysim import Budget, InputError, Job, Machine, Servo
 from gantrysim.base.arrays import spans
 from gantrysim.compare.alignment import aligned
-from gantrysim.compare.assignment import Assignment
-from gantrysim.compare.beside import evenly
-from gantrysim.compare.comparison import Comparison
-from gantrysim.compare.measured import Trace
+from gantrysim.compare.comparison import Comparison, evenly
+from gantrysim.compare.measured import Assignment, Trace
 from gantrysim.compare.page import headline, share_text
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.metrics import circle_row
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.study.circle.study import CircleStudy
-from gantrysim.tables.column_table import ColumnTable
+from gantrysim.tables.column_table import ColumnTable, Source
 from gantrysim.tables.reading import read_table
-from gantrysim.tables.source import Source
 
 from support.compared import circle_job
 from support.jobs import job_run

@@ -8,10 +8,15 @@ import pytest
 from gantrysim import Verdict
 from gantrysim.base.quantity import Quantity
 from gantrysim.compare.runs.answer import answer, best_of, is_better, ranks_of
-from gantrysim.compare.runs.check_changes import CheckChange, check_changes
 from gantrysim.compare.runs.compared_run import ComparedRun
-from gantrysim.compare.runs.job_differences import JobDifference, differences_of
-from gantrysim.compare.runs.value_changes import ValueChange, with_share
+from gantrysim.compare.runs.differences import (
+    CheckChange,
+    JobDifference,
+    ValueChange,
+    check_changes,
+    differences_of,
+    with_share,
+)
 from gantrysim.results.checks import FAIL, Check
 from gantrysim.results.row import Row
 

@@ -11,14 +11,13 @@ from matplotlib.figure import Figure
 
 from gantrysim import Fault, InputError, SavedRun
 from gantrysim.cli import terminal
-from gantrysim.cli.compared_runs import comparison_tables
-from gantrysim.compare.runs.check_changes import CheckChange
+from gantrysim.cli.compare import comparison_tables
 from gantrysim.compare.runs.common_path import Track, parting_of
 from gantrysim.compare.runs.compared_run import names_of_folders, names_of_jobs
+from gantrysim.compare.runs.differences import CheckChange
 from gantrysim.compare.runs.overlay_data import OverlayData
 from gantrysim.compare.runs.overlays import draw_compared_budgets
-from gantrysim.compare.runs.run_comparison import compare_runs
-from gantrysim.compare.runs.runs_page import run_sections
+from gantrysim.compare.runs.runs_page import compare_runs, run_sections
 from gantrysim.compare.runs.runs_tables import budget_cells, value_cells
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.report.folder import output_folder, write_run

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.fanuc.computed import GRAMMAR as FANUC
+from gantrysim.controllers.fanuc.sequence import GRAMMAR as FANUC
 from gantrysim.controllers.gcode.lines import GRAMMAR as LINUXCNC
 from gantrysim.controllers.macro import order
 from gantrysim.controllers.macro.grammar import OPERATORS, BinaryOperator, Grammar

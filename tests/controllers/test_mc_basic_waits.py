@@ -7,7 +7,7 @@ import pytest
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.softmc import Basic
 from gantrysim.controllers.softmc.basic import program
-from gantrysim.controllers.softmc.basic.waits import Waits
+from gantrysim.controllers.softmc.basic.execution import Waits
 
 BEGIN = "dim k as long\ndim n as long\nmove {0, 0}\nmove {30, 20} vcruise = 40\n"
 WAIT = "while ismoving\nsleep 3\nend while\n"

@@ -81,7 +81,7 @@ def _copied_if_there(source, target):
 @pytest.mark.parametrize(
     ("dialect", "file", "function"),
     [
-        ("trio", "controllers/trio/basic/move_commands.py", TRIO),
+        ("trio", "controllers/trio/basic/commands.py", TRIO),
         ("softmc", "controllers/softmc/basic/motion.py", SOFTMC),
     ],
 )

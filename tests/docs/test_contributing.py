@@ -235,7 +235,7 @@ from __future__ import annotations
 from typing import Any
 
 from gantrysim.servo.laws.law import FEEDFORWARD, Law, LawDesign
-from gantrysim.servo.parameter import Parameter
+from gantrysim.servo.gains import Parameter
 
 
 def tick(row: Any, laws: Any) -> None:

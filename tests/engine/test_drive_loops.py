@@ -18,10 +18,9 @@ from gantrysim.env.settings import Settings
 from gantrysim.job.causes import CAUSES, Setup
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import Setpoints
-from gantrysim.servo.cascade import velocity_loop
-from gantrysim.servo.stability.cascade import with_velocity_loops
+from gantrysim.servo.servo_design import velocity_loop
 from gantrysim.servo.stability.compensator import Compensator
-from gantrysim.servo.stability.margins import Laws, Plant, margins_of
+from gantrysim.servo.stability.margins import Plant, UnheldLaws, margins_of, with_velocity_loops
 from gantrysim.servo.stability.motion import Drives, LinearSystem
 from gantrysim.study.tuning.study import TuningStudy
 
@@ -130,7 +129,7 @@ def test_derived_gains_keep_their_margins(name, mode, case):
         ):
             assert gain == pytest.approx(4 * math.pi * found.frequency * axis.inertia)
             inner = Compensator.pid(gain / time, 0.0, gain, t)
-            margins = Plant(axis.motion, t).margins(Laws(t, 0.0, (inner,)))[0]
+            margins = Plant(axis.motion, t).margins(UnheldLaws(t, 0.0, (inner,)))[0]
             assert margins.gain >= 2 * (1 - 1e-9)
             assert margins.sensitivity <= 2 * (1 + 1e-9)
 

@@ -6,7 +6,7 @@ import pytest
 
 from gantrysim import GantryError, InputError, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.servo.laws.plain import Tick
+from gantrysim.servo.laws.user import Tick
 
 from support.runs import PERIOD, plain, ramp
 

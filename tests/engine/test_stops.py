@@ -12,7 +12,7 @@ from gantrysim.engine.advance import Stepper
 from gantrysim.engine.batch import Batch
 from gantrysim.engine.simulation import Simulation
 from gantrysim.machine.row import IN_MODEL, MISSED, NOT_IN_MODEL
-from gantrysim.machine.stops import has_no_constraints_but_stops
+from gantrysim.machine.travel import has_no_constraints_but_stops
 from gantrysim.record.setpoints import Setpoints
 
 from support.runs import PERIOD, ramp

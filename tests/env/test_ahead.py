@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from gantrysim.env.ahead import threads_for
+from gantrysim.env.episode_batch import threads_for
 
 
 @pytest.mark.parametrize(

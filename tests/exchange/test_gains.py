@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Machine, Servo, simulate
-from gantrysim.exchange.gains import DIALECTS, exported, imported
+from gantrysim.exchange.gains import BESIDE, DIALECTS, THROUGH, exported, imported
 from gantrysim.exchange.shaper import SHAPERS, first_mode, klipper, pulses
-from gantrysim.exchange.unsaid import BESIDE, THROUGH
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.laws import LAW_PARAMETERS
 from gantrysim.servo.stability.motion import Motion

@@ -6,7 +6,7 @@ import pytest
 
 from gantrysim import InputError, Machine, Servo
 from gantrysim.exchange.gains import exported, imported, read_gains, sign_of_velocity_drives
-from gantrysim.exchange.ini_file import IniFile, ini_text
+from gantrysim.exchange.linuxcnc import IniFile, ini_text
 from gantrysim.exchange.printer_config import PrinterConfig
 
 from support.tables import EXAMPLES

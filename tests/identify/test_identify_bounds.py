@@ -10,16 +10,18 @@ import numpy as np
 import pytest
 
 from gantrysim import InputError, Machine
-from gantrysim.identify.checks.clipping import check_clipping
-from gantrysim.identify.checks.counts import check_counts
-from gantrysim.identify.checks.encoder import check_encoder
-from gantrysim.identify.checks.excitation import check_excitation, strokes
 from gantrysim.identify.checks.finding import NotIdentifiedError
-from gantrysim.identify.checks.plausible import check_plausible
-from gantrysim.identify.checks.residual import PREDICTED, check_residual
-from gantrysim.identify.checks.sampling import check_rate, check_sampling
-from gantrysim.identify.checks.times import even_period
-from gantrysim.identify.checks.torque import check_torque
+from gantrysim.identify.checks.parameters import check_plausible
+from gantrysim.identify.checks.residual import PREDICTED, check_clipping, check_counts, check_residual
+from gantrysim.identify.checks.sampling import (
+    check_encoder,
+    check_excitation,
+    check_rate,
+    check_sampling,
+    check_torque,
+    even_period,
+    strokes,
+)
 from gantrysim.identify.checks.units import check_inertia, check_travel, inertia_hint, position_slips, torque_slips
 from gantrysim.identify.friction_terms import COGGING, LOAD, POSITION, SQUARE, STRIBECK, Motion, Term
 from gantrysim.identify.model import model_of

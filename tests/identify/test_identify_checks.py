@@ -12,10 +12,9 @@ import pytest
 
 from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import Basic
-from gantrysim.identify.checks.balance import torque_balance
-from gantrysim.identify.checks.times import even_period
+from gantrysim.identify.checks.parameters import torque_balance
+from gantrysim.identify.checks.sampling import even_period
 from gantrysim.identify.explained import explained_residual
-from gantrysim.identify.fitted import fitted_machine
 from gantrysim.identify.identification import identify
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import model_of
@@ -23,6 +22,7 @@ from gantrysim.identify.output import content, values_table
 from gantrysim.identify.plan import excitation
 from gantrysim.identify.plots import draw_response
 from gantrysim.identify.prediction import error_variance
+from gantrysim.identify.whole_run import fitted_machine
 from gantrysim.record.setpoints import Setpoints
 
 from support.identification_logs import AXIS, MACHINE, confidently_wrong, random_log

@@ -17,7 +17,6 @@ from scipy.ndimage import uniform_filter1d
 from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import Basic
 from gantrysim.identify.fit import AxisLog, fit_axis
-from gantrysim.identify.fitted import fitted_machine, write_machine
 from gantrysim.identify.identification import identify
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import model_of
@@ -25,6 +24,7 @@ from gantrysim.identify.plan import excitation
 from gantrysim.identify.prediction import Samples, innovations
 from gantrysim.identify.regression import regression
 from gantrysim.identify.small import kalman_gain, sampled
+from gantrysim.identify.whole_run import fitted_machine, write_machine
 from gantrysim.machine.motors import BRISTLE_STIFFNESS
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import Setpoints

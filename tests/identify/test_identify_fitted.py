@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import pytest
 
 from gantrysim import InputError, Machine
-from gantrysim.identify.fitted import fitted_machine
 from gantrysim.identify.model import model_of
+from gantrysim.identify.whole_run import fitted_machine
 from gantrysim.machine.springs import spring_of
 
 # factors on the nominal values

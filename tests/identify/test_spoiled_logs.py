@@ -9,7 +9,7 @@ import re
 import pytest
 
 from gantrysim.identify.checks.finding import NotIdentifiedError
-from gantrysim.identify.checks.relation import relation_of
+from gantrysim.identify.checks.units import relation_of
 from gantrysim.identify.identification import identify
 
 from support.identification_logs import LAWS, MACHINE, random_log

@@ -106,7 +106,7 @@ def test_the_gains_stay_those_of_the_real_machine(found):
 
 def test_the_number_of_threads_does_not_matter(found, monkeypatch):
     job, causes = found
-    monkeypatch.setattr("gantrysim.job.setup.os.cpu_count", lambda: 1)
+    monkeypatch.setattr("gantrysim.job.causes.os.cpu_count", lambda: 1)
     assert causes_of(job) == causes
 
 

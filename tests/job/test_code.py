@@ -90,7 +90,7 @@ def has_run(folder):
 def test_every_command_refuses_a_stranger_s_code_in_one_line(
     either, code, tmp_path, gantrysim_command, monkeypatch, name
 ):
-    monkeypatch.setattr("gantrysim.render.view.display.check_display", lambda: None)
+    monkeypatch.setattr("gantrysim.render.view.window.check_display", lambda: None)
     table = tmp_path / "table.toml"
     table.write_bytes(TABLE.read_bytes())
     if name == "servo file" and code is CONTROLLER:

@@ -9,10 +9,9 @@ import pytest
 
 from gantrysim import Bead, Budget, InputError, Job
 from gantrysim.glue.bead.section import Section
-from gantrysim.job.defaults import INTEGRAL_TIME, MACHINES, smallest_machine
 from gantrysim.job.loading import builtin_jobs
-from gantrysim.machine.machine import Machine
-from gantrysim.machine.models import builtin_models
+from gantrysim.job.settings import INTEGRAL_TIME, MACHINES, smallest_machine
+from gantrysim.machine.machine import Machine, builtin_models
 
 PARTS = sorted((Path(__file__).parent / "parts").iterdir())
 FLAT = "G21 G90 G17 G64 P0.05\nF1200\nG1 X30\nG1 Y20\nG1 X0\nG1 Y0\nM2\n"

@@ -9,13 +9,12 @@ import pytest
 
 from gantrysim import Job, Machine, Servo
 from gantrysim.cli import terminal
-from gantrysim.job.defaults import INTEGRAL_TIME
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.programs import PROGRAMS, build
-from gantrysim.job.settings import ServoSettings
-from gantrysim.machine.models import builtin_models
+from gantrysim.job.settings import INTEGRAL_TIME, ServoSettings
+from gantrysim.machine.machine import builtin_models
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.servo.servo_values import DERIVED
+from gantrysim.servo.request import DERIVED
 
 from support.jobs import job_run
 

@@ -17,7 +17,7 @@ from gantrysim.faults import CloggedNozzle, EncoderSlip, InjectedFault, OpenWind
 from gantrysim.glue.bead import Bead, BeadSettings
 from gantrysim.job.losses import Losses, events
 from gantrysim.metrics.analysis import Analysis, values
-from gantrysim.record.fault import Fault
+from gantrysim.record.run_file import Fault
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.report.page import run_sections
 from gantrysim.report.plots.error import draw_error

@@ -9,7 +9,7 @@ import pytest
 
 import gantrysim as gs
 from gantrysim.base.errors import InputError
-from gantrysim.glue.bead.bead_quantities import WIDTH
+from gantrysim.glue.bead.values import WIDTH
 from gantrysim.job.job import Job
 from gantrysim.job.scatter import Figure, check_repeats, figures_of, scatter_of, scatters
 from gantrysim.machine.perturbation import Perturbation

@@ -9,7 +9,7 @@ import pytest
 from gantrysim import Machine, simulate
 from gantrysim.base.errors import InputError
 from gantrysim.machine.ideal import without_compliance, without_friction, without_winding
-from gantrysim.machine.models import builtin_models
+from gantrysim.machine.machine import builtin_models
 from gantrysim.machine.perturbation import Perturbation
 
 from support.runs import PERIOD, ideal_motors, plain, ramp

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Machine
-from gantrysim.machine.models import builtin_models
+from gantrysim.machine.machine import builtin_models
 
 from support.runs import turntable
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Machine, perfect_follower
-from gantrysim.machine.models import builtin_models
+from gantrysim.machine.machine import builtin_models
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.render import Renderer

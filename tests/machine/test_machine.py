@@ -8,7 +8,7 @@ import pytest
 
 from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.machine.models import builtin_models
+from gantrysim.machine.machine import builtin_models
 from gantrysim.machine.perturbation import Perturbation
 
 from support.runs import ideal_motors

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import InputError, Machine, Servo, simulate
-from gantrysim.machine.models import builtin_models
+from gantrysim.machine.machine import builtin_models
 from gantrysim.machine.quiet import quiet
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.record.setpoints import Setpoints

@@ -11,7 +11,7 @@ from scipy.stats import qmc
 
 from gantrysim import Machine, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.machine.models import builtin_models
+from gantrysim.machine.machine import builtin_models
 from gantrysim.record.setpoints import Setpoints
 
 from support.runs import smooth

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Machine, Servo, simulate
-from gantrysim.machine.models import builtin_models
+from gantrysim.machine.machine import builtin_models
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.derivation import natural_frequency
 

@@ -18,7 +18,7 @@ from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Coil, Line
 from gantrysim.paths.spirals import Involute
-from gantrysim.record.fault import Fault
+from gantrysim.record.run_file import Fault
 from gantrysim.record.setpoints import Setpoints
 
 from support.jobs import job_run

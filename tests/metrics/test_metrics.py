@@ -27,8 +27,8 @@ from gantrysim.paths.chain import Chain
 from gantrysim.paths.lengths import arc_length
 from gantrysim.paths.pieces import XY, YZ, ZX, Coil
 from gantrysim.paths.spirals import Involute
-from gantrysim.record.fault import Fault
 from gantrysim.record.run import Run
+from gantrysim.record.run_file import Fault
 
 from support.runs import archimedean
 

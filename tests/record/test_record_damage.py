@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from gantrysim import InputError, Machine, Run, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.record.fault import Fault
+from gantrysim.record.run_file import Fault
 
 from support.damage import announced, archived, array_file, inside, members, raw
 from support.runs import ideal_motors

@@ -4,10 +4,9 @@ import pytest
 
 from gantrysim.base.errors import GantryError
 from gantrysim.remedy.bench import Bench
-from gantrysim.remedy.improve import improve
+from gantrysim.remedy.improve import Search, improve
 from gantrysim.remedy.lever import ROWS, State
 from gantrysim.remedy.levers import LEVERS
-from gantrysim.remedy.search import Search
 
 from support.remedies import CIRCLE, FLOW, LAG, SIDES, lines_job, spiral_job
 

@@ -1,6 +1,6 @@
 """What jobs that levers make of one job share with one another."""
 
-from gantrysim.remedy.family import Family
+from gantrysim.remedy.bench import Family
 
 from support.remedies import rubbing, spiral_job
 

@@ -9,7 +9,7 @@ from gantrysim.remedy.fastest import fastest_program
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.results.checks import Check
 from gantrysim.results.row import Row
-from gantrysim.study.speed.search import Grade
+from gantrysim.study.speed.study import Grade
 
 from support.remedies import DOTS, lines_job
 

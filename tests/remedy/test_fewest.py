@@ -5,13 +5,11 @@ from types import SimpleNamespace
 import pytest
 
 from gantrysim import Job
-from gantrysim.remedy.combination import Combinations, Pick
-from gantrysim.remedy.fewest import MOST_MOTIONS, fewest_levers
+from gantrysim.remedy.combination import MOST_MOTIONS, Combinations, Pick, fewest_levers, merged
 from gantrysim.remedy.improve import improve
 from gantrysim.remedy.lever import Lever, Setting, State
 from gantrysim.remedy.levers.speed import FASTER, SLOWER
 from gantrysim.remedy.levers.valve import LAG_COMPENSATION
-from gantrysim.remedy.merging import merged
 
 from support.remedies import AREA, LAG, SIDES, lines_job, outcome
 

@@ -10,21 +10,20 @@ import pytest
 import gantrysim
 from gantrysim import InputError, Job, Verdict
 from gantrysim.base.quantity import number_text
-from gantrysim.engine.record_columns import dispensed_otherwise
+from gantrysim.engine.recording import dispensed_otherwise
 from gantrysim.job.causes import causes_of
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.bench import Bench
 from gantrysim.remedy.combination import Pick
 from gantrysim.remedy.fastest import FastestProgram
-from gantrysim.remedy.improve import improve, worst_rows
+from gantrysim.remedy.improve import Search, another_part, improve, worst_rows
 from gantrysim.remedy.lever import Lever, Setting
 from gantrysim.remedy.outcome import measured, measured_together, motion_key
 from gantrysim.remedy.report import TITLE, change_section, comparison_of
-from gantrysim.remedy.search import Search, another_part
 from gantrysim.study.cases import measure
 from gantrysim.study.speed import SpeedStudy
-from gantrysim.study.speed.search import Grade, SpeedAnswer
+from gantrysim.study.speed.study import Grade, SpeedAnswer
 
 from support.remedies import CIRCLE, DOTS, FLOW, LAG, LINE, SIDES, fixed_flow, lagging, lines_job, outcome, rubbing
 
@@ -208,7 +207,7 @@ def test_a_motion_is_simulated_once_as_long_as_it_is_kept(monkeypatch):
     assert bench.measure(job) != wanted[0]
     assert bench.measure(others[0]) == wanted[0]
     assert len(runs) == 1
-    monkeypatch.setattr("gantrysim.remedy.recent.ROOM", 0)
+    monkeypatch.setattr("gantrysim.remedy.bench.ROOM", 0)
     bench.measure(job.changed({"bead.gap": 0.7}))  # with a motion that is still kept, and dropped thereafter
     assert bench.measure(others[1]) == wanted[1]
     assert len(runs) == 2

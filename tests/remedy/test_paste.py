@@ -3,8 +3,8 @@
 import pytest
 
 from gantrysim import Job
-from gantrysim.remedy.paste import options, toml_lines, values_to_set
-from gantrysim.study.speed.search import speed_changes
+from gantrysim.remedy.improvement import options, toml_lines, values_to_set
+from gantrysim.study.speed.study import speed_changes
 
 from support.pasting import in_job_file, with_options
 

@@ -9,9 +9,8 @@ from gantrysim import Dispenser, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.glue.bead import BeadSettings
 from gantrysim.render import Renderer
-from gantrysim.render.bead_mesh import mesh_part
 from gantrysim.render.colours import scale_for
-from gantrysim.render.scene import Scene
+from gantrysim.render.scene import Scene, mesh_part
 
 SIZE = (240, 180)
 PAUSE = slice(2000, 2400)  # ticks without glue

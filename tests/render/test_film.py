@@ -14,10 +14,10 @@ from PIL import Image
 from gantrysim import InputError
 from gantrysim.render import Film, NoOpenGLError, Renderer, Take, film, save_video
 from gantrysim.render.colours import scale_for
+from gantrysim.render.flight import Sight
 from gantrysim.render.fonts import MUTED, font
 from gantrysim.render.panel import run_colours
 from gantrysim.render.renderer import BEAD
-from gantrysim.render.sight import Sight
 from gantrysim.report.plots.style import INK
 
 from support.films import SHAPES, cut, shows, small_job

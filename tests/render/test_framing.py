@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 
 from gantrysim.job.job import Job
 from gantrysim.render.film import Film, Take
-from gantrysim.render.flight import FADED, Flight, View
+from gantrysim.render.flight import FADED, Flight, Sight, View
 from gantrysim.render.framing import FIELD_OF_VIEW, MARGIN, Framing
-from gantrysim.render.inset import Inset
+from gantrysim.render.renderer import Inset
 from gantrysim.render.scene import Scene
-from gantrysim.render.sight import Sight
 
 SHAPE = 16 / 9
 JOBS = ("an225", "fanuc-conical", "softmc-arc", "stage-outline", "delta-arc")

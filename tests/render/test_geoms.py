@@ -8,7 +8,7 @@ from gantrysim import Dispenser, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.machine.machine import Machine
 from gantrysim.render import Renderer
-from gantrysim.render.geoms import Geoms
+from gantrysim.render.renderer import Geoms
 
 from support.soaked import suite_runs
 

@@ -9,8 +9,8 @@ from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.job.job import Job
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.render import Film, Take
+from gantrysim.render.film import clearance, picture_share
 from gantrysim.render.fonts import MUTED
-from gantrysim.render.widening import clearance, picture_share
 
 from support.films import glue_share, shows
 

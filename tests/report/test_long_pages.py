@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 from matplotlib.figure import Figure
 
-from gantrysim.report.job_section import job_section
+from gantrysim.report.page import job_section
 from gantrysim.report.svg import inline_svg
 
 

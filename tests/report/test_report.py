@@ -16,7 +16,7 @@ from gantrysim.job.causes import CAUSES
 from gantrysim.metrics.analysis import Analysis, torque_ripple
 from gantrysim.metrics.budget import LINKS, Budget
 from gantrysim.report import page as run_page
-from gantrysim.report import servo as servo_page
+from gantrysim.report import page as servo_page
 from gantrysim.report.folder import REPORT
 from gantrysim.report.headline import headline
 from gantrysim.report.page import write_run_page

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gantrysim import InputError, Job
-from gantrysim.machine.models import builtin_models
+from gantrysim.machine.machine import builtin_models
 from gantrysim.report.saved import SavedRun
 
 from support.films import SMALL, saved, small_job

@@ -18,17 +18,15 @@ from hypothesis import strategies as st
 
 from gantrysim import Job
 from gantrysim.glue.bead import Bead
-from gantrysim.glue.bead.climb import LEVEL, climb, leaves_plane
+from gantrysim.glue.bead.trace import LEVEL, climb, leaves_plane
 from gantrysim.job.lines import program_lines, program_lines_at
 from gantrysim.machine.outline import outline
 from gantrysim.metrics.analysis import Analysis, path_speed
 from gantrysim.metrics.budget import Budget
-from gantrysim.report.encoding import encoded, encoded_ascending, encoded_runs
+from gantrysim.report.encoding import encoded, encoded_ascending, encoded_runs, shown_rows
 from gantrysim.report.page import write_run_page
 from gantrysim.report.plots.style import COLOURS, DASHES, INK
-from gantrysim.report.space_data import POSES, pose_ticks
-from gantrysim.report.thinning import shown_rows
-from gantrysim.report.viewer_data import Series, ViewerData
+from gantrysim.report.viewer_data import POSES, Series, ViewerData, pose_ticks
 from gantrysim.results.run_results import RunResults
 
 from support.jobs import job_run

@@ -8,7 +8,7 @@ import imageio.v3
 import numpy as np
 import pytest
 
-from gantrysim.compare.runs.run_comparison import compare_runs
+from gantrysim.compare.runs.runs_page import compare_runs
 from gantrysim.glue.bead import Bead
 from gantrysim.job.lines import program_lines
 from gantrysim.metrics.analysis import Analysis

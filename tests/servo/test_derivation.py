@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from gantrysim import InputError, Machine, Servo
-from gantrysim.machine.models import builtin_models
+from gantrysim.machine.machine import builtin_models
 from gantrysim.servo import notch
 from gantrysim.servo.axis_dynamics import Lags
 from gantrysim.servo.axis_loop import LARGEST_PEAK, LEAST_GAIN_MARGIN, LoopTask

@@ -12,8 +12,8 @@ import gantrysim
 from gantrysim.machine.machine import Machine
 from gantrysim.servo.gains import GAIN_NAMES, GAINS, Gains
 from gantrysim.servo.laws.p_pi import without_term
+from gantrysim.servo.request import DERIVED
 from gantrysim.servo.servo import Servo
-from gantrysim.servo.servo_values import DERIVED
 
 FIELD = '    kx: Annotated[float, "N·m/u", "torque per following error, once more"] = 0.0\n'
 

@@ -10,14 +10,14 @@ from gantrysim.report.document import Section
 from gantrysim.report.drawn_page import write_page
 from gantrysim.study import CircleStudy, LawsStudy, LoopStudy, MachineStudy, RepeatStudy, SpeedStudy
 from gantrysim.study.acceptance import Acceptance, Scope, improve_command
-from gantrysim.study.laws.answer import laws_answer
+from gantrysim.study.cases import ASPECTS
+from gantrysim.study.laws.report import laws_answer
 from gantrysim.study.laws.study import LADDER
-from gantrysim.study.loop.answer import loop_answer, sweep_verdicts
-from gantrysim.study.page import page_sections
-from gantrysim.study.repeat.answer import repeat_answer
+from gantrysim.study.loop.report import loop_answer, sweep_verdicts
+from gantrysim.study.repeat.report import repeat_answer
+from gantrysim.study.run import page_sections
 from gantrysim.study.study import Details, Plot, Report
-from gantrysim.study.tuning.answer import question as tuning_question
-from gantrysim.study.verdict_columns import ASPECTS
+from gantrysim.study.tuning.report import question as tuning_question
 
 from support.tunings import tuning
 

@@ -12,7 +12,7 @@ from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis, path_speed, speed_ripple, steady
 from gantrysim.metrics.budget import Budget
 from gantrysim.study import Case, measure, simulated, values_row
-from gantrysim.study.series import series
+from gantrysim.study.drawing import series
 
 from support.studies import SHORT
 

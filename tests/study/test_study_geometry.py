@@ -18,9 +18,9 @@ from gantrysim.study.circle.study import CircleStudy
 from gantrysim.study.machine.report import _variation_table
 from gantrysim.study.machine.study import MachineStudy
 from gantrysim.study.repeat import RepeatStudy
-from gantrysim.study.repeat import positioning as positioning_module
-from gantrysim.study.repeat.positioning import positioning, targets_of
+from gantrysim.study.repeat import study as positioning_module
 from gantrysim.study.repeat.report import report
+from gantrysim.study.repeat.study import positioning, targets_of
 
 SETTLED = 2e-4  # of a position without friction, and of its play [mm]
 SECOND_ORDER = 2e-5  # errors act at the motor's position, not at the target [mm]

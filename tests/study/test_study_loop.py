@@ -25,8 +25,7 @@ from gantrysim.study.loop import (
     SWEEPS,
     LoopStudy,
 )
-from gantrysim.study.loop.answer import question
-from gantrysim.study.loop.report import report
+from gantrysim.study.loop.report import question, report
 from gantrysim.study.loop.trends import Convergence, convergence, crossing, knee, loop_knee, power
 
 SMALL = {

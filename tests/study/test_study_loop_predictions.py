@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from gantrysim import InputError, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.controllers.trio.arcs import SteppedArcs, involute_radius, local_pitch, loop_error
+from gantrysim.controllers.trio.theory import SteppedArcs, involute_radius, local_pitch, loop_error
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget

@@ -12,8 +12,7 @@ from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.study import OK, Report, measure, run_study
 from gantrysim.study.machine import MachineStudy, Tolerances
-from gantrysim.study.machine.report import _draw_yield
-from gantrysim.study.machine.yields import influences, yield_of
+from gantrysim.study.machine.report import _draw_yield, influences, yield_of
 
 from support.distinct import unaccounted
 

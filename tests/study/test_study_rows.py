@@ -7,7 +7,7 @@ import tracemalloc
 
 import pytest
 
-from gantrysim.study.rows import RowStore, TaggedRows
+from gantrysim.study.ledger import RowStore, TaggedRows
 
 ROW = {
     "status": "ok",

@@ -12,8 +12,9 @@ from gantrysim.base.errors import InputError
 from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.study import OK, Report, measure, run_study
-from gantrysim.study.criterion import Criterion
-from gantrysim.study.speed import SpeedAnswer, SpeedStudy, answer, next_speeds
+from gantrysim.study.acceptance import Criterion
+from gantrysim.study.speed import SpeedAnswer, SpeedStudy, next_speeds
+from gantrysim.study.speed import report as answer
 
 from support.distinct import unaccounted
 

@@ -9,8 +9,8 @@ from typing import ClassVar
 
 from gantrysim.report.document import Table
 from gantrysim.study import Case, Details, Plot, Report, Study
+from gantrysim.study.drawing import series
 from gantrysim.study.ledger import LEDGER
-from gantrysim.study.series import series
 
 SHORT = ["turns=1", "diameter=30", "thickness=5", "speed=150", "loop_period=0.05", "simulation.settle=0.05"]
 PATIENCE = 60.0  # with a process that has to be seen at work [s]

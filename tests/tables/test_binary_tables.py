@@ -7,8 +7,8 @@ import pytest
 from scipy.io import savemat
 
 from gantrysim import InputError
+from gantrysim.tables.column_table import Source
 from gantrysim.tables.reading import read_table
-from gantrysim.tables.source import Source
 
 TIME = 1e-3 * np.arange(6)
 

@@ -8,11 +8,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gantrysim import InputError
-from gantrysim.compare.assignment import Assignment
-from gantrysim.compare.measured import Trace
+from gantrysim.compare.measured import Assignment, Trace
 from gantrysim.controllers.softmc.record import Record
+from gantrysim.tables.column_table import Source
 from gantrysim.tables.reading import read_table
-from gantrysim.tables.source import Source
 
 from support.jobs import job_run
 

@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from gantrysim.compare.runs.check_changes import BETTER, WORSE, CheckChange
 from gantrysim.compare.runs.compared_run import FEWEST
-from gantrysim.compare.runs.job_differences import JobDifference
+from gantrysim.compare.runs.differences import BETTER, WORSE, CheckChange, JobDifference
 from gantrysim.results.checks import FAIL, PASS
 from gantrysim.results.score import CAP, burden_of_usages, row_burden, usages_of
 from gantrysim.results.verdict import Verdict

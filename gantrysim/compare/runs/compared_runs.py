@@ -11,11 +11,16 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.display import Shown
 from gantrysim.compare.runs.answer import answer, best_of
-from gantrysim.compare.runs.check_changes import CheckChange, check_changes
 from gantrysim.compare.runs.common_path import Parting, PlaceDifference, Track, difference_at_places, partings_of
 from gantrysim.compare.runs.compared_run import FEWEST, ComparedRun
-from gantrysim.compare.runs.job_differences import JobDifference, differences_of
-from gantrysim.compare.runs.value_changes import ValueChange, value_changes
+from gantrysim.compare.runs.differences import (
+    CheckChange,
+    JobDifference,
+    ValueChange,
+    check_changes,
+    differences_of,
+    value_changes,
+)
 from gantrysim.metrics.parts import ERROR_SIZES, Part, PartValues
 from gantrysim.results.verdict import Verdict
 

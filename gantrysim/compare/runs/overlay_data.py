@@ -1,7 +1,7 @@
 """The content of the viewer of a comparison: the columns of all runs at the places that any of them shows.
 
 A row is a place on the common abscissa. Each run is thinned so that the extremes of each of its columns remain
-(`gantrysim.report.thinning`); at the rows of another run its values are interpolated between its samples.
+(`gantrysim.report.encoding`); at the rows of another run its values are interpolated between its samples.
 """
 
 from __future__ import annotations
@@ -22,9 +22,8 @@ from gantrysim.compare.runs.overlays import drawn_links, shared_magnification
 from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import path_speed
 from gantrysim.metrics.budget import DESCRIPTIONS
-from gantrysim.report.encoding import encoded
+from gantrysim.report.encoding import MOST_ROWS, encoded, shown_rows
 from gantrysim.report.plots.style import INK
-from gantrysim.report.thinning import MOST_ROWS, shown_rows
 from gantrysim.report.viewer_data import BEAD, ERROR, MOTION
 
 _UM = 1e3

@@ -7,9 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from gantrysim.base.quantity import NOTHING, Quantity
-from gantrysim.compare.runs.check_changes import CheckChange
 from gantrysim.compare.runs.compared_runs import ComparedRuns
-from gantrysim.compare.runs.value_changes import with_share
+from gantrysim.compare.runs.differences import CheckChange, with_share
 from gantrysim.job.causes import CELL_FORM
 from gantrysim.metrics.parts import ERROR
 

@@ -15,11 +15,10 @@ from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError, at_least, finite, point, positive, unknown
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.drawings.planning import Paused, planned
-from gantrysim.controllers.drawings.point_table import with_speeds
-from gantrysim.controllers.drawings.reading import kind_of, matches, read_sheet
+from gantrysim.controllers.drawings.points import with_speeds
+from gantrysim.controllers.drawings.reading import kind_of, matches, millimetres, read_sheet
 from gantrysim.controllers.drawings.routing import Manner, Route, routed
 from gantrysim.controllers.drawings.shapes import FASTEST, Sheet, Stroke, checked
-from gantrysim.controllers.drawings.units import millimetres
 from gantrysim.controllers.placement import Placement
 from gantrysim.paths.chain import Chain
 from gantrysim.record.setpoints import Setpoints, SetpointTable, ticks

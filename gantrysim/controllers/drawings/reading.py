@@ -6,12 +6,27 @@ import re
 from functools import lru_cache
 from itertools import pairwise
 
+from gantrysim.base.errors import unknown
 from gantrysim.base.extras import extra
 from gantrysim.controllers.drawings.dxf import BINARY, read_dxf
 from gantrysim.controllers.drawings.points import read_points
 from gantrysim.controllers.drawings.shapes import Sheet
 from gantrysim.controllers.drawings.svg import read_svg
-from gantrysim.controllers.drawings.units import millimetres
+
+# Units of length of a drawing.
+
+UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "in": 25.4, "ft": 304.8, "pt": 25.4 / 72, "px": 25.4 / 96}
+
+
+def millimetres(unit: str) -> float | None:
+    """Return the length of a unit [mm], None of "auto".
+
+    Raises:
+        InputError: an unknown unit.
+    """
+    if unit != "auto" and unit not in UNITS:
+        raise unknown("unit", unit, ("auto", *UNITS))
+    return UNITS.get(unit)
 
 
 def kind_of(text: str) -> str:

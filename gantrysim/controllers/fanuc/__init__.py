@@ -2,5 +2,5 @@
 
 from gantrysim.controllers.fanuc.alarm import Alarm
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
-from gantrysim.controllers.fanuc.feed_clamp import Clamp
 from gantrysim.controllers.fanuc.program import Program
+from gantrysim.controllers.fanuc.speed import Clamp

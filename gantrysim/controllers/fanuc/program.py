@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import groupby
@@ -18,18 +18,164 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
 from gantrysim.controllers.fanuc.compensation import compensated
 from gantrysim.controllers.fanuc.corners import cornered
-from gantrysim.controllers.fanuc.feed_clamp import Clamp, Feeding
 from gantrysim.controllers.fanuc.legs import PathLeg, legs_of, placed, switched
-from gantrysim.controllers.fanuc.notes import notes_of
-from gantrysim.controllers.fanuc.parts import Part, averaged, in_place, stretch
 from gantrysim.controllers.fanuc.program_text import SPEEDS, ProgramMotions, ProgramSource, SourceBlock, read
-from gantrysim.controllers.fanuc.speed import PER_MINUTE
+from gantrysim.controllers.fanuc.speed import PER_MINUTE, Clamp, Feeding, Planner
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.valve import Dispense, Outputs
 from gantrysim.paths.assignment import assigned_progress
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Vector, vector
+from gantrysim.paths.profile import Constant, PointToPoint, Profile
 from gantrysim.record.setpoints import Setpoints, ticks
+
+# Notes on a program: cutter compensation without an offset, and where the motion stops although it need not.
+
+
+def notes_of(legs: Sequence[PathLeg], path: Chain, blend_time: float, acceleration: float) -> tuple[str, ...]:
+    """Return the notes on the motions of a program.
+
+    Args:
+        legs: the motions.
+        path: of all of them.
+        blend_time: of the moving average [s].
+        acceleration: of each axis [mm/s²].
+    """
+    moving = [leg for leg in legs if leg.piece is not None and not leg.rapid]
+    idle = sum(leg.source.idle for leg in moving)
+    halting = sum(leg.source.halting for leg in moving)
+    zero_height = sum(leg.source.zero_height for leg in moving)
+    notes = []
+    if zero_height:
+        notes.append(f"{zero_height} arcs with a third centre word of 0, as K0 in G17: without an effect on the path.")
+    if idle:
+        notes.append(
+            f"{idle} motions in G41 or G42 have no D or an offset of 0: they follow the programmed path (offsets)."
+        )
+    if math.isinf(acceleration) and not blend_time:
+        return tuple(notes)
+    if halting:
+        notes.append(
+            f"{halting} motions in G64 stop at their end, as G05.1 Q1 or G08 P1, which the program uses, is off."
+        )
+    return (*notes, *(() if blend_time else _stops(legs, path, acceleration)))
+
+
+def _stops(legs: Sequence[PathLeg], path: Chain, acceleration: float) -> tuple[str, ...]:
+    """Return the note on corners at which motions stop, where they are too short to reach their feed or in G64."""
+    lengths = np.diff(path.ends, prepend=0.0)
+    pieces = iter(range(lengths.size))
+    index = [next(pieces) if leg.piece is not None else -1 for leg in legs]  # of the path's pieces; -1 for a stop
+    corners = set(np.searchsorted(path.ends, path.corners - 1e-9).tolist())
+    halts = [
+        (leg, float(lengths[k]))
+        for leg, k, after, last in zip(legs, index, legs[1:], index[1:], strict=False)
+        if k in corners and last >= 0 and not (leg.rapid or after.rapid or leg.spiral or after.spiral)
+        if not leg.exact_stop
+    ]
+    # from rest to the feed and back takes the length v^2 / a
+    short = [length for leg, length in halts if length < leg.feed**2 / acceleration]
+    if short:
+        return (
+            f"{len(short)} stops at corners after motions too short to reach their feed, {np.median(short):.3g} mm "
+            "long at the median; blend_time = 0.05 passes them without a stop.",
+        )
+    if any(leg.source.continuous for leg, _ in halts):
+        return (f"{len(halts)} stops at corners in G64, as blend_time is 0; blend_time = 0.05 passes them.",)
+    return ()
+
+
+# The parts of a program between its stops: what they command at every time, and for how long.
+
+_ROUNDING = 1e-9  # of an arc length [mm]
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of the program: motions without a stop, the rotary axis alone, or a stop.
+
+    Attributes:
+        duration: [s].
+        sample: from times since its start, (n,), to x, y, z, the rotary axis and the progress along the requested path,
+            (n, 5), and whether glue is laid, (n,).
+        lines: from those times to the lines of the text that run, 0 for those of another file, (n,).
+    """
+
+    duration: float
+    sample: Callable[[Floats], tuple[Floats, NDArray[np.bool_]]]
+    lines: Callable[[Floats], NDArray[np.intp]]
+
+
+def stretch(legs: list[PathLeg], feeding: Feeding, begun: float, reached: float) -> Part:
+    """Return motions without a stop between them.
+
+    Args:
+        legs: the motions.
+        feeding: their feeds.
+        begun: time at which they begin [s].
+        reached: arc length of the requested path there [mm].
+    """
+    chain = Chain(leg.piece for leg in legs if leg.piece is not None)
+    profile = Planner(legs, chain, feeding).profile(begun)
+    rotary = np.array([leg.rotary for leg in legs])
+    glue = np.array([leg.dispense for leg in legs])
+    source = np.array([leg.source.line for leg in legs], np.intp)
+
+    def index(s: Floats) -> NDArray[np.intp]:
+        # a leg ends where it should, whatever rounding makes of the place
+        return np.clip(np.searchsorted(chain.ends, s + _ROUNDING, side="right"), 0, len(legs) - 1)
+
+    def lines(t: Floats) -> NDArray[np.intp]:
+        return source[index(profile.position(t))]
+
+    def sample(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+        s = profile.position(t)
+        k = index(s)
+        place = np.empty((s.size, 5))
+        place[:, 3] = rotary[k, 0]
+        place[:, 4] = reached + s
+        if np.ptp(rotary):
+            place[:, :3], share = chain.position_and_share(s)
+            place[:, 3] += share * np.diff(rotary, axis=1)[k, 0]
+        else:
+            place[:, :3] = chain.position(s)
+        return place, glue[k]
+
+    return Part(profile.duration, sample, lines)
+
+
+def in_place(leg: PathLeg, here: Vector, feeding: Feeding, reached: float) -> Part:
+    """A stop, or a motion of the rotary axis alone, at a place and an arc length of the requested path [mm]."""
+    first, last = leg.rotary
+    speed = min(leg.feed, feeding.rotary_velocity)
+    profile: Profile | None = None
+    if first != last and math.isfinite(feeding.rotary_acceleration):
+        profile = PointToPoint(abs(last - first), speed, feeding.rotary_acceleration)
+    elif first != last:
+        profile = Constant(abs(last - first), speed)
+
+    def sample(t: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+        turned = np.zeros(t.shape) if profile is None else profile.position(t)
+        angle = first + math.copysign(1.0, last - first) * turned
+        place = np.column_stack([np.tile(here, (t.size, 1)), angle, np.full(t.shape, reached)])
+        return place, np.full(t.shape, leg.dispense)
+
+    def lines(t: Floats) -> NDArray[np.intp]:
+        return np.full(t.shape, leg.source.line, np.intp)
+
+    return Part(leg.dwell if profile is None else profile.duration, sample, lines)
+
+
+def averaged(place: Floats, dispense: NDArray[np.bool_], window: int) -> tuple[Floats, NDArray[np.bool_]]:
+    """Moving average over `window` ticks, by which it is longer; the dispenser is delayed by half of them."""
+    padded = np.concatenate([np.repeat(place[:1], window, axis=0), place, np.repeat(place[-1:], window, axis=0)])
+    origin = padded[0].copy()
+    summed = np.cumsum(padded - origin, axis=0)  # small numbers: sums of large ones would lose digits
+    mean = origin + (summed[window:] - summed[:-window]) / window
+    late = np.zeros(len(mean), bool)
+    late[window // 2 : window // 2 + len(dispense)] = dispense
+    return mean, late
+
 
 _LONGEST_BLEND = 10.0  # [s]
 _ON_THE_PATH = 1e-6  # distance from it that is rounding [mm]

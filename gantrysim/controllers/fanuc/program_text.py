@@ -14,8 +14,7 @@ from gantrysim.controllers.fanuc.block_words import COMMENT, CORNERS, Words
 from gantrysim.controllers.fanuc.blocks import Block
 from gantrysim.controllers.fanuc.codes import ACTIONS, CENTRES, MOTIONS, SETTINGS, g_codes_in_short
 from gantrysim.controllers.fanuc.modal_state import ENDS, ModalState
-from gantrysim.controllers.fanuc.program_blocks import ProgramSource
-from gantrysim.controllers.fanuc.sequence import Sequence
+from gantrysim.controllers.fanuc.sequence import ProgramSource, Sequence
 from gantrysim.controllers.speeds import SpeedWords
 from gantrysim.controllers.valve import NUMBERED, Outputs
 from gantrysim.paths.pieces import Vector

@@ -9,10 +9,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.corners import Corners
+from gantrysim.controllers.gcode.corners import SHARPEST, Corners, Rounded, merged, rounded
 from gantrysim.controllers.gcode.interpret import Interpreted
-from gantrysim.controllers.gcode.lookahead import ALONG, INWARD, jump_speed, junction_speed, planned, turning_speed
-from gantrysim.controllers.gcode.motion_limits import PieceLimits, PlanSettings, limits_of, shares
+from gantrysim.controllers.gcode.motion_limits import (
+    ALONG,
+    INWARD,
+    PieceLimits,
+    PlanSettings,
+    jump_speed,
+    junction_speed,
+    limits_of,
+    planned,
+    shares,
+    turning_speed,
+)
 from gantrysim.controllers.gcode.move_table import (
     ANGLE,
     ARC,
@@ -29,7 +39,6 @@ from gantrysim.controllers.gcode.move_table import (
     PLANES,
     SOURCE,
 )
-from gantrysim.controllers.gcode.rounding import SHARPEST, Rounded, merged, rounded
 from gantrysim.controllers.placement import Placement
 from gantrysim.paths.limits import Limited
 from gantrysim.paths.track import Track

@@ -5,16 +5,123 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass, field, replace
+from typing import Any
 
-from gantrysim.base.errors import InputError
+from gantrysim.base.errors import InputError, positive
 from gantrysim.controllers.gcode.coordinate_systems import CoordinateSystems
 from gantrysim.controllers.gcode.cutter_compensation import CutterCompensation
 from gantrysim.controllers.gcode.dialects import GCodeDialect
-from gantrysim.controllers.gcode.limits_in_force import LimitsInForce
+from gantrysim.controllers.gcode.motion_limits import MotionLimits
 from gantrysim.controllers.gcode.move_table import DWELL, EXACT_STOP, LINE, MoveRow, MoveTable
-from gantrysim.controllers.gcode.open_curve import OpenCurve
-from gantrysim.controllers.gcode.tools import Tools
 from gantrysim.controllers.valve import Dispense, Outputs
+
+# The tools of a program: which one is in the spindle, and their diameters.
+
+
+@dataclass
+class Tools:
+    """The tools of a machine that runs a program.
+
+    Attributes:
+        diameters: by number [mm].
+        selected: number of the last T.
+        in_spindle: number of the tool that M6 or M61 put there; 0 without.
+        without_diameter: tools of cutter compensation whose diameter nobody gave.
+    """
+
+    diameters: dict[int, float] = field(default_factory=dict)
+    selected: int = 0
+    in_spindle: int = 0
+    without_diameter: set[int] = field(default_factory=set)
+
+    def diameter(self, number: int) -> float:
+        """Return the diameter of a tool; 0, and noted, where nobody gave it [mm]."""
+        if number not in self.diameters:
+            self.without_diameter.add(number)
+        return self.diameters.get(number, 0.0)
+
+
+# The limits that a program of printers' firmware has set so far.
+
+_MOST = 10_000  # settings of a program, which may set them anew at every line
+
+
+class LimitsInForce:
+    """Limits of speed, acceleration and corners while a program runs.
+
+    Attributes:
+        rows: limits that were in force, to which moves refer by their index.
+    """
+
+    def __init__(self) -> None:
+        self.rows = [MotionLimits()]
+        self._numbers = {self.rows[0]: 0}
+        self._now = MotionLimits()
+        self._printing: float | None = None
+        self._travel: float | None = None
+        self._index = {True: 0, False: 0}
+
+    @property
+    def now(self) -> MotionLimits:
+        """The limits in force, without the accelerations along the path."""
+        return self._now
+
+    def index(self, feeds: bool) -> int:
+        """Return the index of the limits of a move that feeds material or not."""
+        return self._index[feeds]
+
+    def change(self, **values: Any) -> None:
+        """Set limits by their names, as of `MotionLimits`."""
+        for name, value in values.items():
+            for number in value if isinstance(value, tuple) else (value,):
+                if number is not None and number != float("inf"):
+                    positive(name.replace("_", " "), number)
+        self._now = self._now._replace(**values)
+        self._enter()
+
+    def accelerate(self, printing: float | None, travel: float | None) -> None:
+        """Set the acceleration along the path of moves that feed material, and of others; None leaves it [mm/s²]."""
+        if printing is not None:
+            self._printing = positive("acceleration", printing, "mm/s²")
+        if travel is not None:
+            self._travel = positive("acceleration", travel, "mm/s²")
+        self._enter()
+
+    def _enter(self) -> None:
+        for feeds, acceleration in ((True, self._printing), (False, self._travel)):
+            limits = self._now._replace(acceleration=acceleration)
+            if limits not in self._numbers and len(self.rows) < _MOST:
+                self._numbers[limits] = len(self.rows)
+                self.rows.append(limits)
+            self._index[feeds] = self._numbers.get(limits, self._index[feeds])
+
+
+# A NURBS whose control points are being read.
+
+
+@dataclass
+class OpenCurve:
+    """A NURBS whose control points are being read, as x + iy of the plane's axes.
+
+    Attributes:
+        name: code of its control points.
+        order: one more than its degree.
+        points: control points [mm].
+        weights: of the points.
+        knots: of its own.
+    """
+
+    name: str
+    order: int
+    points: list[complex] = field(default_factory=list)
+    weights: list[float] = field(default_factory=list)
+    knots: list[float] = field(default_factory=list)
+
+    def add(self, point: complex, weight: float) -> None:
+        """Add a control point."""
+        self.points.append(point)
+        self.weights.append(weight)
+
 
 FARTHEST = 1e7  # of a coordinate [mm]
 UNSTATED_FEED = 1500.0  # of printers' firmware before the first F, Klipper's [mm/min]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +13,171 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.memory import check_ticks
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.softmc.geometry import Segment, placed
+from gantrysim.controllers.softmc.commands import PLANES, Circle, Command, Coordinates, SoftMCError
 from gantrysim.controllers.softmc.group import Group
 from gantrysim.controllers.valve import is_upright
 from gantrysim.paths.chain import Chain
-from gantrysim.paths.pieces import SHORTEST, Line, length_of
+from gantrysim.paths.pieces import SHORTEST, XY, XZ, YZ, Coil, Frame, Line, length_of, vector
 from gantrysim.paths.profile import Profile
 from gantrysim.record.setpoints import MAX_TICKS, ticks
+
+# The path of a command, given its start.
+
+AXES = "xyzr"
+
+_NEAR = 1e-6  # [mm], between points taken as one
+_STRAIGHT = 1e-6  # sine of an angle of three points taken as collinear
+_UPRIGHT = 1e-12  # x and y of a normal taken as the z axis
+
+_FRAMES = (XY, XZ, YZ)
+_ORDER = ((0, 1, 2), (0, 2, 1), (1, 2, 0))  # axes of each plane, and the one outside it
+
+
+@dataclass(frozen=True)
+class Segment:
+    """The path of a command.
+
+    Attributes:
+        piece: of the path; None where at most the orientation changes.
+        end: x, y, z [mm] and r [deg], (4,).
+    """
+
+    piece: Line | Coil | None
+    end: Floats
+
+
+def segment(command: Command, here: Floats, axes: int, absolute: bool) -> Segment:
+    """Return the path of a command.
+
+    Args:
+        command: to run.
+        here: its start, x, y, z [mm] and r [deg], (4,).
+        axes: number of axes, 2 to 4.
+        absolute: whether its coordinates are absolute, or relative to `here`.
+
+    Raises:
+        SoftMCError: not a circle, or coordinates of missing axes.
+    """
+
+    def place(name: str, values: Coordinates) -> Floats:
+        if not 2 <= len(values) <= axes:
+            numbers = "2" if axes == 2 else f"2 to {axes}"
+            raise SoftMCError(f"{name} of {_numbers(len(values))}: must be {numbers}, of the axes {_names(axes)}")
+        point = here.copy()
+        point[: len(values)] = np.array(values) if absolute else point[: len(values)] + values
+        return point
+
+    if not isinstance(command, Circle):
+        return _line(here, place("target", command.target))
+    if command.via is not None and command.target is not None:
+        return _through(here, place("via", command.via), place("target", command.target))
+    assert command.angle is not None
+    assert command.centre is not None
+    i, j, k = _ORDER[command.plane]
+    label = PLANES[command.plane]
+    if j >= axes:
+        raise SoftMCError(f"plane = {command.plane} ({label}): must be 0 (XY) with the axes {_names(axes)}")
+    centre = place("centre", command.centre)
+    if j >= len(command.centre):
+        raise SoftMCError(
+            f"centre of {_numbers(len(command.centre))} in plane {command.plane} ({label}): "
+            f"must have {AXES[i]} and {AXES[j]}"
+        )
+    return _by_angle(here, centre, command.angle, (i, j, k), _FRAMES[command.plane])
+
+
+def placed(path: Segment, placement: Placement) -> Segment:
+    """Return a path on the work; the orientation r turns with the placement."""
+    end = np.array([*placement.point(path.end[:3]), path.end[3] + placement.rotate])
+    piece = path.piece
+    if isinstance(piece, Line):
+        return Segment(Line(placement.place(piece.start), placement.place(piece.end)), end)
+    if isinstance(piece, Coil):
+        radius = piece.radius
+        scale = placement.scale
+        turned = replace(
+            piece,
+            centre=placement.place(piece.centre),
+            radius=(scale * radius[0], scale * radius[1]),
+            rise=scale * placement.upward * piece.rise,  # along u x v, which a mirrored frame turns round
+        )
+        if piece.frame == XY:
+            return Segment(replace(turned, begin=piece.begin + math.radians(placement.rotate)), end)
+        first, second = placement.direction(piece.frame) / scale
+        return Segment(replace(turned, frame=(vector(first), vector(second))), end)
+    return Segment(None, end)
+
+
+def _line(here: Floats, end: Floats) -> Segment:
+    if np.linalg.norm(end[:3] - here[:3]) <= _NEAR:
+        return Segment(None, np.array([*here[:3], end[3]]))
+    return Segment(Line(vector(here), vector(end)), end)
+
+
+def _by_angle(here: Floats, centre: Floats, angle: float, order: tuple[int, int, int], frame: Frame) -> Segment:
+    i, j, k = order
+    out = here[[i, j]] - centre[[i, j]]
+    radius = float(np.hypot(*out))
+    if radius <= _NEAR:
+        raise SoftMCError(
+            f"radius = 0 mm, centre and start are both {AXES[i]} = {here[i]:g}, {AXES[j]} = {here[j]:g}: "
+            "must be greater than 0 mm; move away from the centre first"
+        )
+    turned = math.radians(math.fmod(angle, 360.0))
+    end = centre.copy()
+    end[i] += out[0] * math.cos(turned) - out[1] * math.sin(turned)
+    end[j] += out[0] * math.sin(turned) + out[1] * math.cos(turned)
+    middle = centre.copy()
+    middle[k] = here[k]
+    up = float(np.cross(*frame)[k])  # the plane's normal is parallel or antiparallel to the axis outside it
+    begin = math.atan2(out[1], out[0])
+    piece = Coil(vector(middle), (radius, radius), begin, math.radians(angle), up * float(centre[k] - here[k]), frame)
+    return Segment(piece, end)
+
+
+def _through(here: Floats, via: Floats, end: Floats) -> Segment:
+    """Return the arc through three points, about c = h + ((a.a b - b.b a) x n) / 2 n.n, n = a x b.
+
+    a and b are the via point and the end relative to the start h. The arc turns left about n.
+    """
+    a = via[:3] - here[:3]
+    b = end[:3] - here[:3]
+    sides = np.sort([np.linalg.norm(a), np.linalg.norm(b), np.linalg.norm(b - a)])
+    three = f"the three points ({_point_text(here)}), ({_point_text(via)}) and ({_point_text(end)})"
+    if sides[0] <= _NEAR:
+        raise SoftMCError(f"{three} coincide: must be distinct; use Angle and CircleCenter for a full circle")
+    n = np.cross(a, b)
+    size = float(np.linalg.norm(n))
+    if size <= _STRAIGHT * sides[0] * sides[2]:
+        raise SoftMCError(f"{three} are collinear: must not be; use Move for a straight line")
+    out = -np.cross((a @ a) * b - (b @ b) * a, n) / (2 * size**2)  # from the centre to the start
+    centre = here[:3] - out
+    radius = float(np.linalg.norm(out))
+    first = out / radius
+    normal = n / size
+    to_end = b + out
+    angle = math.atan2(to_end @ np.cross(normal, first), to_end @ first) % (2 * math.pi)
+    if normal[2] < -_UPRIGHT:
+        normal = -normal
+        angle = -angle
+    frame = (vector(first), vector(np.cross(normal, first)))
+    begin = 0.0
+    if np.hypot(*normal[:2]) <= _UPRIGHT:
+        frame = XY
+        begin = math.atan2(out[1], out[0])
+    return Segment(Coil(vector(centre), (radius, radius), begin, angle, 0.0, frame), end)
+
+
+def _point_text(point: Floats) -> str:
+    return ", ".join(f"{value:g}" for value in point[:3])
+
+
+def _names(axes: int) -> str:
+    return ", ".join(AXES[:axes])
+
+
+def _numbers(count: int) -> str:
+    return f"{count} number{'' if count == 1 else 's'}"
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,80 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, point, positive, whole
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.trio.listing import LITERAL_CIRCLES, differences
 from gantrysim.controllers.trio.loop import MAX_PASSES, RATIO_BITS, EndlessError, Loop, Passes, RatioTooSmallError
-from gantrysim.controllers.trio.remedies import fewer_turns, for_late_axes
 from gantrysim.controllers.trio.theory import SpiralTheory
 from gantrysim.paths.lengths import arc_length
 from gantrysim.paths.path import Path
 from gantrysim.paths.spirals import Involute
 from gantrysim.record.setpoints import Setpoints
+
+# The differences between AN-225's published listing and the method it describes.
+
+LITERAL_CIRCLES = 4  # to which the listing compares its turn counter
+
+
+def differences(passes: Passes, turns: int, height: float) -> tuple[str, ...]:
+    """Return the differences, each with its effect on this spiral.
+
+    Args:
+        passes: of the listing's loop.
+        turns: programmed number of circles.
+        height: climbed over them, 0 for two axes [mm].
+    """
+    notes = [
+        "listing: a BASE statement names an axis that does not exist; the virtual axes are used instead",
+        _turn_counter(turns),
+        _guard(passes),
+        "listing: a trailing comma in the first MOVECIRC is a syntax error; it is ignored",
+    ]
+    if height:
+        notes.append("listing: MHELIX is not a command of the controller; MHELICAL is used instead")
+    return tuple(notes)
+
+
+def _turn_counter(turns: int) -> str:
+    effect = "no effect" if turns == LITERAL_CIRCLES else f"{LITERAL_CIRCLES} circles are run instead of {turns}"
+    return f"listing: the turn counter is compared with a literal 4, not with the number of turns: {effect}"
+
+
+def _guard(passes: Passes) -> str:
+    flaw = "listing: the guard accepts x = 0 and negative x"
+    ratio = passes.ratio
+    time = passes.time
+    negative = np.flatnonzero(ratio < 0)
+    if passes.halted:
+        return (
+            f"{flaw}: x is 0 on pass {ratio.size + 1}, SPEED = V / x divides by zero, the program stops and "
+            f"the axes continue with x = {ratio[-1]:.4g}"
+        )
+    if negative.size:
+        first = int(negative[0])
+        return (
+            f"{flaw}: from pass {first + 1}, at {time[first]:.3f} s, the real axes run backwards, "
+            f"down to x = {ratio[-1]:.4g}, and WA of a negative time does not wait"
+        )
+    return f"{flaw}: no effect, x ends at {ratio[-1]:.4g}"
+
+
+# What to change in a spiral that the controller refuses, as ends of messages.
+
+
+def fewer_turns(diameter: float, thickness: float) -> str:
+    """Return the advice to use fewer turns, up to which the inner diameter is positive; empty where none are."""
+    turns = math.ceil(diameter / (2 * thickness)) - 1
+    return f"turns at most {turns} or " if turns >= 1 else ""
+
+
+def for_late_axes(*, has_ramps: bool, rounds_waits: bool, speed_in_space: bool) -> str:
+    """Return what makes the virtual axes faster, so that their circles end before the ratio is zero."""
+    remedies = {
+        "a greater acceleration, ": has_ramps,
+        "a loop_period longer against wait_resolution, ": rounds_waits,
+        "mhelical_mode 1, ": speed_in_space,
+    }
+    helpful = "".join(remedy for remedy, helps in remedies.items() if helps)
+    return f"the virtual axes are late, use {helpful}fewer turns or a smaller thickness"
+
 
 _ROUNDING = 1e-12
 

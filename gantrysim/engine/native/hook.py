@@ -20,7 +20,7 @@ from gantrysim.base.errors import GantryError, InputError
 from gantrysim.engine.native.callback import callback, clock, parts
 from gantrysim.machine.quiet import silence
 from gantrysim.machine.row import ROW, ROW_NUMBERS
-from gantrysim.servo.laws.plain import PlainLaw, Tick
+from gantrysim.servo.laws.user import PlainLaw, Tick
 
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 

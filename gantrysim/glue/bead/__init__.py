@@ -3,6 +3,5 @@
 from gantrysim.glue.bead.bead import Bead
 from gantrysim.glue.bead.height_map import HeightMap
 from gantrysim.glue.bead.ploughing import Ploughing
-from gantrysim.glue.bead.section import Section
-from gantrysim.glue.bead.settings import BeadSettings
+from gantrysim.glue.bead.section import BeadSettings, Section
 from gantrysim.glue.bead.values import BeadValues

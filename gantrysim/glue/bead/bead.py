@@ -13,8 +13,7 @@ from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError
 from gantrysim.glue.bead.height_map import HeightMap
 from gantrysim.glue.bead.layers import merging_height
-from gantrysim.glue.bead.lengths import cumulated
-from gantrysim.glue.bead.trace import BeadTrace
+from gantrysim.glue.bead.trace import BeadTrace, cumulated
 from gantrysim.glue.bead.values import BeadValues
 from gantrysim.metrics.analysis import Range
 from gantrysim.metrics.spacing import forward

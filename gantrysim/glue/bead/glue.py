@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.glue.bead.drops import drop
 from gantrysim.glue.bead.ends import SAMPLES, End, check_cells, upright
-from gantrysim.glue.bead.face import cover, headroom
-from gantrysim.glue.bead.footprint import footprint, wet_where_pushed
-from gantrysim.glue.bead.laying import Layer, Sampling, Stations, lay
+from gantrysim.glue.bead.footprint import cover, footprint, headroom, wet_where_pushed
+from gantrysim.glue.bead.laying import Layer, Sampling, Stations, drop, lay
 from gantrysim.glue.bead.pushing import exceeds, means, push_aside
 from gantrysim.glue.bead.trace import BeadTrace
 

@@ -12,14 +12,85 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, lengths, spans
-from gantrysim.base.columns import by_blocks
+from gantrysim.base.columns import by_blocks, extent
 from gantrysim.base.errors import whole
-from gantrysim.glue.bead.lengths import cumulated, surface_steps
-from gantrysim.glue.bead.section import Section
-from gantrysim.glue.bead.settings import BeadSettings
-from gantrysim.glue.bead.spreading import spread
+from gantrysim.glue.bead.section import BeadSettings, Section
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.record.run import Run, check_run
+
+# Lengths of the nozzle's trace, and sums along it.
+
+
+def cumulated(values: Floats) -> Floats:
+    """Return the sums of the first values, of none to all of them, (n + 1,)."""
+    sums = np.empty(len(values) + 1)
+    sums[0] = 0.0
+    np.cumsum(values, out=sums[1:])
+    return sums
+
+
+def surface_steps(run: Run) -> Floats:
+    """Length of the nozzle's trace from each tick to the next along the surface, (n - 1,) [mm].
+
+    A nozzle that moves steeper than 45 deg leaves the surface or approaches it: only its motion in plan view counts,
+    so that glue which flows meanwhile lies on the spot.
+    """
+
+    def steps(block: slice) -> Floats:
+        step = np.diff(run.nozzle[block.start : block.stop + 1], axis=0)  # a long run's is mapped anew
+        ahead = np.hypot(step[:, 0], step[:, 1])
+        return np.where(np.abs(step[:, 2]) > ahead, ahead, np.hypot(ahead, step[:, 2]))
+
+    return by_blocks(steps, len(run.time) - 1)
+
+
+# Spreading of surplus glue along the trace.
+
+
+def spread(area: Floats, steady: float, width: float, ds: float, *, longest: float) -> Floats:
+    """Spread the surplus of a section over a steady one along the trace, as far as it is wide, (r,) [mm²].
+
+    What is wider than one, two, four ... steady widths spreads over as much, one after the other: the height of a bead
+    is bounded by the nozzle, so that its section grows with its width.
+
+    Args:
+        area: section at the stations, (r,) [mm²].
+        steady: section above which glue spreads [mm²].
+        width: of the steady section [mm].
+        ds: distance of the stations [mm].
+        longest: width from which nothing spreads further [mm].
+    """
+    limit = steady
+    slope = steady / width
+    while (excess := np.maximum(area - limit, 0.0)).any() and width < longest:
+        area = np.minimum(area, limit) + _averaged(excess, int(np.ceil(0.5 * width / ds)))
+        width *= 2
+        limit = width * slope
+    return area
+
+
+def _averaged(values: Floats, reach: int) -> Floats:
+    """Moving average over `reach` to both sides, twice; mirrored at the ends, which conserves the sum."""
+    for _ in range(2):
+        sums = np.concatenate([[0.0], np.cumsum(np.pad(values, reach, mode="reflect"))])
+        values = (sums[2 * reach + 1 :] - sums[: -2 * reach - 1]) / (2 * reach + 1)
+    return np.maximum(values, 0.0)
+
+
+# Whether a bead leaves a level plane, which decides how pictures show it.
+
+LEVEL = 1.0  # climb up to which a bead is flat; it holds the sag of a table and the errors of a needle's height [mm]
+
+
+def climb(heights: Floats) -> float:
+    """Return the extent of heights of the nozzle with glue, (n,) [mm], 0 for none."""
+    return float(np.ptp(heights)) if heights.size else 0.0
+
+
+def leaves_plane(run: Run) -> bool:
+    """Return whether the nozzle climbs by more than `LEVEL` in the work frame while it dispenses."""
+    return extent(lambda block: run.nozzle[block, 2][run.dispense[block]], len(run.time)) > LEVEL
+
 
 _DISTANCE = 0.25  # of the stations [mm]
 _STATIONS = (2, 400_000)

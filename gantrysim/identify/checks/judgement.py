@@ -5,16 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from gantrysim.identify.checks.balance import check_balance
-from gantrysim.identify.checks.clipping import check_clipping
-from gantrysim.identify.checks.counts import check_counts
 from gantrysim.identify.checks.finding import Doubt, Finding
-from gantrysim.identify.checks.plausible import check_plausible
-from gantrysim.identify.checks.residual import CHECK as RESIDUAL
-from gantrysim.identify.checks.residual import check_residual
+from gantrysim.identify.checks.parameters import check_balance, check_plausible, check_segments
+from gantrysim.identify.checks.residual import RESIDUAL, check_clipping, check_counts, check_residual, check_smoothing
 from gantrysim.identify.checks.sampling import check_rate
-from gantrysim.identify.checks.segments import check_segments
-from gantrysim.identify.checks.smoothing import check_smoothing
 from gantrysim.identify.friction_terms import LOAD
 from gantrysim.identify.result import KNOWN, KNOWN_DAMPING, AxisFit, Estimate
 

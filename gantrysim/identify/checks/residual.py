@@ -11,23 +11,117 @@ predictions.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from scipy.signal import welch
 
 from gantrysim.identify.checks.finding import Doubt, Finding, NotIdentifiedError
 from gantrysim.identify.explained import explained_residual
 from gantrysim.identify.result import MODE, WHITE, AxisFit
 from gantrysim.identify.whiteness import correlation
 
-CHECK = "residual"
-LARGEST = 15.0  # of the residual, times the encoder's counts; ten times the counts' noise is coarse but harmless
+# Check: no prediction of the position may be wrong at once by many times its usual error.
+#
+# An encoder that loses counts moves the position between two samples, and nothing of the torque. Errors of a healthy
+# fit, other friction included, stay below 6 standard deviations (10 where the torque is clipped); counts lost in
+# motion, 50 at a time, stand out by 24 to 150.
+
+COUNTS = "encoder counts"
+LARGEST_JUMP = 12.0  # error of a prediction, in standard deviations of the errors in motion
+_COUNTS = 10.0  # the same, in counts of the encoder
+_MEDIAN = 0.6745  # of a normal distribution's magnitude, in standard deviations
+_APART = 0.02  # time between two losses: the predictor needs some samples to follow the first [s]
+
+
+def check_counts(fit: AxisFit, period: float) -> Doubt:
+    """Return where the position jumps by more than its prediction is ever wrong."""
+    error = np.abs(fit.innovations)
+    usual = float(np.median(error[fit.used])) / _MEDIAN
+    count = math.sqrt(12) * fit.expected
+    bound = max(LARGEST_JUMP * usual, _COUNTS * count)
+    jumps = np.flatnonzero(error > bound)
+    if not jumps.size:
+        return Doubt({}, [])
+    losses = 1 + int((np.diff(jumps) > _APART / period).sum())
+    largest = int(np.argmax(error))
+    times = "once" if losses == 1 else f"{losses} times"
+    reason = (
+        f"the position leaves its prediction at once by up to {error[largest]:.2g} {fit.unit}, "
+        f"{error[largest] / count:.0f} counts, {times}, first {jumps[0] * period:.4g} s into the moves: must be at "
+        f"most {bound:.2g} {fit.unit}; the encoder loses counts, or rows are missing"
+    )
+    return Doubt({}, [Finding(COUNTS, (), reason)])
+
+
+# Likely cause of a doubtful fit: a torque that the recorder has clipped.
+#
+# A drive at its limit gives a flat torque too, and the fit of its motion is good. So this is said only of a fit that
+# another check doubts.
+
+CLIPPED = "clipped torque"
+MOST = 0.01  # share of the samples at the largest torque; a torque that is not clipped is there once or twice
+_EQUAL = 1e-6  # difference of equal torques, of the largest: logs are rounded
+
+
+def check_clipping(fit: AxisFit) -> Doubt:
+    """Return whether the torque stays at its largest value."""
+    size = np.abs(fit.torque)
+    largest = float(size.max())
+    share = float(np.mean(size >= largest * (1 - _EQUAL)))
+    if share <= MOST:
+        return Doubt({}, [])
+    reason = (
+        f"the torque is at its largest, ± {largest:.3g} N·m, in {100 * share:.0f} % of the samples: must be in at most "
+        f"{100 * MOST:.0f} %; it is clipped: widen the range of the recorder, or excite less"
+    )
+    return Doubt({}, [Finding(CLIPPED, (), reason)])
+
+
+# Likely cause of a doubtful fit: a position that has passed a filter.
+#
+# Between a quarter and almost half of the sampling rate an axis moves at least as its whole mass would by the torque,
+# more where the motor moves alone, and counts of the encoder come on top. A mean over nine samples leaves 20 to 57 % of
+# that, a low-pass of 5 ms 25 to 84 %. Noise that the log's torque has and the motor's has not lowers it too, so that
+# this is said only of a fit that another check doubts.
+
+SMOOTHED = "smooth position"
+LEAST = 0.6  # of the acceleration that the torque gives the whole mass; doubtful fits of unfiltered logs have 0.79
+_BAND = (0.25, 0.45)  # of the sampling rate
+_SEGMENT = 256  # samples of a spectrum's segment
+
+
+def check_smoothing(fit: AxisFit, period: float) -> Doubt:
+    """Return whether the position lacks the fast motion that the torque makes."""
+    acceleration = np.diff(fit.position, 2) / period**2
+    segment = min(_SEGMENT, acceleration.size)
+    frequency, power = welch(acceleration, 1 / period, nperseg=segment)
+    torque_power = welch(fit.torque, 1 / period, nperseg=segment)[1]
+    band = (frequency > _BAND[0] / period) & (frequency < _BAND[1] / period)
+    expected = float(torque_power[band].sum()) / fit.start[0] ** 2
+    if not expected > 0:
+        return Doubt({}, [])
+    ratio = math.sqrt(float(power[band].sum()) / expected)
+    if ratio >= LEAST:
+        return Doubt({}, [])
+    reason = (
+        f"from {_BAND[0] / period:.0f} to {_BAND[1] / period:.0f} Hz the position has {100 * ratio:.0f} % of the "
+        f"motion that the torque gives the whole mass: must have at least {100 * LEAST:.0f} %; it is filtered or "
+        "interpolated: log the counts of the encoder"
+    )
+    return Doubt({}, [Finding(SMOOTHED, (), reason)])
+
+
+RESIDUAL = "residual"
+# of the residual, times the encoder's counts; ten times the counts' noise is coarse but harmless
+LARGEST_RESIDUAL = 15.0
 UNUSABLE = 100.0  # the same, from which the log is refused
 NOISE = 0.15  # largest fitted torque noise, of the torque's own deviation
 CORRELATED = 0.5  # correlation from which no value is identified
 NOISY = 0.5  # torque noise from which no value is identified, of the torque's own deviation
 EXPLAINED = 2.0  # size of the residual from which predictions are doubtful, of that which counts and noise explain
-BALANCED = (
-    0.03  # largest rms of the low-passed torque that the friction's law and the acceleration leave, of the torque
-)
+# largest rms of the low-passed torque that the friction's law and the acceleration leave, of the torque
+BALANCED = 0.03
 PREDICTED = ("static", "delay", *MODE, "gap")  # values that rest on predictions alone
 
 
@@ -51,25 +145,25 @@ def check_residual(fit: AxisFit, period: float) -> Doubt:
             f"be at most {UNUSABLE:.0f}: the torque did not cause this motion; check for a frozen or skipping encoder, "
             "columns of two axes, and a log of fewer samples than the servo's"
         )
-    if times > LARGEST:
-        reason = f"the residual is {times:.0f} times the encoder's counts: must be at most {LARGEST:.0f}"
-        findings.append(Finding(CHECK, (), reason))
+    if times > LARGEST_RESIDUAL:
+        reason = f"the residual is {times:.0f} times the encoder's counts: must be at most {LARGEST_RESIDUAL:.0f}"
+        findings.append(Finding(RESIDUAL, (), reason))
     balanced = fit.law.remainder < BALANCED * fit.law.size
     share = fit.noise / float(np.std(fit.torque))
     if share > NOISE:
         reason = (
             f"torque noise of {100 * share:.0f} % of the torque would explain it: must be at most {100 * NOISE:.0f} %"
         )
-        findings.append(Finding(CHECK, PREDICTED if balanced and share < NOISY else (), reason))
+        findings.append(Finding(RESIDUAL, PREDICTED if balanced and share < NOISY else (), reason))
     explained = explained_residual(fit, period) / count
     if size > EXPLAINED * explained:
         reason = (
             f"the residual is {size:.2g} counts rms, counts and the torque's noise at rest explain {explained:.2g}: "
             f"must be at most {EXPLAINED:g} times as much"
         )
-        findings.append(Finding(CHECK, PREDICTED, reason))
+        findings.append(Finding(RESIDUAL, PREDICTED, reason))
     colour = float(np.abs(correlation(fit.residual)).max())
     if colour > WHITE:
         reason = f"the residual is correlated by {colour:.2f}: must be at most {WHITE}"
-        findings.append(Finding(CHECK, PREDICTED if balanced and colour < CORRELATED else (), reason))
+        findings.append(Finding(RESIDUAL, PREDICTED if balanced and colour < CORRELATED else (), reason))
     return Doubt({}, findings)

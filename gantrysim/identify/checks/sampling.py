@@ -1,19 +1,205 @@
-"""Check of the log: samples must be fast enough for the reversals they hold, and for the mode.
-
-Between two samples the torque of the model is held, and friction has one direction. Where an axis reverses every other
-sample, both are wrong, and inertia and delay take up the difference: a log of every tenth tick gave an inertia of
-+45 % and a delay of -3.7 ms.
-"""
+"""Checks of the log: even times, samples fast enough, an encoder that counts, enough motion, a torque in reach."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.identify.checks.excitation import strokes
+from gantrysim.base.errors import InputError
 from gantrysim.identify.checks.finding import Doubt, Finding, NotIdentifiedError
+from gantrysim.identify.checks.units import position_slips, torque_slips
+from gantrysim.identify.model import AxisModel
 from gantrysim.identify.result import AxisFit
 from gantrysim.machine.axis import Axis
+
+# Check of the log: its time stamps must be even.
+#
+# A model of a sampled servo has one period. A stamp that is off by a tenth of it shifts a position by a tenth of a
+# step, more than any delay that a log shows.
+
+EVEN = 0.1  # largest deviation of a time stamp from an even one, of the period
+_MISSING = 0.5  # the same, from which samples are missing
+
+
+def even_period(time: Floats) -> float:
+    """Return the period of time stamps [s].
+
+    Raises:
+        InputError: stamps that do not rise, are missing or uneven.
+    """
+    steps = np.diff(time)
+    period = float(np.mean(steps))
+    if not period > 0 or not (steps > 0).all():
+        raise InputError("time does not rise")
+    late = np.abs(time - time[0] - period * np.arange(time.size))
+    worst = int(np.argmax(late))
+    if abs(steps - period).max() > _MISSING * period or late[worst] > _MISSING * period:
+        raise InputError(f"its samples are not even: near t = {time[worst]:g} s some are missing")
+    if late[worst] > EVEN * period:
+        share = late[worst] / period
+        raise InputError(
+            f"its samples are not even: at t = {time[worst]:g} s one is off by {100 * share:.0f} % of the period, "
+            f"{1e3 * period:g} ms: must be within {100 * EVEN:.0f} %; log at every servo tick, with all digits"
+        )
+    return period
+
+
+# Check of the log: its torque must be one that the drive can deliver.
+
+# largest torque, of the drive's peak torque: room for noise and a motor constant of another temperature
+LARGEST_TORQUE = 1.2
+
+
+def check_torque(axis: Axis, torque: Floats, ratio: float) -> None:
+    """Refuse a torque beyond the drive's peak.
+
+    Args:
+        axis: of the machine.
+        torque: (n,) [N·m].
+        ratio: of the log's inertia to that of the table; nan where it is not known.
+
+    Raises:
+        NotIdentifiedError: with the torque, the peak and the unit that the inertia suggests.
+    """
+    largest = float(np.abs(torque).max())
+    if not (math.isfinite(axis.peak_torque) and axis.peak_torque > 0 and largest > LARGEST_TORQUE * axis.peak_torque):
+        return
+    excess = largest / axis.peak_torque
+    slips = torque_slips(axis, ratio) if ratio > 0 else []
+    hint = "check its unit, and that it is the torque at the motor shaft"
+    if slips:
+        hint = f"the log's inertia is {ratio:.3g} times that of the table: torque in {' or '.join(slips)} read as N·m?"
+    raise NotIdentifiedError(
+        f"axis {axis.name}: its largest torque is {largest:.4g} N·m, {excess:.3g} times the drive's peak of "
+        f"{axis.peak_torque:.4g} N·m: must be at most {LARGEST_TORQUE:g} times; {hint}"
+    )
+
+
+# Check of the log: the encoder must count throughout.
+#
+# A frozen encoder, a log that repeats its last sample, or a lost count is a motion that no torque makes: the position
+# stands while the torque swings by more than friction can hold, or jumps by more than the torque can accelerate.
+
+HOLD = 6.0  # swing of the torque at rest, times the static friction: friction thrice the table's holds ± 3
+FRICTIONLESS_TORQUE = 0.1  # the same of a machine without friction, of the peak torque
+JUMP = 5.0  # change of the speed in a sample, times what the drive's peak torque gives the table's inertia: the motor
+# without its load, a lighter machine and a loop at its limit reach thrice
+_COUNTS = 5.0  # of the encoder that a change of speed may show beside
+_STILL = 0.005  # shortest standstill that counts [s]
+_FEWEST = 5  # samples of it
+_SETTLING = 2  # first samples of it, whose torque answers to the last count
+_MEAN = 3  # samples of the moving mean of the torque, against its noise
+
+
+def check_encoder(axis: Axis, table: AxisModel, position: Floats, torque: Floats, period: float) -> None:
+    """Refuse a position that stands still under torque, or jumps.
+
+    Args:
+        axis: of the machine.
+        table: its model by the MJCF.
+        position: (n,) [u].
+        torque: (n,) [N·m].
+        period: of the samples [s].
+
+    Raises:
+        NotIdentifiedError: with the time and the bound.
+    """
+    bound = max(HOLD * table.static, FRICTIONLESS_TORQUE * axis.peak_torque if np.isfinite(axis.peak_torque) else 0.0)
+    calm = np.convolve(torque, np.ones(_MEAN) / _MEAN, "same")
+    changes = np.flatnonzero(np.diff(position) != 0)
+    starts = np.concatenate([[0], changes + 1])
+    ends = np.concatenate([changes + 1, [position.size]])
+    fewest = max(_FEWEST, round(_STILL / period))
+    for start, end in zip(starts, ends, strict=True):
+        if end - start < fewest:
+            continue
+        swing = float(np.ptp(calm[start + _SETTLING : end - 1]))
+        if swing > bound:
+            raise NotIdentifiedError(
+                f"axis {axis.name}: its position stands still from {start * period:.4g} to {end * period:.4g} s of the "
+                f"log while the torque swings by {swing:.3g} N·m, friction holds at most {bound:.3g} N·m: the encoder "
+                "is frozen, or the log repeats samples"
+            )
+    turns = np.abs(np.diff(position, 2))
+    strongest = axis.peak_torque if np.isfinite(axis.peak_torque) else 2 * float(np.abs(torque).max())
+    most = JUMP * strongest / table.inertia * period**2 + _COUNTS * axis.resolution
+    worst = int(np.argmax(turns))
+    if turns[worst] > most:
+        time = (worst + 1) * period
+        raise NotIdentifiedError(
+            f"axis {axis.name}: its position jumps by {turns[worst]:.3g} {axis.unit} at {time:.4g} s of the log, the "
+            f"drive's peak torque moves it by {most:.3g} {axis.unit} in a sample: the encoder skips, or "
+            "samples are missing"
+        )
+
+
+# Check of the log: encoder and torque must move enough to separate inertia, friction and delay.
+
+COUNTS = 200.0  # least travel, in encoder counts: 0.5 % of it is one
+REVERSALS = 6  # least number: a constant torque and friction differ by direction alone
+SPEEDS = 3.0  # least ratio of fast to slow speed: viscous and Coulomb friction differ by speed alone
+_ENOUGH = 500  # samples; a shorter log is refused by the regression
+
+
+def check_excitation(axis: Axis, position: Floats, torque: Floats, ratio: float = math.nan) -> None:
+    """Refuse a log of an axis that hardly moves.
+
+    Args:
+        axis: of the machine.
+        position: (n,) [u].
+        torque: (n,) [N·m].
+        ratio: of the log's inertia to that of the table; nan where it is not known.
+
+    Raises:
+        NotIdentifiedError: with what is missing.
+    """
+    if position.size < _ENOUGH:
+        return
+    cure = "gantrysim identify --plan writes moves that do"
+    travel = float(np.ptp(position))
+    if travel < COUNTS * axis.resolution or travel == 0:
+        slips = position_slips(axis, 1 / ratio) if ratio > 0 else []
+        if slips:
+            cure = f"position in {' or '.join(slips)} read as {axis.unit}?"
+        raise NotIdentifiedError(
+            f"axis {axis.name}: the axis hardly moves, by {travel:.3g} {axis.unit}: must be at least "
+            f"{COUNTS * axis.resolution:.3g} {axis.unit}, {COUNTS:.0f} encoder counts; {cure}"
+        )
+    if float(np.ptp(torque)) == 0:
+        raise NotIdentifiedError(f"axis {axis.name}: its torque is {torque[0]:.3g} N·m throughout; {cure}")
+    lengths = strokes(position, axis.resolution)
+    if lengths.size <= REVERSALS:
+        raise NotIdentifiedError(
+            f"axis {axis.name}: it reverses {max(lengths.size - 1, 0)} times: must reverse at least {REVERSALS} times; "
+            f"{cure}"
+        )
+    steps = np.abs(np.diff(position))
+    moving = steps[steps > axis.resolution]
+    slow, fast = np.quantile(moving, (0.1, 0.95)) if moving.size else (1, 1)
+    if fast < SPEEDS * slow:
+        raise NotIdentifiedError(
+            f"axis {axis.name}: its fast moves are {fast / slow:.2g} times as fast as its slow ones: must be at least "
+            f"{SPEEDS:g} times; {cure}"
+        )
+
+
+def strokes(position: Floats, resolution: float) -> Floats:
+    """Return the numbers of moving samples between reversals, (k,); steps of up to two counts are none."""
+    steps = np.diff(position)
+    ways = np.sign(steps[np.abs(steps) > max(2 * resolution, 1e-12)])
+    if not ways.size:
+        return np.empty(0)
+    turns = np.flatnonzero(np.diff(ways) != 0) + 1
+    return np.diff(np.concatenate([[0], turns, [ways.size]])).astype(np.float64)
+
+
+# Check of the log: samples must be fast enough for the reversals they hold, and for the mode.
+#
+# Between two samples the torque of the model is held, and friction has one direction. Where an axis reverses every
+# other sample, both are wrong, and inertia and delay take up the difference: a log of every tenth tick gave an inertia
+# of +45 % and a delay of -3.7 ms.
 
 CHECK = "sampling"
 FEWEST = 3.0  # samples of the median stroke

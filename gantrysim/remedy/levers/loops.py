@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 
-from gantrysim.job.defaults import INTEGRAL_TIME
-from gantrysim.job.settings import has_loop_gains
+from gantrysim.job.settings import INTEGRAL_TIME, has_loop_gains
 from gantrysim.remedy.lever import Lever, Setting, State
 from gantrysim.remedy.levers.numbers import factor_text, milliseconds, rounded
 from gantrysim.results.verdict import PATH, STABILITY

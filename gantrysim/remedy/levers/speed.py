@@ -9,7 +9,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.remedy.lever import Effort, Lever, Setting, State
 from gantrysim.remedy.levers.numbers import factor_text, rounded
 from gantrysim.results.verdict import GLUE, MACHINE, PATH
-from gantrysim.study.speed.search import speed_changes
+from gantrysim.study.speed.study import speed_changes
 
 _SLOWER = (0.84, 0.71, 0.5)
 _FASTER = (1.41,)

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gantrysim.record.fault import Fault
 from gantrysim.record.run import Run
+from gantrysim.record.run_file import Fault
 from gantrysim.render.telemetry import Telemetry
 from gantrysim.render.view.chart import Chart
 from gantrysim.render.view.clock import Clock, Pace

@@ -13,8 +13,8 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import whole
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.simulation import Simulation
-from gantrysim.record.fault import Fault
 from gantrysim.record.run import Run
+from gantrysim.record.run_file import Fault
 
 _CHUNK = 100  # servo ticks between two checks of the clock
 _ROUNDING = 1e-6  # of a servo period

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import namedtuple
 from typing import TypedDict
 
+from gantrysim.servo.gains import PerAxis
 from gantrysim.servo.laws.contour import CONTOUR
 from gantrysim.servo.laws.friction import FRICTION
 from gantrysim.servo.laws.law import BaseLaw, Law
@@ -19,7 +20,6 @@ from gantrysim.servo.laws.pid import PID
 from gantrysim.servo.laws.preview import PREVIEW
 from gantrysim.servo.laws.zv import ZV
 from gantrysim.servo.laws.zvd import ZVD
-from gantrysim.servo.parameter import PerAxis
 
 # Bases first; the others in the order in which they act
 LAWS: tuple[Law, ...] = (PD, PID, P_PI, FRICTION, OBSERVER, CONTOUR, PREVIEW, LEARNING, ZV, ZVD)

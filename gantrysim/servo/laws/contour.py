@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from gantrysim.base.arrays import Floats
+from gantrysim.servo.gains import Parameter
 from gantrysim.servo.laws.law import ERROR, Law, LawDesign
-from gantrysim.servo.parameter import Parameter
 
 GAIN = 1.0
 

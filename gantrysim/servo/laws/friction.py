@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from gantrysim.servo.gains import Parameter
 from gantrysim.servo.laws.law import FEEDFORWARD, Law, LawDesign
-from gantrysim.servo.parameter import Parameter
 
 
 def friction_torque(last: float, velocity: float, travel: float, friction: tuple[float, ...]) -> float:

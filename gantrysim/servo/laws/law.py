@@ -10,8 +10,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.axis_dynamics import AxisDynamics
-from gantrysim.servo.gains import Gains
-from gantrysim.servo.parameter import Parameter
+from gantrysim.servo.gains import Gains, Parameter
 from gantrysim.servo.stability.compensator import Compensator
 
 # Points of the servo tick at which a law acts, in their order

@@ -5,9 +5,9 @@
 
 from __future__ import annotations
 
+from gantrysim.servo.gains import Parameter
 from gantrysim.servo.laws import preview
 from gantrysim.servo.laws.law import Law, LawDesign
-from gantrysim.servo.parameter import Parameter
 
 SHARE = 2.0  # times the natural frequency, the cut-off of the learning
 

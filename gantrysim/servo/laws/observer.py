@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from gantrysim.servo.gains import Parameter
 from gantrysim.servo.laws.law import DEMAND, DISTURBANCE, Law, LawDesign, Timing
 from gantrysim.servo.notch import Coefficients, filtered
-from gantrysim.servo.parameter import Parameter
 from gantrysim.servo.stability.compensator import Compensator
 
 SHARE = 0.5  # of the natural frequency, the observer's cut-off

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from gantrysim.base.arrays import Floats
+from gantrysim.servo.gains import Parameter
 from gantrysim.servo.laws.law import Law, LawDesign
-from gantrysim.servo.parameter import Parameter
 
 SHARE = 0.25  # of the servo's frequency, the cut-off of the preview
 

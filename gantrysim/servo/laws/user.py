@@ -3,15 +3,51 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.user_code import named_object
 from gantrysim.servo.stability.compensator import Compensator
 from gantrysim.servo.stability.motion import UnknownLoopError
+
+# A law in plain Python, which the engine calls at every servo tick instead of the servo's laws.
+
+
+@dataclass(frozen=True)
+class Tick:
+    """Inputs of a user-defined law at one servo tick.
+
+    Attributes:
+        time: time of the tick [s].
+        period: servo period T [s].
+        commanded: DPOS, (axes,) [mm].
+        measured: MPOS, quantised by the encoder, (axes,) [mm].
+        error: following error DPOS - MPOS, (axes,) [mm].
+        demand_velocity: dDPOS/T, (axes,) [mm/s].
+        demand_acceleration: ddDPOS/T^2, (axes,) [mm/s²].
+        measured_velocity: dMPOS/T, (axes,) [mm/s].
+    """
+
+    time: float
+    period: float
+    commanded: Floats
+    measured: Floats
+    error: Floats
+    demand_velocity: Floats
+    demand_acceleration: Floats
+    measured_velocity: Floats
+
+
+class PlainLaw(Protocol):
+    """A law in plain Python: returns the torque demands of all axes at one tick, (axes,) [N·m]."""
+
+    def __call__(self, tick: Tick, /) -> ArrayLike: ...
+
 
 STATE = 64  # numbers that a law keeps from tick to tick, 0 at the start of a run
 _ORDER = 24  # largest of a linear law

@@ -12,8 +12,8 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.memory import check_ticks
 from gantrysim.record.setpoints import Setpoints
+from gantrysim.servo.gains import Parameter
 from gantrysim.servo.laws.law import Law, LawDesign, in_words
-from gantrysim.servo.parameter import Parameter
 
 PARAMETERS = (
     Parameter("shaper_frequency", "Hz", "frequency that input shaping removes from the command; 0 for none"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gantrysim.base.quantity import Quantity
-from gantrysim.servo.stability.loop_margins import Margins
+from gantrysim.servo.stability.loops import Margins
 
 GAIN_MARGIN = Quantity[Margins](
     "gain_margin",

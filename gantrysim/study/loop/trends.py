@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats
 from gantrysim.study.cases import Row
+from gantrysim.study.drawing import series
 from gantrysim.study.loop.study import LOOP_ALONE, NO_LOOP
-from gantrysim.study.series import series
 
 EXCESS = 0.1  # over a floor, up to which the swept setting has no effect
 

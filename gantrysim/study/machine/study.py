@@ -9,9 +9,8 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, whole
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.tolerances import Tolerances
-from gantrysim.study.acceptance import Acceptance, Scope
+from gantrysim.study.acceptance import Acceptance, Criterion, JobCriterion, Scope, ToleranceStudy
 from gantrysim.study.cases import Case, Row, measure
-from gantrysim.study.criterion import Criterion, JobCriterion, ToleranceStudy
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Rounds
 

@@ -13,14 +13,62 @@ from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.metrics.parts import PART_PLACE
 from gantrysim.report.document import Column, Table
 from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet
+from gantrysim.study.acceptance import Acceptance, Scope, improve_command
 from gantrysim.study.cases import OK, Row
-from gantrysim.study.repeat.answer import QUESTION, repeat_answer
-from gantrysim.study.repeat.repeats import ALL, PHASES, has_phase
-from gantrysim.study.repeat.study import RepeatStudy
+from gantrysim.study.repeat.study import ALL, PHASES, RepeatStudy, has_phase
 from gantrysim.study.study import Details, Plot, Report
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+# The answer of a repeat study: whether every repeat keeps the limits, and what to change where one does not.
+
+QUESTION = "Does every repeat of this job meet the tolerance?"
+
+
+def repeat_answer(study: RepeatStudy, rows: Sequence[Row], paths: dict[str, RepeatedPath]) -> str:
+    """Return the answer.
+
+    Args:
+        study: the study.
+        rows: of all repeats.
+        paths: repeated paths by varied source, with that of all sources.
+    """
+    path = paths[ALL]
+    result = (
+        f"path accuracy ATp = {UM * path.path_accuracy:.2f} µm, path repeatability RTp = "
+        f"{UM * path.path_repeatability:.2f} µm over {len(path.attained)} repeats of {study.job.name}"
+    )
+    repeats = [Acceptance.of(row) for row in rows if row["varied"] == ALL]
+    judged = [acceptance for acceptance in repeats if acceptance is not None]
+    if not judged:
+        return f"Not judged by a tolerance: {result}."
+    scope = Scope.of(judged)
+    worst = max(judged, key=lambda acceptance: acceptance.use(scope.aspects))
+    accepted = sum(acceptance.keeps(scope.aspects) for acceptance in judged)
+    if accepted == len(repeats):
+        return (
+            f"Yes, all {accepted} repeats keep {scope.words}, with at most {scope.usage(worst)}{scope.remark(worst)}: "
+            f"{result}."
+        )
+    failures = f"; the worst is at {scope.excess(worst)}"
+    if worst.keeps(scope.aspects):  # then the others have no run that could be judged
+        failures = "; the others were refused or ended in a fault"
+    return f"No, {accepted} of {len(repeats)} repeats keep {scope.words}{failures}: {result}; {_lever(study, paths)}."
+
+
+def _lever(study: RepeatStudy, paths: dict[str, RepeatedPath]) -> str:
+    """Return which part of the error to reduce: the systematic one, or the scatter with its largest source."""
+    path = paths[ALL]
+    improve = f"{improve_command(study.job)} tries the levers"
+    if path.path_accuracy >= path.path_repeatability:
+        return f"the systematic error is the larger part, and {improve}"
+    alone = {name: source.path_repeatability for name, source in paths.items() if name != ALL}
+    if not alone:
+        return f"the scatter is the larger part, and {improve}"
+    source = max(alone, key=lambda name: alone[name])
+    return f"the scatter is the larger part, most of it from the {source} ({UM * alone[source]:.2f} µm alone)"
 
 
 def report(study: RepeatStudy, rows: Sequence[Row]) -> Report:

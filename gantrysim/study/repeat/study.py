@@ -5,21 +5,207 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, whole
+from gantrysim.engine.simulate import simulate
+from gantrysim.job.job import Job
 from gantrysim.machine.perturbation import Perturbation
-from gantrysim.metrics import Positioning, RepeatedPath
+from gantrysim.metrics import Positioning, RepeatedPath, interpolated, offset_over_length
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.study.cases import OK, Row
-from gantrysim.study.repeat.positioning import CYCLES, linear_axes, positioning
-from gantrysim.study.repeat.repeats import ALL, PHASES, RepeatCase, has_phase, measure_repeat, places_along
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.pieces import Line
+from gantrysim.record.run import Run
+from gantrysim.record.setpoints import Setpoints
+from gantrysim.study.cases import OK, Case, Row, judged, verdict_row
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Rounds, Study
 
+# Test of the positioning of a machine's linear axes, each approaching its targets from below and from above.
+
+CYCLES = 5
+TARGETS = 11
+_SHARE = 0.9  # of the travel that the targets span
+_OVERRUN = 0.02  # of the travel, beyond the outer targets
+# mean speed between targets, at most [mm/s], and of the axis' limit
+_SPEED = 100.0
+_SHARE_OF_LIMIT = 0.5
+# of a motion and of a stop [s]
+_SHORTEST = 0.2
+_DWELL = 0.2
+_GOLDEN = 0.6180339887498949
+
+
+def linear_axes(job: Job) -> tuple[str, ...]:
+    """Return the names of the axes in mm with a bounded travel."""
+    return tuple(a.name for a in job.built_machine.axes if a.unit == "mm" and np.isfinite(a.travel).all())
+
+
+def targets_of(travel: tuple[float, float]) -> Floats:
+    """Return the targets, each at another place within its interval so that they meet all phases of a screw's turn."""
+    low, high = travel
+    edge = 0.5 * (1 - _SHARE) * (high - low)
+    step = (high - low - 2 * edge) / TARGETS
+    return low + edge + step * (np.arange(TARGETS) + (_GOLDEN * np.arange(TARGETS)) % 1.0)
+
+
+def positioning(job: Job, axis: str, perturbations: Sequence[Perturbation]) -> Positioning:
+    """Return the deviations of an axis with the others at zero, at the job's servo.
+
+    Deviations are those of the nozzle from the commanded position, along the axis, at the end of a stop.
+
+    Args:
+        job: of the machine and servo.
+        axis: name of one of `linear_axes`.
+        perturbations: of the machine in each cycle.
+
+    Raises:
+        InputError: a cycle ends in a fault.
+    """
+    machine = job.built_machine
+    servo = job.built_servo
+    moved_axis = machine.axes[machine.axis_names.index(axis)]
+    targets = targets_of(moved_axis.travel)
+    over = _OVERRUN * (moved_axis.travel[1] - moved_axis.travel[0])
+    # the outer targets too are approached from both sides
+    ends = np.array([targets[0] - over, targets[-1] + over])
+    stops = np.concatenate([ends[:1], targets, ends[1:], targets[::-1]])
+    speed = min(_SPEED, _SHARE_OF_LIMIT * moved_axis.speed_limit)
+    position, stopped = _motion(stops, speed, servo.period)
+    named = {name: np.zeros(position.size) for name in machine.axis_names} | {axis: position}
+    rows = np.stack(list(named.values()), axis=1)
+    first, last = machine.tip(rows[stopped[[0, TARGETS + 1]]])
+    along = (last - first) / np.linalg.norm(last - first)
+    setpoints = Setpoints(
+        period=servo.period,
+        axes=machine.axis_names,
+        position=rows,
+        dispense=np.zeros(position.size, bool),
+        requested=Chain([Line(tuple(first.tolist()), tuple(last.tolist()))]),
+    )
+    cycles = []  # deviations at all stops, in the order of the motion
+    for perturbation in perturbations:
+        run = simulate(machine.perturbed(perturbation), servo, setpoints, physics_step=job.simulation.physics_step)
+        if run.fault is not None:
+            raise InputError(f"positioning of {axis}: {run.fault}")
+        cycles.append((run.nozzle[stopped] - run.commanded_tip[stopped]) @ along)
+    deviation = np.array(cycles)
+    return Positioning(targets, deviation[:, 1 : TARGETS + 1], deviation[:, TARGETS + 2 :][:, ::-1])
+
+
+def _motion(stops: Floats, speed: float, period: float) -> tuple[Floats, Floats]:
+    """Return positions that stop at some, and the index at the end of each stop.
+
+    Between stops d apart they follow x = d (10 s^3 - 15 s^4 + 6 s^5) over the share s of the time.
+    """
+    pieces = [np.full(round(_DWELL / period), stops[0])]
+    stopped = [pieces[0].size - 1]
+    for begin, end in pairwise(stops.tolist()):
+        count = max(round(max(abs(end - begin) / speed, _SHORTEST) / period), 1)
+        s = np.arange(1, count + 1) / count
+        pieces += [begin + (end - begin) * s**3 * (10 - 15 * s + 6 * s**2), np.full(round(_DWELL / period), end)]
+        stopped.append(sum(piece.size for piece in pieces) - 1)
+    return np.concatenate(pieces), np.array(stopped)
+
+
+# A repeat of a job: a case that may start between two servo ticks, and its nozzle's offset from the path.
+
+PHASES = 8  # of a servo period, in which a program may start
+ALL = "all"  # name of the variation of everything
 _UM = 1e3
+
+
+@dataclass(frozen=True)
+class RepeatCase(Case):
+    """A case whose program starts between two servo ticks.
+
+    Attributes:
+        phase: lead over a servo tick, in 1/`PHASES` of a servo period.
+    """
+
+    phase: int = 0
+
+    @property
+    def key(self) -> str:
+        """Identity of the case, with its phase."""
+        return f"{super().key}-{self.phase}"
+
+
+def has_phase(job: Job) -> bool:
+    """Return whether a job's program may start anywhere between two servo ticks."""
+    return job.controller.free_running
+
+
+def phased_setpoints(job: Job, phase: int) -> Setpoints:
+    """Return the setpoints of a job whose program starts before a servo tick, every `PHASES`-th of a finer period.
+
+    Args:
+        job: whose program is not bound to servo ticks.
+        phase: lead over the tick, in 1/`PHASES` of a servo period.
+    """
+    if not phase:
+        return job.setpoints
+    period = job.built_servo.period
+    fine = job.controller.setpoints(period / PHASES)
+    last = len(fine.position) - 1
+    sent = np.concatenate([[0], np.arange(phase, last, PHASES), [last]])
+    coarse = replace(
+        fine,
+        period=period,
+        position=fine.position[sent],
+        dispense=fine.dispense[sent],
+        progress=None if fine.progress is None else fine.progress[sent],
+    )
+    return job.dispenser.held_back(coarse).hold(job.simulation.settle)
+
+
+def places_along(analysis: Analysis, count: int) -> Floats:
+    """Return at most `count` evenly spaced places on the requested path where glue is laid, by arc length [mm]."""
+    s = analysis.commanded.s
+    # a place counts if a tick of dispensing lies as near as ticks lie to each other within a stretch
+    first = np.diff(analysis.ticks, prepend=analysis.ticks[0] - 2) > 1
+    step = float(np.abs(np.diff(s))[~first[1:]].max(initial=0.0))
+    even = np.linspace(s.min(), s.max(), count)
+    ascending = np.sort(s)
+    after = np.clip(np.searchsorted(ascending, even), 1, s.size - 1)
+    distance = np.minimum(np.abs(even - ascending[after - 1]), np.abs(even - ascending[after]))
+    return even[distance <= step]
+
+
+def measure_repeat(case: Case, places: Sequence[float]) -> Row:
+    """Run a repeat and return the nozzle's offset from the path at some places, as curves.
+
+    Args:
+        case: a `RepeatCase`.
+        places: on the requested path by arc length [mm].
+    """
+    return judged(partial(_repeated, case), lambda run: {**_row(run, places), **verdict_row(case, run)})
+
+
+def _repeated(case: Case) -> Run:
+    assert isinstance(case, RepeatCase)
+    job = case.job()
+    machine = job.built_machine
+    return simulate(
+        machine if case.perturbation is None else machine.perturbed(case.perturbation),
+        job.built_servo,
+        phased_setpoints(job, case.phase),
+        physics_step=job.simulation.physics_step,
+        dispenser=job.dispenser,
+        faults=job.faults,
+    )
+
+
+def _row(run: Run, places: Sequence[float]) -> Row:
+    s, offset = offset_over_length(run.requested, run.nozzle[run.dispense])
+    offsets = interpolated(np.array(places), s, offset)
+    row: Row = {"contour_max_um": _UM * float(np.linalg.norm(offsets, axis=1).max()), "s_mm": list(places)}
+    return row | {f"offset_{name}_um": np.round(_UM * offsets[:, i], 6).tolist() for i, name in enumerate("xyz")}
+
+
 _MOST = 10_000  # repeats
 _WIDEST = 1.0  # standard deviation of the logarithm of a friction factor
 

@@ -1,4 +1,3 @@
 """The speed study: the fastest path speed at which a job stays within a tolerance."""
 
-from gantrysim.study.speed.search import SpeedAnswer, answer, next_speeds
-from gantrysim.study.speed.study import SpeedStudy
+from gantrysim.study.speed.study import SpeedAnswer, SpeedStudy, answer, next_speeds

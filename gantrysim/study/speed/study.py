@@ -2,18 +2,149 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
+from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import at_least
-from gantrysim.study.acceptance import Acceptance, Scope
+from gantrysim.job.job import Job
+from gantrysim.study.acceptance import Acceptance, Criterion, JobCriterion, Scope, ToleranceStudy
 from gantrysim.study.cases import Case, Row, measure
-from gantrysim.study.criterion import Criterion, JobCriterion, ToleranceStudy
 from gantrysim.study.runner import Measure
-from gantrysim.study.speed.search import RESOLUTION, SPEED_DIGITS, Grade, next_speeds_of_grades, speed_changes
 from gantrysim.study.study import Rounds
+
+# The search for the fastest speed of a program that keeps its limits, with and without a warning.
+
+SPEED_DIGITS = 4  # of a speed that is tried, and of the values that follow from it
+RESOLUTION = 0.01  # relative width of the bracket of the fastest speed
+_SWEEP = 9  # speeds of the first round, half an octave apart, the programmed one in the middle
+_OCTAVES = 2  # on both sides of the programmed speed
+_FURTHER = 3  # more octaves on either side, one after the other, where the limit lies beyond
+_INSIDE = 3  # speeds per round inside the bracket
+
+
+class Grade(IntEnum):
+    """How well a run keeps its limits."""
+
+    FAILED = 0
+    WARNED = 1
+    CLEAN = 2
+
+
+@dataclass(frozen=True)
+class SpeedAnswer:
+    """The result of a search.
+
+    Attributes:
+        fastest: the fastest speed at which, and below which at all speeds tried, the run is within the tolerance; None
+            if there is none [mm/s].
+        above: the next faster speed tried, which is not within; None if there is none [mm/s].
+        islands: faster speeds that are within again, ascending [mm/s].
+    """
+
+    fastest: float | None
+    above: float | None
+    islands: tuple[float, ...] = ()
+
+
+def answer(tried: dict[float, bool]) -> SpeedAnswer:
+    """Return the answer from whether each speed tried [mm/s] is within the tolerance."""
+    speeds = sorted(tried)
+    first = next((k for k, speed in enumerate(speeds) if not tried[speed]), len(speeds))
+    islands = tuple(speed for speed in speeds[first:] if tried[speed])
+    return SpeedAnswer(speeds[first - 1] if first else None, speeds[first] if first < len(speeds) else None, islands)
+
+
+def answer_of(grades: dict[float, Grade], grade: Grade) -> SpeedAnswer:
+    """Return the answer for runs of a grade or better, from the grade of each speed tried [mm/s]."""
+    return answer({speed: reached >= grade for speed, reached in grades.items()})
+
+
+def next_speeds_of_grades(grades: dict[float, Grade], programmed_speed: float, resolution: float) -> list[float]:
+    """Return the speeds to try next for the fastest one without a failure, and then for that without a warning.
+
+    Where every speed tried for the first has a warning, the second is not searched for beyond them.
+
+    Args:
+        grades: of the speeds tried.
+        programmed_speed: of the job [mm/s].
+        resolution: relative width of the brackets.
+    """
+    for grade in (Grade.WARNED, Grade.CLEAN):
+        if grades and grade == Grade.CLEAN and answer_of(grades, grade).fastest is None:
+            continue
+        tried = {speed: reached >= grade for speed, reached in grades.items()}
+        speeds = next_speeds(tried, programmed_speed, resolution)
+        if speeds:
+            return speeds
+    return []
+
+
+def speed_changes(job: Job, speed: float) -> dict[str, Any]:
+    """Return the values of a job at another speed of its fastest motion [mm/s], with the same section of the bead.
+
+    Raises:
+        InputError: the program states no speed.
+    """
+    controller = job.controller
+    factor = speed / controller.programmed_speed
+    changes: dict[str, Any] = {}
+    for key, value in controller.arguments_at(speed).items():
+        # a number is printed for pasting, so that it must not end in digits of floating point
+        changes[f"program.{key}"] = _few_digits(value) if isinstance(value, float) else value
+    dispenser = job.dispenser
+    if dispenser.flow:
+        changes["dispenser.flow"] = _few_digits(factor * dispenser.flow)
+    if dispenser.pressure and dispenser.needle is not None:
+        flow = factor * float(dispenser.needle.flow(dispenser.pressure))
+        changes["dispenser.pressure"] = _few_digits(float(dispenser.needle.pressure(flow)))
+    return changes
+
+
+def next_speeds(tried: dict[float, bool], programmed_speed: float, resolution: float) -> list[float]:
+    """Return the speeds to try next, ascending; none at the end of the search [mm/s].
+
+    First a sweep of two octaves on both sides of the programmed speed; then an octave at a time beyond its end, while
+    everything tried is within the tolerance or nothing is; then speeds inside the bracket of the fastest one within and
+    the next, evenly on a logarithmic scale, until it is narrow enough.
+
+    Args:
+        tried: whether each speed is within the tolerance.
+        programmed_speed: of the job [mm/s].
+        resolution: relative width of the bracket.
+    """
+    if not tried:
+        return _rounded(programmed_speed * np.geomspace(2.0**-_OCTAVES, 2.0**_OCTAVES, _SWEEP))
+    result = answer(tried)
+    speeds = sorted(tried)
+    furthest = 2.0 ** (_OCTAVES + _FURTHER) * (1 - 1e-3)
+    if result.fastest is None:
+        if speeds[0] * furthest <= programmed_speed:
+            return []
+        return _rounded(np.array([0.5, math.sqrt(0.5)]) * speeds[0])
+    if result.above is None:
+        if speeds[-1] >= programmed_speed * furthest:
+            return []
+        return _rounded(np.array([math.sqrt(2.0), 2.0]) * speeds[-1])
+    if result.above <= result.fastest * (1 + resolution):
+        return []
+    inside = _rounded(np.geomspace(result.fastest, result.above, _INSIDE + 2)[1:-1])
+    return [speed for speed in inside if speed not in tried]
+
+
+def _rounded(speeds: Floats) -> list[float]:
+    """Return speeds of few digits, each once."""
+    return sorted({_few_digits(speed) for speed in speeds.tolist()})
+
+
+def _few_digits(value: float) -> float:
+    return float(f"{value:.{SPEED_DIGITS}g}")
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,9 @@ this shape (see `gantrysim.study.tuning.space`) keep the margin. So every candid
 the feasible region, at 0, is easily found; a shape that has no such frequency costs no run.
 
 The first round has shapes at the edge: those of the start, of the derived gains, and the stiffest one, which
-`gantrysim.study.tuning.edge` finds without a run; the last two also with less acceleration feed-forward. A simplex
-descends from the best of these, see `gantrysim.study.tuning.simplex`. When it has become small, another one begins
-around the best candidate.
+`MarginEdge` finds without a run; the last two also with less acceleration feed-forward. A simplex descends from the
+best of these, see `gantrysim.study.tuning.rounds`. When it has become small, another one begins around the best
+candidate.
 
 A largest error has two valleys: friction at reversals causes it, and a velocity feed-forward far above the viscous
 torque compensates friction. So the first round then has the stiffest shape with such feed-forwards too, and the first
@@ -35,15 +35,94 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+from scipy.optimize import minimize
 
 from gantrysim.base.arrays import Floats
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.servo import Servo
 from gantrysim.study.tuning.candidates import Candidate, SearchLimits, Trial, TrialResult
-from gantrysim.study.tuning.edge import MarginEdge
 from gantrysim.study.tuning.rounds import rounds
 from gantrysim.study.tuning.space import SearchSpace
-from gantrysim.study.tuning.stability import Stability
+from gantrysim.study.tuning.stability import Fastest, Stability
+
+# The edge of the margin: the fastest loops of each shape, and the stiffest shape.
+
+_STEP = 0.3  # of the first simplex of the scan
+_SHAPES = 40  # of a scan, for each coordinate of the loop
+_NEAR = 0.01  # side of the scan's last simplex
+_FLAT = 0.005  # and difference of the gains' logarithms there
+_MISSED = 50.0  # in place of the negative logarithm of a gain where no frequency keeps the margin
+_LEAST = 1e-30  # of a gain
+
+
+@dataclass(eq=False)
+class MarginEdge:
+    """The fastest loops of shapes, each sought from those of the nearest shape that is known.
+
+    A shape with a strong integral term keeps the margin in a narrow band of frequencies alone, which a search from far
+    would miss.
+
+    Args:
+        space: of the servos.
+        stability: whose margin is kept.
+    """
+
+    space: SearchSpace
+    stability: Stability
+    _shapes: list[Floats] = field(default_factory=list)
+    _loops: list[Fastest] = field(default_factory=list)
+
+    @property
+    def _loop_names(self) -> list[str]:
+        """Letters of the coordinates of a shape on which the margin depends: feed-forwards close no loop."""
+        return [name for name in self.space.coordinates[1:] if name not in "va"]
+
+    def fastest(self, shape: Floats) -> Fastest:
+        """Return the fastest loops of a shape, (shapes,), that keep the margin."""
+        loop = shape[: len(self._loop_names) * self.space.groups]
+        guess = Fastest(np.zeros(self.space.groups))
+        if self._shapes:
+            distances = ((np.array(self._shapes) - loop) ** 2).sum(axis=1)
+            nearest = int(np.argmin(distances))
+            guess = self._loops[nearest]
+            if distances[nearest] == 0:
+                return guess
+        fastest = self.stability.fastest(self.space, shape, guess)
+        if fastest.excess <= 0:
+            self._shapes.append(loop)
+            self._loops.append(fastest)
+        return fastest
+
+    def stiffest(self) -> Floats:
+        """Return the shape whose fastest loops have the largest product of kp and ki, or kp where ki is not searched.
+
+        No run is needed. The error that a disturbance such as friction makes is its share of the loop's gain at its
+        frequency: of ki where it is slow, of kp where it is fast. The largest ki alone lies at the tip of the shapes
+        that keep the margin, where any step leaves them. All axes have one shape; feed-forwards are the natural ones.
+        """
+        natural = self.space.natural
+        groups = self.space.groups
+        gains = ("kp", "ki") if "n" in self.space.coordinates else ("kp",)
+        count = len(self._loop_names)
+
+        def shape_at(loop: Floats) -> Floats:
+            return np.concatenate([np.repeat(loop, groups), natural[count * groups :]])
+
+        def softness(loop: Floats) -> float:
+            shape = shape_at(loop)
+            fastest = self.fastest(shape)
+            if fastest.excess > 0:
+                return _MISSED + fastest.excess
+            servo = self.space.servo(fastest.frequencies, shape)
+            values = np.array([servo.per_axis(name) for name in gains])
+            return -float(np.log(np.maximum(values, _LEAST)).sum(axis=0).mean())
+
+        start = natural[: count * groups : groups]
+        simplex = np.vstack([start, start - _STEP * np.eye(count)])
+        options = {"initial_simplex": simplex, "xatol": _NEAR, "fatol": _FLAT, "maxfev": _SHAPES * count}
+        stiffest = minimize(softness, start, method="Nelder-Mead", options=options).x
+        return np.clip(shape_at(stiffest), *self.space.bounds.T)
+
 
 Ended = Literal["budget", "converged", "no candidate"]
 Phase = Literal["start", "tuned"]

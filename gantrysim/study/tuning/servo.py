@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from gantrysim.job.job import Job
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.laws import PD, PID
+from gantrysim.servo.request import DERIVED
 from gantrysim.servo.servo import Servo
-from gantrysim.servo.servo_values import DERIVED
 
 TUNED = "tuned.toml"
 

@@ -16,8 +16,8 @@ from gantrysim.machine.machine import Machine
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.tolerances import Tolerances
 from gantrysim.record.run import Run
+from gantrysim.servo.request import DRIVE
 from gantrysim.servo.servo import Servo
-from gantrysim.servo.servo_values import DRIVE
 from gantrysim.study.cases import Case, Row
 from gantrysim.study.study import Rounds, Study
 from gantrysim.study.tuning.candidates import BATCH, Candidate, SearchLimits

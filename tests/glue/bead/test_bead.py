@@ -17,10 +17,9 @@ from gantrysim.base import columns
 from gantrysim.cli.tables import outcome_table
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.glue.bead import Bead, BeadSettings, Section
-from gantrysim.glue.bead.spreading import spread
-from gantrysim.glue.bead.trace import BeadTrace
+from gantrysim.glue.bead.trace import BeadTrace, spread
 from gantrysim.job.loading import builtin_jobs
-from gantrysim.record.fault import Fault
+from gantrysim.record.run_file import Fault
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.report.sections import bead_section
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from gantrysim.glue.bead.rings import SIDES, faces, joined, rings
+from gantrysim.glue.bead.sweep import SIDES, faces, joined, rings
 
 ANGLE = math.radians(60.0)
 

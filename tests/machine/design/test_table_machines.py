@@ -11,9 +11,8 @@ import pytest
 from scipy.linalg import eigh
 
 from gantrysim import InputError, Job, Machine
-from gantrysim.machine.design.build import mjcf_in
+from gantrysim.machine.design.build import mjcf_in, modes
 from gantrysim.machine.design.library import motor_of
-from gantrysim.machine.design.modes import modes
 from gantrysim.machine.ideal import without_compliance
 
 from support.tables import BELT, EXAMPLES, IDEAL, LIBRARY, RACK, SCREW, example, ideal

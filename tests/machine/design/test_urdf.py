@@ -10,8 +10,8 @@ from scipy.linalg import eigh
 
 from gantrysim import InputError, Machine, simulate
 from gantrysim.machine.checks import notes
+from gantrysim.machine.design.build import modes
 from gantrysim.machine.design.library import motor_of
-from gantrysim.machine.design.modes import modes
 
 from support.runs import plain, ramp
 

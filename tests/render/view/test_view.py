@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim.base.errors import InputError
-from gantrysim.record.fault import Fault
+from gantrysim.record.run_file import Fault
 from gantrysim.render.strip import round_step
 from gantrysim.render.view.chart import Chart, lines, thinned
 from gantrysim.render.view.clock import FASTEST, SLOWEST, Clock, Pace

@@ -10,10 +10,10 @@ from gantrysim import Machine, simulate
 from gantrysim.base.errors import InputError
 from gantrysim.engine.simulation import Simulation
 from gantrysim.job.job import Job
-from gantrysim.machine.models import builtin_models
+from gantrysim.machine.machine import builtin_models
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.render.scene import Scene
-from gantrysim.render.view.push import Bodies
+from gantrysim.render.view.playback import Bodies
 from gantrysim.render.view.source import Live, Replay
 
 from support.runs import PERIOD, plain, ramp

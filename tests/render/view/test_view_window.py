@@ -14,13 +14,12 @@ import pytest
 
 from gantrysim.base.errors import GantryError
 from gantrysim.render.colours import Scale, scale_for
-from gantrysim.render.legend import BAR_HEIGHT, colour_bar
 from gantrysim.render.opengl import offscreen
+from gantrysim.render.panel import BAR_HEIGHT, colour_bar
 from gantrysim.render.scene import Scene
 from gantrysim.render.view.chart import Chart
-from gantrysim.render.view.display import NoDisplayError, check_display
 from gantrysim.render.view.texts import Texts
-from gantrysim.render.view.window import ViewerWindow, WindowClosedError, free_view
+from gantrysim.render.view.window import NoDisplayError, ViewerWindow, WindowClosedError, check_display, free_view
 from gantrysim.report.saved import SavedRun
 
 from support.films import shows

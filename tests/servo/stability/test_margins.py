@@ -16,12 +16,12 @@ from scipy.optimize import brentq
 from gantrysim import Machine, Servo, simulate
 from gantrysim.base.errors import InputError
 from gantrysim.cli import info
-from gantrysim.job.defaults import INTEGRAL_TIME
 from gantrysim.job.job import Job
+from gantrysim.job.settings import INTEGRAL_TIME
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.record.setpoints import Setpoints
-from gantrysim.servo.stability.loop_margins import _factors
+from gantrysim.servo.stability.loops import _factors
 from gantrysim.servo.stability.margins import Margins, Plant, margins_of
 from gantrysim.servo.stability.motion import Drives, Motion
 

@@ -5,7 +5,7 @@ import pytest
 
 from gantrysim import Machine, Servo
 from gantrysim.servo.stability.margins import margins_of
-from gantrysim.study.tuning.edge import MarginEdge
+from gantrysim.study.tuning.search import MarginEdge
 from gantrysim.study.tuning.space import SearchSpace
 from gantrysim.study.tuning.stability import Fastest, Stability
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from gantrysim.study.tuning.simplex import Simplex, Vertex
+from gantrysim.study.tuning.rounds import Simplex, Vertex
 
 NEAR = 1e-3  # of the least value
 

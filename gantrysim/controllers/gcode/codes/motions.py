@@ -6,10 +6,9 @@ import math
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, action, motion, setting
-from gantrysim.controllers.gcode.nurbs import add_knot, add_uniform_point, end_uniform
 from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 from gantrysim.controllers.gcode.round_moves import add_arc
-from gantrysim.controllers.gcode.splines import add_cubic, add_quadratic
+from gantrysim.controllers.gcode.splines import add_cubic, add_knot, add_quadratic, add_uniform_point, end_uniform
 
 
 @motion(straight=True)

@@ -7,8 +7,8 @@ import re
 from gantrysim.controllers.softmc.basic import properties
 from gantrysim.controllers.softmc.basic.values import Element
 from gantrysim.controllers.softmc.commands import SoftMCError
-from gantrysim.controllers.softmc.geometry import AXES
 from gantrysim.controllers.softmc.group import Group
+from gantrysim.controllers.softmc.stream import AXES
 
 _AXIS = re.compile(r"a([1-9]\d?)")
 _JOINT = re.compile(r"j([1-9]\d?)")

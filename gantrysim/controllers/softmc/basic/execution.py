@@ -14,14 +14,109 @@ from gantrysim.controllers.basic.tasks import StatementClock
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.softmc.basic import properties
 from gantrysim.controllers.softmc.basic.elements import Elements
-from gantrysim.controllers.softmc.basic.live import LIVE, STEADY
 from gantrysim.controllers.softmc.basic.recording import Recording
 from gantrysim.controllers.softmc.basic.timeline import LONGEST, Mark, Timeline
-from gantrysim.controllers.softmc.basic.values import CONSTANTS, Element, Value, Variable, array, number, text_of
-from gantrysim.controllers.softmc.basic.waits import Waits
+from gantrysim.controllers.softmc.basic.values import CONSTANTS, Element, Point, Value, Variable, array, number, text_of
 from gantrysim.controllers.softmc.commands import Command, SoftMCError
-from gantrysim.controllers.softmc.geometry import AXES
 from gantrysim.controllers.softmc.group import Group
+from gantrysim.controllers.softmc.stream import AXES
+
+# Properties that follow from the motion and the program's time, not from an assignment.
+
+
+def _clock(time: Timeline, elements: Elements, element: Element) -> Value:
+    return 1e3 * time.clock
+
+
+def _is_settled(time: Timeline, elements: Elements, element: Element) -> Value:
+    group = elements.focus()
+    if time.clock < time.free + 1e-3 * float(group.properties.get("timesettle", 0.0)):
+        return 0.0
+    time.settle()
+    return 1.0
+
+
+def _position(time: Timeline, elements: Elements, element: Element) -> Value:
+    place = time.position.tolist()
+    if element.kind == "axis":
+        return float(place[elements.index_of(element)])
+    return Point(tuple(place[: elements.axes or len(AXES)]))
+
+
+STEADY = ("elementname", "ismoving")  # of them, those that stay as they are while a motion is under way
+LIVE: dict[str, Callable[[Timeline, Elements, Element], Value]] = {
+    "clock": _clock,
+    "time": _clock,
+    "elementname": lambda time, elements, element: element.name,
+    "ismoving": lambda time, elements, element: float(time.moving),
+    "issettled": _is_settled,
+    "pcmd": _position,
+    "pfb": _position,
+    "setpoint": _position,
+}
+
+
+# Loops that wait for the end of a motion: their passes are counted, not run, while the motion goes on.
+
+_MOST = 100_000  # statements at once
+
+
+class Waits:
+    """Skips passes of a loop in which nothing changes but the program's time.
+
+    Such a pass only tests, jumps and sleeps, and reads of what follows from the time no more than whether the group
+    moves. The next one is then the same, up to the one in which the motion ends: `WHILE isMoving: SLEEP 1: END WHILE`
+    takes as long as the motion, a thousand passes a second.
+
+    Args:
+        time: the program's.
+        clock: of the statements.
+
+    Attributes:
+        changed: whether something else has taken place, or was read, since the last jump back.
+    """
+
+    def __init__(self, time: Timeline, clock: StatementClock) -> None:
+        self.changed = True
+        self._time = time
+        self._clock = clock
+        self._loop: tuple[Frame, int] | None = None  # of the last jump back: where it lies and where it begins
+        self._count = 0  # of statements then
+        self._durations: list[float] = []  # by which the time has advanced since
+
+    def pass_time(self, duration: float) -> None:
+        """Let time pass [s]."""
+        self._time.clock += duration
+        if not self.changed:
+            self._durations.append(duration)
+
+    def come_back(self, frame: Frame, goal: int) -> None:
+        """Begin a pass of a loop; skip those that are like the one that has ended."""
+        if not self.changed and self._loop is not None and self._loop[0] is frame and self._loop[1] == goal:
+            self._skip(self._clock.count - self._count)
+        self.changed = False
+        self._loop = (frame, goal)
+        self._count = self._clock.count
+        self._durations = []
+
+    def _skip(self, statements: int) -> None:
+        """Let the time of passes with so many statements go by, each to the same last bit, while the group moves."""
+        duration = sum(self._durations)
+        if not self._time.moving or duration <= 0:
+            return
+        most = int((self._time.free - self._time.clock) / duration) + 1
+        if statements:
+            most = min(most, self._clock.remaining // statements)
+        size = len(self._durations)
+        durations = np.tile(self._durations, min(most, _MOST // size + 1))
+        # one after the other, as statements add them
+        clocks = np.add.accumulate(np.concatenate([[self._time.clock], durations]))
+        ends = clocks[size::size]
+        passes = int(np.searchsorted(ends, self._time.free))
+        if passes:
+            self._time.clock = float(ends[passes - 1])
+            self._clock.count += passes * statements
+
 
 MOST_PRINTED = 1000  # lines
 MOST_ITEMS = 1_000_000  # of all arrays

@@ -12,8 +12,7 @@ from gantrysim.controllers.basic.statements import Statements
 from gantrysim.controllers.softmc.basic import properties
 from gantrysim.controllers.softmc.basic.execution import Action, Expression, RoutineFrame
 from gantrysim.controllers.softmc.basic.expressions import element, expression, several
-from gantrysim.controllers.softmc.basic.tree import Node, child, name_of, optional, trees, word
-from gantrysim.controllers.softmc.basic.tree_assembler import CommandHandler
+from gantrysim.controllers.softmc.basic.tree import CommandHandler, Node, child, name_of, optional, trees, word
 from gantrysim.controllers.softmc.basic.values import Element, Point, Value, number, text_of
 from gantrysim.controllers.softmc.commands import Circle, Move, SoftMCError
 

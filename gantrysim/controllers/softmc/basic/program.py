@@ -17,20 +17,33 @@ from gantrysim.base.errors import InputError, at_least, finite, positive, whole
 from gantrysim.controllers.basic.code import Code
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.softmc.basic.compiling import code_of, interpreted
-from gantrysim.controllers.softmc.basic.declarations import routine
 from gantrysim.controllers.softmc.basic.execution import Execution, RoutineFrame, RunSettings
+from gantrysim.controllers.softmc.basic.statement_table import BLOCKS, COMMANDS
+from gantrysim.controllers.softmc.basic.statements import routine
 from gantrysim.controllers.softmc.basic.syntax import parse
-from gantrysim.controllers.softmc.basic.tree import Node, line_of, trees
-from gantrysim.controllers.softmc.basic.tree_assembler import LocatedError
+from gantrysim.controllers.softmc.basic.tree import LocatedError, Node, TreeAssembler, line_of, trees
 from gantrysim.controllers.softmc.basic.values import Variable
 from gantrysim.controllers.softmc.commands import SoftMCError
-from gantrysim.controllers.softmc.geometry import AXES
 from gantrysim.controllers.softmc.group import Group
-from gantrysim.controllers.softmc.stream import Leg, Stream, stream
+from gantrysim.controllers.softmc.stream import AXES, Leg, Stream, stream
 from gantrysim.paths.chain import Chain
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints, periods
+
+# From a text to code.
+
+
+def code_of(statements: list[Node], line: int | None = None) -> Code[RoutineFrame]:
+    """Return the code of statements, each at its own line or all at one."""
+    assembler = TreeAssembler(COMMANDS.handlers, BLOCKS.handlers, line)
+    for tree in statements:
+        assembler.add(tree)
+    return assembler.finish()
+
+
+def interpreted(text: str, line: int) -> Code[RoutineFrame]:
+    """Return the code of a text within the program's line."""
+    return code_of(trees(parse(text.strip())), line)
 
 
 @dataclass(frozen=True)

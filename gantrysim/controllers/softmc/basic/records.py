@@ -10,11 +10,10 @@ from gantrysim.controllers.softmc.basic import properties
 from gantrysim.controllers.softmc.basic.execution import Action, RoutineFrame
 from gantrysim.controllers.softmc.basic.expressions import element, expression
 from gantrysim.controllers.softmc.basic.recording import Column, Recording
-from gantrysim.controllers.softmc.basic.tree import Node, child, name_of, trees, word
-from gantrysim.controllers.softmc.basic.tree_assembler import CommandHandler
+from gantrysim.controllers.softmc.basic.tree import CommandHandler, Node, child, name_of, trees, word
 from gantrysim.controllers.softmc.basic.values import number
 from gantrysim.controllers.softmc.commands import SoftMCError
-from gantrysim.controllers.softmc.geometry import AXES
+from gantrysim.controllers.softmc.stream import AXES
 
 command: Statements[CommandHandler] = Statements()
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gantrysim.controllers.basic.statements import Statements
-from gantrysim.controllers.softmc.basic import declarations, flow, motion, records, statements
+from gantrysim.controllers.softmc.basic import motion, records, statements
 
-COMMANDS = Statements.of(declarations.command, statements.command, motion.command, records.command)
-BLOCKS = flow.block
+COMMANDS = Statements.of(statements.command, motion.command, records.command)
+BLOCKS = statements.block

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.softmc.commands import Command, SoftMCError
-from gantrysim.controllers.softmc.geometry import AXES, Segment, segment
 from gantrysim.controllers.softmc.group import Group
-from gantrysim.controllers.softmc.stream import Leg, Rest, leg_of
+from gantrysim.controllers.softmc.stream import AXES, Leg, Rest, Segment, leg_of, segment
 from gantrysim.paths.chain import Chain
 
 MOST_MOTIONS = 100_000

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from gantrysim.controllers.basic import values as basic
-from gantrysim.controllers.basic.values import ARITHMETIC, COMPARISONS, Function
+from gantrysim.controllers.basic import operators
+from gantrysim.controllers.basic.operators import ARITHMETIC, COMPARISONS, Function
 from gantrysim.controllers.softmc.commands import SoftMCError
 
 LONGEST = 256  # string
@@ -216,7 +216,7 @@ def compare(symbol: str, a: Value, b: Value) -> float:
 
 
 FUNCTIONS: dict[str, Function] = {
-    **{name.lower(): function for name, function in basic.FUNCTIONS.items()},
+    **{name.lower(): function for name, function in operators.FUNCTIONS.items()},
     "atn": Function(math.atan),
     "int": Function(lambda x: float(math.floor(x))),
     "log": Function(math.log),

@@ -3,37 +3,194 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.basic.code import STATEMENT
 from gantrysim.controllers.basic.statements import PREFIX
-from gantrysim.controllers.trio.basic.command_table import (
-    MAX_AXES,
-    MOTION,
-    WAIT,
-    Action,
-    Command,
-    Values,
-    axis_number,
-    order,
-    positive,
-)
-from gantrysim.controllers.trio.basic.move_commands import command
 from gantrysim.controllers.trio.basic.moves import (
     CAM,
     CAMBOX,
     CONNECT,
     FORWARD,
+    MHELICAL,
+    MHELICALSP,
+    MOVE,
+    MOVEABS,
+    MOVEABSSP,
+    MOVECIRC,
+    MOVECIRCSP,
     MOVELINK,
+    MOVESP,
     REVERSE,
+    Arc,
     Jog,
     Move,
     Ramps,
     Shape,
+    Straight,
     Table,
 )
 from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, TABLE_SIZE, Process, index
 from gantrysim.controllers.trio.basic.words import IGNORED_COMMANDS, MOST_BITS
+
+# Tables of commands: a function each, `cmd_connect` for CONNECT, with the number of its arguments.
+
+MAX_AXES = 16  # of one move
+
+Values = list[float]
+Action = Callable[[Process, Values, int], None]
+
+
+# kinds of statement, by which their time is counted
+MOTION = "motion"
+WAIT = "wait"
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command.
+
+    Attributes:
+        act: runs it, given the process, the arguments and the line.
+        least, most: number of arguments.
+        cost: kind of statement that its time is counted as.
+    """
+
+    act: Action
+    least: int
+    most: int
+    cost: str
+
+
+class CommandTable(dict[str, Command]):
+    """Commands by their names; a call returns a decorator that enters the function `cmd_NAME` as NAME."""
+
+    def __call__(self, least: int, most: int, cost: str = STATEMENT) -> Callable[[Action], Action]:
+        """Return the decorator.
+
+        Args:
+            least: number of the command's arguments.
+            most: number of its arguments.
+            cost: kind of statement that its time is counted as.
+        """
+
+        def enter(act: Action) -> Action:
+            name = act.__name__.removeprefix(PREFIX).upper()
+            self[name] = Command(act, least, most, cost)
+            return act
+
+        return enter
+
+
+def order(process: Process, move: Move) -> None:
+    """Hand a move to the axes; the program waits where the buffer is full."""
+    motion = process.state.motion
+    if not motion.order(move):
+        process.blocked = lambda: motion.order(move)
+
+
+def axis_number(process: Process, value: float) -> int:
+    """Return the number of an axis, or raise InputError where there is none."""
+    return process.state.motion.axis(value).number
+
+
+def switch(name: str, value: float) -> bool:
+    """Return whether an argument is 1, or raise InputError where it is neither 0 nor 1."""
+    if value not in (0, 1):
+        raise InputError(f"{name} {value:g}: must be 0 or 1")
+    return value == 1
+
+
+def positive(name: str, value: float) -> float:
+    """Return an argument, or raise InputError where it is not above 0."""
+    if not value > 0 or math.isinf(value):
+        raise InputError(f"{name} = {value:g}: must be greater than 0")
+    return value
+
+
+# The commands that move axes along lines and arcs, with and without speeds of their own.
+
+command = CommandTable()
+
+
+@command(1, MAX_AXES, MOTION)
+def cmd_move(process: Process, values: Values, line: int) -> None:
+    """MOVE(distance, ...): a straight line by these distances."""
+    _line(process, values, line, MOVE)
+
+
+@command(1, MAX_AXES, MOTION)
+def cmd_movesp(process: Process, values: Values, line: int) -> None:
+    """MOVESP(distance, ...): MOVE with FORCE_SPEED, STARTMOVE_SPEED and ENDMOVE_SPEED."""
+    _line(process, values, line, MOVESP)
+
+
+@command(1, MAX_AXES, MOTION)
+def cmd_moveabs(process: Process, values: Values, line: int) -> None:
+    """MOVEABS(position, ...): a straight line to these positions."""
+    _line_to(process, values, line, MOVEABS)
+
+
+@command(1, MAX_AXES, MOTION)
+def cmd_moveabssp(process: Process, values: Values, line: int) -> None:
+    """MOVEABSSP(position, ...): MOVEABS with FORCE_SPEED, STARTMOVE_SPEED and ENDMOVE_SPEED."""
+    _line_to(process, values, line, MOVEABSSP)
+
+
+@command(5, 5, MOTION)
+def cmd_movecirc(process: Process, values: Values, line: int) -> None:
+    """MOVECIRC(end x, end y, centre x, centre y, direction): an arc, its end and centre relative to its start."""
+    _arc(process, values, line, MOVECIRC)
+
+
+@command(5, 5, MOTION)
+def cmd_movecircsp(process: Process, values: Values, line: int) -> None:
+    """MOVECIRCSP(...): MOVECIRC with FORCE_SPEED, STARTMOVE_SPEED and ENDMOVE_SPEED."""
+    _arc(process, values, line, MOVECIRCSP)
+
+
+@command(6, 7, MOTION)
+def cmd_mhelical(process: Process, values: Values, line: int) -> None:
+    """MHELICAL(end x, end y, centre x, centre y, direction, rise[, mode]): an arc with an even climb."""
+    _helix(process, values, line, MHELICAL)
+
+
+@command(6, 7, MOTION)
+def cmd_mhelicalsp(process: Process, values: Values, line: int) -> None:
+    """MHELICALSP(...): MHELICAL with FORCE_SPEED, STARTMOVE_SPEED and ENDMOVE_SPEED."""
+    _helix(process, values, line, MHELICALSP)
+
+
+def _line(process: Process, values: Values, line: int, kind: int) -> None:
+    _order_path(process, Move(kind, line, process.axes(len(values)), Straight(tuple(values))))
+
+
+def _line_to(process: Process, values: Values, line: int, kind: int) -> None:
+    _order_path(process, Move(kind, line, process.axes(len(values)), targets=tuple(values)))
+
+
+def _arc(process: Process, values: Values, line: int, kind: int) -> None:
+    ex, ey, cx, cy, direction = values
+    shape = Arc((ex, ey), (cx, cy), switch("direction", direction))
+    _order_path(process, Move(kind, line, process.axes(2), shape))
+
+
+def _helix(process: Process, values: Values, line: int, kind: int) -> None:
+    ex, ey, cx, cy, direction, rise, mode = (*values, 0.0)[:7]
+    shape = Arc((ex, ey), (cx, cy), switch("direction", direction), rise, switch("mode", mode))
+    _order_path(process, Move(kind, line, process.axes(3), shape))
+
+
+def _order_path(process: Process, move: Move) -> None:
+    """Order a move with the speeds and the rules of corners that hold now: they are buffered with it."""
+    axis = process.state.motion.axis(move.axes[0])
+    move.corners = axis.corners
+    if move.kind in (MOVESP, MOVEABSSP, MOVECIRCSP, MHELICALSP):
+        move.speeds = axis.speeds
+    order(process, move)
+
 
 MOST_POINTS = 32_000  # of a cam
 # bits of the link options

@@ -6,10 +6,25 @@ import math
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.basic.statements import Statements
-from gantrysim.controllers.trio.basic.names import variable
+from gantrysim.controllers.trio.basic import words
+from gantrysim.controllers.trio.basic.axis_parameters import AXIS_PARAMETERS
+from gantrysim.controllers.trio.basic.commands import COMMANDS
 from gantrysim.controllers.trio.basic.process import VR_SIZE, Process, index
-from gantrysim.controllers.trio.basic.process_assembler import Handler, ProcessAssembler
-from gantrysim.controllers.trio.basic.raw import Expression, Raw, Reference
+from gantrysim.controllers.trio.basic.raw import Expression, Handler, ProcessAssembler, Raw, Reference
+
+# Names that a program may give to its variables.
+
+
+def variable(name: str) -> str:
+    """Return the name of a variable that is assigned, in capitals, or raise InputError where it is a word."""
+    word = name.upper()
+    tables = (words.CONSTANTS, words.FUNCTIONS, AXIS_PARAMETERS, words.SYSTEM_PARAMETERS, words.IGNORED, COMMANDS)
+    if word in words.KEYWORDS or any(word in table for table in tables) or word in ("IN", "READ_OP"):
+        raise InputError(f"{name} = ...: is a word of the language that cannot be assigned")
+    if word in words.NOT_EMULATED:
+        raise InputError(f"{name}: a word of the controller that is not emulated")
+    return word
+
 
 KINDS = ("BOOLEAN", "FLOAT", "INTEGER")
 MOST_DIMENSIONS = 3

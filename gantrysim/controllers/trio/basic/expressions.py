@@ -7,8 +7,14 @@ from collections.abc import Callable
 from difflib import get_close_matches
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.basic.operators import Evaluate, Operators, RankedOperator, of_values
-from gantrysim.controllers.basic.values import ARITHMETIC, COMPARISONS
+from gantrysim.controllers.basic.operators import (
+    ARITHMETIC,
+    COMPARISONS,
+    Evaluate,
+    Operators,
+    RankedOperator,
+    of_values,
+)
 from gantrysim.controllers.trio.basic import words
 from gantrysim.controllers.trio.basic.axis_parameters import AXIS_PARAMETERS
 from gantrysim.controllers.trio.basic.commands import COMMANDS

@@ -7,10 +7,9 @@ from functools import partial
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.basic.code import ForLoop
 from gantrysim.controllers.basic.statements import Statements
-from gantrysim.controllers.trio.basic.names import variable
+from gantrysim.controllers.trio.basic.declarations import variable
 from gantrysim.controllers.trio.basic.process import Process
-from gantrysim.controllers.trio.basic.process_assembler import Handler, ProcessAssembler
-from gantrysim.controllers.trio.basic.raw import Evaluate, Raw
+from gantrysim.controllers.trio.basic.raw import Evaluate, Handler, ProcessAssembler, Raw
 
 statement: Statements[Handler] = Statements()
 

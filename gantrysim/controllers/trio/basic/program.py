@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import pathlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from functools import cached_property
+from itertools import chain
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,17 +20,152 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.speeds import SpeedWords
 from gantrysim.controllers.trio.basic import interpreter, text
-from gantrysim.controllers.trio.basic.assembly import assemble_all
 from gantrysim.controllers.trio.basic.buffers import MOST_AXES, MotionSettings
-from gantrysim.controllers.trio.basic.files import located, with_files
+from gantrysim.controllers.trio.basic.expressions import known_words
 from gantrysim.controllers.trio.basic.interpreter import Limits, Trace
 from gantrysim.controllers.trio.basic.motion import Motion
-from gantrysim.controllers.trio.basic.notes import notes_of
+from gantrysim.controllers.trio.basic.moves import Arc
 from gantrysim.controllers.trio.basic.path import StatedSpiral, around, exact, on_path, polyline
 from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, Printed, ProgramCode, State
+from gantrysim.controllers.trio.basic.raw import ProcessAssembler, Source
+from gantrysim.controllers.trio.basic.statement_table import STATEMENTS
+from gantrysim.controllers.trio.basic.text import located, with_files
+from gantrysim.controllers.trio.basic.words import NOTED
 from gantrysim.paths.path import Path
 from gantrysim.paths.spirals import Involute
 from gantrysim.record.setpoints import MAX_TICKS, Setpoints
+
+# Notes on a run of programs: what was ignored, assumed, handled and printed.
+
+_SHOWN = 20  # printed lines, and handled errors
+_OFF_CIRCLE = 1e-3  # distance of an arc's stated end from its circle that rounding does not explain [mm]
+
+
+def notes_of(state: State, stop_after: float, valve: int, stated: bool) -> tuple[str, ...]:
+    """Return the notes.
+
+    Args:
+        state: of the controller at the end.
+        stop_after: time at which programs are stopped [s].
+        valve: number of the output that opens the valve.
+        stated: whether the program or the job states the requested path.
+    """
+    notes = []
+    if state.stopped:
+        notes.append(
+            f"stopped at {stop_after:g} s (stop_after), at line {state.stopped}: the program had not ended; its "
+            "processes end there, and the axes come to rest"
+        )
+    notes += [remark for code in state.programs.values() for remark in code.remarks]
+    notes += _off_circle(state)
+    notes += [f"{error}: the program went on at its ON BASICERROR" for error in state.handled[:_SHOWN]]
+    if len(state.handled) > _SHOWN:
+        notes.append(f"ON BASICERROR: {len(state.handled) - _SHOWN} more errors")
+    for reason in dict.fromkeys(NOTED[name] for name in sorted(state.ignored)):
+        names = [name for name in sorted(state.ignored) if NOTED[name] == reason]
+        notes.append(f"{', '.join(names)}: accepted without effect, {reason}")
+    if valve not in state.switched:
+        notes.append(
+            f"OP({valve}) is never switched: the dispenser is on while the axes move, but not straight up or down"
+        )
+    if not stated:
+        notes.append("the moves alone do not state the axes' path: the commanded trace is the requested path")
+    for line in state.printed[:_SHOWN]:
+        channel = "" if line.channel is None else f"#{line.channel}"
+        notes.append(f"PRINT{channel} at {line.time:.3f} s: {line.text}")
+    unshown = len(state.printed) - _SHOWN + state.unlogged
+    return (*notes, f"PRINT: {unshown} more lines") if unshown > 0 else tuple(notes)
+
+
+def _off_circle(state: State) -> list[str]:
+    """Return a note on the arcs whose stated ends do not lie on their circles, by the worst of them."""
+    off = [
+        (move.shape.off_circle, move)
+        for move in state.motion.loaded
+        if isinstance(move.shape, Arc) and move.shape.off_circle > _OFF_CIRCLE
+    ]
+    if not off:
+        return []
+    worst, move = max(off, key=lambda pair: pair[0])
+    return [
+        f"line {move.line}: the arc's stated end lies {worst:.4g} mm off its circle ({len(off)} such arcs): as on the "
+        "controller, the stated end gives the angle alone, and the arc ends on the circle"
+    ]
+
+
+# A program that can be executed, from its statements as they stand in the text.
+
+_DEEPEST = 8  # programs included by one another
+
+
+def assemble_all(sources: Sequence[Source], strict: bool) -> list[ProgramCode]:
+    """Return programs that can be executed.
+
+    Args:
+        sources: the programs.
+        strict: whether a variable that no statement assigns is an error; else it reads as 0.
+
+    Raises:
+        InputError: a block without its end, an unknown label or word, a number of values that a word does not take.
+    """
+    by_name = {source.name: source for source in sources}
+    shared = {
+        str(raw.data[0])[1:-1].upper()
+        for source in sources
+        for raw in chain.from_iterable(source.lines)
+        if raw.kind in ("constant", "global")
+    }
+    included = {
+        str(raw.data[0])[1:-1].upper()
+        for source in sources
+        for raw in chain.from_iterable(source.lines)
+        if raw.kind == "include"
+    }
+    codes = []
+    for source in sources:
+        assembler = ProcessAssembler(lambda target, name: _include(target, name, by_name, 1))
+        _add(assembler, source)
+        statements = assembler.finish()
+        if strict and source.name not in included:
+            _check_assigned(source, assembler.assigned | shared)
+        codes.append(ProgramCode(source.name, statements, tuple(source.remarks)))
+    return codes
+
+
+def _include(assembler: ProcessAssembler, name: str, sources: Mapping[str, Source], depth: int) -> None:
+    """Add the statements of an included program."""
+    if name not in sources:
+        raise InputError(
+            f'INCLUDE "{name}": must be one of the programs {", ".join(sources)}, or a file {name.lower()}.bas beside '
+            "the program"
+        )
+    if depth > _DEEPEST:
+        raise InputError(f'INCLUDE "{name}": programs include each other more than {_DEEPEST} deep')
+    outer = assembler.include
+    assembler.include = lambda target, inner: _include(target, inner, sources, depth + 1)
+    _add(assembler, sources[name])
+    assembler.include = outer
+
+
+def _add(assembler: ProcessAssembler, source: Source) -> None:
+    for raw in chain.from_iterable(source.lines):
+        try:
+            STATEMENTS.handlers[raw.kind](assembler, raw)
+        except InputError as error:
+            text = str(error)
+            raise InputError(text if text.startswith("line ") else f"line {raw.line}: {text}") from None
+
+
+def _check_assigned(source: Source, assigned: set[str]) -> None:
+    for name, line in source.read.items():
+        if name not in assigned:
+            near = get_close_matches(name, sorted(assigned.difference(known_words())), n=1, cutoff=0.6)
+            hint = f", did you mean {near[0].lower()}?" if near else ""
+            raise InputError(
+                f"line {line}: variable {name.lower()} is assigned nowhere{hint}: it must be, or unassigned_zero = "
+                "true, with which it reads as 0 as on the controller"
+            )
+
 
 _AXES = ("x", "y", "z", "r")
 _Z = 2  # column of a position

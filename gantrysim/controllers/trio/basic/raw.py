@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from gantrysim.base.errors import InputError
+from gantrysim.controllers.basic.assembler import Assembler
 from gantrysim.controllers.trio.basic.process import Process
 
 Evaluate = Callable[[Process], float]
@@ -123,3 +124,25 @@ class Source:
             f"line {line}: {word}, as AN-225 prints it, is not a command of the controller; {meant} is used instead"
         )
         return meant
+
+
+# The assembler of a program, to which its statements add themselves.
+
+
+class ProcessAssembler(Assembler[Process]):
+    """Assembles a program.
+
+    Attributes:
+        assigned: variables that a statement assigns.
+        arrays: names that DIM has given to arrays.
+        include: assembles the statements of an included program, by its name.
+    """
+
+    def __init__(self, include: Callable[[ProcessAssembler, str], None]) -> None:
+        super().__init__()
+        self.assigned: set[str] = set()
+        self.arrays: set[str] = set()
+        self.include = include
+
+
+Handler = Callable[[ProcessAssembler, Raw], None]

@@ -14,13 +14,11 @@ from gantrysim.controllers.basic.statements import Statements
 from gantrysim.controllers.trio.basic import words
 from gantrysim.controllers.trio.basic.axis import Axis
 from gantrysim.controllers.trio.basic.axis_parameters import AXIS_PARAMETERS
-from gantrysim.controllers.trio.basic.command_table import WAIT
-from gantrysim.controllers.trio.basic.commands import COMMANDS
+from gantrysim.controllers.trio.basic.commands import COMMANDS, WAIT
+from gantrysim.controllers.trio.basic.declarations import variable
 from gantrysim.controllers.trio.basic.expressions import unknown_word
-from gantrysim.controllers.trio.basic.names import variable
 from gantrysim.controllers.trio.basic.process import VR_SIZE, Process, index
-from gantrysim.controllers.trio.basic.process_assembler import Handler, ProcessAssembler
-from gantrysim.controllers.trio.basic.raw import Evaluate, Expression, Raw, Reference, Spelt
+from gantrysim.controllers.trio.basic.raw import Evaluate, Expression, Handler, ProcessAssembler, Raw, Reference, Spelt
 
 PRINT = "print"  # kind of statement, by which its time is counted
 TAB = 8  # characters from one column of PRINT to the next

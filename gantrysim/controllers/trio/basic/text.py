@@ -5,16 +5,20 @@ from __future__ import annotations
 import math
 import re
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cached_property, partial
 from importlib.resources import files
+from pathlib import Path
 from typing import Any, cast
 
 from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedEOF, UnexpectedToken
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.basic.operators import RankedOperator
+from gantrysim.base.input_files import check_inside
+from gantrysim.base.toml_files import read_text
+from gantrysim.controllers.basic.operators import RankedOperator, number_of
 from gantrysim.controllers.basic.statements import with_keywords
-from gantrysim.controllers.basic.values import number_of
 from gantrysim.controllers.trio.basic import words
 from gantrysim.controllers.trio.basic.commands import COMMANDS
 from gantrysim.controllers.trio.basic.expressions import (
@@ -25,10 +29,106 @@ from gantrysim.controllers.trio.basic.expressions import (
     unknown_word,
     value_of,
 )
-from gantrysim.controllers.trio.basic.files import MOST_SECTIONS, SECTION
-from gantrysim.controllers.trio.basic.print_brackets import without_print_brackets
 from gantrysim.controllers.trio.basic.raw import Expression, Raw, Reference, Source, Spelt
 from gantrysim.controllers.trio.basic.statement_table import STATEMENTS
+
+# PRINT(...) as people write it: brackets about all that a PRINT shows, which mean nothing.
+
+_BRACKETED = re.compile(r"PRINT[ \t]*\(", re.IGNORECASE)
+_PLACES = re.compile(r"\"[^\"\n]*\"|'[^\n]*|\bREM\b[^\n]*|(?P<print>\bPRINT[ \t]*)\(", re.IGNORECASE)
+_INSIDE = re.compile(r"\"[^\"\n]*\"|[()\n']")
+_END = re.compile(r"[ \t]*(?:$|[:\n']|REM\b|ELSE\b)", re.IGNORECASE)
+
+
+def without_print_brackets(text: str) -> str:
+    """Return a text in which blanks replace the brackets about everything that a PRINT shows."""
+    if not _BRACKETED.search(text):
+        return text
+    characters = list(text)
+    for place in _PLACES.finditer(text):
+        if place["print"] is None:
+            continue
+        begin = place.end() - 1
+        end = _closing(text, begin)
+        if end is not None and _END.match(text, end + 1):
+            characters[begin] = " "
+            characters[end] = " "
+    return "".join(characters)
+
+
+def _closing(text: str, begin: int) -> int | None:
+    """Return where the bracket that opens at `begin` closes, None where it does not in its line."""
+    depth = 0
+    for part in _INSIDE.finditer(text, begin):
+        if part[0] == "(":
+            depth += 1
+        elif part[0] == ")":
+            depth -= 1
+            if depth == 0:
+                return part.start()
+        elif part[0] in ("\n", "'"):
+            return None
+    return None
+
+
+# Several programs in one text: each but the first after a line '$PROGRAM name, or from a file beside the program.
+
+SECTION = re.compile(r"^[ \t]*'\$PROGRAM[ \t]+\"?(\w+)\"?[ \t]*$", re.IGNORECASE | re.MULTILINE)
+SUFFIXES = (".bas", ".inc")
+MOST_SECTIONS = 64
+_NAMED = re.compile(r"'[^\n]*|\b(?:INCLUDE|RUN)[ \t]*\"(\w+)\"", re.IGNORECASE)
+_LINE = re.compile(r"line (\d+): ")
+
+
+def with_files(text: str, folder: Path) -> str:
+    """Return a text with the programs that INCLUDE and RUN name, and that are files beside it, as its last sections.
+
+    Raises:
+        InputError: a file that cannot be read or is a link that leaves the folder, or too many of them.
+    """
+    try:
+        files = {path.stem.upper(): path for path in sorted(folder.iterdir()) if path.suffix.lower() in SUFFIXES}
+    except OSError:
+        return text  # where the folder cannot be read, the programs are reported as missing
+    present = {head[1].upper() for head in SECTION.finditer(text)}
+    waiting = _names(text)
+    while waiting:
+        name = waiting.pop(0)
+        if name in present or name not in files:
+            continue
+        present.add(name)
+        if len(present) >= MOST_SECTIONS:
+            raise InputError(f"{len(present)} programs: must be at most {MOST_SECTIONS}")
+        check_inside(files[name], folder)
+        try:
+            added = read_text(files[name], errors="replace")
+        except OSError as error:
+            raise InputError(f"{files[name]}: cannot be read: {error.strerror}") from None
+        text = f"{text.rstrip()}\n'$PROGRAM {name}\n{added}"
+        waiting += _names(added)
+    return text
+
+
+def _names(text: str) -> list[str]:
+    return [place[1].upper() for place in _NAMED.finditer(text) if place[1]]
+
+
+@contextmanager
+def located(text: str) -> Iterator[None]:
+    """Add to the line of an error its line in the section where it lies."""
+    try:
+        yield
+    except InputError as error:
+        message = str(error)
+        line_match = _LINE.match(message)
+        heads = [(text.count("\n", 0, head.start()) + 1, head[1].upper()) for head in SECTION.finditer(text)]
+        before = [(line, name) for line, name in heads if line_match and line < int(line_match[1])]
+        if line_match is None or not before:
+            raise
+        line, name = before[-1]
+        place = f"line {line_match[1]} (line {int(line_match[1]) - line} of {name}): "
+        raise InputError(place + message[line_match.end() :]) from None
+
 
 # characters of a text, a line, a word
 LONGEST = 1_000_000

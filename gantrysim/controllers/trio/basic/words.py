@@ -7,14 +7,14 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.basic import values as basic
-from gantrysim.controllers.basic.values import Function
+from gantrysim.controllers.basic import operators
+from gantrysim.controllers.basic.operators import Function
 from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, TABLE_SIZE, VR_SIZE, Process, index
 
 CONSTANTS = {"PI": math.pi, "TRUE": -1.0, "FALSE": 0.0, "ON": 1.0, "OFF": 0.0}
 
 FUNCTIONS: dict[str, Function] = {
-    **basic.FUNCTIONS,
+    **operators.FUNCTIONS,
     "ATAN": Function(math.atan),
     "FRAC": Function(lambda x: x - math.trunc(x)),
     "INT": Function(lambda x: float(math.trunc(x))),

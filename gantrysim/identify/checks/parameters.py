@@ -1,0 +1,286 @@
+"""Checks of the fitted values: torques in balance, values within reason, and the same in every part of the log."""
+
+# ruff: noqa: N803, N806 - matrices bear the letters of the equations
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from gantrysim.base.arrays import Floats
+from gantrysim.identify.checks.finding import FRICTION, Doubt, Finding
+from gantrysim.identify.model import AxisModel
+from gantrysim.identify.parts import partitions
+from gantrysim.identify.prediction import effective_torque
+from gantrysim.identify.result import CONFIDENCE, MODE, AxisFit, Sensitivity
+from gantrysim.identify.whiteness import covariance_of, long_run_covariance
+
+# Check: torque must balance inertia and friction at low frequency too.
+#
+# The fit weighs every sample by how well it predicts the next one, so that a slow error of the torque hardly counts.
+# Here torque, acceleration and the friction of the law that the log has chosen pass one zero-phase low-pass, and what
+# remains of the torque is regressed on the acceleration: the test of J. Hausman (Econometrica 46, 1978) of two
+# estimators of the inertia that agree only where the model is right. What the law leaves of the torque is averaged over
+# parts of the log: a friction that depends on place, load or speed otherwise than in its law shows as a mean of its own
+# in each.
+
+BALANCE = "torque balance"
+UNEVEN = 0.1  # torque that remains in a part of the log, from which the friction's law is another one, of the friction
+APART = 0.1  # Coulomb friction of the predictions less that of the law, from which the mode is doubtful, of the law's
+_WIDTH = 0.004  # standard deviation of the low-pass [s]
+_STEPS = 8  # of the torque's course in a sample
+_MOVING = 0.02  # share of the highest speed from which an axis slides
+_SLIDING = 0.9  # share of the samples around one that must be in motion
+_FEWEST = 200  # samples of a part of the log
+_MEMORY = 8  # correlation of what the low-pass leaves [widths]
+
+
+class Balance(NamedTuple):
+    """Inertia of the balance less that of the fit, and its standard deviation [N·m·s²/u]."""
+
+    change: float
+    deviation: float
+
+
+def check_balance(fit: AxisFit, period: float) -> Doubt:
+    """Return how far the balance's inertia is from the fit's, and whether the friction's law is another one."""
+    balance = torque_balance(fit, period)
+    if balance is None:
+        return Doubt({}, [Finding(BALANCE, FRICTION, "too few samples slide to balance the torque")])
+    inertia = float(np.sqrt(max(balance.change**2 - balance.deviation**2, 0.0)))
+    unevenness = fit.law.unevenness
+    largest = max(unevenness, key=lambda name: unevenness[name])
+    uneven = unevenness[largest]
+    # static friction stands on the same level as Coulomb friction
+    return Doubt({"inertia": inertia, "coulomb": uneven, "static": uneven}, _findings(fit, largest, uneven))
+
+
+def _findings(fit: AxisFit, partition: str, uneven: float) -> list[Finding]:
+    coulomb = fit.model.coulomb
+    predicted = fit.predicted.coulomb
+    findings = []
+    if abs(predicted - coulomb) > APART * coulomb:
+        reason = (
+            f"the torque in steady motion gives a Coulomb friction of {coulomb:.3g} N·m, the predictions "
+            f"{predicted:.3g} N·m: must agree within {100 * APART:.0f} %"
+        )
+        findings.append(Finding(BALANCE, ("static", *MODE), reason))
+    if uneven > UNEVEN * coulomb:
+        reason = (
+            f"the friction differs with {partition} by {uneven:.2g} N·m beside {coulomb:.3g} N·m: must be within "
+            f"{100 * UNEVEN:.0f} %"
+        )
+        findings.append(Finding(BALANCE, (*FRICTION, *MODE), reason))
+    return findings
+
+
+def torque_balance(fit: AxisFit, period: float) -> Balance | None:
+    """Return the balance of the torque; None where too few samples slide."""
+    model = fit.model
+    width = _WIDTH / period
+    torque = _torque(fit, period)
+    acceleration = np.diff(fit.position, 2) / period**2
+    speed = (fit.position[2:] - fit.position[:-2]) / (2 * period)
+    slow = gaussian_filter1d(speed, width)
+    direction = _direction(speed)
+    friction = model.viscous * speed + (model.coulomb + fit.law.level[1:-1]) * direction + fit.law.ripple[1:-1]
+    smooth = _of_both_masses(model, gaussian_filter1d(acceleration, width), period)
+    remains = gaussian_filter1d(torque - friction, width) - model.inertia * smooth
+    chosen = gaussian_filter1d(1.0 * (np.abs(slow) > _MOVING * float(np.quantile(np.abs(slow), 0.99))), width)
+    slides = chosen > _SLIDING
+    edge = round(4 * width)  # where the filter reaches beyond the log
+    slides[:edge] = slides[-edge:] = False
+    if slides.sum() < _FEWEST:
+        return None
+    columns = [smooth, slow, gaussian_filter1d(direction, width), np.ones_like(slow)]
+    memory = round(_MEMORY * width)
+    return _inertia(np.stack(columns, axis=1)[slides], remains[slides], memory)
+
+
+def _inertia(A: Floats, torque: Floats, memory: int) -> Balance:
+    """Return the coefficient of the first column in a torque, and its standard deviation."""
+    size = np.abs(A).max(axis=0)
+    A = A / size
+    coefficients = np.linalg.lstsq(A, torque, rcond=None)[0]
+    variance = np.diag(long_run_covariance(A, torque - A @ coefficients, memory))
+    return Balance(float(coefficients[0] / size[0]), float(np.sqrt(max(variance[0], 0.0)) / size[0]))
+
+
+def _torque(fit: AxisFit, period: float) -> Floats:
+    """Return the effective torque over the two steps around each sample but the ends, (n - 2,) [N·m].
+
+    A second difference of the position is the acceleration's mean with triangular weights: so is this torque.
+    """
+    means = effective_torque(fit.model, period, fit.torque, _STEPS, fit.held).ravel()
+    rise = np.arange(_STEPS) + 0.5
+    weights = np.concatenate([rise, rise[::-1]]) / _STEPS**2
+    return np.asarray(np.convolve(means, weights, "valid")[::_STEPS][: fit.position.size - 2])
+
+
+def _direction(speed: Floats) -> Floats:
+    """Return the sign of the last speed that is not zero; counts of the encoder stand still on slow moves."""
+    last = np.maximum.accumulate(np.where(speed != 0, np.arange(speed.size), 0))
+    return np.asarray(np.sign(speed[last]))
+
+
+def _of_both_masses(model: AxisModel, acceleration: Floats, period: float) -> Floats:
+    """Return the mean acceleration of motor and load by mass; below resonance the load's exceeds the motor's by a''/w².
+
+    w is the natural frequency of the load with the motor held.
+    """
+    if not model.share:
+        return acceleration
+    flexibility = model.inertia * model.share / model.stiffness
+    return acceleration - model.share * flexibility * np.gradient(np.gradient(acceleration, period), period)
+
+
+# Check: inertia, friction and delay must be within reason of the machine's table.
+#
+# A fit scales with the log: a torque in mN·m gives a thousand times the inertia, with narrow intervals. The table knows
+# the machine to some tens of per cent, a payload included, so that a factor is a unit or a gear, not a finding. A delay
+# below zero would be a motion ahead of its torque.
+
+PLAUSIBILITY = "plausibility"
+FAR = 2.0  # ratio of the inertia to the table's, or its inverse, from which nothing is identified
+FRICTION_FAR = 10.0  # ratio of the Coulomb friction to the table's
+# largest half interval of static over Coulomb friction, of itself: else one has been taken for the other
+EXCESS_SEEN = 0.5
+LATEST = 10.0  # longest delay, in periods of the log
+WIDEST = 2.0  # deflection of the bristles that a gap must exceed, times: presliding looks like a smaller one
+EARLY = 0.1  # delay below zero that the torque between samples explains, of a period
+
+
+def check_plausible(fit: AxisFit, period: float) -> Doubt:
+    """Return which values are beyond reason."""
+    model = fit.model
+    table = fit.nominal
+    findings = []
+    ratio = model.inertia / table.inertia
+    if not 1 / FAR <= ratio <= FAR:
+        reason = (
+            f"inertia is {ratio:.2g} times that of the machine's table: must be {1 / FAR:g} to {FAR:g} times; check "
+            "units, gear and payload"
+        )
+        findings.append(Finding(PLAUSIBILITY, (), reason))
+    delay = fit.estimates["delay"]
+    if delay.value < -EARLY * period and delay.interval[1] < 0:
+        reason = (
+            f"delay = {1e3 * delay.value:.3g} ms: must be at least 0; the motion is "
+            "ahead of its torque: the torque was logged later than the position, or filtered"
+        )
+        findings.append(Finding(PLAUSIBILITY, (), reason))
+    if delay.value > LATEST * period:
+        reason = f"delay = {1e3 * delay.value:.3g} ms: must be at most {LATEST:g} periods of the log"
+        findings.append(Finding(PLAUSIBILITY, (), reason))
+    for name in ("viscous", "coulomb"):
+        value = float(getattr(model, name))
+        if value <= 1e-6 * float(getattr(table, name)):
+            reason = f"{name} friction is at its bound, 0: without it the fit would be below zero"
+            findings.append(Finding(PLAUSIBILITY, FRICTION, reason))
+    excess = fit.estimates["excess"]
+    half = CONFIDENCE * excess.deviation
+    if half > EXCESS_SEEN * excess.value:
+        reason = (
+            f"static friction exceeds Coulomb friction by {excess.value:.2g} ± {half:.2g} N·m: must be known within "
+            f"{100 * EXCESS_SEEN:.0f} %; the log does not show it"
+        )
+        findings.append(Finding(PLAUSIBILITY, ("static",), reason))
+    travel = model.deflection * model.scale
+    if "gap" in fit.estimates and model.gap < WIDEST * travel:
+        reason = (
+            f"backlash is {model.gap:.2g} {fit.unit}, presliding of the friction {travel:.2g} {fit.unit}: must be at "
+            f"least {WIDEST:g} times as wide to be told from it"
+        )
+        findings.append(Finding(PLAUSIBILITY, ("gap",), reason))
+    if table.coulomb > 0 and not 1 / FRICTION_FAR <= model.coulomb / table.coulomb <= FRICTION_FAR:
+        reason = (
+            f"Coulomb friction is {model.coulomb / table.coulomb:.2g} times that of the machine's table: must be "
+            f"{1 / FRICTION_FAR:g} to {FRICTION_FAR:g} times"
+        )
+        findings.append(Finding(PLAUSIBILITY, FRICTION, reason))
+    return Doubt({}, findings)
+
+
+# Check: the parameters must not depend on any one part of the log.
+#
+# A model with the structure of the axis has one set of parameters for early and late, slow and fast, both directions,
+# every place of the travel and every torque. Where the estimate moves by more than its own scatter once a part is left
+# out, the difference is a property of the model, and no interval from the noise alone covers it: a jackknife over parts
+# that are not alike, instead of random ones (B. Efron, The Jackknife, the Bootstrap and Other Resampling Plans, 1982).
+
+PARTS_OF_LOG = "parts of the log"
+LARGEST_CHANGE = 0.1  # change of a value from which it is not identified, of the value
+SIGNIFICANT = 3.0  # standard deviations from which a change counts
+_NOT_JUDGED = ("viscous", "coulomb", "offset", "excess")  # reported by the torque, which has parts of its own; static
+
+
+def check_segments(fit: AxisFit, period: float) -> Doubt:
+    """Return by how much each parameter moves without one part of the log, and which move too far."""
+    moved = changes_without_a_part(fit, period)
+    for name in _NOT_JUDGED:
+        del moved[name]
+    extra = {name: change for name, (change, _) in moved.items()}
+    findings = []
+    for name, (change, partition) in moved.items():
+        value = abs(float(getattr(fit.model, name)))
+        if name == "delay":
+            value = max(value, period)  # of a delay of zero, every change is large
+        if change > LARGEST_CHANGE * value:
+            share = f"{100 * change / value:.0f} %" if value else "all of its value"
+            reason = (
+                f"{name} changes by {share} with a part of the log ({partition}) left out: must be within "
+                f"{100 * LARGEST_CHANGE:.0f} %"
+            )
+            findings.append(Finding(PARTS_OF_LOG, (name,), reason))
+    return Doubt(extra, findings)
+
+
+def changes_without_a_part(fit: AxisFit, period: float) -> dict[str, tuple[float, str]]:
+    """Return the largest significant change of each parameter, and the partition with the part whose absence makes it.
+
+    An estimate without a part is one Gauss-Newton step from that of the whole, -(J'J)^-1 J'r over the other samples.
+    Where these tell less of a parameter than the whole log, its change counts in proportion.
+    """
+    sensitivity = fit.sensitivity
+    parameters = _parameters(sensitivity)
+    names = (*sensitivity.names, "static")
+    whole = _deviations(parameters, sensitivity.jacobian, sensitivity.residual)
+    moved = dict.fromkeys(names, (0.0, ""))
+    for partition, masks in partitions(fit.position, fit.torque, fit.used, period).items():
+        for mask in masks:
+            others = ~mask[fit.used]
+            if min(others.sum(), (~others).sum()) < _FEWEST:
+                continue
+            change, deviation = _without(parameters, sensitivity, others)
+            for k, name in enumerate(names):
+                if deviation[k] > 0 and abs(change[k]) > SIGNIFICANT * deviation[k]:
+                    counted = abs(float(change[k])) * min(1.0, float(whole[k] / deviation[k]))
+                    moved[name] = max(moved[name], (counted, partition))
+    return moved
+
+
+def _without(parameters: Floats, sensitivity: Sensitivity, others: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """Return how the parameters change with some samples alone, and their standard deviations then, (p + 1,) each."""
+    J = sensitivity.jacobian[others]
+    residual = sensitivity.residual[others]
+    change = -parameters @ np.linalg.pinv(J.T @ J) @ (J.T @ residual)
+    return change, _deviations(parameters, J, residual)
+
+
+def _deviations(parameters: Floats, J: Floats, residual: Floats) -> Floats:
+    covariance = covariance_of(J, residual)
+    return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", parameters, covariance, parameters), 0.0)))
+
+
+def _parameters(sensitivity: Sensitivity) -> Floats:
+    """Return the parameters and the static friction as sums of the fit's variables, (p + 1, variables)."""
+    count = len(sensitivity.names)
+    M = np.zeros((count + 1, sensitivity.jacobian.shape[1]))
+    M[:count, :count] = np.diag(sensitivity.slopes)
+    for name in ("coulomb", "excess"):
+        k = sensitivity.names.index(name)
+        M[count, k] = sensitivity.slopes[k]
+    return M
