@@ -217,12 +217,12 @@ def improve(
     return _with_fastest(improvement, bench) if wants_fastest else improvement
 
 
-def worst_rows(before: Outcome, count: int = 2) -> list[str]:
-    """Return the names of the rows of a verdict that are worst, and do not pass, the worst first."""
+def worst_rows(before: Outcome) -> list[str]:
+    """Return the names of the two rows of a verdict that are worst, and do not pass, the worst first."""
     if before.verdict is None:
         return []
     rows = [row for row in before.verdict.rows if row_burden(row) > 0]
-    return [row.name for row in sorted(rows, key=row_burden, reverse=True)[:count]]
+    return [row.name for row in sorted(rows, key=row_burden, reverse=True)[:2]]
 
 
 def chosen_levers(names: Iterable[str] | None) -> list[Lever]:

@@ -28,6 +28,16 @@ def ends(text, **settings):
     return np.round(moves(text, **settings)[:, END : END + 3], 9).tolist()
 
 
+SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3")
+
+
+@pytest.mark.parametrize(("number", "code"), list(enumerate(SYSTEMS, start=1)))
+def test_every_code_of_a_coordinate_system_means_its_number(number, code):
+    zeros = "\n".join(f"G10 L2 P{k} X{10 * k} Y{-k}" for k in range(1, 10))
+    text = f"{zeros}\n{code}\nG0 X1\nG54\n{code}\nG0 X#5220 Y#[5202+20*#5220]"
+    assert ends(text) == [[10 * number + 1, 0, 0], [11 * number, -2 * number, 0]]
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [

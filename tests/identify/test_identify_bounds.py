@@ -11,7 +11,7 @@ import pytest
 
 from gantrysim import InputError, Machine
 from gantrysim.identify.checks.finding import NotIdentifiedError
-from gantrysim.identify.checks.parameters import check_plausible
+from gantrysim.identify.checks.parameters import check_plausible, check_segments
 from gantrysim.identify.checks.residual import PREDICTED, check_clipping, check_counts, check_residual
 from gantrysim.identify.checks.sampling import (
     check_encoder,
@@ -25,7 +25,7 @@ from gantrysim.identify.checks.sampling import (
 from gantrysim.identify.checks.units import check_inertia, check_travel, inertia_hint, position_slips, torque_slips
 from gantrysim.identify.friction_terms import COGGING, LOAD, POSITION, SQUARE, STRIBECK, Motion, Term
 from gantrysim.identify.model import model_of
-from gantrysim.identify.result import Estimate
+from gantrysim.identify.result import Estimate, Sensitivity
 
 MACHINE = Machine("xy")
 AXIS = MACHINE.axes[1]
@@ -274,6 +274,40 @@ PRESLIDING = MODEL.deflection * MODEL.scale
 def test_a_fit_is_plausible_within_its_bounds(fit, values):
     findings = check_plausible(fit, PERIOD).findings
     assert [set(finding.values) for finding in findings] == ([] if values is None else [set(values)])
+
+
+def fit_that_differs_by_direction(**changes):
+    """A fit to a stroke back and one forth, with parameters that would differ by shares of themselves in each."""
+    n = 8000
+    names = ("inertia", "delay", "viscous", "coulomb", "offset", "excess")
+    values = np.array([MODEL.inertia, PERIOD, 1.0, 1.0, 1.0, 1.0])
+    position = np.abs(np.linspace(-50.0, 50.0, n))
+    forth = np.gradient(position) >= 0
+    # columns that are orthogonal over any part of the log, so that each parameter is its column's mean
+    jacobian = np.tile(np.eye(len(names) + 1), (n // (len(names) + 1) + 1, 1))[:n]
+    residual = -np.where(forth, 1.0, -1.0) * (jacobian @ [*(changes.get(name, 0.0) for name in names), 0.0])
+    residual *= 1 + 0.01 * np.where(np.arange(n) // 7 % 2, 1.0, -1.0)
+    return SimpleNamespace(
+        model=MODEL, position=position, torque=np.zeros(n), used=np.ones(n, bool),
+        sensitivity=Sensitivity(names, jacobian, values, residual),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize("name", ["inertia", "delay"])
+@pytest.mark.parametrize(("share", "beyond"), [(0.05, False), (0.094, False), (0.106, True), (0.5, True)])
+def test_a_value_may_change_by_a_tenth_without_a_part_of_the_log(name, share, sign, beyond):
+    """Of one stroke alone the estimate is its mean over it, and counts less by sqrt(1/2), as half the log tells it.
+
+    A delay's tenth is of a period at least.
+    """
+    fit = fit_that_differs_by_direction(**{name: sign * share * math.sqrt(2)})
+    doubt = check_segments(fit, PERIOD)
+    size = MODEL.inertia if name == "inertia" else PERIOD
+    assert doubt.deviations[name] == pytest.approx(share * size, rel=0.02)
+    assert [finding.values for finding in doubt.findings] == ([(name,)] if beyond else [])
+    if beyond:
+        assert f"changes by {100 * share:.0f} % with a part of the log (direction) left out" in doubt.findings[0].reason
 
 
 def noisy_fit(times=5.0, noise=0.1, colour=0.0, remainder=0.001):

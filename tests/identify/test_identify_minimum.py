@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gantrysim import Machine
-from gantrysim.identify.fit import Minimum, PredictionError, _slope, _Variables
+from gantrysim.identify.fit import Minimum, PredictionError, _slope, _starts, _Variables
 from gantrysim.identify.model import model_of
 from gantrysim.identify.result import CONFIDENCE, PARAMETERS, SYSTEMATIC, Sensitivity
 from gantrysim.identify.whiteness import LAGS, correlation, covariance_of
@@ -143,3 +143,32 @@ def test_the_covariance_of_a_mean_grows_with_the_correlation_of_the_residual(rho
     found = covariance_of(np.ones((n, 1)), residual)
     expected = residual.var() / n * (1 + rho) / (1 - rho)
     assert found[0, 0] == pytest.approx(expected, rel=0.06)
+
+
+@pytest.mark.parametrize("filled", [False, True])
+@pytest.mark.parametrize("seed", range(20))
+def test_a_fit_with_a_backlash_begins_at_the_cheapest_model_of_its_grid(seed, filled):
+    """A cost that grows with the distance of stiffness, gap and bristles from the truth, as factors."""
+    random = np.random.default_rng(seed)
+    truth = {
+        "stiffness": MODEL.stiffness * random.uniform(0.7, 1.2),
+        "gap": SIZE * random.uniform(10.0, 1000.0),
+        "deflection": MODEL.deflection * 10 ** random.uniform(-1.5, 0.5),
+    }
+
+    class Error:
+        size = SIZE
+
+        @staticmethod
+        def cost(model, noise):
+            return noise * sum(abs(math.log(getattr(model, name) / value)) for name, value in truth.items())
+
+    fitted = replace(MODEL, stiffness=100.0 * MODEL.stiffness, deflection=7.0 * MODEL.deflection)
+    as_fitted, free = _starts(Error, fitted, MODEL, NOISE, filled)
+    assert as_fitted.deflection == fitted.deflection
+    for start in (as_fitted, free):
+        assert start.filled == filled
+        assert start.stiffness == pytest.approx(truth["stiffness"], rel=0.1)
+        assert start.gap == pytest.approx(truth["gap"], rel=0.07)
+    # the grid of the bristles is by half decades
+    assert abs(math.log10(free.deflection / truth["deflection"])) < 0.27

@@ -3,6 +3,7 @@
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -22,6 +23,35 @@ def expected(machine):
     stepped = perturbed_model(machine.physics, CHANGED, machine.plain_axes, machine.nozzle, machine.work)
     set_for_steps(stepped, STEP, False, False)
     return digest_of(physics), digest_of(stepped)
+
+
+LIMITED = """
+<mujoco>
+  <worldbody>
+    <body>
+      <joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>
+      <geom size="0.1"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <dcmotor name="x" joint="x" motorconst="0.03 0.03" resistance="0.3" ctrllimited="true" ctrlrange="-5 5"/>
+    <motor name="y" joint="y" ctrllimited="true" ctrlrange="-1 1"/>
+  </actuator>
+  <sensor><jointpos joint="x"/></sensor>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("stops", [False, True])
+@pytest.mark.parametrize("voltage", [False, True])
+def test_steps_sense_nothing_and_have_the_limits_and_stops_that_are_wanted(voltage, stops):
+    """A current loop may ask more than a dcmotor's range of control; a motor's torque stays within its own."""
+    model = mujoco.MjModel.from_xml_string(LIMITED)
+    set_for_steps(model, STEP, voltage, stops)
+    assert model.opt.timestep == STEP
+    assert model.actuator_ctrllimited.tolist() == [not voltage, True]
+    bits = mujoco.mjtDisableBit
+    assert model.opt.disableflags == bits.mjDSBL_SENSOR | (0 if stops else bits.mjDSBL_CONSTRAINT)
 
 
 @pytest.mark.parametrize("name", builtin_models())

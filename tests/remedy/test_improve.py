@@ -19,8 +19,10 @@ from gantrysim.remedy.combination import Pick
 from gantrysim.remedy.fastest import FastestProgram
 from gantrysim.remedy.improve import Search, another_part, improve, worst_rows
 from gantrysim.remedy.lever import Lever, Setting
-from gantrysim.remedy.outcome import measured, measured_together, motion_key
+from gantrysim.remedy.outcome import Outcome, measured, measured_together, motion_key
 from gantrysim.remedy.report import TITLE, change_section, comparison_of
+from gantrysim.results.checks import Check
+from gantrysim.results.row import Row
 from gantrysim.study.cases import measure
 from gantrysim.study.speed import SpeedStudy
 from gantrysim.study.speed.study import Grade, SpeedAnswer
@@ -136,6 +138,25 @@ def test_levers_against_causes_that_do_not_matter_are_not_tried(monkeypatch):
     assert [trial.lever.name for trial in result.trials] == ["friction compensation"]
     assert [skipped.reason for skipped in result.skipped] == ["the error is not caused by counts"]
     assert result.improved.state == "pass"
+
+
+@pytest.mark.parametrize(
+    ("usages", "worst"),
+    [
+        ((0.8, 0.7, 0.0, 0.1), []),
+        ((0.8, 0.81, 0.0, 0.1), ["glue"]),
+        ((1.1, 1.2, 0.5, 0.9), ["glue", "path"]),
+        ((1.1, 1.2, 3.0, 2.0), ["stability", "machine"]),
+    ],
+)
+def test_the_two_worst_rows_are_asked_about(usages, worst):
+    names = ("path", "glue", "stability", "machine")
+    rows = []
+    for name, usage in zip(names, usages, strict=True):
+        check = Check(name=name, quantity=name, value=usage, limit=1.0, unit="", source="given")
+        rows.append(Row.of(name, [check]))
+    assert worst_rows(Outcome(Verdict(tuple(rows)))) == worst
+    assert worst_rows(Outcome(None)) == []
 
 
 def test_only_the_wanted_rows_are_improved():

@@ -77,6 +77,9 @@ def test_keys_are_unique_and_every_value_has_a_meaning_and_a_unit_in_its_key(res
         assert not number.meaning.endswith(".")
         assert AXIS not in number.key
         assert number.label == number.label.strip()
+        # values are in mm, s and N·m; a share is its number, the volume's error alone is in per cent already
+        factors = {"µm": 1e3, "ms": 1e3, "%": 1.0 if number.key == "volume_error_percent" else 100.0}
+        assert number.factor == factors.get(number.unit, 1.0)
 
 
 def test_terminal_and_page_show_values_as_their_quantities_do(results, page):
