@@ -103,11 +103,12 @@ def test_every_import_is_of_a_package_that_its_installation_holds():
 
 def test_what_needs_an_extra_names_one_that_there_is_and_the_purpose_after_it():
     """`with extra("tables", "Bead.to_frame")`: the words are not exchanged, whose message is seen by few."""
-    calls = []
-    for file in (ROOT / "gantrysim").rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and ast.unparse(node.func) == "extra":
-                calls.append((file.name, node.args[0].value, ast.unparse(node.args[1])))
+    calls = [
+        (file.name, node.args[0].value, ast.unparse(node.args[1]))
+        for file in (ROOT / "gantrysim").rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "extra"
+    ]
     assert len(calls) > 8
     assert [call for call in calls if call[1] not in EXTRAS or call[2].strip("'") in EXTRAS] == []
 
