@@ -32,6 +32,14 @@ PARAMETERS_ALLOWED: dict[str, str] = {
     "cli/tune.py:tune": "a command: its parameters are its options",
     "job/loaded.py:load": "keywords of a public constructor, one for each option of the command",
 }
+# States of a search or a recursion; those of a language's interpreter, in controllers, change by their nature.
+CHANGING = {
+    "engine/learning.py:_Pupil",
+    "remedy/bench.py:Task",
+    "study/tuning/candidates.py:Candidate",
+    "study/tuning/search.py:MarginEdge",
+    "study/tuning/search.py:_Runs",
+}
 
 
 def unparsed(nodes):
@@ -117,6 +125,19 @@ def test_the_package_keeps_every_rule():
         for rule, line, text in breaches(source, file.as_posix())
     ]
     assert not places, "\n".join(places)
+
+
+def test_values_do_not_change():
+    """A dataclass is frozen, so that what shares a value never sees it change, unless it is a state by its name."""
+    changing = {
+        f"{path.relative_to(PACKAGE).as_posix()}:{node.name}"
+        for path, source in sources().items()
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.ClassDef)
+        for decorator in map(ast.unparse, node.decorator_list)
+        if decorator.startswith("dataclass") and "frozen=True" not in decorator
+    }
+    assert {name for name in changing if not name.startswith("controllers/")} == CHANGING
 
 
 def test_exceptions_are_needed():

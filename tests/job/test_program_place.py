@@ -204,3 +204,13 @@ def test_feeds_above_the_machines_speed_are_run_at_it(tmp_path):
     # ramps of 1000/20000 s over 25 mm each, and 50 mm between them
     assert job.controller.duration == pytest.approx(2 * (2 * 0.05 + 0.05), rel=5e-3)
     assert any("Feeds above the machine's speed" in note for note in job.notes)
+
+
+@pytest.mark.parametrize("block", [64, 1_000_000])
+def test_the_place_that_is_named_is_the_worst_of_the_whole_program(tmp_path, monkeypatch, block):
+    """However many ticks are looked at together."""
+    monkeypatch.setattr("gantrysim.base.columns.BLOCK", block)
+    text = "G21 G90\nG0 X155\nG0 X0\nG0 X170\nG0 X0\nG0 X160\n"
+    job = Job.load(file_of(tmp_path, text), ["machine=xy", "placement.x=0", "placement.y=0"])
+    with pytest.raises(InputError, match=r"x = 170 mm at t = .* s: must lie in the travel -150 to 150 mm"):
+        job.plan()

@@ -4,6 +4,7 @@ The oracles are plane geometry (the signed distance from a bent line) and the tr
 """
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from gantrysim.base.errors import InputError
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.corners import Components
-from gantrysim.paths.pieces import Line
+from gantrysim.paths.pieces import Coil, Line
 
 EXACT = 1e-9  # [mm]
 FOOT = 1e-8  # of a foot's place along a leg, which shows where the point is nearly on it [mm]
@@ -106,3 +107,25 @@ def test_a_path_too_long_for_its_table_of_points_is_refused():
     with pytest.raises(InputError, match=r"^path length = 1\.2e\+07 mm: must be at most 1e\+07 mm to find feet on it$"):
         path.project([0, 0, 0])
     assert Chain([Line((0, 0, 0), (3e6, 0, 0))]).table.widest <= 0.5 + 1e-9
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_points_of_a_path_lie_evenly_on_lines_and_within_the_sagitta_on_arcs(seed):
+    """0.05 mm apart on lines, whatever bends beside them; on arcs within a chord's sagitta of 5 nm, and no denser."""
+    random = np.random.default_rng(seed)
+    first, last = random.uniform(5, 20, 2)
+    radius = random.choice([0.02, 0.5, 3.0, 200.0])
+    path = Chain(
+        [
+            Line((0, 0, 0), (first, 0, 0)),
+            Coil((first, radius, 0), (radius, radius), -math.pi / 2, math.pi),
+            Line((first, 2 * radius, 0), (first - last, 2 * radius, 0)),
+        ]
+    )
+    spacing = min(path.length / math.ceil(path.length / 0.05), path.length / 256)
+    edges = [0.0, first, first + math.pi * radius, path.length]
+    chords = [np.diff(path.table.s[(path.table.s >= low) & (path.table.s <= high)]) for low, high in pairwise(edges)]
+    for chord, length in ((chords[0], first), (chords[2], last)):
+        np.testing.assert_allclose(chord, length / math.ceil(length / spacing - 1e-9), rtol=1e-9)
+    largest = min(math.sqrt(8 * radius * 5e-6), spacing)
+    assert largest / 2.1 < chords[1].min() <= chords[1].max() <= largest * (1 + 1e-9)
