@@ -364,7 +364,9 @@ def test_turn_spacing_is_that_of_the_spirals_where_they_have_the_same():
     inward, outward = Coil((0, 0, 0), (30, 10), 0, -8 * math.pi), Coil((0, 0, 0), (10, 15), 0, 2 * math.pi, 4)
     assert Chain([line]).turn_spacing is None
     assert Chain([arc]).turn_spacing is None
-    assert Chain([inward]).turn_spacing == pytest.approx(5, abs=1e-6)
+    for radii in ((30, 10), (10, 30)):
+        for angle in (-8 * math.pi, 8 * math.pi):
+            assert Chain([Coil((0, 0, 0), radii, 0, angle)]).turn_spacing == pytest.approx(5, abs=1e-6)
     assert Chain([line, inward, arc, outward]).turn_spacing == pytest.approx(5, abs=1e-6)
     assert Chain([inward, Coil((0, 0, 0), (10, 16), 0, 2 * math.pi)]).turn_spacing is None
     # radii that differ by their rounding are those of an arc

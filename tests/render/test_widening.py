@@ -74,6 +74,12 @@ def test_the_clearance_is_the_distance_of_neighbouring_lines_in_widths():
     assert clearance(higher) == pytest.approx(5.0, rel=0.02)
     corner = line(([0, 0, 0], [100, 0, 0]), ([100, 0, 0], [100, 100, 0]))
     assert clearance(corner) == np.inf
+    # a fifth of the bead counts, the near stretches of both turns: 12 mm each of 100
+    point = np.concatenate([np.linspace([0, 0, 0], [12, 0, 0], 13), np.linspace([100, 9, 0], [100, 90, 0], 76)])
+    point = np.concatenate([point, np.linspace([12, 6, 0], [0, 6, 0], 13)])
+    place = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(point, axis=0), axis=1))])
+    partly = SimpleNamespace(point=point, place=place, width=np.full(len(point), 2.0), ds=1.0)
+    assert clearance(partly) == pytest.approx(3.0)
     nothing = line(([0, 0, 0], [100, 0, 0]))
     nothing.width[:] = 0
     assert clearance(nothing) == np.inf

@@ -230,6 +230,11 @@ def test_the_friction_is_lugre_s_at_starts_reversals_and_rest(axes):
     assert max(own) > friction.coulomb  # Stribeck
 
 
+def test_an_axis_without_friction_has_none_to_compensate():
+    for stiffness in (0.0, 10.0):
+        assert friction_torque(0.0, 5.0, 5e-3, (0.0, 0.0, 1.0, stiffness)) == 0.0
+
+
 @given(st.floats(5.0, 40.0), st.floats(0.0, 0.3), st.sampled_from(["zv", "zvd"]))
 def test_shaping_leaves_nothing_at_its_mode_and_passes_rest(frequency, damping, law):
     """What an impulse leaves swinging in a mode is its transform at the mode's complex frequency."""

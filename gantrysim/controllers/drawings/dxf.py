@@ -279,7 +279,7 @@ def _colours(reading: _Reading, entity: Any, block: _Block | None) -> frozenset[
         table = reading.document.layers
         number = 7
         if layer in table:
-            number = abs(table.get(layer).dxf.get("color", 7))  # negative where the layer is off
+            number = table.get(layer).dxf.get("color", 7)
             true = table.get(layer).dxf.get("true_color")
     if true is not None:
         return frozenset({"#{:02x}{:02x}{:02x}".format(*int2rgb(true))})

@@ -316,6 +316,16 @@ def test_a_block_in_itself_is_refused():
         Drawing(text)
 
 
+def test_every_rule_of_a_style_sheet_counts():
+    text = svg(
+        "<style>.a{stroke:#f00} /* .b{stroke:#123456} */ .b{stroke:#00f}\n.c { display : none }</style>"
+        '<path class="a" d="M0 0h1"/><path class="b" d="M0 9h2"/><path class="c" d="M0 18h4"/>'
+    )
+    first, second = Drawing(text).sheet.strokes
+    assert "#ff0000" in first.names
+    assert "#0000ff" in second.names
+
+
 def test_reused_and_hidden_elements_of_svg():
     ns = 'xmlns:xlink="http://www.w3.org/1999/xlink"'
     text = svg(
