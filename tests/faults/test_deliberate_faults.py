@@ -24,6 +24,7 @@ from gantrysim.faults import (
     StuckAxis,
 )
 from gantrysim.faults.checks import fault_of
+from gantrysim.faults.fault import FaultAxis
 
 TEXTS = {
     EncoderDropout(time=1, axis="x"): "encoder dropout on axis x at t = 1.0000 s: position frozen until the end",
@@ -117,3 +118,42 @@ def test_a_fault_at_a_tick_begins_with_it_and_lasts_its_ticks(begin, count, peri
     assert glitch.acting(period) == (begin, begin + count)
     between = dataclasses.replace(fault, time=(begin + 0.5) * period)
     assert between.acting(period) == (begin + 1, begin + 1 + count)
+
+
+SERVO = FaultAxis("cell", "x", 0.01, 48.0, "position", delayed=False)
+STEPPER = SERVO._replace(name="z", mode="stepper")
+IDEAL = SERVO._replace(name="y", bus_voltage=math.inf)
+
+
+@pytest.mark.parametrize(
+    ("fault", "axis", "value"),
+    [
+        (OpenWinding(time=1, axis="x"), SERVO, 0.0),
+        (OpenWinding(time=1, axis="z"), STEPPER, "axis z is a stepper in open loop"),
+        (BusSag(time=1, share=0.25), SERVO, 12.0),
+        (BusSag(time=1, share=0.25), STEPPER, None),
+        (BusSag(time=1, share=0.25), IDEAL, None),
+        (BusSag(time=1, share=0.25, axis="z"), STEPPER, "axis z is a stepper in open loop"),
+        (BusSag(time=1, share=0.25, axis="y"), IDEAL, "axis y is an ideal torque source, it has no bus"),
+        (EncoderGlitch(time=1, axis="x", counts=-5), SERVO, -0.05),
+        (EncoderSlip(time=1, axis="x", counts=3), SERVO, 0.03),
+        (EncoderSlip(time=1, axis="x", counts=3), SERVO._replace(resolution=0.0), "encoder"),
+        (SlippingAxis(time=1, axis="x", offset=0.1), SERVO, 0.1),
+        (StuckAxis(time=1, axis="x"), SERVO, 0.0),
+    ],
+)
+def test_a_fault_acts_on_its_axis_and_among_all_on_those_that_can_have_it(fault, axis, value):
+    axes = (SERVO, IDEAL, STEPPER)
+    if isinstance(value, str):
+        with pytest.raises(InputError, match=value):
+            fault.tick_value(axis, axes)
+    else:
+        assert fault.tick_value(axis, axes) == (value if value is None else pytest.approx(value, rel=1e-15))
+
+
+def test_a_fault_of_all_axes_that_none_can_have_is_refused():
+    sag = BusSag(time=1, share=0.25)
+    with pytest.raises(InputError, match="stepper in open loop"):
+        sag.tick_value(STEPPER, (STEPPER,))
+    with pytest.raises(InputError, match="ideal torque source"):
+        sag.tick_value(IDEAL, (IDEAL, IDEAL))
