@@ -63,6 +63,15 @@ def test_macros_move_as_their_arithmetic_says(text, expected):
         ("G01 X5 F600\nG92 X0\nX1", [(5, 0), (6, 0)]),
         ("G52 X10\nG01 X1 F600\nG52 X0\nX2", [(11, 0), (2, 0)]),
         ("G10 L2 P1 X10\nG01 X1 F600\nG53 X1\nX1", [(11, 0), (1, 0), (11, 0)]),
+        ("G10 L2 P2 X10\nG10 L2 P2 X7\nG55 G01 X1 F600", [(8, 0)]),
+        ("G91 G10 L2 P2 X10\nG10 L2 P2 X7\nG90 G55 G01 X1 F600", [(18, 0)]),
+        *(
+            (
+                f"G10 L2 P{k} X{10 * k} Y{-k}\nG{53 + k} G01 X1 F600\nG54\nG{53 + k}\nX2 Y0",
+                [(10 * k + 1, 0), (10 * k + 2, -k)],
+            )
+            for k in range(1, 7)
+        ),
         ("G01 X5 Y5 F600\nG28 X8\nG01 Y1", [(5, 5), (8, 5), (0, 5), (0, 1)]),
         ("G91 G01 X5 F600\nG28 X0", [(5, 0), (0, 0)]),
         ("G43 H1\nG01 X1 F600\nG49 G80 G40", [(1, 0)]),

@@ -103,6 +103,19 @@ def test_the_demand_is_that_of_the_gains_that_the_actions_have_set():
     assert run.demand == pytest.approx(law, abs=1e-9)
 
 
+def test_the_nominal_machine_is_remembered_at_the_start_as_met_for_a_two_hundredth_of_the_memory():
+    """At an acceleration of 1 m/s², and sliding: the weight of inertia and friction in the fit."""
+    env = SpiralTuningEnv(**BRIEF, memory=0.08)
+    env.reset(seed=1)
+    ticks = 0.005 * 0.08 / PERIOD
+    expected = [
+        ticks * np.array([j**2, 0, f**2, j**2, f**2, 0, 0, 0])
+        for j, f in ((1000 * axis.inertia, axis.friction.coulomb) for axis in env._episodes.source.machine.axes)
+    ]
+    np.testing.assert_allclose(env._episodes._sums[0], expected, rtol=1e-12)
+    np.testing.assert_allclose(ratios(env._episodes._sums[0])[0], 1.0, rtol=1e-12)
+
+
 def test_gains_stay_within_their_range():
     env = SpiralTuningEnv(**BRIEF, gain_range=1.5, start=(1.0,) * 4, step=(0.3,) * 4)
     env.reset(seed=1)

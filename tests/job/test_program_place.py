@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from gantrysim import InputError, Job
+from gantrysim.job.loaded import OpenValues
 from gantrysim.job.recognition import is_gcode, recognised
+from gantrysim.job.settings import GLUE
 
 PLAIN = "G21 G90\nG0 X10 Y5\nG1 X30 F600\nM2\n"
 DIALECTS = {
@@ -214,3 +216,34 @@ def test_the_place_that_is_named_is_the_worst_of_the_whole_program(tmp_path, mon
     job = Job.load(file_of(tmp_path, text), ["machine=xy", "placement.x=0", "placement.y=0"])
     with pytest.raises(InputError, match=r"x = 170 mm at t = .* s: must lie in the travel -150 to 150 mm"):
         job.plan()
+
+
+@pytest.mark.parametrize(
+    ("content", "opened"),
+    [
+        ({}, {"machine", "glue", "integral_time", "travel", "speeds"}),
+        ({"source": "a.ngc"}, {"machine", "glue", "integral_time", "travel", "speeds", "height", "place"}),
+        ({"machine": "xy"}, {"glue", "integral_time", "speeds"}),
+        ({"travel": {"x": [0, 1]}}, {"machine", "glue", "integral_time", "speeds"}),
+        *(({"dispenser": {key: 0}}, {"machine", "integral_time", "travel", "speeds"}) for key in GLUE),
+        *(
+            ({"servo": servo}, {"machine", "glue", "travel", "speeds"})
+            for servo in ({"integral_time": 0.1}, {"law": "pd"}, {"law": ["pd", "zv"]}, {"kp": 1.0})
+        ),
+        ({"servo": {"law": "p-pi"}}, {"machine", "glue", "integral_time", "travel", "speeds"}),
+        ({"servo": {"kp": None}}, {"machine", "glue", "integral_time", "travel", "speeds"}),
+        ({"program": {"axis_speeds": [1]}}, {"machine", "glue", "integral_time", "travel"}),
+        (
+            {"source": "a.ngc", "machine": "xy", "program": {"placement": {"y": 0.0, "z": 1.0}}},
+            {"glue", "integral_time", "speeds", "gap"},
+        ),
+        (
+            {"source": "a.ngc", "machine": "xy", "program": {"placement": {"z": 1.0}}, "bead": {"gap": 0.3}},
+            {"glue", "integral_time", "speeds", "place"},
+        ),
+    ],
+)
+def test_a_file_leaves_open_what_it_does_not_state(content, opened):
+    values = OpenValues.of(content)._asdict()
+    assert values.pop("dialect") is None
+    assert {name for name, is_open in values.items() if is_open} == opened

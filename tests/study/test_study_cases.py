@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from gantrysim import Job
 from gantrysim.glue.bead import Bead, HeightMap
@@ -12,7 +13,7 @@ from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis, path_speed, speed_ripple, steady
 from gantrysim.metrics.budget import Budget
 from gantrysim.study import Case, measure, simulated, values_row
-from gantrysim.study.drawing import series
+from gantrysim.study.drawing import logarithmic, series
 
 from support.studies import SHORT
 
@@ -206,3 +207,24 @@ def test_series_takes_the_rows_with_tags_and_columns(job):
     np.testing.assert_array_equal(error, [1, 4])
     assert [column.size for column in series(rows, "value", "error", sweep="c")] == [0, 0]
     assert math.isclose(series(rows, "error")[0].sum(), 30)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [
+        (1.0, 10.0, [1, 2, 5, 10]),  # four round numbers are enough
+        (0.2, 20.0, [0.2, 0.5, 1, 2, 5, 10, 20]),
+        (1.0, 5.0, [1, 1.5, 2, 3, 5]),
+        (1.0, 2.0, [1, 1.2, 1.5, 2]),
+    ],
+)
+@pytest.mark.parametrize("direction", ["x", "y"])
+def test_a_logarithmic_axis_has_four_round_numbers_at_least(direction, low, high, expected):
+    axes = Figure().subplots()
+    logarithmic(axes, direction, [high, low, math.sqrt(low * high)])
+    axis = axes.xaxis if direction == "x" else axes.yaxis
+    assert axis.get_scale() == "log"
+    assert axis.get_majorticklocs() == pytest.approx(expected)
+    assert [axis.get_major_formatter()(tick) for tick in expected] == [f"{tick:g}" for tick in expected]
+    margin = 1.06 * (high / low) ** 0.03
+    assert axis.get_view_interval() == pytest.approx([low / margin, high * margin])
