@@ -33,6 +33,14 @@ def test_axis_values_of_a_machine_with_known_parameters(rigid):
     assert x.viscous == pytest.approx(12.0 * lead * 1e-3, rel=1e-12)
 
 
+@pytest.mark.parametrize("position", [(math.nan, 1.0), (1.0, math.inf), (1.0,), (1.0, 2.0, 3.0), 4.0, "near"])
+def test_a_position_is_a_finite_number_for_each_axis(rigid, position):
+    with pytest.raises(
+        InputError, match=r"^position = .*: must be 2 finite numbers, one per axis: x \[mm\], y \[mm\]$"
+    ):
+        rigid().motion(position)
+
+
 def test_the_builtin_machines_are_the_files_of_the_folder():
     assert {"xy", "xyz"} <= set(builtin_models())
     for name in builtin_models():
