@@ -104,3 +104,16 @@ def test_chords_are_as_fine_as_the_tolerance():
 def test_what_is_no_curve_is_refused(text, message):
     with pytest.raises(InputError, match=message):
         _ = Program(text=f"F600\n{text}").program
+
+
+@pytest.mark.parametrize(
+    ("brief", "whole"),
+    [
+        ("G5.1 X10 Y4 I6", "G5.1 X10 Y4 I6 J0"),
+        ("G5.1 X10 Y4 J6", "G5.1 X10 Y4 I0 J6"),
+        ("G5 X10 Y4 I3 P-2 Q1", "G5 X10 Y4 I3 J0 P-2 Q1"),
+        ("G5 X10 Y4 J3 P-2 Q1", "G5 X10 Y4 I0 J3 P-2 Q1"),
+    ],
+)
+def test_offsets_that_a_spline_does_not_state_are_0(brief, whole):
+    np.testing.assert_array_equal(ends(f"F600\n{brief}"), ends(f"F600\n{whole}"))
