@@ -145,6 +145,9 @@ class CircleStudy(Study):
             for name, sense in SENSES.items()
         ]
 
+    def report(self, rows: Sequence[Row]) -> Report:
+        return report(self, rows)
+
     def traces(self, rows: Sequence[Row], link: Link) -> dict[str, Trace]:
         """Return the paths of nozzle or motors by direction, for the rows that have values."""
         good = [row for row in rows if row["status"] == OK]
