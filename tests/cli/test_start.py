@@ -4,9 +4,12 @@ import os
 import signal
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
+
+from gantrysim.cli.start import last_words
 
 from support.studies import SHORT
 
@@ -76,3 +79,36 @@ def test_neither_the_command_nor_its_workers_import_from_the_working_folder(tmp_
     done = subprocess.run([*command, "--out", "out"], cwd=tmp_path, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
     assert not (tmp_path / "imported").exists()
+
+
+def chained(*errors):
+    """The first error, with each of the others as what it was raised from."""
+    for error, cause in pairwise(errors):
+        error.__cause__ = cause
+    return errors[0]
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "told"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted: nothing is written\n"),
+        (chained(ImportError("broken"), KeyboardInterrupt()), 130, "interrupted: nothing is written\n"),
+        (
+            chained(ImportError("broken"), KeyError("module"), KeyboardInterrupt()),
+            130,
+            "interrupted: nothing is written\n",
+        ),
+        (RuntimeError("invalid MUJOCO_GL: glfw"), 2, "error: MUJOCO_GL = glfw: must be egl, osmesa, off or unset\n"),
+        (RuntimeError("invalid: glfw"), None, "RuntimeError: invalid: glfw\n"),
+        (ValueError("MUJOCO_GL: glfw"), None, "ValueError: MUJOCO_GL: glfw\n"),
+    ],
+)
+def test_the_last_words_are_a_line_for_what_the_user_has_done(capsys, monkeypatch, error, status, told):
+    monkeypatch.setattr("gantrysim.cli.start._left", ": nothing is written")
+    if status is None:
+        last_words(type(error), error, None)
+    else:
+        with pytest.raises(SystemExit) as ended:
+            last_words(type(error), error, None)
+        assert ended.value.code == status
+    assert capsys.readouterr().err == told

@@ -353,6 +353,13 @@ def test_the_start_stays_where_nothing_better_is_found(outcome):
     assert report.answer(study, rows).startswith(text)
 
 
+def test_settings_are_the_arguments_and_name_gains_that_are_held(job):
+    settings = tuning(job).settings
+    assert settings["budget"] == 40
+    assert "held" not in settings
+    assert tuning(job, held=("kd",)).settings == {**settings, "held": ["kd"]}
+
+
 def test_the_law_is_that_of_the_job_by_default(job):
     assert tuning(job).space.name == "pid"
     assert tuning(circle(integral_time=float("inf"))).space.name == "pd"
