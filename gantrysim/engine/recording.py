@@ -71,8 +71,8 @@ def _fill(columns: Floats, log: NDArray[np.void], drives: Floats) -> None:
 
     Columns are several times as fast to work on as rows. The voltage is by the drive's law: terminal voltage for the
     demanded torque, back-EMF compensated, within the bus; with a current loop, for what it asks for, see
-    `gantrysim.engine.native.drives.follow_demands`. A stepper in open loop has the torque of its current, which is also
-    its demand, and the voltage that it logs.
+    `gantrysim.engine.drives.current_loop.follow_demand`. A stepper in open loop has the torque of its current, which is
+    also its demand, and the voltage that it logs.
 
     Args:
         columns: to be filled in.

@@ -33,7 +33,7 @@ def _transmission(driven: DrivenAxis) -> dict[str, Any]:
 
 
 def _lose(data, row, userdata, axis, drive):
-    """Apply the friction of a transmission of efficiency e that carries the force F: (1/e - 1) |F| against the motion.
+    """Add the friction of a transmission of efficiency e that carries the force F: (1/e - 1) |F| against the motion.
 
     A motor that drives its load does the work F / e per travel; one that brakes it gets F (2 - 1/e) back. The friction
     turns within a presliding x: s' = (v - |v| s) / x, its share s being the sign of v after it (Dahl).
@@ -45,7 +45,7 @@ def _lose(data, row, userdata, axis, drive):
         force = passive[transmission.dof] + transmission.damping * speed
         if transmission.spring >= 0:
             force = passive[transmission.spring]
-        vector(data, row.qfrc_applied_at)[transmission.dof] = -transmission.loss * abs(force) * transmission.slid
+        vector(data, row.qfrc_applied_at)[transmission.dof] -= transmission.loss * abs(force) * transmission.slid
         side = np.sign(speed)
         memory = np.exp(-abs(speed) * row.period / row.substeps / transmission.presliding)
         transmission.slid = side + (transmission.slid - side) * memory
