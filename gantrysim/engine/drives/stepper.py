@@ -71,7 +71,7 @@ def _turn_field(data, row, userdata, axis, drive):
             stepper.phases[0] = amplitude * np.cos(field)
             stepper.phases[1] = amplitude * np.sin(field)
         turn = stepper.poles * speed * row.scale[axis] * row.period / row.substeps
-        current, mean = _step_circuit(row, drive.field, stepper, theta, turn, stepper.constant * speed, amplitude)
+        current, mean = _step_circuit(row, drive, theta, turn, stepper.constant * speed, amplitude)
         if row.current[axis] >= 0:
             vector(data, row.act_at)[row.current[axis]] = mean
         vector(data, row.ctrl_at)[row.control[axis]] = stepper.constant * mean
@@ -83,7 +83,7 @@ def _turn_field(data, row, userdata, axis, drive):
 
 
 @jit
-def _step_circuit(row, field, stepper, theta, turn, back, amplitude):
+def _step_circuit(row, drive, theta, turn, back, amplitude):
     """Step the phase currents from half a physics step before now to half a step after it.
 
     Returns:
@@ -91,13 +91,13 @@ def _step_circuit(row, field, stepper, theta, turn, back, amplitude):
 
     Args:
         row: the row.
-        field: the field between setpoints.
-        stepper: the motor and its driver, whose phases and largest voltage change.
+        drive: the drive, whose phases and largest voltage change.
         theta: electrical angle of the rotor now [rad].
         turn: of that angle in a physics step [rad].
         back: back-EMF of a phase across the rotor [V].
         amplitude: of the phase currents [A].
     """
+    stepper = drive.stepper
     steps = stepper.circuit
     gain = stepper.resistance / (1.0 - stepper.left)
     first = stepper.phases[0]
@@ -120,8 +120,8 @@ def _step_circuit(row, field, stepper, theta, turn, back, amplitude):
         if 2 * k == steps:
             current = second * np.cos(theta) - first * np.sin(theta)
         share = (k + ahead) / steps - 0.5
-        low = field_at(row, field, share - 0.5 / steps)
-        high = field_at(row, field, share + 0.5 / steps)
+        low = field_at(row, drive.field, share - 0.5 / steps)
+        high = field_at(row, drive.field, share + 0.5 / steps)
         place = mean_stepped(low, high, stepper)
         if place != angle:  # mostly it rests on a microstep
             angle = place
