@@ -51,7 +51,9 @@ def main() -> int:
     PAGE.write_text(PLACE.sub(lambda place: place[1] + table(found) + place[2], page), encoding="utf-8")
     low = {room: share(counts) for room, counts in found.items() if share(counts) < BOUND}
     for room, measured in low.items():
-        print(f"{room}: {100 * measured:.1f} % of statements and branches are run: must be at least {100 * BOUND:.0f} %")
+        print(
+            f"{room}: {100 * measured:.1f} % of statements and branches are run: must be at least {100 * BOUND:.0f} %"
+        )
     return 1 if low else 0
 
 
