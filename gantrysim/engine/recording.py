@@ -270,7 +270,7 @@ class LogBook:
         self._table: FileTable | None = None
         self.first = 0
         self._most = setpoints.most_ticks
-        if count > memory.LONG:
+        if count > memory.LONG_RUN:
             columns = columns_of(
                 axes,
                 waiting=setpoints.gates.size > 0,

@@ -19,7 +19,7 @@ from gantrysim.base.jit import jit
 from gantrysim.machine.row import FAULT, LAW, LOG_AXIS, LOG_TICK, ROW, STAGE
 from gantrysim.servo.gains import GAIN_NAMES, Gains
 
-_MANY = 2**31  # nothing is checked against it
+_MANY_NUMBERS = 2**31  # nothing is checked against it
 _GAINS = len(GAIN_NAMES)
 _TICK_SIZE = LOG_TICK.itemsize
 _AXIS_SIZE = LOG_AXIS.itemsize
@@ -129,7 +129,7 @@ def field(struct, offset):
 @jit
 def vector(struct, offset):
     """Return the doubles to which the pointer at an offset of a struct points, however many they are."""
-    return numba.carray(floats(field(struct, offset)), (_MANY,))
+    return numba.carray(floats(field(struct, offset)), (_MANY_NUMBERS,))
 
 
 @jit
