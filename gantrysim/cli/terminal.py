@@ -96,8 +96,8 @@ def _keep_words(table: Table) -> None:
             column.min_width = _longest(column, wrapped=not column.no_wrap)
 
 
-def _widen_columns(table: Table, left: int) -> None:
-    """Share the characters that are left among the columns that wrap: those that need least first, as names by prose.
+def _widen_columns(table: Table, spare: int) -> None:
+    """Share the characters that are spare among the columns that wrap: those that need least first, as names by prose.
 
     rich shrinks them in proportion to their width alone, so that those with long words would not fit.
     """
@@ -105,11 +105,11 @@ def _widen_columns(table: Table, left: int) -> None:
     needs = sorted(
         (_longest(column, wrapped=False) - (column.min_width or 0), number) for number, column in enumerate(wrapping)
     )
-    if sum(need for need, _ in needs) <= left:
+    if sum(need for need, _ in needs) <= spare:
         return
     for k, (need, number) in enumerate(needs):
-        share = min(need, max(left, 0) // (len(needs) - k))
-        left -= share
+        share = min(need, max(spare, 0) // (len(needs) - k))
+        spare -= share
         wrapping[number].width = (wrapping[number].min_width or 0) + share
 
 
