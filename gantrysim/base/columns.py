@@ -171,7 +171,7 @@ def table_by_blocks(parts: Iterator[_Table], rows: int) -> _Table:
     """
     first = next(parts)
     names = [field.name for field in fields(cast(Any, first))]
-    if rows <= memory.LONG:
+    if rows <= memory.LONG_RUN:
         every = [first, *parts]
         if len(every) == 1:
             return first

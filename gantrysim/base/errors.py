@@ -13,8 +13,8 @@ from reprlib import Repr
 import numpy as np
 
 _WHOLE = 2.0**53  # up to which floats tell whole numbers apart
-_NEAR = 3  # names that are listed first
-_CLOSE = 0.5  # ratio of similarity from which a name may be meant
+_LISTED_NAMES = 3  # names that are listed first
+_SIMILAR = 0.5  # ratio of similarity from which a name may be meant
 _LONGEST = 1900  # characters of a message
 _shortened = Repr()
 _shortened.maxstring = _shortened.maxother = 80  # characters of a value or name in a message
@@ -168,8 +168,8 @@ def nearest(name: str, names: Iterable[str]) -> list[str]:
         whole = known.casefold()
         for spelling in dict.fromkeys((whole, whole.rpartition(".")[2])):
             spellings.setdefault(spelling, []).append(known)
-    close = get_close_matches(wrong, spellings, n=_NEAR, cutoff=_CLOSE)
-    return list(dict.fromkeys(known for spelling in close for known in spellings[spelling]))[:_NEAR]
+    close = get_close_matches(wrong, spellings, n=_LISTED_NAMES, cutoff=_SIMILAR)
+    return list(dict.fromkeys(known for spelling in close for known in spellings[spelling]))[:_LISTED_NAMES]
 
 
 def _at_most(name: str, number: float, most: float, unit: str) -> float:

@@ -14,7 +14,7 @@ from pathlib import Path
 from gantrysim.base.errors import InputError
 
 # Runs of more ticks keep their tables of a row per tick in temporary files instead of memory.
-LONG = 250_000
+LONG_RUN = 250_000
 
 # Measured with all figures, error budget and bead, on an225 with two axes; see tests/engine/test_long.py.
 _TICK = 1000.0  # memory of a tick, where it is kept there [B]
@@ -23,7 +23,7 @@ _LONG_TICK = 130.0
 _LONG_BASE = 2e8
 _FILE_TICK = 900.0  # in temporary files, of each tick of a long run [B]
 
-_FEW = 200_000  # ticks that any machine has memory for
+_ALWAYS_FITTING = 200_000  # ticks that any machine has memory for
 _GB = 1e9
 # of control groups, versions 2 and 1: mount, limit, use
 _GROUPS = (
@@ -40,12 +40,12 @@ def give_back() -> None:
 
 def needed_memory(ticks: float) -> float:
     """Return about how much memory a run of so many ticks needs, with all its figures [B]."""
-    return _LONG_BASE + _LONG_TICK * ticks if ticks > LONG else _TICK * ticks
+    return _LONG_BASE + _LONG_TICK * ticks if ticks > LONG_RUN else _TICK * ticks
 
 
 def needed_files(ticks: float) -> float:
     """Return about how much room in temporary files it needs [B]."""
-    return _FILE_TICK * ticks if ticks > LONG else 0.0
+    return _FILE_TICK * ticks if ticks > LONG_RUN else 0.0
 
 
 def available_memory(root: Path = Path("/")) -> float:
@@ -68,7 +68,7 @@ def check_ticks(ticks: float, what: str, remedy: str) -> None:
     Raises:
         InputError: there is too little.
     """
-    if ticks <= _FEW:
+    if ticks <= _ALWAYS_FITTING:
         return
     needed = needed_memory(ticks)
     available = available_memory()

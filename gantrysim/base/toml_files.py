@@ -15,11 +15,11 @@ from gantrysim.base.errors import InputError, meant, nearest
 from gantrysim.base.files import check_whole
 from gantrysim.base.input_files import opened
 
-_MOST = 1 << 28  # length of a job or program [bytes]
+_MOST_BYTES = 1 << 28  # length of a job or program [bytes]
 _PART = 1 << 20
 _SHOWN = 80  # characters of a wrong value
-_MANY = 20  # keys of a table, which are not listed where the message says where all are
-_FEW = 8  # problems of one file that are named,
+_MANY_KEYS = 20  # keys of a table, which are not listed where the message says where all are
+_NAMED_PROBLEMS = 8  # problems of one file that are named,
 _LONGEST = 400  # and characters of these
 _INTEGERS = 1 << 63
 Model = TypeVar("Model", bound=BaseModel)
@@ -38,7 +38,7 @@ def read_text(file: Path, errors: str = "strict", label: str = "", most: int | N
         InputError: no regular file, or one that is too long.
         OSError: a file that cannot be read.
     """
-    longest = _MOST if most is None else most
+    longest = _MOST_BYTES if most is None else most
     content = bytearray()
     with opened(file, label) as stream:
         # in parts: a call takes memory for as much as it is asked for
@@ -156,7 +156,7 @@ def one_line(error: ValidationError, known: Iterable[str] = (), listed: str = ""
         if item["type"] == "value_error" and isinstance(cause, Exception):
             text = str(cause)
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-            hint = _meant(where, names, _MANY if listed else None)
+            hint = _meant(where, names, _MANY_KEYS if listed else None)
             key = where if len(where) <= _SHOWN else f"{where[:_SHOWN]}..."
             text = f"unknown key {key}{'' if hint in hints else hint}"  # a list of keys once
             hints.add(hint)
@@ -167,7 +167,7 @@ def one_line(error: ValidationError, known: Iterable[str] = (), listed: str = ""
         problems.setdefault(where or text, text)
     texts = list(dict.fromkeys(problems.values()))
     named = 1
-    while named < min(len(texts), _FEW) and len("; ".join(texts[: named + 1])) <= _LONGEST:
+    while named < min(len(texts), _NAMED_PROBLEMS) and len("; ".join(texts[: named + 1])) <= _LONGEST:
         named += 1
     others = [f"and {len(texts) - named} more"] if len(texts) > named else []
     line = "; ".join([*texts[:named], *others])

@@ -56,7 +56,7 @@ def show_comparison(comparison: ComparedRuns) -> None:
 
 def comparison_tables(comparison: ComparedRuns) -> list[Table]:
     """Return the tables of a comparison; those without rows are left out."""
-    from gantrysim.compare.runs.differences import LARGE
+    from gantrysim.compare.runs.differences import LARGE_CHANGE
     from gantrysim.compare.runs.runs_tables import (
         budget_cells,
         cause_cells,
@@ -74,7 +74,7 @@ def comparison_tables(comparison: ComparedRuns) -> list[Table]:
         ("worth of causes, of the rms contour error [µm]", 1, cause_cells(comparison)),
     ]
     for group in dict.fromkeys(value.group for value in comparison.values):
-        title = f"{group.lower()}: values that differ by {100 * LARGE:.0f} % or more"
+        title = f"{group.lower()}: values that differ by {100 * LARGE_CHANGE:.0f} % or more"
         named.append((title, 1, value_cells(comparison, group, large_only=True)))
     return [_table_of_texts(title, heads, rows, texts) for title, texts, (heads, rows) in named if rows]
 

@@ -68,7 +68,7 @@ def _reason_to_skip(job: Job, budget: Budget, *, is_default: bool) -> str:
         return "the errors of the run are not known"
     if job.faults:
         return "the job has deliberate faults"
-    if is_default and len(record.time) > memory.LONG:
+    if is_default and len(record.time) > memory.LONG_RUN:
         return _LONG_RUN
     return ""
 

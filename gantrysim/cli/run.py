@@ -132,7 +132,7 @@ def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
         InputError: a job that does not fit its machine, or whose causes or scatter cannot be had.
         typer.Exit: with the status of `gantrysim run`, unless that is 0.
     """
-    from gantrysim.base.memory import LONG
+    from gantrysim.base.memory import LONG_RUN
     from gantrysim.cli.evaluation import Evaluation
     from gantrysim.job.causes import check_causes
     from gantrysim.job.cost import computing_time
@@ -146,7 +146,7 @@ def simulate_and_show(job: Job, folder: Path, wanted: Wanted) -> None:
     if wanted.repeat is not None:
         check_repeats(job, wanted.repeat)
     ticks = job.setpoints.run_ticks
-    if ticks > LONG:
+    if ticks > LONG_RUN:
         warn(f"note: {ticks:,} servo ticks, about {_lasting(computing_time(job))} of computing")
     evaluation = None
     with interruptible() as go_on, RUN_OUTPUT.held(folder):

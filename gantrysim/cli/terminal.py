@@ -38,7 +38,7 @@ OUT_OF_TOLERANCE = 4  # the verdict is as bad as --fail-on names, or worse
 INCOMPLETE = 1  # all is written but a plot, a report or a video that failed
 NOT_IDENTIFIED = 1  # a log shows no value of one of its axes
 
-_AGAIN = 0.1  # until a lost interrupt is raised again [s]
+_PATIENCE = 0.1  # until a lost interrupt is raised again [s]
 
 # what is printed where the terminal's encoding lacks a character
 _PLAIN = str.maketrans(
@@ -79,10 +79,10 @@ def show(content: RenderableType) -> None:
         if _least_width(content) > _output.width:
             content.box = None
             content.padding = (0, 1, 0, 0)
-        _share_room(content, _output.width - _least_width(content))
-    least = _least_width(content)
-    wide = _output if least <= _output.width else Console(width=least, emoji=False)
-    wide.print(content, crop=False)
+        _widen_columns(content, _output.width - _least_width(content))
+    width = _least_width(content)
+    console = _output if width <= _output.width else Console(width=width, emoji=False)
+    console.print(content, crop=False)
 
 
 def _least_width(content: RenderableType) -> int:
@@ -96,8 +96,8 @@ def _keep_words(table: Table) -> None:
             column.min_width = _longest(column, wrapped=not column.no_wrap)
 
 
-def _share_room(table: Table, room: int) -> None:
-    """Widen the columns that wrap beyond their longest words: those that need least first, as names beside prose.
+def _widen_columns(table: Table, spare: int) -> None:
+    """Share the characters that are spare among the columns that wrap: those that need least first, as names by prose.
 
     rich shrinks them in proportion to their width alone, so that those with long words would not fit.
     """
@@ -105,11 +105,11 @@ def _share_room(table: Table, room: int) -> None:
     needs = sorted(
         (_longest(column, wrapped=False) - (column.min_width or 0), number) for number, column in enumerate(wrapping)
     )
-    if sum(need for need, _ in needs) <= room:
+    if sum(need for need, _ in needs) <= spare:
         return
     for k, (need, number) in enumerate(needs):
-        share = min(need, max(room, 0) // (len(needs) - k))
-        room -= share
+        share = min(need, max(spare, 0) // (len(needs) - k))
+        spare -= share
         wrapping[number].width = (wrapping[number].min_width or 0) + share
 
 
@@ -189,24 +189,25 @@ def interruptible() -> Iterator[Callable[[], None]]:
     ends as interrupted.
     """
     signals.forget()
-    came: list[int] = []
-    again: list[threading.Timer] = []
+    received: list[int] = []
+    timers: list[threading.Timer] = []
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        came.append(number)
+        received.append(number)
         signals.interrupt(number, frame)
 
     def go_on() -> None:
-        if came:
+        if received:
             raise KeyboardInterrupt
 
     def unraisable(lost: Any) -> None:
-        if not came:
+        if not received:
             report(lost)
         elif issubclass(lost.exc_type, KeyboardInterrupt) and hasattr(signal, "pthread_kill"):  # not on Windows
-            again.append(threading.Timer(_AGAIN, signal.pthread_kill, (threading.main_thread().ident, came[0])))
-            again[-1].daemon = True
-            again[-1].start()
+            timer = threading.Timer(_PATIENCE, signal.pthread_kill, (threading.main_thread().ident, received[0]))
+            timer.daemon = True
+            timer.start()
+            timers.append(timer)
 
     report = sys.unraisablehook
     sys.unraisablehook = unraisable
@@ -218,7 +219,7 @@ def interruptible() -> Iterator[Callable[[], None]]:
                 go_on()
                 raise
             finally:
-                for timer in again:
+                for timer in timers:
                     timer.cancel()
     finally:
         sys.unraisablehook = report

@@ -22,7 +22,7 @@ from scipy.signal import correlate, correlation_lags, find_peaks
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, unknown
-from gantrysim.compare.measured import LEAST, Trace
+from gantrysim.compare.measured import LEAST_SAMPLES, Trace
 from gantrysim.record.run import Run
 
 # Places where a measured trace may lie along a run: where their velocities differ least.
@@ -41,7 +41,7 @@ from gantrysim.record.run import Run
 _LONGEST = 100.0  # of a trace, in lengths of the run
 _SMOOTH = 15  # samples of a mean over which velocities are compared
 _STANDSTILL = 1e-6  # covered sum of squares, of the largest, below which the run stands still
-_MOST = 8  # places that are tried
+_MOST_PLACES = 8  # places that are tried
 _POOR = 0.5  # least difference, of the trace's sum of squares, from which the run is scaled
 _NEARLY = 0.1  # of the trace's sum of squares, by which the difference at a place may exceed the least one
 
@@ -89,7 +89,7 @@ def places(time: Floats, measured: Floats, run: Run, simulated: Floats, turning:
     peaks, _ = find_peaks(-difference)
     minima = np.union1d(peaks, [np.argmin(difference)])
     near = minima[difference[minima] <= difference.min() + _NEARLY * energy]
-    best = near[np.argsort(difference[near], kind="stable")][:_MOST]
+    best = near[np.argsort(difference[near], kind="stable")][:_MOST_PLACES]
     return [
         Place(
             float(even[0] - run.time[0] + lags[k] * run.period),
@@ -229,10 +229,10 @@ def _fitted(trace: Trace, run: Run, link: str, start: Place, free: tuple[bool, b
         shifted = trace.time - tau
         inside = (shifted >= run.time[0]) & (shifted <= run.time[-1])
         overlap = int(np.count_nonzero(inside))
-        if overlap < LEAST:
+        if overlap < LEAST_SAMPLES:
             raise InputError(
                 f"the trace covers {overlap} of its samples with the run, from {run.time[0]:g} to "
-                f"{run.time[-1]:g} s: must be at least {LEAST}"
+                f"{run.time[-1]:g} s: must be at least {LEAST_SAMPLES}"
             )
         s = spline(shifted[inside])
         rate = spline(shifted[inside], 1)

@@ -137,7 +137,7 @@ def coverage(measured: Run, run: Run, alignment: Alignment) -> list[str]:
 PEAKS = 5  # of the spectrum that are named
 _SEGMENT = 1024  # samples of a segment of the spectrum
 NOTHING = 1e-6  # rms of an error, or of a peak of its spectrum, that is rounding [mm]
-_FEW = 64  # samples below which there is no spectrum
+_FEW_SAMPLES = 64  # samples below which there is no spectrum
 
 
 class Peak(NamedTuple):
@@ -298,7 +298,7 @@ class Comparison:
         """
         run = self.measured.analysis.run
         first, after = max(spans(run.dispense), key=lambda span: span[1] - span[0])
-        if after - first < _FEW or not evenly(run.time):
+        if after - first < _FEW_SAMPLES or not evenly(run.time):
             return np.zeros(0), np.zeros(0)
         start = int(np.searchsorted(self.measured.analysis.ticks, first))
         lateral = self.difference["contour"][start : start + after - first, 0]

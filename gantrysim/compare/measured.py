@@ -54,7 +54,7 @@ class Assignment:
         return cls({key.strip(): Source.parse(f"--columns {key}", value) for key, _, value in pairs})
 
 
-LEAST = 8  # samples of a trace
+LEAST_SAMPLES = 8  # samples of a trace
 
 
 @dataclass(frozen=True)
@@ -165,8 +165,8 @@ def _times(log: ColumnTable, source: Source | None, period: float | None, size: 
 
 
 def _check_rise(label: str, time: Floats) -> None:
-    if time.size < LEAST:
-        raise InputError(f"{label}: has {time.size} samples, must have at least {LEAST}")
+    if time.size < LEAST_SAMPLES:
+        raise InputError(f"{label}: has {time.size} samples, must have at least {LEAST_SAMPLES}")
     back = np.flatnonzero(np.diff(time) <= 0)
     if back.size:
         raise InputError(f"{label}: time goes from {time[back[0]]:g} s to {time[back[0] + 1]:g} s: must rise")

@@ -111,7 +111,7 @@ def _line(s: Floats, ticks: NDArray[np.intp], error: Floats) -> tuple[Floats, Fl
 
 
 REPORT = "report.html"
-_WIDE = 10.7  # of a plot across the page [inch]
+_PLOT_WIDTH = 10.7  # of a plot across the page [inch]
 
 
 def write_comparison_page(
@@ -142,14 +142,14 @@ def _sections(comparison: Comparison, circle: Mapping[str, Mapping[str, Any]] | 
         "Errors are normal to the requested path; the contour error is that of the last link measured. Links that are "
         "not measured are not compared. The difference is that of the errors at the same instant, not of the two "
         "numbers beside it.",
-        figure=drawn(draw_overlay, comparison, _WIDE, 2.2 * (len(comparison.parts) + 2)),
+        figure=drawn(draw_overlay, comparison, _PLOT_WIDTH, 2.2 * (len(comparison.parts) + 2)),
         table=_budgets(comparison),
     )
     yield Section("Alignment", alignment_text(comparison), table=_offsets(comparison))
     yield Section(
         "Not explained by the model",
         unexplained(comparison),
-        figure=drawn(draw_spectrum, comparison, _WIDE, 4.6) if has_spectrum(comparison) else None,
+        figure=drawn(draw_spectrum, comparison, _PLOT_WIDTH, 4.6) if has_spectrum(comparison) else None,
         table=_peaks(comparison) if comparison.peaks else None,
     )
     if circle is not None:

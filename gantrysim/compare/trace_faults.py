@@ -17,7 +17,7 @@ from gantrysim.compare.compare_quantities import DIFFERENCE
 from gantrysim.compare.measured import Trace
 from gantrysim.record.run import Run
 
-_FAR = 0.1  # residual of the run's own spread from which the axes are doubted
+_DOUBTFUL_RESIDUAL = 0.1  # residual of the run's own spread from which the axes are doubted
 _MUCH_BETTER = 0.2  # residual with other axes, of that without, from which these are the ones
 _MOSTLY = 0.5  # residual with scale and clock, of that without, below which these are named
 _NAMED = 0.25  # effect of a scale or clock, of the residual, from which it is named
@@ -43,7 +43,7 @@ def aligned_as_named(trace: Trace, run: Run, what: tuple[str, ...]) -> Alignment
         residual = alignment.residual
     except InputError as error:
         failure = error
-    if residual > _FAR * _spread(trace, run):
+    if residual > _DOUBTFUL_RESIDUAL * _spread(trace, run):
         _check_axes(trace, run, what, residual)
     if failure is not None:
         raise failure

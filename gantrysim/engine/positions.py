@@ -14,7 +14,7 @@ from gantrysim.record.setpoints import Setpoints, Supervision
 
 # of positions [mm]
 _ROUNDING = 1e-9
-_NEAR = 1e-3
+_NEAR_TRAVEL = 1e-3
 
 
 def check_supervision(machine: Machine, supervision: Supervision) -> None:
@@ -49,7 +49,7 @@ def program_positions(machine: Machine, setpoints: Setpoints) -> Floats:
     begin = dict(zip("xyz", setpoints.requested.position(0.0)[0].tolist(), strict=True))
     for name, home in zip(names, machine.home.tolist(), strict=True):
         still = name in begin and name not in setpoints.axes and abs(home) > _ROUNDING
-        if still and abs(begin[name] - home) > _NEAR:
+        if still and abs(begin[name] - home) > _NEAR_TRAVEL:
             raise InputError(
                 f"the program does not move {name} and its path begins at {name} = {begin[name]:g} mm: on machine "
                 f"{machine.name} it must move {name}, which is {home:g} mm with all axes at zero"

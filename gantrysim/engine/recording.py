@@ -13,11 +13,12 @@ from gantrysim.base.arrays import Floats, read_only, seen
 from gantrysim.base.columns import FileTable, array_of, blocks
 from gantrysim.base.jit import jit
 from gantrysim.base.memory import check_ticks
+from gantrysim.engine.drives.part import STEPPER
 from gantrysim.engine.injection import faulted_flow, stretches
 from gantrysim.faults import InjectedFault
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
-from gantrysim.machine.row import STEPPER, Log
+from gantrysim.machine.row import Log
 from gantrysim.record.run import Run
 from gantrysim.record.run_file import Fault
 from gantrysim.record.setpoints import Setpoints
@@ -70,8 +71,8 @@ def _fill(columns: Floats, log: NDArray[np.void], drives: Floats) -> None:
 
     Columns are several times as fast to work on as rows. The voltage is by the drive's law: terminal voltage for the
     demanded torque, back-EMF compensated, within the bus; with a current loop, for what it asks for, see
-    `gantrysim.engine.native.drives.follow_demands`. A stepper in open loop has the torque of its current, which is also
-    its demand, and the voltage that it logs.
+    `gantrysim.engine.drives.current_loop.follow_demand`. A stepper in open loop has the torque of its current, which is
+    also its demand, and the voltage that it logs.
 
     Args:
         columns: to be filled in.
@@ -255,7 +256,7 @@ class LogBook:
         drives: NDArray[np.void] | None = None,
     ) -> None:
         # whether the servo has each axis' position from its load
-        self._scales: ArrayLike = False if drives is None else drives["load"] >= 0
+        self._scales: ArrayLike = False if drives is None else drives["encoder"]["load"] >= 0
         self._machine = machine
         self._setpoints = setpoints
         self._position = position
@@ -264,12 +265,12 @@ class LogBook:
         self._faults = faults
         self._drives = np.zeros((axes, 2))
         if drives is not None:
-            self._drives = np.stack([drives["lead"], drives["mode"] == STEPPER], axis=1)
+            self._drives = np.stack([drives["current"]["lead"], drives["mode"] == STEPPER], axis=1)
         count, axes = position.shape
         self._table: FileTable | None = None
         self.first = 0
         self._most = setpoints.most_ticks
-        if count > memory.LONG:
+        if count > memory.LONG_RUN:
             columns = columns_of(
                 axes,
                 waiting=setpoints.gates.size > 0,

@@ -64,7 +64,7 @@ class Started:
         drives = None if simulation.drives is None else simulation.drives.copy()
         if drives is not None:
             for name in ("start", "target", "next"):
-                drives[name] = simulation.position[0]
+                drives["field"][name] = simulation.position[0]
         laws = None if simulation.laws is None else simulation.laws.copy()
         stages = [
             *simulation.injection.stages(),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gantrysim.env.bead_width import BeadWidthEnv
 from gantrysim.env.episodes import TUNED_GAINS
-from gantrysim.env.inertia import MOST
+from gantrysim.env.inertia import MOST_PAYLOAD
 from gantrysim.env.sensitivity import SensitivityTable
 from gantrysim.env.servo_torque import ServoTorqueEnv
 from gantrysim.env.speed_override import SpeedOverrideEnv
@@ -111,7 +111,7 @@ def gain_schedule(env: SpiralTuningEnv, caution: float) -> Policy:
     square = sum(nominal * nominal for nominal in inertia)
     product = sum(axis.inertia * nominal for axis, nominal in zip(loaded.axes, inertia, strict=True))
     per_kg = product / square - 1  # what 1 kg adds to the ratio fitted to all axes
-    payloads = np.arange(0.0, MOST + 1.0, 0.5)
+    payloads = np.arange(0.0, MOST_PAYLOAD + 1.0, 0.5)
     gains = _stiffest(SensitivityTable(machine, source.servo, env.settings.gain_range), payloads)
 
     def policy(observation: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -164,9 +164,9 @@ class Source:
         if values:
             machine = machine.perturbed(Tolerances.perturbation(values, machine))
         simulation = self._simulation(machine, plan)
-        if len(simulation.position) > memory.LONG:
+        if len(simulation.position) > memory.LONG_RUN:
             raise InputError(
-                f"an episode of {len(simulation.position)} servo ticks: must have at most {memory.LONG}, which are "
+                f"an episode of {len(simulation.position)} servo ticks: must have at most {memory.LONG_RUN}, which are "
                 "kept in memory; use a shorter or faster path"
             )
         setpoints = simulation.setpoints

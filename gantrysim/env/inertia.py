@@ -15,13 +15,16 @@ from gantrysim.env.friction import Changing
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.row import Log
 
-MOST = 4.0  # payload after a change [kg]
+MOST_PAYLOAD = 4.0  # payload after a change [kg]
 
 
 class ChangingPayload(Changing):
     """Source of episodes whose payload is another one from some moment on."""
 
-    task: ClassVar[Mapping[str, tuple[float, float]]] = {"payload_later": (0.0, MOST), "payload_time": (0.2, 1.2)}
+    task: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "payload_later": (0.0, MOST_PAYLOAD),
+        "payload_time": (0.2, 1.2),
+    }
     moment: ClassVar[str] = "payload_time"
 
     def change(self, drawn: Mapping[str, float]) -> Perturbation:

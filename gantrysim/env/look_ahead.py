@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from gantrysim.base.arrays import Floats
 from gantrysim.env.observation import Entry
 
-_NEAR = 8  # points over which the direction of the path is taken
+_DIRECTION_POINTS = 8  # points over which the direction of the path is taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +35,9 @@ class LookAhead:
     @cached_property
     def curvature(self) -> Floats:
         """Curvature in the XY plane at the points, positive to the left, (m,) [1/mm]."""
-        away = self.points[_NEAR:] - self.points[:-_NEAR]
+        away = self.points[_DIRECTION_POINTS:] - self.points[:-_DIRECTION_POINTS]
         heading = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
-        middle = 0.5 * (self.s[_NEAR:] + self.s[:-_NEAR])
+        middle = 0.5 * (self.s[_DIRECTION_POINTS:] + self.s[:-_DIRECTION_POINTS])
         return np.interp(self.s, middle, np.gradient(heading, middle))
 
     @cached_property

@@ -117,10 +117,10 @@ class SpeedOverrideSource(ChangingFriction):
         ramps = 2 * settings.fastest * speed / settings.acceleration
         longest = length / (settings.slowest * speed) + ramps
         count = math.ceil(longest / self.servo.period / interval + 1) * interval
-        if count > memory.LONG:
+        if count > memory.LONG_RUN:
             raise InputError(
                 f"slowest = {settings.slowest:g}: {length:.4g} mm at {settings.slowest * speed:.4g} mm/s take {count} "
-                f"servo ticks, at most {memory.LONG}; use a larger value"
+                f"servo ticks, at most {memory.LONG_RUN}; use a larger value"
             )
         return count
 
@@ -178,7 +178,7 @@ def move(
 
 
 _SPEEDS = {"speed": "commanded path speed", "program_speed": "path speed of the program"}
-_NEAR = 1.0  # range of the distances to reversals that are observed a second time [mm]
+_NEAR_REVERSAL = 1.0  # range of the distances to reversals that are observed a second time [mm]
 _ERRORS = 10.0  # range of errors [tolerances]
 
 
@@ -317,7 +317,7 @@ class SpeedOverrideBatch(EpisodeBatch):
             if look is not None:
                 s, v = self._along[place].tolist()
                 self._ahead_values[place] = look_ahead(look, s, [v, self._speed[place]])
-                self._near[place] = np.minimum(np.array(look.to_reversal(s)) / _NEAR, 1.0)
+                self._near[place] = np.minimum(np.array(look.to_reversal(s)) / _NEAR_REVERSAL, 1.0)
         low = math.log(settings.slowest)
         high = math.log(settings.fastest)
         errors = np.column_stack([measured.contour_max, measured.following_rms]) / settings.tolerance

@@ -13,7 +13,7 @@ from gantrysim.base.errors import InputError, between, finite, positive
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, Episode, gain_factors
 from gantrysim.env.friction import model_torques
-from gantrysim.env.inertia import MOST, SUMS, ChangingPayload, fit, ratios
+from gantrysim.env.inertia import MOST_PAYLOAD, SUMS, ChangingPayload, fit, ratios
 from gantrysim.env.look_ahead import LookAhead, ahead_entries, look_ahead
 from gantrysim.env.observation import Entry
 from gantrysim.env.outcome import Outcome
@@ -59,7 +59,7 @@ class SpiralTuningSettings(PathSettings):
     thickness: Bounds = (1.5, 2.0)
     speed: Bounds = (220.0, 300.0)
     acceleration: float = 5000.0
-    spread: Tolerances | None = Tolerances(payload=MOST, motor_constant=0.03)
+    spread: Tolerances | None = Tolerances(payload=MOST_PAYLOAD, motor_constant=0.03)
     decision_interval: float = 0.02
     tolerance: float = 0.01
     start: FourGains = (0.5, 0.4, 1.0, 1.15)

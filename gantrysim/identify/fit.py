@@ -30,7 +30,7 @@ DIFFERENCE = 3e-4  # of the variables, for the slopes
 _EVALUATIONS = 30
 _REACH = 1.2  # change of the logarithms of the mode's parameters in one fit
 _NOISE_REACH = 12.0  # the same of the torque noise
-_LARGEST = 1e9  # residual of a model whose prediction diverges
+_DIVERGED = 1e9  # residual of a model whose prediction diverges
 _BOUNDED = ("viscous", "coulomb", "excess", "gap")  # at least zero
 _POSITIVE = ("inertia", "stiffness", "damping")  # fitted by their logarithms
 
@@ -73,7 +73,7 @@ class PredictionError:
         """
         self.progress()
         residual = self.innovations(model, noise)[self.used] / self.size
-        return np.clip(np.nan_to_num(residual, nan=_LARGEST), -_LARGEST, _LARGEST)
+        return np.clip(np.nan_to_num(residual, nan=_DIVERGED), -_DIVERGED, _DIVERGED)
 
     def cost(self, model: AxisModel, noise: float) -> float:
         """Return the sum of squares of the residual."""
@@ -250,14 +250,14 @@ _HIDDEN = (0.7, 0.85, 1.0, 1.2)  # stiffness of that start, of the nominal
 _CALM = 0.03  # torque noise of that start, of the torque's deviation
 _NOISE = 0.02  # torque noise of the first start, of the torque's deviation
 _GAIN = 25.0  # fall of n log(sum of squares) from which a gap counts
-_COARSE = 3e-3  # difference of the variables with a gap: contact makes the cost non-smooth
+_COARSE_STEP = 3e-3  # difference of the variables with a gap: contact makes the cost non-smooth
 _DEFLECTIONS = (0.03, 0.1, 0.3, 1.0, 3.0)  # of the bristles, of the table's: from no presliding to much
 _LOWEST = 15.0  # frequency of a mode that the table does not have [Hz]
 _NEAREST = 0.9  # the highest, of the log's reach
 _FREQUENCIES = 16
 _ANY_SHARE = (0.1, 0.3, 0.6, 0.85)
 _DAMPING_RATIO = 0.03
-_FEW = 6  # evaluations of a first fit
+_FIRST_EVALUATIONS = 6  # evaluations of a first fit
 _UNSEEN = 0.5  # half interval from which a mode or a gap is not seen, of its value
 
 _RIGID = ("inertia", "viscous", "coulomb", "excess", "offset", "delay")
@@ -383,7 +383,7 @@ def _fitted(error: PredictionError, start: AxisModel) -> tuple[Minimum, AxisMode
     nearest = min(delayed, key=lambda model: error.cost(model, noise))
     bristles = [replace(nearest, deflection=factor * nearest.deflection) for factor in _DEFLECTIONS]
     nearest = min(bristles, key=lambda model: error.cost(model, noise))
-    rigid = refined(error, nearest, noise, list(_RIGID), _FEW)
+    rigid = refined(error, nearest, noise, list(_RIGID), _FIRST_EVALUATIONS)
     if not start.resonance < _HELD / error.period:  # beyond half the rate, samples do not show the table's mode
         return refined(error, rigid.model, rigid.noise, list(_RIGID)), rigid.model
     grid = [
@@ -453,7 +453,9 @@ def _with_gap(error: PredictionError, best: Minimum, without_mode: AxisModel) ->
     likely = [start for start in dict.fromkeys(starts) if error.cost(start, noise) < best.cost]
     if not likely:  # another structure is missing
         return best
-    fits = [refined(error, start, noise, [*_RIGID, *MODE, "gap"], 2 * _FEW, _COARSE) for start in likely]
+    fits = [
+        refined(error, start, noise, [*_RIGID, *MODE, "gap"], 2 * _FIRST_EVALUATIONS, _COARSE_STEP) for start in likely
+    ]
     gapped = min(fits, key=lambda fit: fit.cost)
     gain = error.used.sum() * math.log(best.cost / gapped.cost)
     return gapped if gain > _GAIN and gapped.relative("gap") < _UNSEEN else best

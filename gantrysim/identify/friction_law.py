@@ -20,7 +20,7 @@ from gantrysim.identify.torque_regression import NAMES, Solution, TorqueRegressi
 
 # Chooses the terms of friction that a log needs, one by one, by the share of the remaining torque they explain.
 
-_MOST = 4  # terms
+_MOST_TERMS = 4  # terms
 _GAIN = 0.05  # least share of the remaining torque's variance that a term explains
 _SIGNIFICANT_TERM = 16.0  # least squared coefficient over its variance, per coefficient
 _STRIBECK_SPEEDS = (0.45, 1.5, 4.5, 15.0)  # that are tried, times the table's
@@ -28,7 +28,7 @@ _LONGEST = 0.75  # period over the travel, of the log's travel: a longer one is 
 _SHORTEST = 1 / 80  # the same
 _STEP = 0.25  # of the scan, in periods over the whole travel
 _PEAKS = 3  # of the scan that are tried
-_FINE = (-0.25, -0.125, 0.0, 0.125, 0.25)  # around a peak, in periods over the whole travel
+_FINE_SCAN = (-0.25, -0.125, 0.0, 0.125, 0.25)  # around a peak, in periods over the whole travel
 
 
 class Candidate(NamedTuple):
@@ -59,7 +59,7 @@ def chosen_terms(regression: TorqueRegression, stribeck: float) -> tuple[tuple[T
     while True:
         others = list(_candidates(regression, terms, solution, stribeck))
         worthy = [other for other in others if other.gain > _GAIN and other.evidence > _SIGNIFICANT_TERM]
-        if not worthy or len(terms) == _MOST:
+        if not worthy or len(terms) == _MOST_TERMS:
             return terms, solution, others
         best = max(worthy, key=lambda other: other.gain)
         terms = (*terms, best.term)
@@ -107,7 +107,7 @@ def _periodic(regression: TorqueRegression, solution: Solution, kind: str) -> Te
     best = 0.0
     term = None
     for peak in _peaks(waves, power, 1 / travel):
-        for shift in _FINE:
+        for shift in _FINE_SCAN:
             wave = peak + shift / travel
             if not waves[0] <= wave <= waves[-1]:
                 continue
@@ -136,7 +136,7 @@ def _peaks(waves: Floats, power: Floats, apart: float) -> list[float]:
 FRICTION = ("viscous", "coulomb", "offset")
 _SIGNS = {"viscous": 1.0, "coulomb": 1.0, "offset": -1.0}  # the model's constant torque drives, the regression's brakes
 _SCATTER = 2.0  # factor on deviations of the regression: blocks of a log are not as independent as a formula has it
-_LEAST = {"viscous": 0.015, "coulomb": 0.01}  # deviation that no log undercuts, of the value
+_LEAST_DEVIATION = {"viscous": 0.015, "coulomb": 0.01}  # deviation that no log undercuts, of the value
 _OFFSET = 0.01  # the same of the constant torque, of the Coulomb friction
 _LOAD = 0.03  # deviation of Coulomb friction beside a friction by load, which it resembles, of its value
 _SIGNIFICANT = 3.0  # standard deviations from which a change without a part of the log counts
@@ -202,7 +202,7 @@ def _estimates(
         value = _SIGNS[name] * float(solution.values[k])
         variance = float(solution.covariance[k, k])
         with_others = [_moved(solution, other.solution, k) for other in others]
-        floor = _OFFSET * coulomb if name == "offset" else _LEAST[name] * abs(value)
+        floor = _OFFSET * coulomb if name == "offset" else _LEAST_DEVIATION[name] * abs(value)
         if name == "coulomb" and any(term.kind == LOAD for term in terms):
             floor = _LOAD * abs(value)
         scatter = _SCATTER * float(np.sqrt(max(variance, 0.0)))

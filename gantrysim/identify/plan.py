@@ -22,7 +22,7 @@ _ACCELERATIONS = (0.25, 0.5, 1.0)  # of the strongest
 _SPEEDS = 6
 _FASTEST = 0.5  # of the speed limit
 _CRUISE = 0.3  # at a constant speed [s]
-_SHORT = 20  # strokes of a pass at the strongest acceleration
+_STROKES = 20  # strokes of a pass at the strongest acceleration
 _SHORTEST = 0.02  # of the longest of them
 _SHORT_TIME = 0.03  # of the longest of them [s]
 _PASSES = 8
@@ -77,7 +77,7 @@ def _of_axis(machine: Machine, index: int) -> list[Stroke]:
         moves.append((min(abs(room), speed * _CRUISE + ramps), speed, 0.25 * strongest))
     moves += [(abs(room), fastest, share * strongest) for share in _ACCELERATIONS]
     longest = min(abs(room), strongest * _SHORT_TIME**2 / 4)
-    shares = np.geomspace(1.0, _SHORTEST, _SHORT * _PASSES)
+    shares = np.geomspace(1.0, _SHORTEST, _STROKES * _PASSES)
     for first in range(_PASSES):  # each with strokes of its own, so that counts of the encoder average out
         moves += [(longest * share, fastest, strongest) for share in shares[first::_PASSES]]
     return [

@@ -37,7 +37,7 @@ from gantrysim.servo.servo import Servo
 # The fitted machine as an MJCF.
 
 _ROUNDS = 4  # of the correction of inertias, which depend on those of the axes that an axis carries
-_LEAST = 1e-12  # inertia of a body [kg·m²]
+_LEAST_INERTIA = 1e-12  # inertia of a body [kg·m²]
 _ROUNDING = 1e-9  # by which moments of inertia keep from the limits of a body, relative
 
 
@@ -101,7 +101,7 @@ def _set_mode(spring: mujoco.MjsJoint, fit: AxisFit, present: AxisModel, load: f
     else:
         inertia = np.array(body.inertia)
         along = int(np.argmax(np.abs(spring.axis)))
-        inertia[along] = max(inertia[along] + added, _LEAST)
+        inertia[along] = max(inertia[along] + added, _LEAST_INERTIA)
         # of a body's moments of inertia none exceeds the sum of the others; those across the hinge are not fitted
         first, second = (axis for axis in range(3) if axis != along)
         half = 0.5 * inertia[along]
@@ -134,9 +134,10 @@ def _set_friction(motor: mujoco.MjsActuator, joint: mujoco.MjsJoint, fit: AxisFi
         joint.damping = np.array([model.viscous * to_axis, 0, 0])
 
 
-LARGEST = 0.1  # rms of the torque that the loop adds, of the log's, up to which the machine repeats the run
+# rms of the torque that the loop adds, of the log's, up to which the machine repeats the run
+LARGEST_ADDED_TORQUE = 0.1
 _FREQUENCY = 8.0  # natural frequency of the loop, below the strokes [Hz]
-_FAR = 1e3  # following error up to which the loop goes on [mm or deg]
+_LARGEST_FOLLOWING_ERROR = 1e3  # following error up to which the loop goes on [mm or deg]
 _WIDTH = 0.004  # standard deviation of the low-pass of the torques [s]
 _MOVING = 0.02  # share of the highest speed from which an axis moves
 _NO_PATH = Chain([Line((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))])  # nothing is laid, so no path is compared
@@ -167,7 +168,7 @@ class WholeRun:
     @property
     def repeats(self) -> bool:
         """Whether the fitted machine repeats the run."""
-        return self.fitted <= LARGEST * self.torque
+        return self.fitted <= LARGEST_ADDED_TORQUE * self.torque
 
     @property
     def sentence(self) -> str:
@@ -183,7 +184,7 @@ class WholeRun:
         if math.isfinite(self.nominal):
             text += f"; the nominal machine takes {100 * self.nominal / self.torque:.2g} %"
         if not self.repeats:
-            text += f"; must be at most {100 * LARGEST:.0f} %: the fitted machine does not repeat the run"
+            text += f"; must be at most {100 * LARGEST_ADDED_TORQUE:.0f} %: the fitted machine does not repeat the run"
         if self.lacking:
             text += f"; the machine written does not have: {', '.join(self.lacking)}"
         return text
@@ -215,7 +216,11 @@ def _simulated(machine: Machine, identification: Identification, log: Log) -> Ru
         InputError: positions or speeds beyond the machine's, or a fault that ends the run.
     """
     loop = Servo.derive(
-        identification.machine.axes, log.period, frequency=_FREQUENCY, feedforward=0.0, following_error_limit=_FAR
+        identification.machine.axes,
+        log.period,
+        frequency=_FREQUENCY,
+        feedforward=0.0,
+        following_error_limit=_LARGEST_FOLLOWING_ERROR,
     )
     setpoints = Setpoints(
         log.period,

@@ -28,7 +28,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.base.quantity import number_text
 from gantrysim.engine.simulate import stepped
 from gantrysim.engine.simulation import Simulation
-from gantrysim.job.ideal import FINE, finely_sampled, on_the_path
+from gantrysim.job.ideal import FINE_PERIOD, finely_sampled, on_the_path
 from gantrysim.job.job import Job
 from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.ideal import without_compliance, without_friction, without_winding
@@ -145,7 +145,7 @@ def outcomes_of(
 
     if not setups:
         return []
-    is_long = any(len(setup.setpoints.position) > memory.LONG for setup in setups)
+    is_long = any(len(setup.setpoints.position) > memory.LONG_RUN for setup in setups)
     with ThreadPoolExecutor(1 if is_long else os.cpu_count()) as pool:
         return list(pool.map(run, range(len(setups))))
 
@@ -179,7 +179,7 @@ class Cause:
 
 def _without_sampling(setup: Setup) -> Setup:
     if (
-        setup.servo.period <= max(FINE, setup.servo.inner_period)
+        setup.servo.period <= max(FINE_PERIOD, setup.servo.inner_period)
         and not setup.servo.delay
         and not setup.servo.feedback_delay
     ):
@@ -220,7 +220,7 @@ def _without_program(setup: Setup) -> Setup:
 
 CAUSES = (
     Cause("program", "the command follows the requested path exactly, at the same progress", _without_program),
-    Cause("sampling", f"the servo's period is at most {1e6 * FINE:g} µs, without delay", _without_sampling),
+    Cause("sampling", f"the servo's period is at most {1e6 * FINE_PERIOD:g} µs, without delay", _without_sampling),
     Cause("counts", "the encoders are exact", _without_counts),
     Cause("friction", "only viscous friction is left", _on(without_friction)),
     Cause("winding", "the motors' current follows the demand at once", _without_winding),

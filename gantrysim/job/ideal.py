@@ -13,7 +13,8 @@ from gantrysim.machine.machine import Machine
 from gantrysim.record.setpoints import Setpoints, periods
 from gantrysim.servo.servo import Servo
 
-FINE = 62.5e-6  # longest period of a servo whose sampling hardly matters; shorter ones amplify the encoder's counts [s]
+# longest period of a servo whose sampling hardly matters; shorter ones amplify the encoder's counts [s]
+FINE_PERIOD = 62.5e-6
 
 _ON_THE_PATH = 1e-9  # largest distance of a command that needs no correction [mm]
 _HASTE = 1.5  # largest speed of a foot, in units of the command's own
@@ -84,7 +85,7 @@ def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tupl
     would exceed the machine's speed limit, and keeps within its travel. The dispenser is on between two setpoints at
     which it is on.
     """
-    n = periods(servo.period, max(FINE, servo.inner_period))
+    n = periods(servo.period, max(FINE_PERIOD, servo.inner_period))
     check_ticks(
         n * len(setpoints.position), f"the run with a servo period of {servo.period / n:g} s", "use a shorter program"
     )

@@ -121,7 +121,7 @@ class Job(LoadedJob):
                 faults=self.faults,
                 progress=progress,
             )
-        if len(record.time) > memory.LONG:
+        if len(record.time) > memory.LONG_RUN:
             self.__dict__.pop("setpoints", None)  # they fill the memory, and are computed again on demand
         return record.replaced(job=self)
 

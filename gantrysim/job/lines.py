@@ -53,7 +53,7 @@ def program_lines_at(job: Job, ticks: int, times: Floats) -> NDArray[np.intp]:
 def _known(job: Job, ticks: int) -> bool:
     """Return whether lines of the program are known by the run's time."""
     whole_periods = abs(job.built_servo.period - _CONTROLLER_PERIOD) <= 1e-12
-    return ticks <= memory.LONG and whole_periods and not job.setpoints.gates.size
+    return ticks <= memory.LONG_RUN and whole_periods and not job.setpoints.gates.size
 
 
 def _delay(job: Job) -> float:

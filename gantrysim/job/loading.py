@@ -27,7 +27,7 @@ _CALL = re.compile(r"\bO\s*(?:<([^<>\n]+)>|(\d+))\s*CALL|(?:\bM\s*98|\bG\s*65)[^
 _LONGEST_NUMBER = 4  # digits of a program's number; those before are repetitions
 _COMMENT = re.compile(r"\([^()\n]*\)|;.*")
 _SUFFIXES = (".ngc", ".nc", ".tap", ".cnc", ".eia", ".txt", ".mpf", "")
-_MOST = 200  # files
+_MOST_FILES = 200  # files
 
 
 def subprogram_files(text: str, folder: Path) -> dict[str, str]:
@@ -43,7 +43,7 @@ def subprogram_files(text: str, folder: Path) -> dict[str, str]:
     texts: dict[str, str] = {}
     missing = _called(text)
     looked_for: set[str] = set()
-    while missing and len(texts) < _MOST:
+    while missing and len(texts) < _MOST_FILES:
         name = missing.pop()
         looked_for.add(name)
         file = _file(name, folder)

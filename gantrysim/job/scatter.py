@@ -31,7 +31,7 @@ from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 
 _TOGETHER = 8  # runs in memory at a time
-_MOST = 1000  # repeats
+_MOST_REPEATS = 1000  # repeats
 _SIZES = (RMS, P95, MAX)
 
 
@@ -174,8 +174,8 @@ def _moved_back(job: Job, run: Run, zero: Floats) -> Run:
 
 def check_repeats(job: Job, repeats: int) -> None:
     """Raise InputError for a number of repeats out of its bounds, or a job whose encoders have no counts."""
-    if whole("repeat", repeats, 2) > _MOST:
-        raise InputError(f"repeat = {repeats:g}: must be at most {_MOST}")
+    if whole("repeat", repeats, 2) > _MOST_REPEATS:
+        raise InputError(f"repeat = {repeats:g}: must be at most {_MOST_REPEATS}")
     if not _counts(job).any():
         raise InputError(
             f"repeat: the encoders of machine {job.built_machine.name} have no counts within which their zeros could "

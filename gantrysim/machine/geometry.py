@@ -27,7 +27,7 @@ LOADS = {"weight": 2, "force": 3}  # on the ram, with the power of its free leng
 ERRORS = (*OF_SCREWS, *OF_GUIDES, *OF_FRAME)
 _BOUNDS = {"travel_error": 10.0, "periodic_error": 1.0, "play": 5.0}  # of a magnitude; others 10
 _BOUNDS |= dict.fromkeys(("sag", *BENDING), 5.0)
-_LEAST = dict.fromkeys(("play", "periodic_error", "racking"), 0.0)
+_LEAST_VALUES = dict.fromkeys(("play", "periodic_error", "racking"), 0.0)
 
 # assumption: errors to which a gantry with screws of a grade is built. Play, straightness and vertical straightness
 # [um], yaw, squareness and racking [um/m], sag and bending of the ram [um]
@@ -115,7 +115,7 @@ class Geometry:
         if self.accuracy is not None and self.accuracy not in SCREWS:
             raise unknown("accuracy class", str(self.accuracy), SCREWS)
         for name in ERRORS:
-            self._check(name, _LEAST.get(name, -_BOUNDS.get(name, 10.0)), _BOUNDS.get(name, 10.0))
+            self._check(name, _LEAST_VALUES.get(name, -_BOUNDS.get(name, 10.0)), _BOUNDS.get(name, 10.0))
         for name in ("abbe", "guide_arm", "fixed_end", "scale_fixed"):
             self._check(name, -1e4, 1e4)
         if self.bending_load not in LOADS:

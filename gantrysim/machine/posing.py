@@ -181,7 +181,7 @@ def _rotation(model: mujoco.MjModel, body: int) -> Floats:
     return matrix.reshape(3, 3)
 
 
-_SMALL = 1e-3  # difference of positions for slopes [mm or deg]
+_SLOPE_STEP = 1e-3  # difference of positions for slopes [mm or deg]
 
 
 class Posing:
@@ -236,11 +236,11 @@ class Posing:
     def rates(self, physics: mujoco.MjModel) -> Floats:
         """Return the velocity of every degree of freedom per velocity of an axis at zero [SI], (nv, axes)."""
         kinematics = self._kinematics
-        steps = _SMALL * np.eye(len(self._per_si))
+        steps = _SLOPE_STEP * np.eye(len(self._per_si))
         rates = np.zeros((physics.nv, len(steps)))
         driven = [int(joint) for joint in physics.actuator_trnid[:, 0]]
         rates[physics.jnt_dofadr[driven], np.arange(len(steps))] = 1.0
-        slopes = (kinematics.follow(steps) - kinematics.follow(-steps)) / (2 * _SMALL)
+        slopes = (kinematics.follow(steps) - kinematics.follow(-steps)) / (2 * _SLOPE_STEP)
         rates[physics.jnt_dofadr[np.array(kinematics.followers, int)]] = slopes.T * self._per_si
         return rates
 

@@ -12,7 +12,6 @@ from gantrysim.machine.layout import POINTERS
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.laws import LAW_PARAMETERS, LAWS
 from gantrysim.servo.notch import Coefficients
-from gantrysim.servo.request import MAX_FEEDBACK_DELAY
 
 MAX_AXES = 6
 
@@ -61,7 +60,6 @@ POINTS = (
     "drive",  # before each physics step: the controls
     "voltage",  # `row.control_torque`, the controls as torques
 )
-TORQUE, VELOCITY, POSITION, STEPPER = range(4)  # modes of a drive
 NEVER = 2**40  # tick of what does not happen in a run
 
 OFFSETS = {f"{name}_at": name for name in (*POINTERS, "warning") if name != "userdata"}  # fields of `layout.offsets`
@@ -69,6 +67,7 @@ OFFSETS = {f"{name}_at": name for name in (*POINTERS, "warning") if name != "use
 _WHOLE = [
     "magic",
     "axes",
+    "dofs",  # of the machine, nv
     "ticks",  # setpoints in all
     "substeps",  # physics steps per servo period
     "delay",  # physics steps from the sample to the output
@@ -166,60 +165,6 @@ FAULT = np.dtype(
         ("value", np.float64),  # see the fault
         ("constant", np.float64),  # motor constant [N·m/A]
         ("resistance", np.float64),  # [ohm]
-    ]
-)
-
-DRIVE = np.dtype(
-    [
-        ("load", np.int64),  # of the load's joint in qpos, -1 where the encoder is on the motor
-        ("load_zero", np.float64),  # where the load is not displaced [SI]
-        ("per_si", np.float64),  # mm per metre or deg per radian
-        ("noise", np.float64),  # rms [u]
-        ("seed", np.uint64),
-        ("once", np.float64),  # amplitude of the interpolation error, once per signal period [u]
-        ("twice", np.float64),  # and twice
-        ("signal", np.float64),  # radians of the signal per u
-        ("delay", np.int64),  # servo ticks from the encoder to the servo
-        ("history", np.float64, (MAX_FEEDBACK_DELAY + 1,)),  # of the encoder [u]
-        ("lead", np.float64),  # control beyond the torque, per difference of demand and torque; 0 for no current loop
-        ("constant", np.float64),  # of the motor, that of a stepper with its perturbation [N·m/A]
-        ("mode", np.int64),
-        ("logged", np.int64),  # ticks of which the drive has written its part of the log
-        # transmission
-        ("loss", np.float64),  # friction per transmitted force, 0 for none
-        ("dof", np.int64),  # of the axis' joint
-        ("spring", np.int64),  # dof of the spring that carries the load; -1 for tendons, which pull at the axis' joint
-        ("damping", np.float64),  # of the axis' joint itself [N·s/m or N·m·s/rad]
-        ("presliding", np.float64),  # motion within which the friction turns [SI]
-        ("slid", np.float64),  # share and direction of the friction, -1 to 1
-        # loops in the drive
-        ("every", np.int64),  # physics steps between its samples
-        ("period", np.float64),  # of them [s]
-        ("limit", np.float64),  # largest torque demand [N·m]
-        ("gain", np.float64),  # of the velocity loop [N·m·s/u]
-        ("rate", np.float64),  # its integral action [1/s]
-        ("before", np.float64),  # position [u], or in position mode following error, at the last sample
-        ("position", np.float64),  # in position mode at the last sample [u]
-        ("sum", np.float64),  # of the error times the period
-        ("torque", np.float64),  # demand held [N·m]
-        ("first", np.float64),  # states of the notch in position mode
-        ("second", np.float64),
-        ("poles", np.float64),  # electrical radians per u
-        ("reactance", np.float64),  # of a motor with poles per speed, else 0 [ohm·s]
-        ("resistance", np.float64),  # [ohm]
-        ("bus", np.float64),  # [V]
-        # of a stepper in open loop
-        ("counts", np.int64),  # 1 where its microsteps are counted in place of an encoder
-        ("circuit", np.int64),  # steps of the circuit per physics step, even
-        ("microstep", np.float64),  # [u]
-        ("amplitude", np.float64),  # of the phase currents [A]
-        ("left", np.float64),  # share of a phase current that is left after a step of the circuit
-        ("start", np.float64),  # of the field or reference, on its way to the target during a servo period [u]
-        ("came_from", np.float64),  # start of the period before [u]
-        ("target", np.float64),  # [u]
-        ("next", np.float64),  # target of the next period where the servo's delay is a whole one [u]
-        ("phases", np.float64, (2,)),  # currents [A]
-        ("volts", np.float64),  # largest phase voltage of the last physics step [V]
     ]
 )
 

@@ -21,7 +21,7 @@ from gantrysim.servo.stability.margins import margins_of
 
 # values beyond which a finding is reported
 INERTIA_RATIO = 10.0
-_COARSE = 10.0  # encoder count [µm or mdeg]
+_COARSE_COUNT = 10.0  # encoder count [µm or mdeg]
 _LEAST_MARGIN = 1.99  # derived loops have a gain margin of 2 or more, but for rounding
 
 
@@ -94,7 +94,7 @@ class AxisSizing:
                 f"{name}: inertia ratio {self.inertia_ratio:.3g}, above {INERTIA_RATIO:g} the load leads the motor: "
                 "more reduction, or a motor with more rotor inertia"
             )
-        if axis.resolution * 1e3 > _COARSE:
+        if axis.resolution * 1e3 > _COARSE_COUNT:
             lines.append(
                 f"{name}: an encoder count is {1e3 * axis.resolution:.3g} {'µm' if axis.unit == 'mm' else 'mdeg'}: an "
                 "encoder with more counts, or more reduction"

@@ -21,7 +21,7 @@ from gantrysim.base.jit import jit
 
 MARGIN = 1e-3  # share of an acceleration limit reserved for excesses between nodes
 _FEWEST = 8  # intervals of a piece
-_MOST = 2_000_000  # nodes of a path
+_MOST_NODES = 2_000_000  # nodes of a path
 
 
 class Limited:
@@ -119,10 +119,10 @@ def nodes(ends: ArrayLike, step: ArrayLike) -> tuple[Floats, NDArray[np.intp]]:
     """
     edges = np.concatenate([[0.0], np.atleast_1d(np.asarray(ends, float))])
     intervals = np.maximum(np.ceil(np.diff(edges) / np.asarray(step, float)), _FEWEST)
-    if not intervals.sum() <= _MOST:
+    if not intervals.sum() <= _MOST_NODES:
         raise InputError(
             f"path of {edges[-1]:g} mm in {edges.size - 1} pieces: needs {intervals.sum():.3g} nodes "
-            f"for its limits, must be at most {_MOST:g}"
+            f"for its limits, must be at most {_MOST_NODES:g}"
         )
     count = intervals.astype(np.intp) + 1
     piece = np.repeat(np.arange(count.size), count)

@@ -28,7 +28,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
 
 _FADING = 0.5  # of the lag, per millimetre of progress
-_LEAST = 1e-6  # radius within which the path stays [mm]
+_LEAST_RADIUS = 1e-6  # radius within which the path stays [mm]
 _ON_PATH = 1e-3  # distance of a command that lies on the path: the sagitta of chords, and rounding [mm]
 
 
@@ -137,8 +137,8 @@ def stretch(table, place, distance, lag):
     x = points[i, 0] + share * (points[i + 1, 0] - points[i, 0])
     y = points[i, 1] + share * (points[i + 1, 1] - points[i, 1])
     z = points[i, 2] + share * (points[i + 1, 2] - points[i, 2])
-    begin = _left_at(table, i, -1, (x, y, z), distance + lag + _LEAST)
-    return begin, _left_at(table, i + 1, 1, (x, y, z), distance + _LEAST)
+    begin = _left_at(table, i, -1, (x, y, z), distance + lag + _LEAST_RADIUS)
+    return begin, _left_at(table, i + 1, 1, (x, y, z), distance + _LEAST_RADIUS)
 
 
 @jit

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-_SMALLEST = 1e-9  # length, or angle of an arc, that counts [mm, rad]
+_SMALLEST_LENGTH = 1e-9  # length, or angle of an arc, that counts [mm, rad]
 _REACH = 1e-6  # by which rounding may miss a circle that is only touched [mm]
 _FULL = 2 * math.pi
 
@@ -36,7 +36,7 @@ class PlaneMove:
     @property
     def stands(self) -> bool:
         """Whether it does not move in the plane."""
-        return self.centre is None and abs(self.end - self.start) < _SMALLEST
+        return self.centre is None and abs(self.end - self.start) < _SMALLEST_LENGTH
 
     @property
     def first_tangent(self) -> complex:
@@ -80,7 +80,7 @@ class PlaneMove:
         if self.centre is None:
             return ((end - begin) * self.first_tangent.conjugate()).real
         way = self.sense * cmath.phase((end - self.centre) / (begin - self.centre)) % _FULL
-        return 0.0 if _FULL - way < _SMALLEST else way
+        return 0.0 if _FULL - way < _SMALLEST_LENGTH else way
 
     def begun_at(self, place: complex) -> PlaneMove:
         """Return the move from a place near its start, at the end of a move that passes almost straight into it."""
@@ -112,7 +112,7 @@ def meeting(before: PlaneMove, after: PlaneMove) -> complex | None:
     places = [
         place
         for place in _crossings(before, after)
-        if before.back(place) > -_SMALLEST and after.onward(place) > -_SMALLEST
+        if before.back(place) > -_SMALLEST_LENGTH and after.onward(place) > -_SMALLEST_LENGTH
     ]
     return min(
         places, key=lambda place: _cut(before, before.back(place)) + _cut(after, after.onward(place)), default=None
@@ -128,7 +128,7 @@ def _crossings(first: PlaneMove, second: PlaneMove) -> Iterator[complex]:
     """The places where the whole lines and circles of two moves cross."""
     if first.centre is None and second.centre is None:
         across = (first.first_tangent.conjugate() * second.first_tangent).imag
-        if abs(across) > _SMALLEST:
+        if abs(across) > _SMALLEST_LENGTH:
             along = ((second.start - first.end).conjugate() * second.first_tangent).imag / across
             yield first.end + along * first.first_tangent
     elif first.centre is None:
@@ -154,7 +154,7 @@ def _line_and_circle(line: PlaneMove, arc: PlaneMove) -> Iterator[complex]:
 
 def _circles(first: complex, first_radius: float, second: complex, second_radius: float) -> Iterator[complex]:
     apart = abs(second - first)
-    if apart < _SMALLEST:
+    if apart < _SMALLEST_LENGTH:
         return
     along = (apart**2 + first_radius**2 - second_radius**2) / (2 * apart)
     if abs(along) > first_radius + _REACH:

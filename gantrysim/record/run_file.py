@@ -33,7 +33,7 @@ _LONGEST = 200  # characters of an error that is quoted
 _MEMBERS = 64  # more than any archive has
 # Deflate packs up to 1032 bytes into one. Records of a machine at rest reach 93, as all but their time is constant.
 _EXPANSION = 250
-_SMALL = 1 << 24  # expansion that is always allowed [bytes]
+_ALWAYS_ALLOWED = 1 << 24  # expansion that is always allowed [bytes]
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Archive:
         if len(self._zip.infolist()) > min(len(entries), _MEMBERS):
             raise InputError("members stand there twice")
         expanded = sum(entry.file_size for entry in entries.values())
-        if expanded > max(_SMALL, _EXPANSION * size):
+        if expanded > max(_ALWAYS_ALLOWED, _EXPANSION * size):
             raise InputError(f"{size} bytes that expand to {expanded:.3g}")
         self._entries = entries
         self.members = {name: self._member(name) for name in entries}
@@ -105,7 +105,7 @@ class Archive:
         self._digest.update(_named(name))
         with self._zip.open(self._entries[name]) as file:
             stream = _Tee(file, self._digest)
-            if member.shape and member.shape[0] > memory.LONG and not member.fortran:
+            if member.shape and member.shape[0] > memory.LONG_RUN and not member.fortran:
                 values: NDArray[Any] | Stored = _long(name, member, stream)
             else:
                 values = read_array(stream, allow_pickle=False)

@@ -18,7 +18,7 @@ from gantrysim.remedy.outcome import Measured, Motion, Outcome, measured_togethe
 
 # What was computed of runs, kept as long as there is room for it.
 
-ROOM = memory.LONG  # [kB]: a tick of a record with its analysis takes one
+ROOM = memory.LONG_RUN  # [kB]: a tick of a record with its analysis takes one
 
 _Value = TypeVar("_Value")
 

@@ -94,7 +94,7 @@ def _lag_text(dispenser: Dispenser) -> str:
 # Lines to paste: what an improved job changes, as keys of a job file, options of a command, and controllers' words.
 
 _PROGRAM = "program."
-_MOST = 60  # characters of a value on the command line
+_LONGEST_VALUE = 60  # characters of a value on the command line
 _ROUNDS = 5  # in which values that follow from others are set as well
 _SPEED_DIGITS = 12  # of an option --speed
 _WHOLE = "in place of the whole table, with its file"
@@ -182,7 +182,7 @@ def options(base: Job, improved: Job) -> list[str]:
 
 def _is_long(value: Any) -> bool:
     """Return whether a value is a text of lines, or too long to be typed."""
-    return len(_inline(value)) > _MOST or "\n" in str(value)
+    return len(_inline(value)) > _LONGEST_VALUE or "\n" in str(value)
 
 
 def controller_words(base: Job, improved: Job) -> str:

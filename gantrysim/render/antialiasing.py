@@ -17,8 +17,8 @@ _CONTRAST = 0.08  # of luma around a pixel, relative to the largest, below which
 _DARK = 8.0  # least difference of luma that is an edge in the dark, of 255
 _FURTHEST = 6.0  # of the samples along the edge [pixels]
 # distances of the two pairs of samples, relative to the furthest
-_NEAR = 1 / 6
-_FAR = 1 / 2
+_NEAR_PAIR = 1 / 6
+_FAR_PAIR = 1 / 2
 _SLACK = 0.03  # of the gradient, so that no direction is undefined
 _LEAST_SLACK = 0.5
 _LUMA = (0.299, 0.587, 0.114)  # of red, green and blue
@@ -65,14 +65,14 @@ def _smooth_pixel(picture: Picture, luma: Luma, row: int, column: int, result: P
     down, across = _along(luma, row, column)
     mean = 0.0
     for channel in range(3):
-        near = _pair(picture, row, column, _NEAR * down, _NEAR * across, channel)
-        far = _pair(picture, row, column, _FAR * down, _FAR * across, channel)
+        near = _pair(picture, row, column, _NEAR_PAIR * down, _NEAR_PAIR * across, channel)
+        far = _pair(picture, row, column, _FAR_PAIR * down, _FAR_PAIR * across, channel)
         result[row, column, channel] = np.uint8(0.5 * (near + far) + 0.5)
         mean += _LUMA[channel] * result[row, column, channel]
     least, largest = _range(luma, row, column)
     if mean < least or mean > largest:
         for channel in range(3):
-            near = _pair(picture, row, column, _NEAR * down, _NEAR * across, channel)
+            near = _pair(picture, row, column, _NEAR_PAIR * down, _NEAR_PAIR * across, channel)
             result[row, column, channel] = np.uint8(near + 0.5)
 
 

@@ -35,7 +35,7 @@ from gantrysim.render.telemetry import Telemetry
 
 # of the picture below the panel that the bead is to cover: a twelfth of the whole frame, with some of it hidden
 _SHARE = 0.12
-_MOST = 4.0  # a wider bead looks like a ribbon
+_MOST_WIDENING = 4.0  # a wider bead looks like a ribbon
 _STEPS = 10  # of the factor, per unit
 _MERGING = 0.2  # share of the bead that may reach a neighbouring turn
 _STATIONS = 800  # of the bead that are compared with each other
@@ -56,7 +56,7 @@ def widening(framing: Framing, bead_trace: BeadTrace, width_over_height: float) 
     if share <= 0:
         return 1.0
     needed = math.ceil(_STEPS * _SHARE / share - 1e-9) / _STEPS
-    room = math.floor(_STEPS * min(clearance(bead_trace), _MOST)) / _STEPS
+    room = math.floor(_STEPS * min(clearance(bead_trace), _MOST_WIDENING)) / _STEPS
     return max(min(needed, room), 1.0)
 
 

@@ -103,7 +103,7 @@ def _description(kind: type[Any], names: Sequence[str]) -> str:
 _HEIGHT = 2.9  # of a header with one line of readout, in sizes of its letters
 _WIDTHS = {1: 34, 2: 22}  # by lines of readout, that hold all of it, in sizes of the letters
 _CAPTION_HEIGHT = 1.8  # in sizes of its letters
-_LEAST = 10  # size of the letters, unless the panel's are smaller [pixels]
+_LEAST_LETTERS = 10  # size of the letters, unless the panel's are smaller [pixels]
 _MOST_NOTE = 0.5  # width of a note beside a verdict that is cut, relative to the picture
 
 
@@ -123,7 +123,7 @@ class Header:
     """
 
     def __init__(self, run: Telemetry, label: str, colour: str, width: int, largest: int, lines: int = 1) -> None:
-        self.font = font(max(min(largest, int(width / _WIDTHS[lines])), min(largest, _LEAST)))
+        self.font = font(max(min(largest, int(width / _WIDTHS[lines])), min(largest, _LEAST_LETTERS)))
         self.size = width, round((_HEIGHT + LINE * (lines - 1)) * self.font.size)
         self.room = width - 2 * self.font.margin
         self._run = run

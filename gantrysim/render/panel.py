@@ -96,7 +96,7 @@ _ROW = 6.6
 _STRIP_ROW = 5.6
 _LEAST_LETTERS = 9
 _LEAST_STRIP = 12.5  # width of the strip in sizes of the letters
-_ENOUGH = 0.75  # size of the letters at which a simpler layout is taken, relative to the largest of any layout
+_ENOUGH_LETTERS = 0.75  # size of the letters at which a simpler layout is taken, relative to the largest of any layout
 _BESIDE_FAULTS = 4.2  # width of the strip that fault messages leave free, in sizes of the letters
 _MOST_FAULTS = 0.42  # height of fault messages, relative to the strip's
 _WIDEST_READOUT = "contour error8888.8 mm/s"
@@ -149,7 +149,7 @@ def _layout(frame: tuple[int, int], runs: int, end: float, scale: Scale | None) 
     if not fitting:
         least = min(least_width(rows, narrow, _LEAST_LETTERS) for rows, narrow in kinds)
         raise InputError(f"width of the film = {frame[0]}: must be at least {least}, for readout and error strip")
-    enough = _ENOUGH * max(size for _, _, size in fitting)
+    enough = _ENOUGH_LETTERS * max(size for _, _, size in fitting)
     return next(layout for layout in fitting if layout[2] >= enough)
 
 

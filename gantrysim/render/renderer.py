@@ -113,7 +113,7 @@ class Geoms:
 _CAMERA = "nozzle"
 _SIDE = 0.3  # width and height, relative to the picture's
 _BELOW = 0.08  # distance from the upper edge, where the verdict stands, relative to the picture's height
-_LEAST = 120  # width [pixels]: in a smaller picture there is none
+_LEAST_INSET = 120  # width [pixels]: in a smaller picture there is none
 _FRAME = 2  # [pixels]
 _SHADE = 96  # grey of the frame, 0 to 255
 # corners in the order of preference: the needle comes from above
@@ -143,7 +143,7 @@ class Inset:
     @classmethod
     def of(cls, scene: Scene, framing: Framing, size: tuple[int, int]) -> Inset | None:
         """Return the inset of a bead's picture, or None without room for it or without a camera at the nozzle."""
-        if _SIDE * size[0] < _LEAST or not scene.has_camera(_CAMERA):
+        if _SIDE * size[0] < _LEAST_INSET or not scene.has_camera(_CAMERA):
             return None
         places = framing.in_picture(size[0] / size[1])
         free = 1 - 2 * _SIDE  # from the middle to the inset's edges
@@ -171,8 +171,8 @@ BEAD = "bead"  # camera that is fitted to the bead
 
 _FRAMED = 4 / 3  # width over height for which the machines' cameras are framed
 _MOST_GEOMS = 2000
-_LARGEST = 8192  # side of a picture [pixels]; a square one takes some GB to draw
-_NEAR = 0.25  # distance of a camera to the tip, below which shadows are refined [m]
+_LARGEST_SIDE = 8192  # side of a picture [pixels]; a square one takes some GB to draw
+_NEAR_CAMERA = 0.25  # distance of a camera to the tip, below which shadows are refined [m]
 _SHADOW_TEXELS = 1.28  # side of the finest shadow map that a picture of the whole machine shows, over its larger side
 _SHADOWED = 0.11  # radius around the tip that then has shadows [m]
 
@@ -184,8 +184,8 @@ def checked_size(name: str, size: tuple[int, int]) -> tuple[int, int]:
         InputError: not whole numbers from 1 to 8192.
     """
     for side, pixels in zip(("width", "height"), size, strict=True):
-        if whole(f"{side} of the {name}", pixels, 1) > _LARGEST:
-            raise InputError(f"{side} of the {name} = {pixels:g} pixels: must be at most {_LARGEST} pixels")
+        if whole(f"{side} of the {name}", pixels, 1) > _LARGEST_SIDE:
+            raise InputError(f"{side} of the {name} = {pixels:g} pixels: must be at most {_LARGEST_SIDE} pixels")
     return int(size[0]), int(size[1])
 
 
@@ -264,7 +264,7 @@ class Renderer(Closing):
         tip = data.site_xpos[self._tip]
         if self.view.type != mujoco.mjtCamera.mjCAMERA_FIXED:
             return []
-        if np.linalg.norm(data.cam_xpos[self.view.fixedcamid] - tip) > _NEAR:
+        if np.linalg.norm(data.cam_xpos[self.view.fixedcamid] - tip) > _NEAR_CAMERA:
             return []
         spot = mujoco.mjtLightType.mjLIGHT_SPOT
         shadows = np.flatnonzero(model.light_active & model.light_castshadow & (model.light_type == spot))

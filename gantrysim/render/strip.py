@@ -19,7 +19,7 @@ from gantrysim.report.plots.style import COLOURS, INK
 _GREY = COLOURS["requested"]
 _FAULT = COLOURS["fault"]
 _HEADROOM = 1.06  # of the error axis over the largest error
-_LEAST = 1e-3  # largest error that is not drawn as zero [µm]
+_LEAST_ERROR = 1e-3  # largest error that is not drawn as zero [µm]
 _FUTURE = 0.28  # opacity of the curves after the cursor
 _OFF = 0.22  # opacity of the shade where the dispenser is off
 _GRID = 0.30  # opacity of the lines at the ticks of the error axis
@@ -72,7 +72,7 @@ class Strip:
         self._colours = [np.array(rgb(colour)) for colour in colours]
         self.end = max(float(max(run.time[-1], run.run.period)) for run in runs)
         largest = max((float(run.max[-1]) for run in runs if np.isfinite(run.max[-1])), default=0.0)
-        self.top = _HEADROOM * largest if largest > _LEAST else 1.0
+        self.top = _HEADROOM * largest if largest > _LEAST_ERROR else 1.0
         self.above = max(round(1.3 * font.size), head)
         self.bottom = height - round(1.35 * font.size)
         self.error_ticks = axis_ticks(self.top, (self.bottom - self.above) / (1.15 * font.size))

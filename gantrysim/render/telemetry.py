@@ -17,7 +17,7 @@ from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.record.run import Run
 
-_LARGE = 100.0  # error from which rms and maximum together are shown without decimals, for want of room [µm]
+_LARGE_ERROR = 100.0  # error from which rms and maximum together are shown without decimals, for want of room [µm]
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Telemetry:
         """Return rms and maximum contour error up to a tick with their unit."""
         if not np.isfinite(self.max[tick]):
             return "–"
-        form = CONTOUR.form if self.max[-1] < _LARGE else ".0f"
+        form = CONTOUR.form if self.max[-1] < _LARGE_ERROR else ".0f"
         return f"{number_text(self.rms[tick], form)} / {number_text(self.max[tick], form)} {CONTOUR.unit}"
 
 

@@ -13,7 +13,7 @@ from gantrysim.report.plots.causes import draw_causes
 from gantrysim.report.sections import drawn
 
 # of the plot [inch]
-_WIDE = 10.7
+_PLOT_WIDTH = 10.7
 _HEIGHT = 2.4
 
 
@@ -40,7 +40,7 @@ def causes_section(causes: Causes) -> Section:
             "others. Effects do not add up.",
             *(f"{note[0].upper()}{note[1:]}." for note in causes.notes),
         ],
-        figure=drawn(draw_causes, worth, _WIDE, _HEIGHT),
+        figure=drawn(draw_causes, worth, _PLOT_WIDTH, _HEIGHT),
         table=Table(columns, rows, "Contour error, what the cause is worth of its rms, and rms by link"),
     )
 

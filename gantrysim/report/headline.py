@@ -13,7 +13,7 @@ NO_ERROR = 1e-6  # rms below which an error counts as none [mm]
 
 # of the mean square
 _ALMOST_ALL = 0.9
-_MOST = 0.5
+_MOST_OF_SQUARE = 0.5
 # worth of a cause, of the rms error
 _CAUSE = 0.9
 _MAIN_CAUSE = 0.5
@@ -77,7 +77,7 @@ def _share(effect: Effect) -> float:
 def _portion(share: float) -> str:
     if share >= _ALMOST_ALL:
         return "almost all"
-    return "mostly" if share > _MOST else "the largest share"
+    return "mostly" if share > _MOST_OF_SQUARE else "the largest share"
 
 
 def _error_with_faults(budget: Budget) -> str:

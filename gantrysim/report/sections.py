@@ -23,7 +23,7 @@ from gantrysim.report.plots.budget import draw_by_turn, draw_shares
 from gantrysim.report.plots.pictures import (
     HALF,
     PAGE_COLUMNS,
-    WIDE,
+    PLOT_WIDTH,
     budget_plot,
     error_plot,
     height_plot,
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 Subject = TypeVar("Subject")
 
 _RMS, _, _MAX, _SHARE = PART_COLUMNS
-_LOW = 2.4  # height of the plots of the error budget [inch]
+_LOW_PLOT = 2.4  # height of the plots of the error budget [inch]
 
 
 def summary_facts(budget: Budget) -> list[RowTexts]:
@@ -87,8 +87,8 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
         ],
         table=[links, axes, _turns(budget)] if values.turns else [links, axes],
         figure=[
-            drawn(draw_shares, budget, HALF, _LOW),
-            *([drawn(draw_by_turn, budget, HALF, _LOW)] if values.turns else []),
+            drawn(draw_shares, budget, HALF, _LOW_PLOT),
+            *([drawn(draw_by_turn, budget, HALF, _LOW_PLOT)] if values.turns else []),
         ],
         still=budget_plot(budget),
     )
@@ -177,7 +177,7 @@ def bead_section(bead: Bead) -> Section:
         facts=facts_of(bead_rows(values)),
         figure=[
             height_plot(bead),
-            drawn(_coarse_bead, bead, WIDE, 5.4 if bead.analysis.spacing.distance.size else 3.0),
+            drawn(_coarse_bead, bead, PLOT_WIDTH, 5.4 if bead.analysis.spacing.distance.size else 3.0),
         ],
         table=[_bead_sizes(values), _volumes(values)],
     )

@@ -22,7 +22,7 @@ _SAVING: dict[Any, Any] = {
 _NO_METADATA: dict[str, Any] = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 _RASTER_DPI = 150  # of images
 _LONGEST = 300_000  # characters of a path; longer ones become images
-_MANY = 5000  # points of a line that may be one of these
+_POINTS_OF_A_LINE = 5000  # points of a line that may be one of these
 
 _ROOT = re.compile(r"<svg[^>]*>\s*")
 _VIEW_BOX = re.compile('viewBox="[^"]*"')
@@ -74,7 +74,7 @@ def _rasterise_lines(figure: Figure) -> None:
     """Let lines of many points be images: the path of a long program covers itself, and simplifies to megabytes."""
     for axes in figure.axes:
         for line in axes.get_lines():
-            if np.size(line.get_xdata()) > _MANY:
+            if np.size(line.get_xdata()) > _POINTS_OF_A_LINE:
                 line.set_rasterized(True)
 
 

@@ -212,7 +212,7 @@ class ViewerData:
         ticks = len(run.time)
         columns = ((series.ticks, series.values()) for series in self.series)
         states: list[NDArray[Any]] = [run.dispense]
-        if self._most < ticks <= memory.LONG:  # of a longer run the lines are unknown
+        if self._most < ticks <= memory.LONG_RUN:  # of a longer run the lines are unknown
             states.append(self._lines(np.arange(ticks)))
         return shown_rows(ticks, columns, len(self.series), states, self._most)
 

@@ -16,7 +16,7 @@ UNJUDGED = "not judged"
 SYMBOLS = {PASS: "✓", WARN: "!", FAIL: "✗", UNJUDGED: "–"}
 _ORDER = (PASS, UNJUDGED, WARN, FAIL)
 
-NEAR = 0.8  # share of the limit from which a value that keeps it is a warning
+NEAR_LIMIT = 0.8  # share of the limit from which a value that keeps it is a warning
 _ROUNDING = 1e-9  # relative
 
 
@@ -144,7 +144,7 @@ class Check:
             return UNJUDGED
         if self.usage > 1 + _ROUNDING:
             return FAIL
-        return WARN if self.usage > NEAR else PASS
+        return WARN if self.usage > NEAR_LIMIT else PASS
 
     @property
     def brief(self) -> str:

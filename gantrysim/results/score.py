@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from gantrysim.results.checks import FAIL, NEAR
+from gantrysim.results.checks import FAIL, NEAR_LIMIT
 from gantrysim.results.row import Row
 from gantrysim.results.verdict import Verdict
 
@@ -45,7 +45,7 @@ def row_burden(row: Row) -> float:
 
 def burden_of_usages(usages: Iterable[float]) -> float:
     """Return what checks with these usages add to the burden of their verdict."""
-    return sum(math.log(min(max(usage, NEAR), CAP) / NEAR) for usage in usages)
+    return sum(math.log(min(max(usage, NEAR_LIMIT), CAP) / NEAR_LIMIT) for usage in usages)
 
 
 def burden_of(verdict: Verdict) -> float:

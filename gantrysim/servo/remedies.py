@@ -20,7 +20,7 @@ _LONGER = 1e4  # longest integral time proposed, relative to that given
 _WIDER = (2.0, 4.0, 8.0, 16.0)  # factors on current loops
 _NARROWER = (2.0, 4.0, 8.0, 16.0)  # divisors of velocity loops
 _SHORTER = (2, 4, 8)  # divisors of periods
-_MOST = 3  # single changes named
+_MOST_CHANGES = 3  # single changes named
 _IDLE = 0.1  # natural frequency of a loop not worth its name beside a useful one, relative to that
 _NEARLY = 0.5  # natural frequency with which a milder change will do, relative to that of the strongest
 _USEFUL = 0.1  # natural frequency of a loop that is worth a change, relative to what the lags leave room for
@@ -135,7 +135,7 @@ def _remedies(changes: Sequence[Change], tries: _Tries) -> list[dict[Change, int
     A change comes with the index of its value.
     """
     single = [change for change in changes if tries.speed({change: -1})]
-    remedies = [tries.nearest(change, {}) for change in single[:_MOST]]
+    remedies = [tries.nearest(change, {}) for change in single[:_MOST_CHANGES]]
     if any(tries.speed(remedy) >= tries.useful for remedy in remedies):
         return [remedy for remedy in remedies if tries.speed(remedy) >= _IDLE * tries.useful]
     together = {change: len(change.values) - 1 for change in changes}

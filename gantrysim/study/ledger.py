@@ -95,7 +95,7 @@ class TaggedRows(Sequence[Row]):
 LEDGER = ".study-progress.jsonl"
 _CHECKED = 16  # digits of a checksum
 _LONGEST = 1 << 26  # line [bytes]
-_LARGEST = 1e100  # number of a row, in any unit
+_LARGEST_NUMBER = 1e100  # number of a row, in any unit
 
 
 class Ledger:
@@ -273,7 +273,7 @@ def _is_row(row: Any) -> bool:
 
 
 def _is_plain(value: Any) -> bool:
-    return isinstance(value, int | float) and abs(value) <= _LARGEST
+    return isinstance(value, int | float) and abs(value) <= _LARGEST_NUMBER
 
 
 def _kinds(row: Row) -> dict[str, str]:

@@ -31,7 +31,7 @@ _CHUNK = 1 << 20
 _BATCH = 4096  # rows of a Parquet file that are read at a time
 # Logs of a machine at rest unpack to less than a hundred times their size.
 _EXPANSION = 100
-_SMALL = 1 << 27  # that is always allowed [bytes]
+_ALWAYS_ALLOWED = 1 << 27  # that is always allowed [bytes]
 
 
 def binary_reader(head: bytes) -> Callable[[Path, str], ColumnTable] | None:
@@ -93,7 +93,7 @@ class _Unpacked:
     def __init__(self, file: Path, label: str) -> None:
         self._label = label
         self._packed = file.stat().st_size
-        self._most = max(_SMALL, _EXPANSION * self._packed)
+        self._most = max(_ALWAYS_ALLOWED, _EXPANSION * self._packed)
         self._size = 0
 
     def add(self, size: int) -> None:

@@ -32,7 +32,7 @@ def parts(edges):
 
 @pytest.fixture
 def in_a_file(monkeypatch):
-    monkeypatch.setattr(memory, "LONG", ROWS - 1)
+    monkeypatch.setattr(memory, "LONG_RUN", ROWS - 1)
 
 
 def test_a_column_holds_what_it_was_given_and_cannot_be_set():
@@ -48,7 +48,7 @@ def test_a_column_holds_what_it_was_given_and_cannot_be_set():
 @pytest.mark.parametrize("edges", [[0, ROWS], [0, 1, 2, ROWS], [0, 400, 400, 700, ROWS]])
 @pytest.mark.parametrize("kept", [ROWS, ROWS - 1])
 def test_parts_are_joined_in_memory_and_in_a_file(monkeypatch, edges, kept):
-    monkeypatch.setattr(memory, "LONG", kept)
+    monkeypatch.setattr(memory, "LONG_RUN", kept)
     joined = table_by_blocks(parts(edges), ROWS)
     assert isinstance(vars(joined)["point"], np.ndarray) == (kept == ROWS)
     np.testing.assert_array_equal(joined.number, NUMBER)

@@ -84,5 +84,7 @@ def test_ticks_are_refused_above_the_room_for_temporary_files(monkeypatch):
 def test_a_job_of_any_usual_length_asks_nothing_of_the_system(monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: pytest.fail("asked"))
     memory.check_ticks(1e5, "a dwell", "dwell for less")
-    assert memory.needed_files(memory.LONG) == 0 < memory.needed_files(memory.LONG + 1)
-    assert memory.needed_memory(memory.LONG) > memory.needed_memory(memory.LONG + 1)  # as its tables are in files
+    assert memory.needed_files(memory.LONG_RUN) == 0 < memory.needed_files(memory.LONG_RUN + 1)
+    assert memory.needed_memory(memory.LONG_RUN) > memory.needed_memory(
+        memory.LONG_RUN + 1
+    )  # as its tables are in files

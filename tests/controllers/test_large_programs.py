@@ -59,7 +59,7 @@ def test_planning_takes_few_bytes_per_line(measured):
 def test_the_setpoints_of_a_long_program_do_not_fill_the_memory(measured):
     _, setpoints, _, sending = measured
     ticks = len(setpoints.position)
-    assert ticks > memory.LONG
+    assert ticks > memory.LONG_RUN
     assert sending < PER_TICK * ticks
 
 

@@ -275,7 +275,7 @@ def test_a_fault_in_the_first_run_leaves_nothing_to_learn(xy):
 
 
 def test_a_run_that_is_too_long_to_learn_from_is_refused(xy, monkeypatch):
-    monkeypatch.setattr("gantrysim.base.memory.LONG", 100)
+    monkeypatch.setattr("gantrysim.base.memory.LONG_RUN", 100)
     monkeypatch.setattr("gantrysim.engine.advance.MOST_STEPS", 100)
     with pytest.raises(
         InputError, match=r"law 'learning' over .* servo ticks: must be a run whose log fits into memory"

@@ -40,7 +40,7 @@ SAME = 1e-12  # relative, of the figures; arrays of a tick are equal to the last
 @pytest.fixture
 def long(monkeypatch):
     """Make every run of more than a thousand ticks a long one, in blocks of a prime number of ticks."""
-    monkeypatch.setattr(memory, "LONG", 1000)
+    monkeypatch.setattr(memory, "LONG_RUN", 1000)
     monkeypatch.setattr(columns, "BLOCK", 997)
 
 
@@ -80,7 +80,7 @@ def test_a_built_in_job_in_blocks_and_files_gives_the_same_run_and_figures(given
     job = Job.load(name, changes)
     run = job.run()
     expected = figures(job, run)
-    monkeypatch.setattr(memory, "LONG", 1000)
+    monkeypatch.setattr(memory, "LONG_RUN", 1000)
     monkeypatch.setattr(columns, "BLOCK", 997)
     again = job.run()
     assert isinstance(vars(again)["nozzle"], Stored)
@@ -203,7 +203,7 @@ def test_check_shows_ticks_machine_time_and_memory(monkeypatch):
     assert f"{plan.ticks} ticks" in text
     assert f"{plan.ticks * 1e-3:.3f} s of machine time; about {plan.ticks / 1000:.0f} MB of memory" in text
     assert "temporary files" not in text
-    monkeypatch.setattr(memory, "LONG", 1000)
+    monkeypatch.setattr(memory, "LONG_RUN", 1000)
     shown.print(plan_table(job.name, job.plan()))
     assert "MB of temporary files" in shown.export_text()
 
@@ -300,7 +300,7 @@ def test_many_long_runs_in_one_process_leave_no_file_open(long, xy, times, recor
     record_property("attack", "files: many long runs in one process, which must leave none open")
     record_property("tries", times)
     setpoints = Setpoints.along(MoveSpiral(60, 1, 10, 100).requested, 100.0, 1e-3)
-    assert len(setpoints.position) > memory.LONG
+    assert len(setpoints.position) > memory.LONG_RUN
     one_run(xy, setpoints)
     before = open_files()
     for _ in range(times):

@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 from gantrysim import Machine, Servo, simulate
 from gantrysim.base.errors import InputError
 from gantrysim.engine.advance import Stepper
-from gantrysim.engine.native.stepping_field import mean_stepped
+from gantrysim.engine.drives.field import mean_stepped
 from gantrysim.engine.simulation import Simulation
 from gantrysim.faults import BusSag
 from gantrysim.identify.identification import identify

@@ -295,5 +295,5 @@ def test_the_log_of_an_override_knows_the_drives():
         env.step(np.zeros(1, np.float32))
     (batch,) = (own for own in vars(env).values() if hasattr(own, "episodes"))
     simulation = batch.episodes[0].simulation
-    assert (simulation.drives["lead"] > 0).all()
-    np.testing.assert_array_equal(simulation.book._drives[:, 0], simulation.drives["lead"])
+    assert (simulation.drives["current"]["lead"] > 0).all()
+    np.testing.assert_array_equal(simulation.book._drives[:, 0], simulation.drives["current"]["lead"])

@@ -10,7 +10,7 @@ from gantrysim import Budget, Job, causes_of
 from gantrysim.base.errors import InputError
 from gantrysim.job import causes as module
 from gantrysim.job.causes import CAUSES, HEADS, Cause, Setup
-from gantrysim.job.ideal import FINE
+from gantrysim.job.ideal import FINE_PERIOD
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.budget import LINKS
 from gantrysim.record.setpoints import Setpoints
@@ -22,7 +22,7 @@ RODS = 2e-5  # what the equality constraints of a closed chain leave [mm]
 SCATTER = 1e-4  # of the rms contour error [mm]
 SHORT_STEP = 2.5e-5  # physics step of the closed forms [s]
 WINDING = 0.03  # of its worth, relative
-SAMPLING = FINE / PERIOD + 0.03  # what is left of the sampling, relative
+SAMPLING = FINE_PERIOD / PERIOD + 0.03  # what is left of the sampling, relative
 
 OF_MACHINE = ("an225", "fanuc-conical", "slicer-square", "stage-outline", "delta-arc")  # counts and springs: one each
 WITHOUT = {cause.name: cause.without for cause in CAUSES}
@@ -128,7 +128,9 @@ def test_a_cause_that_is_absent_is_worth_nothing_at_all(rigid):
     job = Job(name="ideal", machine=str(machine), program={**program, "loop_period": 0}, servo=exact)
     effects = by_name(causes_of(job))
     assert effects["sampling"].worth["contour"].rms != 0
-    setup = Setup(job.built_machine, job.built_servo.with_values(period=FINE), job.controller.setpoints(FINE))
+    setup = Setup(
+        job.built_machine, job.built_servo.with_values(period=FINE_PERIOD), job.controller.setpoints(FINE_PERIOD)
+    )
     assert WITHOUT["sampling"](setup) is setup
     for name in ("program", "counts", "friction", "winding", "compliance"):
         assert effects[name].without == effects[name].before
@@ -216,13 +218,13 @@ def test_without_friction_the_spikes_at_reversals_vanish(xy, circle):
 def test_sampling_is_compared_at_its_own_physics_step(found):
     job, causes = found
     effect = by_name(causes)["sampling"]
-    again = Budget(job.changed({"simulation.physics_step": FINE}).run()).values
+    again = Budget(job.changed({"simulation.physics_step": FINE_PERIOD}).run()).values
     assert effect.before["contour"].rms == pytest.approx(again.contour.rms)
     assert effect.before != causes.errors
     rms = 1e3 * again.contour.rms
     assert f"sampling: compared with the job at the same physics step, {rms:.2f} µm rms" in causes.notes
     # where the job's own step is as short, there is one reference
-    fine = causes_of(job.changed({"simulation.physics_step": FINE}))
+    fine = causes_of(job.changed({"simulation.physics_step": FINE_PERIOD}))
     assert by_name(fine)["sampling"].before == fine.errors
 
 

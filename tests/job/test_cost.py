@@ -43,7 +43,7 @@ def test_a_long_run_says_how_long_it_takes(tmp_path, monkeypatch, seconds, said)
     short = CliRunner().invoke(app, arguments)
     assert short.exit_code == 0
     assert "of computing" not in short.stderr
-    monkeypatch.setattr(memory, "LONG", 1000)
+    monkeypatch.setattr(memory, "LONG_RUN", 1000)
     long = CliRunner().invoke(app, arguments)
     assert long.exit_code == 0
     ticks = len(Job.load("an225", ["turns=1"]).setpoints.position)

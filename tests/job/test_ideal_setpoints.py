@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 from gantrysim import Job, Machine, Servo, perfect_follower
-from gantrysim.job.ideal import FINE, finely_sampled, on_the_path, spline_through, unhurried
+from gantrysim.job.ideal import FINE_PERIOD, finely_sampled, on_the_path, spline_through, unhurried
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.paths.arcs import ArcChain
@@ -128,7 +128,7 @@ def test_a_finely_sampled_circle_is_the_circle(xy):
     setpoints = Setpoints.along(CIRCLE, 200.0, PERIOD)
     servo, fine = finely_sampled(xy, Servo.derive(xy.axes, delay=PERIOD), setpoints)
     assert (servo.period, servo.delay, fine.period) == (PERIOD / FINER, 0.0, PERIOD / FINER)
-    assert servo.period == FINE
+    assert servo.period == FINE_PERIOD
     assert servo.with_values(period=PERIOD, delay=PERIOD) == Servo.derive(xy.axes, delay=PERIOD)
     assert np.array_equal(fine.position[::FINER], setpoints.position)
     angle = np.arange(len(fine.position)) * fine.period * 200.0 / 40.0

@@ -345,7 +345,7 @@ def test_a_long_run_has_the_same_in_its_file(xy, monkeypatch):
     real = xy.with_geometry(Geometry(accuracy="C7"))
     servo, setpoints = plain(xy), ramp(200.0)
     short = simulate(real, servo, setpoints)
-    monkeypatch.setattr(memory, "LONG", 100)
+    monkeypatch.setattr(memory, "LONG_RUN", 100)
     long = simulate(real, servo, setpoints)
     assert np.array_equal(long.geometric_tip, short.geometric_tip)
     assert np.array_equal(long.nozzle, short.nozzle)

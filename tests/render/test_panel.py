@@ -173,7 +173,7 @@ def test_the_axes_span_the_run_and_its_errors(strip, telemetry):
 def test_errors_do_not_depend_on_the_blocks_in_which_they_are_computed(run, telemetry, monkeypatch):
     """Nor on whether they are kept in memory or, as those of a long run, in a file."""
     monkeypatch.setattr(columns, "BLOCK", 37)
-    monkeypatch.setattr(memory, "LONG", 100)
+    monkeypatch.setattr(memory, "LONG_RUN", 100)
     in_blocks = Telemetry(run)
     for name in ("error", "rms", "max"):
         np.testing.assert_array_equal(getattr(in_blocks, name), getattr(telemetry, name))

@@ -21,7 +21,7 @@ REFUSED = r"log: \d+ bytes that unpack to more than 1\.05e\+06, as no log does: 
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """A megabyte is as much as a small file may unpack to."""
-    monkeypatch.setattr(binary, "_SMALL", 1 << 20)
+    monkeypatch.setattr(binary, "_ALWAYS_ALLOWED", 1 << 20)
     monkeypatch.setattr(binary, "_EXPANSION", 1)
 
 

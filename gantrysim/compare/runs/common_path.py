@@ -18,7 +18,7 @@ from gantrysim.paths.path import Path
 
 SAME_PLACE = 1e-3  # largest distance of two paths that are the same [mm]
 
-_CLOSE = 1e-6  # distance or time below which two places are one: rounding at the ends of a bead [mm or s]
+_SAME_PLACE = 1e-6  # distance or time below which two places are one: rounding at the ends of a bead [mm or s]
 _SPACING = 0.2  # of the points that are compared [mm]
 _POINTS = (500, 200_000)  # least and largest number of them
 
@@ -102,7 +102,7 @@ class Track:
         step = self.place[high] - self.place[low]
         share = np.divide(places - self.place[low], step, out=np.zeros(places.size), where=step > 0)
         between = values[low] + share * (values[high] - values[low])
-        exact = np.abs(places - self.place[low]) <= _CLOSE
+        exact = np.abs(places - self.place[low]) <= _SAME_PLACE
         inside = (places >= self.place[0]) & (places <= self.place[-1])
         joined = (self.ticks[high] - self.ticks[low] == 1) & inside
         return np.where(exact, values[low], np.where(joined, between, np.nan))

@@ -266,7 +266,7 @@ def check_changes(verdicts: Sequence[Verdict]) -> Iterator[CheckChange]:
 # Every value of several runs beside one another.
 
 _LEAST_PERCENT = 0.05
-LARGE = 0.01  # share of a value from which a change of it is shown in a terminal
+LARGE_CHANGE = 0.01  # share of a value from which a change of it is shown in a terminal
 
 
 @dataclass(frozen=True)
@@ -293,7 +293,7 @@ class ValueChange:
         if change is None:
             return self.texts[0] != self.texts[run]
         is_shown = number_text(change, self.quantity.form) != "0"
-        return is_shown and abs(change) >= LARGE * abs(self.values[0] or 0.0)
+        return is_shown and abs(change) >= LARGE_CHANGE * abs(self.values[0] or 0.0)
 
     @property
     def texts(self) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gantrysim.base.errors import InputError
-from gantrysim.compare.runs.compared_run import FEWEST, MOST, ComparedRun, names_of_jobs
+from gantrysim.compare.runs.compared_run import FEWEST, MOST_RUNS, ComparedRun, names_of_jobs
 from gantrysim.compare.runs.compared_runs import ComparedRuns
 from gantrysim.compare.runs.differences import CheckChange
 from gantrysim.compare.runs.overlay_data import OverlayData
@@ -41,7 +41,7 @@ SUMMARY = "compare.json"
 # of both kinds of comparison, so that a later one replaces all files of an earlier one
 OUTPUT = Output("comparison", SUMMARY, (SUMMARY, "overlay.png", "spectrum.png", REPORT))
 
-_WIDE = 10.7  # of a plot across the page [inch]
+_PLOT_WIDTH = 10.7  # of a plot across the page [inch]
 _PLAN = 7.6  # of a plan view [inch]
 _PANEL = 1.1  # height of a link's panel [inch]
 _GROUP = 0.36  # height of a bar, with what lies between [inch]
@@ -133,7 +133,7 @@ def beads_section(comparison: ComparedRuns, title: str = "Beads and errors") -> 
 
 def errors_size(comparison: ComparedRuns) -> tuple[float, float]:
     """Return width and height of the plot of the errors [inch]."""
-    return _WIDE, 2.6 + _PANEL * len(list(drawn_links(comparison)))
+    return _PLOT_WIDTH, 2.6 + _PANEL * len(list(drawn_links(comparison)))
 
 
 def bars_size(bars: int) -> tuple[float, float]:
@@ -241,8 +241,8 @@ def check_number(runs: int) -> None:
     """Raise InputError unless so many runs can be compared."""
     if runs < FEWEST:
         raise InputError(f"compare: {runs} run: name another to compare it with, or a log with --measured FILE")
-    if runs > MOST:
-        raise InputError(f"compare: {runs} runs: must be {FEWEST} to {MOST}, as more lines cannot be told apart")
+    if runs > MOST_RUNS:
+        raise InputError(f"compare: {runs} runs: must be {FEWEST} to {MOST_RUNS}, as more lines cannot be told apart")
 
 
 def _job_name(run: Run | SavedRun | RunResults) -> str:

@@ -35,7 +35,7 @@ _BY_BLOCK = 0
 _BY_LAYER = 256
 _DEEPEST = 32  # nested blocks
 _NAMED = 5  # entities in a remark
-_MOST = 200_000  # entities, those of blocks counted each time
+_MOST_ENTITIES = 200_000  # entities, those of blocks counted each time
 _MOST_REPEATED = 10_000  # of these, beyond those that stand in the file
 _X_CODES = range(10, 19)  # group codes of coordinates x,
 _TO_Y = 10  # and from them to those of y
@@ -191,8 +191,10 @@ def _strokes(reading: _Reading, entities: Any, block: _Block | None, depth: int)
         raise InputError(f"dxf: blocks nested more than {_DEEPEST} deep: must be at most so")
     for entity in entities:
         reading.count += max(entity.mcount, 1) if entity.dxftype() == "INSERT" else 1
-        if reading.count > _MOST:
-            raise InputError(f"dxf: more than {_MOST} entities, those of blocks counted each time: must be fewer")
+        if reading.count > _MOST_ENTITIES:
+            raise InputError(
+                f"dxf: more than {_MOST_ENTITIES} entities, those of blocks counted each time: must be fewer"
+            )
         if reading.count > len(reading.document.entitydb) + _MOST_REPEATED:
             raise InputError(
                 f"dxf: references to blocks repeat more than {_MOST_REPEATED} entities: must be fewer, or exploded in "

@@ -19,7 +19,16 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive, unknown
 from gantrysim.base.heads import name_and_unit
-from gantrysim.controllers.drawings.shapes import FASTEST, LARGEST, Ellipse, Segment, Shape, Sheet, Stroke, bezier
+from gantrysim.controllers.drawings.shapes import (
+    FASTEST,
+    LARGEST_COORDINATE,
+    Ellipse,
+    Segment,
+    Shape,
+    Sheet,
+    Stroke,
+    bezier,
+)
 from gantrysim.tables.text_table import BLANKS, GAPS, Dialect, TextTable
 from gantrysim.tables.units import KINDS, LENGTH, TIME, factor
 
@@ -182,8 +191,10 @@ class _Layout:
         place = [self._length(line, name, values) for name in ("x", "y", "z")]
         if values.get("z_down"):
             place[2] = -self._length(line, "z_down", values)
-        if not max(map(abs, place)) <= LARGEST:
-            raise InputError(f"line {line}: coordinate of {max(place, key=abs):g} mm: must be at most {LARGEST:g} mm")
+        if not max(map(abs, place)) <= LARGEST_COORDINATE:
+            raise InputError(
+                f"line {line}: coordinate of {max(place, key=abs):g} mm: must be at most {LARGEST_COORDINATE:g} mm"
+            )
         switch = (values.get("glue") or "1").lower()
         if switch not in _SWITCH:
             raise InputError(f"line {line}: glue = {switch[:_SHOWN]!r}: must be 1 or 0")

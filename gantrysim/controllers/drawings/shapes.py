@@ -11,7 +11,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 
-LARGEST = 1e6  # coordinate [mm]
+LARGEST_COORDINATE = 1e6  # coordinate [mm]
 FASTEST = 1e6  # [mm/s]
 _CIRCULAR = 1e-9  # relative difference of a circle's half axes, and cosine of the angle between them
 
@@ -233,8 +233,10 @@ class Sheet:
 def checked(stroke: Stroke) -> Stroke:
     """Return a stroke whose coordinates are finite and within bounds, or raise InputError."""
     worst = np.abs(stroke.points).max(initial=0.0)
-    if not worst <= LARGEST:
-        raise InputError(f"{stroke.where}: coordinate of {worst:g} mm: must be finite and at most {LARGEST:g} mm")
+    if not worst <= LARGEST_COORDINATE:
+        raise InputError(
+            f"{stroke.where}: coordinate of {worst:g} mm: must be finite and at most {LARGEST_COORDINATE:g} mm"
+        )
     return stroke
 
 

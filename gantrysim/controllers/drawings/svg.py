@@ -19,7 +19,7 @@ from gantrysim.controllers.drawings.shapes import Ellipse, Segment, Shape, Sheet
 _SPACE = "{http://www.w3.org/2000/svg}"
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _DEEPEST = 100  # nested elements
-_MOST = 100_000  # elements, those that are reused counted each time
+_MOST_ELEMENTS = 100_000  # elements, those that are reused counted each time
 _MOST_REUSED = 10_000  # of these, beyond those that stand in the file
 _MOST_NUMBERS = 400_000  # of all paths and points: twice as many as a drawing may have pieces
 _MOST_DIGITS = 100  # of one of them
@@ -94,8 +94,8 @@ def _check(root: ElementTree.Element) -> dict[str, int]:
         count += 1
         if depth > _DEEPEST:
             raise InputError(f"svg: elements nested, or reused, more than {_DEEPEST} deep: must be at most so")
-        if count > _MOST:
-            raise InputError(f"svg: more than {_MOST} elements: must be at most so many")
+        if count > _MOST_ELEMENTS:
+            raise InputError(f"svg: more than {_MOST_ELEMENTS} elements: must be at most so many")
         if count > written + _MOST_REUSED:
             raise InputError(
                 f"svg: <use> repeats more than {_MOST_REUSED} elements: must be fewer, or real copies (Inkscape: "

@@ -15,7 +15,14 @@ from typing import TypeVar
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.fanuc.alarm import Alarm, BlockSource
 from gantrysim.controllers.fanuc.block_words import COMMENT, CORNERS, LETTERS, OF_FILE, Words, labelled, words_of
-from gantrysim.controllers.macro.grammar import FUNCTIONS, OPERATORS, SHORT, Grammar, rounded_from_zero, rounded_to_zero
+from gantrysim.controllers.macro.grammar import (
+    FUNCTIONS,
+    OPERATORS,
+    SHORT_WORD,
+    Grammar,
+    rounded_from_zero,
+    rounded_to_zero,
+)
 from gantrysim.controllers.macro.order import END, Flow, FlowRefusal
 from gantrysim.controllers.macro.scanner import Scanner
 from gantrysim.controllers.macro.variables import LocalParameters, Numbering, Parameters, System
@@ -192,7 +199,7 @@ def control(word: str) -> Callable[[Control], Control]:
 
     def add(handler: Control) -> Control:
         _CONTROLS[word] = handler
-        _CONTROLS.setdefault(word[:SHORT], handler)
+        _CONTROLS.setdefault(word[:SHORT_WORD], handler)
         return handler
 
     return add

@@ -60,7 +60,7 @@ class Corners(NamedTuple):
 # At a corner of the angle theta between the tangents, an arc that begins and ends at the distance l from the corner has
 # the radius l / tan(theta / 2) and is l tan(theta / 4) away from the corner.
 
-_SMALLEST = 1e-6  # radius of an arc [mm]
+_SMALLEST_RADIUS = 1e-6  # radius of an arc [mm]
 _SLIGHTEST = 1e-7  # corner that is none [rad]
 SHARPEST = 3.1  # corner that is rounded [rad]
 _CHAINED = 100  # lines merged into one: each of them is checked against every longer chord
@@ -143,7 +143,7 @@ def rounded(track: Track, tolerance: Floats, widest: Floats) -> tuple[Rounded, F
         reach = np.minimum(0.5 * np.minimum(lengths[:-1], lengths[1:]), tolerance / np.tan(0.25 * angle))
         reach = np.minimum(reach, widest * tangent)
         rounds = lines[:-1] & lines[1:] & (tolerance > 0) & (angle > _SLIGHTEST) & (angle < SHARPEST)
-        rounds &= reach > _SMALLEST * tangent
+        rounds &= reach > _SMALLEST_RADIUS * tangent
     reach = np.where(rounds, reach, 0.0)
     k = np.flatnonzero(rounds)
     radius = reach[k] / tangent[k]

@@ -251,7 +251,8 @@ class Interpreter:
                 state.modes.spindle = value
             else:
                 state.ignored[letter] += 1
-        for letter in [letter for letter in block.values if letter in "ABCUVW" and self._stands(letter, block)]:
+        # an axis that the machine lacks stands at 0, in either distance mode
+        for letter in [letter for letter, value in block.values.items() if letter in "ABCUVW" and value == 0]:
             block.drop(letter)
             state.ignored[f"axis {letter}, which stands"] += 1
         if not block.values:
@@ -265,14 +266,6 @@ class Interpreter:
         if not self._dialect.lenient:
             raise InputError(f"{letter}{value:g}: is not used in this block")
         state.ignored[letter] += 1
-
-    def _stands(self, letter: str, block: WordBlock) -> bool:
-        """Return whether a word of an axis that the machine lacks does not move it."""
-        state = self._state
-        value = block.values[letter]
-        if not state.frames.absolute:
-            return value == 0
-        return value == 0
 
 
 def _needs_plain_path(code: Code) -> bool:

@@ -19,7 +19,7 @@ from gantrysim.controllers.gcode.move_table import ARC, CENTRE, END, KIND, PLANE
 
 # grbl 1.1, gcode.c: differences of the radii at an arc's ends
 _ACCEPTED = 0.005  # [mm]
-_MOST = 0.5  # [mm]
+_MOST_TOLERANCE = 0.5  # [mm]
 _RELATIVE = 1e-3  # of the radius at the start
 
 
@@ -36,7 +36,7 @@ def refused_by_grbl(program: Interpreted) -> tuple[str, ...]:
     end = np.take_along_axis(places[rows + 1], axes, axis=1)
     radius = np.hypot(*(start - centre).T)
     off = np.abs(np.hypot(*(end - centre).T) - radius)
-    refused = (off > _MOST) | ((off > _ACCEPTED) & (off > _RELATIVE * radius))
+    refused = (off > _MOST_TOLERANCE) | ((off > _ACCEPTED) & (off > _RELATIVE * radius))
     if not refused.any():
         return ()
     worst = int(np.where(refused, off, 0.0).argmax())

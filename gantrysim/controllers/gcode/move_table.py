@@ -76,7 +76,7 @@ FLOW = MoveRow._fields.index("flow")
 LIMITS = MoveRow._fields.index("limits")
 OUTPUTS = MoveRow._fields.index("outputs")
 WIDTH = len(MoveRow._fields)
-_MOST = 5_000_000  # moves, of 128 bytes each
+_MOST_MOVES = 5_000_000  # moves, of 128 bytes each
 _SAME = 1e-9  # relative to 1 rad
 
 
@@ -97,8 +97,8 @@ class MoveTable:
     def add(self, move: MoveRow) -> None:
         """Append a move."""
         self._numbers.extend(move)
-        if len(self._numbers) > _MOST * WIDTH:
-            raise InputError(f"more than {_MOST} moves")
+        if len(self._numbers) > _MOST_MOVES * WIDTH:
+            raise InputError(f"more than {_MOST_MOVES} moves")
 
     def row(self, index: int) -> MoveRow:
         """Return a move that was added."""

@@ -43,7 +43,7 @@ class Tools:
 
 # The limits that a program of printers' firmware has set so far.
 
-_MOST = 10_000  # settings of a program, which may set them anew at every line
+_MOST_SETTINGS = 10_000  # settings of a program, which may set them anew at every line
 
 
 class LimitsInForce:
@@ -90,7 +90,7 @@ class LimitsInForce:
     def _enter(self) -> None:
         for feeds, acceleration in ((True, self._printing), (False, self._travel)):
             limits = self._now._replace(acceleration=acceleration)
-            if limits not in self._numbers and len(self.rows) < _MOST:
+            if limits not in self._numbers and len(self.rows) < _MOST_SETTINGS:
                 self._numbers[limits] = len(self.rows)
                 self.rows.append(limits)
             self._index[feeds] = self._numbers.get(limits, self._index[feeds])

@@ -12,10 +12,10 @@ from gantrysim.controllers.gcode.program_state import FARTHEST, ProgramState, Wo
 _CENTRES = "IJK"
 _LENGTHS = "IJKR"
 _MOST_TURNS = 10_000
-_SMALLEST = 1e-6  # radius [mm]
+_SMALLEST_RADIUS = 1e-6  # radius [mm]
 _RELATIVE = 1e-3  # difference of an arc's radii, of the radius
 _WORST = 100  # times the tolerance, which the relative one does not excuse
-_COARSE = 2.54  # times the tolerance, in inches
+_COARSE_TOLERANCE = 2.54  # times the tolerance, in inches
 
 
 @dataclass(frozen=True)
@@ -113,14 +113,14 @@ def _arc(state: ProgramState, block: WordBlock, ends: tuple[complex, complex], c
 def _check_radii(state: ProgramState, radius: float, reached: float, words: tuple[str, str]) -> None:
     """Check that the end lies on the arc: coordinates are rounded, in inches to coarser steps."""
     centre = "{}, {}".format(*words)
-    if radius < _SMALLEST:
+    if radius < _SMALLEST_RADIUS:
         raise InputError(f"the start of the arc is its centre, by {centre}: radius = 0 mm must be greater than 0 mm")
-    if reached < _SMALLEST:
+    if reached < _SMALLEST_RADIUS:
         raise InputError(
             f"the end of the arc is its centre, by {centre}: radius = {radius:.6g} mm at the start, 0 mm at the end"
         )
     error = abs(radius - reached)
-    tolerance = state.setup.arc_tolerance * (1.0 if state.frames.unit == 1.0 else _COARSE)
+    tolerance = state.setup.arc_tolerance * (1.0 if state.frames.unit == 1.0 else _COARSE_TOLERANCE)
     if error > _WORST * tolerance or (error > tolerance and error > _RELATIVE * max(radius, reached)):
         raise InputError(
             f"radius = {radius:.6g} mm at the start, {reached:.6g} mm at the end: difference {error:.4g} mm "

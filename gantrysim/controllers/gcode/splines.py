@@ -12,7 +12,7 @@ from gantrysim.controllers.gcode.move_table import PLANES
 from gantrysim.controllers.gcode.program_state import OpenCurve, ProgramState, WordBlock
 
 _CHORD = 1e-3  # largest distance of a chord from its curve [mm]
-_MOST = 20_000  # chords of a curve
+_MOST_CHORDS = 20_000  # chords of a curve
 
 
 @dataclass(frozen=True)
@@ -91,8 +91,8 @@ def chords(points: list[complex]) -> Iterator[tuple[complex, float]]:
     degree = len(points) - 1
     second = max(abs(a - 2 * b + c) for a, b, c in zip(points, points[1:], points[2:], strict=False))
     n = max(math.ceil(math.sqrt(degree * (degree - 1) * second / (8 * _CHORD))), 1)
-    if n > _MOST:
-        raise InputError(f"spline of {n} chords: must be at most {_MOST}")
+    if n > _MOST_CHORDS:
+        raise InputError(f"spline of {n} chords: must be at most {_MOST_CHORDS}")
     for k in range(1, n + 1):
         level = points
         t = k / n

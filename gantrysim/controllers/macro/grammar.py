@@ -18,7 +18,7 @@ from gantrysim.base.errors import InputError
 
 Function = Callable[[float], float]
 
-SHORT = 2  # letters of a word that stand for it, in a dialect that shortens words
+SHORT_WORD = 2  # letters of a word that stand for it, in a dialect that shortens words
 _SAME = 1e-6  # difference of numbers that compare as equal
 
 
@@ -161,7 +161,7 @@ class Grammar:
         spellings = {name: name for name in names}
         if self.shortened:
             for name in names:
-                spellings.setdefault(name[:SHORT] if name.isalpha() else name, name)
+                spellings.setdefault(name[:SHORT_WORD] if name.isalpha() else name, name)
         return spellings
 
     def called(self, name: str, x: float) -> float:

@@ -24,7 +24,7 @@ Target = Value | str  # a parameter: its number or its name
 
 # Both limits keep Python's stack from overflowing: a level of brackets, and an operator, are a call each.
 _DEEPEST = 60  # nesting of brackets
-_MOST = 200  # operators in a line
+_MOST_OPERATORS = 200  # operators in a line
 _NUMBER = re.compile(r"[0-9]+\.?[0-9]*|\.[0-9]+")
 _NAME = re.compile(r"<([^<>]*)>")
 _SHOWN = 12  # characters of the text in a message
@@ -162,8 +162,8 @@ class Scanner:
                 self.position = start  # it belongs to the expression around this one
                 break
             self._operators += 1
-            if self._operators > _MOST:
-                raise InputError(f"expression of more than {_MOST} operators")
+            if self._operators > _MOST_OPERATORS:
+                raise InputError(f"expression of more than {_MOST_OPERATORS} operators")
             value = _combined(operator, value, self._expression(operator.strength))
         self._depth -= 1
         return value

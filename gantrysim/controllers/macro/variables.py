@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.controllers.macro.scanner import Target
 
-_MOST = 100_000  # parameters in use
+_MOST_PARAMETERS = 100_000  # parameters in use
 
 System = Callable[[float | str], float | None]  # a parameter that the controller provides; None for others
 
@@ -98,8 +98,8 @@ class Parameters:
         else:
             k = self._checked(target(self))
             self._scope_of(k).numbered[k] = value
-        if len(self._common.numbered) + len(self._common.named) + len(self.scope.named) > _MOST:
-            raise InputError(f"more than {_MOST} parameters")
+        if len(self._common.numbered) + len(self._common.named) + len(self.scope.named) > _MOST_PARAMETERS:
+            raise InputError(f"more than {_MOST_PARAMETERS} parameters")
 
     def _names(self, name: str) -> dict[str, float]:
         return (self._common if name.startswith("_") else self.scope).named

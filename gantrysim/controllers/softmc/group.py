@@ -23,8 +23,8 @@ PROFILE_TYPES: dict[int, ProfileType] = {
 _MAX_SMOOTH = 100
 # Bounds of speeds, accelerations and jerks in their units: products and roots of them are then numbers. A motion at the
 # least of them takes years, and is refused for its duration.
-_LEAST = 1e-12
-_MOST = 1e15
+_LEAST_LIMIT = 1e-12
+_LARGEST_LIMIT = 1e15
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,7 +215,7 @@ _BOUNDS = {
 
 def _rate(name: str, value: float, unit: str) -> float:
     """Return a speed, acceleration or jerk, or raise InputError where it is not positive or out of bounds."""
-    return at_least(name, positive(name, value, unit, _MOST), _LEAST, unit)
+    return at_least(name, positive(name, value, unit, _LARGEST_LIMIT), _LEAST_LIMIT, unit)
 
 
 def _check_profile(profile: str) -> None:

@@ -25,7 +25,7 @@ from gantrysim.record.setpoints import MAX_TICKS, ticks
 
 AXES = "xyzr"
 
-_NEAR = 1e-6  # [mm], between points taken as one
+_SAME_POINT = 1e-6  # [mm], between points taken as one
 _STRAIGHT = 1e-6  # sine of an angle of three points taken as collinear
 _UPRIGHT = 1e-12  # x and y of a normal taken as the z axis
 
@@ -109,7 +109,7 @@ def placed(path: Segment, placement: Placement) -> Segment:
 
 
 def _line(here: Floats, end: Floats) -> Segment:
-    if np.linalg.norm(end[:3] - here[:3]) <= _NEAR:
+    if np.linalg.norm(end[:3] - here[:3]) <= _SAME_POINT:
         return Segment(None, np.array([*here[:3], end[3]]))
     return Segment(Line(vector(here), vector(end)), end)
 
@@ -118,7 +118,7 @@ def _by_angle(here: Floats, centre: Floats, angle: float, order: tuple[int, int,
     i, j, k = order
     out = here[[i, j]] - centre[[i, j]]
     radius = float(np.hypot(*out))
-    if radius <= _NEAR:
+    if radius <= _SAME_POINT:
         raise SoftMCError(
             f"radius = 0 mm, centre and start are both {AXES[i]} = {here[i]:g}, {AXES[j]} = {here[j]:g}: "
             "must be greater than 0 mm; move away from the centre first"
@@ -144,7 +144,7 @@ def _through(here: Floats, via: Floats, end: Floats) -> Segment:
     b = end[:3] - here[:3]
     sides = np.sort([np.linalg.norm(a), np.linalg.norm(b), np.linalg.norm(b - a)])
     three = f"the three points ({_point_text(here)}), ({_point_text(via)}) and ({_point_text(end)})"
-    if sides[0] <= _NEAR:
+    if sides[0] <= _SAME_POINT:
         raise SoftMCError(f"{three} coincide: must be distinct; use Angle and CircleCenter for a full circle")
     n = np.cross(a, b)
     size = float(np.linalg.norm(n))

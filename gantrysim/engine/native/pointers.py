@@ -16,10 +16,10 @@ from numba import RequireLiteralValue, types
 from numba.extending import intrinsic
 
 from gantrysim.base.jit import jit
-from gantrysim.machine.row import DRIVE, FAULT, LAW, LOG_AXIS, LOG_TICK, ROW, STAGE
+from gantrysim.machine.row import FAULT, LAW, LOG_AXIS, LOG_TICK, ROW, STAGE
 from gantrysim.servo.gains import GAIN_NAMES, Gains
 
-_MANY = 2**31  # nothing is checked against it
+_MANY_NUMBERS = 2**31  # nothing is checked against it
 _GAINS = len(GAIN_NAMES)
 _TICK_SIZE = LOG_TICK.itemsize
 _AXIS_SIZE = LOG_AXIS.itemsize
@@ -72,11 +72,6 @@ def _stage_entries(context: Any, address: Any) -> Any:
 @intrinsic
 def _fault_entries(context: Any, address: Any) -> Any:
     return typed_pointer(numba.from_dtype(FAULT))
-
-
-@intrinsic
-def _drive_entries(context: Any, address: Any) -> Any:
-    return typed_pointer(numba.from_dtype(DRIVE))
 
 
 @intrinsic
@@ -134,7 +129,7 @@ def field(struct, offset):
 @jit
 def vector(struct, offset):
     """Return the doubles to which the pointer at an offset of a struct points, however many they are."""
-    return numba.carray(floats(field(struct, offset)), (_MANY,))
+    return numba.carray(floats(field(struct, offset)), (_MANY_NUMBERS,))
 
 
 @jit
@@ -174,12 +169,6 @@ def stages_of(row):
 def fault_at(address):
     """Return the deliberate fault at an address, a view."""
     return numba.carray(_fault_entries(address), (1,))[0]
-
-
-@jit
-def drives_at(address, axes):
-    """Return the drives at an address, a view, (axes,)."""
-    return numba.carray(_drive_entries(address), (axes,))
 
 
 @jit

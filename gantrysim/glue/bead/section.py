@@ -14,7 +14,7 @@ from gantrysim.base.errors import InputError, at_least, finite
 
 # Settings of a bead: its shape, and the resolution of its height map.
 
-_LEAST = 1e-6  # smallest gap and cell [mm]
+_LEAST_GAP = 1e-6  # smallest gap and cell [mm]
 _HIGHEST = 1e9  # gap [mm]
 _LEAST_ANGLE = 1.0  # [deg]; below, glue is a film without a shape
 
@@ -40,12 +40,12 @@ class BeadSettings:
 
     def __post_init__(self) -> None:
         if self.gap is not None:
-            at_least("gap", self.gap, _LEAST, "mm", _HIGHEST)
+            at_least("gap", self.gap, _LEAST_GAP, "mm", _HIGHEST)
         if not _LEAST_ANGLE <= finite("contact_angle", self.contact_angle, "deg") <= 90:
             raise InputError(
                 f"contact_angle = {self.contact_angle:g} deg: must be at least {_LEAST_ANGLE:g} and at most 90 deg"
             )
-        at_least("cell", self.cell, _LEAST, "mm")
+        at_least("cell", self.cell, _LEAST_GAP, "mm")
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ from gantrysim.record.setpoints import Setpoints
 VOLUMETRIC = "volumetric"
 TIME_PRESSURE = "time-pressure"
 
-_MOST = 1e9  # largest flow, area and pressure
+_LARGEST_VALUE = 1e9  # largest flow, area and pressure
 _LONGEST = 1e3  # dead time, time constants, leads and advance [s]
 _EMPTY = 1e-9  # glue that remains in an empty syringe, relative to that at the start
 
@@ -93,7 +93,7 @@ class Dispenser:
     def __post_init__(self) -> None:
         demands = {"flow": "mm³/s", "area": "mm²", "pressure": "kPa"}
         for name, unit in demands.items():
-            at_least(name, getattr(self, name), 0, unit, _MOST)
+            at_least(name, getattr(self, name), 0, unit, _LARGEST_VALUE)
         given = [f"{name} = {getattr(self, name):g} {unit}" for name, unit in demands.items() if getattr(self, name)]
         if len(given) > 1:
             raise InputError(f"{' and '.join(given)}: only one of flow, area and pressure can be given")
@@ -110,9 +110,9 @@ class Dispenser:
                 raise InputError(f"{given[0]}: metering volumetric takes flow or area; pressure needs time-pressure")
             with np.errstate(over="ignore"):
                 flow = float(self._driven.flow(self.pressure))
-            if not flow <= _MOST:
+            if not flow <= _LARGEST_VALUE:
                 raise InputError(
-                    f"{given[0]}: drives {flow:g} mm³/s through the needle, must be at most {_MOST:g} mm³/s"
+                    f"{given[0]}: drives {flow:g} mm³/s through the needle, must be at most {_LARGEST_VALUE:g} mm³/s"
                 )
             if not flow:
                 least = self._driven.yield_pressure

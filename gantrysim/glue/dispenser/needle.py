@@ -35,7 +35,7 @@ GAUGES = {
 }
 
 _WIDEST = 100.0  # bore and outer diameter [mm]
-_MOST = 1e9  # length, consistency, index and yield stress
+_LARGEST_VALUE = 1e9  # length, consistency, index and yield stress
 _STEPS = 8  # of Newton's method; from there on the residual is rounding
 
 
@@ -82,8 +82,8 @@ class Needle:
         else:
             positive("bore of the needle", self.bore, "mm", _WIDEST)
         for name, unit in (("length", "mm"), ("consistency", "Pa·s^n"), ("index", "")):
-            positive(f"{name} of the needle", getattr(self, name), unit, _MOST)
-        at_least("yield_stress of the needle", self.yield_stress, 0, "Pa", _MOST)
+            positive(f"{name} of the needle", getattr(self, name), unit, _LARGEST_VALUE)
+        at_least("yield_stress of the needle", self.yield_stress, 0, "Pa", _LARGEST_VALUE)
         if self.outer is not None and positive("outer of the needle", self.outer, "mm", _WIDEST) <= self.inner:
             raise InputError(
                 f"outer of the needle = {self.outer:g} mm: must be greater than its bore, {self.inner:g} mm"

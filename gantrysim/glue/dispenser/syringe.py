@@ -13,7 +13,7 @@ ATMOSPHERE = 101.325  # [kPa]
 
 _ML = 1e3  # mm³ per ml
 _PER_BAR = 1e6  # mm³/s at p0 per dm³/(s·bar)
-_LARGEST = 1e6  # volumes [ml] and conductance [dm³/(s·bar)]
+_LARGEST_VALUE = 1e6  # volumes [ml] and conductance [dm³/(s·bar)]
 _STEP = 0.05  # of the integration, relative to the time constant
 
 
@@ -54,9 +54,9 @@ class Syringe:
 
     def __post_init__(self) -> None:
         for name, unit in (("volume", "ml"), ("dead_volume", "ml"), ("conductance", "dm³/(s·bar)")):
-            if positive(f"{name} of the syringe", getattr(self, name), unit) > _LARGEST:
+            if positive(f"{name} of the syringe", getattr(self, name), unit) > _LARGEST_VALUE:
                 raise InputError(
-                    f"{name} of the syringe = {getattr(self, name):g} {unit}: must be at most {_LARGEST:g}"
+                    f"{name} of the syringe = {getattr(self, name):g} {unit}: must be at most {_LARGEST_VALUE:g}"
                 )
         if positive("fill of the syringe", self.fill) > 1:
             raise InputError(f"fill of the syringe = {self.fill:g}: must be at most 1")

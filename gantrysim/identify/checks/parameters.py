@@ -144,7 +144,7 @@ def _of_both_masses(model: AxisModel, acceleration: Floats, period: float) -> Fl
 # below zero would be a motion ahead of its torque.
 
 PLAUSIBILITY = "plausibility"
-FAR = 2.0  # ratio of the inertia to the table's, or its inverse, from which nothing is identified
+FAR_INERTIA = 2.0  # ratio of the inertia to the table's, or its inverse, from which nothing is identified
 FRICTION_FAR = 10.0  # ratio of the Coulomb friction to the table's
 # largest half interval of static over Coulomb friction, of itself: else one has been taken for the other
 EXCESS_SEEN = 0.5
@@ -159,10 +159,10 @@ def check_plausible(fit: AxisFit, period: float) -> Doubt:
     table = fit.nominal
     findings = []
     ratio = model.inertia / table.inertia
-    if not 1 / FAR <= ratio <= FAR:
+    if not 1 / FAR_INERTIA <= ratio <= FAR_INERTIA:
         reason = (
-            f"inertia is {ratio:.2g} times that of the machine's table: must be {1 / FAR:g} to {FAR:g} times; check "
-            "units, gear and payload"
+            f"inertia is {ratio:.2g} times that of the machine's table: must be {1 / FAR_INERTIA:g} to {FAR_INERTIA:g} "
+            "times; check units, gear and payload"
         )
         findings.append(Finding(PLAUSIBILITY, (), reason))
     delay = fit.estimates["delay"]

@@ -60,7 +60,7 @@ def check_counts(fit: AxisFit, period: float) -> Doubt:
 # another check doubts.
 
 CLIPPED = "clipped torque"
-MOST = 0.01  # share of the samples at the largest torque; a torque that is not clipped is there once or twice
+MOST_AT_PEAK = 0.01  # share of the samples at the largest torque; a torque that is not clipped is there once or twice
 _EQUAL = 1e-6  # difference of equal torques, of the largest: logs are rounded
 
 
@@ -69,11 +69,11 @@ def check_clipping(fit: AxisFit) -> Doubt:
     size = np.abs(fit.torque)
     largest = float(size.max())
     share = float(np.mean(size >= largest * (1 - _EQUAL)))
-    if share <= MOST:
+    if share <= MOST_AT_PEAK:
         return Doubt({}, [])
     reason = (
         f"the torque is at its largest, ± {largest:.3g} N·m, in {100 * share:.0f} % of the samples: must be in at most "
-        f"{100 * MOST:.0f} %; it is clipped: widen the range of the recorder, or excite less"
+        f"{100 * MOST_AT_PEAK:.0f} %; it is clipped: widen the range of the recorder, or excite less"
     )
     return Doubt({}, [Finding(CLIPPED, (), reason)])
 
@@ -86,7 +86,8 @@ def check_clipping(fit: AxisFit) -> Doubt:
 # this is said only of a fit that another check doubts.
 
 SMOOTHED = "smooth position"
-LEAST = 0.6  # of the acceleration that the torque gives the whole mass; doubtful fits of unfiltered logs have 0.79
+# of the acceleration that the torque gives the whole mass; doubtful fits of unfiltered logs have 0.79
+LEAST_ACCELERATION = 0.6
 _BAND = (0.25, 0.45)  # of the sampling rate
 _SEGMENT = 256  # samples of a spectrum's segment
 
@@ -102,12 +103,12 @@ def check_smoothing(fit: AxisFit, period: float) -> Doubt:
     if not expected > 0:
         return Doubt({}, [])
     ratio = math.sqrt(float(power[band].sum()) / expected)
-    if ratio >= LEAST:
+    if ratio >= LEAST_ACCELERATION:
         return Doubt({}, [])
     reason = (
         f"from {_BAND[0] / period:.0f} to {_BAND[1] / period:.0f} Hz the position has {100 * ratio:.0f} % of the "
-        f"motion that the torque gives the whole mass: must have at least {100 * LEAST:.0f} %; it is filtered or "
-        "interpolated: log the counts of the encoder"
+        f"motion that the torque gives the whole mass: must have at least {100 * LEAST_ACCELERATION:.0f} %; it is "
+        "filtered or interpolated: log the counts of the encoder"
     )
     return Doubt({}, [Finding(SMOOTHED, (), reason)])
 

@@ -140,7 +140,7 @@ def check_encoder(axis: Axis, table: AxisModel, position: Floats, torque: Floats
 COUNTS = 200.0  # least travel, in encoder counts: 0.5 % of it is one
 REVERSALS = 6  # least number: a constant torque and friction differ by direction alone
 SPEEDS = 3.0  # least ratio of fast to slow speed: viscous and Coulomb friction differ by speed alone
-_ENOUGH = 500  # samples; a shorter log is refused by the regression
+_ENOUGH_SAMPLES = 500  # samples; a shorter log is refused by the regression
 
 
 def check_excitation(axis: Axis, position: Floats, torque: Floats, ratio: float = math.nan) -> None:
@@ -155,7 +155,7 @@ def check_excitation(axis: Axis, position: Floats, torque: Floats, ratio: float 
     Raises:
         NotIdentifiedError: with what is missing.
     """
-    if position.size < _ENOUGH:
+    if position.size < _ENOUGH_SAMPLES:
         return
     cure = "gantrysim identify --plan writes moves that do"
     travel = float(np.ptp(position))

@@ -65,7 +65,7 @@ def relation_of(position: Floats, torque: Floats, period: float) -> Relation | N
 
 UNUSABLE = 5.0  # ratio of the inertia to that of the table, or its inverse, from which the log is refused
 TRAVEL = 2.0  # largest travel of the log, of the axis': its table may leave out the ends
-_NEAR = 1.5  # ratio of two factors that may be the same: machines differ from their tables by as much
+_SAME_FACTOR = 1.5  # ratio of two factors that may be the same: machines differ from their tables by as much
 _RATED = (2.0, 5.0)  # peak torque of servo drives over the rated one
 
 
@@ -108,7 +108,7 @@ def _matching(slips: dict[str, tuple[float, float]], factor: float) -> list[str]
     distances = {}
     for name, (low, high) in slips.items():
         outside = max(math.log(low / factor), math.log(factor / high), 0.0)
-        if outside < math.log(_NEAR):
+        if outside < math.log(_SAME_FACTOR):
             distances[name] = outside
     return sorted(distances, key=lambda name: distances[name])
 

@@ -15,20 +15,6 @@ from gantrysim.servo.stability.motion import MODES
 
 M = 1e-3  # metres per millimetre
 
-# custom numerics of an MJCF, a value per actuator, for verdict, transmission, geometry and drive
-# [N·m, kg·m², 1, H, 1, µm/300 mm, µm, 1, place in MODES]
-FACTS = (
-    "continuous_torque",
-    "rotor_inertia",
-    "pole_pairs",
-    "inductance",
-    "efficiency",
-    "travel_error",
-    "periodic_error",
-    "microsteps",
-    "drive_mode",
-)
-
 # LuGre friction, as of the built-in machines
 _STATIC = 1.2  # per Coulomb friction
 _STRIBECK = 5e-3  # [m/s]
@@ -100,7 +86,7 @@ class Mjcf:
         self.tendon = add(self.root, "tendon") if kinematics == "coupled" else None
         self.actuator = add(self.root, "actuator")
         self.sensor = add(self.root, "sensor")
-        self._facts: dict[str, tuple[float, ...]] = {}
+        self._facts: dict[str, dict[str, float]] = {}
         self.guide_arms: dict[str, float] = {}  # from the guide blocks of an axis to the nozzle, along it [mm]
 
     def _only(self, tag: str) -> Element:
@@ -141,8 +127,8 @@ class Mjcf:
             for group in (self.actuator, self.sensor):
                 group[:] = sorted(group, key=lambda element: element.get("name", ""))
             axes = sorted(self._facts)
-            for fact, name in enumerate(FACTS):
-                add(custom, "numeric", name=name, data=[self._facts[axis][fact] for axis in axes])
+            for fact in dict.fromkeys(name for axis in axes for name in self._facts[axis]):
+                add(custom, "numeric", name=fact, data=[self._facts[axis].get(fact, 0.0) for axis in axes])
             if self.guide_arms:
                 add(custom, "numeric", name="guide_arm", data=[self.guide_arms.get(axis, 0.0) for axis in axes])
         ET.indent(self.root)
@@ -229,18 +215,16 @@ class Mjcf:
         )
         if drive.encoder is not None:
             add(self.sensor, "actuatorpos", name=name, actuator=name, user=drive.counts)
-        facts = (
-            motor.continuous,
-            motor.rotor_inertia,
-            motor.pole_pairs,
-            motor.inductance,
-            transmission.efficiency,
-            transmission.error(300),
-            transmission.periodic_error,
-            drive.fine_steps,
-            MODES.index(drive.used_mode),
-        )
-        self._facts[name] = facts
+        # custom numerics, a value per actuator [N·m, kg·m², 1, H, those of the transmission, 1, place in MODES]
+        self._facts[name] = {
+            "continuous_torque": motor.continuous,
+            "rotor_inertia": motor.rotor_inertia,
+            "pole_pairs": motor.pole_pairs,
+            "inductance": motor.inductance,
+            **transmission.facts,
+            "microsteps": drive.fine_steps,
+            "drive_mode": MODES.index(drive.used_mode),
+        }
 
 
 class TableMjcf(Mjcf):

@@ -8,9 +8,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from gantrysim.base.errors import InputError
 
-_MOST = 1e9
-Positive = Annotated[float, Field(gt=0, le=_MOST)]
-NotNegative = Annotated[float, Field(ge=0, le=_MOST)]
+_LARGEST_VALUE = 1e9
+Positive = Annotated[float, Field(gt=0, le=_LARGEST_VALUE)]
+NotNegative = Annotated[float, Field(ge=0, le=_LARGEST_VALUE)]
 Count = Annotated[int, Field(ge=1, le=100_000)]
 
 

@@ -70,6 +70,15 @@ class _Transmission(Table):
         """Amplitude of the error within a turn by the accuracy class [µm]."""
         return 0.0
 
+    @property
+    def facts(self) -> dict[str, float]:
+        """What the MJCF states of it as custom numerics, with a value per actuator: [1, µm/300 mm, µm]."""
+        return {
+            "efficiency": self.efficiency,
+            "travel_error": self.error(300),
+            "periodic_error": self.periodic_error,
+        }
+
 
 class Screw(_Transmission):
     """A ball screw. Its inertia is given, or pi rho l d^4 / 32 of a steel cylinder as thick as the thread."""

@@ -14,7 +14,7 @@ from gantrysim.render.strip import round_step
 
 POINTS = 1000  # that a line of MuJoCo's holds
 _LINES = 99  # the last is the mark of the present
-_LEAST = 1.0  # range of the error axis [µm]
+_LEAST_RANGE = 1.0  # range of the error axis [µm]
 _STEPS = 6  # of the time axis, at most
 _INK = (0.99, 0.63, 0.15)
 _MARK = (0.9, 0.9, 0.9)
@@ -87,7 +87,7 @@ class Chart:
         end = max(until, float(time[-1]), 1e-3)
         step = round_step(end / _STEPS)
         steps = math.ceil(end / step - 1e-9)
-        top = round_step(max(largest, _LEAST))
+        top = round_step(max(largest, _LEAST_RANGE))
         figure.range[0] = (0, steps * step)
         figure.range[1] = (0, top)
         figure.gridsize[0] = steps + 1

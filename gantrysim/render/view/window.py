@@ -84,7 +84,7 @@ def _message(warning: str) -> str:
 
 _SIZE = (1000, 720)  # of the window at first [pixels of the screen]
 _MOST_GEOMS = 2000
-_NEAR = 0.1  # least distance of the free camera's look-at point, of the machine's size
+_LEAST_DISTANCE = 0.1  # least distance of the free camera's look-at point, of the machine's size
 _DOUBLE_CLICK = 0.3  # longest time between its clicks [s]
 _FONT = 150  # its size on a usual display [%]
 _ZOOM = 0.05  # per step of the mouse wheel, of the distance
@@ -286,7 +286,7 @@ def free_view(scene: Scene, view: mujoco.MjvCamera) -> mujoco.MjvCamera:
         return free
     position = scene.data.cam_xpos[view.fixedcamid]
     forward = -scene.data.cam_xmat[view.fixedcamid].reshape(3, 3)[:, 2]
-    reach = max(float(forward @ (scene.model.stat.center - position)), _NEAR * float(scene.model.stat.extent))
+    reach = max(float(forward @ (scene.model.stat.center - position)), _LEAST_DISTANCE * float(scene.model.stat.extent))
     # the same scale, although a free camera has another field of view
     angles = np.radians([scene.model.cam_fovy[view.fixedcamid], scene.model.vis.global_.fovy])
     fixed, free_tangent = np.tan(0.5 * angles)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 _ROOM = 0.45  # beyond the bars for their numbers, of the largest
-_LEAST = 0.05  # half of the narrowest scale [µm]
+_LEAST_SCALE = 0.05  # half of the narrowest scale [µm]
 
 
 def draw_causes(figure: Figure | SubFigure, worth: Mapping[str, Mapping[str, float]]) -> tuple[Axes, ...]:
@@ -38,7 +38,7 @@ def draw_causes(figure: Figure | SubFigure, worth: Mapping[str, Mapping[str, flo
         for text in axes.bar_label(bars, numbers, padding=3, fontsize=8):
             text.set_in_layout(axes is panels[-1])  # inside of all others: the scale below leaves room
         low, high = (float(end) for end in (np.nanmin([0.0, *size]), np.nanmax([0.0, *size])))
-        room = max(_ROOM * (high - low), _LEAST)
+        room = max(_ROOM * (high - low), _LEAST_SCALE)
         axes.set(xlim=(low - (room if low < 0 else 0), high + room), xlabel="worth [µm]")
         axes.set_title(error, loc="left")
         axes.axvline(0, color=INK, lw=0.8)

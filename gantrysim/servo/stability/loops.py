@@ -212,8 +212,8 @@ class Crossings:
 
 _MIN_GAIN = 1e-6  # a loop that is stable down to this factor has no lower gain margin
 # factors on all gains
-_LEAST = 1e-3
-_MOST = 10.0
+_LEAST_GAIN = 1e-3
+_LARGEST_GAIN = 10.0
 _FACTORS = 60  # up to either, to begin with
 _SHARP = 1e-6  # accuracy of a factor on all gains
 _REAL = 1e-6  # largest imaginary part of a real loop, relative
@@ -322,7 +322,7 @@ def _together(loops: Loops) -> float | None:
         return None
     stable = loops.stable()
     low = high = 1.0
-    for factor in np.geomspace(1, _MOST if stable else _LEAST, _FACTORS)[1:].tolist():
+    for factor in np.geomspace(1, _LARGEST_GAIN if stable else _LEAST_GAIN, _FACTORS)[1:].tolist():
         low = min(low, factor)
         high = max(high, factor)
         if loops.stable(axes, factor) is not stable:

@@ -81,7 +81,7 @@ def with_velocity_loops(
     return LinearSystem(system.axes, F, G0, G1, np.concatenate([system.H, np.zeros((m, 2 * m))], axis=1))
 
 
-_COARSE = 4  # points of the grid for each of a coarse one
+_COARSE_EVERY = 4  # points of the grid for each of a coarse one
 
 
 class LinearLaw(Protocol):
@@ -242,7 +242,7 @@ class Plant:
         for loops in self._loops(servo):
             if not loops.stable():
                 return True
-            L = loops.open(loops.plant.theta[::_COARSE], loops.plant.P[::_COARSE])
+            L = loops.open(loops.plant.theta[::_COARSE_EVERY], loops.plant.P[::_COARSE_EVERY])
             if np.abs(1 + L).min() < 1 / peak:
                 return True
         return False

@@ -39,8 +39,8 @@ _LEAD = 225.0  # before and after the evaluated circle, at least: it begins and 
 _CALM = 0.3  # at full speed before the evaluated circle, at least [s]
 _LEAST_TICKS = 120  # servo periods on the circle, one every 3 deg
 # radius [mm]
-_SMALLEST = 1e-6
-_LARGEST = 1e6
+_SMALLEST_RADIUS = 1e-6
+_LARGEST_RADIUS = 1e6
 _FASTEST = 1e6  # speed [mm/s]
 _ACCELERATION = 3000.0  # along the path, at start and end [mm/s²]
 
@@ -70,7 +70,7 @@ class CircleStudy(Study):
     plots = ("chart", "deviation")
 
     def __post_init__(self) -> None:
-        at_least("radius", positive("radius", self.radius, "mm", _LARGEST), _SMALLEST, "mm")
+        at_least("radius", positive("radius", self.radius, "mm", _LARGEST_RADIUS), _SMALLEST_RADIUS, "mm")
         positive("speed", self.speed, "mm/s", _FASTEST)
         object.__setattr__(self, "job", self._job())
         period = self.job.built_servo.period

@@ -39,7 +39,7 @@ _MANY_DECADES = 2.5
 # of the legend, and of a handle in it [characters]
 _WIDTH = 160
 _HANDLE = 6
-_FEW = 8  # swept values, up to which each is labelled
+_LABELLED_VALUES = 8  # swept values, up to which each is labelled
 _PER_CENT = 100.0
 _INSIDE = 0.55  # size of a point drawn inside another
 # Points have a shape by variant and a colour by value.
@@ -156,7 +156,7 @@ class Panels:
         for panel in (self.errors, self.spacing, self.ripple):
             if not panel.lines:
                 continue
-            if len(few) <= _FEW:
+            if len(few) <= _LABELLED_VALUES:
                 panel.xaxis.set_major_locator(FixedLocator(few))
                 panel.xaxis.set_minor_locator(NullLocator())
             panel.xaxis.set_minor_formatter(NullFormatter())

@@ -14,7 +14,7 @@ from gantrysim.study.cases import Case, Row, measure
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Rounds
 
-_MOST = 10_000  # samples: by then the yield is known to a hundredth
+_MOST_SAMPLES = 10_000  # samples: by then the yield is known to a hundredth
 
 
 @dataclass(frozen=True)
@@ -49,8 +49,8 @@ class MachineStudy(ToleranceStudy):
         count = len(self.spread.columns(self.job.built_machine))
         if whole("samples", self.samples, 1) < count + 3:
             raise InputError(f"samples = {self.samples}: must be at least {count + 3}, for {count} factors")
-        if self.samples > _MOST:
-            raise InputError(f"samples = {self.samples}: must be at most {_MOST}")
+        if self.samples > _MOST_SAMPLES:
+            raise InputError(f"samples = {self.samples}: must be at most {_MOST_SAMPLES}")
 
     @cached_property
     def machines(self) -> dict[str, Floats]:

@@ -206,7 +206,7 @@ def _row(run: Run, places: Sequence[float]) -> Row:
     return row | {f"offset_{name}_um": np.round(_UM * offsets[:, i], 6).tolist() for i, name in enumerate("xyz")}
 
 
-_MOST = 10_000  # repeats
+_MOST_REPEATS = 10_000  # repeats
 _WIDEST = 1.0  # standard deviation of the logarithm of a friction factor
 
 
@@ -237,8 +237,8 @@ class RepeatStudy(Study):
     plots = ("along", "plan")
 
     def __post_init__(self) -> None:
-        if whole("repeats", self.repeats, 2) > _MOST:
-            raise InputError(f"repeats = {self.repeats}: must be at most {_MOST}")
+        if whole("repeats", self.repeats, 2) > _MOST_REPEATS:
+            raise InputError(f"repeats = {self.repeats}: must be at most {_MOST_REPEATS}")
         whole("places", self.places, 2)
         whole("seed", self.seed, 0)
         at_least("friction", self.friction, 0, most=_WIDEST)  # factors beyond e to the fourth are no friction

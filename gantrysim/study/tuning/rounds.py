@@ -31,7 +31,7 @@ _Step = Generator[list[Floats], Sequence[Key], bool]
 _Measurement = Generator[list[Floats], Sequence[Key], "list[Vertex]"]
 
 # A simplex has converged if no coordinate differs by more, or if its points have one rank and such equal amounts.
-_SMALL = 0.02
+_SMALL_SIDE = 0.02
 _FLAT = 5e-4
 
 
@@ -76,7 +76,7 @@ class Simplex:
         """Whether the simplex is small, or its points are equally good."""
         least_rank, least = min(map(self._key, self._vertices))
         rank, amount = max(map(self._key, self._vertices))
-        return self.size < _SMALL or (rank == least_rank and amount - least < _FLAT)
+        return self.size < _SMALL_SIDE or (rank == least_rank and amount - least < _FLAT)
 
     def descend(self) -> Descent:
         """Yield points to be measured, and receive the keys of all candidates, the points' last, until converged."""
@@ -130,7 +130,7 @@ class Simplex:
 _STEP = 0.2  # of a new simplex
 _PROGRESS = 0.002  # share by which the metric must fall
 _IDLE = 3  # simplexes in succession without progress, after which there are no more rounds
-_LEAST = 1e-12  # of a metric or a torque ripple
+_LEAST_METRIC = 1e-12  # of a metric or a torque ripple
 
 
 def rounds(
@@ -209,11 +209,11 @@ class Estimates:
                 distances = ((points[run_on_all] - points[k]) ** 2).sum(axis=1)
                 near = candidates[run_on_all[int(np.argmin(distances))]]
                 # the same machines at the nearest candidate tell how much harder the others are
-                metric[k] *= near.metric / max(*(near.results[m].metric for m in candidate.results), _LEAST)
-                ripples[k] *= near.ripple / max(*(near.results[m].ripple for m in candidate.results), _LEAST)
+                metric[k] *= near.metric / max(*(near.results[m].metric for m in candidate.results), _LEAST_METRIC)
+                ripples[k] *= near.ripple / max(*(near.results[m].ripple for m in candidate.results), _LEAST_METRIC)
         self.points = points
-        self.metric = np.log(np.maximum(metric, _LEAST))
-        self.ripple = np.log(np.maximum(ripples / limits.ripple, _LEAST))
+        self.metric = np.log(np.maximum(metric, _LEAST_METRIC))
+        self.ripple = np.log(np.maximum(ripples / limits.ripple, _LEAST_METRIC))
         self.keys = [self._key(candidate, k, limits.ripple) for k, candidate in enumerate(candidates)]
 
     def _key(self, candidate: Candidate, k: int, ripple: float) -> tuple[int, float]:

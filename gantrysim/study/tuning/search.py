@@ -49,10 +49,10 @@ from gantrysim.study.tuning.stability import Fastest, Stability
 
 _STEP = 0.3  # of the first simplex of the scan
 _SHAPES = 40  # of a scan, for each coordinate of the loop
-_NEAR = 0.01  # side of the scan's last simplex
+_LAST_SIDE = 0.01  # side of the scan's last simplex
 _FLAT = 0.005  # and difference of the gains' logarithms there
 _MISSED = 50.0  # in place of the negative logarithm of a gain where no frequency keeps the margin
-_LEAST = 1e-30  # of a gain
+_LEAST_GAIN = 1e-30  # of a gain
 
 
 @dataclass(eq=False)
@@ -115,11 +115,11 @@ class MarginEdge:
                 return _MISSED + fastest.excess
             servo = self.space.servo(fastest.frequencies, shape)
             values = np.array([servo.per_axis(name) for name in gains])
-            return -float(np.log(np.maximum(values, _LEAST)).sum(axis=0).mean())
+            return -float(np.log(np.maximum(values, _LEAST_GAIN)).sum(axis=0).mean())
 
         start = natural[: count * groups : groups]
         simplex = np.vstack([start, start - _STEP * np.eye(count)])
-        options = {"initial_simplex": simplex, "xatol": _NEAR, "fatol": _FLAT, "maxfev": _SHAPES * count}
+        options = {"initial_simplex": simplex, "xatol": _LAST_SIDE, "fatol": _FLAT, "maxfev": _SHAPES * count}
         stiffest = minimize(softness, start, method="Nelder-Mead", options=options).x
         return np.clip(shape_at(stiffest), *self.space.bounds.T)
 

@@ -345,7 +345,7 @@ def test_the_log_grows_where_the_run_waits_for_longer_than_it_has_room(rigid, mo
     gated = dataclasses.replace(setpoints, gates=[100, 599])
     waited = simulate(machine, lazy(machine), gated)
     assert len(waited.time) > 3000 > 2 * len(gated.position)  # two waits of one and a half seconds
-    monkeypatch.setattr(memory, "LONG", 100 if long else 10**9)
+    monkeypatch.setattr(memory, "LONG_RUN", 100 if long else 10**9)
     again = simulate(machine, lazy(machine), gated)
     for name, value in vars(waited).items():
         if isinstance(value, np.ndarray):

@@ -58,7 +58,7 @@ LIVE: dict[str, Callable[[Timeline, Elements, Element], Value]] = {
 
 # Loops that wait for the end of a motion: their passes are counted, not run, while the motion goes on.
 
-_MOST = 100_000  # statements at once
+_STATEMENTS_AT_ONCE = 100_000  # statements at once
 
 
 class Waits:
@@ -108,7 +108,7 @@ class Waits:
         if statements:
             most = min(most, self._clock.remaining // statements)
         size = len(self._durations)
-        durations = np.tile(self._durations, min(most, _MOST // size + 1))
+        durations = np.tile(self._durations, min(most, _STATEMENTS_AT_ONCE // size + 1))
         # one after the other, as statements add them
         clocks = np.add.accumulate(np.concatenate([[self._time.clock], durations]))
         ends = clocks[size::size]

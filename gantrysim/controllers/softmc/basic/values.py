@@ -13,7 +13,7 @@ from gantrysim.controllers.softmc.commands import SoftMCError
 
 LONGEST = 256  # string
 MOST_ITEMS = 100_000  # of an array
-_LARGEST = 2.0**53  # whole number that a double holds exactly
+_LARGEST_WHOLE = 2.0**53  # whole number that a double holds exactly
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ def converted(name: str, kind: str, value: Value) -> Value:
 def text_of(value: Value) -> str:
     """Return a value as PRINT shows it."""
     if isinstance(value, float | int):
-        whole = abs(value) < _LARGEST and value == int(value)
+        whole = abs(value) < _LARGEST_WHOLE and value == int(value)
         return str(int(value)) if whole else f"{round(value, 9) + 0.0:.10g}"
     if isinstance(value, Element):
         return value.name

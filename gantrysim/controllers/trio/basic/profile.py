@@ -10,7 +10,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
 
-_TINY = 1e-12
+_TINY_DISTANCE = 1e-12
 
 
 # SPEED, ACCEL, DECEL, inf for no limit, and the servo period [units/s, units/s², units/s², s]. A plain tuple: numba
@@ -113,7 +113,7 @@ def _advance(
 ) -> tuple[float, float, bool, float]:
     """Return the distance covered in a period or to the end of a stretch, speed and braking then, and the time left."""
     target, up, down, period = rates
-    if 0 < value == target and not braking and math.isinf(stretch) and period > _TINY:
+    if 0 < value == target and not braking and math.isinf(stretch) and period > _TINY_DISTANCE:
         at_speed = period * value
         if remaining - 0.5 * value**2 / down > 2 * at_speed + 1e-9:  # far from where it brakes: the loop's one phase
             return at_speed, value, False, 0.0
@@ -121,8 +121,8 @@ def _advance(
         braking = False  # a move was merged behind, or DECEL was raised
     covered = 0.0
     time_left = period
-    tiny = _TINY * (1 + remaining if math.isfinite(remaining) else 1.0)
-    while time_left > _TINY and remaining - covered > tiny and stretch - covered > tiny:
+    tiny = _TINY_DISTANCE * (1 + remaining if math.isfinite(remaining) else 1.0)
+    while time_left > _TINY_DISTANCE and remaining - covered > tiny and stretch - covered > tiny:
         if braking:
             rate = -down
             to_target = math.inf
