@@ -180,8 +180,7 @@ class Chain(Path):
     def _planes(self) -> Floats:
         """Directions of the planes of all pieces, or of one where all lie in it."""
         frame = self._columns["frame"]
-        alike = not frame.strides[0] or (frame == frame[0]).all()
-        return seen(np.ascontiguousarray(frame[:1] if alike else frame))
+        return seen(np.ascontiguousarray(frame[:1] if (frame == frame[0]).all() else frame))
 
     def _at(self, k: NDArray[np.intp], distance: Floats, points: bool = True, frame: bool = True) -> _Places:
         n = k.size

@@ -25,6 +25,7 @@ from gantrysim.study.loop import (
     SWEEPS,
     LoopStudy,
 )
+from gantrysim.study.loop.plots import plots
 from gantrysim.study.loop.report import question, report
 from gantrysim.study.loop.trends import Convergence, convergence, crossing, knee, loop_knee, power
 
@@ -407,6 +408,16 @@ def test_the_convergence_over_the_physics_step_is_reported(study):
     assert cells["servo error", NO_FRICTION] == ["3", "1.00"]
     assert "at a physics step of 0.25 ms" in known.tables[-1].caption
     assert list(known.details.notes) == []
+
+
+def test_the_convergence_is_drawn_as_the_distance_from_the_limit(study):
+    (plot,) = (plot for plot in plots(study, stepped_rows(0.01)) if plot.name == "physics_step")
+    lines = {line.get_label(): line for line in plot.figure.axes[0].lines}
+    (servo,) = (
+        line for label, line in lines.items() if label.startswith("servo error") and label.endswith("order 1.00")
+    )
+    assert servo.get_ydata() == pytest.approx([0.03, 0.015, 0.0075])
+    assert servo.get_xdata() == pytest.approx([0.25, 0.125, 0.0625])
 
 
 def test_a_value_that_depends_on_the_physics_step_is_noted(study):
