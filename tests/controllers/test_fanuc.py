@@ -278,3 +278,13 @@ def test_an_alarm_quotes_no_more_than_a_line():
     with pytest.raises(Alarm) as refused:
         Program("G90 G01 X10 F1000\n10.0," + "É" * 5000)
     assert len(str(refused.value)) < 300
+
+
+def test_blocks_are_those_that_were_given_whatever_becomes_of_their_list():
+    given = [Line(end=(0, 50, 0), feed=600.0), Line(end=(30, 50, 0), feed=600.0)]
+    program = Program(given, start=START)
+    once = Program(iter(given), start=START)
+    given.clear()
+    assert program.program == once.program
+    assert len(program.program) == 2
+    assert program.requested.length == once.requested.length == pytest.approx(80)

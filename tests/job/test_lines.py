@@ -32,8 +32,8 @@ def job(period=1e-3, gates=0, start_lead=0.0, settle=0.2):
     ("given", "ticks", "known"),
     [
         ({}, TICKS, True),
-        ({}, memory.LONG, True),
-        ({}, memory.LONG + 1, False),
+        ({}, memory.LONG_RUN, True),
+        ({}, memory.LONG_RUN + 1, False),
         ({"period": 5e-4}, TICKS, False),
         ({"gates": 1}, TICKS, False),
     ],
