@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from gantrysim.base.errors import InputError
 from gantrysim.controllers.drawings.fitting import _tangents
 from gantrysim.controllers.drawings.shapes import Spline
 
@@ -26,3 +27,9 @@ def test_tangents_are_the_legs_of_the_control_polygon_wherever_the_knots_begin(s
     at_start, at_stop = _tangents(shape, start, stop), _tangents(shape, stop, start)
     np.testing.assert_allclose(at_start, expected[:1], atol=1e-2 if coincide else 1e-7)
     np.testing.assert_allclose(at_stop, expected[1:], atol=1e-7)
+
+
+@pytest.mark.parametrize("weights", [(1.0, -1.0, 1.0, 1.0), (1.0, 1.0, 1.0, 0.0), (np.nan, 1.0, 1.0, 1.0), (1.0,) * 3])
+def test_every_weight_of_a_spline_must_be_positive(weights):
+    with pytest.raises(InputError, match=r"^spline: weights must be positive, one for each control point$"):
+        Spline(np.repeat([0.0, 1.0], 4), np.eye(4)[:, :3], np.array(weights), 3)
