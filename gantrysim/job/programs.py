@@ -215,7 +215,6 @@ def reader(suffix: str, controller: str | None = None) -> str:
         return fitting[0]
     wanted = controller.lower()
     fitting = [name for name in reading if wanted in (name.lower(), name.lower().split(".")[0])]
-    fitting.sort(key=lambda name: suffix.lower() not in reading[name].suffixes)
     if not fitting:
         raise unknown("controller of a program file", controller, reading)
     return fitting[0]
