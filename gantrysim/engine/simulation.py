@@ -63,6 +63,7 @@ def _fill(machine: Machine, servo: Servo, row: np.void) -> None:
     for name, field in OFFSETS.items():
         row[name] = offsets()[field]
     row["axes"] = servo.axes
+    row["dofs"] = machine.physics.nv
     row["nozzle"] = machine.nozzle
     row["work"] = machine.work
     row["period"] = servo.period

@@ -69,6 +69,7 @@ OFFSETS = {f"{name}_at": name for name in (*POINTERS, "warning") if name != "use
 _WHOLE = [
     "magic",
     "axes",
+    "dofs",  # of the machine, nv
     "ticks",  # setpoints in all
     "substeps",  # physics steps per servo period
     "delay",  # physics steps from the sample to the output

@@ -65,7 +65,7 @@ def follow_demand(data, row, axis, drive, torque_demand):
 
 @jit
 def lose(data, row, drive):
-    """Apply the friction of a transmission of efficiency e that carries the force F: (1/e - 1) |F| against the motion.
+    """Add the friction of a transmission of efficiency e that carries the force F: (1/e - 1) |F| against the motion.
 
     A motor that drives its load does the work F / e per travel; one that brakes it gets F (2 - 1/e) back. The friction
     turns within a presliding x: s' = (v - |v| s) / x, its share s being the sign of v after it (Dahl).
@@ -73,7 +73,7 @@ def lose(data, row, drive):
     passive = vector(data, row.qfrc_passive_at)
     speed = vector(data, row.qvel_at)[drive.dof]
     force = passive[drive.spring] if drive.spring >= 0 else passive[drive.dof] + drive.damping * speed
-    vector(data, row.qfrc_applied_at)[drive.dof] = -drive.loss * abs(force) * drive.slid
+    vector(data, row.qfrc_applied_at)[drive.dof] -= drive.loss * abs(force) * drive.slid
     side = np.sign(speed)
     memory = np.exp(-abs(speed) * row.period / row.substeps / drive.presliding)
     drive.slid = side + (drive.slid - side) * memory

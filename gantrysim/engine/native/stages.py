@@ -3,6 +3,9 @@
 The tick itself is MuJoCo's step, encoder, PID and clamp. What else a run has, its laws, drives and deliberate faults,
 hangs on points of the tick: the row has a table of C functions for each point, and the tick calls them one after the
 other. So a run compiles what it uses and no more, and any mixture of laws, drives and faults is there at once.
+
+A stage at the point "drive" adds the forces that it applies to MuJoCo's qfrc_applied. They last for one physics step,
+as the tick sets all of qfrc_applied to 0 before the stages of this point run.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators

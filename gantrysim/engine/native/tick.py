@@ -236,6 +236,14 @@ def _watch_stops(data, row):
 
 
 @jit
+def _clear_forces(data, row):
+    """Take away the forces that stages have added to qfrc_applied in the step before: MuJoCo keeps them."""
+    forces = vector(data, row.qfrc_applied_at)
+    for dof in range(row.dofs):
+        forces[dof] = 0.0
+
+
+@jit
 def output(data, userdata):
     """Set the controls, with torque demands that are due at this step."""
     row = row_at(userdata)
@@ -249,6 +257,8 @@ def output(data, userdata):
                 row.held[a] = row.pending[a]
             ctrl[row.control[a]] = row.held[a] * row.drive_gain[a]
     if row.stages != 0:
+        if has_stages(row, DRIVE):
+            _clear_forces(data, row)
         run_stages(data, row, userdata, DRIVE)
         run_stages(data, row, userdata, CURRENT)
         run_stages(data, row, userdata, VOLTAGE)
