@@ -35,7 +35,9 @@ class GainBatch(EpisodeBatch):
         super().__init__(settings, places, threads, ahead, Source(settings, settings.detune))
         self._centre = np.array([self.source.servo.per_axis(name) for name in SCALED])
         self.sensitivity = SensitivityTable(self.source.machine, self.source.servo, settings.gain_range)
-        self._observe = Observer(self._axes, self._action_size(), settings.tolerance, settings.ripple_limit)
+        self._observe = Observer(
+            self.source.machine.axis_names, settings.per_axis, settings.tolerance, settings.ripple_limit
+        )
 
     def _entries(self) -> list[Entry]:
         return entries(self.source.machine.axis_names, self.settings.per_axis)

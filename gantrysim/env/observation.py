@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.env.episodes import TUNED_GAINS
-from gantrysim.env.interval import PER_AXIS, SHARED
+from gantrysim.env.interval import AXIS_VALUES, PATH_VALUES
 
 _DECADES = 3.0  # range of errors and ripple, above and below their limits
 _MEAN = 10.0  # range of mean errors [tolerances]
@@ -102,11 +102,12 @@ class IntervalValues(NamedTuple):
     ripple: Floats
 
     @classmethod
-    def of(cls, rows: Floats) -> IntervalValues:
-        """Return live views of rows written by `measure`, (n, columns)."""
-        shared = {name: rows[:, k] for k, name in enumerate(SHARED)}
-        axes = {name: rows[:, len(SHARED) + k :: len(PER_AXIS)] for k, name in enumerate(PER_AXIS)}
-        return cls(**shared, **axes)
+    def of(cls, of_path: NDArray[np.void], of_axes: NDArray[np.void]) -> IntervalValues:
+        """Return live views of values written by `measure`, (n,) of `PATH_VALUES` and (n, axes) of `AXIS_VALUES`."""
+        return cls(
+            **{name: of_path[name] for name in PATH_VALUES.fields or ()},
+            **{name: of_axes[name] for name in AXIS_VALUES.fields or ()},
+        )
 
 
 class Observer:
@@ -115,27 +116,36 @@ class Observer:
     Values of one kind are converted together, as a decision has little time for each of NumPy's functions.
 
     Args:
-        axes: number of axes.
-        gains: number of gains.
+        axes: names of the machine's axes.
+        per_axis: whether every axis has gains of its own.
         tolerance: tolerance of the contour error [mm].
         ripple_limit: limit of the torque ripple, share of the peak torque.
     """
 
-    def __init__(self, axes: int, gains: int, tolerance: float, ripple_limit: float) -> None:
-        # rms and largest following errors, rms and largest contour error, ripple
-        self._magnitude_units = np.repeat([tolerance, ripple_limit], [2 * axes + 2, axes])
-        # mean following errors, mean contour error, speed, curvature, torque
-        counts = [axes + 1, 1, 1, axes]
-        self._units = np.repeat([tolerance, _SPEED_UNIT, _CURVATURE_UNIT, 1.0], counts)
-        self._lowest = np.repeat([-_MEAN, 0.0, -_CURVATURE_RANGE, 0.0], counts)
-        self._highest = np.repeat([_MEAN, _SPEED_RANGE, _CURVATURE_RANGE, 1.0], counts)
-        magnitudes, values, others = np.split(
-            np.arange(5 * axes + gains + 8), [len(self._magnitude_units), 5 * axes + 5]
-        )
-        following = [column for a in range(axes) for column in (magnitudes[a], magnitudes[axes + a], values[a])]
-        path = [*magnitudes[2 * axes : 2 * axes + 2], *values[axes : axes + 3], *others[:2]]
-        torque = [column for a in range(axes) for column in (values[axes + 3 + a], magnitudes[2 * axes + 2 + a])]
-        self._order = np.array([*following, *path, *torque, *others[2:]])
+    def __init__(self, axes: Sequence[str], per_axis: bool, tolerance: float, ripple_limit: float) -> None:
+        # the columns of each kind in the order in which a decision joins them, with their units
+        magnitudes = {
+            **{f"following_rms_{axis}": tolerance for axis in axes},
+            **{f"following_max_{axis}": tolerance for axis in axes},
+            "contour_rms": tolerance,
+            "contour_max": tolerance,
+            **{f"ripple_{axis}": ripple_limit for axis in axes},
+        }
+        values = {
+            **{f"following_mean_{axis}": tolerance for axis in axes},
+            "contour_mean": tolerance,
+            "speed": _SPEED_UNIT,
+            "curvature": _CURVATURE_UNIT,
+            **{f"torque_{axis}": 1.0 for axis in axes},
+        }
+        listed = {entry.name: entry for entry in entries(axes, per_axis)}
+        self._magnitude_units = np.array(list(magnitudes.values()))
+        self._units = np.array(list(values.values()))
+        self._lowest = np.array([listed[name].low for name in values])
+        self._highest = np.array([listed[name].high for name in values])
+        gains = [name for name in listed if name.startswith("gain_")]
+        columns = [*magnitudes, *values, "cos_heading", "sin_heading", *gains, "progress"]
+        self._order = np.array([columns.index(name) for name in listed])
 
     def __call__(self, measured: IntervalValues, gains: Floats, progress: Floats) -> NDArray[np.float32]:
         """Return the observations, clipped to their ranges, (n, entries).
