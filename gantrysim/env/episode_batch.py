@@ -248,7 +248,8 @@ class EpisodeBatch(ABC):
     def save(self, place: int, random: np.random.Generator) -> EpisodeState:
         """Return the present state of the episode at a place."""
         drawn = self._episode(place).drawn
-        values = {name: np.copy(getattr(self, name)[place]) for name in self.saved}
+        # by a list of places, as NumPy's copy of a single record is a view
+        values = {name: getattr(self, name)[[place]] for name in self.saved}
         return EpisodeState(self.settings, drawn, self._batch.moment(place), values, random.bit_generator.state)
 
     def restore(self, place: int, state: EpisodeState, random: np.random.Generator) -> None:
@@ -263,7 +264,7 @@ class EpisodeBatch(ABC):
         self._batch.resume(place, episode.simulation, state.moment)
         self._reset(place, episode)
         for name, value in state.values.items():
-            getattr(self, name)[place] = value
+            getattr(self, name)[[place]] = value
         random.bit_generator.state = state.random
 
     def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:

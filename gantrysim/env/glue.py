@@ -8,7 +8,7 @@ the width of a sessile bead goes with its root.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -110,10 +110,10 @@ class LaidBead(NamedTuple):
         sight: of the interval, of `SIGHT`; written.
     """
 
-    bead: np.void
+    bead: Any
     errors: Floats
-    widths: np.void
-    sight: np.void
+    widths: Any
+    sight: Any
 
 
 @jit
