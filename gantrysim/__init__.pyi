@@ -20,6 +20,7 @@ from .glue.dispenser.syringe import Syringe as Syringe
 from .job.causes import Causes as Causes
 from .job.causes import causes_of as causes_of
 from .job.job import Job as Job
+from .job.tolerance import Tolerance as Tolerance
 from .machine.axis import Axis as Axis
 from .machine.machine import Machine as Machine
 from .metrics.budget import Budget as Budget
@@ -29,7 +30,6 @@ from .record.setpoints import Setpoints as Setpoints
 from .remedy.improve import improve as improve
 from .report import plots as plots
 from .report.saved import SavedRun as SavedRun
-from .results.tolerance import Tolerance as Tolerance
 from .results.verdict import Verdict as Verdict
 from .servo.laws.user import Tick as Tick
 from .servo.servo import Servo as Servo

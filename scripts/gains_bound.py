@@ -13,11 +13,10 @@ import argparse
 import numpy as np
 
 from gantrysim.env.friction import ChangingFriction
-from gantrysim.env.gain_bandit import GainBatch
-from gantrysim.env.settings import Settings
+from gantrysim.env.gain_bandit import GainBanditSettings, GainBatch
 
 SPIRALS = {"diameter": (36.0, 60.0), "turns": (1, 2), "thickness": (6.0, 9.0), "speed": (40.0, 100.0)}
-SETTINGS = Settings(**SPIRALS, acceleration=2000.0, decision_interval=0.02, tolerance=0.005, gain_range=3.0)
+SETTINGS = GainBanditSettings(**SPIRALS, acceleration=2000.0, decision_interval=0.02, tolerance=0.005, gain_range=3.0)
 WORST = 10.0  # tolerances: the largest loss of an interval
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])

@@ -1,6 +1,6 @@
-"""Draw the pictures of README and docs/: machines, films, plots, a run's page, studies, how-to pages; all, or some.
+"""Draw the pictures of README and docs/: machines, films, a run's page, studies, how-to pages; all, or some.
 
-python scripts/pictures.py [machines] [films] [plots] [page] [studies] [how_to] [own_part] [own_machine]
+python scripts/pictures.py [machines] [films] [page] [studies] [how_to] [own_part] [own_machine]
     [own_controller] [NAME OF A PICTURE OF A STUDY OR OF A PLOT OF A PAGE]
 """
 
@@ -16,10 +16,8 @@ from page_plots import PAGE_PLOTS, titled_block
 from PIL import Image
 from theory_plots import THEORY_PLOTS
 
-from gantrysim import Bead, Job
-from gantrysim.metrics.analysis import Analysis
+from gantrysim import Job
 from gantrysim.render import Film, Renderer, Take
-from gantrysim.report.plots import save_plots
 from gantrysim.report.plots.style import sheet
 from gantrysim.study.laws import LawsStudy
 from gantrysim.study.loop import LoopStudy
@@ -38,7 +36,6 @@ STUDIES = {
     "study-laws": (LawsStudy, "softmc-arc", "ladder"),
     "tuned": (TuningStudy, "fanuc-spiral", "path"),
 }
-PLOTS = ("budget", "plan", "spacing", "bead")
 LARGE, SMALL, MOVING = (960, 720), (640, 480), (560, 420)
 RATE, SPEED, HELD = 10, 2.5, 3.0  # of the moving picture: frames per second, speed, and time at its end [s]
 SHARE = 0.74  # of the run at which the machine is shown
@@ -123,16 +120,6 @@ def films() -> None:
     hold_last_frame(FOLDER / f"{FIRST}.gif")
 
 
-def plots() -> None:
-    job = Job.load(FIRST)
-    run = job.run()
-    with tempfile.TemporaryDirectory() as scratch:
-        analysis = Analysis(run)
-        for plot in save_plots(analysis, Path(scratch), Bead(run, job.bead, analysis)):
-            if plot.stem in PLOTS:
-                save(Image.open(plot), f"{FIRST}-{plot.stem}")
-
-
 def page() -> None:
     """The upper part of the page of a run, as Chromium shows it."""
     with tempfile.TemporaryDirectory() as scratch:
@@ -194,8 +181,7 @@ def own_controller() -> None:
 
 
 PARTS = {
-    part.__name__: part
-    for part in (machines, films, plots, page, studies, how_to, own_part, own_machine, own_controller)
+    part.__name__: part for part in (machines, films, page, studies, how_to, own_part, own_machine, own_controller)
 }
 
 FOLDER.mkdir(exist_ok=True)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, Generic, NamedTuple, TypeVar
 
 NOTHING = "–"  # a value that is missing
@@ -86,6 +86,7 @@ class Quantity(Generic[Subject]):
     """
 
     name: str
+    _: KW_ONLY
     label: str
     unit: str
     form: str

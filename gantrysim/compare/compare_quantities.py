@@ -9,9 +9,21 @@ from gantrysim.base.quantity import SIZES, Quantity
 from gantrysim.metrics.parts import ERROR
 
 # of an `Alignment`
-SHIFT = Quantity[Any]("shift", "time shift", "s", "+.6f", "Time of the trace less that of the run", ("shift",))
+SHIFT = Quantity[Any](
+    "shift",
+    label="time shift",
+    unit="s",
+    form="+.6f",
+    meaning="Time of the trace less that of the run",
+    path=("shift",),
+)
 ROTATION = Quantity[Any](
-    "rotation", "rotation", "deg", "+.4f", "Turn of the trace's nozzle about z, counter-clockwise", ("rotation",)
+    "rotation",
+    label="rotation",
+    unit="deg",
+    form="+.4f",
+    meaning="Turn of the trace's nozzle about z, counter-clockwise",
+    path=("rotation",),
 )
 
 # differences are often smaller than the decimals of `ERROR`
@@ -50,17 +62,19 @@ REMAINDER = replace(
 )
 SHARE = Quantity[Any](
     "explained_share",
-    "explained",
-    "%",
-    ".1f",
-    "Share of the measured mean square that the simulation explains",
-    ("share",),
-    100.0,
+    label="explained",
+    unit="%",
+    form=".1f",
+    meaning="Share of the measured mean square that the simulation explains",
+    path=("share",),
+    factor=100.0,
 )
 EXPLAINED: tuple[Quantity[Any], ...] = (MEASURED, SIMULATED, REMAINDER, SHARE)
 
 # of a `Peak`
-FREQUENCY = Quantity[Any]("frequency", "frequency", "Hz", ".1f", "Frequency of the peak", ("frequency",))
+FREQUENCY = Quantity[Any](
+    "frequency", label="frequency", unit="Hz", form=".1f", meaning="Frequency of the peak", path=("frequency",)
+)
 PEAK_SIZE: Quantity[Any] = replace(
     DIFFERENCE, name="rms", label="rms", form=".3g", meaning="Difference within the peak", path=("rms",)
 )

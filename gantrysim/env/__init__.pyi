@@ -6,11 +6,11 @@ from .bead_width import BeadWidthEnv as BeadWidthEnv
 from .bead_width import BeadWidthSettings as BeadWidthSettings
 from .bead_width import BeadWidthVectorEnv as BeadWidthVectorEnv
 from .gain_bandit import GainBanditEnv as GainBanditEnv
+from .gain_bandit import GainBanditSettings as GainBanditSettings
 from .gain_bandit import GainBanditVectorEnv as GainBanditVectorEnv
 from .servo_torque import ServoTorqueEnv as ServoTorqueEnv
 from .servo_torque import ServoTorqueSettings as ServoTorqueSettings
 from .servo_torque import ServoTorqueVectorEnv as ServoTorqueVectorEnv
-from .settings import Settings as Settings
 from .speed_override import SpeedOverrideEnv as SpeedOverrideEnv
 from .speed_override import SpeedOverrideSettings as SpeedOverrideSettings
 from .speed_override import SpeedOverrideVectorEnv as SpeedOverrideVectorEnv

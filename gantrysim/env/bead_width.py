@@ -13,7 +13,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Source
-from gantrysim.env.glue import PIECE, PIECES, STATE, SUMS, BeadState, Camera, Glue, Program, lay
+from gantrysim.env.glue import BEAD, PIECE, PIECES, SIGHT, WIDTHS, Camera, Glue, LaidBead, Program, lay
 from gantrysim.env.look_ahead import LimitedSpeed, LookAhead, ahead_entries, look_ahead
 from gantrysim.env.observation import Entry
 from gantrysim.env.outcome import Outcome
@@ -40,6 +40,14 @@ _SEED = {"camera": (0.0, 1.0)}
 _WORST = 10.0  # tolerances: the largest penalty of an interval
 _FAULT = 2.0  # penalty of an interval lost by a fault; the largest of one without is 1
 _NOISES = 1024
+# what the agent knows of the width, from the camera
+_SEEN = np.dtype(
+    [
+        ("error", np.float64),  # mean of the last interval in which it saw the bead [tolerances]
+        ("change", np.float64),  # since the measurement before [tolerances]
+        ("is_seen", np.float64),  # 1 where it has seen the bead
+    ]
+)
 _SPEEDS = {
     "speed": "commanded path speed",
     "speed_1": "commanded path speed one decision ahead",
@@ -111,16 +119,26 @@ class BeadWidthBatch(EpisodeBatch):
     """Places in which episodes run whose pressure the agent sets; arguments as of `EpisodeBatch`."""
 
     settings: BeadWidthSettings
-    saved: ClassVar[tuple[str, ...]] = (*EpisodeBatch.saved, "_override", "_bead", "_ring", "_sums", "_seen", "_whole")
+    saved: ClassVar[tuple[str, ...]] = (
+        *EpisodeBatch.saved,
+        "_override",
+        "_bead",
+        "_errors",
+        "_widths",
+        "_sight",
+        "_seen",
+        "_episode_widths",
+    )
 
     def __init__(self, settings: BeadWidthSettings, places: int, threads: int | None, ahead: bool) -> None:
         super().__init__(settings, places, threads, ahead, BeadWidthSource(settings))
         self._override = np.zeros(places)  # logarithm
-        self._bead = np.zeros((places, len(STATE)))
-        self._ring = np.zeros((places, PIECES))
-        self._sums = np.zeros((places, len(SUMS)))
-        self._seen = np.zeros((places, 3))
-        self._whole = np.zeros((places, 4))  # the first sums, of the whole episode
+        self._bead = np.zeros(places, BEAD)
+        self._errors = np.zeros((places, PIECES))  # of the last pieces
+        self._widths = np.zeros(places, WIDTHS)  # of the interval
+        self._sight = np.zeros(places, SIGHT)
+        self._seen = np.zeros(places, _SEEN)
+        self._episode_widths = np.zeros(places, WIDTHS)
         self._speeds = [np.zeros(1)] * places
         self._noise = [np.zeros(1)] * places
         self._look: list[LookAhead | None] = [None] * places
@@ -145,8 +163,8 @@ class BeadWidthBatch(EpisodeBatch):
         settings = self.settings
         setpoints = episode.simulation.setpoints
         self._override[place] = math.log(settings.override)
-        for array in (self._bead, self._ring, self._sums, self._seen, self._whole):
-            array[place] = 0.0
+        for array in (self._bead, self._errors, self._widths, self._sight, self._seen, self._episode_widths):
+            array[place] = 0
         tips = episode.simulation.machine.tip(episode.simulation.position)
         speeds = np.linalg.norm(np.diff(tips, axis=0), axis=1) / setpoints.period
         self._speeds[place] = np.append(speeds, 0.0)
@@ -171,18 +189,20 @@ class BeadWidthBatch(EpisodeBatch):
             Program(speeds, float(speeds.max()), math.exp(self._override[place]), self.source.servo.period),
             Glue(**{name: drawn[name] for name in GLUE}, flow_index=settings.index),
             Camera(round(settings.behind / PIECE), self._noise[place], settings.tolerance),
-            BeadState(self._bead[place], self._ring[place], self._sums[place]),
+            LaidBead(self._bead[place], self._errors[place], self._widths[place], self._sight[place]),
         )
-        sums = self._sums[place]
-        whole = self._whole[place]
-        whole[[0, 1, 3]] += sums[[0, 1, 3]]
-        whole[2] = max(whole[2], sums[2])
-        if sums[4]:
-            mean = sums[5] / sums[4] / settings.tolerance
+        widths = self._widths[place]
+        episode_widths = self._episode_widths[place]
+        for name in ("pieces", "square", "outside"):
+            episode_widths[name] += widths[name]
+        episode_widths["largest"] = max(episode_widths["largest"], widths["largest"])
+        sight = self._sight[place]
+        if sight["pieces"]:
+            mean = sight["error"] / sight["pieces"] / settings.tolerance
             seen = self._seen[place]
-            seen[1] = mean - seen[0] if seen[2] else 0.0
-            seen[0] = mean
-            seen[2] = 1.0
+            seen["change"] = mean - seen["error"] if seen["is_seen"] else 0.0
+            seen["error"] = mean
+            seen["is_seen"] = 1.0
 
     def observations(self) -> NDArray[np.float32]:
         interval = self.source.ticks or 1
@@ -194,8 +214,9 @@ class BeadWidthBatch(EpisodeBatch):
                 s = look.s[max(int(self._foot[place]), 0)]
                 self._ahead_values[place] = look_ahead(look, s, speeds)
         parts = [
-            np.clip(self._seen[:, :2], -_WORST, _WORST),
-            self._seen[:, 2:],
+            np.clip(self._seen["error"], -_WORST, _WORST)[:, None],
+            np.clip(self._seen["change"], -_WORST, _WORST)[:, None],
+            self._seen["is_seen"][:, None],
             self._override[:, None] / math.log(self.settings.override_range),
             self._action,
             self._ahead_values,
@@ -204,28 +225,28 @@ class BeadWidthBatch(EpisodeBatch):
         return np.concatenate(parts, 1, dtype=np.float32)
 
     def _outcome(self, advanced: NDArray[np.bool_]) -> Outcome:
-        pieces, square, largest, outside = self._sums[:, :4].T
-        count = np.maximum(pieces, 1)
-        rms = np.sqrt(square / count)
+        widths = self._widths
+        pieces = np.maximum(widths["pieces"], 1)
+        rms = np.sqrt(widths["square"] / pieces)
         faulty, ended, undone = self._ends(advanced)
-        whole, all_square, all_largest, all_outside = self._whole.T
-        whole = np.maximum(whole, 1)
+        episode_widths = self._episode_widths
+        episode_pieces = np.maximum(episode_widths["pieces"], 1)
         reward: Floats = -np.minimum(rms / self.settings.tolerance, _WORST) / _WORST
         return Outcome(
             reward=reward - np.where(faulty, _FAULT * undone, 0.0),
             terminated=faulty,
             truncated=ended,
             info={
-                "cost": outside / count,
+                "cost": widths["outside"] / pieces,
                 "width_rms": rms,
-                "width_max": largest.copy(),
+                "width_max": widths["largest"].copy(),
                 "override": np.exp(self._override),
                 "fault": self._fault_texts(faulty),
             },
             final={
-                "episode_width_rms": np.sqrt(all_square / whole),
-                "episode_width_max": all_largest.copy(),
-                "episode_cost": all_outside / whole,
+                "episode_width_rms": np.sqrt(episode_widths["square"] / episode_pieces),
+                "episode_width_max": episode_widths["largest"].copy(),
+                "episode_cost": episode_widths["outside"] / episode_pieces,
             },
         )
 

@@ -16,7 +16,7 @@ from gantrysim.base.errors import GantryError, InputError
 from gantrysim.engine.batch import Batch
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.episodes import Chosen, Episode, Source
-from gantrysim.env.interval import NOT_MEASURED, PER_AXIS, SHARED, SPAN, measure, measuring_stage
+from gantrysim.env.interval import AXIS_VALUES, NOT_MEASURED, PATH_VALUES, SPAN, measure, measuring_stage
 from gantrysim.env.observation import Entry, IntervalValues
 from gantrysim.env.outcome import Ends, EpisodeState, Outcome
 from gantrysim.env.settings import PathSettings
@@ -101,6 +101,11 @@ def threads_for(places: int) -> int:
     return cores if places >= _MANY * cores else min(places, 2 * cores)
 
 
+def addresses_of(array: NDArray[Any]) -> NDArray[np.int64]:
+    """Return the addresses of the rows of an array, (n,)."""
+    return array.ctypes.data + array.strides[0] * np.arange(len(array))
+
+
 class EpisodeBatch(ABC):
     """Places in which episodes run; all advance in one native call.
 
@@ -127,7 +132,7 @@ class EpisodeBatch(ABC):
     """
 
     # attributes with one row per place, which a saved state holds
-    saved: ClassVar[tuple[str, ...]] = ("_action", "_rows", "_foot", "_lag", "_place", "_measured", "_total")
+    saved: ClassVar[tuple[str, ...]] = ("_action", "_of_path", "_of_axes", "_progress")
 
     def __init__(
         self, settings: PathSettings, places: int, threads: int | None, ahead: bool, source: Source | None = None
@@ -156,18 +161,18 @@ class EpisodeBatch(ABC):
         self.action_space = Box(-1.0, 1.0, (self._action_size(),), np.float32)
         self.episodes: list[Episode | None] = [None] * places
         self._action = np.zeros((places, self._action_size()))
-        self._rows = np.zeros((places, len(SHARED) + len(PER_AXIS) * self._axes))
+        self._of_path = np.zeros(places, PATH_VALUES)
+        self._of_axes = np.zeros((places, self._axes), AXIS_VALUES)
         self._spans = np.zeros(places, SPAN)
         self._spans["peak"] = self._peak.ctypes.data
-        self._spans["values"] = self._rows.ctypes.data + self._rows.strides[0] * np.arange(places)
-        self._foot = self._spans["before"]["foot"]
-        self._lag = self._spans["before"]["lag"]
-        self._place = self._spans["before"]["place"]
-        self._measured = self._spans["before"]["tick"]
-        self._total = self._spans["before"]["total"]
+        self._spans["path_values"] = addresses_of(self._of_path)
+        self._spans["axis_values"] = addresses_of(self._of_axes)
+        self._progress = self._spans["before"]
+        self._foot = self._progress["foot"]
+        self._measured = self._progress["tick"]
         self._measured_next = self._spans["after"]["tick"]
         self._setpoints = np.ones(places, np.int64)
-        self.measured = IntervalValues.of(self._rows)
+        self.measured = IntervalValues.of(self._of_path, self._of_axes)
 
     @abstractmethod
     def _entries(self) -> list[Entry]:
@@ -227,11 +232,7 @@ class EpisodeBatch(ABC):
         """Begin an episode at a place."""
         self.episodes[place] = episode
         self._action[place] = 0.0
-        self._total[place] = 0.0  # the rows are written by `measure`
-        self._foot[place] = 0
-        self._lag[place] = 0.0
-        self._place[place] = 0.0
-        self._measured[place] = 0
+        self._progress[place] = 0  # all of it; the values are written by `measure`
         span = self._spans[place]
         self._measured_next[place] = NOT_MEASURED
         self._batch.observe(place, measuring_stage(), self._span_address(place))
@@ -247,7 +248,8 @@ class EpisodeBatch(ABC):
     def save(self, place: int, random: np.random.Generator) -> EpisodeState:
         """Return the present state of the episode at a place."""
         drawn = self._episode(place).drawn
-        values = {name: np.copy(getattr(self, name)[place]) for name in self.saved}
+        # by a list of places, as NumPy's copy of a single record is a view
+        values = {name: getattr(self, name)[[place]] for name in self.saved}
         return EpisodeState(self.settings, drawn, self._batch.moment(place), values, random.bit_generator.state)
 
     def restore(self, place: int, state: EpisodeState, random: np.random.Generator) -> None:
@@ -262,7 +264,7 @@ class EpisodeBatch(ABC):
         self._batch.resume(place, episode.simulation, state.moment)
         self._reset(place, episode)
         for name, value in state.values.items():
-            getattr(self, name)[place] = value
+            getattr(self, name)[[place]] = value
         random.bit_generator.state = state.random
 
     def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
@@ -366,8 +368,9 @@ class EpisodeBatch(ABC):
 
     def _contour_values(self) -> dict[str, NDArray[Any]]:
         """Return the contour errors of whole episodes so far, 0 without dispensing, (places,) each [mm]."""
-        ticks, square, largest = self._total.T
-        return {"episode_contour_rms": np.sqrt(square / np.maximum(ticks, 1)), "episode_contour_max": largest.copy()}
+        progress = self._progress
+        rms = np.sqrt(progress["square"] / np.maximum(progress["laid"], 1))
+        return {"episode_contour_rms": rms, "episode_contour_max": progress["largest"].copy()}
 
     def _episode(self, place: int) -> Episode:
         episode = self.episodes[place]

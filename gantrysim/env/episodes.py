@@ -72,7 +72,7 @@ class Chosen(NamedTuple):
     """Values of an episode that are chosen, not drawn.
 
     Attributes:
-        spiral: diameter, thickness, speed and turns, as in `Settings`, or some of them.
+        spiral: diameter, thickness, speed and turns, as in `PathSettings`, or some of them.
         machine: values by the names that `info` has, such as payload_kg and friction_x, or some of them.
         task: what the task draws, or some of it.
     """

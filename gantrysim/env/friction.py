@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
@@ -19,6 +20,9 @@ from gantrysim.machine.axis import Axis
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.row import Log
 from gantrysim.servo.laws.friction import friction_torque
+
+# of the fit, by axis: N and D of `fit`
+SUMS = np.dtype([("numerator", np.float64), ("denominator", np.float64)])
 
 _friction_torque = jit(friction_torque)
 
@@ -91,7 +95,9 @@ def _fill(velocity: Floats, period: float, friction: tuple[float, ...], torque: 
 
 
 @jit
-def fit(log: Log, ticks: tuple[int, int], sliding: Floats, moving: Floats, forget: float, sums: Floats) -> None:
+def fit(
+    log: Log, ticks: tuple[int, int], sliding: Floats, moving: Floats, forget: float, sums: NDArray[np.void]
+) -> None:
     """Estimate the level h of the friction by least squares that forget exponentially.
 
         demand - moving = h sliding,    h = N / D,    N <- N exp(-T/tau) + sliding (demand - moving), D likewise
@@ -102,11 +108,13 @@ def fit(log: Log, ticks: tuple[int, int], sliding: Floats, moving: Floats, forge
         sliding: torque of the nominal friction, one row per setpoint, (n, axes) [N·m].
         moving: torque of inertia and viscous friction, (n, axes) [N·m].
         forget: exp(-T/tau).
-        sums: N and D, (axes, 2), to be updated.
+        sums: N and D, (axes,) of `SUMS`, to be updated.
     """
     for k in range(ticks[0], ticks[1]):
         setpoint = log.tick[k].setpoint
         for a in range(len(sums)):
             regressor = sliding[setpoint, a]
-            sums[a, 0] = forget * sums[a, 0] + regressor * (log.axis[k, a].demand - moving[setpoint, a])
-            sums[a, 1] = forget * sums[a, 1] + regressor * regressor
+            total = sums[a]
+            answer = log.axis[k, a].demand - moving[setpoint, a]
+            total.numerator = forget * total.numerator + regressor * answer
+            total.denominator = forget * total.denominator + regressor * regressor

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import InputError, finite, positive
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import SCALED, SCALED_BY, TUNED_GAINS, Source
-from gantrysim.env.observation import Entry, Observer, entries
+from gantrysim.env.observation import Entry, IntervalValues
 from gantrysim.env.outcome import Outcome
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.sensitivity import SensitivityTable
-from gantrysim.env.settings import Settings
+from gantrysim.env.settings import PathSettings
 from gantrysim.env.vector import PathVectorEnv
 from gantrysim.servo.gains import GAIN_NAMES
 
@@ -25,17 +28,160 @@ _FAULT = 12.0
 
 _COLUMNS = np.array([GAIN_NAMES.index(name) for name in SCALED])  # of the gains that the agent sets, in a servo's row
 
+_DECADES = 3.0  # range of errors and ripple, above and below their limits
+_MEAN = 10.0  # range of mean errors [tolerances]
+_SPEED_UNIT = 100.0  # [mm/s]
+_SPEED_RANGE = 10.0  # of these units
+_CURVATURE_UNIT = 0.1  # [1/mm]
+_CURVATURE_RANGE = 10.0  # of these units
+
+
+class GainBanditSettings(PathSettings):
+    """Settings of `GainBanditEnv`: those of `PathSettings`, and of action and reward; by default one decision.
+
+    Attributes:
+        gain_range: largest factor by which the agent raises or lowers a gain.
+        detune: divisor of the nominal gains.
+        per_axis: whether every axis has its own gains.
+        ripple_limit: largest torque ripple without a penalty, as a share of the drive's peak torque.
+
+    Raises:
+        InputError: a value out of bounds.
+    """
+
+    decision_interval: float = math.inf
+    gain_range: float = 10.0
+    detune: float = 1.0
+    per_axis: bool = False
+    ripple_limit: float = 0.01
+
+    def model_post_init(self, context: Any) -> None:
+        """Raise InputError for values out of bounds."""
+        super().model_post_init(context)
+        positive("detune", self.detune)
+        positive("ripple_limit", self.ripple_limit)
+        if finite("gain_range", self.gain_range) <= 1:
+            raise InputError(f"gain_range = {self.gain_range:g}: must be greater than 1")
+
+
+def entries(axes: Sequence[str], per_axis: bool) -> list[Entry]:
+    """Return the entries of the observation, in order.
+
+    Args:
+        axes: names of the machine's axes.
+        per_axis: whether every axis has gains of its own.
+    """
+    decades = (-_DECADES, _DECADES)
+    tolerances = "log10 of tolerances"
+    listed: list[Entry] = []
+    for axis in axes:
+        error = f"following error of {axis}"
+        listed += [
+            Entry(f"following_rms_{axis}", *decades, tolerances, f"RMS {error}"),
+            Entry(f"following_max_{axis}", *decades, tolerances, f"largest {error}"),
+            Entry(f"following_mean_{axis}", -_MEAN, _MEAN, "tolerances", f"mean {error}, signed"),
+        ]
+    listed += [
+        Entry("contour_rms", *decades, tolerances, "RMS contour error while dispensing"),
+        Entry("contour_max", *decades, tolerances, "largest contour error while dispensing"),
+        Entry("contour_mean", -_MEAN, _MEAN, "tolerances", "mean contour error, positive to the left of the path"),
+        Entry("speed", 0.0, _SPEED_RANGE, "100 mm/s", "path speed of the nozzle"),
+        Entry(
+            "curvature",
+            -_CURVATURE_RANGE,
+            _CURVATURE_RANGE,
+            "0.1/mm",
+            "path curvature at the nozzle, positive to the left",
+        ),
+        Entry("cos_heading", -1.0, 1.0, "1", "path direction at the nozzle, from +x"),
+        Entry("sin_heading", -1.0, 1.0, "1", "path direction at the nozzle, from +x"),
+    ]
+    for axis in axes:
+        listed += [
+            Entry(f"torque_{axis}", 0.0, 1.0, "peak torques", f"largest torque demand of {axis}"),
+            Entry(f"ripple_{axis}", *decades, "log10 of limits", f"torque ripple of {axis}"),
+        ]
+    for gain in TUNED_GAINS:
+        names = [f"{gain}_{axis}" for axis in axes] if per_axis else [gain]
+        for name in names:
+            listed.append(Entry(f"gain_{name}", -1.0, 1.0, "1", f"action that sets {gain}"))
+    return [*listed, Entry("progress", 0.0, 1.0, "1", "share of the setpoints sent")]
+
+
+class Observer:
+    """Observations of a task whose agent sets gains, in the order of `entries`.
+
+    Values of one kind are converted together, as a decision has little time for each of NumPy's functions.
+
+    Args:
+        axes: names of the machine's axes.
+        per_axis: whether every axis has gains of its own.
+        tolerance: tolerance of the contour error [mm].
+        ripple_limit: limit of the torque ripple, share of the peak torque.
+    """
+
+    def __init__(self, axes: Sequence[str], per_axis: bool, tolerance: float, ripple_limit: float) -> None:
+        # the columns of each kind in the order in which a decision joins them, with their units
+        magnitudes = {
+            **{f"following_rms_{axis}": tolerance for axis in axes},
+            **{f"following_max_{axis}": tolerance for axis in axes},
+            "contour_rms": tolerance,
+            "contour_max": tolerance,
+            **{f"ripple_{axis}": ripple_limit for axis in axes},
+        }
+        values = {
+            **{f"following_mean_{axis}": tolerance for axis in axes},
+            "contour_mean": tolerance,
+            "speed": _SPEED_UNIT,
+            "curvature": _CURVATURE_UNIT,
+            **{f"torque_{axis}": 1.0 for axis in axes},
+        }
+        listed = {entry.name: entry for entry in entries(axes, per_axis)}
+        self._magnitude_units = np.array(list(magnitudes.values()))
+        self._units = np.array(list(values.values()))
+        self._lowest = np.array([listed[name].low for name in values])
+        self._highest = np.array([listed[name].high for name in values])
+        gains = [name for name in listed if name.startswith("gain_")]
+        columns = [*magnitudes, *values, "cos_heading", "sin_heading", *gains, "progress"]
+        self._order = np.array([columns.index(name) for name in listed])
+
+    def __call__(self, measured: IntervalValues, gains: Floats, progress: Floats) -> NDArray[np.float32]:
+        """Return the observations, clipped to their ranges, (n, entries).
+
+        Args:
+            measured: values of the last interval.
+            gains: last action, (n, gains).
+            progress: share of the setpoints sent, (n,).
+        """
+        contour = (measured.contour_rms[:, None], measured.contour_max[:, None])
+        magnitudes = np.concatenate([measured.following_rms, measured.following_max, *contour, measured.ripple], 1)
+        decades = np.log10(np.maximum(magnitudes, 1e-300) / self._magnitude_units)
+        path = (measured.lateral[:, None], measured.speed[:, None], measured.curvature[:, None])
+        values = np.concatenate([measured.following_mean, *path, measured.torque], 1) / self._units
+        heading = measured.heading[:, None]
+        parts = [
+            np.minimum(np.maximum(decades, -_DECADES), _DECADES),
+            np.minimum(np.maximum(values, self._lowest), self._highest),
+            np.cos(heading),
+            np.sin(heading),
+            gains,
+            progress[:, None],
+        ]
+        return np.concatenate(parts, 1, dtype=np.float32).take(self._order, axis=1)
+
 
 class GainBatch(EpisodeBatch):
     """Places in which episodes run whose gains the agent sets; arguments as of `EpisodeBatch`."""
 
-    settings: Settings
+    settings: GainBanditSettings
 
-    def __init__(self, settings: Settings, places: int, threads: int | None, ahead: bool) -> None:
+    def __init__(self, settings: GainBanditSettings, places: int, threads: int | None, ahead: bool) -> None:
         super().__init__(settings, places, threads, ahead, Source(settings, settings.detune))
         self._centre = np.array([self.source.servo.per_axis(name) for name in SCALED])
         self.sensitivity = SensitivityTable(self.source.machine, self.source.servo, settings.gain_range)
-        self._observe = Observer(self._axes, self._action_size(), settings.tolerance, settings.ripple_limit)
+        self._observe = Observer(
+            self.source.machine.axis_names, settings.per_axis, settings.tolerance, settings.ripple_limit
+        )
 
     def _entries(self) -> list[Entry]:
         return entries(self.source.machine.axis_names, self.settings.per_axis)
@@ -147,16 +293,16 @@ class GainBanditEnv(PathEnv):
     Args:
         render_mode: None or "rgb_array".
         size: width and height of the pictures [pixels].
-        settings: the fields of `Settings`.
+        settings: the fields of `GainBanditSettings`.
 
     Raises:
         InputError: a setting out of bounds.
     """
 
-    settings_type = Settings
+    settings_type = GainBanditSettings
 
     @staticmethod
-    def batch(settings: Settings, places: int, threads: int | None, ahead: bool) -> EpisodeBatch:
+    def batch(settings: GainBanditSettings, places: int, threads: int | None, ahead: bool) -> EpisodeBatch:
         return GainBatch(settings, places, threads, ahead)
 
 

@@ -8,7 +8,7 @@ the width of a sessile bead goes with its root.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,22 +19,33 @@ from gantrysim.machine.row import Log
 PIECE = 0.5  # length of the pieces [mm]
 PIECES = 64  # of the bead that are kept, more than lie between nozzle and camera
 
-# state of a bead: pressure over the nominal one, laid length and volume of the current piece, number of finished pieces
-STATE = ("pressure", "length", "volume", "pieces")
-_PRESSURE = STATE.index("pressure")
-_LENGTH = STATE.index("length")
-_VOLUME = STATE.index("volume")
-_FINISHED = STATE.index("pieces")
+# the bead at the nozzle
+BEAD = np.dtype(
+    [
+        ("pressure", np.float64),  # over the nominal one
+        ("length", np.float64),  # of the current piece, laid so far [mm]
+        ("volume", np.float64),  # of it [mm³]
+        ("finished", np.int64),  # number of finished pieces
+    ]
+)
 
-# an interval: finished pieces, sum of squared width errors, the largest, pieces out of tolerance; pieces that the
-# camera saw, and the sum of the errors that it measured
-SUMS = ("pieces", "square", "largest", "outside", "seen", "seen_error")
-_PIECES = SUMS.index("pieces")
-_SQUARE = SUMS.index("square")
-_LARGEST = SUMS.index("largest")
-_OUTSIDE = SUMS.index("outside")
-_SEEN = SUMS.index("seen")
-_SEEN_ERROR = SUMS.index("seen_error")
+# widths of the pieces that are finished in an interval or an episode
+WIDTHS = np.dtype(
+    [
+        ("pieces", np.float64),
+        ("square", np.float64),  # sum of squared relative errors
+        ("largest", np.float64),  # of their magnitudes
+        ("outside", np.float64),  # pieces out of tolerance
+    ]
+)
+
+# what the camera measures in an interval
+SIGHT = np.dtype(
+    [
+        ("pieces", np.float64),  # that it saw
+        ("error", np.float64),  # sum of the relative errors that it measured
+    ]
+)
 
 
 class Program(NamedTuple):
@@ -89,22 +100,24 @@ class Camera(NamedTuple):
     tolerance: float
 
 
-class BeadState(NamedTuple):
+class LaidBead(NamedTuple):
     """The bead laid so far, updated in place.
 
     Attributes:
-        state: see `STATE`.
-        ring: width errors of the last pieces, relative, (PIECES,).
-        sums: of the interval, see `SUMS`; written.
+        bead: at the nozzle, of `BEAD`.
+        errors: of the width of the last pieces, relative, taken in turns, (PIECES,).
+        widths: of the interval, of `WIDTHS`; written.
+        sight: of the interval, of `SIGHT`; written.
     """
 
-    state: Floats
-    ring: Floats
-    sums: Floats
+    bead: Any
+    errors: Floats
+    widths: Any
+    sight: Any
 
 
 @jit
-def lay(log: Log, ticks: tuple[int, int], program: Program, glue: Glue, camera: Camera, bead: BeadState) -> None:
+def lay(log: Log, ticks: tuple[int, int], program: Program, glue: Glue, camera: Camera, laid: LaidBead) -> None:
     """Lay the glue of some ticks.
 
     The program asks for the pressure p = u (v / v0)^n, over the nominal one, with the commanded speed v; with the
@@ -119,13 +132,18 @@ def lay(log: Log, ticks: tuple[int, int], program: Program, glue: Glue, camera: 
         program: of the motion.
         glue: of the episode.
         camera: that measures the bead.
-        bead: laid so far.
+        laid: bead laid so far.
     """
-    state, ring, sums = bead
+    bead, errors, widths, sight = laid
     reference = program.reference
     period = program.period
     index = glue.flow_index
-    sums[:] = 0.0
+    widths.pieces = 0.0
+    widths.square = 0.0
+    widths.largest = 0.0
+    widths.outside = 0.0
+    sight.pieces = 0.0
+    sight.error = 0.0
     for k in range(max(ticks[0], 1), ticks[1]):
         tip = log.tick[k].nozzle
         before = log.tick[k - 1].nozzle
@@ -133,25 +151,25 @@ def lay(log: Log, ticks: tuple[int, int], program: Program, glue: Glue, camera: 
             continue
         time = k * period
         request = program.override * (program.speeds[log.tick[k - 1].setpoint] / reference) ** index
-        state[_PRESSURE] += (request - state[_PRESSURE]) * -np.expm1(-period / glue.lag)
+        bead.pressure += (request - bead.pressure) * -np.expm1(-period / glue.lag)
         thickness = glue.viscosity * glue.warming ** -np.expm1(-time / glue.warming_time)
         opening = glue.clog if time >= glue.clog_time else 1.0
-        flow = opening * (state[_PRESSURE] / thickness) ** (1 / index)
-        state[_LENGTH] += np.sqrt((tip[0] - before[0]) ** 2 + (tip[1] - before[1]) ** 2 + (tip[2] - before[2]) ** 2)
-        state[_VOLUME] += flow * reference * period
-        if state[_LENGTH] < PIECE:
+        flow = opening * (bead.pressure / thickness) ** (1 / index)
+        bead.length += np.sqrt((tip[0] - before[0]) ** 2 + (tip[1] - before[1]) ** 2 + (tip[2] - before[2]) ** 2)
+        bead.volume += flow * reference * period
+        if bead.length < PIECE:
             continue
-        error = np.sqrt(state[_VOLUME] / state[_LENGTH]) - 1.0
-        finished = int(state[_FINISHED])
-        ring[finished % PIECES] = error
-        state[_LENGTH] = 0.0
-        state[_VOLUME] = 0.0
-        state[_FINISHED] = finished + 1
-        sums[_PIECES] += 1
-        sums[_SQUARE] += error * error
-        sums[_LARGEST] = max(sums[_LARGEST], abs(error))
-        sums[_OUTSIDE] += abs(error) > camera.tolerance
+        error = np.sqrt(bead.volume / bead.length) - 1.0
+        finished = bead.finished
+        errors[finished % PIECES] = error
+        bead.length = 0.0
+        bead.volume = 0.0
+        bead.finished = finished + 1
+        widths.pieces += 1
+        widths.square += error * error
+        widths.largest = max(widths.largest, abs(error))
+        widths.outside += abs(error) > camera.tolerance
         if finished >= camera.behind:
             piece = finished - camera.behind
-            sums[_SEEN] += 1
-            sums[_SEEN_ERROR] += ring[piece % PIECES] + camera.noise[piece % camera.noise.size]
+            sight.pieces += 1
+            sight.error += errors[piece % PIECES] + camera.noise[piece % camera.noise.size]

@@ -5,9 +5,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
@@ -33,17 +34,43 @@ class ChangingPayload(Changing):
 
 # of the fit, by axis: sums of products of torques of inertia J, of friction F, and of the demand without viscous
 # friction D, and these three after the low pass
-SUMS = ("JJ", "JF", "FF", "JD", "FD", "J", "F", "D")
+SUMS = np.dtype([(name, np.float64) for name in ("JJ", "JF", "FF", "JD", "FD", "J", "F", "D")])
+
+
+class Motion(NamedTuple):
+    """Motion of the setpoints.
+
+    Attributes:
+        sliding: torque of the nominal friction, (n, axes) [N·m].
+        moved: dDPOS, (n, axes) [mm or deg].
+    """
+
+    sliding: Floats
+    moved: Floats
+
+
+class Nominal(NamedTuple):
+    """What resists the motion of the nominal axes.
+
+    Attributes:
+        inertia: inertia / T², (axes,) [N·m/mm].
+        viscous: viscous / T, (axes,) [N·m/mm].
+    """
+
+    inertia: Floats
+    viscous: Floats
+
+
+class Decay(NamedTuple):
+    """What is left after a tick, exp(-T/tau): of the low pass, and of the sums."""
+
+    smooth: float
+    forget: float
 
 
 @jit
 def fit(
-    log: Log,
-    ticks: tuple[int, int],
-    motion: tuple[Floats, Floats],
-    axes: Floats,
-    decay: tuple[float, float],
-    sums: Floats,
+    log: Log, ticks: tuple[int, int], motion: Motion, nominal: Nominal, decay: Decay, sums: NDArray[np.void]
 ) -> None:
     """Add ticks to the least squares, which forget exponentially, of inertia and friction in the torque demand.
 
@@ -55,10 +82,10 @@ def fit(
     Args:
         log: the servo's, see `gantrysim.machine.row.Log`.
         ticks: the first, and the one after the last.
-        motion: torque of the nominal friction [N·m] and dDPOS, one row per setpoint, (n, axes) each.
-        axes: inertia / T² and viscous / T of the nominal axes, (axes, 2) [N·m/mm].
-        decay: exp(-T/tau) of the low pass, and of the sums.
-        sums: of `SUMS`, (axes, 8), to be updated.
+        motion: of the setpoints.
+        nominal: what resists it.
+        decay: of what is filtered and summed.
+        sums: (axes,) of `SUMS`, to be updated.
     """
     sliding, moved = motion
     smooth, forget = decay
@@ -68,31 +95,30 @@ def fit(
             if moved[setpoint, a] == 0.0:
                 continue
             total = sums[a]
-            inertia, viscous = axes[a]
             change = log.axis[k, a].encoder - 2 * log.axis[k - 1, a].encoder + log.axis[k - 2, a].encoder
-            total[5] += (1 - smooth) * (inertia * change - total[5])
-            total[6] += (1 - smooth) * (sliding[setpoint, a] - total[6])
-            total[7] += (1 - smooth) * (log.axis[k - 2, a].demand - viscous * moved[setpoint, a] - total[7])
-            j = total[5]
-            f = total[6]
-            d = total[7]
-            total[0] = forget * total[0] + j * j
-            total[1] = forget * total[1] + j * f
-            total[2] = forget * total[2] + f * f
-            total[3] = forget * total[3] + j * d
-            total[4] = forget * total[4] + f * d
+            demand = log.axis[k - 2, a].demand - nominal.viscous[a] * moved[setpoint, a]
+            total.J += (1 - smooth) * (nominal.inertia[a] * change - total.J)
+            total.F += (1 - smooth) * (sliding[setpoint, a] - total.F)
+            total.D += (1 - smooth) * (demand - total.D)
+            j = total.J
+            f = total.F
+            d = total.D
+            total.JJ = forget * total.JJ + j * j
+            total.JF = forget * total.JF + j * f
+            total.FF = forget * total.FF + f * f
+            total.JD = forget * total.JD + j * d
+            total.FD = forget * total.FD + f * d
 
 
-def ratios(sums: Floats) -> tuple[Floats, Floats]:
+def ratios(sums: NDArray[np.void]) -> tuple[Floats, Floats]:
     """Return r of each axis, and the r that all axes have in common, each axis with its own h.
 
     Args:
-        sums: of `SUMS`, (..., axes, 8), with JJ FF > JF².
+        sums: (..., axes) of `SUMS`, with JJ FF > JF².
 
     Returns:
         Ratios of the inertia to the nominal one, (..., axes) and (...,).
     """
-    jj, jf, ff, jd, fd = np.moveaxis(sums[..., :5], -1, 0)
-    above = jd - jf * fd / ff
-    below = jj - jf * jf / ff
+    above = sums["JD"] - sums["JF"] * sums["FD"] / sums["FF"]
+    below = sums["JJ"] - sums["JF"] * sums["JF"] / sums["FF"]
     return above / below, above.sum(axis=-1) / below.sum(axis=-1)

@@ -20,10 +20,26 @@ from gantrysim.engine.native.stages import compiled_stage
 from gantrysim.machine.row import Log
 from gantrysim.paths.nearest import Table, chord_at, nearest_chord, remembered, stretch, to_chord
 
-# a row of measurements, see `IntervalValues`: those of the path, then those of one axis after the other
-SHARED = ("contour_rms", "contour_max", "lateral", "speed", "heading", "curvature")
-PER_AXIS = ("following_rms", "following_max", "following_mean", "torque", "ripple")
-TOTAL = 3  # of an episode: ticks with the dispenser on, sum of their squared contour errors, largest
+# what is measured between two decisions, see `IntervalValues`: of the path, and of each axis
+PATH_VALUES = np.dtype(
+    [
+        ("contour_rms", np.float64),
+        ("contour_max", np.float64),
+        ("lateral", np.float64),
+        ("speed", np.float64),
+        ("heading", np.float64),
+        ("curvature", np.float64),
+    ]
+)
+AXIS_VALUES = np.dtype(
+    [
+        ("following_rms", np.float64),
+        ("following_max", np.float64),
+        ("following_mean", np.float64),
+        ("torque", np.float64),
+        ("ripple", np.float64),
+    ]
+)
 
 # how far an episode is measured
 PROGRESS = np.dtype(
@@ -32,7 +48,10 @@ PROGRESS = np.dtype(
         ("foot", np.int64),  # index of the chord nearest to the nozzle at the last tick with the dispenser on
         ("lag", np.float64),  # of the nozzle, as remembered behind corners, see `gantrysim.paths.nearest` [mm],
         ("place", np.float64),  # and the progress there [mm]
-        ("total", np.float64, (TOTAL,)),
+        # of the episode
+        ("laid", np.float64),  # ticks with the dispenser on
+        ("square", np.float64),  # sum of their squared contour errors [mm²]
+        ("largest", np.float64),  # of their contour errors [mm]
     ]
 )
 NOT_MEASURED = -1  # tick of the progress after an interval that is still to be measured
@@ -48,23 +67,26 @@ SPAN = np.dtype(
         ("entries", np.int64),  # m
         ("widest", np.float64),  # largest distance between neighbouring points [mm]
         ("peak", np.int64),  # peak torque of the drives, (axes,) [N·m]
-        ("values", np.int64),  # measurements, to be written: `SHARED`, then `PER_AXIS` for one axis after the other
+        ("path_values", np.int64),  # one of `PATH_VALUES`, to be written
+        ("axis_values", np.int64),  # (axes,) of `AXIS_VALUES`, to be written
         ("before", PROGRESS),  # the interval, unchanged, as MuJoCo's steps may be taken back and made again
         ("after", PROGRESS),  # it, to be written
     ]
 )
 
-_PATH_COLUMNS = len(SHARED)
-_AXIS_COLUMNS = len(PER_AXIS)
-
-_CONTOUR_RMS = SHARED.index("contour_rms")
-_CONTOUR_MAX = SHARED.index("contour_max")
-_LATERAL = SHARED.index("lateral")
-_SPEED = SHARED.index("speed")
-_HEADING = SHARED.index("heading")
-_CURVATURE = SHARED.index("curvature")
-
 _CHORD = 8  # points of the path to either side of a foot, over which heading and curvature are taken
+
+
+class _Laid(NamedTuple):
+    """The nozzle while it dispenses.
+
+    Attributes:
+        tips: its places, (k, 3) [mm].
+        progress: that of the command at the same ticks, (k,) [mm].
+    """
+
+    tips: Floats
+    progress: Floats
 
 
 class _Setpoints(NamedTuple):
@@ -86,6 +108,16 @@ def _distance(a, b):
 @intrinsic
 def _spans(context: Any, address: Any) -> Any:
     return typed_pointer(numba.from_dtype(SPAN))
+
+
+@intrinsic
+def _path_values(context: Any, address: Any) -> Any:
+    return typed_pointer(numba.from_dtype(PATH_VALUES))
+
+
+@intrinsic
+def _axis_values(context: Any, address: Any) -> Any:
+    return typed_pointer(numba.from_dtype(AXIS_VALUES))
 
 
 @cache
@@ -133,25 +165,19 @@ def _measure(row, span):
     s = numba.carray(floats(span.s), (span.entries,))
     progress = numba.carray(floats(span.progress), (span.count,))
     peak = numba.carray(floats(span.peak), (axes,))
-    values = numba.carray(floats(span.values), (_PATH_COLUMNS + _AXIS_COLUMNS * axes,))
-    for column in range(len(values)):
-        values[column] = 0.0
-    for k in range(TOTAL):
-        span.after.total[k] = span.before.total[k]
+    path_values = numba.carray(_path_values(span.path_values), (1,))[0]
+    axis_values = numba.carray(_axis_values(span.axis_values), (axes,))
     setpoints = _Setpoints(position, dispense, progress)
-    tips, speed = _measure_axes(log, (first, last), setpoints, row.period, peak, values)
+    laid, path_values.speed = _measure_axes(log, (first, last), setpoints, row.period, peak, axis_values)
     # no corner needs to be known for the distance from chords
     path = Table(s, points, np.empty(0, np.bool_), span.widest)
-    _measure_path(path, tips, span, values)
+    _measure_path(path, laid, span, path_values)
     span.after.tick = last
-    values[_SPEED] = speed
 
 
 @jit
-def _measure_axes(log, ticks, setpoints, period, peak, row):
+def _measure_axes(log, ticks, setpoints, period, peak, values):
     """Measure following errors and torques of the axes; return the nozzle while it dispenses, and its speed.
-
-    The nozzle's places are followed by the progress of the command at the same ticks, (k, 4) [mm].
 
     Args:
         log: the servo's.
@@ -159,16 +185,22 @@ def _measure_axes(log, ticks, setpoints, period, peak, row):
         setpoints: of all ticks.
         period: servo period [s].
         peak: peak torque of the drives, (axes,) [N·m].
-        row: of measurements, zero so far; to be written.
+        values: (axes,) of `AXIS_VALUES`, to be written.
     """
     first, last = ticks
     position, dispense, progress = setpoints
-    n = position.shape[1]
-    tips = np.empty((last - first, 4))
+    tips = np.empty((last - first, 3))
+    stands_for = np.empty(last - first)
     laid = 0
     count = 0
     pairs = 0
     way = 0.0
+    for value in values:
+        value.following_rms = 0.0
+        value.following_max = 0.0
+        value.following_mean = 0.0
+        value.torque = 0.0
+        value.ripple = 0.0
     for k in range(first, last):
         setpoint = log.tick[k].setpoint
         tip = log.tick[k].nozzle
@@ -178,64 +210,65 @@ def _measure_axes(log, ticks, setpoints, period, peak, row):
         # at a switch of the dispenser torques differ for other reasons than ripple
         dispensing = k > 0 and dispense[setpoint] != 0 and dispense[log.tick[k - 1].setpoint] != 0
         pairs += dispensing
-        for a in range(n):
-            column = _PATH_COLUMNS + _AXIS_COLUMNS * a
+        for a in range(len(values)):
+            value = values[a]
             error = position[setpoint, a] - log.axis[k, a].encoder
             demand = log.axis[k, a].demand
-            row[column] += error * error
-            row[column + 1] = max(row[column + 1], abs(error))
-            row[column + 2] += error
-            row[column + 3] = max(row[column + 3], abs(demand))
+            value.following_rms += error * error
+            value.following_max = max(value.following_max, abs(error))
+            value.following_mean += error
+            value.torque = max(value.torque, abs(demand))
             if dispensing:
                 change = demand - log.axis[k - 1, a].demand
-                row[column + 4] += change * change
+                value.ripple += change * change
         way += _distance(tip, log.tick[k - 1].nozzle) if k > 0 else 0.0
         if dispense[setpoint] != 0:
             for i in range(3):
                 tips[laid, i] = tip[i]
-            tips[laid, 3] = progress[setpoint]
+            stands_for[laid] = progress[setpoint]
             laid += 1
-    for a in range(n):
-        column = _PATH_COLUMNS + _AXIS_COLUMNS * a
-        row[column] = np.sqrt(row[column] / max(count, 1))
-        row[column + 2] /= max(count, 1)
-        row[column + 3] /= peak[a]
-        row[column + 4] = np.sqrt(0.5 * row[column + 4] / max(pairs, 1)) / peak[a]
-    return tips[:laid], way / (max(count, 1) * period)
+    for a in range(len(values)):
+        value = values[a]
+        value.following_rms = np.sqrt(value.following_rms / max(count, 1))
+        value.following_mean /= max(count, 1)
+        value.torque /= peak[a]
+        value.ripple = np.sqrt(0.5 * value.ripple / max(pairs, 1)) / peak[a]
+    return _Laid(tips[:laid], stands_for[:laid]), way / (max(count, 1) * period)
 
 
 @jit
-def _measure_path(path, tips, span, row):
+def _measure_path(path, laid, span, values):
     """Measure the contour errors of the nozzle's places while it dispenses.
 
     Args:
         path: points along the requested path.
-        tips: places of the nozzle, and the progress of the command, (k, 4) [mm].
+        laid: the nozzle while it dispenses.
         span: with the state before, and that after it to be written.
-        row: of measurements, to be written.
+        values: of `PATH_VALUES`, to be written.
     """
     points = path.points
     s = path.s
-    laid = len(tips)
+    tips = laid.tips
+    count = len(tips)
     foot = span.before.foot
     lag = span.before.lag
     place = span.before.place
-    total = span.after.total
     square = 0.0
     largest = 0.0
     sideways = 0.0
-    for k in range(laid):
+    for k in range(count):
         x = tips[k, 0]
         y = tips[k, 1]
         z = tips[k, 2]
-        here = chord_at(s, tips[k, 3])
-        share = (tips[k, 3] - s[here]) / (s[here + 1] - s[here])
+        stands_for = laid.progress[k]
+        here = chord_at(s, stands_for)
+        share = (stands_for - s[here]) / (s[here + 1] - s[here])
         away = 0.0
         for i in range(3):
             away += (tips[k, i] - points[here, i] - share * (points[here + 1, i] - points[here, i])) ** 2
         away = np.sqrt(away)
-        lag = remembered(lag, away, tips[k, 3] - place)
-        place = tips[k, 3]
+        lag = remembered(lag, away, stands_for - place)
+        place = stands_for
         foot, along = nearest_chord(path, x, y, z, place, stretch(path, place, away, lag))
         distance = to_chord(points, foot, x, y, z, (along, along))[0]
         u = points[foot + 1, 0] - points[foot, 0]
@@ -247,17 +280,17 @@ def _measure_path(path, tips, span, row):
     span.after.foot = foot
     span.after.lag = lag
     span.after.place = place
-    total[0] += laid
-    total[1] += square
-    total[2] = max(total[2], largest)
+    span.after.laid = span.before.laid + count
+    span.after.square = span.before.square + square
+    span.after.largest = max(span.before.largest, largest)
     middle = min(max(foot, _CHORD), len(points) - 1 - _CHORD)
     x_before = points[middle, 0] - points[middle - _CHORD, 0]
     y_before = points[middle, 1] - points[middle - _CHORD, 1]
     x_after = points[middle + _CHORD, 0] - points[middle, 0]
     y_after = points[middle + _CHORD, 1] - points[middle, 1]
     turned = np.arctan2(x_before * y_after - y_before * x_after, x_before * x_after + y_before * y_after)
-    row[_CONTOUR_RMS] = np.sqrt(square / max(laid, 1))
-    row[_CONTOUR_MAX] = largest
-    row[_LATERAL] = sideways / max(laid, 1)
-    row[_HEADING] = np.arctan2(y_before + y_after, x_before + x_after)
-    row[_CURVATURE] = turned / (0.5 * (s[middle + _CHORD] - s[middle - _CHORD]))
+    values.contour_rms = np.sqrt(square / max(count, 1))
+    values.contour_max = largest
+    values.lateral = sideways / max(count, 1)
+    values.heading = np.arctan2(y_before + y_after, x_before + x_after)
+    values.curvature = turned / (0.5 * (s[middle + _CHORD] - s[middle - _CHORD]))

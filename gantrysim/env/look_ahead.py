@@ -88,18 +88,19 @@ class LimitedSpeed:
     def duration(self) -> float:
         return float(self._t[-1])
 
-    def _parts(self, t: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    def _parts(self, t: ArrayLike) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return arc length and speed at the begin of the stretches, the time since then, and their acceleration."""
         time = np.clip(np.asarray(t, float), 0.0, self.duration)
         k = np.clip(np.searchsorted(self._t, time, "right") - 1, 0, len(self._t) - 2)
         slope = (self._v[k + 1] - self._v[k]) / (self._t[k + 1] - self._t[k])
-        return self._s[k], self._v[k] + 0.0 * time, np.stack([time - self._t[k], slope])
+        return self._s[k], self._v[k], time - self._t[k], slope
 
     def position(self, t: ArrayLike) -> Floats:
-        s, v, (since, slope) = self._parts(t)
+        s, v, since, slope = self._parts(t)
         return s + since * (v + 0.5 * slope * since)
 
     def velocity(self, t: ArrayLike) -> Floats:
-        _, v, (since, slope) = self._parts(t)
+        _, v, since, slope = self._parts(t)
         return v + slope * since
 
 

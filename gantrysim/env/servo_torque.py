@@ -14,7 +14,7 @@ from gantrysim.base.errors import InputError, finite, positive
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Plan
-from gantrysim.env.friction import ChangingFriction, fit, model_torques
+from gantrysim.env.friction import SUMS, ChangingFriction, fit, model_torques
 from gantrysim.env.observation import Entry
 from gantrysim.env.outcome import Outcome
 from gantrysim.env.scalar import PathEnv
@@ -81,7 +81,16 @@ class ServoTorqueBatch(EpisodeBatch):
 
     settings: ServoTorqueSettings
     source: ServoTorqueSource
-    saved: ClassVar[tuple[str, ...]] = (*EpisodeBatch.saved, "_sums", "_error", "_next", "_outside", "_level")
+    saved: ClassVar[tuple[str, ...]] = (
+        *EpisodeBatch.saved,
+        "_level",
+        "_sums",
+        "_error",
+        "_next_velocity",
+        "_next_friction",
+        "_decisions",
+        "_outside",
+    )
 
     def __init__(self, settings: ServoTorqueSettings, places: int, threads: int | None, ahead: bool) -> None:
         super().__init__(settings, places, threads, ahead, ServoTorqueSource(settings))
@@ -91,13 +100,16 @@ class ServoTorqueBatch(EpisodeBatch):
         self._coulomb = np.maximum([axis.friction.coulomb for axis in axes], np.finfo(float).tiny)
         self._prior = np.maximum(_PRIOR * settings.memory / period * self._coulomb**2, np.finfo(float).tiny)
         self._level = np.zeros((places, len(axes)))
-        self._sums = np.ones((places, len(axes), 2))  # of the fit
+        self._sums = np.ones((places, len(axes)), SUMS)
         self._error = np.zeros((places, len(axes)))  # following error of the interval before the last [mm or deg]
-        self._outside = np.zeros((places, 2))  # ticks in all, and in intervals out of tolerance
+        self._decisions = np.zeros(places)  # of the episode
+        self._outside = np.zeros(places)  # of these, those after which the nozzle was out of tolerance
         self._sliding = [np.zeros((1, len(axes)))] * places
         self._moving = [np.zeros((1, len(axes)))] * places
         self._given = [np.zeros((1, len(axes)))] * places  # torques sent with the setpoints without an agent
-        self._next = np.zeros((places, 2, len(axes)))  # velocity and friction until the next decision, as observed
+        # until the next decision, as observed
+        self._next_velocity = np.zeros((places, len(axes)))
+        self._next_friction = np.zeros((places, len(axes)))
 
     def _entries(self) -> list[Entry]:
         entries = []
@@ -134,8 +146,10 @@ class ServoTorqueBatch(EpisodeBatch):
         axes = self.source.machine.axes
         period = self.source.servo.period
         self._sliding[place], self._moving[place] = model_torques(axes, simulation.position, period)
-        self._sums[place] = self._prior[:, None]
+        self._sums["numerator"][place] = self._prior
+        self._sums["denominator"][place] = self._prior
         self._error[place] = 0.0
+        self._decisions[place] = 0.0
         self._outside[place] = 0.0
         self._level[place] = self.settings.level
         assert simulation.torque is not None
@@ -164,7 +178,8 @@ class ServoTorqueBatch(EpisodeBatch):
         after = np.clip(after, 1, len(position) - 1)
         velocity = (position[after] - position[after - 1]).mean(axis=0) / period / _SPEED_UNIT
         friction = self._sliding[place][after].mean(axis=0) / self._coulomb
-        self._next[place] = np.clip(velocity, -_SPEED_RANGE, _SPEED_RANGE), np.clip(friction, -_LEVELS, _LEVELS)
+        self._next_velocity[place] = np.clip(velocity, -_SPEED_RANGE, _SPEED_RANGE)
+        self._next_friction[place] = np.clip(friction, -_LEVELS, _LEVELS)
 
     def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
         self._error[mask] = self.measured.following_mean[mask]
@@ -175,14 +190,15 @@ class ServoTorqueBatch(EpisodeBatch):
         tolerance = self.settings.tolerance
         n = len(self.episodes)
         change = measured.following_mean - self._error
-        total, squares = np.moveaxis(self._sums, 2, 0)
-        fitted = np.divide(total, squares, out=np.ones_like(total), where=squares > 0)  # all may be forgotten at rest
+        total = self._sums["numerator"]
+        squares = self._sums["denominator"]
+        fitted = np.divide(total, squares, out=np.ones(total.shape), where=squares > 0)  # all may be forgotten at rest
         missing = np.clip((fitted - self._level) / self.settings.step, -_STEPS, _STEPS)
         by_axis = [
             np.clip(measured.following_mean / tolerance, -_WORST, _WORST),
             np.clip(change / tolerance, -_WORST, _WORST),
-            self._next[:, 0],
-            self._next[:, 1],
+            self._next_velocity,
+            self._next_friction,
             missing,
             self._level,
             self._action,
@@ -198,7 +214,8 @@ class ServoTorqueBatch(EpisodeBatch):
         tolerance = self.settings.tolerance
         faulty, ended, undone = self._ends(advanced)
         outside = (measured.contour_max > tolerance).astype(float)
-        self._outside[advanced] += np.stack([np.ones_like(outside), outside], 1)[advanced]
+        self._decisions[advanced] += 1.0
+        self._outside[advanced] += outside[advanced]
         terms = {
             "reward_contour": -np.minimum(measured.contour_rms / tolerance, _WORST) / _WORST,
             "reward_fault": np.where(faulty, -_FAULT * undone, 0.0),
@@ -216,7 +233,7 @@ class ServoTorqueBatch(EpisodeBatch):
             },
             final={
                 **self._contour_values(),
-                "episode_cost": self._outside[:, 1] / np.maximum(self._outside[:, 0], 1),
+                "episode_cost": self._outside / np.maximum(self._decisions, 1),
             },
         )
 

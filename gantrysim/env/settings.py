@@ -17,7 +17,7 @@ from pydantic import (
     field_validator,
 )
 
-from gantrysim.base.errors import InputError, finite, positive, unknown, whole
+from gantrysim.base.errors import InputError, positive, unknown, whole
 from gantrysim.base.toml_files import field_names, one_line
 from gantrysim.job.job import Job
 from gantrysim.job.settings import ServoSettings
@@ -122,34 +122,6 @@ class PathSettings(BaseModel):
         """Return the lowest and the highest value of a setting, equal if it is fixed."""
         value: Bounds = getattr(self, name)
         return value if isinstance(value, tuple) else (value, value)
-
-
-class Settings(PathSettings):
-    """Settings of `GainBanditEnv`: those of `PathSettings`, and of action and reward; by default one decision.
-
-    Attributes:
-        gain_range: largest factor by which the agent raises or lowers a gain.
-        detune: divisor of the nominal gains.
-        per_axis: whether every axis has its own gains.
-        ripple_limit: largest torque ripple without a penalty, as a share of the drive's peak torque.
-
-    Raises:
-        InputError: a value out of bounds.
-    """
-
-    decision_interval: float = math.inf
-    gain_range: float = 10.0
-    detune: float = 1.0
-    per_axis: bool = False
-    ripple_limit: float = 0.01
-
-    def model_post_init(self, context: Any) -> None:
-        """Raise InputError for values out of bounds."""
-        super().model_post_init(context)
-        positive("detune", self.detune)
-        positive("ripple_limit", self.ripple_limit)
-        if finite("gain_range", self.gain_range) <= 1:
-            raise InputError(f"gain_range = {self.gain_range:g}: must be greater than 1")
 
 
 def _plain(value: Any) -> Any:

@@ -190,25 +190,30 @@ class SpeedOverrideBatch(EpisodeBatch):
     saved: ClassVar[tuple[str, ...]] = (
         *EpisodeBatch.saved,
         "_override",
-        "_along",
+        "_commanded_s",
+        "_commanded_speed",
         "_setpoints",
         "_written",
-        "_losses",
+        "_time",
+        "_outside",
         "_way",
     )
 
     def __init__(self, settings: SpeedOverrideSettings, places: int, threads: int | None, ahead: bool) -> None:
         super().__init__(settings, places, threads, ahead, SpeedOverrideSource(settings))
         self._override = np.zeros(places)  # logarithm
-        self._along = np.zeros((places, 2))  # commanded arc length [mm] and speed [mm/s]
+        self._commanded_s = np.zeros(places)  # arc length [mm]
+        self._commanded_speed = np.zeros(places)  # [mm/s]
         self._written = np.zeros(places, np.int64)  # setpoints
-        self._losses = np.zeros((places, 3))  # of the episode: time, error beyond tolerance, and way out of tolerance
+        self._time = np.zeros(places)  # of the episode [s]
+        self._outside = np.zeros(places)  # share of the path out of tolerance
         self._way = np.zeros(places)  # commanded in the last interval [mm]
         self._speed = np.ones(places)
         self._length = np.ones(places)
         self._look: list[LookAhead | None] = [None] * places
         self._ahead_values = np.zeros((places, len(ahead_entries(_SPEEDS))))
-        self._near = np.ones((places, 2))
+        self._to_reversal = np.ones(places)  # distance to the next reversal of an axis [mm]
+        self._since_reversal = np.ones(places)  # and since the last
 
     def _entries(self) -> list[Entry]:
         axes = self.source.machine.axis_names
@@ -237,8 +242,10 @@ class SpeedOverrideBatch(EpisodeBatch):
         # to be written as the episode goes on, as its positions are
         super()._reset(place, replace(episode, progress=np.zeros(len(episode.progress))))
         self._override[place] = math.log(self.settings.override)
-        self._along[place] = 0.0
-        self._losses[place] = 0.0
+        self._commanded_s[place] = 0.0
+        self._commanded_speed[place] = 0.0
+        self._time[place] = 0.0
+        self._outside[place] = 0.0
         self._way[place] = 0.0
         self._written[place] = 0
         setpoints = episode.simulation.setpoints
@@ -259,20 +266,22 @@ class SpeedOverrideBatch(EpisodeBatch):
         simulation = self._episode(place).simulation
         begin = int(self._written[place])
         path = simulation.setpoints.requested
-        s, v = self._along[place]
+        before = self._commanded_s[place]
+        start = (before, self._commanded_speed[place])
         target = math.exp(self._override[place]) * self._speed[place]
         way = np.zeros(interval)
         settings = self.settings
         period = self.source.servo.period
         first = 1 if not begin else 0  # the path begins at its start
-        before = s
-        self._along[place] = move((s, v), target, path.length, settings.acceleration, period, way[first:])
+        s, speed = move(start, target, path.length, settings.acceleration, period, way[first:])
+        self._commanded_s[place] = s
+        self._commanded_speed[place] = speed
         axes = simulation.setpoints.axes
         sent = Setpoints(period, axes, path.position(way)[:, : len(axes)], np.ones(interval, bool), path)
         simulation.position[begin : begin + interval] = axis_positions(simulation.machine, sent)
         self._episode(place).progress[begin : begin + interval] = way
         self._written[place] = begin + interval
-        self._way[place] = self._along[place, 0] - before
+        self._way[place] = s - before
         if way[-1] >= path.length:
             self._setpoints[place] = begin + int(np.searchsorted(way, path.length)) + 1
 
@@ -315,9 +324,10 @@ class SpeedOverrideBatch(EpisodeBatch):
         measured = self.measured
         for place, look in enumerate(self._look):
             if look is not None:
-                s, v = self._along[place].tolist()
-                self._ahead_values[place] = look_ahead(look, s, [v, self._speed[place]])
-                self._near[place] = np.minimum(np.array(look.to_reversal(s)) / _NEAR_REVERSAL, 1.0)
+                s = float(self._commanded_s[place])
+                speeds = [self._commanded_speed[place], self._speed[place]]
+                self._ahead_values[place] = look_ahead(look, s, speeds)
+                self._to_reversal[place], self._since_reversal[place] = look.to_reversal(s)
         low = math.log(settings.slowest)
         high = math.log(settings.fastest)
         errors = np.column_stack([measured.contour_max, measured.following_rms]) / settings.tolerance
@@ -326,8 +336,9 @@ class SpeedOverrideBatch(EpisodeBatch):
             2 * (self._override[:, None] - low) / (high - low) - 1,
             self._action,
             self._ahead_values,
-            self._near,
-            (self._along[:, 0] / self._length)[:, None],
+            np.minimum(self._to_reversal / _NEAR_REVERSAL, 1.0)[:, None],
+            np.minimum(self._since_reversal / _NEAR_REVERSAL, 1.0)[:, None],
+            (self._commanded_s / self._length)[:, None],
         ]
         return np.concatenate(parts, 1, dtype=np.float32)
 
@@ -340,7 +351,7 @@ class SpeedOverrideBatch(EpisodeBatch):
         time = ((self.source.ticks or 1) - late) * self.source.servo.period
         beyond = np.clip(measured.contour_max / settings.tolerance - 1, 0.0, settings.worst)
         share = self._way / self._length
-        remaining = 1 - self._along[:, 0] / self._length
+        remaining = 1 - self._commanded_s / self._length
         worst = 1 / settings.slowest + settings.weight * settings.worst  # largest loss of the whole path
         terms = {
             "reward_progress": settings.progress * share,
@@ -348,8 +359,8 @@ class SpeedOverrideBatch(EpisodeBatch):
             "reward_contour": -settings.weight * beyond * share,
             "reward_fault": np.where(faulty, -(remaining + share) * worst, 0.0),
         }
-        outside = np.where(beyond > 0, share, 0.0)
-        self._losses[advanced] += np.stack([time, beyond * share, outside], 1)[advanced]
+        self._time[advanced] += time[advanced]
+        self._outside[advanced] += np.where(beyond > 0, share, 0.0)[advanced]
         return Outcome(
             reward=sum(terms.values(), np.zeros(len(self.episodes))),
             terminated=faulty,
@@ -364,9 +375,9 @@ class SpeedOverrideBatch(EpisodeBatch):
             },
             final={
                 **self._contour_values(),
-                "episode_time": self._losses[:, 0].copy(),
-                "episode_time_ratio": self._losses[:, 0] / reference,
-                "episode_cost": self._losses[:, 2].copy(),
+                "episode_time": self._time.copy(),
+                "episode_time_ratio": self._time / reference,
+                "episode_cost": self._outside.copy(),
             },
         )
 

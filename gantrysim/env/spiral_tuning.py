@@ -13,7 +13,7 @@ from gantrysim.base.errors import InputError, between, finite, positive
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, Episode, gain_factors
 from gantrysim.env.friction import model_torques
-from gantrysim.env.inertia import MOST_PAYLOAD, SUMS, ChangingPayload, fit, ratios
+from gantrysim.env.inertia import MOST_PAYLOAD, SUMS, ChangingPayload, Decay, Motion, Nominal, fit, ratios
 from gantrysim.env.look_ahead import LookAhead, ahead_entries, look_ahead
 from gantrysim.env.observation import Entry
 from gantrysim.env.outcome import Outcome
@@ -88,7 +88,17 @@ class SpiralTuningBatch(EpisodeBatch):
 
     settings: SpiralTuningSettings
     source: ChangingPayload
-    saved: ClassVar[tuple[str, ...]] = (*EpisodeBatch.saved, "_log", "_sums", "_error", "_next", "_costs", "_payload")
+    saved: ClassVar[tuple[str, ...]] = (
+        *EpisodeBatch.saved,
+        "_log",
+        "_sums",
+        "_error",
+        "_next_velocity",
+        "_next_acceleration",
+        "_decisions",
+        "_costs",
+        "_payload",
+    )
 
     def __init__(self, settings: SpiralTuningSettings, places: int, threads: int | None, ahead: bool) -> None:
         super().__init__(settings, places, threads, ahead, ChangingPayload(settings))
@@ -97,22 +107,32 @@ class SpiralTuningBatch(EpisodeBatch):
         self._centre = {name: np.array(servo.per_axis(name)) for name in SCALED}
         self.sensitivity = SensitivityTable(self.source.machine, servo, settings.gain_range)
         self._start_log = np.log(settings.start) / math.log(settings.gain_range)
-        self._smooth = math.exp(-servo.period / _SMOOTH)
-        self._forget = math.exp(-servo.period / settings.memory)
-        self._torques = np.array([(axis.inertia / servo.period**2, axis.viscous / servo.period) for axis in axes])
+        self._decay = Decay(math.exp(-servo.period / _SMOOTH), math.exp(-servo.period / settings.memory))
+        self._nominal = Nominal(
+            inertia=np.array([axis.inertia / servo.period**2 for axis in axes]),
+            viscous=np.array([axis.viscous / servo.period for axis in axes]),
+        )
         # r = 1 and h = 1 are remembered as if met with this weight
         least = np.finfo(float).tiny ** 0.5  # an axis without friction has no equation for h, but must not divide by 0
         j = np.maximum(np.array([_STEADY * axis.inertia for axis in axes]) ** 2, least)
         f = np.maximum(np.array([axis.friction.coulomb for axis in axes]) ** 2, least)
-        self._prior = _PRIOR * settings.memory / servo.period * np.stack([j, 0 * j, f, j, f, *[0 * j] * 3], axis=1)
+        weight = _PRIOR * settings.memory / servo.period
+        self._prior = np.zeros(len(axes), SUMS)
+        self._prior["JJ"] = weight * j
+        self._prior["FF"] = weight * f
+        self._prior["JD"] = weight * j
+        self._prior["FD"] = weight * f
         self._log = np.zeros((places, len(TUNED_GAINS)))  # of the gains, share of the range
-        self._sums = np.ones((places, len(axes), len(SUMS)))
+        self._sums = np.zeros((places, len(axes)), SUMS)
         self._sums[...] = self._prior
         self._error = np.zeros((places, len(axes)))  # following error of the interval before the last [mm or deg]
-        self._next = np.zeros((places, 2, len(axes)))  # velocity and acceleration until the next decision, as observed
-        self._costs = np.zeros((places, 2))  # of the episode: decisions, and their costs
+        # until the next decision, as observed
+        self._next_velocity = np.zeros((places, len(axes)))
+        self._next_acceleration = np.zeros((places, len(axes)))
+        self._decisions = np.zeros(places)  # of the episode
+        self._costs = np.zeros(places)  # their sum
         self._payload = np.zeros(places)  # of the last interval [kg]
-        self._motion = [(np.zeros((1, len(axes))),) * 2] * places  # of the setpoints, for the fit
+        self._motion = [Motion(np.zeros((1, len(axes))), np.zeros((1, len(axes))))] * places  # for the fit
         self._look: list[LookAhead | None] = [None] * places
 
     def _entries(self) -> list[Entry]:
@@ -151,11 +171,12 @@ class SpiralTuningBatch(EpisodeBatch):
         axes = self.source.machine.axes
         position = episode.simulation.position
         sliding, _ = model_torques(axes, position, self.source.servo.period)
-        self._motion[place] = sliding, np.diff(position, axis=0, prepend=position[:1])
+        self._motion[place] = Motion(sliding, np.diff(position, axis=0, prepend=position[:1]))
         self._look[place] = LookAhead(episode.table.points)
         self._log[place] = self._start_log
         self._sums[place] = self._prior
         self._error[place] = 0.0
+        self._decisions[place] = 0.0
         self._costs[place] = 0.0
         self._payload[place] = episode.drawn.get("payload_kg", 0.0)
 
@@ -170,22 +191,22 @@ class SpiralTuningBatch(EpisodeBatch):
         """Fit the inertia to some ticks, and look ahead to the next decision."""
         episode = self._episode(place)
         simulation = episode.simulation
-        decay = (self._smooth, self._forget)
-        fit(simulation.log, (first, last), self._motion[place], self._torques, decay, self._sums[place])
+        fit(simulation.log, (first, last), self._motion[place], self._nominal, self._decay, self._sums[place])
         if first * simulation.substeps >= simulation.later[0][0]:
             self._payload[place] = episode.drawn["payload_later"]
         position = simulation.position
         period = self.source.servo.period
         sent = int(self._sent[place])
-        ends = np.clip([sent - 1, sent + (self.source.ticks or 1) - 1], 1, len(position) - 1)
-        way = position[ends] - position[ends - 1]
-        before = position[ends[0]]
-        time = max(int(ends[1] - ends[0]), 1) * period
-        velocity = (position[ends[1]] - before) / time
-        acceleration = (way[1] - way[0]) / period / time
-        self._next[place] = (
-            np.clip(velocity / _SPEED_UNIT, -_SPEED_RANGE, _SPEED_RANGE),
-            np.clip(acceleration / _ACCELERATION_UNIT, -_ACCELERATION_RANGE, _ACCELERATION_RANGE),
+        begin = min(max(sent - 1, 1), len(position) - 1)
+        end = min(max(sent + (self.source.ticks or 1) - 1, 1), len(position) - 1)
+        time = max(end - begin, 1) * period
+        velocity = (position[end] - position[begin]) / time
+        first_step = position[begin] - position[begin - 1]
+        last_step = position[end] - position[end - 1]
+        acceleration = (last_step - first_step) / period / time
+        self._next_velocity[place] = np.clip(velocity / _SPEED_UNIT, -_SPEED_RANGE, _SPEED_RANGE)
+        self._next_acceleration[place] = np.clip(
+            acceleration / _ACCELERATION_UNIT, -_ACCELERATION_RANGE, _ACCELERATION_RANGE
         )
 
     def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
@@ -200,8 +221,8 @@ class SpiralTuningBatch(EpisodeBatch):
         axes = [
             np.clip(measured.following_mean / tolerance, -_WORST, _WORST),
             np.clip((measured.following_mean - self._error) / tolerance, -_WORST, _WORST),
-            self._next[:, 0],
-            self._next[:, 1],
+            self._next_velocity,
+            self._next_acceleration,
             np.clip(ratio, -_RATIOS, _RATIOS),
         ]
         ahead = np.zeros((n, len(ahead_entries(_SPEED_OF))))
@@ -225,7 +246,8 @@ class SpiralTuningBatch(EpisodeBatch):
         faulty, ended, undone = self._ends(advanced)
         cost = self.sensitivity.cost(self._log[:, :, None], self._payload)
         cost[faulty] = 1.0
-        self._costs[advanced] += np.stack([np.ones_like(cost), cost], 1)[advanced]
+        self._decisions[advanced] += 1.0
+        self._costs[advanced] += cost[advanced]
         terms = {
             "reward_contour": -np.minimum(measured.contour_rms / settings.tolerance, _WORST) / _WORST,
             "reward_stability": -settings.weight * cost,
@@ -242,7 +264,7 @@ class SpiralTuningBatch(EpisodeBatch):
                 "contour_max": measured.contour_max,
                 "fault": self._fault_texts(faulty),
             },
-            final={**self._contour_values(), "episode_cost": self._costs[:, 1] / np.maximum(self._costs[:, 0], 1)},
+            final={**self._contour_values(), "episode_cost": self._costs / np.maximum(self._decisions, 1)},
         )
 
 

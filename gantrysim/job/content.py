@@ -23,7 +23,8 @@ from gantrysim.job.code import named_code
 from gantrysim.job.overrides import LIST_OF_KEYS, TABLES, change, known_keys, override, settings_of
 from gantrysim.job.programs import build, reject_booleans
 from gantrysim.job.reading import Given
-from gantrysim.job.settings import MACHINE, STRICT, ServoSettings, SimulationSettings, ToleranceSettings
+from gantrysim.job.settings import MACHINE, STRICT, ServoSettings, SimulationSettings
+from gantrysim.job.tolerance import ToleranceSettings
 from gantrysim.machine.geometry import Geometry
 
 # keys of a validation's context

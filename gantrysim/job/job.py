@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +15,7 @@ from gantrysim.engine.simulation import Simulation
 from gantrysim.job.loaded import LoadedJob
 from gantrysim.job.margins import check_stability, machine_notes, servo_reason
 from gantrysim.job.plan import Plan, check_fit, plan_of
+from gantrysim.job.tolerance import Tolerance, ToleranceSettings
 from gantrysim.job.user_controller import checked_setpoints
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
@@ -124,6 +126,16 @@ class Job(LoadedJob):
         if len(record.time) > memory.LONG_RUN:
             self.__dict__.pop("setpoints", None)  # they fill the memory, and are computed again on demand
         return record.replaced(job=self)
+
+    def limits(self, needle: float, width: float = math.nan) -> Tolerance:
+        """Return the limits that a good run of the job keeps.
+
+        Args:
+            needle: outer diameter of the needle [mm].
+            width: nominal width of the bead, nan where none is requested [mm].
+        """
+        counts = [axis.resolution for axis in self.built_machine.axes if axis.unit == "mm"]
+        return Tolerance.of(self.tolerance or ToleranceSettings(), needle, counts, width)
 
     def without_faults(self) -> Job:
         """Return the job without its deliberate faults."""

@@ -11,7 +11,8 @@ from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.job.job import Job
 from gantrysim.job.programs import PROGRAMS, described
-from gantrysim.job.settings import ServoSettings, SimulationSettings, ToleranceSettings
+from gantrysim.job.settings import ServoSettings, SimulationSettings
+from gantrysim.job.tolerance import ToleranceSettings
 from gantrysim.machine.geometry import Geometry
 
 

@@ -85,47 +85,52 @@ class Losses:
 
 MISSING_VOLUME = Quantity[Losses](
     "missing_volume",
-    "missing volume",
-    "mm³",
-    ".4g",
-    "Volume missing at the end compared with the job without the faults; negative for an excess",
-    ("volume",),
+    label="missing volume",
+    unit="mm³",
+    form=".4g",
+    meaning="Volume missing at the end compared with the job without the faults; negative for an excess",
+    path=("volume",),
 )
 MISSING_LENGTH = Quantity[Losses](
     "missing_length",
-    "missing bead",
-    "mm",
-    ".4g",
-    "Length of the path with less than half the section that is laid without the faults",
-    ("length",),
+    label="missing bead",
+    unit="mm",
+    form=".4g",
+    meaning="Length of the path with less than half the section that is laid without the faults",
+    path=("length",),
 )
 WIDTH_ERROR = Quantity[Losses](
     "width_error",
-    "width error",
-    "mm",
-    "+.3f",
-    "Width of the bead with the faults less that without, where it differs most",
-    ("width",),
+    label="width error",
+    unit="mm",
+    form="+.3f",
+    meaning="Width of the bead with the faults less that without, where it differs most",
+    path=("width",),
 )
 WIDTH_ERROR_PLACE = Quantity[Losses](
-    "width_error_s", "place of the width error", "mm", ".1f", "Arc length on the requested path there", ("width_s",)
+    "width_error_s",
+    label="place of the width error",
+    unit="mm",
+    form=".1f",
+    meaning="Arc length on the requested path there",
+    path=("width_s",),
 )
 NOZZLE_SHIFT = Quantity[Losses](
     "nozzle_displaced",
-    "nozzle displaced",
-    "µm",
-    ".1f",
-    "Largest distance between the nozzle with the faults and without, square to the path",
-    ("shift",),
-    1e3,
+    label="nozzle displaced",
+    unit="µm",
+    form=".1f",
+    meaning="Largest distance between the nozzle with the faults and without, square to the path",
+    path=("shift",),
+    factor=1e3,
 )
 NOZZLE_SHIFT_PLACE = Quantity[Losses](
     "nozzle_displaced_s",
-    "place of the displacement",
-    "mm",
-    ".1f",
-    "Arc length on the requested path there",
-    ("shift_s",),
+    label="place of the displacement",
+    unit="mm",
+    form=".1f",
+    meaning="Arc length on the requested path there",
+    path=("shift_s",),
 )
 LOSSES = (MISSING_VOLUME, MISSING_LENGTH, WIDTH_ERROR, WIDTH_ERROR_PLACE, NOZZLE_SHIFT, NOZZLE_SHIFT_PLACE)
 

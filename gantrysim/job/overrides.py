@@ -15,7 +15,8 @@ from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.job.code import CONTROLLER, absolute_value
 from gantrysim.job.programs import dotted, keys
-from gantrysim.job.settings import ServoSettings, SimulationSettings, ToleranceSettings
+from gantrysim.job.settings import ServoSettings, SimulationSettings
+from gantrysim.job.tolerance import ToleranceSettings
 from gantrysim.machine.geometry import Geometry
 from gantrysim.machine.machine import builtin_models
 

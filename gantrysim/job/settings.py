@@ -1,16 +1,16 @@
-"""The tables [servo], [simulation] and [tolerance] of a job file."""
+"""The tables [servo] and [simulation] of a job file."""
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Mapping
-from inspect import Parameter, signature
 from typing import Any, Literal, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
 
 from gantrysim.job.programs import described
-from gantrysim.servo.gains import Parameter as Quantity
+from gantrysim.servo.gains import Parameter
 from gantrysim.servo.laws import ADDITIONS, BASES
 from gantrysim.servo.request import DERIVED
 from gantrysim.servo.servo import Servo
@@ -40,7 +40,7 @@ def smallest_machine(axes: tuple[str, ...]) -> str:
     return MACHINE
 
 
-STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
+STRICT: ConfigDict = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
 
 _Feedback = Literal["motor", "load", "none"]
 _Mode = Literal["torque", "velocity", "position", "stepper"]
@@ -70,24 +70,24 @@ def _keywords() -> dict[str, Any]:
     """Return type, default and meaning of the keywords of `Servo.derive`, from its signature and docstring."""
     hints = get_type_hints(Servo.derive)
     meanings = described(Servo.derive) | {"law": _NAMES_OF_LAWS}
-    parameters = signature(Servo.derive).parameters.values()
+    parameters = inspect.signature(Servo.derive).parameters.values()
     return {
         parameter.name: (
             _TYPES.get(parameter.name, hints[parameter.name]),
             _setting(_DEFAULTS.get(parameter.name, parameter.default), meanings[parameter.name].removesuffix(".")),
         )
         for parameter in parameters
-        if parameter.default is not Parameter.empty
+        if parameter.default is not inspect.Parameter.empty
     }
 
 
-def _given(quantity: Quantity) -> Any:
-    """Return type, default and meaning of a quantity of each axis that is derived unless it is given."""
-    unit = "mm or deg" if quantity.unit == "u" else quantity.unit.replace("u", "mm")
-    return PerAxis, _setting(None, f"{quantity.meaning} [{unit}]" if unit else quantity.meaning)
+def _given(parameter: Parameter) -> Any:
+    """Return type, default and meaning of a parameter of each axis that is derived unless it is given."""
+    unit = "mm or deg" if parameter.unit == "u" else parameter.unit.replace("u", "mm")
+    return PerAxis, _setting(None, f"{parameter.meaning} [{unit}]" if unit else parameter.meaning)
 
 
-_FIELDS = {**_keywords(), **{quantity.name: _given(quantity) for quantity in DERIVED}}
+_FIELDS = {**_keywords(), **{parameter.name: _given(parameter) for parameter in DERIVED}}
 _ServoSettings: Any = create_model("_ServoSettings", __config__=STRICT, **_FIELDS)
 
 
@@ -119,60 +119,3 @@ class SimulationSettings(BaseModel):
     physics_step: float | None = _setting(None, "longest physics step, by default the machine's own [s]")
     settle: float = _setting(0.25, "time for which the last position is held at the end [s]")
     allow_unstable: bool = _setting(False, "whether to run with a servo that is unstable on the machine")
-
-
-class ToleranceSettings(BaseModel):
-    """What a run must keep to be good enough; what is not given follows from machine, needle and bead."""
-
-    model_config = STRICT
-
-    path_max: float | None = Field(
-        default=None, gt=0, description="largest contour error, by default a tenth of the needle's outer diameter [mm]"
-    )
-    path_p95: float | None = Field(
-        default=None, gt=0, description="95th percentile of the contour error, by default half of `path_max` [mm]"
-    )
-    bead_width: float | None = Field(
-        default=None, gt=0, description="deviation of the bead's width from the nominal one, by default 10 [%]"
-    )
-    turn_clearance: float | None = Field(
-        default=None,
-        gt=0,
-        description="deviation of the gap or overlap between neighbouring turns from the requested value, by default "
-        "what `bead_width` and `path_max` allow together [mm]",
-    )
-    bead_ploughed: float | None = Field(
-        default=None,
-        ge=0,
-        description="length of bead that the needle later ploughs through, by default none [mm]",
-    )
-    start_length: float | None = Field(
-        default=None,
-        gt=0,
-        description="length at a start of the bead over which any width is allowed, by default the bead's width [mm]",
-    )
-    stop_length: float | None = Field(
-        default=None,
-        gt=0,
-        description="length at a stop of the bead over which any width is allowed, by default the bead's width [mm]",
-    )
-    least_gain_margin: float | None = Field(
-        default=None, gt=1, description="smallest gain margin of an axis, by default 1.5"
-    )
-    largest_sensitivity: float | None = Field(
-        default=None,
-        gt=1,
-        description="largest peak of |S| of an axis, by default 3, which guarantees a gain margin of 1.5",
-    )
-    torque_reserve: float | None = Field(
-        default=None,
-        ge=0,
-        lt=100,
-        description="percentage of an axis' torque limit that must remain unused, by default 10 [%]",
-    )
-    speed_reserve: float | None = Field(
-        default=None,
-        ge=0,
-        lt=100,
-        description="percentage of an axis' speed limit that must remain unused, by default 10 [%]",
-    )

@@ -97,70 +97,71 @@ ERRORS: tuple[Quantity[Budget], ...] = (
 
 REQUESTED_SPACING = Quantity[Budget](
     "requested_spacing",
-    "requested turn spacing",
-    "mm",
-    ".6g",
-    "Distance of neighbouring turns of the requested path",
-    ("analysis", "run", "requested", "turn_spacing"),
+    label="requested turn spacing",
+    unit="mm",
+    form=".6g",
+    meaning="Distance of neighbouring turns of the requested path",
+    path=("analysis", "run", "requested", "turn_spacing"),
 )
 SPACING = Quantity[Budget](
     "spacing",
-    "turn spacing",
-    "mm",
-    ".4f",
-    "Distance of neighbouring turns of the nozzle's trace, along the trace's normal",
-    (*_VALUES, "spacing"),
+    label="turn spacing",
+    unit="mm",
+    form=".4f",
+    meaning="Distance of neighbouring turns of the nozzle's trace, along the trace's normal",
+    path=(*_VALUES, "spacing"),
     statistics=RANGE,
 )
 SPEED = Quantity[Budget](
     "speed",
-    "path speed",
-    "mm/s",
-    ".2f",
-    "Speed of the nozzle over the work while the dispenser is on",
-    (*_VALUES, "speed"),
+    label="path speed",
+    unit="mm/s",
+    form=".2f",
+    meaning="Speed of the nozzle over the work while the dispenser is on",
+    path=(*_VALUES, "speed"),
     statistics=RANGE,
 )
 SPEED_RIPPLE = Quantity[Budget](
     "speed_ripple",
-    "speed ripple",
-    "",
-    ".4f",
-    "Standard deviation of the path speed over its mean, in the middle 90 % of the dispensing time",
-    ("analysis", "speed_ripple"),
+    label="speed ripple",
+    unit="",
+    form=".4f",
+    meaning="Standard deviation of the path speed over its mean, in the middle 90 % of the dispensing time",
+    path=("analysis", "speed_ripple"),
 )
 TORQUE_RIPPLE = Quantity[Any](
     "torque_ripple",
-    "torque ripple",
-    "N·m",
-    ".2g",
-    "Noise of the torque demand while the dispenser is on: rms change from tick to tick over the square root of 2",
-    ("torque_ripple",),
+    label="torque ripple",
+    unit="N·m",
+    form=".2g",
+    meaning="Noise of the torque demand while the dispenser is on: rms change from tick to tick over the square root "
+    "of 2",
+    path=("torque_ripple",),
 )
 PATH_LENGTH = Quantity[Budget](
     "path_length",
-    "path length",
-    "mm",
-    ".3f",
-    "Length of the commanded path while the dispenser is on",
-    (*_VALUES, "path_length"),
+    label="path length",
+    unit="mm",
+    form=".3f",
+    meaning="Length of the commanded path while the dispenser is on",
+    path=(*_VALUES, "path_length"),
 )
 DURATION = Quantity[Budget](
     "duration",
-    "duration",
-    "s",
-    ".3f",
-    "Time from the start of the run to the end of the commanded motion",
-    (*_VALUES, "duration"),
+    label="duration",
+    unit="s",
+    form=".3f",
+    meaning="Time from the start of the run to the end of the commanded motion",
+    path=(*_VALUES, "duration"),
 )
 END_POINT = tuple(
     Quantity[Budget](
         f"end_{coordinate}",
-        f"end point {coordinate}",
-        "mm",
-        ".4f",
-        f"Coordinate {coordinate} of the nozzle in the work frame at the end of the run",
-        (*_VALUES, "end_point", Item(k)),
+        label=f"end point {coordinate}",
+        unit="mm",
+        form=".4f",
+        meaning=f"Coordinate {coordinate} of the nozzle in the work frame at the end of the run",
+        path=(*_VALUES, "end_point", Item(k)),
     )
     for k, coordinate in enumerate("xyz")
 )

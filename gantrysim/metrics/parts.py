@@ -15,16 +15,32 @@ from gantrysim.metrics.analysis import ErrorSize, ErrorSpread
 CORNER = "corner"  # name of what belongs to no link
 
 # columns of the error budget's table, of `PartValues`
-ERROR = Quantity[Any]("", "", "µm", ".1f", "Error normal to the requested path", (), 1e3, PARTS)
+ERROR = Quantity[Any](
+    "",
+    label="",
+    unit="µm",
+    form=".1f",
+    meaning="Error normal to the requested path",
+    path=(),
+    factor=1e3,
+    statistics=PARTS,
+)
 PART_COLUMNS: tuple[Quantity[PartValues], ...] = ERROR.numbers
 PART_SIZES = PART_COLUMNS[:-1]  # without the share
 ERROR_SIZES: tuple[Quantity[ErrorSize], ...] = replace(ERROR, statistics=SIZES).numbers  # of an `ErrorSize`
 # where a part is largest
 PART_PLACE = (
     Quantity["PartValues"](
-        "s", "at s", "mm", ".1f", "Arc length on the requested path at the largest magnitude", ("s",)
+        "s",
+        label="at s",
+        unit="mm",
+        form=".1f",
+        meaning="Arc length on the requested path at the largest magnitude",
+        path=("s",),
     ),
-    Quantity["PartValues"]("time", "t", "s", ".3f", "Time of the largest magnitude", ("time",)),
+    Quantity["PartValues"](
+        "time", label="t", unit="s", form=".3f", meaning="Time of the largest magnitude", path=("time",)
+    ),
 )
 
 

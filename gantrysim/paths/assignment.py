@@ -17,8 +17,8 @@ _MOST_CHORDS = 1_000_000  # of the path
 _MOST_CELLS = 100_000_000  # of the dynamic program, a byte each
 
 
-class Curve(Protocol):
-    """A path, as far as an assignment needs it."""
+class SearchedPath(Protocol):
+    """A path on which feet are searched for: what an assignment needs of it."""
 
     @property
     def length(self) -> float:
@@ -35,7 +35,7 @@ class Curve(Protocol):
         """Project points onto stretches of the path, (2, n) [mm], about places, (n,) [mm]."""
 
 
-def assigned_progress(path: Curve, trace: Floats, between: Floats | None = None) -> Floats:
+def assigned_progress(path: SearchedPath, trace: Floats, between: Floats | None = None) -> Floats:
     """Return the progress of a trace along a path, (n,) [mm].
 
     Among all that never fall it is the one with the least sum of squared distances between the points of the trace and

@@ -108,14 +108,14 @@ class Projection:
     distance: Column[Floats] = Column()
 
 
-class Curve(Protocol):
-    """A path, as far as feet need it."""
+class SmoothPath(Protocol):
+    """A path with a frame everywhere: what feet need of it."""
 
     def local(self, s: Floats) -> Local:
         """Points and the path's frame at arc lengths."""
 
 
-def foot_between(path: Curve, p: Floats, low: Floats, high: Floats, guess: Floats) -> Projection:
+def foot_between(path: SmoothPath, p: Floats, low: Floats, high: Floats, guess: Floats) -> Projection:
     """Project points onto smooth parts of a path between two arc lengths, from a guess.
 
     Newton's method on g(s) = (c(s) - p).t(s) = 0, with g' = 1 + (c(s) - p).t'(s). A step beyond an end of the part

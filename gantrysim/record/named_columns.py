@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def _signal(attribute: str, label: str, unit: str, meaning: str) -> Quantity[Any]:
-    return Quantity(attribute, label, unit, ".6g", meaning, (attribute,))
+    return Quantity(attribute, label=label, unit=unit, form=".6g", meaning=meaning, path=(attribute,))
 
 
 TIME = _signal("time", "time", "s", "Time of the servo tick")

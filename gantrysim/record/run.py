@@ -1,9 +1,15 @@
-"""The record of a run: arrays with one row per servo tick, saved to and loaded from a file."""
+"""The record of a run: arrays with one row per servo tick, saved to and loaded from a file, and evaluated.
+
+The rooms that judge and draw a run lie above this one and import it. Loading a record must need nothing of them, nor of
+MuJoCo: a saved run is read on machines that only evaluate it. So each is imported where it is first used, as pandas
+imports the library that draws its plots. The contracts in pyproject.toml name these imports as exceptions.
+"""
 
 from __future__ import annotations
 
 import os
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,20 +21,27 @@ from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError, expanded
 from gantrysim.base.files import replaced
 from gantrysim.base.input_files import opened
+from gantrysim.base.progress import Progress
 from gantrysim.faults import InjectedFault
 from gantrysim.paths.path import Path
-from gantrysim.record.conveniences import Conveniences
 from gantrysim.record.named_columns import column, column_names, frame
 from gantrysim.record.run_file import Fault
 
 if TYPE_CHECKING:
+    import pathlib
+
     import pandas
+    from matplotlib.figure import Figure
+
+    from gantrysim.job.job import Job
+    from gantrysim.metrics.budget import Budget
+    from gantrysim.results.verdict import Verdict
 
 _LONGEST_REASON = 300  # characters of a damaged text
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Run(Conveniences, Shown):
+class Run(Shown):
     """The record of a run, one row per servo tick, at the time of its sample. All arrays are read-only.
 
     `run["encoder_x"]` is a column by its name in `columns`, with or without its unit; `len(run)` counts the ticks.
@@ -98,7 +111,7 @@ class Run(Conveniences, Shown):
     injected: tuple[InjectedFault, ...] = ()
     job_sha256: str = ""
     machine_sha256: str = ""
-    job: Any = None
+    job: Job | None = None
 
     def __post_init__(self) -> None:
         for name, value in list(vars(self).items()):
@@ -156,6 +169,98 @@ class Run(Conveniences, Shown):
             return str(self.verdict)
         except InputError as error:  # of a run without glue
             return f"no verdict: {error}"
+
+    @cached_property
+    def budget(self) -> Budget:
+        """The `Budget` of the contour error.
+
+        Raises:
+            InputError: the dispenser is never on.
+        """
+        from gantrysim.metrics.budget import Budget
+
+        return Budget(self)
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """The `Verdict`: path, glue, stability and machine against the job's tolerances.
+
+        Raises:
+            InputError: the run has no job, or its dispenser is never on.
+        """
+        job = self._job("verdict", "gantrysim.Verdict.of(job, run)")
+        from gantrysim.results.verdict import Verdict
+
+        return Verdict.of(job, self)
+
+    @property
+    def verdict_headline(self) -> str:
+        """The verdict in a line; empty where nothing can be judged: no glue, or no job whose code may run."""
+        is_judged = self.job is not None and (self.fault is not None or bool(self.dispense.any()))
+        try:
+            return self.verdict.headline if is_judged else ""
+        except InputError:  # a saved job that names code which may not run here: its loops are unknown
+            return ""
+
+    def plot(self) -> Figure:
+        """Return a matplotlib figure: the plan, coloured by the error, beside the error budget.
+
+        Raises:
+            InputError: the dispenser is never on.
+        """
+        from gantrysim.report.plots.overview import overview
+
+        return overview(self.budget)
+
+    def report(
+        self,
+        folder: str | os.PathLike[str],
+        *,
+        causes: bool = True,
+        improve: bool = True,
+        progress: Progress = None,
+    ) -> pathlib.Path | None:
+        """Write the files of `gantrysim run` without the film into a folder.
+
+        Args:
+            folder: to write to; files of an earlier run are replaced.
+            causes: whether to run the job again with one cause of error at a time switched off.
+            improve: whether to simulate what may improve the two worst rows of a verdict that is no pass.
+            progress: as in `simulate`.
+
+        Returns:
+            The path of report.html; None for a run that a fault ended before its dispenser was on, which has no page.
+
+        Raises:
+            InputError: the run has no job, or the folder cannot be written.
+        """
+        job = self._job("report", "run.replaced(job=job).report(folder)")
+        from gantrysim.remedy.report import changes_of
+        from gantrysim.report.writing import write_report
+
+        return write_report(job, self, folder, causes, changes_of if improve else None, progress)
+
+    def film(self, file: str | os.PathLike[str], **options: Any) -> int:
+        """Write a film of the run, MP4 or GIF, and return its number of frames.
+
+        Args:
+            file: to be written.
+            options: keywords of `gantrysim.render.save_video`.
+
+        Raises:
+            InputError: the run has no job, or as `gantrysim.render.save_video`.
+        """
+        job = self._job("film", "gantrysim.render.save_video(machine, run, file)")
+        from gantrysim.render import save_video
+
+        values: dict[str, Any] = {"bead": job.bead, "label": job.name, "verdict": self.verdict_headline, **options}
+        return save_video(job.built_machine, self, file, **values)
+
+    def _job(self, name: str, alternative: str) -> Job:
+        """Return the job, or raise InputError with what to write instead."""
+        if self.job is None:
+            raise InputError(f"run.{name}: the run has no job: write {alternative}")
+        return self.job
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a pandas DataFrame with a row per servo tick; `attrs` describe the run.

@@ -17,7 +17,6 @@ from gantrysim.glue.bead.sweep import Sweep
 from gantrysim.glue.bead.trace import BeadSettings, BeadTrace
 from gantrysim.record.run import Run
 from gantrysim.results.glue import BeadWidth
-from gantrysim.results.tolerance import Tolerance
 
 PLAIN = "plain"
 VERDICT = "verdict"
@@ -170,7 +169,7 @@ def usage_along(bead_trace: BeadTrace) -> Floats:
     if run.job is None:
         raise InputError("colour verdict: the run has no job, which gives the tolerances: use error or width")
     width = float(bead_trace.nominal_section.width[0]) if bead_trace.nominal > 0 else math.nan
-    tolerance = Tolerance.of(run.job, run.face, width)
+    tolerance = run.job.limits(run.face, width)
     usage = errors_along(bead_trace) / (_UM * tolerance.path_max)
     if bead_trace.nominal <= 0 or not run.dispense.any():
         return usage

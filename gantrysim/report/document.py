@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from numbers import Integral
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from gantrysim.base.errors import InputError
 from gantrysim.base.quantity import Quantity, number_text
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from gantrysim.report.plots.pictures import Plot
 
-    Drawing = Figure | Plot | Callable[[], Figure]
+    Drawing: TypeAlias = Figure | Plot | Callable[[], Figure]
 
 
 @dataclass(frozen=True)

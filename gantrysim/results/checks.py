@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 from gantrysim.base.quantity import Quantity, number_text
+from gantrysim.job.tolerance import Bound
 
 PASS = "pass"
 WARN = "warn"
@@ -58,22 +59,6 @@ class Place:
         """Return the place for JSON."""
         point = None if self.point is None else list(self.point)
         return {"axis": self.axis, "time_s": self.time, "point_mm": point, "program_line": self.line}
-
-
-class Bound(NamedTuple):
-    """Bound of a value.
-
-    Attributes:
-        name: of the limit, an attribute of `Tolerance`.
-        limit: in the API's unit.
-        source: "given" for a limit of the job, "default" for any other.
-        at_least: whether the value must be at least the limit, else at most.
-    """
-
-    name: str
-    limit: float
-    source: str
-    at_least: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,9 +12,9 @@ from gantrysim.base.quantity import contents
 from gantrysim.glue.bead import Bead, Ploughing
 from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.glue.bead.values import EXCESS_AT_STOP, MISSING_AT_START, excess_at_stop, missing_at_start
+from gantrysim.job.tolerance import Tolerance
 from gantrysim.results.checks import FAIL, UNJUDGED, WARN, Check, Place
 from gantrysim.results.row import Row
-from gantrysim.results.tolerance import Tolerance
 from gantrysim.results.verdict_quantities import (
     BEAD_WIDTH_ERROR,
     BLOBS,

@@ -19,12 +19,12 @@ from gantrysim.servo.stability.margin_quantities import MARGINS
 
 TORQUE_RIPPLE_PERCENT = Quantity[AxisLoop](
     "torque_ripple",
-    "relative torque ripple",
-    "%",
-    ".2f",
-    "Torque ripple over the peak torque of the motor",
-    ("torque_ripple_share",),
-    100.0,
+    label="relative torque ripple",
+    unit="%",
+    form=".2f",
+    meaning="Torque ripple over the peak torque of the motor",
+    path=("torque_ripple_share",),
+    factor=100.0,
 )
 
 

@@ -15,16 +15,16 @@ from gantrysim.job.job import Job
 from gantrysim.job.lines import program_lines
 from gantrysim.job.losses import happened, reached
 from gantrysim.job.steps import lost_steps
+from gantrysim.job.tolerance import DEFAULT, Bound, Tolerance
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.metrics.parts import PartValues
 from gantrysim.record.run import Run
-from gantrysim.results.checks import FAIL, PASS, SYMBOLS, UNJUDGED, WARN, Bound, Check, Place, worst
+from gantrysim.results.checks import FAIL, PASS, SYMBOLS, UNJUDGED, WARN, Check, Place, worst
 from gantrysim.results.glue import GLUE, glue_row
 from gantrysim.results.row import Row
-from gantrysim.results.tolerance import DEFAULT, Tolerance
 from gantrysim.results.verdict_quantities import SPEED_RESERVE, STEPS_LOST, TORQUE_RESERVE
 from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, SENSITIVITY
 from gantrysim.servo.stability.margins import Margins, margins_of
@@ -91,7 +91,7 @@ class Verdict(Shown):
         if budget.contradictions:
             return cls.of_contradictions(budget.contradictions)
         width = float(bead.nominal_section.width[0]) if bead.nominal > 0 else float("nan")
-        tolerance = Tolerance.of(job, run.face, width)
+        tolerance = job.limits(run.face, width)
         line_at = program_lines(job, len(run.time))
         place_at = _places(run, line_at)
         rows = (
@@ -207,7 +207,7 @@ def stability_row(job: Job, margins: tuple[Margins, ...] | None, tolerance: Tole
 
 def machine_verdict(job: Job, run: Run) -> Row:
     """Return the verdict on the drives of a complete run of a job, which needs neither budget nor bead."""
-    tolerance = Tolerance.of(job, run.face, float("nan"))
+    tolerance = job.limits(run.face)
     return machine_row(job, run, tolerance, _places(run, program_lines(job, len(run.time))))
 
 

@@ -8,66 +8,97 @@ from gantrysim.base.quantity import Quantity
 
 BEAD_WIDTH_ERROR = Quantity[Any](
     "bead_width_error",
-    "bead width error",
-    "%",
-    ".1f",
-    "Largest deviation of the bead's width from the nominal one, away from starts and stops",
-    (),
+    label="bead width error",
+    unit="%",
+    form=".1f",
+    meaning="Largest deviation of the bead's width from the nominal one, away from starts and stops",
+    path=(),
 )
 # of a `BeadWidth`
 WIDTH_SHARE = Quantity[Any](
     "width_out_of_tolerance",
-    "width out of tolerance",
-    "%",
-    ".1f",
-    "Share of the length between starts and stops whose width is out of tolerance",
-    ("share",),
-    100.0,
+    label="width out of tolerance",
+    unit="%",
+    form=".1f",
+    meaning="Share of the length between starts and stops whose width is out of tolerance",
+    path=("share",),
+    factor=100.0,
 )
-BLOBS = Quantity[Any]("blobs", "blobs", "", ".0f", "Number of contiguous stretches that are too wide", ("blobs",), 1)
-GAPS = Quantity[Any]("gaps", "gaps", "", ".0f", "Number of contiguous stretches that are too narrow", ("gaps",), 1)
+BLOBS = Quantity[Any](
+    "blobs",
+    label="blobs",
+    unit="",
+    form=".0f",
+    meaning="Number of contiguous stretches that are too wide",
+    path=("blobs",),
+    factor=1,
+)
+GAPS = Quantity[Any](
+    "gaps",
+    label="gaps",
+    unit="",
+    form=".0f",
+    meaning="Number of contiguous stretches that are too narrow",
+    path=("gaps",),
+    factor=1,
+)
 TURN_CLEARANCE_ERROR = Quantity[Any](
     "turn_clearance_error",
-    "clearance of turns off by",
-    "mm",
-    ".3f",
-    "Largest deviation of the clearance of neighbouring turns from the requested one",
-    (),
+    label="clearance of turns off by",
+    unit="mm",
+    form=".3f",
+    meaning="Largest deviation of the clearance of neighbouring turns from the requested one",
+    path=(),
 )
 # of a `Ploughing`
 PLOUGHED = Quantity[Any](
     "bead_ploughed",
-    "bead ploughed by the needle",
-    "mm",
-    ".1f",
-    "Length of bead that the needle has passed through after laying it, each piece counted once",
-    ("length",),
+    label="bead ploughed by the needle",
+    unit="mm",
+    form=".1f",
+    meaning="Length of bead that the needle has passed through after laying it, each piece counted once",
+    path=("length",),
 )
 PASSES = Quantity[Any](
     "passes_through_glue",
-    "passes through glue",
-    "",
-    ".0f",
-    "Number of passes of the needle through glue",
-    ("passes",),
-    1,
+    label="passes through glue",
+    unit="",
+    form=".0f",
+    meaning="Number of passes of the needle through glue",
+    path=("passes",),
+    factor=1,
 )
 PLOUGHED_DEPTH = Quantity[Any](
     "plough_depth",
-    "depth of the needle",
-    "mm",
-    ".2f",
-    "Greatest depth of the needle's face below the top of glue that it passes through",
-    ("depth",),
+    label="depth of the needle",
+    unit="mm",
+    form=".2f",
+    meaning="Greatest depth of the needle's face below the top of glue that it passes through",
+    path=("depth",),
 )
 TORQUE_RESERVE = Quantity[Any](
-    "torque_reserve", "torque reserve", "%", ".1f", "Share of an axis' torque limit that remains unused", ()
+    "torque_reserve",
+    label="torque reserve",
+    unit="%",
+    form=".1f",
+    meaning="Share of an axis' torque limit that remains unused",
+    path=(),
 )
 SPEED_RESERVE = Quantity[Any](
-    "speed_reserve", "speed reserve", "%", ".1f", "Share of an axis' speed limit that remains unused", ()
+    "speed_reserve",
+    label="speed reserve",
+    unit="%",
+    form=".1f",
+    meaning="Share of an axis' speed limit that remains unused",
+    path=(),
 )
 STEPS_LOST = Quantity[Any](
-    "full_steps_lost", "full steps lost", "", ".0f", "Largest distance of a stepper from its command, in full steps", ()
+    "full_steps_lost",
+    label="full steps lost",
+    unit="",
+    form=".0f",
+    meaning="Largest distance of a stepper from its command, in full steps",
+    path=(),
 )
 
 VERDICT_VALUES = (

@@ -33,13 +33,13 @@ ASPECTS = (PATH, GLUE, STABILITY, MACHINE)  # rows of a verdict, in its order
 # of the worst check of an aspect
 LIMIT_USE = Quantity[Any](
     "limit_use",
-    "largest use of a limit",
-    "%",
-    ".1f",
-    "Worst value of the verdict over its limit, or the limit over it where it must be at least that; above 100 % the "
-    "run fails",
-    (),
-    100.0,
+    label="largest use of a limit",
+    unit="%",
+    form=".1f",
+    meaning="Worst value of the verdict over its limit, or the limit over it where it must be at least that; above "
+    "100 % the run fails",
+    path=(),
+    factor=100.0,
 )
 
 Columns = dict[str, str | float | None]

@@ -20,10 +20,19 @@ from gantrysim.base.quantity import (
     number_text,
 )
 
-ERROR = Quantity("contour", "contour error", "µm", ".1f", "Distance", ("values", "contour"), 1e3, PARTS)
-LENGTH = Quantity("length", "length", "mm", ".3f", "Length", ("length",))
-RATIO = Quantity("ratio", "ratio", "", ".2f", "Ratio", ("ratio",))
-SHARE = Quantity("share", "share", "%", ".1f", "Share", ("share",), 100.0)
+ERROR = Quantity(
+    "contour",
+    label="contour error",
+    unit="µm",
+    form=".1f",
+    meaning="Distance",
+    path=("values", "contour"),
+    factor=1e3,
+    statistics=PARTS,
+)
+LENGTH = Quantity("length", label="length", unit="mm", form=".3f", meaning="Length", path=("length",))
+RATIO = Quantity("ratio", label="ratio", unit="", form=".2f", meaning="Ratio", path=("ratio",))
+SHARE = Quantity("share", label="share", unit="%", form=".1f", meaning="Share", path=("share",), factor=100.0)
 
 
 @pytest.mark.parametrize(
@@ -80,7 +89,7 @@ def test_infinite_numbers_are_symbols_and_null_in_json():
 
 @given(st.floats(-1e6, 1e6), st.sampled_from([0, 1, 3, 6]), st.sampled_from([1.0, 100.0, 1e3]))
 def test_text_and_number_read_back_are_the_value_as_rounded(value, decimals, factor):
-    quantity = Quantity("x", "x", "µm", f".{decimals}f", "X", (), factor)
+    quantity = Quantity("x", label="x", unit="µm", form=f".{decimals}f", meaning="X", path=(), factor=factor)
     half = 0.5 * 10.0**-decimals
     number = quantity.number(value)
     assert abs(float(number) - factor * value) <= half * (1 + 1e-6) + 1e-9 * abs(factor * value)
@@ -93,11 +102,11 @@ def test_text_and_number_read_back_are_the_value_as_rounded(value, decimals, fac
 def test_values_are_read_along_their_path():
     subject = SimpleNamespace(length=2.0, place=(1.0, 2.0), by_axis={"x": SimpleNamespace(rms=3.0, max=4.0)})
     assert LENGTH.get(subject) == 2.0
-    second = Quantity("y", "y", "mm", ".1f", "Y", ("place", Item(1)))
+    second = Quantity("y", label="y", unit="mm", form=".1f", meaning="Y", path=("place", Item(1)))
     assert second.get(subject) == 2.0
-    template = Quantity("following", "following error", "µm", ".1f", "F", (), 1e3, SIZES).by_axis(
-        ("by_axis", Item(AXIS))
-    )
+    template = Quantity(
+        "following", label="following error", unit="µm", form=".1f", meaning="F", path=(), factor=1e3, statistics=SIZES
+    ).by_axis(("by_axis", Item(AXIS)))
     axis = template.of_axis("x")
     assert axis.label == "following error x"
     assert contents((axis,), subject) == {"following_x_rms_um": 3e3, "following_x_max_um": 4e3}
@@ -114,7 +123,9 @@ def test_nothing_on_the_way_is_no_value():
 
 
 def test_a_range_has_its_statistics_in_order():
-    spacing = Quantity("spacing", "turn spacing", "mm", ".4f", "S", (), 1.0, RANGE)
+    spacing = Quantity(
+        "spacing", label="turn spacing", unit="mm", form=".4f", meaning="S", path=(), factor=1.0, statistics=RANGE
+    )
     values = SimpleNamespace(mean=1.0, std=2.0, min=3.0, max=4.0)
     assert contents((spacing,), values) == {
         "spacing_mean_mm": 1.0,

@@ -76,7 +76,7 @@ def test_checks_come_in_the_order_of_the_first_that_has_them():
 
 
 def value_of(*values, form=".2f"):
-    quantity = Quantity("size_mm", "size", "mm", form, "", lambda subject: subject)
+    quantity = Quantity("size_mm", label="size", unit="mm", form=form, meaning="", path=lambda subject: subject)
     return ValueChange("sizes", quantity, values)
 
 

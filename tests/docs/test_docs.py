@@ -16,7 +16,7 @@ import pytest
 import typer
 
 import gantrysim
-from gantrysim import Budget, Job, metrics
+from gantrysim import Job, metrics
 from gantrysim.cli.main import app
 from gantrysim.glue.bead import Bead
 from gantrysim.job.loading import builtin_jobs
@@ -26,7 +26,8 @@ from support.doc_pages import DOCS, ROOT, SHOWN, SHOWN_LEAST, assert_printed, bl
 from support.jobs import job_run
 
 PAGES = read_pages()
-README, TUTORIAL, CONTROLLERS = PAGES["README.md"], PAGES["tutorial.md"], PAGES["controllers.md"]
+README = PAGES["README.md"]
+CONTROLLERS = PAGES["controllers.md"]
 # jobs that show a language, without a picture
 EXAMPLES = ("linuxcnc-flanges", "slicer-square", "softmc-basic", "svg-gasket", "trio-basic")
 
@@ -94,47 +95,6 @@ def test_python_blocks_take_from_the_package_only_what_it_has():
     assert {(name, attribute) for name, attribute in taken if attribute not in gantrysim.__all__} == set()
 
 
-def test_the_budget_s_table_is_what_the_job_gives(an225):
-    budget = Budget(an225).values
-    for name, part in {**budget.parts, "contour": budget.contour}.items():
-        numbers = row_of(TUTORIAL, name)
-        assert numbers[:3] == in_um(part.rms, part.p95, part.max)
-        assert numbers[3] == pytest.approx(100 * part.share, abs=0.2)
-
-
-def test_the_turns_are_as_far_apart_as_the_tutorial_says(an225):
-    s = metrics.values(an225).spacing
-    text = " ".join(TUTORIAL.split())
-    found = re.search(r"turns are ([\d.]+) mm apart on average, ([\d.]+) mm at least and ([\d.]+) mm at most", text)
-    assert [1e3 * float(length) for length in found.groups()] == in_um(s.mean, s.min, s.max)
-
-
-def test_the_bead_is_what_the_job_gives(an225):
-    job = Job.load("an225")
-    bead = Bead(an225, job.bead)
-    values, text = bead.values, " ".join(TUTORIAL.split())
-    found = re.search(
-        r"lag: ([\d.]+) mm of bead are missing at the start, and the stop overruns by ([\d.]+) mm\. The bead holds "
-        r"([\d.]+) % more glue than requested \(([\d.]+) mm³\)\. The dispenser causes ([\d.]+) mm³ of it; the other "
-        r"([\d.]+) mm³ come from its fixed flow while the path speed ramps, ([\d.]+) mm³ of them at the end",
-        text,
-    )
-    numbers = [float(number) for number in found.groups()]
-    assert numbers[:3] == pytest.approx(
-        [values.missing_at_start.mean, values.excess_at_stop.mean, values.volume_error_percent], abs=0.01
-    )
-    assert numbers[3:6] == pytest.approx([values.volume_error, values.dispenser_error, values.ramp_error], abs=0.1)
-    slow = slice(len(an225.time) // 2, -1)
-    laid = bead.nominal * (bead.commanded_steps * an225.dispense[:-1])[slow].sum()
-    assert numbers[6] == pytest.approx(an225.flow_demand[slow].sum() * an225.period - laid, abs=1)
-    even = job.changed({"dispenser.flow": 0.0, "dispenser.area": 2.0})
-    assert Bead(even.follow(), even.bead).values.ramp_error == pytest.approx(0, abs=1e-6)
-    usual = bead.nominal_section  # the blob is twice as wide and high
-    assert bead.width.max() / usual.width[0] == pytest.approx(2, abs=0.25)
-    assert bead.height.max() / usual.height[0] == pytest.approx(2, abs=0.25)
-    assert values.overlap_share == 0
-
-
 @pytest.mark.parametrize(
     "settings",
     [
@@ -142,18 +102,15 @@ def test_the_bead_is_what_the_job_gives(an225):
         ["wait_resolution=0"],
         [],
         ["loop_period=0.01"],
-        ["loop_period=0.01", "wait_resolution=0"],
     ],
     ids=" ".join,
 )
-def test_each_limit_of_the_controller_costs_what_tutorial_and_readme_say(settings):
+def test_each_limit_of_the_controller_costs_what_the_readme_says(settings):
     program = metrics.values(Job.load("an225", settings).run()).program
     command = " ".join(f"--set {setting}" for setting in settings)
     cell = re.escape(f"`{command}` |" if command else "|")
-    for page in (TUTORIAL, README):
-        rms = re.search(rf"^\| [^|]+ \| ([\d.]+) µm \| {cell}$", page, flags=re.MULTILINE)
-        assert rms or page is README
-        assert rms is None or [float(rms[1])] == in_um(program.rms)
+    rms = re.search(rf"^\| [^|]+ \| ([\d.]+) µm \| {cell}$", README, flags=re.MULTILINE)
+    assert [float(rms[1])] == in_um(program.rms)
 
 
 def test_the_readme_s_errors_are_those_of_program_and_job(an225):
@@ -197,13 +154,6 @@ def test_each_fault_costs_what_its_page_says(an225):
             words, time = tripped.rsplit(" = ", 1)
             assert str(run.fault).startswith(words)
             assert run.fault.time == pytest.approx(float(time.removesuffix(" s")), abs=0.002)
-
-
-def test_the_tutorial_s_job_runs(tmp_path):
-    (tmp_path / "my-job.toml").write_text(blocks(TUTORIAL, "toml")[0], encoding="utf-8")
-    job = Job.load(tmp_path / "my-job.toml")
-    assert job.run().fault is None
-    assert job.built_servo.per_axis("velocity_ff") == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("name", PAGES)

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from gantrysim import InputError, Job, simulate
 from gantrysim.base.errors import GantryError
 from gantrysim.engine.started import Started
-from gantrysim.env import GainBanditEnv, GainBanditVectorEnv, Settings
+from gantrysim.env import GainBanditEnv, GainBanditSettings, GainBanditVectorEnv
 from gantrysim.env.episodes import TUNED_GAINS
-from gantrysim.env.observation import entries
+from gantrysim.env.gain_bandit import entries
 from gantrysim.env.settings import PathSettings
 from gantrysim.machine.tolerances import Tolerances
 from gantrysim.metrics.analysis import Analysis, path_speed, torque_ripple
@@ -392,8 +392,10 @@ def test_the_environments_are_registered():
 
 
 def test_the_settings_are_those_that_the_docstring_lists():
-    of_path, own = (re.findall(r"^        (\w+): ", kind.__doc__, re.MULTILINE) for kind in (PathSettings, Settings))
-    assert [*of_path[:-1], *own[:-1]] == list(Settings.model_fields)  # the last is the error raised
+    of_path, own = (
+        re.findall(r"^        (\w+): ", kind.__doc__, re.MULTILINE) for kind in (PathSettings, GainBanditSettings)
+    )
+    assert [*of_path[:-1], *own[:-1]] == list(GainBanditSettings.model_fields)  # the last is the error raised
 
 
 def test_wider_tolerances_change_the_machine(env):
@@ -452,12 +454,12 @@ def test_without_autoreset_a_finished_episode_must_be_reset():
 
 
 def test_settings_may_be_numpy_numbers_and_texts():
-    plain = Settings.of(
+    plain = GainBanditSettings.of(
         {"diameter": 100.0, "thickness": (6.0, 8.0), "spread": Tolerances(payload=1.0), "acceleration": 500.0}
     )
     other = {"diameter": np.float32(100), "thickness": ["6", 8], "spread": "payload=1", "acceleration": "500"}
-    assert Settings.of(other) == plain
-    assert Settings.of({"job": Path("out") / "job.toml"}).job == str(Path("out") / "job.toml")
+    assert GainBanditSettings.of(other) == plain
+    assert GainBanditSettings.of({"job": Path("out") / "job.toml"}).job == str(Path("out") / "job.toml")
 
 
 def test_an_interval_costs_less_than_a_fault():

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gantrysim.env import episode_batch
-from gantrysim.env.interval import PER_AXIS, SHARED, SPAN, measure
+from gantrysim.env.interval import AXIS_VALUES, PATH_VALUES, SPAN, measure
 from gantrysim.env.observation import IntervalValues
 from gantrysim.machine.row import ROW, Log
 from gantrysim.paths.arcs import ArcChain
@@ -36,13 +36,20 @@ def row_of(tips, log, ticks):
     return row, setpoints
 
 
-def span_of(path, progress, on, peak, values):
+def span_of(path, progress, on, peak, of_path, of_axes):
     """What is to be measured, with the addresses of arrays that are to be kept alive: these."""
     table = path.table
-    arrays = np.ascontiguousarray(on, bool), table.points, np.array(peak, float), values, table.s, progress
+    arrays = {
+        "dispense": np.ascontiguousarray(on, bool),
+        "points": table.points,
+        "peak": np.array(peak, float),
+        "path_values": of_path,
+        "axis_values": of_axes,
+        "s": table.s,
+        "progress": progress,
+    }
     span = np.zeros(1, SPAN)
-    names = ("dispense", "points", "peak", "values", "s", "progress")
-    for name, array in zip(names, arrays, strict=True):
+    for name, array in arrays.items():
         span[name] = array.ctypes.data
     span["count"], span["entries"], span["widest"] = len(on), len(table.s), table.widest
     return span, arrays
@@ -52,22 +59,25 @@ def measured(path, tips, progress, dispense=None, log=None, cuts=(), peak=(1.0, 
     """The values of one interval after the other, the totals after each, and the last foot."""
     log = log_of(tips) if log is None else log
     on = np.ones(len(tips), bool) if dispense is None else dispense
-    values = np.zeros(len(SHARED) + AXES * len(PER_AXIS))
-    span, _kept = span_of(path, np.array(progress, float), on, peak, values)
-    rows = []
+    of_path = np.zeros(1, PATH_VALUES)
+    of_axes = np.zeros((1, AXES), AXIS_VALUES)
+    span, _kept = span_of(path, np.array(progress, float), on, peak, of_path, of_axes)
+    values = []
     totals = []
     for last in (*cuts, len(tips)):
         row, _setpoints = row_of(tips, log, last)
         before = span["before"].copy()
         for _ in range(2):  # as an interval is measured again where its steps are taken back
-            values[:] = 7.0
+            of_path[:] = 7.0
+            of_axes[:] = 7.0
             measure(row.ctypes.data, span.ctypes.data)
         assert span["before"] == before
         assert span["after"]["tick"] == last
         span["before"] = span["after"]
-        rows.append(values.copy())
-        totals.append(span["after"]["total"][0].copy())
-    return IntervalValues.of(np.array(rows)), np.array(totals), int(span["after"]["foot"][0])
+        values.append((of_path.copy(), of_axes.copy()))
+        totals.append(span["after"].copy())
+    seen = IntervalValues.of(*map(np.concatenate, zip(*values, strict=True)))
+    return seen, np.concatenate(totals), int(span["after"]["foot"][0])
 
 
 def test_a_trace_nearer_to_the_next_turn_stays_on_its_own():
@@ -97,9 +107,9 @@ def test_with_the_dispenser_off_following_errors_count_and_contour_errors_do_not
     on[50:] = True
     log = log_of(tips, encoder=tips[:, :AXES] - [0.1, -0.2])
     seen, totals, _ = measured(line, tips, LINE, on, log=log, cuts=(50, 60))
-    assert totals[:, 0].tolist() == [0, 10, 51]
-    assert totals[:, 1] == pytest.approx(0.3**2 * totals[:, 0])
-    assert totals[:, 2] == pytest.approx([0.0, 0.3, 0.3])
+    assert totals["laid"].tolist() == [0, 10, 51]
+    assert totals["square"] == pytest.approx(0.3**2 * totals["laid"])
+    assert totals["largest"] == pytest.approx([0.0, 0.3, 0.3])
     assert seen.contour_rms == pytest.approx([0.0, 0.3, 0.3])
     assert seen.contour_max == pytest.approx([0.0, 0.3, 0.3])
     assert seen.lateral == pytest.approx([0.0, 0.3, 0.3])
@@ -125,7 +135,8 @@ def test_the_tick_of_a_divergence_counts_for_nothing():
     seen, after, _ = measured(line, tips, LINE)
     assert all(np.isfinite(values).all() for values in seen)
     assert all(map(np.array_equal, seen, whole))
-    assert np.array_equal(after, totals)
+    for name in ("laid", "square", "largest"):
+        assert np.array_equal(after[name], totals[name])
 
 
 def test_torque_use_and_ripple_of_given_demands():
@@ -153,7 +164,8 @@ def test_before_the_first_interval_nothing_is_measured():
     s = np.linspace(0, 15, 151)
     seen, totals, foot = measured(arc, arc.position(s), s, cuts=(0,))
     assert foot > 0
-    assert all(np.all(v[0] == 0) for v in (seen.contour_rms, seen.following_rms, seen.ripple, seen.speed, totals))
+    assert all(np.all(v[0] == 0) for v in (seen.contour_rms, seen.following_rms, seen.ripple, seen.speed))
+    assert [totals[name][0] for name in ("laid", "square", "largest")] == [0, 0, 0]
     assert seen.curvature[0] == pytest.approx(0.1, rel=1e-3)  # but where the path begins is known
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from gantrysim import InputError, Job, Machine
 from gantrysim.env import ServoTorqueEnv, SpiralTuningEnv, friction_compensation
-from gantrysim.env.friction import fit, model_torques
+from gantrysim.env.friction import SUMS, fit, model_torques
 from gantrysim.machine.row import Log
 
 from support.episodes import TORQUE, returned, same, seen
@@ -72,7 +72,8 @@ def test_the_level_is_that_of_weighted_least_squares(levels, tau, count):
     log.tick["setpoint"] = np.arange(count)
     sliding, moving, noise = random.normal(size=(3, count, 2))
     log.axis["demand"] = levels * sliding + moving + 0.1 * noise
-    forget, sums = math.exp(-PERIOD / tau), np.full((2, 2), 0.3)
+    forget = math.exp(-PERIOD / tau)
+    sums = np.full(2, 0.3, SUMS)
     half = count // 2
     for first, last in ((0, half), (half, count)):
         fit(log, (first, last), sliding, moving, forget, sums)
@@ -81,7 +82,7 @@ def test_the_level_is_that_of_weighted_least_squares(levels, tau, count):
         matrix = weight * np.append(np.sqrt(0.3), sliding[:, a])
         wanted = weight * np.append(np.sqrt(0.3), (log.axis["demand"] - moving)[:, a])
         level = np.linalg.lstsq(matrix[:, None], wanted, rcond=None)[0][0]
-        assert sums[a, 0] / sums[a, 1] == pytest.approx(level, rel=1e-6, abs=1e-9)
+        assert sums[a]["numerator"] / sums[a]["denominator"] == pytest.approx(level, rel=1e-6, abs=1e-9)
 
 
 def test_the_level_fitted_is_the_friction_of_the_machine_before_and_after_it_changes():

@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 from gantrysim import InputError, Machine
 from gantrysim.env import SpiralTuningEnv, gain_schedule
 from gantrysim.env.baselines import _stiffest
-from gantrysim.env.inertia import fit, ratios
+from gantrysim.env.inertia import SUMS, Decay, Motion, Nominal, fit, ratios
 from gantrysim.env.sensitivity import SensitivityTable
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.row import Log
@@ -140,30 +140,30 @@ def test_gains_stay_within_their_range():
 @settings(deadline=None, max_examples=20)
 def test_the_ratio_is_that_of_weighted_least_squares_of_filtered_torques(level, friction, tau, count):
     random = np.random.default_rng(count)
-    torques, motion = np.array([[17.0, 0.02], [24.0, 0.03]]), random.normal(size=(2, count, 2))
-    sliding, moved = motion
+    nominal = Nominal(inertia=np.array([17.0, 24.0]), viscous=np.array([0.02, 0.03]))
+    sliding, moved = random.normal(size=(2, count, 2))
     moved[count // 3 : count // 3 + 5] = 0.0  # at rest
     encoder = np.cumsum(np.cumsum(1e-3 * random.normal(size=(count, 2)), axis=0), axis=0)
-    inertia = torques[:, 0] * np.diff(encoder, 2, axis=0)
+    inertia = nominal.inertia * np.diff(encoder, 2, axis=0)
     log = Log.of(count, 2)
     log.tick["setpoint"], log.axis["encoder"] = np.arange(count), encoder
     about = slice(1, count - 1)
-    demand = level * inertia + friction * sliding[about] + torques[:, 1] * moved[about]
+    demand = level * inertia + friction * sliding[about] + nominal.viscous * moved[about]
     demand += 0.01 * random.normal(size=demand.shape)
     log.axis["demand"][:-2] = demand
-    smooth, forget, sums = 0.9, math.exp(-PERIOD / tau), np.zeros((2, 8))
-    prior = np.array([0.5, 0.0, 0.3, 0.5, 0.3])
-    sums[:, :5] = prior
+    smooth, forget, sums = 0.9, math.exp(-PERIOD / tau), np.zeros(2, SUMS)
+    for name, prior in (("JJ", 0.5), ("FF", 0.3), ("JD", 0.5), ("FD", 0.3)):
+        sums[name] = prior
     half = count // 2
     for first, last in ((0, half), (half, count)):
-        fit(log, (first, last), (sliding, moved), torques, (smooth, forget), sums)
+        fit(log, (first, last), Motion(sliding, moved), nominal, Decay(smooth, forget), sums)
     each, common = ratios(sums)
     rows, right = [], []
     for a in range(2):
         on = moved[about][:, a] != 0
         j, f, d = (
             lfilter([1 - smooth], [1, -smooth], x[on, a])
-            for x in (inertia, sliding[about], demand - torques[:, 1] * moved[about])
+            for x in (inertia, sliding[about], demand - nominal.viscous * moved[about])
         )
         weight = np.sqrt(forget ** np.arange(len(j) - 1, -1, -1.0))
         before = np.sqrt(forget ** len(j)) * np.sqrt([0.5, 0.3])

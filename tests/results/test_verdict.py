@@ -9,7 +9,7 @@ import pytest
 
 from gantrysim import Fault, InputError, Job, Tolerance, Verdict
 from gantrysim.glue.bead import Bead
-from gantrysim.job.settings import ToleranceSettings
+from gantrysim.job.tolerance import ToleranceSettings
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.results.checks import Check, Place
@@ -338,20 +338,20 @@ def test_a_place_says_what_is_known_of_it(place, text):
 
 
 def test_defaults_follow_from_needle_bead_and_encoder():
-    tolerance = Tolerance.from_settings(ToleranceSettings(), NEEDLE, [0.001], width=4.0)
+    tolerance = Tolerance.of(ToleranceSettings(), NEEDLE, [0.001], width=4.0)
     assert tolerance.path_max == pytest.approx(0.082)
     assert tolerance.path_p95 == pytest.approx(0.041)
     assert (tolerance.start_length, tolerance.stop_length) == (4.0, 4.0)
     assert tolerance.turn_clearance == pytest.approx(0.4 + 2 * 0.082)
     assert tolerance.sensitivity == pytest.approx(3.0)
     assert tolerance.given == frozenset()
-    coarse = Tolerance.from_settings(ToleranceSettings(), NEEDLE, [0.001, 0.1], width=4.0)
+    coarse = Tolerance.of(ToleranceSettings(), NEEDLE, [0.001, 0.1], width=4.0)
     assert coarse.path_max == pytest.approx(0.2)
 
 
 def test_given_limits_are_kept_in_the_job_and_said_to_be_given():
     job = line_job().overridden(["path_max=0.02", "tolerance.least_gain_margin=2"])
-    tolerance = Tolerance.of(Job.of_content(job.model_dump(exclude_none=True), "job"), NEEDLE, 4.0)
+    tolerance = Job.of_content(job.model_dump(exclude_none=True), "job").limits(NEEDLE, 4.0)
     assert (tolerance.path_max, tolerance.path_p95, tolerance.gain_margin) == (0.02, 0.01, 2.0)
     assert tolerance.sensitivity == pytest.approx(2.0)
     assert tolerance.given == {"path_max", "gain_margin"}

@@ -51,21 +51,22 @@ LADDER = (
 # values of a row besides those of every case
 FOLLOWING_TOGETHER = Quantity[Any](
     "following_rms",
-    "following error, rms",
-    "µm",
-    ".3g",
-    "Commanded less encoder position of the linear axes together, or of all where none is linear: root mean square",
-    (),
-    1e3,
+    label="following error, rms",
+    unit="µm",
+    form=".3g",
+    meaning="Commanded less encoder position of the linear axes together, or of all where none is linear: root mean "
+    "square",
+    path=(),
+    factor=1e3,
 )
 REVERSAL = Quantity[Any](
     "reversal_max",
-    "largest after a reversal",
-    "µm",
-    ".3g",
-    "Largest following error of an axis within 0.1 s after it reverses",
-    (),
-    1e3,
+    label="largest after a reversal",
+    unit="µm",
+    form=".3g",
+    meaning="Largest following error of an axis within 0.1 s after it reverses",
+    path=(),
+    factor=1e3,
 )
 REPEATS = (1, 2, 3, 5, 10)  # of learning
 NOMINAL = "nominal"
