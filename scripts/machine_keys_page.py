@@ -6,9 +6,10 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from gantrysim.machine.design.accuracy import SCREWS
 from gantrysim.machine.design.library import AcServo, Motor, counts_of, encoder_names, motor_names, motor_of
 from gantrysim.machine.design.table import Drive, Guides, MachineTable, Masses, Slide
-from gantrysim.machine.design.transmission import SCREWS, Belt, Rack, Screw
+from gantrysim.machine.design.transmission import Belt, Rack, Screw
 from gantrysim.machine.design.urdf_table import UrdfAxis, UrdfNozzle, UrdfTable
 
 PAGE = Path(__file__).parent.parent / "docs" / "machine-keys.md"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from gantrysim.base.errors import InputError, at_least, between, unknown
-from gantrysim.machine.design.transmission import SCREWS
+from gantrysim.machine.design.accuracy import SCREWS
 
 _UM = 1e-3
 PerAxis = float | tuple[float, ...]
