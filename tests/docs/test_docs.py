@@ -22,13 +22,13 @@ from gantrysim.glue.bead import Bead
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.losses import Losses
 
-from support.doc_pages import DOCS, ROOT, SHOWN, SHOWN_LEAST, assert_printed, blocks, examples, read_pages
+from support.doc_pages import DOCS, ROOT, SHOWN, SHOWN_LEAST, assert_printed, blocks, blocks_of, read_pages, run_in_turn
 from support.jobs import job_run
 
 PAGES = read_pages()
 README, TUTORIAL, CONTROLLERS = PAGES["README.md"], PAGES["tutorial.md"], PAGES["controllers.md"]
 # jobs that show a language, without a picture
-EXAMPLES = ("linuxcnc-flanges", "slicer-square", "softmc-basic", "svg-gasket", "trio-basic")
+WITHOUT_PICTURE = ("linuxcnc-flanges", "slicer-square", "softmc-basic", "svg-gasket", "trio-basic")
 
 
 def row_of(page, *cells):
@@ -57,24 +57,20 @@ def shortened(code):
     return code
 
 
-# those of start and how-to run in test_pages_run.py, in one folder a page
-EXAMPLES_OF_PAGES = [
-    (name, block, "\n".join(part.text for part in parts))
-    for name in PAGES
+# those of start and how-to run in test_pages_run.py, with the commands between them
+EXAMPLES = {
+    name: [block for block in blocks_of(page) if block.language == "python" and not block.title]
+    for name, page in PAGES.items()
     if not name.startswith(("start/", "how-to/"))
-    for block, parts in examples(PAGES[name])
-]
+}
 
 
-@pytest.mark.parametrize(
-    ("block", "code"),
-    [example[1:] for example in EXAMPLES_OF_PAGES],
-    ids=[f"{name}-{number}" for number, (name, *_) in enumerate(EXAMPLES_OF_PAGES)],
-)
-def test_python_blocks_run_in_a_fresh_process(block, code, fresh, tmp_path):
-    done = fresh.run(f"{shortened(code)}\nassert 'run' not in globals() or run.fault is None\n", tmp_path)
-    assert (done.status, done.error) == (0, "")
-    assert_printed(block.output, done.output)
+@pytest.mark.parametrize("name", [name for name, examples in EXAMPLES.items() if examples])
+def test_the_python_blocks_of_a_page_run_in_a_fresh_process(name, fresh, tmp_path):
+    steps = [("python", shortened(block.text)) for block in EXAMPLES[name]]
+    for block, printed in zip(EXAMPLES[name], run_in_turn(fresh, tmp_path, steps), strict=True):
+        assert printed.error == "", block.text
+        assert_printed(block.output, printed.output)
 
 
 def test_what_is_shortened_stands_on_a_page():
@@ -173,7 +169,7 @@ def test_the_jobs_table_is_what_the_jobs_give(name):
     assert row[:2] == in_um(values.contour.rms, values.contour.max)
     spacings = [] if values.spacing is None else [values.spacing.mean]
     assert [1e3 * spacing for spacing in row[2:]] == in_um(*spacings)
-    assert name == "an225" or name in EXAMPLES or f"pictures/{name}.png" in CONTROLLERS
+    assert name == "an225" or name in WITHOUT_PICTURE or f"pictures/{name}.png" in CONTROLLERS
 
 
 def test_each_fault_costs_what_its_page_says(an225):
