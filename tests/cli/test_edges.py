@@ -106,7 +106,7 @@ def test_a_users_matplotlibrc_does_not_change_the_plots():
 def test_no_number_of_a_study_is_cut_in_a_narrow_terminal(monkeypatch, capsys, columns):
     heads = [f"quantity {k} of many" for k in range(12)]
     rows = [[f"{1000 * a + k + 0.125:.3f}" for k in range(12)] for a in range(3)]
-    monkeypatch.setattr(terminal._output, "_width", columns)
+    monkeypatch.setenv("COLUMNS", str(columns))
     terminal.show(study._terminal_table(Table(heads, rows)))
     shown = capsys.readouterr().out
     words = shown.split()

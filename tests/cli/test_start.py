@@ -34,8 +34,7 @@ sys.meta_path.insert(0, Raised())
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-@pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(("command", "number"), [("script", signal.SIGINT), ("module", signal.SIGTERM)])
 @pytest.mark.parametrize(
     "module", ["lazy_loader", "gantrysim.cli.start", "gantrysim.cli.main", "numpy", "datetime", "typer", "pydantic"]
 )

@@ -293,7 +293,7 @@ RATIOS = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("keys", [("import_time",), pytest.param((), marks=pytest.mark.soak)])
+@pytest.mark.parametrize("keys", [("setpoints",), pytest.param((), marks=pytest.mark.soak)])
 def test_the_benchmark_prints_what_it_is_asked_for(keys):
     command = [sys.executable, ROOT / "scripts" / "benchmark.py", "--json", "--rounds", "1", *keys]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -302,17 +302,23 @@ def test_the_benchmark_prints_what_it_is_asked_for(keys):
     assert min(ratios.values()) > 0
 
 
-LONG_BENCHMARKS = {"frame_growth", "frame_cost", "bead_cost", "first_run", "verdict", "page", "film"}
+LONG_BENCHMARKS = {
+    "import_time",
+    "vector_env",
+    "frame_growth",
+    "frame_cost",
+    "bead_cost",
+    "first_run",
+    "verdict",
+    "page",
+    "film",
+}
 
 
 @pytest.mark.filterwarnings("ignore::glfw.GLFWError")  # MuJoCo's renderer tries it before what needs no display
 @pytest.mark.parametrize(
     "key",
-    [
-        pytest.param(key, marks=pytest.mark.soak if key in LONG_BENCHMARKS else ())
-        for key in RATIOS
-        if key != "import_time"
-    ],
+    [pytest.param(key, marks=pytest.mark.soak if key in LONG_BENCHMARKS else ()) for key in RATIOS],
 )
 def test_every_benchmark_gives_a_ratio(key, monkeypatch):
     """With few simulations side by side, and of one job."""

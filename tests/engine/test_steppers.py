@@ -368,9 +368,10 @@ def test_the_budget_has_lost_steps_where_the_servo_sees_them(spiral):
         run = job.run()
         (lost,) = lost_steps(job.built_machine, job.built_servo, run)
         assert lost.axis == "x"
-        told = [note for note in summary(RunResults(job, job.built_machine, Budget(run)))["notes"] if "lost" in note]
+        budget = Budget(run)
+        told = [note for note in summary(RunResults(job, job.built_machine, budget))["notes"] if "lost" in note]
         assert told == [str(lost)]
-        parts = Budget(run).values.parts
+        parts = budget.values.parts
         other = {"encoder": "servo", "servo": "encoder"}[link]
         assert parts[link].max > 0.1 > parts[other].max
 

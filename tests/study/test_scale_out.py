@@ -281,5 +281,5 @@ def test_a_cluster_without_workers_and_a_lost_scheduler_are_errors(cluster, job,
     log.emit = logged.append
     monkeypatch.setattr(logging.getLogger("distributed.client"), "handlers", [log])
     with on(cluster), pytest.raises(WorkerError, match=f"^lost the scheduler at {cluster.address}$"):
-        rows_of(cases_of(job), progress=end)
+        rows_of(cases_of(job), measure=where, progress=end)
     assert logged == []  # the error says it
