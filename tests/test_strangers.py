@@ -90,9 +90,15 @@ flow = 100
 """
 COMMANDS = [line.partition("#")[0].strip() for line in PAGE.split("```")[1].strip().splitlines()]
 # what stands in the page's commands, and in ours instead
-OURS = {"an225": "my-job.toml", "fanuc-spiral": "my-job.toml", "out/an225": "out/mine"}
+OURS = {
+    "an225": "my-job.toml",
+    "fanuc-spiral": "my-job.toml",
+    "softmc-helical": "my-job.toml",
+    "trio-basic": "my-job.toml",
+    "out/an225": "out/mine",
+}
 QUICK = {
-    "gantrysim run trio-basic --repeat 16": "--no-video --no-report --no-improve",
+    "gantrysim run trio-basic --repeat 16": "--repeat 3 --no-video --no-report --no-improve",
     "gantrysim run": "--set turns=1 --no-video --no-report --no-improve",
     "gantrysim run an225 --set loop_period=0.01 --set speed=150 --out out/fast": "--no-video --no-report --no-improve",
     "gantrysim run my-job.toml --machine my-machine.xml": "--no-video --no-improve",
