@@ -550,14 +550,15 @@ def test_a_drawing_that_fails_costs_its_plot_and_the_page(gantrysim_command, tmp
     assert sorted(p.stem for p in (tmp_path / "plots").iterdir()) == ["bead", "budget", "plan", "spacing"]
 
 
-def test_sections_that_fail_cost_the_page_alone(gantrysim_command, tmp_path, monkeypatch):
+@pytest.mark.parametrize("place", ["bead_section", "draw_page"])
+def test_a_page_that_fails_costs_nothing_else(gantrysim_command, tmp_path, monkeypatch, place):
     def broken(*_, **__):
         raise ValueError("no numbers")
 
-    monkeypatch.setattr("gantrysim.report.page.bead_section", broken)
-    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
+    monkeypatch.setattr(f"gantrysim.report.page.{place}", broken)
+    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path, *SHORT, "--set", "turns=1")
     assert (status, errors) == (1, "error: no report: ValueError: no numbers\n")
-    assert len(list((tmp_path / "plots").iterdir())) == 5
+    assert len(list((tmp_path / "plots").iterdir())) == 4
 
 
 def test_without_an_encoder_a_run_lacks_its_video_alone(gantrysim_command, tmp_path, monkeypatch):
