@@ -29,7 +29,7 @@ from gantrysim.paths.arcs import ArcChain
 
 from support.fresh import FreshProcesses
 
-settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("any machine", max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 
 RIGID = """

@@ -163,6 +163,7 @@ def begun(folder, file, rows):
     return process
 
 
+@pytest.mark.soak
 def test_ctrl_c_keeps_the_runs_and_the_same_command_resumes(gantrysim_command, tmp_path, file):
     folder = tmp_path / "tune"
     process = begun(folder, file, 2)
