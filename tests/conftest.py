@@ -13,6 +13,8 @@ from hypothesis import HealthCheck, settings
 # Before NumPy and SciPy are loaded, here and in processes of the tests: their matrices are small, and threads that wait
 # for one another on busy cores take a hundred times as long as one alone.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# else the command's console would keep to that width, whatever a test sets
+os.environ.pop("COLUMNS", None)
 
 # A job in the background of a shell begins with Ctrl-C ignored, one of nohup with SIGHUP. The command respects that,
 # but its tests need the signals.
@@ -27,7 +29,7 @@ from gantrysim.paths.arcs import ArcChain
 
 from support.fresh import FreshProcesses
 
-settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("any machine", max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 
 RIGID = """

@@ -8,7 +8,7 @@ import pytest
 FOLDER = Path(__file__).parent.parent / "examples"
 LONGEST = 60  # lines
 SHORTER = {
-    "tune_and_export.py": {"BUDGET = 60": "BUDGET = 24", "robust=2, unseen=4": "robust=0, unseen=0"},
+    "tune_and_export.py": {"BUDGET = 60": "BUDGET = 12", "robust=2, unseen=4": "robust=0, unseen=0"},
     "train_agent.py": {"DECISIONS = 16_384": "DECISIONS = 1024", "EPISODES = 20": "EPISODES = 1"},
     "loop_resolution.py": {"(1.0, 0.5, 0.2, 0.1, 0.05, 0.02)": "(0.5, 0.1, 0.05)"},
 }

@@ -73,15 +73,16 @@ class Uses(ast.NodeVisitor):
 
     def visit_Attribute(self, node):
         self.generic_visit(node)
-        text = ast.unparse(node)[-60:]
         base = node.value
         is_foreign = root_of(base) in self.foreign
         is_own_object = (isinstance(base, ast.Name) and base.id in ("self", "cls")) or is_super(base)
         is_other = is_private(node.attr) and not is_own_object and (is_foreign or node.attr not in self.own)
         is_reach = node.attr in REACHES and (is_foreign or node.attr == "in_dll")
-        if is_other or is_reach or (node.attr in COLLECTION and ast.unparse(base) == "gc"):
-            self.note(node, text)
+        is_collection = node.attr in COLLECTION and isinstance(base, ast.Name) and base.id == "gc"
+        if is_other or is_reach or is_collection:
+            self.note(node, ast.unparse(node)[-60:])
         elif isinstance(node.ctx, ast.Store):
+            text = ast.unparse(node)[-60:]
             is_planted = is_foreign and isinstance(base, ast.Name) and text not in SET
             if node.attr == "__class__" or is_planted:
                 self.note(node, f"{text} =")

@@ -1,4 +1,4 @@
-"""What a stranger does first, each in a fresh process that has imported nothing of gantrysim before."""
+"""What a stranger does first, in fresh processes that have imported nothing of gantrysim before."""
 
 import dataclasses
 import os
@@ -16,6 +16,8 @@ from gantrysim.identify.log import Log
 from gantrysim.identify.plan import excitation
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.record.setpoints import Setpoints
+
+from support.doc_pages import run_in_turn
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "command.md").read_text(encoding="utf-8")
@@ -90,9 +92,15 @@ flow = 100
 """
 COMMANDS = [line.partition("#")[0].strip() for line in PAGE.split("```")[1].strip().splitlines()]
 # what stands in the page's commands, and in ours instead
-OURS = {"an225": "my-job.toml", "fanuc-spiral": "my-job.toml", "out/an225": "out/mine"}
+OURS = {
+    "an225": "my-job.toml",
+    "fanuc-spiral": "my-job.toml",
+    "softmc-helical": "my-job.toml",
+    "trio-basic": "my-job.toml",
+    "out/an225": "out/mine",
+}
 QUICK = {
-    "gantrysim run trio-basic --repeat 16": "--no-video --no-report --no-improve",
+    "gantrysim run trio-basic --repeat 16": "--repeat 3 --no-video --no-report --no-improve",
     "gantrysim run": "--set turns=1 --no-video --no-report --no-improve",
     "gantrysim run an225 --set loop_period=0.01 --set speed=150 --out out/fast": "--no-video --no-report --no-improve",
     "gantrysim run my-job.toml --machine my-machine.xml": "--no-video --no-improve",
@@ -128,11 +136,29 @@ def folder(fresh, tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("line", COMMANDS)
-def test_the_page_s_commands_on_files_of_one_s_own(fresh, folder, line):
-    words = [OURS.get(word, word) for word in shlex.split(line)[1:]]
-    done = fresh.command(folder, *words, *QUICK.get(line, "").split())
-    if words[0] == "view" and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
+def ours(line):
+    """The words of a line of the page, behind the name of the program, for files of one's own."""
+    return [*(OURS.get(word, word) for word in shlex.split(line)[1:]), *QUICK.get(line, "").split()]
+
+
+VIEW = "gantrysim view out/an225"
+
+
+def test_the_page_s_commands_on_files_of_one_s_own(fresh, folder):
+    lines = [line for line in COMMANDS if line != VIEW]
+    assert len(lines) == len(COMMANDS) - 1
+    done = run_in_turn(fresh, folder, [("command", *ours(line)) for line in lines])
+    for line, printed in zip(lines, done, strict=True):
+        assert printed.error == "", line
+        assert printed.output, line
+
+
+@pytest.mark.parametrize(
+    "line", [line if line == VIEW else pytest.param(line, marks=pytest.mark.soak) for line in COMMANDS]
+)
+def test_each_of_the_page_s_commands_in_a_process_of_its_own(fresh, folder, line):
+    done = fresh.command(folder, *ours(line))
+    if line == VIEW and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
         assert (done.status, done.output) == (2, "")
         assert re.fullmatch(r"error: cannot open a window: .*\n", done.error)
         return

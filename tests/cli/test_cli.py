@@ -3,6 +3,7 @@
 import contextlib
 import ctypes
 import dataclasses
+import io
 import json
 import math
 import os
@@ -54,20 +55,26 @@ QUICK = [*SHORT, "--no-report"]
 
 
 @pytest.fixture(scope="module")
-def reported(tmp_path_factory):
-    """The folder of a run with plots and report."""
-    out = tmp_path_factory.mktemp("reported") / "out"
-    with pytest.MonkeyPatch.context() as patch:
+def run_with_report(tmp_path_factory):
+    """A run with plots and report: its folder, and what the command printed."""
+    out = tmp_path_factory.mktemp("reported") / "deep" / "out"
+    printed = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(printed):
         patch.setattr(sys, "argv", ["gantrysim", "run", "an225", "--out", str(out), *SHORT])
-        with contextlib.suppress(SystemExit):
+        with pytest.raises(SystemExit) as ended:
             main()
-    return out
+    assert not ended.value.code
+    return out, printed.getvalue()
 
 
-def test_a_run_writes_job_record_plots_and_summary(gantrysim_command, tmp_path):
-    out = tmp_path / "deep" / "out"
-    status, printed, _ = gantrysim_command("run", "an225", "--out", out, *SHORT)
-    assert status == 0
+@pytest.fixture
+def reported(run_with_report):
+    """The folder of a run with plots and report."""
+    return run_with_report[0]
+
+
+def test_a_run_writes_job_record_plots_and_summary(run_with_report):
+    out, printed = run_with_report
     assert sorted(p.name for p in out.iterdir()) == ["job.toml", "plots", "report.html", "run.npz", "summary.json"]
     drawn = ["bead.png", "budget.png", "error.png", "plan.png", "spacing.png"]
     assert sorted(p.name for p in (out / "plots").iterdir()) == drawn
@@ -303,7 +310,7 @@ def test_a_run_interrupted_while_it_simulates_writes_nothing(gantrysim_command, 
 
 @pytest.mark.parametrize("place", ["gantrysim.cli.evaluation.links_table", "gantrysim.report.plots.save_plots"])
 def test_a_run_interrupted_once_it_is_complete_keeps_record_and_summary(
-    gantrysim_command, tmp_path, monkeypatch, place
+    gantrysim_command, reported, tmp_path, monkeypatch, place
 ):
     """Before the first table, and while what is drawn is written; files of an earlier run do not stay beside them."""
 
@@ -311,16 +318,16 @@ def test_a_run_interrupted_once_it_is_complete_keeps_record_and_summary(
         signal.raise_signal(signal.SIGINT)
 
     out = tmp_path / "out"
-    assert gantrysim_command("run", "an225", "--out", out, *SHORT, "--set", "feedforward=0.5")[0] == 0
+    shutil.copytree(reported, out)
     assert (out / "report.html").exists()
-    assert "feedforward = 0.5" in (out / "job.toml").read_text()
+    assert "feedforward = 1.0" in (out / "job.toml").read_text()
     monkeypatch.setattr(place, interrupted)
-    status, printed, errors = gantrysim_command("run", "an225", "--out", out, *SHORT)
+    status, printed, errors = gantrysim_command("run", "an225", "--out", out, *SHORT, "--set", "feedforward=0.5")
     assert status == 130
     assert errors == f"interrupted: the run is complete, its record and summary are in {out}/\n"
     assert "written to" not in printed
     assert sorted(item.name for item in out.iterdir()) == ["job.toml", "run.npz", "summary.json"]
-    assert "feedforward = 1.0" in (out / "job.toml").read_text()
+    assert "feedforward = 0.5" in (out / "job.toml").read_text()
     assert SavedRun.load(out).run.dispense.any()
 
 
@@ -334,20 +341,21 @@ def test_an_interrupt_that_became_another_error_ends_the_run(gantrysim_command, 
             signal.raise_signal(number)
 
     function = ctypes.PYFUNCTYPE(None, Argument)(lambda _: None)
-    monkeypatch.setattr("gantrysim.report.plots.save_plots", lambda *_, **__: function(1))
-    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)
+    monkeypatch.setattr("gantrysim.render.save_video", lambda *_, **__: function(1))
+    arguments = [word for word in QUICK if word != "--no-video"]
+    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path / "out", *arguments)
     said = f"interrupted: the run is complete, its record and summary are in {tmp_path / 'out'}/\n"
     assert (status, errors) == (128 + number, said)
 
 
 def test_a_lost_interrupt_ends_the_next_step(gantrysim_command, tmp_path, monkeypatch):
-    def lost(*_, progress, **__):
+    def lost(sections, folder, progress):
         with contextlib.suppress(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         progress(0.5)
         pytest.fail("went on")
 
-    monkeypatch.setattr("gantrysim.report.plots.save_plots", lost)
+    monkeypatch.setattr("gantrysim.report.figures.figures_ahead", lost)
     assert gantrysim_command("run", "an225", "--out", tmp_path / "out", *SHORT)[0] == 130
 
 
@@ -542,14 +550,15 @@ def test_a_drawing_that_fails_costs_its_plot_and_the_page(gantrysim_command, tmp
     assert sorted(p.stem for p in (tmp_path / "plots").iterdir()) == ["bead", "budget", "plan", "spacing"]
 
 
-def test_sections_that_fail_cost_the_page_alone(gantrysim_command, tmp_path, monkeypatch):
+@pytest.mark.parametrize("place", ["bead_section", "draw_page"])
+def test_a_page_that_fails_costs_nothing_else(gantrysim_command, tmp_path, monkeypatch, place):
     def broken(*_, **__):
         raise ValueError("no numbers")
 
-    monkeypatch.setattr("gantrysim.report.page.bead_section", broken)
-    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path, *SHORT)
+    monkeypatch.setattr(f"gantrysim.report.page.{place}", broken)
+    status, _, errors = gantrysim_command("run", "an225", "--out", tmp_path, *SHORT, "--set", "turns=1")
     assert (status, errors) == (1, "error: no report: ValueError: no numbers\n")
-    assert len(list((tmp_path / "plots").iterdir())) == 5
+    assert len(list((tmp_path / "plots").iterdir())) == 4
 
 
 def test_without_an_encoder_a_run_lacks_its_video_alone(gantrysim_command, tmp_path, monkeypatch):
@@ -587,9 +596,9 @@ def test_names_with_markup_are_printed_as_they_are(gantrysim_command, tmp_path):
 
 
 def test_a_machine_without_cameras_gets_a_video(gantrysim_command, tmp_path, rigid):
-    arguments = [word for word in SHORT if word != "--no-video"]
+    arguments = [*(word for word in QUICK if word != "--no-video"), "--set", "turns=1", "--set", "speed=200"]
     status, _, errors = gantrysim_command(
-        "run", "an225", "--out", tmp_path / "out", "--model", rigid().source, *arguments, "--no-report"
+        "run", "an225", "--out", tmp_path / "out", "--model", rigid().source, *arguments
     )
     assert (status, errors) == (0, "")
     assert (tmp_path / "out" / "video.mp4").stat().st_size > 1000

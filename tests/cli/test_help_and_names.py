@@ -7,7 +7,6 @@ import typer.main
 from typer.core import TyperGroup
 
 from gantrysim import InputError, Job
-from gantrysim.cli import terminal
 from gantrysim.cli.main import app
 from gantrysim.job.key_list import sections
 from gantrysim.job.loading import builtin_jobs
@@ -66,7 +65,7 @@ def test_an_unknown_key_has_the_three_nearest_and_where_all_are(tmp_path):
 
 @pytest.fixture
 def wide(monkeypatch):
-    monkeypatch.setattr(terminal._output, "width", 160)
+    monkeypatch.setenv("COLUMNS", "160")
 
 
 NAMES = {

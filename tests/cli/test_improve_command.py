@@ -31,7 +31,7 @@ def letters(text):
 
 def test_the_written_job_runs_to_the_promised_verdict(gantrysim_command, monkeypatch, tmp_path, file):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(terminal._output, "width", 200)
+    monkeypatch.setenv("COLUMNS", "200")
     status, printed, said = gantrysim_command("improve", file, *QUICK, "--apply", "better.toml", "--out", "compared")
     assert (status, said) == (0, "")
     before, _, after = printed.partition("levers, each simulated alone")

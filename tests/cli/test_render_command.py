@@ -231,23 +231,22 @@ def test_an_interrupt_leaves_what_was_there(folder):
     "arguments",
     [("--out", "a.mp4"), pytest.param(("--out", "a.gif"), marks=pytest.mark.soak), ("--at", "1", "--out", "a.png")],
 )
-def test_a_full_disk_is_reported_with_file_and_reason(folder, arguments):
+def test_a_full_disk_is_reported_with_file_and_reason(gantrysim_command, folder, monkeypatch, arguments):
     """A bound on the size of files fails as a full disk does, in the words of another errno; a film lacks frames."""
     resource = pytest.importorskip("resource")
     before = names(folder), names(folder / "slow")
     size = SMALLEST if "--at" in arguments else QUICK
-    done = subprocess.run(
-        [sys.executable, "-m", "gantrysim", "render", "slow", *size, *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (LITTLE, LITTLE)),
-    )
-    assert done.returncode == 2
-    assert done.stderr.startswith(f"error: file {arguments[-1]}: cannot be written: "), done.stderr
-    assert done.stderr.endswith(("File too large\n", "MB are free\n"))
-    assert done.stderr.count("\n") == 1
+    monkeypatch.chdir(folder)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (LITTLE, limits[1]))
+    try:
+        status, _, said = gantrysim_command("render", "slow", *size, *arguments)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert status == 2
+    assert said.startswith(f"error: file {arguments[-1]}: cannot be written: "), said
+    assert said.endswith(("File too large\n", "MB are free\n"))
+    assert said.count("\n") == 1
     assert (names(folder), names(folder / "slow")) == before
 
 

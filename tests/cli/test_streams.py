@@ -29,12 +29,20 @@ def names(folder):
     return {item.name for item in (folder / "out").iterdir()}
 
 
-@pytest.mark.parametrize("redirection", ["| head -1", "| true", ">&-", ">&- 2>&- <&-"])
-def test_a_closed_output_is_silence_and_all_is_written(tmp_path, redirection):
-    status, printed, errors = shell(tmp_path, RUN, redirection)
+@pytest.mark.parametrize(
+    ("redirection", "options", "written"),
+    [
+        ("| head -1", ("--no-report",), RECORDED),
+        ("| true", ("--no-report",), RECORDED),
+        (">&-", ("--no-report",), RECORDED),
+        (">&- 2>&- <&-", (), ALL),
+    ],
+)
+def test_a_closed_output_is_silence_and_all_is_written(tmp_path, redirection, options, written):
+    status, printed, errors = shell(tmp_path, (*RUN, *options), redirection)
     assert (status, errors) == (0, "")
     assert printed.count("\n") == (redirection == "| head -1")
-    assert names(tmp_path) == ALL
+    assert names(tmp_path) == written
 
 
 def test_a_full_disk_behind_the_output_is_named_and_the_run_is_kept(tmp_path):

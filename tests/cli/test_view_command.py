@@ -30,6 +30,12 @@ def no_display(monkeypatch):
         monkeypatch.delenv(name, raising=False)
 
 
+@pytest.fixture
+def display(monkeypatch):
+    """A display that is there."""
+    monkeypatch.setattr("gantrysim.render.view.window.check_display", lambda: None)
+
+
 def test_nothing_is_simulated_without_a_display(saved, no_display, monkeypatch, gantrysim_command):
     monkeypatch.setattr(Job, "load", lambda *_: pytest.fail("a job was loaded"))
     monkeypatch.setattr("gantrysim.report.saved.SavedRun.load", lambda *_: pytest.fail("a run was loaded"))
@@ -61,18 +67,16 @@ def test_zero_speed_is_refused(gantrysim_command):
         (["{folder}"], "holds no run"),
     ],
 )
-def test_bad_input_opens_no_window(arguments, said, tmp_path, monkeypatch, gantrysim_command):
-    monkeypatch.setattr("gantrysim.render.view.window.check_display", lambda: None)
+def test_bad_input_opens_no_window(display, arguments, said, tmp_path, monkeypatch, gantrysim_command):
     monkeypatch.setattr("gantrysim.render.view.window.open_window", lambda *_: pytest.fail("a window was opened"))
     status, _, err = gantrysim_command("view", *[text.format(folder=tmp_path) for text in arguments])
     assert status == 2
     assert said in err
 
 
-def test_a_run_in_a_folder_with_the_name_of_a_job_is_replayed(saved, tmp_path, monkeypatch):
+def test_a_run_in_a_folder_with_the_name_of_a_job_is_replayed(display, saved, tmp_path, monkeypatch):
     seen = []
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("gantrysim.render.view.window.check_display", lambda: None)
     monkeypatch.setattr("gantrysim.cli.view._replay", lambda *_: seen.append("replay"))
     monkeypatch.setattr("gantrysim.cli.view._live", lambda *_: seen.append("live"))
     (tmp_path / "an225").mkdir()
@@ -83,8 +87,7 @@ def test_a_run_in_a_folder_with_the_name_of_a_job_is_replayed(saved, tmp_path, m
 
 
 @pytest.mark.parametrize("name", ["run.npz", "video.mp4"])
-def test_a_file_of_a_run_is_not_its_folder(saved, monkeypatch, gantrysim_command, tmp_path, name):
-    monkeypatch.setattr("gantrysim.render.view.window.check_display", lambda: None)
+def test_a_file_of_a_run_is_not_its_folder(display, saved, gantrysim_command, tmp_path, name):
     shutil.copy(saved / "run.npz", tmp_path)
     (tmp_path / "video.mp4").write_bytes(b"\xff")
     status, out, err = gantrysim_command("view", tmp_path / name)
@@ -92,9 +95,8 @@ def test_a_file_of_a_run_is_not_its_folder(saved, monkeypatch, gantrysim_command
     assert (status, out, err) == (2, "", said)
 
 
-def test_the_job_file_of_a_run_runs_live(saved, monkeypatch):
+def test_the_job_file_of_a_run_runs_live(display, saved, monkeypatch):
     seen = []
-    monkeypatch.setattr("gantrysim.render.view.window.check_display", lambda: None)
     monkeypatch.setattr("gantrysim.cli.view._live", lambda *_: seen.append("live"))
     view(str(saved / "job.toml"))
     assert seen == ["live"]
@@ -107,7 +109,7 @@ def test_importing_the_command_opens_no_windows_library():
 
 
 @pytest.fixture
-def window(monkeypatch):
+def window(display, monkeypatch):
     """What the command does with its window, which is closed once it says that the run has ended."""
     seen = []
 
@@ -134,7 +136,6 @@ def window(monkeypatch):
         def close(self):
             seen.append(("closed",))
 
-    monkeypatch.setattr("gantrysim.render.view.window.check_display", lambda: None)
     monkeypatch.setattr("gantrysim.render.view.window.ViewerWindow", Window)
     return seen
 

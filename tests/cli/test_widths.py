@@ -38,7 +38,7 @@ def widest(text):
 @pytest.fixture
 def printed(monkeypatch, capsys):
     def show(table, width):
-        monkeypatch.setattr(terminal._output, "width", width)
+        monkeypatch.setenv("COLUMNS", str(width))
         terminal.show(deepcopy(table))
         return capsys.readouterr().out
 
@@ -62,7 +62,7 @@ def command(gantrysim_command, monkeypatch, small, tmp_path):
     monkeypatch.chdir(tmp_path)
 
     def run(width, *arguments):
-        monkeypatch.setattr(terminal._output, "width", width)
+        monkeypatch.setenv("COLUMNS", str(width))
         return gantrysim_command(*arguments)[1]
 
     return run
@@ -89,7 +89,7 @@ def improvement():
 
 def test_the_levers_of_improve_lose_nothing(improvement, monkeypatch, capsys):
     def show(width):
-        monkeypatch.setattr(terminal._output, "width", width)
+        monkeypatch.setenv("COLUMNS", str(width))
         show_changes(improvement)
         return capsys.readouterr().out
 

@@ -313,7 +313,7 @@ def test_refusals_are_one_line(gantrysim_command, folders, arguments, message):
 @pytest.mark.parametrize("width", [120, 80, 40])
 def test_tables_lose_nothing_in_a_narrow_terminal(comparison, monkeypatch, capsys, width):
     def printed(columns):
-        monkeypatch.setattr(terminal._output, "width", columns)
+        monkeypatch.setenv("COLUMNS", str(columns))
         for table in comparison_tables(comparison):
             terminal.show(table)
         return capsys.readouterr().out

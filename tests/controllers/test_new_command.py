@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
-import subprocess
-import sys
 from contextlib import suppress
 from pathlib import Path
 
@@ -45,6 +42,11 @@ def cmd_diagonal(tree: Node) -> Action:
 
 ASKED = """
 import sys
+from pathlib import Path
+
+import gantrysim
+
+assert Path(gantrysim.__file__).parent == Path(sys.argv[2])
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.softmc import Basic as McBasic
 from gantrysim.controllers.trio import Basic as TrioBasic
@@ -85,21 +87,13 @@ def _copied_if_there(source, target):
         ("softmc", "controllers/softmc/basic/motion.py", SOFTMC),
     ],
 )
-def test_a_command_is_added_by_one_function_in_one_file(tmp_path, dialect, file, function):
+def test_a_command_is_added_by_one_function_in_one_file(fresh, tmp_path, dialect, file, function):
     package = tmp_path / "gantrysim"
     shutil.copytree(PACKAGE, package, copy_function=_copied_if_there)
     module = package / file
     module.write_text(module.read_text(encoding="utf-8") + function, encoding="utf-8")
-    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
-    asked = subprocess.run(
-        [sys.executable, "-c", ASKED, dialect],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert asked.returncode == 0, asked.stderr
+    done = fresh.run(ASKED, tmp_path, dialect, package)
+    assert (done.status, done.error) == (0, "")
 
 
 def test_every_command_is_the_function_of_its_name():

@@ -491,18 +491,31 @@ def _copied_if_there(source, target):
         shutil.copy2(source, target)
 
 
-def test_a_controller_a_law_and_faults_are_added_as_the_architecture_says(fresh, tmp_path):
-    """In a copy with the compiled code of the package: each is its folder or file, and its line in a list."""
-    copy = shutil.copytree(PACKAGE, tmp_path / "gantrysim", copy_function=_copied_if_there)
-    architecture = " ".join(PAGES["docs/architecture.md"].split())
-    assert "**A motion controller** is a folder in `controllers/`" in architecture
+@pytest.fixture(scope="module")
+def extended(tmp_path_factory):
+    """A copy of the package with all additions: what it is compiled of is compiled anew, so there is one for all.
+
+    Returns:
+        The copy, and the files that are new or changed by each addition.
+    """
+    copy = shutil.copytree(PACKAGE, tmp_path_factory.mktemp("extended") / "gantrysim", copy_function=_copied_if_there)
+    by_addition = {}
+    before = set()
+    for addition in (add_study, add_task, add_controller_law_and_faults):
+        addition(copy)
+        after = touched(copy)
+        by_addition[addition] = after - before
+        before = after
+    return copy, by_addition
+
+
+def add_controller_law_and_faults(copy):
     (copy / "controllers" / "straight").mkdir()
     (copy / "controllers" / "straight" / "__init__.py").write_text(CONTROLLER, encoding="utf-8")
     registry = "PROGRAMS = Programs(\n    {\n"
     entry = '        "straight.Line": ("controllers.straight", "Line"),\n'
     edited(copy / "job" / "programs.py", registry, f"{registry}{entry}")
 
-    assert "**A deliberate fault** is a file in `faults/`" in architecture
     (copy / "faults" / "worn_nozzle.py").write_text(FAULT, encoding="utf-8")
     (copy / "faults" / "dirty_scale.py").write_text(TICK_FAULT, encoding="utf-8")
     imported = (
@@ -511,16 +524,23 @@ def test_a_controller_a_law_and_faults_are_added_as_the_architecture_says(fresh,
     kinds = "AnyFault: TypeAlias = (\n"
     edited(copy / "faults" / "__init__.py", kinds, f"{imported}{kinds}    WornNozzle | DirtyScale |\n")
 
-    assert "**A law** is a file in `servo/laws/`" in architecture
     (copy / "servo" / "laws" / "bias.py").write_text(LAW, encoding="utf-8")
     laws = "LAWS: tuple[Law, ...] = ("
     imported = "from gantrysim.servo.laws.bias import BIAS\n"
     edited(copy / "servo" / "laws" / "__init__.py", laws, f"{imported}{laws}BIAS, ")
 
+
+def test_a_controller_a_law_and_faults_are_added_as_the_architecture_says(fresh, extended, tmp_path):
+    """Each is its folder or file, and its line in a list."""
+    copy, _ = extended
+    architecture = " ".join(PAGES["docs/architecture.md"].split())
+    assert "**A motion controller** is a folder in `controllers/`" in architecture
+    assert "**A deliberate fault** is a file in `faults/`" in architecture
+    assert "**A law** is a file in `servo/laws/`" in architecture
     jobs = {"whole": JOB, "worn": JOB + WORN, "dirty": JOB + DIRTY, "biased": JOB + BIASED}
     for name, text in jobs.items():
         (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
-    done = fresh.run(RUN, tmp_path, tmp_path, *(tmp_path / f"{name}.toml" for name in jobs))
+    done = fresh.run(RUN, tmp_path, copy.parent, *(tmp_path / f"{name}.toml" for name in jobs))
     assert (done.status, done.error) == (0, "")
     shown = json.loads(done.output)
     assert Path(shown["package"]).parent == copy
@@ -543,17 +563,20 @@ def test_a_controller_a_law_and_faults_are_added_as_the_architecture_says(fresh,
     assert biased == pytest.approx([torque + 0.02 for torque in at_rest], abs=1e-12)
 
 
-def test_a_study_is_a_file_and_its_command(fresh, tmp_path):
-    copy = shutil.copytree(PACKAGE, tmp_path / "gantrysim", copy_function=_copied_if_there)
+def add_study(copy):
+    (copy / "study" / "pace.py").write_text(STUDY, encoding="utf-8")
+    append(copy / "cli" / "study.py", COMMAND)
+
+
+def test_a_study_is_a_file_and_its_command(fresh, extended, tmp_path):
+    copy, files = extended
     architecture = " ".join(PAGES["docs/architecture.md"].split())
     assert "**A study** is a file in `study/`" in architecture
     assert "| a study | 2 | its file in `study/`, its command in `cli/study.py`;" in PAGES["CONTRIBUTING.md"]
-    (copy / "study" / "pace.py").write_text(STUDY, encoding="utf-8")
-    append(copy / "cli" / "study.py", COMMAND)
-    assert touched(copy) == {"study/pace.py", "cli/study.py"}
+    assert files[add_study] == {"study/pace.py", "cli/study.py"}
     job = tmp_path / "circle.toml"
     job.write_text(CIRCLE, encoding="utf-8")
-    done = fresh.run(RUN_STUDY, tmp_path, tmp_path, job, tmp_path / "out")
+    done = fresh.run(RUN_STUDY, tmp_path, copy.parent, job, tmp_path / "out")
     assert done.status in (0, None), done.error
     assert "2 speeds." in done.output
     assert {file.name for file in (tmp_path / "out").iterdir()} >= {
@@ -567,15 +590,18 @@ def test_a_study_is_a_file_and_its_command(fresh, tmp_path):
     assert 1.8 < float(slow["duration_s"]) / float(fast["duration_s"]) < 2  # less than twice: the ramps are shorter
 
 
-def test_an_environment_task_is_a_file_and_its_line(fresh, tmp_path):
-    copy = shutil.copytree(PACKAGE, tmp_path / "gantrysim", copy_function=_copied_if_there)
+def add_task(copy):
+    (copy / "env" / "feed_forward.py").write_text(TASK, encoding="utf-8")
+    edited(copy / "env" / "registry.py", "TASKS = {\n", 'TASKS = {\n    "FeedForward-v0": "feed_forward",\n')
+
+
+def test_an_environment_task_is_a_file_and_its_line(fresh, extended, tmp_path):
+    copy, files = extended
     architecture = " ".join(PAGES["docs/architecture.md"].split())
     assert "**A task for learning** is a file in `env/`" in architecture
     assert "| an environment task | 2 | its file in `env/`, its line in `env/registry.py`;" in PAGES["CONTRIBUTING.md"]
-    (copy / "env" / "feed_forward.py").write_text(TASK, encoding="utf-8")
-    edited(copy / "env" / "registry.py", "TASKS = {\n", 'TASKS = {\n    "FeedForward-v0": "feed_forward",\n')
-    assert touched(copy) == {"env/feed_forward.py", "env/registry.py"}
-    done = fresh.run(RUN_TASK, tmp_path, tmp_path)
+    assert files[add_task] == {"env/feed_forward.py", "env/registry.py"}
+    done = fresh.run(RUN_TASK, tmp_path, copy.parent)
     assert (done.status, done.error) == (0, "")
     shown = json.loads(done.output)
     assert Path(shown["package"]).parent == copy

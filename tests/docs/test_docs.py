@@ -22,14 +22,14 @@ from gantrysim.glue.bead import Bead
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.losses import Losses
 
-from support.doc_pages import DOCS, ROOT, SHOWN, SHOWN_LEAST, assert_printed, blocks, examples, read_pages
+from support.doc_pages import DOCS, ROOT, SHOWN, SHOWN_LEAST, assert_printed, blocks, blocks_of, read_pages, run_in_turn
 from support.jobs import job_run
 
 PAGES = read_pages()
 README = PAGES["README.md"]
 CONTROLLERS = PAGES["controllers.md"]
 # jobs that show a language, without a picture
-EXAMPLES = ("linuxcnc-flanges", "slicer-square", "softmc-basic", "svg-gasket", "trio-basic")
+WITHOUT_PICTURE = ("linuxcnc-flanges", "slicer-square", "softmc-basic", "svg-gasket", "trio-basic")
 
 
 def row_of(page, *cells):
@@ -58,24 +58,20 @@ def shortened(code):
     return code
 
 
-# those of start and how-to run in test_pages_run.py, in one folder a page
-EXAMPLES_OF_PAGES = [
-    (name, block, "\n".join(part.text for part in parts))
-    for name in PAGES
+# those of start and how-to run in test_pages_run.py, with the commands between them
+EXAMPLES = {
+    name: [block for block in blocks_of(page) if block.language == "python" and not block.title]
+    for name, page in PAGES.items()
     if not name.startswith(("start/", "how-to/"))
-    for block, parts in examples(PAGES[name])
-]
+}
 
 
-@pytest.mark.parametrize(
-    ("block", "code"),
-    [example[1:] for example in EXAMPLES_OF_PAGES],
-    ids=[f"{name}-{number}" for number, (name, *_) in enumerate(EXAMPLES_OF_PAGES)],
-)
-def test_python_blocks_run_in_a_fresh_process(block, code, fresh, tmp_path):
-    done = fresh.run(f"{shortened(code)}\nassert 'run' not in globals() or run.fault is None\n", tmp_path)
-    assert (done.status, done.error) == (0, "")
-    assert_printed(block.output, done.output)
+@pytest.mark.parametrize("name", [name for name, examples in EXAMPLES.items() if examples])
+def test_the_python_blocks_of_a_page_run_in_a_fresh_process(name, fresh, tmp_path):
+    steps = [("python", shortened(block.text)) for block in EXAMPLES[name]]
+    for block, printed in zip(EXAMPLES[name], run_in_turn(fresh, tmp_path, steps), strict=True):
+        assert printed.error == "", block.text
+        assert_printed(block.output, printed.output)
 
 
 def test_what_is_shortened_stands_on_a_page():
@@ -130,7 +126,7 @@ def test_the_jobs_table_is_what_the_jobs_give(name):
     assert row[:2] == in_um(values.contour.rms, values.contour.max)
     spacings = [] if values.spacing is None else [values.spacing.mean]
     assert [1e3 * spacing for spacing in row[2:]] == in_um(*spacings)
-    assert name == "an225" or name in EXAMPLES or f"pictures/{name}.png" in CONTROLLERS
+    assert name == "an225" or name in WITHOUT_PICTURE or f"pictures/{name}.png" in CONTROLLERS
 
 
 def test_each_fault_costs_what_its_page_says(an225):
@@ -247,7 +243,7 @@ RATIOS = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("keys", [("import_time",), pytest.param((), marks=pytest.mark.soak)])
+@pytest.mark.parametrize("keys", [("setpoints",), pytest.param((), marks=pytest.mark.soak)])
 def test_the_benchmark_prints_what_it_is_asked_for(keys):
     command = [sys.executable, ROOT / "scripts" / "benchmark.py", "--json", "--rounds", "1", *keys]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -256,17 +252,23 @@ def test_the_benchmark_prints_what_it_is_asked_for(keys):
     assert min(ratios.values()) > 0
 
 
-LONG_BENCHMARKS = {"frame_growth", "frame_cost", "bead_cost", "first_run", "verdict", "page", "film"}
+LONG_BENCHMARKS = {
+    "import_time",
+    "vector_env",
+    "frame_growth",
+    "frame_cost",
+    "bead_cost",
+    "first_run",
+    "verdict",
+    "page",
+    "film",
+}
 
 
 @pytest.mark.filterwarnings("ignore::glfw.GLFWError")  # MuJoCo's renderer tries it before what needs no display
 @pytest.mark.parametrize(
     "key",
-    [
-        pytest.param(key, marks=pytest.mark.soak if key in LONG_BENCHMARKS else ())
-        for key in RATIOS
-        if key != "import_time"
-    ],
+    [pytest.param(key, marks=pytest.mark.soak if key in LONG_BENCHMARKS else ()) for key in RATIOS],
 )
 def test_every_benchmark_gives_a_ratio(key, monkeypatch):
     """With few simulations side by side, and of one job."""

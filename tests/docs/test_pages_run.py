@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from support.doc_pages import ROOT, assert_printed, blocks_of, examples, read_pages
+from support.doc_pages import ROOT, assert_printed, blocks_of, read_pages, run_in_turn
 
 NOTEBOOK = "start/notebook.md"  # which another test runs as a whole
 PAGES = {
@@ -15,10 +15,7 @@ PAGES = {
 # pages whose commands search, train or build for minutes
 LONG = ("how-to/run-a-sweep-on-a-cluster.md", "how-to/train-an-agent.md", "how-to/tune.md")
 SHORTER = ("--no-video", "--no-report")  # film and report take most of the time of a run
-WIDTH = "100"  # of the terminal whose lines are shown [columns]
-COMMAND = f"import os; os.environ['COLUMNS'] = '{WIDTH}'; from gantrysim.cli.start import main; main()"
 ADDRESS = "tcp://"  # of computers that the test has not
-FAILED = 4  # exit status of --fail-on
 
 
 def commands(text):
@@ -30,17 +27,12 @@ def commands(text):
     return [words for words in runnable if not any(ADDRESS in word for word in words)]
 
 
-def printed_by(command, fresh, folder):
-    """What a command, or an example, prints in a fresh process."""
-    program, *arguments = command
+def step_of(words):
+    """The step that runs a command, or an example, see `support.doc_pages`."""
+    program, *arguments = words
     if arguments[0] == "run":
         arguments = [*arguments, *(option for option in SHORTER if option not in arguments)]
-    if program == "gantrysim":
-        done = fresh.run(COMMAND, folder, *arguments)
-    else:
-        done = fresh.run((ROOT / arguments[0]).read_text(encoding="utf-8"), folder, *arguments[1:])
-    assert done.status in (0, FAILED), done.error + done.output
-    return done.output + done.error
+    return ("command" if program == "gantrysim" else "script", *arguments)
 
 
 @pytest.mark.parametrize(
@@ -49,18 +41,22 @@ def printed_by(command, fresh, folder):
 def test_a_page_s_code_prints_what_it_shows(name, fresh, tmp_path):
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     page = PAGES[name]
-    code = examples(page)
+    # what a page shows, and its steps
+    shown = []
     for block in blocks_of(page):
         if block.title:
-            (tmp_path / block.title).write_text(block.text, encoding="utf-8")
+            shown.append((block, [("file", block.title, block.text)]))
         elif block.language == "python":
-            parts = next(parts for example, parts in code if example == block)
-            done = fresh.run("\n".join(part.text for part in parts), tmp_path)
-            assert (done.status, done.error) == (0, ""), block.text
-            assert_printed(block.output, done.output)
+            shown.append((block, [("python", block.text)]))
         else:
-            printed = "".join(printed_by(command, fresh, tmp_path) for command in commands(block.text))
-            assert_printed(block.output, printed)
+            shown.append((block, [step_of(words) for words in commands(block.text)]))
+    printed = iter(run_in_turn(fresh, tmp_path, [step for _, steps in shown for step in steps]))
+    for block, steps in shown:
+        done = [next(printed) for _ in steps]
+        if block.language == "python" and not block.title:
+            assert done[0].error == "", block.text
+        if not block.title:
+            assert_printed(block.output, "".join(part.output + part.error for part in done))
 
 
 @pytest.mark.parametrize("name", [name for name in PAGES if name.startswith("how-to/")])

@@ -364,13 +364,14 @@ def test_the_budget_has_lost_steps_where_the_servo_sees_them(spiral):
     """Unseen steps lie between step counter and motor; an encoder on the motor shows them as tracking error."""
     weak = {"servo.torque_limit": [0.045, 2.0, 0.5], "servo.following_error_limit": 1e3}
     for seen, link in ((0.0, "encoder"), (0.0025, "servo")):
-        job = spiral.changed({**weak, "servo.resolution": [seen, 0.0025, 0.00125]})
+        job = spiral.changed({**weak, "program.turns": 1, "servo.resolution": [seen, 0.0025, 0.00125]})
         run = job.run()
         (lost,) = lost_steps(job.built_machine, job.built_servo, run)
         assert lost.axis == "x"
-        told = [note for note in summary(RunResults(job, job.built_machine, Budget(run)))["notes"] if "lost" in note]
+        budget = Budget(run)
+        told = [note for note in summary(RunResults(job, job.built_machine, budget))["notes"] if "lost" in note]
         assert told == [str(lost)]
-        parts = Budget(run).values.parts
+        parts = budget.values.parts
         other = {"encoder": "servo", "servo": "encoder"}[link]
         assert parts[link].max > 0.1 > parts[other].max
 

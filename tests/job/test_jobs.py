@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from gantrysim import Job, Machine, Servo
-from gantrysim.cli import terminal
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.job.programs import PROGRAMS, build
 from gantrysim.job.settings import INTEGRAL_TIME, ServoSettings
@@ -160,7 +159,7 @@ def test_the_command_runs_a_job(name, tmp_path, gantrysim_command):
 
 
 def test_info_lists_machines_jobs_and_settings(gantrysim_command, monkeypatch):
-    monkeypatch.setattr(terminal._output, "width", 160)
+    monkeypatch.setenv("COLUMNS", "160")
     words = {
         "machines": (*builtin_models(), "deg/s", "mm/s²"),
         "jobs": (*JOBS, "trio.MoveSpiral"),

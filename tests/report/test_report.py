@@ -15,7 +15,6 @@ from gantrysim.glue.bead import Bead
 from gantrysim.job.causes import CAUSES
 from gantrysim.metrics.analysis import Analysis, torque_ripple
 from gantrysim.metrics.budget import LINKS, Budget
-from gantrysim.report import page as run_page
 from gantrysim.report import page as servo_page
 from gantrysim.report.folder import REPORT
 from gantrysim.report.headline import headline
@@ -317,20 +316,6 @@ def test_the_command_writes_the_report_with_its_video(gantrysim_command, tmp_pat
     assert f"{contour['contour_rms_um']:.1f} µm" in page.section("summary")
     assert page.texts("p")[2] == headline(Budget(Run.load(tmp_path / "run.npz")))
     assert page.texts("p")[2] in " ".join(printed.split())
-
-
-def test_a_report_that_fails_costs_nothing_else(gantrysim_command, tmp_path, monkeypatch):
-    def broken(*arguments, **keywords):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(run_page, "draw_page", broken)
-    out = tmp_path / "out"
-    settings = [word for setting in SMALL for word in ("--set", setting)]
-    status, _, messages = gantrysim_command(
-        "run", "an225", *settings, "--no-causes", "--no-improve", "--no-video", "--out", out
-    )
-    assert (status, messages) == (1, "error: no report: OSError: No space left on device\n")
-    assert sorted(item.name for item in out.iterdir()) == ["job.toml", "plots", "run.npz", "summary.json"]
 
 
 def test_a_folder_with_a_foreign_report_is_not_written_to(gantrysim_command, tmp_path):

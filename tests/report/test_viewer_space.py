@@ -130,8 +130,7 @@ def test_the_cursor_is_where_its_sample_is(page, results):
     page.key("Home")
     last = None
     for _ in range(3):
-        for _ in range(4):
-            page.key("ArrowRight", shift=True)
+        page.key("ArrowRight", shift=True, presses=4)
         tick = tick_of(page, results)
         text = page.run(f"return document.querySelector('{SURFACE}').getAttribute('aria-valuetext')").replace("−", "-")
         for name, value in zip("xyz", run.nozzle[tick], strict=True):
@@ -149,7 +148,7 @@ def test_hovering_over_the_bead_moves_the_cursor_and_a_click_pins_it(page, resul
     ticks = np.flatnonzero(run.dispense)
     places, depth = in_picture(page, results, run.nozzle[ticks])
     # of the half in front, which nothing of the path hides
-    front = ticks[depth < np.median(depth)][10::60]
+    front = ticks[depth < np.median(depth)][10::120]
     for tick in front:
         x, y = in_picture(page, results, run.nozzle[tick])[0][0]
         page.mouse("mouseMoved", left + 1 + x, top + 1 + y)
@@ -226,8 +225,8 @@ def test_the_needle_stands_at_the_cursor(page, results):
     page.run(f"document.querySelector('{SURFACE}').focus()")
     page.key("Home")
     for _ in range(2):
-        for _ in range(16):  # past the start, which the end of the bead hides
-            page.key("ArrowRight", shift=True)
+        # past the start, which the end of the bead hides
+        page.key("ArrowRight", shift=True, presses=16)
         tick = tick_of(page, results)
         above = run.nozzle[tick] + np.array([[0, 0, height] for height in (4.0, 5.0, 6.0, 7.0)])
         places, _ = in_picture(page, results, above)

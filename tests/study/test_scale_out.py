@@ -22,7 +22,6 @@ from gantrysim.study import (
     run_cases,
     run_study,
 )
-from gantrysim.study import worker as of_worker
 from gantrysim.study.cases import forget_jobs
 from gantrysim.study.worker import Origin
 
@@ -43,15 +42,6 @@ def cluster(tmp_path_factory):
     """A scheduler, for which a case may end two workers, and two workers."""
     with Cluster(tmp_path_factory.mktemp("dask"), DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="1") as started:
         yield started
-
-
-@pytest.fixture(autouse=True)
-def _same_sources(cluster, monkeypatch):
-    """The study's sources are those that the workers have."""
-    monkeypatch.setattr(of_worker, "files", lambda package: cluster.sources)
-    of_worker._installed.cache_clear()
-    yield
-    of_worker._installed.cache_clear()
 
 
 def on(cluster):
@@ -291,5 +281,5 @@ def test_a_cluster_without_workers_and_a_lost_scheduler_are_errors(cluster, job,
     log.emit = logged.append
     monkeypatch.setattr(logging.getLogger("distributed.client"), "handlers", [log])
     with on(cluster), pytest.raises(WorkerError, match=f"^lost the scheduler at {cluster.address}$"):
-        rows_of(cases_of(job), progress=end)
+        rows_of(cases_of(job), measure=where, progress=end)
     assert logged == []  # the error says it

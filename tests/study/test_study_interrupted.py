@@ -116,23 +116,6 @@ def test_further_files_are_written_before_anything_is_printed(tmp_path, job, mon
     assert (tmp_path / "x" / "more.txt").read_text() == "gains"
 
 
-def test_a_folder_in_use_is_refused(tmp_path, gantrysim_command):
-    folder = tmp_path / "loop"
-    process = begun(folder)
-    try:
-        before = (folder / LEDGER).read_bytes()
-        status, _, said = gantrysim_command("study", "repeat", "an225", "--set", "turns=1", "--out", folder)
-        assert status == 2
-        assert said == f"error: --out {folder}: in use by another command\n"
-        assert (folder / LEDGER).read_bytes().startswith(before)
-        assert process.poll() is None
-    finally:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
-    with Ledger(folder, json.loads(before.splitlines()[0])) as ledger:  # the lock has gone with its process
-        assert ledger.resumed >= 1
-
-
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks the system for processes by their group")
 @pytest.mark.parametrize("rows", [0, 1])
 def test_workers_end_with_a_study_that_is_killed(tmp_path, rows):
@@ -207,11 +190,19 @@ def test_cases_withdrawn_before_a_worker_takes_them_leave_no_traceback(tmp_path,
     assert threading.excepthook is before
 
 
-def test_a_killed_study_resumes_with_the_same_rows(tmp_path):
+def test_a_folder_in_use_is_refused_and_a_killed_study_resumes_with_the_same_rows(tmp_path, gantrysim_command):
     folder = tmp_path / "loop"
     process = begun(folder)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.communicate()
+    try:
+        before = (folder / LEDGER).read_bytes()
+        status, _, said = gantrysim_command("study", "repeat", "an225", "--set", "turns=1", "--out", folder)
+        assert status == 2
+        assert said == f"error: --out {folder}: in use by another command\n"
+        assert (folder / LEDGER).read_bytes().startswith(before)
+        assert process.poll() is None
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
     done = spoken(folder)
     assert list(content(folder)) == [LEDGER]
     from gantrysim.study.loop import LoopStudy
@@ -223,6 +214,7 @@ def test_a_killed_study_resumes_with_the_same_rows(tmp_path):
         alone = run_cases(first, ledger, workers=1)
         assert {case.key: ledger[case.key] for case in first} == {key: row for key, row, _ in lines}
     identity = json.loads((folder / LEDGER).read_bytes().splitlines()[0])
+    # the lock has gone with its process
     with Ledger(folder, identity) as ledger:
         assert ledger.resumed == done
         assert run_cases(first, ledger, measure=None) == alone  # none is measured again

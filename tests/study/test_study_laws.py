@@ -171,7 +171,9 @@ def test_a_servo_that_is_written_is_read_again(tmp_path):
 def test_the_environment_runs_its_episodes_with_the_job_s_law(law):
     def errors(own):
         job = circle(law=own, notch_frequency=0.0)
-        env = gymnasium.make("gantrysim/GainBandit-v0", decision_interval=0.1, job=job, spread=None, detune=1.0)
+        env = gymnasium.make(
+            "gantrysim.env:gantrysim/GainBandit-v0", decision_interval=0.1, job=job, spread=None, detune=1.0
+        )
         env.reset(seed=1)
         done = False
         while not done:

@@ -102,8 +102,8 @@ class Browser:
         self.mouse("mouseMoved", *end, modifiers, button="left", buttons=1)
         self.mouse("mouseReleased", *end, modifiers, button="left", clickCount=1)
 
-    def key(self, name, shift=False):
-        for kind in ("keyDown", "keyUp"):
+    def key(self, name, shift=False, presses=1):
+        for kind in ("keyDown", "keyUp") * presses:
             values = {"type": kind, "key": name, "code": name, "modifiers": 8 if shift else 0}
             codes = {
                 "ArrowLeft": 37,

@@ -2,13 +2,11 @@
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
 import time
 from contextlib import contextmanager
-from importlib.resources import files
 from pathlib import Path
 
 from gantrysim.study import measure
@@ -31,8 +29,6 @@ class Cluster:
 
     def __init__(self, folder, **settings):
         self.folder, self.processes = folder, []
-        # of gantrysim, as it is now, whatever is edited while the tests run
-        self.sources = shutil.copytree(files("gantrysim"), folder / "copy" / "gantrysim")
         self.environment = {**os.environ, **settings}
         file, bare = folder / "scheduler.json", without_gantrysim(folder)
         self.scheduler = self._begin("scheduler", [bare], "--scheduler-file", file, "--port", 0, "--idle-timeout", IDLE)
@@ -77,7 +73,7 @@ class Cluster:
         worker.wait()
 
     def _worker(self, *paths):
-        paths = (*paths, self.sources.parent, TESTS)
+        paths = (*paths, TESTS)
         return self._begin("worker", paths, self.address, "--no-nanny", "--nthreads", 1, "--death-timeout", ORPHANED)
 
     def _begin(self, what, paths, *arguments):

@@ -1,7 +1,6 @@
 """The pages of README and docs: their blocks of code, and whether a program prints what a page shows."""
 
-import ast
-import builtins
+import json
 import re
 import textwrap
 from pathlib import Path
@@ -53,32 +52,66 @@ def blocks(page, language):
     return [textwrap.dedent(place[3]) for place in FENCED.finditer(page) if place[1] == language]
 
 
-def names_in(block):
-    """Names that a block of Python uses before it has them, and those that it leaves behind."""
-    nodes = list(ast.walk(ast.parse(block)))
-    names = [node for node in nodes if isinstance(node, ast.Name)]
-    stored = {name.id for name in names if isinstance(name.ctx, ast.Store)}
-    stored |= {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.ClassDef)}
-    stored |= {node.arg for node in nodes if isinstance(node, ast.arg)}
-    for node in nodes:
-        if isinstance(node, ast.Import | ast.ImportFrom):
-            stored |= {name.asname or name.name.partition(".")[0] for name in node.names}
-    return {name.id for name in names if isinstance(name.ctx, ast.Load)} - stored - set(dir(builtins)), stored
+class Printed(NamedTuple):
+    """What a step of a page printed on its standard output and its standard error."""
+
+    output: str
+    error: str
 
 
-def examples(page):
-    """Return the blocks of Python of a page, each as code after those that make the names that it uses."""
-    sources = {}  # the example that makes each name
-    whole = []
-    for block in blocks_of(page):
-        if block.language != "python" or block.title:
-            continue
-        used, new = names_in(block.text)
-        before = dict.fromkeys(part for name in sorted(used) for part in sources[name])
-        example = [*before, block]
-        sources |= dict.fromkeys(new, example)
-        whole.append((block, example))
-    return whole
+def run_in_turn(fresh, folder, steps):
+    """Run a page's steps one after another in one fresh process, as whoever follows the page does in one session.
+
+    Args:
+        fresh: fresh processes, see `support.fresh`.
+        folder: where they run.
+        steps: each a tuple: "python" and code, which sees the names of the code before it; "command" and the words of
+            `gantrysim`; "script" and a file with its arguments; "file", a name and the text that it is given.
+
+    Returns:
+        What each step printed.
+    """
+    done = fresh.run(_IN_TURN, folder, json.dumps(steps))
+    assert done.status == 0, done.error + done.output
+    outputs, errors = (text.split(_MARK)[1:] for text in (done.output, done.error))
+    assert len(outputs) == len(errors) == len(steps)
+    return [Printed(*printed) for printed in zip(outputs, errors, strict=True)]
+
+
+_MARK = "=== step of a page ===\n"
+# width of the terminal whose lines are shown [columns]
+_WIDTH = 100
+# exit status of --fail-on
+_FAILED = 4
+_IN_TURN = f"""
+import json
+import os
+import sys
+from pathlib import Path
+
+os.environ["COLUMNS"] = "{_WIDTH}"
+names = {{"__name__": "__main__"}}
+for kind, *what in json.loads(sys.argv[1]):
+    for stream in (sys.stdout, sys.stderr):
+        stream.write({_MARK!r})
+        stream.flush()
+    if kind == "file":
+        Path(what[0]).write_text(what[1], encoding="utf-8")
+    elif kind == "python":
+        exec(compile(what[0], "example", "exec"), names)
+        assert names["run"].fault is None if "run" in names else True
+    else:
+        sys.argv[1:] = what[kind == "script" :]
+        try:
+            if kind == "script":
+                exec(compile(Path(what[0]).read_text(encoding="utf-8"), what[0], "exec"), {{"__name__": "__main__"}})
+            else:
+                from gantrysim.cli.start import main
+
+                main()
+        except SystemExit as stop:
+            assert stop.code in (None, 0, {_FAILED}), (kind, what, stop.code)
+"""
 
 
 def assert_printed(shown, printed):

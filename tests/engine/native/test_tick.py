@@ -160,7 +160,9 @@ for law in (None, lambda tick: 0.5 * tick.error + 0.01 * (tick.demand_velocity -
 """
 
 
+@pytest.mark.soak
 def test_no_compiled_code_outlives_a_change_of_what_it_was_compiled_from(tmp_path):
+    """In the whole package; tests/base/test_jit.py shows it in a small one."""
     package = tmp_path / "gantrysim"  # with what numba has compiled so far; other tests may be writing there
     shutil.copytree(Path(gantrysim.__file__).parent, package, ignore=shutil.ignore_patterns("*.tmp*", "*.pyc*"))
 

@@ -45,11 +45,19 @@ def poor():
 
 
 @pytest.fixture(scope="module")
-def outcome(poor, tmp_path_factory):
-    """A finished study, its outcome and its folder."""
+def outcome_with_progress(poor, tmp_path_factory):
+    """A finished study, its outcome, its folder, and what its progress was called with beside the news then."""
     folder = tmp_path_factory.mktemp("tune") / "out"
+    calls = []
     study = tuning(poor, budget=BUDGET)
-    return study, run_study(study, folder, workers=1), folder
+    done = run_study(study, folder, workers=1, progress=lambda *progress: calls.append((*progress, study.news)))
+    return study, done, folder, calls
+
+
+@pytest.fixture
+def outcome(outcome_with_progress):
+    """A finished study, its outcome and its folder."""
+    return outcome_with_progress[:3]
 
 
 # objective
@@ -247,7 +255,7 @@ def test_an_interrupted_search_resumes_to_the_same_result(outcome, poor, tmp_pat
 
 
 def test_a_start_that_faults_is_replaced_by_feasible_gains(tmp_path):
-    study = tuning(detuned(1.0, kp=40.0, ki=40.0), budget=40)
+    study = tuning(detuned(1.0, kp=40.0, ki=40.0), budget=24)
     done = run_study(study, tmp_path / "a", workers=1)
     history = study.history(done.rows)
     assert history.start.order(0.02)[0] == 4
@@ -615,13 +623,12 @@ def test_a_note_says_that_tuning_cannot_fix_errors_of_the_program():
     assert "Tuning cannot fix program errors; the metric servo_rms is the servo's error alone." in notes
 
 
-def test_progress_covers_all_rounds_and_shows_the_best_metric_so_far(poor, tmp_path):
-    calls = []
-    study = tuning(poor, budget=20)
-    done = run_study(study, tmp_path / "a", workers=1, progress=lambda *a: calls.append((*a, study.news)))
+def test_progress_covers_all_rounds_and_shows_the_best_metric_so_far(outcome_with_progress):
+    study, done, _, calls = outcome_with_progress
     counts = [count for count, _, _ in calls]
     assert counts == sorted(counts)
     assert counts[-1] == len(done.rows)
-    assert {every for _, every, _ in calls[:-1]} == {24}
+    # the runs of the search, and of start and result on two unseen machines
+    assert {every for _, every, _ in calls[:-1]} == {BUDGET + 4}
     best = study.history(done.rows).best
     assert calls[-1][2] == f"best {best.metric:.3g} µm"
