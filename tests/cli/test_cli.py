@@ -208,6 +208,15 @@ def test_a_fault_is_reported_recorded_and_has_its_own_exit_status(gantrysim_comm
     assert f"fault: {fault['text']}" in errors.replace("\n", " ")
 
 
+def test_errors_up_to_a_fault_are_evaluated_where_glue_was_laid(gantrysim_command, tmp_path):
+    options = ("--set", "following_error_limit=0.05", "--no-report", "--no-video")
+    status, output, errors = gantrysim_command("run", "fanuc-spiral", *options, "--out", tmp_path / "out")
+    assert status == 3
+    assert "following error" in errors
+    assert "the dispenser was on" not in output
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["error_budget"] is not None
+
+
 def test_a_fault_before_the_dispenser_is_on_is_recorded_too(gantrysim_command, tmp_path):
     out = tmp_path / "out"
     status, output, errors = gantrysim_command("run", "fanuc-spiral", "--set", "torque_limit=0.02", "--out", out)

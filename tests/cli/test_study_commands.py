@@ -38,11 +38,13 @@ def test_studies_are_imported_lazily():
 
 def test_circle_by_command(gantrysim_command, tmp_path):
     out = tmp_path / "out"
-    status, printed, _ = gantrysim_command(
+    status, printed, told = gantrysim_command(
         "study", "circle", "--machine", "xyz", "--radius", 10, "--speed", 80, "--set", "period=0.0005", "--out", out,
         "--workers", 1,
     )  # fmt: skip
     assert status == 0
+    assert "discarded" not in told
+    assert "resumed" not in told
     words = " ".join(printed.split())
     assert words.startswith("Does this machine run a circle within the tolerance? Yes, both directions keep the limits")
     assert "for a radius of 10 mm at 80 mm/s on xyz." in words

@@ -96,3 +96,15 @@ def test_axes_without_dry_friction_are_named(folder):
     (note,) = [text for text in notes(Machine(folder / "own.xml")) if "friction" in text]
     assert note.startswith("machine own: no dry friction on x, y: ")
     assert not [text for text in notes(Machine("xyz")) if "friction" in text]
+
+
+def test_a_weight_that_pulls_up_is_told_by_its_size(folder):
+    """As a counterweight that is too heavy does."""
+    down = Job.load(folder / "job.toml").notes
+    (folder / "own.xml").write_text(MACHINE.format(friction="").replace(f"0 0 -{GRAVITY}", f"0 0 {GRAVITY}"))
+    job = Job.load(folder / "job.toml")
+    assert weights(job.built_machine)["z"] < 0
+    assert job.notes == down
+    assert any(
+        "holds a weight, 0.0133 N·m at its motor: without an integral term the axis stays " in note for note in down
+    )

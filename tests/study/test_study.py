@@ -14,6 +14,7 @@ from conftest import RIGID, RIGID_DEFAULTS
 from gantrysim import InputError, Job
 from gantrysim.cli.study import carry_out
 from gantrysim.study import Report, Study, StudyInterrupted, measure, run_study
+from gantrysim.study.laws import LawsStudy
 from gantrysim.study.ledger import LEDGER
 from gantrysim.study.run import NoValuesError
 
@@ -218,3 +219,10 @@ def test_plots_are_imported_for_a_report_alone():
         "assert not {'matplotlib', 'gantrysim.study.loop.report'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_derived_study_has_the_report_of_its_base_wherever_it_stands(monkeypatch):
+    monkeypatch.setattr("gantrysim.study.laws.report.report", lambda study, rows: (type(study).__name__, rows))
+    for module in ("__main__", "gantrysim.base.files", "gantrysim.study.laws.study"):
+        derived = type("Derived", (LawsStudy,), {"__module__": module})
+        assert object.__new__(derived).report([3]) == ("Derived", [3])
