@@ -17,7 +17,7 @@ from gantrysim.compare.measured import Assignment, Trace
 from gantrysim.glue.bead import Bead
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis
-from gantrysim.report.plots.style import COLOURS, INK, UM, thinned
+from gantrysim.report.plots.style import COLOURS, INK, UM, thinned_line
 from gantrysim.study.machine import MachineStudy
 from gantrysim.study.run import run_study
 from gantrysim.study.speed import SpeedStudy
@@ -41,7 +41,7 @@ def error_along(axes, run, label: str, colour: str) -> None:
     nozzle = Analysis(run).nozzle
     largest = UM * nozzle.distance.max()
     text = f"{label}: at most {largest:.0f} µm"
-    axes.plot(*thinned(nozzle.s, UM * nozzle.distance), color=colour, lw=1.3, label=text)
+    axes.plot(*thinned_line(nozzle.s, UM * nozzle.distance), color=colour, lw=1.3, label=text)
 
 
 def label_error(axes) -> None:
@@ -153,9 +153,9 @@ def draw_comparison(figure: Figure, comparison: Comparison) -> None:
         (comparison.simulated, "simulated", AFTER),
     ):
         s = budget.analysis.nozzle.s
-        upper.plot(*thinned(s, UM * budget.contour.lateral), color=colour, lw=1.1, label=label)
+        upper.plot(*thinned_line(s, UM * budget.contour.lateral), color=colour, lw=1.1, label=label)
     s = comparison.measured.analysis.nozzle.s
-    lower.plot(*thinned(s, UM * comparison.difference["contour"][:, 0]), color=FOURTH, lw=1.1)
+    lower.plot(*thinned_line(s, UM * comparison.difference["contour"][:, 0]), color=FOURTH, lw=1.1)
     upper.set(ylabel="error [µm]")
     upper.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
     lower.set(ylabel="difference [µm]", xlabel="distance along the path [mm]")

@@ -37,7 +37,7 @@ from gantrysim.base.errors import GantryError, text_of
 from gantrysim.controllers.fanuc.codes import g_codes
 from gantrysim.controllers.gcode.codes import CODES
 from gantrysim.job.job import Job
-from gantrysim.job.recognition import FANUC, LINUXCNC, SLICER, is_gcode, recognised
+from gantrysim.job.recognition import FANUC, LINUXCNC, SLICER, is_gcode, recognised_dialect
 
 SUFFIXES = (".ngc", ".nc", ".gcode", ".g", ".gco", ".cnc", ".tap", ".mpf")
 LIMIT = 60  # of the computing time of a file [s]
@@ -104,7 +104,7 @@ def kind_of(file: Path, folder: Path) -> str:
     if not is_gcode(text):
         return "subroutine"
     codes = {f"{letter.upper()}{number}" for letter, number in CODE.findall(text)}
-    dialect = recognised(text).controller
+    dialect = recognised_dialect(text).controller
     known = {*CODES["LinuxCNC"], *CODES["slicer"], "M98", "M99"}
     if dialect == FANUC:
         known |= {f"G{float(name[1:]):g}" for name in g_codes()}

@@ -19,7 +19,7 @@ from rich.table import Table
 from gantrysim import InputError, Job, Servo, simulate
 from gantrysim.base.errors import finite, unknown
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis, torque_ripple
-from gantrysim.report.plots.style import UM, sheet, thinned, turn_colours
+from gantrysim.report.plots.style import UM, sheet, thinned_line, turn_colours
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.request import DERIVED
 from gantrysim.servo.stability.margins import Plant
@@ -104,7 +104,7 @@ settings |= {each.name: list(servo.per_axis(each.name)) for each in DERIVED}
 with sheet(9.0, 4.5) as figure:
     axes = figure.add_subplot(xlabel="distance along the path [mm]", ylabel="contour error, positive to the left [µm]")
     for (name, _, analysis), colour in zip(trials, turn_colours(len(trials)), strict=True):
-        axes.plot(*thinned(analysis.nozzle.s, UM * analysis.nozzle.lateral), color=colour, lw=1.0, label=name)
+        axes.plot(*thinned_line(analysis.nozzle.s, UM * analysis.nozzle.lateral), color=colour, lw=1.0, label=name)
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3)
     figure.savefig(arguments.out / "trials.png")
 console.print(table)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from gantrysim import InputError, Job
 from gantrysim.base import files
-from gantrysim.base.files import NEW, OLD, PARTIAL, READY, SWAP, complete, held, replaced, replaced_files
+from gantrysim.base.files import NEW, OLD, PARTIAL, READY, SWAP, complete, held_folder, replaced_file, replaced_files
 from gantrysim.exchange.tables import load_record
 from gantrysim.report.folder import STUDY_FILES, output_folder
 from gantrysim.report.saved import SavedRun
@@ -235,7 +235,7 @@ def test_only_real_folders_of_this_user_are_swept(stranger, tmp_path):
     most = sys.getrecursionlimit()
     sys.setrecursionlimit(len(inspect.stack()) + 150)  # rather than folders so deep that pytest cannot remove them
     try:
-        with held(stranger, "here"):
+        with held_folder(stranger, "here"):
             pass
     finally:
         sys.setrecursionlimit(most)
@@ -266,7 +266,10 @@ def test_a_link_in_place_of_a_folder_of_the_output_is_refused_before_a_run(stran
 
 def test_a_folder_that_becomes_a_link_while_its_files_are_written_keeps_the_old_files(stranger, tmp_path):
     def written():
-        with held(stranger, "here"), replaced_files(stranger, ["plots/thesis.txt", "job.toml"], "here") as scratch:
+        with (
+            held_folder(stranger, "here"),
+            replaced_files(stranger, ["plots/thesis.txt", "job.toml"], "here") as scratch,
+        ):
             (scratch / "plots").mkdir()
             (scratch / "plots" / "thesis.txt").write_text("planted")
             (stranger / "plots").symlink_to("../../project")
@@ -301,7 +304,7 @@ def test_files_of_one_folder_are_not_written_through_a_link_to_another(tmp_path,
 
 def test_a_link_within_a_folder_is_followed(tmp_path):
     (tmp_path / "latest.csv").symlink_to("first.csv")
-    with replaced(tmp_path / "latest.csv") as partial:
+    with replaced_file(tmp_path / "latest.csv") as partial:
         partial.write_text("new")
     assert (tmp_path / "first.csv").read_text() == "new"
     assert (tmp_path / "latest.csv").is_symlink()

@@ -34,7 +34,7 @@ def lengths(vectors: Floats) -> Floats:
     return np.sqrt(squares, out=squares)
 
 
-def scaled(vectors: Floats, factors: Floats) -> Floats:
+def scaled_rows(vectors: Floats, factors: Floats) -> Floats:
     """Vectors times factors, row by row, (n, k); column by column, as NumPy's loop over a row has few steps."""
     rows = np.empty(vectors.shape)
     for k in range(vectors.shape[1]):

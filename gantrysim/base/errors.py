@@ -25,14 +25,14 @@ class GantryError(Exception):
     """Base of every error that gantrysim raises on purpose; its text has a bounded length, whatever it quotes."""
 
     def __init__(self, text: str = "", *arguments: object) -> None:
-        super().__init__(shortened(text), *arguments)
+        super().__init__(shortened_message(text), *arguments)
 
 
 class InputError(GantryError, ValueError):
     """A value that the user gave lies outside its bounds."""
 
 
-def shortened(text: str) -> str:
+def shortened_message(text: str) -> str:
     """Return a message without its middle where it is too long: its begin has the place, its end the bound."""
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} ... {text[-_LONGEST // 2 :]}"
 
@@ -154,7 +154,7 @@ def unknown_text(kind: str, name: str, known: Iterable[str]) -> str:
     return f"unknown {kind} {shown(name)}: {hint}known: {', '.join(listed)}"
 
 
-def meant(names: Sequence[str]) -> str:
+def meant_names(names: Sequence[str]) -> str:
     """Return the question that suggests names, as "did you mean a, b or c?"; empty without any."""
     *others, last = names or [""]
     return f"did you mean {', '.join(others)} or {last}?" if others else f"did you mean {last}?" if last else ""

@@ -52,7 +52,7 @@ class ReplacedError(KeyboardInterrupt):
 
 
 @contextmanager
-def replaced(file: str | os.PathLike[str]) -> Iterator[Path]:
+def replaced_file(file: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a file in a hidden folder that replaces a file on success, in one step, and is removed otherwise.
 
     Raises:
@@ -109,7 +109,7 @@ def replaced_files(folder: Path, names: Iterable[str], label: str) -> Iterator[P
 
 
 @contextmanager
-def held(folder: Path, label: str, names: Collection[str] = ANY) -> Iterator[None]:
+def held_folder(folder: Path, label: str, names: Collection[str] = ANY) -> Iterator[None]:
     """Hold a folder against other commands that write to it, in the block; however a process ends, its hold ends.
 
     The folder is made where it is missing, and removed if the block leaves it empty. What a killed command has left in
@@ -129,7 +129,7 @@ def held(folder: Path, label: str, names: Collection[str] = ANY) -> Iterator[Non
         try:
             with deferred():
                 folder.mkdir(parents=True, exist_ok=True)
-                stack.enter_context(_locked(folder.resolve()))
+                stack.enter_context(_locked_folder(folder.resolve()))
                 if pending(folder):
                     _check_swap(folder, names)
                     _end_swap(folder)
@@ -149,7 +149,7 @@ def complete(folder: Path, label: str, names: Collection[str] = ANY) -> None:
         InputError: as `held`.
     """
     if pending(folder):
-        with held(folder, label, names):
+        with held_folder(folder, label, names):
             pass
 
 
@@ -268,7 +268,7 @@ def _scratch(folder: Path) -> Iterator[Path]:
                 scratch = Path(tempfile.mkdtemp(prefix=PARTIAL, dir=folder))
                 stack.callback(deferred()(shutil.rmtree), scratch, ignore_errors=True)
                 with suppress(FileNotFoundError, BlockingIOError):  # swept as abandoned before it was locked
-                    stack.enter_context(_locked(scratch))
+                    stack.enter_context(_locked_folder(scratch))
                     is_locked = True
         yield scratch
 
@@ -278,13 +278,13 @@ def _sweep(folder: Path) -> None:
     for scratch in folder.glob(f"{PARTIAL}*"):
         with suppress(OSError, RecursionError):
             if _is_own_folder(scratch):
-                with _locked(scratch) as is_locked:
+                with _locked_folder(scratch) as is_locked:
                     if is_locked:
                         shutil.rmtree(scratch, ignore_errors=True)
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[bool]:
+def _locked_folder(folder: Path) -> Iterator[bool]:
     """Lock a folder in the block; yields whether that is possible here.
 
     Raises:
@@ -345,27 +345,27 @@ def _check_swap(folder: Path, names: Collection[str]) -> None:
     """
     swap = folder / SWAP
     if not _is_own_folder(swap):
-        raise _refused(folder, "is no folder of this user's")
+        raise _refused_folder(folder, "is no folder of this user's")
     try:
         for path in swap.rglob("*"):
             part, *below = path.relative_to(swap).parts
             name = "/".join(below)
             mode = path.lstat().st_mode
             if part not in (NEW, READY, OLD) or not (stat.S_ISDIR(mode) or (below and stat.S_ISREG(mode))):
-                raise _refused(folder, f"holds {'/'.join((part, *below))!r:.60}, which no command has left")
+                raise _refused_folder(folder, f"holds {'/'.join((part, *below))!r:.60}, which no command has left")
             if len(below) > _DEEPEST:
-                raise _refused(folder, "holds folders nested too deeply")
+                raise _refused_folder(folder, "holds folders nested too deeply")
             if stat.S_ISDIR(mode):
                 continue
             if name.startswith(_HIDDEN) or not any(fnmatchcase(name, pattern) for pattern in names):
-                raise _refused(folder, f"names {name!r:.60}, which this command does not write")
+                raise _refused_folder(folder, f"names {name!r:.60}, which this command does not write")
             if not _has_real_parents(folder, name) or _is_folder(folder / name):
-                raise _refused(folder, f"names {name!r:.60}, which is no file in {folder}/")
+                raise _refused_folder(folder, f"names {name!r:.60}, which is no file in {folder}/")
     except (OSError, RecursionError):
-        raise _refused(folder, "cannot be read") from None
+        raise _refused_folder(folder, "cannot be read") from None
 
 
-def _refused(folder: Path, reason: str) -> InputError:
+def _refused_folder(folder: Path, reason: str) -> InputError:
     return InputError(f"{folder}: {SWAP} in it {reason}: nothing is changed; remove it, or name another folder")
 
 

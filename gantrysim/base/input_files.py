@@ -39,7 +39,7 @@ def check_inside(file: Path, folder: Path) -> None:
         raise InputError(f"{file}: is a link to {target}, outside the folder: put a copy of the file in its place")
 
 
-def opened(file: Path, label: str = "") -> BinaryIO:
+def opened_file(file: Path, label: str = "") -> BinaryIO:
     """Return a regular file, open for reading.
 
     Args:

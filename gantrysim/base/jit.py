@@ -75,7 +75,7 @@ def jit(function: _Function) -> _Function:
     Raises:
         InputError: NUMBA_DISABLE_JIT is set.
     """
-    compiled: Any = _cached(numba.njit, function)
+    compiled: Any = _cached_function(numba.njit, function)
     _compiled.append(compiled)
     return compiled
 
@@ -91,7 +91,7 @@ def c_function(function: Callable[..., Any], signature: Any) -> Any:
         InputError: NUMBA_DISABLE_JIT is set.
     """
     global _c_functions
-    compiled = _cached(numba.cfunc, function, signature)
+    compiled = _cached_function(numba.cfunc, function, signature)
     _c_functions += not compiled.cache_hits
     return compiled
 
@@ -197,11 +197,11 @@ def _set(**settings: str) -> Iterator[None]:
                 setattr(numba.config, name, value)
 
 
-def _cached(decorator: Any, function: Callable[..., Any], *arguments: Any) -> Any:
+def _cached_function(decorator: Any, function: Callable[..., Any], *arguments: Any) -> Any:
     """Return a function as one of numba's decorators compiles it, with the cache on disk where there is one."""
     if numba.config.DISABLE_JIT:
         raise InputError("NUMBA_DISABLE_JIT is set: gantrysim runs compiled only, unset it")
-    folder = _opened()[0]
+    folder = _opened_cache()[0]
     if folder is not None:
         with suppress(RuntimeError), _set(CACHE_DIR=str(folder), CACHE_LOCATOR_CLASSES="UserProvidedCacheLocator"):
             return decorator(*arguments, error_model="numpy", cache=True)(function)
@@ -209,7 +209,7 @@ def _cached(decorator: Any, function: Callable[..., Any], *arguments: Any) -> An
 
 
 @cache
-def _opened() -> tuple[Path | None, dict[str, str]]:
+def _opened_cache() -> tuple[Path | None, dict[str, str]]:
     """Return this process' copy of the cache, None without one, and the checksums of its entries by name."""
     entries: dict[str, str] = {}
     try:
@@ -248,7 +248,7 @@ def _keep(store: Path, folder: Path, process: int) -> None:
         entries = {}
         for file in folder.glob("*/*.nb[ic]"):
             name = file.relative_to(folder).as_posix()
-            if file.stat().st_nlink == 1 and _checksum(file) != _opened()[1].get(name):
+            if file.stat().st_nlink == 1 and _checksum(file) != _opened_cache()[1].get(name):
                 entries[name] = _checksum(file)
                 (store / name).parent.mkdir(exist_ok=True)
                 file.replace(store / name)

@@ -11,9 +11,9 @@ from typing import Any, TypeVar, get_args, get_type_hints
 
 from pydantic import BaseModel, ValidationError
 
-from gantrysim.base.errors import InputError, meant, nearest
+from gantrysim.base.errors import InputError, meant_names, nearest
 from gantrysim.base.files import check_whole
-from gantrysim.base.input_files import opened
+from gantrysim.base.input_files import opened_file
 
 _MOST_BYTES = 1 << 28  # length of a job or program [bytes]
 _PART = 1 << 20
@@ -40,7 +40,7 @@ def read_text(file: Path, errors: str = "strict", label: str = "", most: int | N
     """
     longest = _MOST_BYTES if most is None else most
     content = bytearray()
-    with opened(file, label) as stream:
+    with opened_file(file, label) as stream:
         # in parts: a call takes memory for as much as it is asked for
         while part := stream.read(_PART):
             content += part
@@ -101,7 +101,7 @@ def _within_64_bits(content: dict[str, Any]) -> bool:
     return True
 
 
-def validated(
+def validated_model(
     model: type[Model],
     content: dict[str, Any],
     label: str,
@@ -156,7 +156,7 @@ def one_line(error: ValidationError, known: Iterable[str] = (), listed: str = ""
         if item["type"] == "value_error" and isinstance(cause, Exception):
             text = str(cause)
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-            hint = _meant(where, names, _MANY_KEYS if listed else None)
+            hint = _meant_keys(where, names, _MANY_KEYS if listed else None)
             key = where if len(where) <= _SHOWN else f"{where[:_SHOWN]}..."
             text = f"unknown key {key}{'' if hint in hints else hint}"  # a list of keys once
             hints.add(hint)
@@ -176,7 +176,7 @@ def one_line(error: ValidationError, known: Iterable[str] = (), listed: str = ""
     return f"{line} {listed}" if line.endswith("?") else f"{line}; {listed}"
 
 
-def _meant(where: str, known: Sequence[str], most: int | None) -> str:
+def _meant_keys(where: str, known: Sequence[str], most: int | None) -> str:
     """Return the end of a message on an unknown key: which of the same table are nearest, or else all of them.
 
     Args:
@@ -187,7 +187,7 @@ def _meant(where: str, known: Sequence[str], most: int | None) -> str:
     *tables, wrong = where.split(".")
     beside = _keys_in(tables, known) or _keys_in(tables[:-1], known)  # pydantic names a fault's kind after its number
     if near := nearest(wrong, sorted(beside)):
-        return f": {meant(near)}"
+        return f": {meant_names(near)}"
     if not beside or (most is not None and len(beside) > most):
         return ""
     return f": known: {', '.join(sorted(beside))}"

@@ -11,7 +11,7 @@ from types import ModuleType
 from typing import Any
 
 from gantrysim.base.errors import InputError, expanded, text_of
-from gantrysim.base.input_files import opened
+from gantrysim.base.input_files import opened_file
 
 _lock = RLock()  # an import may itself resolve names
 
@@ -59,7 +59,7 @@ def _module_in(file: Path) -> ModuleType:
     The source is compiled here: Python's own loader takes bytecode for current whose source has changed within the same
     second without changing its size, and would write it beside the user's file.
     """
-    with opened(file) as stream:
+    with opened_file(file) as stream:
         source = stream.read()
     name = f"gantrysim_code_{file.resolve()}_{hashlib.sha256(source).hexdigest()[:16]}"
     with _lock:

@@ -48,7 +48,7 @@ def _run_once(job: Job) -> None:
     from gantrysim.glue.bead import Bead
     from gantrysim.metrics.analysis import Analysis
     from gantrysim.metrics.budget import Budget
-    from gantrysim.report.plots.style import thinned
+    from gantrysim.report.plots.style import thinned_line
     from gantrysim.report.viewer_data import ViewerData
     from gantrysim.results.run_results import RunResults
 
@@ -59,5 +59,5 @@ def _run_once(job: Job) -> None:
     results = RunResults(job, job.built_machine, Budget(analysis), Bead(record, job.bead, analysis))
     _ = results.verdict, results.budget.values, results.bead_values, analysis.values
     # as plots and page thin the lines of longer runs
-    thinned(record.time[analysis.ticks], results.budget.contour.lateral, columns=1)
+    thinned_line(record.time[analysis.ticks], results.budget.contour.lateral, columns=1)
     _ = ViewerData(results, most=1).rows

@@ -56,7 +56,7 @@ def gains(
 
     Exit status: 0, 2 for bad input or a gain for which the controller has no parameter.
     """
-    from gantrysim.base.files import replaced
+    from gantrysim.base.files import replaced_file
     from gantrysim.exchange.gains import DIALECTS, dialect, exported
     from gantrysim.exchange.shaper import klipper
     from gantrysim.job.job import Job
@@ -80,7 +80,7 @@ def gains(
     if out is None:
         say(content, end="")
     else:
-        with replaced(out) as partial:
+        with replaced_file(out) as partial:
             partial.write_text(content, encoding="utf-8")
         say(f"written to {out}")
     named = source[0] if source is not None else export

@@ -60,21 +60,21 @@ def identify(
         return
     if log is None:
         raise InputError("a log is missing; gantrysim identify --plan writes the program of the moves to log")
-    _identify(machine, log, _named(columns or ()), Path("identified") if out is None else out)
+    _identify(machine, log, _named_columns(columns or ()), Path("identified") if out is None else out)
 
 
 def _write_plan(machine: Machine, controller: str, out: Path | None) -> None:
-    from gantrysim.base.files import replaced
+    from gantrysim.base.files import replaced_file
     from gantrysim.identify.plan import excitation
 
     text, suffix = excitation(machine, controller)
     file = Path(f"excitation{suffix}") if out is None else out
-    with replaced(file) as partial:
+    with replaced_file(file) as partial:
         partial.write_text(text, encoding="utf-8")
     say(f"written to {file}; log torque and position of the motors at every servo tick")
 
 
-def _named(columns: list[str] | tuple[str, ...]) -> dict[str, str]:
+def _named_columns(columns: list[str] | tuple[str, ...]) -> dict[str, str]:
     named = {}
     for column in columns:
         name, equals, head = column.partition("=")

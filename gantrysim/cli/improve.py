@@ -127,10 +127,10 @@ def improve(
 
 def _written(improvement: Improvement, file: Path | None, out: Path | None) -> Iterator[str]:
     """Write the improved job and the page where they are wanted; yield what is said of each."""
-    from gantrysim.base.files import replaced
+    from gantrysim.base.files import replaced_file
 
     if file is not None:
-        with replaced(file) as partial:
+        with replaced_file(file) as partial:
             partial.write_text(improvement.job.toml(), encoding="utf-8")
         yield f"written to {file}: gantrysim run {file}"
     if out is not None and improvement.changes_anything:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from rich.markup import escape
 from rich.table import Table
 
-from gantrysim.base.errors import InputError, meant, nearest, shown
+from gantrysim.base.errors import InputError, meant_names, nearest, shown
 from gantrysim.cli.machine import describe
 from gantrysim.cli.terminal import say, show
 from gantrysim.glue.bead import BeadSettings
@@ -20,7 +20,7 @@ from gantrysim.glue.dispenser.needle import Needle
 from gantrysim.glue.dispenser.syringe import Syringe
 from gantrysim.job.key_list import Key, controller_keys, sections
 from gantrysim.job.loading import builtin_jobs, job_text, read_job
-from gantrysim.job.programs import PROGRAMS, described
+from gantrysim.job.programs import PROGRAMS, described_fields
 from gantrysim.job.settings import INTEGRAL_TIME, ServoSettings
 from gantrysim.machine.design.library import counts_of, encoder_names, motor_names, motor_of
 from gantrysim.machine.machine import Machine, builtin_models
@@ -103,7 +103,7 @@ def glue_table() -> Table:
         ("bead", BeadSettings),
     )
     for prefix, kind in kinds:
-        descriptions = described(kind)
+        descriptions = described_fields(kind)
         for field in fields(kind):
             default = field.default
             text = f"{default:g}" if isinstance(default, float) else str(default).lower()
@@ -263,14 +263,14 @@ def show_name(name: str) -> None:
     elif name in KINDS:
         for table in KINDS[name].tables():
             show(table)
-    elif named := _named(name, tables):
+    elif named := _named_keys(name, tables):
         for title, keys in named.items():
             show(keys_table(title.replace("`", ""), keys))
     else:
         raise _unknown_name(name, tables)
 
 
-def _named(name: str, tables: dict[str, list[Key]]) -> dict[str, list[Key]]:
+def _named_keys(name: str, tables: dict[str, list[Key]]) -> dict[str, list[Key]]:
     """Return the keys of a name in full, or else those that end with it, by their tables."""
     in_full = {title: [key for key in keys if key.name == name] for title, keys in tables.items()}
     ending = {title: [key for key in keys if key.name.endswith(f".{name}")] for title, keys in tables.items()}
@@ -280,7 +280,7 @@ def _named(name: str, tables: dict[str, list[Key]]) -> dict[str, list[Key]]:
 
 def _unknown_name(name: str, tables: dict[str, list[Key]]) -> InputError:
     keys = [key.name for table in tables.values() for key in table]
-    question = meant(nearest(name, {*builtin_models(), *builtin_jobs(), *PROGRAMS, *KINDS, *keys}))
+    question = meant_names(nearest(name, {*builtin_models(), *builtin_jobs(), *PROGRAMS, *KINDS, *keys}))
     return InputError(
         f"unknown name {shown(name)}: {f'{question} ' if question else ''}"
         "gantrysim info lists machines and jobs, gantrysim info keys all keys"

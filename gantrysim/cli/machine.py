@@ -38,7 +38,7 @@ def new(
     beside it.
     """
     from gantrysim.base.errors import InputError, expanded
-    from gantrysim.base.files import replaced
+    from gantrysim.base.files import replaced_file
     from gantrysim.machine.design.build import mjcf_in
     from gantrysim.machine.machine import Machine
 
@@ -52,7 +52,7 @@ def new(
         target.mkdir(parents=True, exist_ok=True)
         target = target / f"{source.stem}.xml"
     describe(machine, job, allow_code=allow_code)
-    with replaced(target) as scratch:
+    with replaced_file(target) as scratch:
         scratch.write_text(text, encoding="utf-8")
     say(f"written to {target}")
 

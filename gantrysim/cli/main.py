@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from typer.core import TyperGroup
 
 from gantrysim.base import signals
-from gantrysim.base.errors import GantryError, InputError, shortened, shown
+from gantrysim.base.errors import GantryError, InputError, shortened_message, shown
 from gantrysim.base.toml_files import one_line
 from gantrysim.cli.check import check
 from gantrysim.cli.compare import compare
@@ -44,11 +44,11 @@ class _Commands(TyperGroup):
             command.make_context = signals.deferred()(command.make_context)
 
     def make_context(self, *arguments: Any, **named: Any) -> Any:
-        with _reported(), signals.deferred():
+        with _reported_errors(), signals.deferred():
             return super().make_context(*arguments, **named)
 
     def invoke(self, ctx: Any) -> Any:
-        with _reported(), interruptible():
+        with _reported_errors(), interruptible():
             return super().invoke(ctx)
 
 
@@ -60,7 +60,7 @@ def _below(group: Any) -> Iterator[Any]:
 
 
 @contextmanager
-def _reported() -> Iterator[None]:
+def _reported_errors() -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt as interrupt:
@@ -150,10 +150,10 @@ def main() -> None:
         status = app(standalone_mode=False)
     except (GantryError, typer.TyperException) as error:
         text = error.format_message() if hasattr(error, "format_message") else str(error)
-        warn(shortened(" ".join(text.splitlines())), "error")
+        warn(shortened_message(" ".join(text.splitlines())), "error")
         status = INPUT_ERROR
     except ValidationError as error:  # a job that a study or an environment makes of its options
-        warn(shortened(one_line(error)), "error")
+        warn(shortened_message(one_line(error)), "error")
         status = INPUT_ERROR
     except OSError as error:
         where = f" ({error.filename})" if error.filename else ""

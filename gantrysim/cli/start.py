@@ -46,11 +46,11 @@ def open_streams() -> None:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
-    sys.stdout = _guarded(1, sys.stdout)
-    sys.stderr = _guarded(_ERRORS, sys.stderr)
+    sys.stdout = _guarded_stream(1, sys.stdout)
+    sys.stderr = _guarded_stream(_ERRORS, sys.stderr)
 
 
-def _guarded(number: int, stream: TextIO | None) -> TextIO:
+def _guarded_stream(number: int, stream: TextIO | None) -> TextIO:
     """Return a guarded stream; one of a terminal stays as it is."""
     if stream is not None and stream.isatty():
         return stream

@@ -118,7 +118,7 @@ def outcome_table(analysis: Analysis, bead: BeadValues | None, margins: tuple[Ma
     if margins is not None and any(axis_margins != NO_LOOP for axis_margins in margins):
         axis, axis_margins = min(zip(run.axes, margins, strict=True), key=lambda pair: pair[1].least_gain)
         number = GAIN_MARGIN.text(axis_margins.least_gain)
-        table.add_row(GAIN_MARGIN.label, number, f"of {axis}, {_judged(axis_margins)}")
+        table.add_row(GAIN_MARGIN.label, number, f"of {axis}, {_judged_margins(axis_margins)}")
     for row in motion_rows(analysis):
         table.add_row(*row)
     ends = zip(END_POINT, "xyz", values.end_point, strict=True)
@@ -168,7 +168,7 @@ def plan_table(name: str, plan: Plan) -> Table:
     return table
 
 
-def _judged(margins: Margins) -> str:
+def _judged_margins(margins: Margins) -> str:
     if not margins.stable:
         return "unstable"
     low = f"low, below {LOW_MARGIN:g}" if margins.least_gain < LOW_MARGIN else "the smallest"

@@ -146,7 +146,7 @@ def write_words(folder: Path, name: str | None) -> list[str]:
     Returns:
         Where they are written, then notes; nothing where no controller is named.
     """
-    from gantrysim.base.files import replaced
+    from gantrysim.base.files import replaced_file
     from gantrysim.exchange.gains import DIALECTS, exported
     from gantrysim.job.job import Job
     from gantrysim.report.folder import JOB
@@ -160,6 +160,6 @@ def write_words(folder: Path, name: str | None) -> list[str]:
         return []
     tuned = Job.load(folder / JOB, servo=folder / TUNED, allow_code=True)  # its code has run in the search
     content, lost = exported(name, tuned.built_machine.axes, tuned.built_servo)
-    with replaced(files[name]) as partial:
+    with replaced_file(files[name]) as partial:
         partial.write_text(content, encoding="utf-8")
     return [f"written to {files[name]}", f"assumed of {name}: {DIALECTS[name].assumes}", *lost]

@@ -81,7 +81,7 @@ def places(time: Floats, measured: Floats, run: Run, simulated: Floats, turning:
     products = np.array([correlate(a, b, method="fft") for a, b in zip(trace_speed, run_speed, strict=True)])
     likeness = np.abs(products) if turning else products
     energy = float(np.sum(np.abs(trace_speed) ** 2))
-    covered = np.array([_covered(speed, lags, trace_speed.shape[1]) for speed in run_speed])
+    covered = np.array([_covered_motion(speed, lags, trace_speed.shape[1]) for speed in run_speed])
     difference = energy + np.sum(covered - 2 * likeness, axis=0)
     if difference.min() > _POOR * energy:
         moving = covered > _STANDSTILL * covered.max()
@@ -106,7 +106,7 @@ def _velocities(columns: list[Floats], turning: bool) -> NDArray[Any]:
     return (steps[:1] + 1j * steps[1:2]) if turning else steps
 
 
-def _covered(speed: Floats, lags: Floats, count: int) -> Floats:
+def _covered_motion(speed: Floats, lags: Floats, count: int) -> Floats:
     """Return the sum of squares of an axis' steps that a trace of some samples covers, for each lag."""
     total = np.concatenate([[0.0], np.cumsum(np.abs(speed) ** 2)])
     first = np.clip(-lags, 0, speed.size)
@@ -154,7 +154,7 @@ class _Fit(NamedTuple):
     overlap: int
 
 
-def aligned(trace: Trace, run: Run, what: tuple[str, ...] = ("time", "offset")) -> Alignment:
+def aligned_trace(trace: Trace, run: Run, what: tuple[str, ...] = ("time", "offset")) -> Alignment:
     """Return the alignment of a trace with a simulated run.
 
     The first of command, encoder and nozzle that is measured gives the shift. Axes have one offset, of that link; the
@@ -198,7 +198,7 @@ def _best(
     starts = [Place(float(shift or 0.0), 0.0)]
     if free:
         starts = places(trace.time, measured[:, known], run, getattr(run, link)[:, known], turning)
-    fits = [_fitted(trace, run, link, start, (free, placed, turning)) for start in starts]
+    fits = [_fitted_link(trace, run, link, start, (free, placed, turning)) for start in starts]
     whole = [fit for fit in fits if fit.overlap >= _AS_LONG * fits[0].overlap]
     best = min(whole, key=lambda fit: fit.residual)
     as_good = [fit.shift for fit in whole if fit.residual <= max(_AS_WELL * best.residual, _NOTHING)]
@@ -214,7 +214,7 @@ def _apart(shifts: list[float], from_shift: float, least: float) -> list[float]:
     return distinct[1:]
 
 
-def _fitted(trace: Trace, run: Run, link: str, start: Place, free: tuple[bool, bool, bool]) -> _Fit:
+def _fitted_link(trace: Trace, run: Run, link: str, start: Place, free: tuple[bool, bool, bool]) -> _Fit:
     """Return the fit of one link by Gauss and Newton from a place; free are shift, offset and turn."""
     shifting, placed, turning = free
     measured = trace.nozzle if link == "nozzle" else trace.axes[link]
@@ -236,12 +236,12 @@ def _fitted(trace: Trace, run: Run, link: str, start: Place, free: tuple[bool, b
             )
         s = spline(shifted[inside])
         rate = spline(shifted[inside], 1)
-        residual = m[inside] - turned(s, turn) - offset
+        residual = m[inside] - turned_points(s, turn) - offset
         slopes = []
         if shifting:
-            slopes.append(-turned(rate, turn))
+            slopes.append(-turned_points(rate, turn))
         if turning:
-            slopes.append(turned(s, turn + np.pi / 2) * (columns < 2))
+            slopes.append(turned_points(s, turn + np.pi / 2) * (columns < 2))
         if placed:
             slopes += [np.broadcast_to(unit, residual.shape) for unit in np.eye(residual.shape[1])]
         if not slopes:
@@ -260,7 +260,7 @@ def _fitted(trace: Trace, run: Run, link: str, start: Place, free: tuple[bool, b
     return _Fit(float(tau), whole, float(turn), float(np.sqrt(np.mean(residual**2))), overlap)
 
 
-def turned(points: Floats, turn: float) -> Floats:
+def turned_points(points: Floats, turn: float) -> Floats:
     """Return points turned about z, (n, 2 or more)."""
     if turn == 0.0:
         return points

@@ -15,7 +15,7 @@ from scipy.signal import find_peaks, welch
 from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.errors import InputError
 from gantrysim.base.quantity import contents
-from gantrysim.compare.alignment import Alignment, turned
+from gantrysim.compare.alignment import Alignment, turned_points
 from gantrysim.compare.compare_quantities import DIFFERENCES, EXPLAINED, PEAK, ROTATION, SHIFT
 from gantrysim.compare.measured import Trace
 from gantrysim.compare.trace_faults import aligned_as_named, scale_and_clock
@@ -74,7 +74,7 @@ def beside(trace: Trace, alignment: Alignment, run: Run, machine: Machine) -> tu
         if trace.nozzle is None:
             nozzle = tips["encoder"]
         elif actual:
-            nozzle = turned(trace.nozzle[rows] - alignment.offsets["nozzle"], -np.radians(alignment.rotation))
+            nozzle = turned_points(trace.nozzle[rows] - alignment.offsets["nozzle"], -np.radians(alignment.rotation))
             nozzle = np.where(np.isnan(nozzle), tips["commanded"], nozzle)
         else:
             nozzle = CubicSpline(run.time, run.nozzle, axis=0)(instants)

@@ -88,7 +88,7 @@ class Trace:
         recognised: list[str] = []
         sources = dict(given.columns)
         if not sources:
-            sources, recognised = _recognised(log, run)
+            sources, recognised = _recognised_columns(log, run)
         period = given.period if given.period is not None else log.period
         quantities = {"time", *"xyz", *(f"{link}.{axis}" for link in ("commanded", "encoder") for axis in run.axes)}
         for key in sources:
@@ -172,7 +172,7 @@ def _check_rise(label: str, time: Floats) -> None:
         raise InputError(f"{label}: time goes from {time[back[0]]:g} s to {time[back[0] + 1]:g} s: must rise")
 
 
-def _recognised(log: ColumnTable, run: Run) -> tuple[dict[str, Source], list[str]]:
+def _recognised_columns(log: ColumnTable, run: Run) -> tuple[dict[str, Source], list[str]]:
     """Return the quantities that the names of the columns tell, and notes on names that could mean something else.
 
     The names are those of `gantrysim export`, of softMC's RECORD, and those of the quantities themselves.

@@ -29,8 +29,8 @@ from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.parts import ERROR, ERROR_SIZES, PART_SIZES
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.drawn_page import write_page
-from gantrysim.report.plots.style import COLOURS, INK, UM, axes_on, sheet, thinned
-from gantrysim.report.sections import drawn
+from gantrysim.report.plots.style import COLOURS, INK, UM, axes_on, sheet, thinned_line
+from gantrysim.report.sections import drawn_plot
 from gantrysim.report.summary import versions
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def save_comparison(comparison: Comparison, folder: Path) -> list[str]:
 
 def _line(s: Floats, ticks: NDArray[np.intp], error: Floats) -> tuple[Floats, Floats]:
     gaps = np.flatnonzero(np.diff(ticks) > 1) + 1
-    return thinned(np.insert(s, gaps, np.nan), np.insert(UM * error, gaps, np.nan))
+    return thinned_line(np.insert(s, gaps, np.nan), np.insert(UM * error, gaps, np.nan))
 
 
 REPORT = "report.html"
@@ -142,14 +142,14 @@ def _sections(comparison: Comparison, circle: Mapping[str, Mapping[str, Any]] | 
         "Errors are normal to the requested path; the contour error is that of the last link measured. Links that are "
         "not measured are not compared. The difference is that of the errors at the same instant, not of the two "
         "numbers beside it.",
-        figure=drawn(draw_overlay, comparison, _PLOT_WIDTH, 2.2 * (len(comparison.parts) + 2)),
+        figure=drawn_plot(draw_overlay, comparison, _PLOT_WIDTH, 2.2 * (len(comparison.parts) + 2)),
         table=_budgets(comparison),
     )
     yield Section("Alignment", alignment_text(comparison), table=_offsets(comparison))
     yield Section(
         "Not explained by the model",
-        unexplained(comparison),
-        figure=drawn(draw_spectrum, comparison, _PLOT_WIDTH, 4.6) if has_spectrum(comparison) else None,
+        unexplained_errors(comparison),
+        figure=drawn_plot(draw_spectrum, comparison, _PLOT_WIDTH, 4.6) if has_spectrum(comparison) else None,
         table=_peaks(comparison) if comparison.peaks else None,
     )
     if circle is not None:
@@ -168,13 +168,13 @@ def headline(comparison: Comparison) -> str:
     """Return both contour errors, how much of the measured links the simulation explains, and what is not compared."""
     contour = [budget.values.contour.rms for budget in (comparison.measured, comparison.simulated)]
     sizes = f"Contour error: {ERROR.text(contour[0])} rms measured, {ERROR.text(contour[1])} simulated."
-    return " ".join([sizes, _explained(comparison), *_not_compared(comparison)])
+    return " ".join([sizes, _explained_share(comparison), *_not_compared(comparison)])
 
 
-def _explained(comparison: Comparison) -> str:
+def _explained_share(comparison: Comparison) -> str:
     """Return how much of the measured links the simulation explains, in a sentence."""
     explained = comparison.explained
-    links = " + ".join(_named(comparison))
+    links = " + ".join(_named_links(comparison))
     measured = f"{links}, {MEASURED.text(explained.measured)} rms measured"
     if explained.difference < NOTHING:
         return f"Of {measured}, no difference is left."
@@ -187,7 +187,7 @@ def _explained(comparison: Comparison) -> str:
     return f"Of {measured}, the simulation explains {share_text(explained.share)} in mean square; {difference} is left."
 
 
-def _named(comparison: Comparison) -> list[str]:
+def _named_links(comparison: Comparison) -> list[str]:
     """Return the compared links, with their spans where they differ from a full budget's."""
     return [name if span == DESCRIPTIONS[name] else f"{name} ({span})" for name, span in comparison.parts.items()]
 
@@ -203,7 +203,7 @@ def _not_compared(comparison: Comparison) -> list[str]:
     return [f"Not compared: {'; '.join(missing)}."] if missing else []
 
 
-def unexplained(comparison: Comparison) -> list[str]:
+def unexplained_errors(comparison: Comparison) -> list[str]:
     """Return what the model does not explain, a paragraph each: links, constant and varying part, frequencies."""
     contour = comparison.unexplained["contour"]
     if contour.rms < NOTHING:
@@ -239,7 +239,7 @@ def alignment_text(comparison: Comparison) -> str:
     alignment = comparison.alignment
     run = comparison.measured.analysis.run
     text = f"Aligned by {alignment.by}: the trace's time is {SHIFT.text(alignment.shift)} against the run's"
-    for frame, axis, offset, unit in _placed(comparison):
+    for frame, axis, offset, unit in _placed_offsets(comparison):
         text += f"; {frame} offset {axis} {offset:+z.4f} {unit}"
     if alignment.rotation:
         text += f"; turned by {ROTATION.text(alignment.rotation)}"
@@ -248,7 +248,7 @@ def alignment_text(comparison: Comparison) -> str:
     return f"{text}; residual {DIFFERENCE.number(alignment.residual)} {kinds} rms."
 
 
-def _placed(comparison: Comparison) -> Iterator[tuple[str, str, float, str]]:
+def _placed_offsets(comparison: Comparison) -> Iterator[tuple[str, str, float, str]]:
     """Yield frame, axis, offset and unit of every offset."""
     run = comparison.measured.analysis.run
     names = {"axes": (run.axes, run.units), "nozzle": ("xyz", ("mm",) * 3)}
@@ -268,7 +268,9 @@ def _facts(comparison: Comparison) -> list[tuple[str, str, str]]:
     ]
     explained = comparison.explained
     if explained.share is not None:
-        facts.append(("Explained", share_text(explained.share), f"of {' + '.join(_named(comparison))}, in mean square"))
+        facts.append(
+            ("Explained", share_text(explained.share), f"of {' + '.join(_named_links(comparison))}, in mean square")
+        )
     return [*facts, ("Time shift", SHIFT.text(comparison.alignment.shift), f"by {comparison.alignment.by}")]
 
 
@@ -291,7 +293,7 @@ def _budgets(comparison: Comparison) -> Table:
 
 
 def _offsets(comparison: Comparison) -> Table:
-    rows = [[f"{frame} {axis}", offset, unit] for frame, axis, offset, unit in _placed(comparison)]
+    rows = [[f"{frame} {axis}", offset, unit] for frame, axis, offset, unit in _placed_offsets(comparison)]
     rows.insert(0, ["time", comparison.alignment.shift, "s"])
     rows.append(["rotation", comparison.alignment.rotation, "deg"])
     return Table(["", Column("against the run", ".6f"), "unit"], rows, "Trace against run")

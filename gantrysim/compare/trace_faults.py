@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.compare.alignment import Alignment, aligned, turned
+from gantrysim.compare.alignment import Alignment, aligned_trace, turned_points
 from gantrysim.compare.compare_quantities import DIFFERENCE
 from gantrysim.compare.measured import Trace
 from gantrysim.record.run import Run
@@ -39,7 +39,7 @@ def aligned_as_named(trace: Trace, run: Run, what: tuple[str, ...]) -> Alignment
     failure: InputError | None = None
     residual = math.inf
     try:
-        alignment = aligned(trace, run, what)
+        alignment = aligned_trace(trace, run, what)
         residual = alignment.residual
     except InputError as error:
         failure = error
@@ -85,7 +85,7 @@ def _check_axes(trace: Trace, run: Run, what: tuple[str, ...], residual: float) 
     words = ""
     for swapped, signs in _hypotheses():
         try:
-            fitted = aligned(_with_axes(trace, swapped, signs), run, what).residual
+            fitted = aligned_trace(_with_axes(trace, swapped, signs), run, what).residual
         except InputError:  # it does not overlap the run this way either
             continue
         if fitted < best:
@@ -148,8 +148,8 @@ def scale_and_clock(trace: Trace, run: Run, alignment: Alignment) -> list[str]:
     time = trace.time - alignment.shift
     inside = (time >= run.time[0]) & (time <= run.time[-1])
     spline = CubicSpline(run.time, simulated, axis=0)
-    s = turned(spline(time[inside]), np.radians(alignment.rotation))[:, columns]
-    rate = turned(spline(time[inside], 1), np.radians(alignment.rotation))[:, columns]
+    s = turned_points(spline(time[inside]), np.radians(alignment.rotation))[:, columns]
+    rate = turned_points(spline(time[inside], 1), np.radians(alignment.rotation))[:, columns]
     residual = (measured[inside] - offset)[:, columns] - s
     since = (time[inside] - time[inside].mean())[:, None]
     units = np.eye(columns.size)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError
-from gantrysim.engine.native.hook import Interrupted, installed, installed_law
+from gantrysim.engine.native.hook import Interrupted, installed_law, installed_tick
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.machine.row import MISSED, NOT_IN_MODEL
@@ -82,7 +82,7 @@ def advance(
     runs: Mapping[int, Started],
     steps: int | None = None,
     *,
-    hook: Callable[[], AbstractContextManager[Interrupted]] = installed,
+    hook: Callable[[], AbstractContextManager[Interrupted]] = installed_tick,
     progress: Callable[[int], None] | None = None,
 ) -> None:
     """Step simulations until all have sent their last setpoint or had a fault, or have made a number of steps.
@@ -97,7 +97,7 @@ def advance(
         hook: makes a context in which the servo is MuJoCo's control callback, by default that of the compiled law.
         progress: called after every call of MuJoCo with the number of setpoints that all simulations have sent.
     """
-    in_python = hook is not installed or any(run.user_law is not None for run in runs.values())
+    in_python = hook is not installed_tick or any(run.user_law is not None for run in runs.values())
     most = _MOST_IN_PYTHON if in_python else MOST_STEPS
     if steps is None and progress is not None:
         most = min(most, max(run.steps_left for run in runs.values()) // CALLS + 1)
@@ -139,7 +139,7 @@ class Stepper:
         self, steps: int | None = None, law: PlainLaw | None = None, progress: Callable[[int], None] | None = None
     ) -> None:
         """Step until the run is done or has made a number of steps, with its servo's law or one in plain Python."""
-        hook = installed
+        hook = installed_tick
         if law is not None:
             hook = partial(installed_law, self.data, law)
             self.run.stop_at_stops()  # no step of it can be taken back

@@ -48,7 +48,7 @@ def check_argument(name: str, value: Any, place: str = "", alternative: str = ""
     raise InputError(f"{name}{place} is of type {type(value).__name__}: must be {words}{alternative}{remedy}")
 
 
-def sent(setpoints: Setpoints | Controller, period: float) -> Setpoints:
+def sent_setpoints(setpoints: Setpoints | Controller, period: float) -> Setpoints:
     """Return setpoints, those of a controller at a servo period [s].
 
     Raises:

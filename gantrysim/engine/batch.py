@@ -18,7 +18,7 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.engine.advance import MOST_STEPS, Numbers, advance, step_or_take_back
 from gantrysim.engine.arguments import check_argument
 from gantrysim.engine.learning import run_and_learn
-from gantrysim.engine.native.hook import installed
+from gantrysim.engine.native.hook import installed_tick
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.faults import InjectedFault
@@ -279,7 +279,7 @@ class Batch:
             done = (self._sent >= self._ticks) | (self._faults != 0)
             running = stepped[~done[stepped]]
             if running.size:
-                with installed():
+                with installed_tick():
                     step_or_take_back(self, self.runs, steps, running)
             return
         advance(self, {place: self.runs[place] for place in stepped.tolist()}, steps, progress=progress)

@@ -45,7 +45,7 @@ TIPS = ("encoder_tip", "motor_tip", "nozzle")
 IDEAL = "ideal_nozzle"  # the nozzle of the same machine with an ideal geometry
 
 
-def measured(
+def measured_columns(
     machine: Machine, log: Log, first: int, period: float, faults: tuple[InjectedFault, ...], special: Floats
 ) -> dict[str, Floats]:
     """Return the part of a record that was measured, from the log from a first tick on."""
@@ -129,7 +129,7 @@ def _fill_speeds(speeds: Floats, tip: Floats, period: float) -> None:
         speeds[k] = np.sqrt(x * x + y * y + z * z) / period
 
 
-def protected(content: dict[str, Any]) -> dict[str, Any]:
+def protected_columns(content: dict[str, Any]) -> dict[str, Any]:
     """Return the content with its arrays read-only."""
     return {name: read_only(array) for name, array in content.items()}
 
@@ -351,7 +351,7 @@ class LogBook:
             every: number of ticks of the servo for each of the record.
         """
         if every > 1 and self._remembers:
-            return thinned(self.record(ticks, fault), every)
+            return thinned_run(self.record(ticks, fault), every)
         machine = self._machine
         setpoints = self._setpoints
         table = self._table
@@ -368,7 +368,7 @@ class LogBook:
             if every > 1:
                 content["time"] = np.arange(0, ticks, every) * setpoints.period
                 unchanging["period"] *= every
-            return Run(**unchanging, **protected(content), fault=fault, injected=self._faults)
+            return Run(**unchanging, **protected_columns(content), fault=fault, injected=self._faults)
         self._write(ticks)
         sent = table.stored(ticks)["setpoint"].array() if setpoints.gates.size else np.arange(ticks)
         sent_columns(program, sent, content, table)
@@ -404,10 +404,10 @@ class LogBook:
             content |= {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
     def _measured(self, log: Log, first: int) -> dict[str, Floats]:
-        return measured(self._machine, log, first, self._setpoints.period, self._faults, self._drives)
+        return measured_columns(self._machine, log, first, self._setpoints.period, self._faults, self._drives)
 
 
-def thinned(run: Run, every: int) -> Run:
+def thinned_run(run: Run, every: int) -> Run:
     """Return one of so many ticks of a record."""
     arrays = {field.name: getattr(run, field.name) for field in fields(run)}
     columns: dict[str, Any] = {name: value[::every] for name, value in arrays.items() if isinstance(value, np.ndarray)}
@@ -425,4 +425,4 @@ def perfect_record(machine: Machine, setpoints: Setpoints, position: Floats, dis
     content |= dict.fromkeys(("demand", "torque", "current", "voltage"), none)
     if machine.geometry is not None:
         content["geometric_tip"] = tip
-    return Run(**constants(machine, setpoints, dispenser), **protected(content))
+    return Run(**constants(machine, setpoints, dispenser), **protected_columns(content))

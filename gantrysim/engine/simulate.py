@@ -61,10 +61,10 @@ def simulate(
             the machine cannot have.
     """
     simulation = Simulation.of(machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser, faults=faults)
-    return stepped(simulation, law, progress).record()
+    return stepped_simulation(simulation, law, progress).record()
 
 
-def stepped(simulation: Simulation, law: PlainLaw | None = None, progress: Progress = None) -> Started:
+def stepped_simulation(simulation: Simulation, law: PlainLaw | None = None, progress: Progress = None) -> Started:
     """Run a simulation and return it at its end; law and progress as of `simulate`."""
     runs = simulation.servo.laws.runs if law is None else 1
     done = 0

@@ -14,7 +14,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.memory import check_ticks
 from gantrysim.controllers.controller import Controller
-from gantrysim.engine.arguments import check_argument, sent
+from gantrysim.engine.arguments import check_argument, sent_setpoints
 from gantrysim.engine.drives import drive_entries
 from gantrysim.engine.injection import NONE, Injection, faulted_models, injection
 from gantrysim.engine.laws import law_entries
@@ -161,7 +161,7 @@ class Simulation:
         given = {"machine": machine, "servo": servo, "setpoints": setpoints, "dispenser": dispenser, "faults": faults}
         for name, value in given.items():
             check_argument(name, value)
-        setpoints = sent(setpoints, servo.period)
+        setpoints = sent_setpoints(setpoints, servo.period)
         for law in servo.laws.added:
             setpoints = law.sent(servo.laws.by_name(), setpoints)
         dispenser = checked_dispenser(dispenser, setpoints)
@@ -186,7 +186,7 @@ class Simulation:
         drives = drive_entries(machine, servo, servo.period / substeps)
         torque = axis_torques(machine, setpoints)
         for law in servo.laws.added:
-            fed = law.torque(partial(_inverted, servo), position)
+            fed = law.torque(partial(_inverted_torques, servo), position)
             if fed is not None:
                 torque = fed if torque is None else torque + fed
         checked = check_faults(faults, machine.name, machine.axis_names, setpoints.most_ticks * servo.period)
@@ -241,7 +241,7 @@ def _check_servo(servo: Servo, machine: Machine, setpoints: Setpoints) -> None:
         raise InputError(f"setpoints' period = {setpoints.period:g} s: must be the servo period, {servo.period:g} s")
 
 
-def _inverted(servo: Servo, position: Floats) -> Floats:
+def _inverted_torques(servo: Servo, position: Floats) -> Floats:
     """Return the torques with which the linear machine under its servo follows setpoints, (n, axes) [N·m]."""
     return Inverse(servo).preview(position)
 

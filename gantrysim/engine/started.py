@@ -31,7 +31,7 @@ from gantrysim.machine.row import (
 )
 from gantrysim.record.run import Run
 from gantrysim.record.run_file import Fault
-from gantrysim.servo.laws.user import STATE, resolved, without_warnings
+from gantrysim.servo.laws.user import STATE, resolved_law, without_warnings
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class Started:
         ]
         user_law = None
         if simulation.servo.laws.user is not None:
-            user_law = CalledLaw(without_warnings(resolved(simulation.servo.laws.user)), np.zeros(STATE))
+            user_law = CalledLaw(without_warnings(resolved_law(simulation.servo.laws.user)), np.zeros(STATE))
             stages.append(Stage("law", user_law.address, user_law.state.ctypes.data))
         table = arm(row, stages)
         row["magic"] = magic()  # the last, for it arms the servo

@@ -18,7 +18,7 @@ from gantrysim.base.jit import jit
 from gantrysim.engine.native.pointers import floats, logs_at, octets, row_at, typed_pointer
 from gantrysim.engine.native.stages import compiled_stage
 from gantrysim.machine.row import Log
-from gantrysim.paths.nearest import Table, chord_at, nearest_chord, remembered, stretch, to_chord
+from gantrysim.paths.nearest import Table, chord_at, nearest_chord, remembered_lag, stretch, to_chord
 
 # what is measured between two decisions, see `IntervalValues`: of the path, and of each axis
 PATH_VALUES = np.dtype(
@@ -267,7 +267,7 @@ def _measure_path(path, laid, span, values):
         for i in range(3):
             away += (tips[k, i] - points[here, i] - share * (points[here + 1, i] - points[here, i])) ** 2
         away = np.sqrt(away)
-        lag = remembered(lag, away, stands_for - place)
+        lag = remembered_lag(lag, away, stands_for - place)
         place = stands_for
         foot, along = nearest_chord(path, x, y, z, place, stretch(path, place, away, lag))
         distance = to_chord(points, foot, x, y, z, (along, along))[0]

@@ -112,11 +112,11 @@ class SensitivityTable:
         if key not in self._peaks:
             action = np.zeros((len(TUNED_GAINS), plant.axes))
             action[_LOOP] = steps / _STEPS
-            self._peaks[key] = plant.sensitivity(scaled(self._servo, gain_factors(action, self._range)))
+            self._peaks[key] = plant.sensitivity(scaled_gains(self._servo, gain_factors(action, self._range)))
         return self._peaks[key]
 
 
-def scaled(servo: Servo, factors: Mapping[str, Floats]) -> Servo:
+def scaled_gains(servo: Servo, factors: Mapping[str, Floats]) -> Servo:
     """Return a servo whose gains of `SCALED` are multiplied, each by one factor per axis."""
     gains: dict[str, Any] = {name: tuple((factors[name] * np.array(servo.per_axis(name))).tolist()) for name in SCALED}
     return servo.with_values(**gains)

@@ -126,14 +126,14 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
         if self.autoreset_mode is AutoresetMode.SAME_STEP and over.any():
             # the last observations and infos move aside for those of the next episodes
             final = self._episodes.observations()
-            info = _masked(outcome.info, ~over)
+            info = _masked_infos(outcome.info, ~over)
             info |= {"final_obs": np.full(self.num_envs, None, object), "_final_obs": over}
             for place in np.flatnonzero(over):
                 info["final_obs"][place] = final[place]
-            info |= {"final_info": _masked({**outcome.info, **outcome.final}, over), "_final_info": over.copy()}
+            info |= {"final_info": _masked_infos({**outcome.info, **outcome.final}, over), "_final_info": over.copy()}
             info |= self._begin(over)
         else:
-            info = _masked(outcome.info, ~resting) | _masked(outcome.final, over)
+            info = _masked_infos(outcome.info, ~resting) | _masked_infos(outcome.final, over)
             info |= self._begin(resting) if resting.any() else {}
         reward = np.where(resting, 0.0, outcome.reward)
         return self._episodes.observations(), reward, outcome.terminated, outcome.truncated, info
@@ -251,7 +251,7 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
         self._spec = None if value is None else with_bound(value, self._episodes.longest)
 
 
-def _masked(values: dict[str, NDArray[Any]], mask: Flags) -> dict[str, Any]:
+def _masked_infos(values: dict[str, NDArray[Any]], mask: Flags) -> dict[str, Any]:
     """Return infos in Gymnasium's format: every array with a mask of the environments for which it holds values."""
     if not mask.any():
         return {}

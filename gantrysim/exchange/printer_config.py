@@ -220,7 +220,7 @@ def _add_file(path: Path, sections: dict[str, dict[str, str]], files: IncludedFi
         content = line.removeprefix(_SAVED)
         heading = _SECTION.fullmatch(content.strip())
         if heading and heading[1].startswith(_INCLUDE):
-            for file in _included(path.parent / expanded(heading[1].removeprefix(_INCLUDE).strip())):
+            for file in _included_files(path.parent / expanded(heading[1].removeprefix(_INCLUDE).strip())):
                 _add_file(file, sections, files, depth + 1)
         elif heading:
             section = sections.setdefault(heading[1].lower(), {})
@@ -230,7 +230,7 @@ def _add_file(path: Path, sections: dict[str, dict[str, str]], files: IncludedFi
                 section[option[1].lower()] = option[2]
 
 
-def _included(target: Path) -> list[Path]:
+def _included_files(target: Path) -> list[Path]:
     """Return the files of an [include], whose name may have wildcards."""
     if not re.search(r"[*?\[]", target.name):
         return [target]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.errors import InputError, expanded, unknown
 from gantrysim.base.extras import extra
-from gantrysim.base.files import check_whole, replaced
+from gantrysim.base.files import check_whole, replaced_file
 from gantrysim.record.named_columns import columns, description
 from gantrysim.record.run import Run
 from gantrysim.record.run_file import RUN
@@ -61,7 +61,7 @@ def export(run: Run, file: str | os.PathLike[str], kind: str) -> None:
         raise unknown("format", kind, WRITERS)
     table = columns(run)
     about = description(run)
-    with replaced(file) as partial:
+    with replaced_file(file) as partial:
         WRITERS[kind](partial, table, about)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from gantrysim.base.errors import InputError, between
-from gantrysim.faults.fault import VOLTAGE, FaultAxis, Lasting, acts_in_step, check_electrical, spared
+from gantrysim.faults.fault import VOLTAGE, FaultAxis, Lasting, acts_in_step, check_electrical, spared_axis
 
 
 def limit_voltage(row: Any, fault: Any) -> None:
@@ -54,7 +54,7 @@ class BusSag(Lasting):
     def tick_value(self, axis: FaultAxis, axes: Sequence[FaultAxis]) -> float | None:
         check_electrical(self.kind, axis)
         named = self.axis is not None
-        if spared(self.kind, axis, axes, named=named):
+        if spared_axis(self.kind, axis, axes, named=named):
             return None
         if not math.isfinite(axis.bus_voltage):
             if not named and any(math.isfinite(other.bus_voltage) for other in axes):

@@ -194,7 +194,7 @@ def check_electrical(kind: str, axis: FaultAxis) -> None:
         raise InputError(f"fault {kind}: machine {axis.machine} has an actuator with a delay of its own")
 
 
-def spared(kind: str, axis: FaultAxis, axes: Sequence[FaultAxis], *, named: bool) -> bool:
+def spared_axis(kind: str, axis: FaultAxis, axes: Sequence[FaultAxis], *, named: bool) -> bool:
     """Return whether a fault of all axes leaves out one, a stepper in open loop among servo axes.
 
     Raises:

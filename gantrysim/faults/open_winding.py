@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from gantrysim.faults.fault import CURRENT, VOLTAGE, FaultAxis, Lasting, acts_in_step, check_electrical, spared
+from gantrysim.faults.fault import CURRENT, VOLTAGE, FaultAxis, Lasting, acts_in_step, check_electrical, spared_axis
 
 
 def take_current(row: Any, fault: Any) -> None:
@@ -46,7 +46,7 @@ class OpenWinding(Lasting):
 
     def tick_value(self, axis: FaultAxis, axes: Sequence[FaultAxis]) -> float | None:
         check_electrical(self.kind, axis)
-        return None if spared(self.kind, axis, axes, named=True) else 0.0
+        return None if spared_axis(self.kind, axis, axes, named=True) else 0.0
 
     def drive_left(self, gain: float, bus: float, nominal_bus: float) -> tuple[float, float]:
         return 0.0, bus

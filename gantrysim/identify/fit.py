@@ -127,7 +127,7 @@ class Minimum:
         return CONFIDENCE * estimate.deviation / max(abs(estimate.value), 1e-300)
 
 
-def refined(
+def refined_minimum(
     error: PredictionError,
     model: AxisModel,
     noise: float,
@@ -319,7 +319,7 @@ def fit_axis(nominal: AxisModel, log: AxisLog, progress: Callable[[], None] = la
         stiffness=nominal.stiffness * scale,
         damping=nominal.damping * scale,
     )
-    best, without_mode = _fitted(error, start)
+    best, without_mode = _fitted_model(error, start)
     if error.correlation(best) > WHITE:
         best = _with_another_mode(error, best, without_mode, (_HELD if log.held else _SAMPLED) / log.period)
     if nominal.share and error.correlation(best) > WHITE:
@@ -376,16 +376,16 @@ def _error(log: AxisLog, progress: Callable[[], None]) -> PredictionError:
     return PredictionError(log.period, log.position[moves], log.torque[moves], log.held, used[moves], size, progress)
 
 
-def _fitted(error: PredictionError, start: AxisModel) -> tuple[Minimum, AxisModel]:
+def _fitted_model(error: PredictionError, start: AxisModel) -> tuple[Minimum, AxisModel]:
     """Return the fit, with the mode where the log shows it, and a model near it with the mode of the MJCF."""
     noise = _NOISE * float(np.std(error.torque))
     delayed = [replace(start, delay=k * 0.5 * error.period) for k in range(2 * _DELAYS + 1)]
     nearest = min(delayed, key=lambda model: error.cost(model, noise))
     bristles = [replace(nearest, deflection=factor * nearest.deflection) for factor in _DEFLECTIONS]
     nearest = min(bristles, key=lambda model: error.cost(model, noise))
-    rigid = refined(error, nearest, noise, list(_RIGID), _FIRST_EVALUATIONS)
+    rigid = refined_minimum(error, nearest, noise, list(_RIGID), _FIRST_EVALUATIONS)
     if not start.resonance < _HELD / error.period:  # beyond half the rate, samples do not show the table's mode
-        return refined(error, rigid.model, rigid.noise, list(_RIGID)), rigid.model
+        return refined_minimum(error, rigid.model, rigid.noise, list(_RIGID)), rigid.model
     grid = [
         replace(rigid.model, share=share * start.share, stiffness=factor * start.stiffness)
         for share in _SHARES
@@ -393,11 +393,11 @@ def _fitted(error: PredictionError, start: AxisModel) -> tuple[Minimum, AxisMode
         if share * start.share < 1
     ]
     nearest = min(grid, key=lambda model: error.cost(model, rigid.noise))
-    swinging = refined(error, nearest, rigid.noise, [*_RIGID, *MODE])
+    swinging = refined_minimum(error, nearest, rigid.noise, [*_RIGID, *MODE])
     if any(swinging.relative(name) > _UNSEEN for name in ("share", "stiffness")):
         # the log does not show the mode: that of the MJCF stays
         model = replace(swinging.model, share=start.share, stiffness=start.stiffness, damping=start.damping)
-        return refined(error, model, swinging.noise, list(_RIGID)), model
+        return refined_minimum(error, model, swinging.noise, list(_RIGID)), model
     return swinging, rigid.model
 
 
@@ -421,7 +421,7 @@ def _with_another_mode(error: PredictionError, best: Minimum, without_mode: Axis
             grid.append(replace(without_mode, share=share, stiffness=stiffness, damping=damping))
     noise = _CALM * float(np.std(error.torque))  # the fitted one has taken the missing mode for noise
     nearest = min(grid, key=lambda model: error.cost(model, noise))
-    other = refined(error, nearest, noise, [*_RIGID, *MODE])
+    other = refined_minimum(error, nearest, noise, [*_RIGID, *MODE])
     seen = all(other.relative(name) < _UNSEEN for name in ("share", "stiffness"))
     if not seen or not other.model.resonance < highest or error.correlation(other) > WHITE:
         return best
@@ -436,7 +436,7 @@ def _cost_near_table(error: PredictionError, model: AxisModel, noise: float) -> 
         return math.inf
     grid = [replace(model, stiffness=factor * model.stiffness) for factor in _STIFF]
     nearest = min(grid, key=lambda near: error.cost(near, noise))
-    return refined(error, nearest, noise, [*_RIGID, *MODE]).cost
+    return refined_minimum(error, nearest, noise, [*_RIGID, *MODE]).cost
 
 
 def _with_gap(error: PredictionError, best: Minimum, without_mode: AxisModel) -> Minimum:
@@ -454,7 +454,8 @@ def _with_gap(error: PredictionError, best: Minimum, without_mode: AxisModel) ->
     if not likely:  # another structure is missing
         return best
     fits = [
-        refined(error, start, noise, [*_RIGID, *MODE, "gap"], 2 * _FIRST_EVALUATIONS, _COARSE_STEP) for start in likely
+        refined_minimum(error, start, noise, [*_RIGID, *MODE, "gap"], 2 * _FIRST_EVALUATIONS, _COARSE_STEP)
+        for start in likely
     ]
     gapped = min(fits, key=lambda fit: fit.cost)
     gain = error.used.sum() * math.log(best.cost / gapped.cost)

@@ -201,7 +201,7 @@ def _estimates(
         k = NAMES.index(name)
         value = _SIGNS[name] * float(solution.values[k])
         variance = float(solution.covariance[k, k])
-        with_others = [_moved(solution, other.solution, k) for other in others]
+        with_others = [_moved_by_term(solution, other.solution, k) for other in others]
         floor = _OFFSET * coulomb if name == "offset" else _LEAST_DEVIATION[name] * abs(value)
         if name == "coulomb" and any(term.kind == LOAD for term in terms):
             floor = _LOAD * abs(value)
@@ -211,7 +211,7 @@ def _estimates(
     return estimates
 
 
-def _moved(solution: Solution, extended: Solution, k: int) -> float:
+def _moved_by_term(solution: Solution, extended: Solution, k: int) -> float:
     """Return how far a coefficient moves with one more term, beyond the scatter of that move.
 
     The difference of the variances is the move's own (J. Hausman, Econometrica 46, 1978).

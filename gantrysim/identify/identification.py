@@ -13,7 +13,7 @@ from scipy.signal import welch
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.identify.checks.finding import NotIdentifiedError
-from gantrysim.identify.checks.judgement import Judgement, judged
+from gantrysim.identify.checks.judgement import Judgement, judged_fit
 from gantrysim.identify.checks.sampling import check_encoder, check_excitation, check_sampling, check_torque
 from gantrysim.identify.checks.units import check_columns, check_inertia, check_swapped, check_travel, inertia_ratio
 from gantrysim.identify.explained import explained_residual
@@ -91,7 +91,7 @@ class Identification:
         Raises:
             NotIdentifiedError: a log whose torque has not made its motion.
         """
-        return tuple(judged(fit, self.period) for fit in self.fits)
+        return tuple(judged_fit(fit, self.period) for fit in self.fits)
 
     @property
     def values(self) -> list[IdentifiedValue]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.errors import InputError, unknown
-from gantrysim.base.files import replaced
+from gantrysim.base.files import replaced_file
 from gantrysim.identify.checks.sampling import even_period
 from gantrysim.machine.axis import Axis
 from gantrysim.machine.machine import Machine
@@ -73,7 +73,7 @@ class Log:
         for k, name in enumerate(self.axes):
             heads += [f"{name} {kind} [N·m]", f"{name} position [{units[name]}]"]
             columns += [self.torque[:, k], self.position[:, k]]
-        with replaced(file) as partial, partial.open("w", encoding="utf-8", newline="") as stream:
+        with replaced_file(file) as partial, partial.open("w", encoding="utf-8", newline="") as stream:
             writer = csv.writer(stream)
             writer.writerow(heads)
             writer.writerows([f"{value:.9g}" for value in row] for row in np.stack(columns, axis=1))
@@ -96,12 +96,12 @@ def read_log(file: str | Path, machine: Machine, columns: Mapping[str, str] | No
         InputError: no such file, a missing column, an unknown unit, a number that is none, or uneven times.
     """
     try:
-        return _logged(read_table(file), machine, columns or {})
+        return _logged_axes(read_table(file), machine, columns or {})
     except InputError as error:
         raise InputError(f"log {str(error).removeprefix('log ')}") from None
 
 
-def _logged(table: ColumnTable, machine: Machine, columns: Mapping[str, str]) -> Log:
+def _logged_axes(table: ColumnTable, machine: Machine, columns: Mapping[str, str]) -> Log:
     sources = _sources(table, machine, columns)
     listed = ", ".join(table.order)
     if "time" not in sources:
@@ -145,7 +145,7 @@ def _logged(table: ColumnTable, machine: Machine, columns: Mapping[str, str]) ->
 def _sources(table: ColumnTable, machine: Machine, columns: Mapping[str, str]) -> dict[str, Source]:
     """Return where the quantities stand: as given, else by the names of the columns."""
     known = ["time", *(f"{axis} {quantity}" for axis in machine.axis_names for quantity in _QUANTITIES)]
-    exported = _exported(machine)
+    exported = _exported_columns(machine)
     sources: dict[str, Source] = {}
     for name, text in columns.items():
         if name not in known:
@@ -161,7 +161,7 @@ def _sources(table: ColumnTable, machine: Machine, columns: Mapping[str, str]) -
     return sources
 
 
-def _exported(machine: Machine) -> dict[str, str]:
+def _exported_columns(machine: Machine) -> dict[str, str]:
     """Return the names of the columns of a table of `gantrysim export`, by their heads."""
     columns = {"time_s": "time"}
     for axis in machine.plain_axes:

@@ -67,7 +67,7 @@ def strokes(machine: Machine) -> list[Stroke]:
 def _of_axis(machine: Machine, index: int) -> list[Stroke]:
     axis = machine.axes[index]
     model = model_of(machine, index)
-    strongest = _rounded(_EFFORT * (axis.peak_torque - axis.coulomb) / axis.inertia)
+    strongest = _rounded_value(_EFFORT * (axis.peak_torque - axis.coulomb) / axis.inertia)
     room = _room(axis)
     fastest = min(_FASTEST * axis.speed_limit, math.sqrt(abs(room) * strongest / 2))
     slowest = min(0.5 * model.stribeck * model.scale, 0.1 * fastest)
@@ -81,7 +81,12 @@ def _of_axis(machine: Machine, index: int) -> list[Stroke]:
     for first in range(_PASSES):  # each with strokes of its own, so that counts of the encoder average out
         moves += [(longest * share, fastest, strongest) for share in shares[first::_PASSES]]
     return [
-        Stroke(axis.name, math.copysign(max(_rounded(distance), _BLOCK), room), _rounded(speed), _rounded(acceleration))
+        Stroke(
+            axis.name,
+            math.copysign(max(_rounded_value(distance), _BLOCK), room),
+            _rounded_value(speed),
+            _rounded_value(acceleration),
+        )
         for distance, speed, acceleration in moves
     ]
 
@@ -97,7 +102,7 @@ def _room(axis: Axis) -> float:
     return side * min(_LONGEST, _ROOM * (high - low), 0.9 * max(high, -low))
 
 
-def _rounded(value: float) -> float:
+def _rounded_value(value: float) -> float:
     """Return a value with three significant digits, as a program shows it."""
     return float(f"{value:.3g}")
 

@@ -12,7 +12,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.identify.identification import spectrum
 from gantrysim.identify.result import AxisFit
 from gantrysim.identify.whiteness import correlation
-from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet, thinned
+from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, INK, UM, sheet, thinned_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,7 +37,7 @@ def draw_residuals(fits: tuple[AxisFit, ...], period: float) -> Figure:
         unit, factor = _small(fit.unit)
         time = np.arange(fit.innovations.size, dtype=np.float64) * period
         shown: Floats = np.where(fit.used, factor * fit.innovations, np.nan)
-        over_time.plot(*thinned(time, shown), color=colour, lw=0.6)
+        over_time.plot(*thinned_line(time, shown), color=colour, lw=0.6)
         over_time.set(xlabel="time in the log's moves [s]", ylabel=f"{fit.axis}: residual [{unit}]")
         correlations = correlation(fit.residual)
         lags.bar(np.arange(1, correlations.size + 1), correlations, color=colour)

@@ -18,7 +18,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
 from gantrysim.identify.model import AxisModel
-from gantrysim.identify.small import kalman_gain, sampled
+from gantrysim.identify.small import kalman_gain, sampled_system
 
 _SUBSTEP = 1.25e-4  # longest step of the friction [s]
 _MOST_SUBSTEPS = 16
@@ -117,8 +117,8 @@ def innovations(model: AxisModel, noise: float, samples: Samples) -> Floats:
     course = samples.course
     count = substeps(period)
     A, inputs = _linear(model)
-    F, G = sampled(A, inputs, period / count)
-    gain = kalman_gain(*sampled(A, inputs, period), noise)
+    F, G = sampled_system(A, inputs, period / count)
+    gain = kalman_gain(*sampled_system(A, inputs, period), noise)
     free_gain = gain
     if model.gap > 0 and model.share:
         # within the backlash the encoder on the motor shows nothing of the load: correct the motor's state alone
@@ -126,7 +126,7 @@ def innovations(model: AxisModel, noise: float, samples: Samples) -> Floats:
             model, inertia=model.inertia * (1 - model.share), share=0.0, viscous=model.viscous + model.damping
         )
         A, inputs = _linear(motor)
-        free_gain = np.concatenate([kalman_gain(*sampled(A, inputs, period), noise), np.zeros(2)])
+        free_gain = np.concatenate([kalman_gain(*sampled_system(A, inputs, period), noise), np.zeros(2)])
     predictor = Predictor(period / count, F, G, gain, free_gain)
     friction = Friction(model.coulomb, model.excess, model.stribeck, model.deflection, model.bristle_time, model.scale)
     means = effective_torque(model, period, samples.torque, count, samples.held)
@@ -147,7 +147,7 @@ def error_variance(model: AxisModel, noise: float, period: float) -> float:
         period: of the samples [s].
     """
     A, inputs = _linear(model)
-    gain = kalman_gain(*sampled(A, inputs, period), noise)
+    gain = kalman_gain(*sampled_system(A, inputs, period), noise)
     return 1 / max(1 - float(gain[0]), 1e-12)  # the first gain is P / (P + 1), the variance P + 1
 
 
@@ -170,13 +170,13 @@ def effective_torque(model: AxisModel, period: float, torque: Floats, count: int
     area = integral[tick] + torque[tick] * into + (following - torque)[tick] * into**2 / (2 * period)
     means = np.diff(area + np.minimum(time, 0) * torque[0]) / step
     if model.lag > 0:
-        means = _lagged(means, math.exp(-step / model.lag), step / model.lag)
+        means = _lagged_means(means, math.exp(-step / model.lag), step / model.lag)
     means += model.offset
     return means.reshape(n, count)
 
 
 @jit
-def _lagged(means: Floats, decay: float, steps: float) -> Floats:
+def _lagged_means(means: Floats, decay: float, steps: float) -> Floats:
     """Return the means over steps of a first-order lag of an input that is constant in each.
 
     Args:

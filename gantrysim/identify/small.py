@@ -25,7 +25,7 @@ def _product(A: Floats, B: Floats) -> Floats:
 
 
 @jit
-def _solved(A: Floats, B: Floats) -> Floats:
+def _solved_system(A: Floats, B: Floats) -> Floats:
     """Return A^-1 B by elimination with pivots."""
     n = A.shape[0]
     a = A.copy()
@@ -53,7 +53,7 @@ def _solved(A: Floats, B: Floats) -> Floats:
 
 
 @jit
-def sampled(A: Floats, B: Floats, time: float) -> tuple[Floats, Floats]:
+def sampled_system(A: Floats, B: Floats, time: float) -> tuple[Floats, Floats]:
     """Return the effect of the state, (n, n), and of constant inputs, (n, m), on the state of x' = A x + B u."""
     n, m = B.shape
     joint = np.zeros((n + m, n + m))
@@ -99,8 +99,8 @@ def kalman_gain(F: Floats, G: Floats, noise: float) -> Floats:
             P[i, j] = noise * noise * G[i, 0] * G[j, 0]
     for _ in range(_DOUBLINGS):
         W = np.eye(n) + _product(S, P)
-        V1 = _solved(W, A)
-        V2 = _solved(W, np.ascontiguousarray(S))
+        V1 = _solved_system(W, A)
+        V2 = _solved_system(W, np.ascontiguousarray(S))
         AT = np.ascontiguousarray(A.T)
         change = _product(_product(AT, P), V1)
         S = S + _product(_product(A, V2), AT)

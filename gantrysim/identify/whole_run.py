@@ -18,7 +18,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.base.files import replaced
+from gantrysim.base.files import replaced_file
 from gantrysim.engine.simulate import simulate
 from gantrysim.identify.identification import Identification
 from gantrysim.identify.log import Log
@@ -63,7 +63,7 @@ def write_machine(machine: Machine, file: str | Path) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    with replaced(file) as partial:
+    with replaced_file(file) as partial:
         partial.write_text(machine.spec.to_xml(), encoding="utf-8")
 
 
@@ -199,17 +199,17 @@ def whole_run(identification: Identification, log: Log) -> list[WholeRun]:
     """
     fits = identification.fits
     try:
-        fitted = _simulated(fitted_machine(identification), identification, log)
+        fitted = _simulated_run(fitted_machine(identification), identification, log)
     except InputError as error:
         return [WholeRun(fit.axis, missing=str(error)) for fit in fits]
     try:
-        nominal = _simulated(identification.machine, identification, log)
+        nominal = _simulated_run(identification.machine, identification, log)
     except InputError:  # a machine far from the log may not be able to follow it
         nominal = None
-    return [_compared(identification, log, column, fitted, nominal) for column in range(len(fits))]
+    return [_compared_runs(identification, log, column, fitted, nominal) for column in range(len(fits))]
 
 
-def _simulated(machine: Machine, identification: Identification, log: Log) -> Run:
+def _simulated_run(machine: Machine, identification: Identification, log: Log) -> Run:
     """Return the run of a machine under the torque of a log.
 
     Raises:
@@ -248,7 +248,7 @@ def _effective(identification: Identification, log: Log) -> Floats:
     return np.stack(torques, axis=1)
 
 
-def _compared(identification: Identification, log: Log, column: int, fitted: Run, nominal: Run | None) -> WholeRun:
+def _compared_runs(identification: Identification, log: Log, column: int, fitted: Run, nominal: Run | None) -> WholeRun:
     fit = identification.fits[column]
     index = identification.machine.axis_names.index(fit.axis)
     measured = log.position[:, column]

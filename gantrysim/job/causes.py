@@ -26,7 +26,7 @@ from gantrysim.base import memory
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError
 from gantrysim.base.quantity import number_text
-from gantrysim.engine.simulate import stepped
+from gantrysim.engine.simulate import stepped_simulation
 from gantrysim.engine.simulation import Simulation
 from gantrysim.job.ideal import FINE_PERIOD, finely_sampled, on_the_path
 from gantrysim.job.job import Job
@@ -75,7 +75,7 @@ class Setup:
     def run(self, progress: Callable[[float], None] | None = None) -> Run:
         """Run it without glue and return the record at the ticks of the program."""
         simulation = Simulation.of(self.machine, self.servo, self.setpoints, physics_step=self.physics_step)
-        return stepped(simulation, progress=progress).record(every=self.ticks)
+        return stepped_simulation(simulation, progress=progress).record(every=self.ticks)
 
 
 class RunOutcome(NamedTuple):

@@ -13,7 +13,7 @@ import tomli_w
 from pydantic import BaseModel, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from gantrysim.base.errors import InputError, unknown
-from gantrysim.base.toml_files import validated
+from gantrysim.base.toml_files import validated_model
 from gantrysim.base.user_code import is_code
 from gantrysim.controllers.controller import Controller
 from gantrysim.faults import KINDS, AnyFault, InjectedFault
@@ -80,7 +80,7 @@ class JobContent(BaseModel):
         allow_code = not refusal and not is_record
         built = [] if controller is None else [controller]
         context = {_ALLOW_CODE: allow_code, _BUILT: built}
-        job = validated(cls, content, label, lambda: _keys(content, allow_code=allow_code), context, LIST_OF_KEYS)
+        job = validated_model(cls, content, label, lambda: _keys(content, allow_code=allow_code), context, LIST_OF_KEYS)
         job._refusal = refusal
         if built:  # a program may take longer to read than the rest of the job
             (job.__dict__["controller"],) = built

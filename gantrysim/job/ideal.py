@@ -40,7 +40,7 @@ def on_the_path(machine: Machine, setpoints: Setpoints) -> Setpoints:
     if foot.distance.max() < _ON_THE_PATH:
         return setpoints
     spans = np.split(np.arange(on.size), np.flatnonzero(np.diff(on) > 1) + 1)
-    places = np.concatenate([unhurried(foot.s[span], tip[on[span]]) for span in spans])
+    places = np.concatenate([unhurried_feet(foot.s[span], tip[on[span]]) for span in spans])
     correction = setpoints.requested.position(places) - tip[on]
     progress = setpoints.progress
     if progress is not None:
@@ -61,7 +61,7 @@ def on_the_path(machine: Machine, setpoints: Setpoints) -> Setpoints:
     return replace(setpoints, position=position[:, columns], progress=progress)
 
 
-def unhurried(s: Floats, tip: Floats) -> Floats:
+def unhurried_feet(s: Floats, tip: Floats) -> Floats:
     """Return feet that advance at most `_HASTE` times as fast as the command: the mean of the latest and earliest such.
 
     Args:

@@ -10,7 +10,7 @@ from gantrysim.faults import KINDS
 from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.job.job import Job
-from gantrysim.job.programs import PROGRAMS, described
+from gantrysim.job.programs import PROGRAMS, described_fields
 from gantrysim.job.settings import ServoSettings, SimulationSettings
 from gantrysim.job.tolerance import ToleranceSettings
 from gantrysim.machine.geometry import Geometry
@@ -28,7 +28,7 @@ def sections() -> dict[str, list[Key]]:
     """Return the keys by the headings of their tables: the job, those of every job, and those of each controller."""
     defaults = {"name": "required", "machine": "by the program", "program": "required"}
     defaults |= dict.fromkeys(("faults", "geometry", "names", "tolerance", "travel"), "none")
-    meanings = described(Job)
+    meanings = described_fields(Job)
     by_heading = {
         "The job": [Key(name, defaults.get(name, "table"), meanings[name]) for name in Job.model_fields],
         "`[servo]`": list(_settings(ServoSettings, "servo.")),
@@ -68,7 +68,7 @@ def _default_text(value: Any) -> str:
 def _parts(kind: type[Any]) -> Iterator[tuple[str, Any, str, type[Any] | None]]:
     """Yield the fields of a dataclass: name, default, meaning, and the dataclass that it is a table of, if any."""
     hints = get_type_hints(kind)
-    meaning = described(kind)
+    meaning = described_fields(kind)
     for field in fields(kind):
         options = (hints[field.name], *get_args(hints[field.name]))
         table = next((part for part in options if is_dataclass(part) and isinstance(part, type)), None)

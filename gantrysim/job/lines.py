@@ -24,7 +24,7 @@ def program_lines(job: Job, ticks: int) -> Callable[[float], int | None]:
         job: the job.
         ticks: of its run.
     """
-    if not _known(job, ticks):
+    if not _knows_lines(job, ticks):
         return lambda time: None
     delay = _delay(job)
 
@@ -43,14 +43,14 @@ def program_lines_at(job: Job, ticks: int, times: Floats) -> NDArray[np.intp]:
         times: of its run, (n,) [s].
     """
     lines = np.zeros(times.size, np.intp)
-    if _known(job, ticks):
+    if _knows_lines(job, ticks):
         delay = _delay(job)
         begun = times >= delay
         lines[begun] = job.controller.lines_at(times[begun] - delay)
     return lines
 
 
-def _known(job: Job, ticks: int) -> bool:
+def _knows_lines(job: Job, ticks: int) -> bool:
     """Return whether lines of the program are known by the run's time."""
     whole_periods = abs(job.built_servo.period - _CONTROLLER_PERIOD) <= 1e-12
     return ticks <= memory.LONG_RUN and whole_periods and not job.setpoints.gates.size

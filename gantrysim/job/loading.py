@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 from gantrysim.base.errors import InputError, expanded, unknown
 from gantrysim.base.files import check_whole
 from gantrysim.base.input_files import check_inside, check_regular
-from gantrysim.base.toml_files import read_text, read_toml, validated
+from gantrysim.base.toml_files import read_text, read_toml, validated_model
 from gantrysim.base.user_code import absolute_code, is_code
 from gantrysim.controllers.controller import Controller
 from gantrysim.job.code import CONTROLLER, absolute_value
 from gantrysim.job.overrides import LIST_OF_KEYS
 from gantrysim.job.programs import program_class, reader, suffixes
-from gantrysim.job.recognition import FANUC, LINUXCNC, SHARED_SUFFIXES, Recognised, is_gcode, recognised
+from gantrysim.job.recognition import FANUC, LINUXCNC, SHARED_SUFFIXES, Recognised, is_gcode, recognised_dialect
 from gantrysim.job.settings import ServoSettings
 
 # Subprograms of a G-code program in files beside it.
@@ -41,7 +41,7 @@ def subprogram_files(text: str, folder: Path) -> dict[str, str]:
         InputError: a file that is too long, or a link that leaves the folder.
     """
     texts: dict[str, str] = {}
-    missing = _called(text)
+    missing = _called_names(text)
     looked_for: set[str] = set()
     while missing and len(texts) < _MOST_FILES:
         name = missing.pop()
@@ -50,11 +50,11 @@ def subprogram_files(text: str, folder: Path) -> dict[str, str]:
         if file is None:
             continue
         texts[name] = read_text(file, errors="replace")
-        missing |= _called(texts[name]) - looked_for
+        missing |= _called_names(texts[name]) - looked_for
     return dict(sorted(texts.items()))
 
 
-def _called(text: str) -> set[str]:
+def _called_names(text: str) -> set[str]:
     """Return the names that O words call and the numbers that M98 and G65 do."""
     if "98" not in text and "65" not in text and "call" not in text.lower():
         return set()
@@ -193,7 +193,7 @@ def _program(
     else:
         suffix = path.suffix.lower()
         if named is None and (suffix in SHARED_SUFFIXES or suffix not in suffixes()) and is_gcode(text):
-            dialect = recognised(text)
+            dialect = recognised_dialect(text)
         name = reader(path.suffix, named) if dialect is None else dialect.controller
         text_argument = program_class(name).text_argument
         if text_argument in arguments:
@@ -216,5 +216,5 @@ def servo_table(file: Path) -> dict[str, Any]:
     table = content.get("servo")
     if not isinstance(table, dict):
         raise InputError(f"{label}: has no table [servo]; it has: {', '.join(content) or 'nothing'}")
-    validated(ServoSettings, table, label, listed=LIST_OF_KEYS)
+    validated_model(ServoSettings, table, label, listed=LIST_OF_KEYS)
     return table

@@ -47,8 +47,8 @@ class Losses:
         s = healthy.analysis.nozzle.s
         reach = _REACH * max(healthy.ds, float(np.diff(np.sort(s)).max(initial=0.0)))
         places = np.arange(s.min(), s.max() + 0.5 * healthy.ds, healthy.ds)
-        before = _laid(healthy, places, reach)
-        after = _laid(faulted, places, reach)
+        before = _laid_bead(healthy, places, reach)
+        after = _laid_bead(faulted, places, reach)
         both = before.passed & after.passed
         error = np.where(both, after.width - before.width, 0.0)
         shift = np.where(both, np.linalg.norm(after.offset - before.offset, axis=1), 0.0)
@@ -135,7 +135,7 @@ NOZZLE_SHIFT_PLACE = Quantity[Losses](
 LOSSES = (MISSING_VOLUME, MISSING_LENGTH, WIDTH_ERROR, WIDTH_ERROR_PLACE, NOZZLE_SHIFT, NOZZLE_SHIFT_PLACE)
 
 
-def reached(run: Run) -> list[InjectedFault]:
+def reached_faults(run: Run) -> list[InjectedFault]:
     """Return the deliberate faults that a run came to and that change anything, by time."""
     last = float(run.time[-1])
     faults = [fault for fault in run.injected if fault.acts and fault.time <= last]
@@ -154,9 +154,9 @@ def events(run: Run) -> list[str]:
     return [*lines, f"supervision: {run.fault}"]
 
 
-def happened(run: Run) -> str:
+def happened_events(run: Run) -> str:
     """Return the deliberate faults and the trip of a run in the order of time, a sentence each."""
-    lines = events(run) if reached(run) else [f"fault: {run.fault}"]
+    lines = events(run) if reached_faults(run) else [f"fault: {run.fault}"]
     return " ".join(f"{line[0].upper()}{line[1:]}." for line in lines)
 
 
@@ -169,7 +169,7 @@ class _Laid(NamedTuple):
     passed: NDArray[np.bool_]
 
 
-def _laid(bead: Bead, places: Floats, reach: float) -> _Laid:
+def _laid_bead(bead: Bead, places: Floats, reach: float) -> _Laid:
     """Return a run at places on the path, without a bead where the nozzle has not passed."""
     analysis = bead.analysis
     order = np.argsort(analysis.nozzle.s, kind="stable")

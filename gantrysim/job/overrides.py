@@ -8,13 +8,13 @@ from pathlib import Path
 from textwrap import shorten
 from typing import Any
 
-from gantrysim.base.errors import InputError, expanded, meant, nearest, shown
+from gantrysim.base.errors import InputError, expanded, meant_names, nearest, shown
 from gantrysim.base.toml_files import toml_content
 from gantrysim.faults import KINDS
 from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.job.code import CONTROLLER, absolute_value
-from gantrysim.job.programs import dotted, keys
+from gantrysim.job.programs import dotted_names, keys
 from gantrysim.job.settings import ServoSettings, SimulationSettings
 from gantrysim.job.tolerance import ToleranceSettings
 from gantrysim.machine.geometry import Geometry
@@ -112,7 +112,7 @@ def _value_of(key: str, text: str) -> Any:
 
 def _unknown_key(key: str, known: Sequence[str]) -> InputError:
     """Return the error for a key that a job does not have, with the three nearest and where all are listed."""
-    question = meant(nearest(key, sorted(known)))
+    question = meant_names(nearest(key, sorted(known)))
     return InputError(f"unknown key {shown(key)}: {f'{question} ' if question else ''}{LIST_OF_KEYS}")
 
 
@@ -168,9 +168,9 @@ def known_keys(content: Content, *, allow_code: bool = False) -> list[str]:
     """
     known = ["name", "machine", "travel", "names", CONTROLLER, "faults"]
     for section, kind in TABLES.items():
-        known += [f"{section}.{name}" for name in getattr(kind, "model_fields", None) or dotted(kind)]
+        known += [f"{section}.{name}" for name in getattr(kind, "model_fields", None) or dotted_names(kind)]
     faults = content.get("faults", [])
     for n, fault in enumerate(faults if isinstance(faults, list | tuple) else []):
         if isinstance(fault, dict) and fault.get("kind") in KINDS:
-            known += [f"faults.{n}.{name}" for name in dotted(KINDS[fault["kind"]])]
+            known += [f"faults.{n}.{name}" for name in dotted_names(KINDS[fault["kind"]])]
     return known + [f"program.{key}" for key in keys(content.get("program", {}), allow_code=allow_code)]

@@ -138,7 +138,7 @@ def place_changes(job: JobContent, machine: Machine, controller: Controller, ope
     if open_place.height and "z" in box:
         rise = _rise(_heights(setpoints), travel["z"][0])
         if rise:
-            changes = _raised(controller, rise)
+            changes = _raised_program(controller, rise)
         box["z"] = (box["z"][0] + rise, box["z"][1] + rise)
     if open_place.gap and "z" in box:
         changes = _gap_changes(job.machine, machine.gap, setpoints)
@@ -212,7 +212,7 @@ def _rise(heights: _Heights, lowest_travel: float) -> float:
     return round(-bead, _DECIMALS) + 0.0
 
 
-def _raised(controller: Controller, rise: float) -> dict[str, Any]:
+def _raised_program(controller: Controller, rise: float) -> dict[str, Any]:
     """Return the changes that raise a program; a start below its lowest bead is raised to that."""
     changes: dict[str, Any] = {"program.placement.z": rise}
     start = getattr(controller, "start", None)

@@ -116,13 +116,13 @@ def build(name: str, values: Mapping[str, Any]) -> Controller:
     program = program_class(name)
     reject_booleans(program, values)
     _reject_extremes("", values)
-    return _build_users(name, program, values) if is_code(name) else _validated(program)(**values)
+    return _build_users(name, program, values) if is_code(name) else _validated_program(program)(**values)
 
 
 def _build_users(name: str, program: type[Controller], values: Mapping[str, Any]) -> Controller:
     """Return the user's own controller, or raise InputError for whatever its code raises."""
     try:
-        constructor = _validated(program)
+        constructor = _validated_program(program)
     except (PydanticUserError, TypeError) as error:  # an annotation that is no type of values
         raise InputError(
             f"controller {name!r}: its fields cannot be keys of a job file: {text_of(error):.300}"
@@ -138,7 +138,7 @@ def _build_users(name: str, program: type[Controller], values: Mapping[str, Any]
 
 
 @cache
-def _validated(program: type[Controller]) -> Callable[..., Any]:
+def _validated_program(program: type[Controller]) -> Callable[..., Any]:
     return validated(config=_STRICT)(program)  # slow
 
 
@@ -236,8 +236,8 @@ def keys(table: Mapping[str, Any], *, allow_code: bool) -> list[str]:
     """
     name = str(table.get("controller"))
     if is_code(name):
-        return list(dotted(program_class(name))) if allow_code else list(_keys_in(table))
-    return list(dotted(PROGRAMS[name])) if name in PROGRAMS else []
+        return list(dotted_names(program_class(name))) if allow_code else list(_keys_in(table))
+    return list(dotted_names(PROGRAMS[name])) if name in PROGRAMS else []
 
 
 def _keys_in(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
@@ -250,7 +250,7 @@ def _keys_in(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
 
 
 @cache
-def dotted(table: type[Any], prefix: str = "") -> tuple[str, ...]:
+def dotted_names(table: type[Any], prefix: str = "") -> tuple[str, ...]:
     """Return the dotted names of a dataclass' fields, including nested ones."""
     hints = get_type_hints(table)
     names = []
@@ -258,11 +258,11 @@ def dotted(table: type[Any], prefix: str = "") -> tuple[str, ...]:
         names.append(prefix + field.name)
         for part in (hints[field.name], *get_args(hints[field.name])):
             if is_dataclass(part) and isinstance(part, type):
-                names += dotted(part, f"{prefix}{field.name}.")
+                names += dotted_names(part, f"{prefix}{field.name}.")
     return tuple(names)
 
 
-def described(described_object: object) -> dict[str, str]:
+def described_fields(described_object: object) -> dict[str, str]:
     """Return the description of every field or argument in a docstring; empty ones where Python drops docstrings."""
     if sys.flags.optimize > 1:
         return defaultdict(str)

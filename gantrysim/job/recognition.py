@@ -56,7 +56,7 @@ def is_gcode(text: str) -> bool:
     return len(blocks) > _LEAST_SHARE * len(lines) and any(_MOTION.search(line) for line in blocks)
 
 
-def recognised(text: str) -> Recognised:
+def recognised_dialect(text: str) -> Recognised:
     """Return the dialect of a text of G-code."""
     head = _COMMENT.sub("", text[:_LOOKED_AT])
     code = [line for line in head.splitlines() if line.strip() and not line.strip().startswith("%")]

@@ -120,7 +120,7 @@ def scatter_of(
         runs = simulate_batch(
             [job.built_machine.perturbed(Perturbation(home_offset=tuple(-zero))) for zero in part],
             job.built_servo,
-            [_moved(job, zero) for zero in part],
+            [_moved_setpoints(job, zero) for zero in part],
             physics_step=job.simulation.physics_step,
             dispenser=job.dispenser,
             faults=job.faults,
@@ -147,7 +147,7 @@ def _counts(job: Job) -> Floats:
     return counts
 
 
-def _moved(job: Job, zero: Floats) -> Setpoints:
+def _moved_setpoints(job: Job, zero: Floats) -> Setpoints:
     """Return the setpoints moved against the counts by the zeros, (axes,) [mm or deg].
 
     Between them and the counts is all that a zero changes; the machine's home offset moves its true axes back.

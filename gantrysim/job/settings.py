@@ -9,7 +9,7 @@ from typing import Any, Literal, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
 
-from gantrysim.job.programs import described
+from gantrysim.job.programs import described_fields
 from gantrysim.servo.gains import Parameter
 from gantrysim.servo.laws import ADDITIONS, BASES
 from gantrysim.servo.request import DERIVED
@@ -69,7 +69,7 @@ _NAMES_OF_LAWS = (
 def _keywords() -> dict[str, Any]:
     """Return type, default and meaning of the keywords of `Servo.derive`, from its signature and docstring."""
     hints = get_type_hints(Servo.derive)
-    meanings = described(Servo.derive) | {"law": _NAMES_OF_LAWS}
+    meanings = described_fields(Servo.derive) | {"law": _NAMES_OF_LAWS}
     parameters = inspect.signature(Servo.derive).parameters.values()
     return {
         parameter.name: (
@@ -81,13 +81,13 @@ def _keywords() -> dict[str, Any]:
     }
 
 
-def _given(parameter: Parameter) -> Any:
+def _given_type(parameter: Parameter) -> Any:
     """Return type, default and meaning of a parameter of each axis that is derived unless it is given."""
     unit = "mm or deg" if parameter.unit == "u" else parameter.unit.replace("u", "mm")
     return PerAxis, _setting(None, f"{parameter.meaning} [{unit}]" if unit else parameter.meaning)
 
 
-_FIELDS = {**_keywords(), **{parameter.name: _given(parameter) for parameter in DERIVED}}
+_FIELDS = {**_keywords(), **{parameter.name: _given_type(parameter) for parameter in DERIVED}}
 _ServoSettings: Any = create_model("_ServoSettings", __config__=STRICT, **_FIELDS)
 
 

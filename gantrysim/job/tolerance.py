@@ -9,7 +9,7 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 
 from pydantic import Field, create_model
 
-from gantrysim.job.programs import described
+from gantrysim.job.programs import described_fields
 from gantrysim.job.settings import STRICT
 
 GIVEN = "given"
@@ -126,7 +126,7 @@ _KEY_OF_LIMIT = {field.name: _KEYS.get(field.name, field.name) for field in fiel
 def _keys() -> dict[str, Any]:
     """Return type, default and meaning of the keys of the table, from the limits."""
     hints = get_type_hints(Tolerance, include_extras=True)
-    meanings = described(Tolerance)
+    meanings = described_fields(Tolerance)
     return {
         key: (hints[name] | None, Field(default=None, description=meanings[name].removesuffix(".")))
         for name, key in _KEY_OF_LIMIT.items()

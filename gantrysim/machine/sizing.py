@@ -146,8 +146,8 @@ class Sizing:
             torque = None if run is None else run.torque[:, a]
             axes.append(_axis_sizing(machine, a, frequency, margin, torque))
         with quiet():
-            locked = _named(model, *modes(model, qpos, motors))
-            free = _named(model, *modes(model, qpos, ()))
+            locked = _named_modes(model, *modes(model, qpos, motors))
+            free = _named_modes(model, *modes(model, qpos, ()))
         return cls(tuple(axes), locked, free)
 
     @property
@@ -203,7 +203,7 @@ def _frequency(axis: Axis, mode: str, kp: float) -> float:
     return math.sqrt(kp / axis.inertia) / (2 * math.pi)
 
 
-def _named(model: mujoco.MjModel, frequencies: np.ndarray, shapes: np.ndarray) -> tuple[Mode, ...]:
+def _named_modes(model: mujoco.MjModel, frequencies: np.ndarray, shapes: np.ndarray) -> tuple[Mode, ...]:
     """Return modes with the joint that holds the most of their kinetic energy."""
     mass = np.zeros((model.nv, model.nv))
     data = mujoco.MjData(model)

@@ -89,7 +89,7 @@ class Tolerances:
         columns = self.columns(machine)
         geometry = [name for name in columns if name not in unit]
         unit |= dict(zip(geometry, random.random(len(geometry)), strict=True))
-        return {name: float(_scaled(name, tolerance, unit[name])) for name, tolerance in columns.items()}
+        return {name: float(_scaled_tolerance(name, tolerance, unit[name])) for name, tolerance in columns.items()}
 
     def machines(self, machine: Machine, count: int, seed: int) -> list[Perturbation]:
         """Return the perturbations of a Latin hypercube of n machines: one in each n-th of every factor's range.
@@ -116,7 +116,9 @@ class Tolerances:
         seed = whole("seed", seed, 0)
         columns = self.columns(machine)
         unit = LatinHypercube(len(columns), rng=seed).random(count)
-        return {name: _scaled(name, tolerance, unit[:, k]) for k, (name, tolerance) in enumerate(columns.items())}
+        return {
+            name: _scaled_tolerance(name, tolerance, unit[:, k]) for k, (name, tolerance) in enumerate(columns.items())
+        }
 
     def columns(self, machine: Machine) -> dict[str, float]:
         """Return the tolerance of every varying factor by its column name, such as friction_x."""
@@ -145,7 +147,7 @@ class Tolerances:
         return Perturbation(payload=values.get("payload_kg", 0.0), geometry=errors, **given)
 
 
-def _scaled(name: str, tolerance: float, unit: Floats) -> Floats:
+def _scaled_tolerance(name: str, tolerance: float, unit: Floats) -> Floats:
     """Map numbers from 0 to 1 to payloads or factors."""
     if name.startswith(ERRORS):
         return unit if name.startswith(("play", "racking")) else 2 * unit - 1

@@ -59,7 +59,7 @@ def links(path: Path, chain: list[Trace]) -> tuple[list[Part], Part | None]:
     """
     rows = len(chain[0].foot.s)
     nozzle = chain[-1].foot
-    begin = table_by_blocks((_carried(path, chain[0].foot, nozzle, block) for block in blocks(rows)), rows)
+    begin = table_by_blocks((_carried_offsets(path, chain[0].foot, nozzle, block) for block in blocks(rows)), rows)
     parts = [begin]
     for before, after in pairwise(chain):
         link = (_link(path, before, after, nozzle, block) for block in blocks(rows))
@@ -81,7 +81,7 @@ def largest_link(path: Path, before: Trace, after: Trace, block: slice) -> Float
     return apart + 0.5 * bend * apart**2
 
 
-def _carried(path: Path, foot: Projection, target: Projection, block: slice) -> Part:
+def _carried_offsets(path: Path, foot: Projection, target: Projection, block: slice) -> Part:
     """Return the offsets from some feet in the frame of the legs of other feet."""
     offset = Components(foot.lateral[block], foot.vertical[block], foot.beyond[block])
     if path.corners.size:
@@ -91,7 +91,7 @@ def _carried(path: Path, foot: Projection, target: Projection, block: slice) -> 
 
 def _link(path: Path, before: Trace, after: Trace, nozzle: Projection, block: slice) -> Part:
     """Return the part of one link at some ticks, in the frame of the legs of the nozzle's feet."""
-    part = _carried(path, after.foot, nozzle, block) - _carried(path, before.foot, nozzle, block)
+    part = _carried_offsets(path, after.foot, nozzle, block) - _carried_offsets(path, before.foot, nozzle, block)
     too_large = part.size > largest_link(path, before, after, block) + _ROUNDING
     rows = np.flatnonzero(too_large)
     if not rows.size:

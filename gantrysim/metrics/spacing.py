@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.base.arrays import Floats, dot, lengths, scaled
+from gantrysim.base.arrays import Floats, dot, lengths, scaled_rows
 from gantrysim.base.columns import Column, blocks, by_blocks, table_by_blocks
 from gantrysim.base.jit import jit
 from gantrysim.paths.path import Local, Path, Projection
@@ -78,7 +78,7 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
         """The trace's points, (m, 3), their lateral errors, (m,), and the path there."""
         here = path.local(place)
         error = offset(place)
-        return here.position + scaled(here.normal, error), error, here
+        return here.position + scaled_rows(here.normal, error), error, here
 
     def derivative(place: Floats, error: Floats, here: Local) -> Floats:
         """The trace's derivative by s in the plane, (m, 3)."""
@@ -86,7 +86,7 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
         high = np.minimum(place + _SLOPE_REACH, s[-1])
         across = (offset(high) - offset(low)) / (high - low)
         ahead = here.cosine - here.turning * error
-        return scaled(here.along, ahead) + scaled(here.normal, across)
+        return scaled_rows(here.along, ahead) + scaled_rows(here.normal, across)
 
     heading, (first, last) = one_way(by_blocks(lambda block: path.heading(s[block]), s.size), s)
     s = s[first:last]

@@ -94,7 +94,7 @@ class Corners:
         turns = (cosine > 0) | (sine > _FOLD)
         axis = np.where(turns[:, None], cross, 0.0) / np.where(turns, sine, 1.0)[:, None]
         # where a path retraces itself, its sides are exchanged and nothing is turned
-        first = np.where(turns[:, None], _turned(normal, axis, cosine, sine), normal)
+        first = np.where(turns[:, None], _turned_vectors(normal, axis, cosine, sine), normal)
         second = np.where(turns[:, None], np.cross(after, first), np.cross(before, normal))
         next_normal = path.normal(s + inset)
         next_binormal = np.cross(after, next_normal)
@@ -175,7 +175,7 @@ class Corners:
         return bool((self.carried == np.eye(2)).all())
 
 
-def _turned(vector: Floats, axis: Floats, cosine: Floats, sine: Floats) -> Floats:
+def _turned_vectors(vector: Floats, axis: Floats, cosine: Floats, sine: Floats) -> Floats:
     """Turn vectors about axes, by Rodrigues' formula, (n, 3)."""
     along = dot(axis, vector)[:, None] * axis
     return cosine[:, None] * (vector - along) + sine[:, None] * np.cross(axis, vector) + along

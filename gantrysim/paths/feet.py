@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, dot, scaled
+from gantrysim.base.arrays import Floats, dot, scaled_rows
 from gantrysim.base.columns import Column
 
 # The frame that moves along a path, at arc lengths.
@@ -39,16 +39,16 @@ class Local:
     def along(self) -> Floats:
         """Directions h of the heading, in the plane, (n, 3)."""
         cosine, sine = self.heading
-        along = scaled(self._direction(0), cosine)
-        along += scaled(self._direction(1), sine)
+        along = scaled_rows(self._direction(0), cosine)
+        along += scaled_rows(self._direction(1), sine)
         return along
 
     @cached_property
     def normal(self) -> Floats:
         """Left normals n, (n, 3)."""
         cosine, sine = self.heading
-        normal = scaled(self._direction(1), cosine)
-        normal -= scaled(self._direction(0), sine)
+        normal = scaled_rows(self._direction(1), cosine)
+        normal -= scaled_rows(self._direction(0), sine)
         return normal
 
     @cached_property
@@ -64,12 +64,12 @@ class Local:
     @property
     def tangent(self) -> Floats:
         """Unit tangents t, (n, 3)."""
-        return scaled(self.along, self.cosine) + scaled(self.up, self.sine)
+        return scaled_rows(self.along, self.cosine) + scaled_rows(self.up, self.sine)
 
     @property
     def curvature(self) -> Floats:
         """Curvature vectors kappa cos(beta) n, that is dt/ds at a constant climb, (n, 3) [1/mm]."""
-        return scaled(self.normal, self.turning * self.cosine)
+        return scaled_rows(self.normal, self.turning * self.cosine)
 
     def _direction(self, k: int) -> Floats:
         """Return one direction of each point's plane, (n, 3)."""
@@ -160,7 +160,7 @@ def foot_between(path: SmoothPath, p: Floats, low: Floats, high: Floats, guess: 
     at_low = s <= first
     at_high = s >= last
     foot = np.where(at_low, low, np.where(at_high, high, s))
-    offset -= scaled(tangent, foot - s)  # from just inside the end to the end
+    offset -= scaled_rows(tangent, foot - s)  # from just inside the end to the end
     return Projection(
         s=foot,
         offset=offset,

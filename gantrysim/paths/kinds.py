@@ -38,7 +38,7 @@ def path_of(kind: str, parameters: Mapping[str, Any]) -> Path:
     """
     path_class: type[Any] | None = KINDS.get(kind)
     if path_class is None:
-        path_class = {_full_name(imported): imported for imported in _imported(Path)}.get(kind)
+        path_class = {_full_name(imported): imported for imported in _imported_subclasses(Path)}.get(kind)
     if path_class is None and ":" in kind:
         raise InputError(f"path {kind}: import {kind.partition(':')[0]} before this record is read")
     if path_class is None:
@@ -50,11 +50,11 @@ def path_of(kind: str, parameters: Mapping[str, Any]) -> Path:
     return path
 
 
-def _imported(base: type[Any]) -> Iterator[type[Any]]:
+def _imported_subclasses(base: type[Any]) -> Iterator[type[Any]]:
     """Yield the subclasses that have been imported, theirs included."""
     for subclass in base.__subclasses__():
         yield subclass
-        yield from _imported(subclass)
+        yield from _imported_subclasses(subclass)
 
 
 def _full_name(kind: type[Any]) -> str:

@@ -90,7 +90,7 @@ def chord_at(s, place):
 
 
 @jit
-def remembered(lag, distance, advance):
+def remembered_lag(lag, distance, advance):
     """Return the lag l at a tick, from that at the tick before, the followers' distance, and the progress between."""
     return max(distance, lag - _FADING * advance)
 
@@ -188,7 +188,7 @@ def find_stretches(table, progress, distance, lag, stretches):
     at_tick = 0.0
     before = progress[0]
     for k in range(len(progress)):
-        at_tick = remembered(at_tick, lag[k], progress[k] - before)
+        at_tick = remembered_lag(at_tick, lag[k], progress[k] - before)
         before = progress[k]
         begin, end = stretch(table, before, distance[k], at_tick)
         # the command may pass the tip of a rounded corner from one tick to the next, before its followers

@@ -106,12 +106,12 @@ class Path(ABC):
         count = int(np.clip(np.ceil(self.length / _TABLE_SPACING), *_TABLE_SIZE))
         spacing = min(self.length / count, _WIDEST_SPACING)
         edges = np.concatenate([[0.0], self.joints, [self.length]])
-        s = _divided(edges, np.ceil(np.diff(edges) / spacing - _ROUNDING))
+        s = _divided_spans(edges, np.ceil(np.diff(edges) / spacing - _ROUNDING))
         sizes = np.diff(s)
         inside = _INSIDE * sizes  # of the piece on which each chord lies
         bend = np.maximum(np.abs(self.curvature(s[:-1] + inside)), np.abs(self.curvature(s[1:] - inside)))
         sagitta = _SAGITTA * max(spacing / _TABLE_SPACING, 1.0) ** 2
-        s = _divided(s, np.minimum(np.ceil(sizes * np.sqrt(bend / (8 * sagitta))), _MOST_PARTS))
+        s = _divided_spans(s, np.minimum(np.ceil(sizes * np.sqrt(bend / (8 * sagitta))), _MOST_PARTS))
         is_corner = np.isin(s, self.corners)
         return Table(seen(s), seen(np.asfortranarray(self.position(s))), seen(is_corner), float(np.diff(s).max()))
 
@@ -215,7 +215,7 @@ class Path(ABC):
         return Corners.of(self)
 
 
-def _divided(edges: Floats, counts: Floats) -> Floats:
+def _divided_spans(edges: Floats, counts: Floats) -> Floats:
     """Return ascending numbers, with so many even intervals, but at least one, from each to the next."""
     whole = np.maximum(counts, 1).astype(np.intp)
     interval = np.repeat(np.arange(whole.size), whole)

@@ -115,11 +115,13 @@ def meeting(before: PlaneMove, after: PlaneMove) -> complex | None:
         if before.back(place) > -_SMALLEST_LENGTH and after.onward(place) > -_SMALLEST_LENGTH
     ]
     return min(
-        places, key=lambda place: _cut(before, before.back(place)) + _cut(after, after.onward(place)), default=None
+        places,
+        key=lambda place: _cut_length(before, before.back(place)) + _cut_length(after, after.onward(place)),
+        default=None,
     )
 
 
-def _cut(move: PlaneMove, way: float) -> float:
+def _cut_length(move: PlaneMove, way: float) -> float:
     """The length of a way along a move [mm]."""
     return way if move.centre is None else way * abs(move.end - move.centre)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.errors import InputError, meant, nearest, shown
+from gantrysim.base.errors import InputError, meant_names, nearest, shown
 from gantrysim.base.extras import pandas_frame
 from gantrysim.base.quantity import Quantity
 
@@ -146,7 +146,7 @@ def column(run: Record, name: str) -> NDArray[Any]:
     # a name with its unit goes before the same one without, which an axis called "x_mm" might have
     by_name = {entry.name: entry for entry in named} | {entry.label: entry for entry in named}
     if name not in by_name:
-        question = meant(nearest(str(name), [entry.name for entry in named]))
+        question = meant_names(nearest(str(name), [entry.name for entry in named]))
         raise InputError(f"unknown column {shown(name)}: {f'{question} ' if question else ''}run.columns lists all")
     return by_name[name].of(run)
 

@@ -19,8 +19,8 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import Column, OptionalColumn
 from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError, expanded
-from gantrysim.base.files import replaced
-from gantrysim.base.input_files import opened
+from gantrysim.base.files import replaced_file
+from gantrysim.base.input_files import opened_file
 from gantrysim.base.progress import Progress
 from gantrysim.faults import InjectedFault
 from gantrysim.paths.path import Path
@@ -128,7 +128,7 @@ class Run(Shown):
         """
         from gantrysim.record.run_file import write_record  # with all kinds of paths, which few processes need
 
-        with replaced(file) as partial, partial.open("wb") as stream:  # by path it would add a suffix
+        with replaced_file(file) as partial, partial.open("wb") as stream:  # by path it would add a suffix
             write_record(stream, {name: value for name, value in self._values().items() if name != "job"})
 
     def replaced(self, **changes: Any) -> Run:
@@ -294,7 +294,7 @@ class Run(Shown):
         from gantrysim.record.run_file import read_record
 
         try:
-            with opened(expanded(file)) as stream:
+            with opened_file(expanded(file)) as stream:
                 return cls(**read_record(stream))
         except (OSError, InputError) as error:
             reason = str(error.strerror if isinstance(error, OSError) else error)[:_LONGEST_REASON]

@@ -102,7 +102,7 @@ class Archive:
             KeyError: there is no such member.
         """
         member = self.members[name]
-        self._digest.update(_named(name))
+        self._digest.update(_archive_name(name))
         with self._zip.open(self._entries[name]) as file:
             stream = _Tee(file, self._digest)
             if member.shape and member.shape[0] > memory.LONG_RUN and not member.fortran:
@@ -142,7 +142,7 @@ def write_archive(stream: BinaryIO, arrays: Mapping[str, Any]) -> None:
     digest = hashlib.sha256()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, value in arrays.items():
-            digest.update(_named(name))
+            digest.update(_archive_name(name))
             _write(archive, name, value, digest)
         _write(archive, CHECKSUM, digest.hexdigest(), digest)
 
@@ -180,7 +180,7 @@ def _long(name: str, member: Member, stream: _Tee) -> Stored:
     return table.stored(rows)[name]
 
 
-def _named(name: str) -> bytes:
+def _archive_name(name: str) -> bytes:
     return name.encode() + b"\0"
 
 

@@ -21,7 +21,7 @@ from itertools import combinations as subsets
 from gantrysim.base.errors import GantryError
 from gantrysim.job.job import Job
 from gantrysim.remedy.lever import Effort, Lever, Setting, State
-from gantrysim.remedy.levers.numbers import factor_text, rounded
+from gantrysim.remedy.levers.numbers import factor_text, rounded_number
 from gantrysim.remedy.levers.speed import FASTER, SLOWER, at_factor
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.results.score import usage_of
@@ -206,7 +206,7 @@ def rank(outcome: Outcome) -> tuple[float, float, float]:
 # Levers of a combination that change one value, shown as one: the search may set a value twice.
 
 
-def merged(combinations: Combinations, picks: Sequence[Pick]) -> list[Pick]:
+def merged_picks(combinations: Combinations, picks: Sequence[Pick]) -> list[Pick]:
     """Return a combination in which no two levers change one value, if that is as good."""
     single = _with_one_speed(combinations, picks)
     while fewer := _with_one_less(combinations, single):
@@ -220,7 +220,7 @@ def _with_one_speed(combinations: Combinations, picks: Sequence[Pick]) -> list[P
     if len(speeds) < 2:
         return list(picks)
     present = combinations.state_of(picks)
-    factor = rounded(
+    factor = rounded_number(
         present.job.controller.programmed_speed / combinations.state_of([]).job.controller.programmed_speed
     )
     single = [Pick(at_factor(factor), factor_text(factor))] if factor != 1 else []

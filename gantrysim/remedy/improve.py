@@ -11,7 +11,7 @@ from gantrysim.job.causes import Causes, Effect, causes_of
 from gantrysim.job.job import Job
 from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.bench import Bench, Progress
-from gantrysim.remedy.combination import Combinations, Pick, best_combination, fewest_levers, merged, setting_of
+from gantrysim.remedy.combination import Combinations, Pick, best_combination, fewest_levers, merged_picks, setting_of
 from gantrysim.remedy.fastest import fastest_program
 from gantrysim.remedy.improvement import Improvement
 from gantrysim.remedy.lever import ROWS, Lever, Setting, State
@@ -78,7 +78,7 @@ class Search:
         self._bench.task.name = "combination"
         picks = best_combination(self._combinations, levers)
         fewest = fewest_levers(self._combinations, picks, self._bench.motion_key)
-        return merged(self._combinations, fewest)
+        return merged_picks(self._combinations, fewest)
 
     def state_of(self, picks: Sequence[Pick]) -> State:
         """Return the state after the levers of a combination are set, see `Combinations.state_of`."""
@@ -211,7 +211,7 @@ def improve(
     bad = _bad_rows(before, names)
     if bad:
         search = Search(job, bench, names, _causes(job, bad, causes))
-        improvement = _searched(search, chosen, before)
+        improvement = _searched_improvement(search, chosen, before)
     else:
         improvement = Improvement(job, before, (), (), (), before, job)
     return _with_fastest(improvement, bench) if wants_fastest else improvement
@@ -253,7 +253,7 @@ def _causes(job: Job, bad: Sequence[str], known: Causes | None) -> Causes | None
     return causes_of(job) if known is None else known
 
 
-def _searched(search: Search, levers: Sequence[Lever], before: Outcome) -> Improvement:
+def _searched_improvement(search: Search, levers: Sequence[Lever], before: Outcome) -> Improvement:
     plausible, implausible = search.plausible(levers)
     trials, inapplicable = search.alone(plausible)
     picks = search.combined(plausible)

@@ -51,14 +51,14 @@ def bound_of(job: Job, outcome: Outcome, row: str) -> str:
         link = max(parts, key=lambda name: parts[name].rms)
         return f"the {link} link, {1e3 * parts[link].rms:.1f} µm rms of the error"
     if row == GLUE:
-        ploughed = _ploughed(outcome)
+        ploughed = _ploughed_reason(outcome)
         return f"the program link: {ploughed}" if ploughed else _glue_bound(job)
     if row == STABILITY:
         return "the servo: its loops have too little margin"
     return "the drives: their torque or speed has too little reserve"
 
 
-def _ploughed(outcome: Outcome) -> str:
+def _ploughed_reason(outcome: Outcome) -> str:
     """Return why the needle ploughs its bead, in words; empty where it does not."""
     assert outcome.verdict is not None
     row = outcome.verdict[GLUE]
@@ -177,7 +177,7 @@ def options(base: Job, improved: Job) -> list[str]:
         if values is None or any(map(_is_long, values.values())):
             return []
     words = [] if speed is None else [f"--speed {speed:.{_SPEED_DIGITS}g}"]
-    return words + [f"--set {key}={_quoted(_inline(value))}" for key, value in values.items()]
+    return words + [f"--set {key}={_quoted_word(_inline(value))}" for key, value in values.items()]
 
 
 def _is_long(value: Any) -> bool:
@@ -232,7 +232,7 @@ def _inline(value: Any) -> str:
     return " ".join(text.split()).replace("[ ", "[").replace(", ]", "]").replace(" ]", "]")
 
 
-def _quoted(text: str) -> str:
+def _quoted_word(text: str) -> str:
     """Return a word for a shell."""
     return f"'{text}'" if set(text) & set(" []\"'{}$") else text
 

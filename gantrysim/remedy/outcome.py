@@ -63,7 +63,7 @@ class Outcome:
         return self.state == PASS
 
 
-def measured(job: Job) -> Outcome:
+def measured_outcome(job: Job) -> Outcome:
     """Simulate a job and return what its run shows; a job that is refused has an outcome too."""
     return measured_together([job]).outcomes[0]
 

@@ -26,7 +26,7 @@ _LUMA = (0.299, 0.587, 0.114)  # of red, green and blue
 Luma = NDArray[np.float32]
 
 
-def smoothed(picture: Picture) -> Picture:
+def smoothed_picture(picture: Picture) -> Picture:
     """Return a picture with smooth edges, (height, width, 3)."""
     drawn = np.ascontiguousarray(picture)
     luma = np.asarray(drawn @ np.array(_LUMA, np.float32), np.float32)

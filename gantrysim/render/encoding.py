@@ -14,7 +14,7 @@ from PIL import Image
 
 from gantrysim.base.errors import GantryError, InputError, positive, text_of
 from gantrysim.base.extras import extra
-from gantrysim.base.files import replaced
+from gantrysim.base.files import replaced_file
 
 Picture = NDArray[np.uint8]
 
@@ -97,7 +97,7 @@ def film_writer(
     encoder_file()
     from imageio_ffmpeg import write_frames
 
-    with replaced(file) as partial:
+    with replaced_file(file) as partial:
         codec, pixels, options = _GIF_ENCODER if suffix == _GIF else _MP4_ENCODER
         rate = Fraction(fps).limit_denominator(_FINEST_RATE)
         encoder = write_frames(
@@ -178,7 +178,7 @@ def save_picture(file: Path, picture: Picture) -> None:
         InputError: another suffix, or a file that cannot be written.
     """
     suffix_of(file, PICTURES)
-    with replaced(file) as partial:
+    with replaced_file(file) as partial:
         Image.fromarray(picture).save(partial)
 
 

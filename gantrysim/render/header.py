@@ -15,7 +15,7 @@ from gantrysim.base.errors import expanded
 from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.job.job import Job
-from gantrysim.job.programs import PROGRAMS, described
+from gantrysim.job.programs import PROGRAMS, described_fields
 from gantrysim.job.settings import ServoSettings
 from gantrysim.render.encoding import Picture
 from gantrysim.render.fonts import LINE, MUTED, PAPER, Font, font
@@ -92,7 +92,7 @@ def _description(kind: type[Any], names: Sequence[str]) -> str:
     """Return the description of a field of a dataclass, or of a dataclass within it."""
     name, *inner_names = names
     if not inner_names:
-        return described(kind).get(name, "")
+        return described_fields(kind).get(name, "")
     hint = get_type_hints(kind).get(name)
     for part in (hint, *get_args(hint)):  # a field may be optional
         if isinstance(part, type) and is_dataclass(part):

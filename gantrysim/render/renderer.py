@@ -11,7 +11,7 @@ from gantrysim.glue.bead import BeadSettings
 from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.machine.machine import NOZZLE, Machine
 from gantrysim.record.run import Run
-from gantrysim.render.antialiasing import smoothed
+from gantrysim.render.antialiasing import smoothed_picture
 from gantrysim.render.colours import Scale
 from gantrysim.render.encoding import Picture
 from gantrysim.render.flight import Flight
@@ -334,7 +334,7 @@ class Renderer(Closing):
         mujoco.mjr_readPixels(image, None, viewport, self._context)
         if self._flight is None:
             return image[::-1]
-        image = smoothed(image)
+        image = smoothed_picture(image)
         if inset is not None:
             inset.frame(image)
         return image[::-1]

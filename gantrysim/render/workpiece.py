@@ -67,7 +67,7 @@ def workpiece(run: Run, bead: BeadSettings | BeadTrace | None = None, level: flo
         return None
     floor = level - run.gap
     clear = 0.5 * (width + run.face) + _CLEARANCE
-    above, below = _stacked(track, clear, width)
+    above, below = _stacked_samples(track, clear, width)
     parts = [_solid(track, _reach(track, width), clear, floor)]
     if above.mean() > _MOSTLY:
         parts += _walls(track, ~below, clear, floor)
@@ -141,7 +141,7 @@ def _pairs(track: _Track, reach: float, width: float) -> tuple[NDArray[np.intp],
     return pairs, np.linalg.norm(np.diff(track.point[pairs][..., :2], axis=1)[:, 0], axis=1)
 
 
-def _stacked(track: _Track, clear: float, width: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _stacked_samples(track: _Track, clear: float, width: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which samples have another turn below them, and which have one above, (k,) each."""
     pairs, _ = _pairs(track, clear, width)
     rise = np.diff(track.point[pairs, 2], axis=1)[:, 0]

@@ -10,7 +10,7 @@ from gantrysim.job.causes import CELL_FORM, Causes, Errors
 from gantrysim.metrics.parts import ERROR, ERROR_SIZES
 from gantrysim.report.document import Column, Section, Table
 from gantrysim.report.plots.causes import draw_causes
-from gantrysim.report.sections import drawn
+from gantrysim.report.sections import drawn_plot
 
 # of the plot [inch]
 _PLOT_WIDTH = 10.7
@@ -40,7 +40,7 @@ def causes_section(causes: Causes) -> Section:
             "others. Effects do not add up.",
             *(f"{note[0].upper()}{note[1:]}." for note in causes.notes),
         ],
-        figure=drawn(draw_causes, worth, _PLOT_WIDTH, _HEIGHT),
+        figure=drawn_plot(draw_causes, worth, _PLOT_WIDTH, _HEIGHT),
         table=Table(columns, rows, "Contour error, what the cause is worth of its rms, and rms by link"),
     )
 

@@ -10,7 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from gantrysim.base.files import replaced
+from gantrysim.base.files import replaced_file
 from gantrysim.report.document import Section
 from gantrysim.report.figures import Figures, figures_of, section_name, several
 
@@ -70,7 +70,7 @@ class DrawnPage:
             space=_space_script() if any(section.in_space for _, section, _ in self.sections) else None,
             sections=[entry for entry in self.sections if not entry[1].lacks_video],
         )
-        with replaced(file) as partial:
+        with replaced_file(file) as partial:
             partial.write_text(content, encoding="utf-8")
 
 

@@ -19,7 +19,7 @@ _DIFFERENCE = 127  # largest difference of 8 bits
 _JUMP = -128  # in place of a larger one
 
 
-def encoded(values: Floats) -> dict[str, Any]:
+def encoded_numbers(values: Floats) -> dict[str, Any]:
     """Return numbers as 16-bit codes.
 
         value = offset + scale * code,        scale = (largest - smallest) / 65534

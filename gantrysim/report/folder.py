@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from gantrysim.base.errors import InputError, expanded
-from gantrysim.base.files import check_free, held, pending, replaced_files
+from gantrysim.base.files import check_free, held_folder, pending, replaced_files
 from gantrysim.job.job import Job
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
@@ -69,12 +69,12 @@ class Output:
 
     @contextmanager
     def held(self, folder: Path) -> Iterator[None]:
-        """Hold a folder in the block, see `gantrysim.base.files.held`.
+        """Hold a folder in the block, see `gantrysim.base.files.held_folder`.
 
         Raises:
             InputError: as `check`, or the folder is in use by another command.
         """
-        with held(self.check(folder), f"--out {folder}", self.files):
+        with held_folder(self.check(folder), f"--out {folder}", self.files):
             yield
 
     @contextmanager

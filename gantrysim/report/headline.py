@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from gantrysim.job.causes import Causes, Effect
-from gantrysim.job.losses import happened, reached
+from gantrysim.job.losses import happened_events, reached_faults
 from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import CONTOUR, LAG
 
@@ -29,8 +29,8 @@ def headline(budget: Budget, causes: Causes | None = None) -> str:
     """
     contour = budget.values.contour
     run = budget.analysis.run
-    if run.fault is not None or reached(run):
-        return f"{happened(run)} {_error_with_faults(budget)}"
+    if run.fault is not None or reached_faults(run):
+        return f"{happened_events(run)} {_error_with_faults(budget)}"
     if budget.contradictions:
         return "The errors of this run are not known: they contradict one another, see the verdict."
     along = _along(budget)

@@ -87,8 +87,8 @@ def budget_section(budget: Budget, machine: Machine) -> Section:
         ],
         table=[links, axes, _turns(budget)] if values.turns else [links, axes],
         figure=[
-            drawn(draw_shares, budget, HALF, _LOW_PLOT),
-            *([drawn(draw_by_turn, budget, HALF, _LOW_PLOT)] if values.turns else []),
+            drawn_plot(draw_shares, budget, HALF, _LOW_PLOT),
+            *([drawn_plot(draw_by_turn, budget, HALF, _LOW_PLOT)] if values.turns else []),
         ],
         still=budget_plot(budget),
     )
@@ -161,7 +161,7 @@ def spacing_section(analysis: Analysis) -> Section:
     """Return the section of the spacing of neighbouring turns."""
     return Section(
         "Spacing of neighbouring turns",
-        figure=[drawn(draw_polar_spacing, analysis, HALF, 4.8), spacing_plot(analysis)],
+        figure=[drawn_plot(draw_polar_spacing, analysis, HALF, 4.8), spacing_plot(analysis)],
     )
 
 
@@ -177,7 +177,7 @@ def bead_section(bead: Bead) -> Section:
         facts=facts_of(bead_rows(values)),
         figure=[
             height_plot(bead),
-            drawn(_coarse_bead, bead, PLOT_WIDTH, 5.4 if bead.analysis.spacing.distance.size else 3.0),
+            drawn_plot(_coarse_bead, bead, PLOT_WIDTH, 5.4 if bead.analysis.spacing.distance.size else 3.0),
         ],
         table=[_bead_sizes(values), _volumes(values)],
     )
@@ -222,7 +222,7 @@ def _coarse_bead(figure: Figure, bead: Bead) -> None:
     draw_bead_along(figure, bead, PAGE_COLUMNS)
 
 
-def drawn(
+def drawn_plot(
     draw: Callable[[Figure, Subject], object], subject: Subject, width: float, height: float
 ) -> Callable[[], Figure]:
     """Return a function that draws a plot on a figure of its own, width by height [inch]."""

@@ -10,7 +10,7 @@ from typing import Any
 
 from gantrysim.base.quantity import contents
 from gantrysim.job.job import Job
-from gantrysim.job.losses import happened
+from gantrysim.job.losses import happened_events
 from gantrysim.job.steps import run_notes
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.budget import Budget
@@ -56,7 +56,7 @@ def summary(results: RunResults) -> dict[str, Any]:
         "unstable_axes": _unstable(results),
         "notes": list(run_notes(job, run)),
         "fault": _fault(run),
-        "injected": _injected(run, LOSSES_GROUP.contents(results)),
+        "injected": _injected_faults(run, LOSSES_GROUP.contents(results)),
         "headline": headline(results.budget, results.causes),
         "versions": versions(results.machine),
         **scatter,
@@ -77,8 +77,8 @@ def fault_summary(job: Job, machine: Machine, run: Run) -> dict[str, Any]:
         "bead": None,
         "notes": list(run_notes(job, run)),
         "fault": _fault(run),
-        "injected": _injected(run, None),
-        "headline": f"{happened(run)} The dispenser was never on: there are no errors to evaluate.",
+        "injected": _injected_faults(run, None),
+        "headline": f"{happened_events(run)} The dispenser was never on: there are no errors to evaluate.",
         "versions": versions(machine),
     }
 
@@ -125,7 +125,7 @@ def _fault(run: Run) -> dict[str, Any] | None:
     return {**asdict(run.fault), **numbers, "text": str(run.fault)}
 
 
-def _injected(run: Run, losses: dict[str, float | None] | None) -> dict[str, Any] | None:
+def _injected_faults(run: Run, losses: dict[str, float | None] | None) -> dict[str, Any] | None:
     if not run.injected:
         return None
     faults = [

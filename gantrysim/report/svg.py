@@ -40,10 +40,10 @@ def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
     become the text colour of the page. Coordinates of lines are cut to hundredths of a point, and lines simplified
     within a quarter of one. Formulas should use plain characters, as √12: a page lacks the fonts of mathtext.
     """
-    svg = _saved(figure)
+    svg = _saved_svg(figure)
     if any(len(path) > _LONGEST for path in _PATH.findall(svg)):
         _rasterise_lines(figure)
-        svg = _saved(figure)
+        svg = _saved_svg(figure)
     root = _ROOT.search(svg)
     view_box = _VIEW_BOX.search(svg)
     assert root is not None
@@ -63,7 +63,7 @@ def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
     return f'<svg {view_box[0]} role="img" aria-labelledby="{prefix}-title">{title}{_TAG.sub(adapted, content)}'
 
 
-def _saved(figure: Figure) -> str:
+def _saved_svg(figure: Figure) -> str:
     file = io.StringIO()
     with common_style(_SAVING):
         figure.savefig(file, format="svg", dpi=_RASTER_DPI, transparent=True, metadata=_NO_METADATA)

@@ -27,7 +27,7 @@ from gantrysim.metrics.analysis import path_speed
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.parts import CORNER
 from gantrysim.record.run import Run
-from gantrysim.report.encoding import MOST_ROWS, encoded, encoded_ascending, encoded_runs, shown_rows
+from gantrysim.report.encoding import MOST_ROWS, encoded_ascending, encoded_numbers, encoded_runs, shown_rows
 from gantrysim.report.plots.plan import magnification
 from gantrysim.report.plots.style import COLOURS, DASHES
 from gantrysim.results.run_results import RunResults
@@ -80,7 +80,7 @@ def _solid_content(solid: Solid) -> list[Any]:
 def _coordinate_content(values: Floats) -> Any:
     if np.ptp(values) < _CONSTANT:
         return round(float(values[0]), 6)
-    return encoded(values)
+    return encoded_numbers(values)
 
 
 _UM = 1e3
@@ -249,12 +249,12 @@ class ViewerData:
         contents = []
         for series in self.series:
             values = series.at(rows)
-            columns[series.name] = encoded(values)
+            columns[series.name] = encoded_numbers(values)
             contents.append(series.content(values))
         tolerance = self.results.verdict.tolerance
         bead = self._bead
         if self.in_space and bead is not None:
-            columns["height"] = encoded(bead_height(bead, rows))
+            columns["height"] = encoded_numbers(bead_height(bead, rows))
         return {
             "rows": int(rows.size),
             "ticks": len(run.time),

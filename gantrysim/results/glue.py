@@ -106,7 +106,7 @@ class BeadWidth:
             return "width not judged: every stretch of bead is shorter than a start and a stop"
         return (
             f"{WIDTH_SHARE.label} on {WIDTH_SHARE.text(self.share)} of the length between starts and stops: "
-            f"{_counted(self.blobs, 'blob')}, {_counted(self.gaps, 'gap')}"
+            f"{_counted_noun(self.blobs, 'blob')}, {_counted_noun(self.gaps, 'gap')}"
         )
 
     def content(self) -> dict[str, float | None]:
@@ -209,5 +209,5 @@ def _remedy(tick: int, bead: Bead) -> str:
     return "it never lifts: lift it before dry moves, on a machine with a z axis, or lead them around the bead"
 
 
-def _counted(number: int, noun: str) -> str:
+def _counted_noun(number: int, noun: str) -> str:
     return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"

@@ -13,7 +13,7 @@ from gantrysim.base.quantity import MAX, P95
 from gantrysim.glue.bead import Bead
 from gantrysim.job.job import Job
 from gantrysim.job.lines import program_lines
-from gantrysim.job.losses import happened, reached
+from gantrysim.job.losses import happened_events, reached_faults
 from gantrysim.job.steps import lost_steps
 from gantrysim.job.tolerance import DEFAULT, Bound, Tolerance
 from gantrysim.machine.machine import Machine
@@ -73,7 +73,7 @@ class Verdict(Shown):
     def of_fault(cls, run: Run) -> Verdict:
         """Return the verdict on a run that a fault ended: fail, without judging anything else."""
         rows = (Row(name, remark=_FAULT_REMARK) for name in (PATH, GLUE, STABILITY, MACHINE))
-        return cls(tuple(rows), happened(run))
+        return cls(tuple(rows), happened_events(run))
 
     @classmethod
     def of_results(cls, job: Job, budget: Budget, bead: Bead, machine: Machine | None = None) -> Verdict:
@@ -100,7 +100,7 @@ class Verdict(Shown):
             stability_row(job, job.margins if machine is None else margins_of(machine, job.built_servo), tolerance),
             machine_row(job, run, tolerance, place_at),
         )
-        return cls(rows, "", tolerance, tuple(str(fault) for fault in reached(run)))
+        return cls(rows, "", tolerance, tuple(str(fault) for fault in reached_faults(run)))
 
     @classmethod
     def of_contradictions(cls, contradictions: tuple[str, ...]) -> Verdict:

@@ -94,7 +94,7 @@ def _fastest(task: LoopTask, loops: Sequence[AxisLoop]) -> tuple[float, str]:
     room = natural_frequency(task.lag, task.damping)
     too_fast = None
     slowest_first = list(loops)
-    for frequency in _tried(room):
+    for frequency in _tried_frequencies(room):
         failing = _failing(slowest_first, frequency)
         if failing is None and all(group.keep(frequency) for group in groups):
             break
@@ -113,7 +113,7 @@ def _fastest(task: LoopTask, loops: Sequence[AxisLoop]) -> tuple[float, str]:
     return frequency, reason + lags
 
 
-def _tried(room: float) -> Iterator[float]:
+def _tried_frequencies(room: float) -> Iterator[float]:
     """Yield natural frequencies from the highest that the lags leave room for to the slowest [Hz]."""
     frequency = room
     while frequency > _SLOWEST * room:

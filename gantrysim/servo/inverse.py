@@ -80,7 +80,7 @@ class Inverse:
             feed_forward = notch * (speed + per_unit.demand_acceleration * step / servo.period**2)
             H[:, :, a] = self._inverse[:, :, a] * (Q / step)[:, None]
             H[:, a, a] -= feed_forward + self._law(a).response(self._z) * (1 - Q) / step
-        return _filtered(moved, H, "constant")
+        return _filtered_sequences(moved, H, "constant")
 
     def learnt(self, error: Floats) -> Floats:
         """Return by how much the torques must change to take an error away, (n, axes) [N·m].
@@ -101,7 +101,7 @@ class Inverse:
             law = self._law(a)
             over, under = ss2tf(law.A, law.B[:, None], law.C[None], [[law.D]])
             answer[:, a] = lfilter(over[0], under, error[:, a])
-        return _filtered(error, Qs @ H, "edge") + _filtered(answer, Qs, "edge")
+        return _filtered_sequences(error, Qs @ H, "edge") + _filtered_sequences(answer, Qs, "edge")
 
     def _law(self, axis: int) -> Compensator:
         """Return the law's answer to an error, without feedback delay and observer."""
@@ -109,7 +109,7 @@ class Inverse:
         return base_response(servo.laws.names, servo.gains[axis], servo.filters[axis], servo.period)
 
 
-def _filtered(values: Floats, H: Complexes, mode: str) -> Floats:
+def _filtered_sequences(values: Floats, H: Complexes, mode: str) -> Floats:
     """Return sequences through a filter that acts before and after its input, (n, axes).
 
     Args:

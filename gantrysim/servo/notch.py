@@ -97,7 +97,9 @@ def lag(frequency: float, width: float, depth: float) -> float:
     return 2 * width * (1 - depth) / (2 * math.pi * frequency) if frequency != NONE else 0.0
 
 
-def filtered(value: float, filter: Sequence[float] | Floats, first: float, second: float) -> tuple[float, float, float]:
+def filtered_output(
+    value: float, filter: Sequence[float] | Floats, first: float, second: float
+) -> tuple[float, float, float]:
     """Return the filter's output at one tick and its two states after it (direct form II, transposed).
 
     Args:

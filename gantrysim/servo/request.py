@@ -71,7 +71,7 @@ def per_axis(name: str, value: Any, axes: int) -> tuple[Any, ...]:
     values = (value,) * axes if single else tuple(value)
     if len(values) != axes:
         raise InputError(f"{name} has {len(values)} values: must be one or {axes}, one per axis")
-    return tuple(checked(name, item) for item in values) if name in (*WORDS, "current_bandwidth") else values
+    return tuple(checked_value(name, item) for item in values) if name in (*WORDS, "current_bandwidth") else values
 
 
 def whole_ratio(ratio: float) -> bool:
@@ -115,7 +115,7 @@ def check_timing(period: float, delay: float, feedback_delay: int) -> None:
     check_whole("feedback_delay", feedback_delay, MAX_FEEDBACK_DELAY)
 
 
-def checked(name: str, value: Any) -> Any:
+def checked_value(name: str, value: Any) -> Any:
     """Return a value of one axis, or raise InputError where it is out of its bounds."""
     if name in WORDS:
         if value not in WORDS[name]:
@@ -317,10 +317,10 @@ class Parts(NamedTuple):
             if len(values) != axes:
                 raise InputError(f"{name} has {len(values)} values: must be {axes}, one per axis")
         return Parts(
-            _checked(self.gains),
-            _checked(self.drives),
-            _checked(notches, _NOTCH),
-            replace(self.laws, parameters=_checked(parameters)),
+            _checked_parts(self.gains),
+            _checked_parts(self.drives),
+            _checked_parts(notches, _NOTCH),
+            replace(self.laws, parameters=_checked_parts(parameters)),
         )
 
     def check(self, period: float) -> None:
@@ -348,15 +348,15 @@ class Parts(NamedTuple):
             InputError: as many values as there are axes are needed, or a value is none of those allowed.
         """
         return Parts(
-            _changed(self.gains, values),
-            _changed(self.drives, values),
-            _changed(self.notches, values, _NOTCH),
+            _changed_parts(self.gains, values),
+            _changed_parts(self.drives, values),
+            _changed_parts(self.notches, values, _NOTCH),
             self._changed_laws(values),
         )
 
     def _changed_laws(self, values: Mapping[str, Any]) -> Laws:
         laws = self.laws
-        parameters = _changed(laws.parameters, values)
+        parameters = _changed_parts(laws.parameters, values)
         return replace(
             laws,
             names=law_names(values.get("law", laws.names)),
@@ -405,7 +405,7 @@ def law_values(values: Mapping[str, float]) -> Any:
     return LawValues(**{parameter.name: values.get(parameter.name, 0.0) for parameter in LAW_PARAMETERS})
 
 
-def _changed(parts: tuple[Any, ...], values: Mapping[str, Any], prefix: str = "") -> tuple[Any, ...]:
+def _changed_parts(parts: tuple[Any, ...], values: Mapping[str, Any], prefix: str = "") -> tuple[Any, ...]:
     for name in parts[0]._fields:
         key = prefix + name
         if key in values:
@@ -418,10 +418,10 @@ def _values(parts: tuple[Any, ...], prefix: str = "") -> dict[str, tuple[Any, ..
     return {prefix + name: tuple(getattr(part, name) for part in parts) for name in parts[0]._fields}
 
 
-def _checked(parts: tuple[Any, ...], prefix: str = "") -> tuple[Any, ...]:
+def _checked_parts(parts: tuple[Any, ...], prefix: str = "") -> tuple[Any, ...]:
     """Return the values of all axes, each checked; errors as of `checked`."""
     return tuple(
-        type(part)(*(checked(prefix + name, value) for name, value in part._asdict().items())) for part in parts
+        type(part)(*(checked_value(prefix + name, value) for name, value in part._asdict().items())) for part in parts
     )
 
 

@@ -35,7 +35,7 @@ from gantrysim.servo.request import (
     check_modes,
     check_timing,
     check_whole,
-    checked,
+    checked_value,
     per_axis,
 )
 from gantrysim.servo.servo_design import check_margins, designed_parts, margins_at
@@ -80,7 +80,7 @@ class Servo(Shown):
     encoder_seed: int = 0
 
     def __post_init__(self) -> None:
-        limits = tuple(checked("following_error_limit", limit) for limit in self.following_error_limit)
+        limits = tuple(checked_value("following_error_limit", limit) for limit in self.following_error_limit)
         if len(limits) != len(self.gains):
             raise InputError(f"following_error_limit has {len(limits)} values: must be {self.axes}, one per axis")
         # the servo is frozen, so that its completed values are set behind its back

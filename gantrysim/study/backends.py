@@ -37,8 +37,8 @@ def on_backend(name: str | None) -> Iterator[None]:
         if not address:
             raise InputError(f"--backend {name}: must be dask=ADDRESS, as in dask=tcp://10.0.0.1:8786")
         with extra("dask", f"--backend {name}"):
-            from gantrysim.study.cluster import connected
-        with connected(address) as cluster:
+            from gantrysim.study.cluster import connected_cluster
+        with connected_cluster(address) as cluster:
             before = cluster_in_use.set(cluster)
             try:
                 yield

@@ -178,7 +178,7 @@ class Case:
         Raises:
             InputError: the job is refused.
         """
-        return _changed(self.content, self.overrides) if self.overrides else _job(self.content)
+        return _changed_job(self.content, self.overrides) if self.overrides else _job(self.content)
 
 
 def machine_digest(case: Case) -> str:
@@ -195,7 +195,7 @@ def forget_jobs() -> None:
     """Clear the cache of jobs, and with it the machines built from files that may have changed."""
     _LAST.forget()
     _job.cache_clear()
-    _changed.cache_clear()
+    _changed_job.cache_clear()
 
 
 def measure(case: Case, values: Callable[[Run], Row] | None = None) -> Row:
@@ -215,7 +215,7 @@ def measure(case: Case, values: Callable[[Run], Row] | None = None) -> Row:
         values_of_run = _values(budget, bead) if values is None else values(run)
         return {**values_of_run, **_verdict(case, budget, bead)}
 
-    return judged(lambda: simulated(case), row)
+    return judged_row(lambda: simulated(case), row)
 
 
 def verdict_row(case: Case, run: Run) -> Row:
@@ -239,7 +239,7 @@ def _verdict(case: Case, budget: Budget, bead: Bead) -> Row:
     return dict(verdict_columns(verdict))
 
 
-def judged(start: Callable[[], Run], values: Callable[[Run], Row]) -> Row:
+def judged_row(start: Callable[[], Run], values: Callable[[Run], Row]) -> Row:
     """Return status and values of a run, as `measure` does; `start` may raise an InputError."""
     try:
         run = start()
@@ -318,7 +318,7 @@ def _job(content: str) -> Job:  # cached, as a study's cases differ in a few val
 
 
 @lru_cache(maxsize=1)
-def _changed(content: str, overrides: tuple[tuple[str, str], ...]) -> Job:
+def _changed_job(content: str, overrides: tuple[tuple[str, str], ...]) -> Job:
     """Return the job with its overrides; it shares the parts that these leave unchanged, such as a built machine."""
     unchanged = _job(content)
     return unchanged.changed({key: json.loads(value) for key, value in overrides}).sharing(unchanged)

@@ -114,7 +114,7 @@ def _reader() -> Callable[[bytes], tuple[str | None, Any]]:
 
 
 @contextmanager
-def connected(address: str) -> Iterator[Cluster]:
+def connected_cluster(address: str) -> Iterator[Cluster]:
     """Give the cluster of a scheduler inside the block; at its end all that was sent is taken back.
 
     Args:

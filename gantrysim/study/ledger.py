@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Any, BinaryIO, overload
 
 from gantrysim.base.errors import GantryError, InputError, text_of
-from gantrysim.base.files import ANY, held, open_regular
+from gantrysim.base.files import ANY, held_folder, open_regular
 from gantrysim.study.cases import OK, Case, Row, Value
 
 # The rows of a study in little memory: as bytes of their values, until one is asked for.
@@ -133,7 +133,7 @@ class Ledger:
             return self
         folder = self._file.parent
         with ExitStack() as stack:
-            stack.enter_context(held(folder, f"--out {folder}", self._names))
+            stack.enter_context(held_folder(folder, f"--out {folder}", self._names))
             try:
                 self._stream = stack.enter_context(open_regular(self._file))
                 good = self._read(iter(partial(self._stream.readline, _LONGEST), b""))

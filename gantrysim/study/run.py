@@ -162,7 +162,7 @@ def run_study(
             with output.written(folder) as scratch:
                 _write_rows(study, rows, report, scratch, identity)
                 if failed is None:
-                    failed = _reported(study, rows, report, scratch, identity)
+                    failed = _report_failure(study, rows, report, scratch, identity)
                 written = sorted(item.name for item in scratch.iterdir() if item.is_file() or any(item.iterdir()))
         except (NoValuesError, ReplacedError):
             ledger.remove()
@@ -274,7 +274,9 @@ def _columns(rows: Sequence[Row]) -> tuple[list[str], list[str]]:
     return [key for key in dict.fromkeys(key for row in rows for key in row) if key not in curves], curves
 
 
-def _reported(study: Study, rows: Sequence[Row], report: Report, folder: Path, identity: dict[str, Any]) -> str | None:
+def _report_failure(
+    study: Study, rows: Sequence[Row], report: Report, folder: Path, identity: dict[str, Any]
+) -> str | None:
     """Write plots and page; return why that fails, with none of them left behind, or None."""
     try:
         _write_report(study, rows, report, folder, identity)

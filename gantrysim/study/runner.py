@@ -17,7 +17,7 @@ from gantrysim.base.signals import blocked, deferred, end_with
 from gantrysim.study.backends import cluster_in_use
 from gantrysim.study.cases import Case, Row, measure
 from gantrysim.study.ledger import Ledger, TaggedRows
-from gantrysim.study.worker import Measured, MeasureTogether, Origin, WorkerError, measured
+from gantrysim.study.worker import Measured, MeasureTogether, Origin, WorkerError, measured_rows
 
 Measure = Callable[[Case], Row]  # a function of a module, or a partial of one: sent to the workers by name
 Progress = Callable[[int, int], None]  # called with the number of finished cases, and of all known by now
@@ -74,7 +74,7 @@ def run_cases(
     advance()
     lots = _equal_lots if measure_together else _timed_lots
     together = measure_together or partial(_one_by_one, measure)
-    finished = _finished(list(missing.values()), workers, together, lots)
+    finished = _finished_lots(list(missing.values()), workers, together, lots)
     try:
         for rows in finished:
             for key, row in rows:
@@ -127,7 +127,7 @@ class _Pace:
 Lots = Callable[[list[Case], int, _Pace], Iterable[list[Case]]]
 
 
-def _finished(
+def _finished_lots(
     cases: list[Case], workers: int | None, measure: MeasureTogether, lots_of: Lots
 ) -> Generator[list[tuple[str, Row]], None, None]:
     """Run cases in lots, and yield the keys and rows of each finished lot."""
@@ -140,7 +140,7 @@ def _finished(
     workers = min(cores if workers is None else workers, cores, len(cases))
     origin = Origin.here(cases)
     pace = _Pace()
-    calls = (partial(measured, measure, lot, origin) for lot in lots_of(cases, workers, pace))
+    calls = (partial(measured_rows, measure, lot, origin) for lot in lots_of(cases, workers, pace))
     if cluster is None:
         results = _here(calls, workers)
     else:  # where all are to work, the next lot of each is already there

@@ -54,7 +54,7 @@ class Origin:
         """Return the identity of this process, with the machines of these cases."""
         machines = {case.machine: case for case in cases}
         digests = tuple((name, _digest(case)) for name, case in machines.items())
-        return cls(platform.node(), os.getpid(), _installed(), digests)
+        return cls(platform.node(), os.getpid(), _installed_versions(), digests)
 
 
 class Measured(NamedTuple):
@@ -69,7 +69,7 @@ class Measured(NamedTuple):
     seconds: float
 
 
-def measured(measure: MeasureTogether, cases: Sequence[Case], origin: Origin) -> Measured:
+def measured_rows(measure: MeasureTogether, cases: Sequence[Case], origin: Origin) -> Measured:
     """Measure cases.
 
     Raises:
@@ -92,7 +92,7 @@ def _started_by(origin: Origin) -> bool:
 
 
 def _check_installed(origin: Origin) -> None:
-    installed = dict(_installed())
+    installed = dict(_installed_versions())
     other = [
         f"{name} {installed[name]} instead of {value}" for name, value in origin.installed if installed[name] != value
     ]
@@ -124,7 +124,7 @@ def _name() -> str:
 
 
 @cache
-def _installed() -> tuple[tuple[str, str], ...]:
+def _installed_versions() -> tuple[tuple[str, str], ...]:
     """Return the versions that numbers depend on, as (name, version)."""
     digest = hashlib.sha256()
     root = Path(str(files("gantrysim")))

@@ -145,7 +145,7 @@ class ColumnTable:
         raise unknown(f"column of {self.label}", column, known)
 
 
-def numbered(label: str, table: TextTable) -> ColumnTable:
+def numbered_columns(label: str, table: TextTable) -> ColumnTable:
     """Return the columns of a table in text; without heads they are named 1, 2, ...
 
     A column is one of numbers if more of its cells are numbers than not; another cell in it is refused.
@@ -165,8 +165,8 @@ def numbered(label: str, table: TextTable) -> ColumnTable:
         columns: dict[int, Floats] = dict(enumerate(plain))
         texts: dict[int, list[str]] = {}
     else:
-        columns, texts = _mixed(label, table, width)
-    names, units = _named(table, width)
+        columns, texts = _mixed_columns(label, table, width)
+    names, units = _named_columns(table, width)
     return ColumnTable(
         label,
         {names[k]: values for k, values in columns.items()},
@@ -194,7 +194,7 @@ def _plain(table: TextTable, width: int) -> Floats | None:
     return values.T if values.shape == (len(lines), width) and np.isfinite(values).all() else None
 
 
-def _mixed(label: str, table: TextTable, width: int) -> tuple[dict[int, Floats], dict[int, list[str]]]:
+def _mixed_columns(label: str, table: TextTable, width: int) -> tuple[dict[int, Floats], dict[int, list[str]]]:
     """Return the columns of numbers and those of text, by their places."""
     rows = table.split()
     for row in rows:
@@ -233,7 +233,7 @@ def _value(dialect: Dialect, cell: str) -> float | None:
     return np.nan if cell.lower() in GAPS else dialect.number(cell)
 
 
-def _named(table: TextTable, width: int) -> tuple[list[str], dict[int, str]]:
+def _named_columns(table: TextTable, width: int) -> tuple[list[str], dict[int, str]]:
     """Return the names of the columns, each once, and the units by their places."""
     heads = table.heads or tuple(str(k + 1) for k in range(width))
     names: list[str] = []

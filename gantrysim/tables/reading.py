@@ -11,10 +11,10 @@ import numpy as np
 
 from gantrysim.base.errors import InputError, expanded
 from gantrysim.base.heads import NUMBER
-from gantrysim.base.input_files import opened
+from gantrysim.base.input_files import opened_file
 from gantrysim.base.toml_files import read_text
 from gantrysim.tables.binary import binary_reader
-from gantrysim.tables.column_table import ColumnTable, numbered
+from gantrysim.tables.column_table import ColumnTable, numbered_columns
 from gantrysim.tables.text_table import BLANKS, Dialect, TextTable
 
 # Logs of controllers that are no tables of rows: LinuxCNC's halscope, and dumps of the TABLE of Trio controllers.
@@ -71,14 +71,14 @@ def table_dump(label: str, lines: Sequence[str], blocks: int) -> ColumnTable:
     Raises:
         InputError: a cell that is no number, or numbers that are not so many blocks.
     """
-    values = list(_dumped(label, lines))
+    values = list(_dumped_samples(label, lines))
     if not values or len(values) % blocks:
         raise InputError(f"{label}: has {len(values)} values, which are not {blocks} blocks of one length")
     columns = np.array(values).reshape(blocks, -1)
     return ColumnTable(label, {str(k): column for k, column in enumerate(columns, 1)}, {})
 
 
-def _dumped(label: str, lines: Sequence[str]) -> Iterator[float]:
+def _dumped_samples(label: str, lines: Sequence[str]) -> Iterator[float]:
     for line in lines:
         statement = _STATEMENT.fullmatch(line)
         cells = re.split(r"[\s,;]+", (statement[1] if statement else line).strip())
@@ -112,7 +112,7 @@ def read_table(file: str | Path, blocks: int = 0) -> ColumnTable:
     label = str(file)
     path = expanded(file)
     try:
-        with opened(path, label) as stream:
+        with opened_file(path, label) as stream:
             reader = binary_reader(stream.read(_HEAD))
         if reader is not None:
             return reader(path, label)
@@ -138,4 +138,4 @@ def table_of_text(text: str, label: str, blocks: int = 0) -> ColumnTable:
     lost = any(line == _LOST for _, line in rows)
     # an empty line in their place keeps the numbers of the lines
     kept_text = "\n".join("" if line.strip() == _LOST else line for line in text.splitlines()) if lost else text
-    return replace(numbered(label, TextTable.of(kept_text)), lost=lost)
+    return replace(numbered_columns(label, TextTable.of(kept_text)), lost=lost)

@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from gantrysim.base.arrays import LastCall, at_rows, extremes, lengths, scaled, seen
+from gantrysim.base.arrays import LastCall, at_rows, extremes, lengths, scaled_rows, seen
 
 
 def test_the_last_result_is_that_of_the_same_arguments():
@@ -73,9 +73,9 @@ def test_vectors_are_scaled_row_by_row():
     rng = np.random.default_rng(6)
     vectors = rng.normal(size=(40, 3))
     factors = rng.normal(size=40)
-    assert np.array_equal(scaled(vectors, factors), vectors * factors[:, None])
+    assert np.array_equal(scaled_rows(vectors, factors), vectors * factors[:, None])
     alike = np.broadcast_to(vectors[0], (40, 3))
-    assert np.array_equal(scaled(alike, factors), vectors[0] * factors[:, None])
+    assert np.array_equal(scaled_rows(alike, factors), vectors[0] * factors[:, None])
 
 
 @pytest.mark.parametrize("rows", [[], [4], [2, 3, 4], [0, 1, 3], [0, 0, 2], [9]])

@@ -11,7 +11,7 @@ from gantrysim.base.errors import (
     at_least,
     between,
     finite,
-    meant,
+    meant_names,
     nearest,
     place,
     point,
@@ -87,6 +87,6 @@ def test_the_names_that_may_be_meant_come_first():
     assert str(unknown("key", "perod", names)) == text
     assert str(unknown("key", "xyzzy", ["b", "a"])) == "unknown key 'xyzzy': known: a, b"
     assert str(unknown("key", "x", [])) == "unknown key 'x': there are none"
-    assert meant([]) == ""
-    assert meant(["a"]) == "did you mean a?"
-    assert meant(["a", "b", "c"]) == "did you mean a, b or c?"
+    assert meant_names([]) == ""
+    assert meant_names(["a"]) == "did you mean a?"
+    assert meant_names(["a", "b", "c"]) == "did you mean a, b or c?"

@@ -12,7 +12,7 @@ import pytest
 
 from gantrysim import InputError
 from gantrysim.base import files
-from gantrysim.base.files import PARTIAL, SWAP, ReplacedError, complete, held, replaced, replaced_files
+from gantrysim.base.files import PARTIAL, SWAP, ReplacedError, complete, held_folder, replaced_file, replaced_files
 from gantrysim.base.signals import ENDING, deferred, handled, interrupt
 
 from support.kills import forked
@@ -33,7 +33,7 @@ def write(folder, files):
 
 
 def replace(folder, new=NEW):
-    with held(folder, "here"), replaced_files(folder, NAMES, "here") as scratch:
+    with held_folder(folder, "here"), replaced_files(folder, NAMES, "here") as scratch:
         write(scratch, new)
 
 
@@ -85,7 +85,7 @@ def test_at_every_access_a_signal_leaves_the_old_files_or_the_new_ones(tmp_path,
         complete(old, "here")
         assert shown(old) in ({**OLD, **OTHERS}, {**NEW, **OTHERS})
         found.add((shown(old)["a.txt"], pending))
-        with held(old, "here"):
+        with held_folder(old, "here"):
             assert set(content(old)) == {*shown(old)}
     assert {text for text, _ in found} == {b"old a", b"new a"}
     assert any(pending for _, pending in found) == (number == signal.SIGKILL)
@@ -96,7 +96,7 @@ def test_at_every_access_a_signal_leaves_the_old_file_or_the_new_one(tmp_path, n
     file = tmp_path / "film.mp4"
 
     def action():
-        with handled(interrupt), replaced(file) as partial:
+        with handled(interrupt), replaced_file(file) as partial:
             partial.write_bytes(b"new")
 
     seen = forked(action, tmp_path)[1]
@@ -104,7 +104,7 @@ def test_at_every_access_a_signal_leaves_the_old_file_or_the_new_one(tmp_path, n
         file.write_bytes(b"old")
         forked(action, tmp_path, at, number=number)
         assert file.read_bytes() in (b"old", b"new")
-    with replaced(file) as partial:
+    with replaced_file(file) as partial:
         assert [item.name for item in tmp_path.iterdir() if item != file] == [partial.parent.name]
         partial.write_bytes(b"last")
     assert content(tmp_path) == {"film.mp4": b"last"}
@@ -142,7 +142,7 @@ def test_a_second_kill_while_the_first_is_made_good_loses_nothing(old):
 @pytest.mark.parametrize("number", ENDING, ids=lambda number: number.name)
 def test_an_interrupt_says_what_it_has_left(old, number):
     def sent(when):
-        with handled(interrupt), held(old, "here"), replaced_files(old, NAMES, "here") as scratch:
+        with handled(interrupt), held_folder(old, "here"), replaced_files(old, NAMES, "here") as scratch:
             write(scratch, NEW)
             if when == "before":
                 signal.raise_signal(number)
@@ -173,11 +173,11 @@ def test_a_folder_in_use_is_refused_and_a_dead_owner_is_none(tmp_path):
     script += "with held(Path(sys.argv[1]), 'x'): print('held', flush=True); time.sleep(99)"
     owner = subprocess.Popen([sys.executable, "-c", script, folder], stdout=subprocess.PIPE)
     assert owner.stdout.readline() == b"held\n"
-    with pytest.raises(InputError, match=r"^here: in use by another command$"), held(folder, "here"):
+    with pytest.raises(InputError, match=r"^here: in use by another command$"), held_folder(folder, "here"):
         pytest.fail("held twice")
     owner.kill()
     owner.communicate()
-    with held(folder, "here"):
+    with held_folder(folder, "here"):
         pass
     assert [item.name for item in tmp_path.iterdir()] == ["deep"]  # the dead owner's
 
@@ -192,7 +192,7 @@ def test_new_files_are_on_disk_before_they_take_their_place(old, synced, monkeyp
 
 def test_of_two_writers_of_a_file_each_leaves_it_whole(tmp_path):
     file = tmp_path / "a"
-    with replaced(file) as one, replaced(file) as other:
+    with replaced_file(file) as one, replaced_file(file) as other:
         one.write_bytes(b"one")
         other.write_bytes(b"other")
     assert content(tmp_path) == {"a": b"one"}
@@ -212,11 +212,11 @@ def test_what_stands_in_the_way_is_named_and_stays(tmp_path, old):
         ("/dev/null", "is not a regular file"),
         (old / "x" / "y", "no such folder "),
     ):
-        with pytest.raises(InputError, match=f"^file {bad}: {text}"), replaced(bad):
+        with pytest.raises(InputError, match=f"^file {bad}: {text}"), replaced_file(bad):
             pytest.fail("begun")
     with (
         pytest.raises(InputError, match=r"^here: cannot be written: Not a directory$"),
-        held(old / "a.txt" / "b", "here"),
+        held_folder(old / "a.txt" / "b", "here"),
     ):
         pytest.fail("held")
 

@@ -23,7 +23,7 @@ from typer.core import TyperCommand, TyperGroup
 
 import gantrysim
 from gantrysim import Fault, Job, Run, metrics
-from gantrysim.base.files import PARTIAL, held, replaced
+from gantrysim.base.files import PARTIAL, held_folder, replaced_file
 from gantrysim.base.signals import ENDING
 from gantrysim.cli.main import main
 from gantrysim.cli.start import last_words
@@ -525,7 +525,7 @@ def test_partial_files_of_killed_runs_are_removed_and_those_of_active_ones_stay(
     left = tmp_path / f"{PARTIAL}ab"
     left.mkdir()
     (left / "run.npz").write_bytes(b"half of it")
-    with replaced(tmp_path / "mine.png") as active:
+    with replaced_file(tmp_path / "mine.png") as active:
         active.write_bytes(b"mine")
         assert gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)[0] == 0
         assert not left.exists()
@@ -582,7 +582,7 @@ def test_without_an_encoder_a_run_lacks_its_video_alone(gantrysim_command, tmp_p
 
 
 def test_of_two_runs_into_one_folder_the_second_is_refused(gantrysim_command, tmp_path):
-    with held(tmp_path, "here"):
+    with held_folder(tmp_path, "here"):
         status, printed, errors = gantrysim_command("run", "an225", "--out", tmp_path, *QUICK)
     assert (status, printed, errors) == (2, "", f"error: --out {tmp_path}: in use by another command\n")
     assert not list(tmp_path.iterdir())

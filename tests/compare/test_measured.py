@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from gantrysim import Budget, InputError, Job, Machine, Servo
 from gantrysim.base.arrays import spans
-from gantrysim.compare.alignment import aligned
+from gantrysim.compare.alignment import aligned_trace
 from gantrysim.compare.comparison import Comparison, evenly
 from gantrysim.compare.measured import Assignment, Trace
 from gantrysim.compare.page import headline, share_text
@@ -63,7 +63,7 @@ def test_shift_offset_and_turn_are_found_again(run, late, x, rate, turn, link):
     turn = turn if link == "nozzle" else 0.0
     time, positions = logged(run, link, rate, late, x, turn, noise=1e-3)
     trace = Trace(time, {} if link == "nozzle" else {link: positions}, positions if link == "nozzle" else None)
-    found = aligned(trace, run, ("time", "offset", "rotation") if turn else ("time", "offset"))
+    found = aligned_trace(trace, run, ("time", "offset", "rotation") if turn else ("time", "offset"))
     assert abs(found.shift - late) * rate < FOUND_SHIFT
     assert found.offsets["nozzle" if link == "nozzle" else "axes"] == pytest.approx(x, abs=FOUND_PLACE)
     assert found.rotation == pytest.approx(turn, abs=1e-3)
@@ -342,7 +342,7 @@ def test_a_machine_that_lags_by_a_time_constant_runs_a_circle_too_small(tmp_path
     table = read_table(file)
     alone, whole = (Trace.of(table, Assignment.parse(text), follower) for text in (columns, columns + command))
     # without the command, the shift takes up the lag
-    assert aligned(alone, follower).shift == pytest.approx(0.7 + math.atan(omega * tau) / omega, abs=5e-4)
+    assert aligned_trace(alone, follower).shift == pytest.approx(0.7 + math.atan(omega * tau) / omega, abs=5e-4)
     found = Comparison.of(whole, follower, MACHINE)
     assert found.alignment.shift == pytest.approx(0.7, abs=FOUND_SHIFT * 7 * step)
     tracking = found.measured.parts["servo"].lateral
@@ -433,7 +433,7 @@ def test_traces_that_cannot_be_compared_are_refused(run):
         Comparison.of(Trace(run.time, {"encoder": run.encoder}, None), run, MACHINE, ("place",))
     for factor, told in ((1e3, "lasts"), (1e-3, "is its time in another unit")):
         with pytest.raises(InputError, match=told):
-            aligned(Trace(factor * run.time, {"encoder": run.encoder}, None), run)
+            aligned_trace(Trace(factor * run.time, {"encoder": run.encoder}, None), run)
 
 
 def test_the_command_writes_both_budgets_and_their_plots(tmp_path, gantrysim_command):

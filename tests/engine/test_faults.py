@@ -10,7 +10,7 @@ import pytest
 
 from gantrysim import Fault, Machine, Servo, metrics, simulate
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.engine.native.hook import installed
+from gantrysim.engine.native.hook import installed_tick
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.paths.arcs import ArcChain
@@ -209,7 +209,7 @@ def test_the_torques_are_off_within_the_very_step_of_the_fault(rigid):
     data = mujoco.MjData(model)
     run = Started.of(simulation, data.qpos, data.userdata)
     before = 0.0
-    with installed():
+    with installed_tick():
         for _ in range(4000):
             mujoco.mj_step(model, data)
             if run.fault:

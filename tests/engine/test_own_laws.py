@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gantrysim import InputError, Job, Servo, simulate, simulate_batch
-from gantrysim.servo.laws.user import resolved
+from gantrysim.servo.laws.user import resolved_law
 from gantrysim.servo.stability.margins import margins_of
 from gantrysim.servo.stability.motion import UnknownLoopError
 
@@ -166,6 +166,6 @@ def test_a_job_names_its_law_by_a_file_beside_it(tmp_path, monkeypatch):
 
 
 def test_names_stand_for_functions():
-    assert resolved("support.own_laws:pd") is own_laws.pd
-    assert resolved(own_laws.pd) is own_laws.pd
-    assert resolved(FILE) is resolved(FILE)
+    assert resolved_law("support.own_laws:pd") is own_laws.pd
+    assert resolved_law(own_laws.pd) is own_laws.pd
+    assert resolved_law(FILE) is resolved_law(FILE)

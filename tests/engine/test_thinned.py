@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from gantrysim.engine.simulate import stepped
+from gantrysim.engine.simulate import stepped_simulation
 from gantrysim.engine.simulation import Simulation
 from gantrysim.record.setpoints import Supervision
 
@@ -15,7 +15,7 @@ EVERY = 7
 
 
 def run_of(job, setpoints, dispenser=None):
-    return stepped(Simulation.of(job.built_machine, job.built_servo, setpoints, dispenser=dispenser))
+    return stepped_simulation(Simulation.of(job.built_machine, job.built_servo, setpoints, dispenser=dispenser))
 
 
 def check(run):

@@ -23,7 +23,7 @@ from gantrysim.identify.model import model_of
 from gantrysim.identify.plan import excitation
 from gantrysim.identify.prediction import Samples, innovations
 from gantrysim.identify.regression import regression
-from gantrysim.identify.small import kalman_gain, sampled
+from gantrysim.identify.small import kalman_gain, sampled_system
 from gantrysim.identify.whole_run import fitted_machine, write_machine
 from gantrysim.machine.motors import BRISTLE_STIFFNESS
 from gantrysim.machine.perturbation import Perturbation
@@ -126,7 +126,7 @@ def test_the_gain_is_that_of_the_riccati_equation(noise, factor, share):
     model = replace(model, stiffness=factor * model.stiffness)
     A, B, E = model.matrices()
     inputs = np.stack([B, E], axis=1)
-    F, G = sampled(A, np.ascontiguousarray(inputs), PERIOD)
+    F, G = sampled_system(A, np.ascontiguousarray(inputs), PERIOD)
     joint = np.zeros((6, 6))
     joint[:4, :4], joint[:4, 4:] = A, inputs
     exact = expm(PERIOD * joint)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 from gantrysim import Job, Machine, Servo, perfect_follower
-from gantrysim.job.ideal import FINE_PERIOD, finely_sampled, on_the_path, spline_through, unhurried
+from gantrysim.job.ideal import FINE_PERIOD, finely_sampled, on_the_path, spline_through, unhurried_feet
 from gantrysim.job.loading import builtin_jobs
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.paths.arcs import ArcChain
@@ -101,7 +101,7 @@ def test_feet_are_spread_where_they_hurry_and_nowhere_else(moves):
     steps = np.array([step for step, _ in moves])
     tip = np.append(0.0, np.cumsum(steps))[:, None] * np.eye(3)[0]
     s = np.append(0.0, np.cumsum([step * haste for step, haste in moves]))
-    spread = unhurried(s, tip)
+    spread = unhurried_feet(s, tip)
     assert np.all(np.diff(spread) <= 1.5 * steps + 1e-12 * (1 + np.abs(s).max()))
     if max(haste for _, haste in moves) <= 1.5:
         assert spread == pytest.approx(s, abs=1e-12 * (1 + np.abs(s).max()))

@@ -7,7 +7,7 @@ import pytest
 
 from gantrysim import InputError, Job
 from gantrysim.job.loaded import OpenValues
-from gantrysim.job.recognition import is_gcode, recognised
+from gantrysim.job.recognition import is_gcode, recognised_dialect
 from gantrysim.job.settings import GLUE
 
 PLAIN = "G21 G90\nG0 X10 Y5\nG1 X30 F600\nM2\n"
@@ -42,7 +42,7 @@ def file_of(folder, text, name="part.ngc"):
 def test_the_dialect_is_that_of_the_content(controller, tmp_path):
     for text in DIALECTS[controller]:
         assert is_gcode(text)
-        assert recognised(text).controller == controller
+        assert recognised_dialect(text).controller == controller
     job = Job.load(file_of(tmp_path, DIALECTS[controller][0], "part.txt"))
     assert job.program["controller"] == controller
     assert f"read by {controller}, as it" in job.notes[0]

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from gantrysim import Job
-from gantrysim.remedy.combination import MOST_MOTIONS, Combinations, Pick, fewest_levers, merged
+from gantrysim.remedy.combination import MOST_MOTIONS, Combinations, Pick, fewest_levers, merged_picks
 from gantrysim.remedy.improve import improve
 from gantrysim.remedy.lever import Lever, Setting, State
 from gantrysim.remedy.levers.speed import FASTER, SLOWER
@@ -89,7 +89,7 @@ def real(text=SIDES, **tables):
 def test_two_factors_of_the_speed_are_one(first, second, shown):
     combinations = real()
     picks = [Pick(FASTER, f"× {first}"), Pick(SLOWER, f"× {second}")]
-    (pick,) = merged(combinations, picks)
+    (pick,) = merged_picks(combinations, picks)
     assert (pick.setting, pick.lever.name) == (shown, "faster" if float(shown[2:]) > 1 else "slower")
     job = combinations.state_of([pick]).job
     assert job.program["feed_override"] == float(shown[2:])
@@ -106,14 +106,14 @@ def test_two_levers_of_a_compensation_are_one():
 
     both = Lever("both", "", "", ("glue",), settings)
     combinations = real(dispenser={"flow": 0.0, "area": 1.0, **LAG})
-    picks = merged(combinations, [Pick(both, "0.02 s"), Pick(LAG_COMPENSATION, "25 ms")])
+    picks = merged_picks(combinations, [Pick(both, "0.02 s"), Pick(LAG_COMPENSATION, "25 ms")])
     assert labels(picks) == [("both", "0.025 s")]
 
 
 def test_levers_of_different_values_stay():
     combinations = real(dispenser={"area": AREA, **LAG})
     picks = [Pick(LAG_COMPENSATION, "20 ms"), Pick(SLOWER, "× 0.5")]
-    assert labels(merged(combinations, picks)) == labels(picks)
+    assert labels(merged_picks(combinations, picks)) == labels(picks)
 
 
 ROUNDED = """

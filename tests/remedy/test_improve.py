@@ -19,7 +19,7 @@ from gantrysim.remedy.combination import Pick
 from gantrysim.remedy.fastest import FastestProgram
 from gantrysim.remedy.improve import Search, another_part, improve, worst_rows
 from gantrysim.remedy.lever import Lever, Setting
-from gantrysim.remedy.outcome import Outcome, measured, measured_together, motion_key
+from gantrysim.remedy.outcome import Outcome, measured_outcome, measured_together, motion_key
 from gantrysim.remedy.report import TITLE, change_section, comparison_of
 from gantrysim.results.checks import Check
 from gantrysim.results.row import Row
@@ -81,7 +81,7 @@ def test_the_combination_ends_with_the_verdict_of_the_result():
 def test_every_trial_is_that_of_its_job():
     trial = max(improved().trials, key=lambda trial: trial.outcome.duration)
     job = fixed_flow().changed(trial.changes)
-    assert trial.outcome == measured(job)
+    assert trial.outcome == measured_outcome(job)
     glue = next(gain for gain in trial.gains if gain.row == "glue")
     assert glue.before == improved().verdict["glue"].checks[0].value
     assert trial.time == pytest.approx(job.run().time[-1] - improved().before.duration)
@@ -200,7 +200,7 @@ def test_glue_laid_along_a_record_is_that_of_a_run_of_its_own(changes):
     job = fixed_flow()
     other = job.changed(changes)
     assert motion_key(other) == motion_key(job)
-    assert measured_together([job, other]).outcomes == (measured(job), measured(other))
+    assert measured_together([job, other]).outcomes == (measured_outcome(job), measured_outcome(other))
     laid = dispensed_otherwise(job.run(), other.dispenser)
     assert laid.flow.tolist() == other.run().flow.tolist()
 
@@ -210,8 +210,8 @@ def test_a_start_lead_that_does_not_hold_the_program_back_leaves_the_motion():
     job = lines_job(LINE, dispenser={"area": 2.0, **LAG})
     early = job.changed({"dispenser.start_lead": 0.2})
     assert motion_key(early) == motion_key(job)
-    assert measured_together([job, early]).outcomes == (measured(job), measured(early))
-    assert measured(early) != measured(job)
+    assert measured_together([job, early]).outcomes == (measured_outcome(job), measured_outcome(early))
+    assert measured_outcome(early) != measured_outcome(job)
     held = job.changed({"dispenser.start_lead": 1.0})
     assert motion_key(held) != motion_key(job)
     assert held.run().time[-1] > job.run().time[-1]
@@ -220,7 +220,7 @@ def test_a_start_lead_that_does_not_hold_the_program_back_leaves_the_motion():
 def test_a_motion_is_simulated_once_as_long_as_it_is_kept(monkeypatch):
     job = fixed_flow()
     others = [job.changed({"dispenser.stop_lead": lead}) for lead in (0.01, 0.02)]
-    wanted = [measured(other) for other in others]
+    wanted = [measured_outcome(other) for other in others]
     runs = []
     run = Job.run
     monkeypatch.setattr(Job, "run", lambda self: runs.append(self) or run(self))

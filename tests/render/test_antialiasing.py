@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gantrysim.render.antialiasing import smoothed
+from gantrysim.render.antialiasing import smoothed_picture
 
 SIZE = 120
 DARK = 40
@@ -28,15 +28,15 @@ def error(picture, degrees):
 @pytest.mark.parametrize("degrees", [7, 20, 33, 45, 60, 83, 110, 200])
 def test_an_edge_of_any_direction_comes_nearer_to_the_exact_picture(degrees):
     jagged = np.round(half_plane(degrees, 1)).astype(np.uint8)
-    assert error(smoothed(jagged), degrees) < 0.9 * error(jagged, degrees)
+    assert error(smoothed_picture(jagged), degrees) < 0.9 * error(jagged, degrees)
 
 
 def test_flat_areas_and_straight_edges_along_the_pixels_stay():
     flat = np.full((SIZE, SIZE, 3), 90, np.uint8)
-    np.testing.assert_array_equal(smoothed(flat), flat)
+    np.testing.assert_array_equal(smoothed_picture(flat), flat)
     level = flat.copy()
     level[: SIZE // 2] = 200
-    result = smoothed(level)
+    result = smoothed_picture(level)
     assert np.abs(result.astype(int) - level).max() <= 128  # blended across the edge at most
     np.testing.assert_array_equal(result[: SIZE // 2 - 2], level[: SIZE // 2 - 2])
     np.testing.assert_array_equal(result[SIZE // 2 + 2 :], level[SIZE // 2 + 2 :])
@@ -45,7 +45,7 @@ def test_flat_areas_and_straight_edges_along_the_pixels_stay():
 def test_the_mean_brightness_stays_and_no_colour_appears_that_was_not_there():
     generator = np.random.default_rng(1)
     blocks = generator.integers(0, 256, (12, 12, 3)).repeat(10, axis=0).repeat(10, axis=1).astype(np.uint8)
-    result = smoothed(blocks)
+    result = smoothed_picture(blocks)
     assert result.mean() == pytest.approx(blocks.mean(), rel=0.01)
     for channel in range(3):
         assert blocks[..., channel].min() <= result[..., channel].min()
@@ -54,7 +54,7 @@ def test_the_mean_brightness_stays_and_no_colour_appears_that_was_not_there():
 
 def test_a_mirrored_picture_gives_the_mirrored_result():
     jagged = np.round(half_plane(27, 1)).astype(np.uint8)
-    mirrored = smoothed(np.ascontiguousarray(jagged[:, ::-1]))[:, ::-1]
-    assert np.abs(mirrored.astype(int) - smoothed(jagged)).max() <= 1  # rounding
-    upside_down = smoothed(jagged[::-1])[::-1]
-    assert np.abs(upside_down.astype(int) - smoothed(jagged)).max() <= 1
+    mirrored = smoothed_picture(np.ascontiguousarray(jagged[:, ::-1]))[:, ::-1]
+    assert np.abs(mirrored.astype(int) - smoothed_picture(jagged)).max() <= 1  # rounding
+    upside_down = smoothed_picture(jagged[::-1])[::-1]
+    assert np.abs(upside_down.astype(int) - smoothed_picture(jagged)).max() <= 1

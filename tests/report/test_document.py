@@ -16,7 +16,7 @@ from svgelements import Path as SvgPath
 
 from gantrysim import InputError
 from gantrysim.report import Column, Section, Table, write_page
-from gantrysim.report.plots.style import INK, sheet, thinned
+from gantrysim.report.plots.style import INK, sheet, thinned_line
 from gantrysim.report.svg import description, inline_svg
 
 from support.pages import Page
@@ -234,7 +234,7 @@ def test_a_users_matplotlibrc_does_not_change_a_page():
 def test_a_line_of_noise_stays_small():
     noise = np.random.default_rng(1).normal(size=100_000)
     with sheet(10.0, 3.0) as figure:
-        figure.add_subplot().plot(*thinned(np.arange(noise.size) * 1e-3, noise))
+        figure.add_subplot().plot(*thinned_line(np.arange(noise.size) * 1e-3, noise))
     assert len(inline_svg(figure, "f", "noise")) < DENSE_SIZE
 
 
@@ -243,7 +243,7 @@ def test_a_thinned_line_keeps_its_envelope_its_ends_and_its_gaps(count, seed, mi
     random = np.random.default_rng(seed)
     x, y = np.cumsum(random.random(count)), random.normal(size=count)
     y[random.random(count) < missing] = np.nan
-    thin_x, thin_y = thinned(x, y)
+    thin_x, thin_y = thinned_line(x, y)
     at = np.searchsorted(x, thin_x)
     np.testing.assert_array_equal(x[at], thin_x)
     np.testing.assert_array_equal(y[at], thin_y)
@@ -260,7 +260,7 @@ def test_a_thinned_line_keeps_its_envelope_its_ends_and_its_gaps(count, seed, mi
 
 def test_a_short_line_is_not_thinned():
     x = np.arange(4000.0)
-    assert thinned(x, x)[0] is x
+    assert thinned_line(x, x)[0] is x
 
 
 def test_a_figure_without_labels_is_described_by_its_section(tmp_path):

@@ -49,7 +49,7 @@ class Shown:
         patch.setattr(Budget, "servo_by_axis", lambda budget, machine: self.by_axis)
         patch.setattr(Budget, "values_of", lambda budget, part: part)
         patch.setattr("gantrysim.results.run_results.torque_ripple", lambda run: RIPPLE)
-        patch.setattr("gantrysim.report.sections.drawn", lambda *_: Figure())
+        patch.setattr("gantrysim.report.sections.drawn_plot", lambda *_: Figure())
         self.drawn = Budget(self.bead.analysis)
         results = RunResults(self.job, self.machine, self.drawn, self.bead)
         write_run_page(folder / "report.html", results)

@@ -23,7 +23,7 @@ from gantrysim.job.lines import program_lines, program_lines_at
 from gantrysim.machine.outline import outline
 from gantrysim.metrics.analysis import Analysis, path_speed
 from gantrysim.metrics.budget import Budget
-from gantrysim.report.encoding import encoded, encoded_ascending, encoded_runs, shown_rows
+from gantrysim.report.encoding import encoded_ascending, encoded_numbers, encoded_runs, shown_rows
 from gantrysim.report.page import write_run_page
 from gantrysim.report.plots.style import COLOURS, DASHES, INK
 from gantrysim.report.viewer_data import POSES, Series, ViewerData, pose_ticks
@@ -84,7 +84,7 @@ def test_a_column_comes_back_within_half_a_step(numbers, smooth):
     values = np.array(numbers)
     if smooth:  # differences of a byte
         values = np.nancumsum(np.nan_to_num(values) * 1e-6)
-    column = as_json(encoded(values))
+    column = as_json(encoded_numbers(values))
     back = decoded(column, values.size)
     np.testing.assert_array_equal(np.isnan(back), np.isnan(values))
     known = values[~np.isnan(values)]
@@ -98,13 +98,13 @@ def test_a_column_comes_back_within_half_a_step(numbers, smooth):
 def test_a_smooth_column_takes_a_byte_a_value_and_its_extremes_are_exact():
     values = 60 * np.sin(np.linspace(0, 20, 5000))
     values[100:200] = np.nan
-    column = as_json(encoded(values))
+    column = as_json(encoded_numbers(values))
     assert column["kind"] == "d8"
     assert len(column["data"]) == pytest.approx(5000 * 4 / 3, abs=4)
     back = decoded(column, 5000)
     for extreme in (np.nanargmin, np.nanargmax):
         assert back[extreme(values)] == pytest.approx(values[extreme(values)], abs=1e-12)
-    noise = as_json(encoded(np.random.default_rng(1).normal(size=5000)))
+    noise = as_json(encoded_numbers(np.random.default_rng(1).normal(size=5000)))
     assert noise["kind"] == "u16"
 
 

@@ -38,7 +38,7 @@ def results(request):
 def page(results, tmp_path_factory):
     file = tmp_path_factory.mktemp("page") / "report.html"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gantrysim.report.sections.drawn", lambda *_: Figure())
+        patch.setattr("gantrysim.report.sections.drawn_plot", lambda *_: Figure())
         write_run_page(file, results)
     return Page(file)
 

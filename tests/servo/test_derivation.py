@@ -294,7 +294,7 @@ def test_the_notch_filters_as_scipy_does():
     first = second = 0.0
     out = []
     for value in given_in:
-        one, first, second = notch.filtered(value, found, first, second)
+        one, first, second = notch.filtered_output(value, found, first, second)
         out.append(one)
     expected = signal.lfilter(found[:3], [1.0, *found[3:]], given_in)
     np.testing.assert_allclose(out, expected, rtol=0, atol=1e-12)
@@ -302,7 +302,7 @@ def test_the_notch_filters_as_scipy_does():
 
 def test_no_notch_passes_what_it_gets():
     assert notch.coefficients(0.0, NOTCH_WIDTH, NOTCH_DEPTH, 1e-3) == (1, 0, 0, 0, 0)
-    assert notch.filtered(3.5, notch.Coefficients(), 0.0, 0.0) == (3.5, 0.0, 0.0)
+    assert notch.filtered_output(3.5, notch.Coefficients(), 0.0, 0.0) == (3.5, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(

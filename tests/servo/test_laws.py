@@ -18,7 +18,7 @@ from gantrysim.servo.laws import ADDITIONS, BASES, LAW_PARAMETERS, ZV, ZVD
 from gantrysim.servo.laws.contour import error_across, tangents
 from gantrysim.servo.laws.friction import friction_torque
 from gantrysim.servo.laws.observer import low_pass, torque_taps
-from gantrysim.servo.laws.p_pi import as_pid, cascaded
+from gantrysim.servo.laws.p_pi import as_pid, cascaded_torque
 from gantrysim.servo.laws.selection import law_names
 from gantrysim.servo.laws.zv import impulses
 from gantrysim.servo.laws.zvd import three_impulses
@@ -98,7 +98,7 @@ def test_an_axis_without_a_mode_needs_no_shaper_beside_one_that_has(axes):
 def test_without_a_position_gain_p_pi_is_a_velocity_loop():
     """kp = 0: no speed for an error, and no integral, whose rate is ki / kp; the demand's own torques remain."""
     gains = Gains(kd=0.4, velocity_ff=0.01, acceleration_ff=0.002, output_velocity=-0.03)
-    torque, total = cascaded(5.0, 0.7, 30.0, 200.0, 28.0, gains, 1e-3)
+    torque, total = cascaded_torque(5.0, 0.7, 30.0, 200.0, 28.0, gains, 1e-3)
     assert torque == pytest.approx(0.4 * (30 - 28) + 0.01 * 30 + 0.002 * 200 - 0.03 * 28, rel=1e-12)
     assert total == pytest.approx(0.7 + 1e-3 * 0.4 * (30 - 28), rel=1e-12)
     assert as_pid(gains) == gains

@@ -14,7 +14,7 @@ from gantrysim.machine.perturbation import Perturbation
 from gantrysim.study import Case, Ledger, WorkerError, measure, run_cases
 from gantrysim.study import worker as of_worker
 from gantrysim.study.cases import forget_jobs
-from gantrysim.study.worker import Origin, measured
+from gantrysim.study.worker import Origin, measured_rows
 
 from support.studies import SHORT, cases_of
 
@@ -54,7 +54,7 @@ def elsewhere(cases, **changes):
 def test_cases_are_measured_for_a_study_elsewhere_with_the_same_versions_and_machine(job):
     cases = cases_of(job, (0.02, 0.03))
     keys = [case.key for case in cases]
-    assert measured(each, cases, elsewhere(cases)).rows == list(zip(keys, each(cases), strict=True))
+    assert measured_rows(each, cases, elsewhere(cases)).rows == list(zip(keys, each(cases), strict=True))
 
 
 @pytest.mark.parametrize(
@@ -67,26 +67,26 @@ def test_another_version_of_a_dependency_is_refused(job, name):
     other = elsewhere(cases, installed=tuple({**installed, name: "another"}.items()))
     said = rf"has {name} {own} instead of another: must have the study's$"
     with pytest.raises(WorkerError, match=NAME + said):
-        measured(None, cases, other)
+        measured_rows(None, cases, other)
     # the study's own process, and one that it has begun as a copy, are as they are
-    measured(each, cases, replace(other, host=platform.node()))
+    measured_rows(each, cases, replace(other, host=platform.node()))
 
 
 def test_a_copy_of_the_study_s_process_needs_no_check(job, monkeypatch):
     cases = cases_of(job)
     other = replace(elsewhere(cases), host=platform.node(), process=os.getppid(), installed=(("scipy", "another"),))
     with pytest.raises(WorkerError):  # begun by it, but not as its copy, as workers of a cluster may be
-        measured(each, cases, other)
+        measured_rows(each, cases, other)
     monkeypatch.setattr("multiprocessing.current_process", lambda: threading.Thread(name="LokyProcess-1"))
-    measured(each, cases, other)
+    measured_rows(each, cases, other)
     with pytest.raises(WorkerError):
-        measured(each, cases, replace(other, host="elsewhere"))
+        measured_rows(each, cases, replace(other, host="elsewhere"))
 
 
 def test_the_digest_of_the_sources_is_that_of_every_file_that_numbers_come_from(monkeypatch, tmp_path):
     def digest():
-        of_worker._installed.cache_clear()
-        return dict(of_worker._installed())["source files of gantrysim"]
+        of_worker._installed_versions.cache_clear()
+        return dict(of_worker._installed_versions())["source files of gantrysim"]
 
     for name in ("a.py", "models/xy.xml", "native/tick.py"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -101,7 +101,7 @@ def test_the_digest_of_the_sources_is_that_of_every_file_that_numbers_come_from(
             seen.append(digest())
         (tmp_path / "native" / "tick.py").rename(tmp_path / "native" / "tock.py")
         seen.append(digest())
-    of_worker._installed.cache_clear()
+    of_worker._installed_versions.cache_clear()
     assert len(set(seen)) == len(seen)
 
 
@@ -114,29 +114,29 @@ def test_another_machine_than_the_study_s_is_refused(model):
         change()
         forget_jobs()
         with pytest.raises(WorkerError, match=NAME + said):
-            measured(None, cases, origin)
+            measured_rows(None, cases, origin)
     missing = elsewhere(cases)
     assert missing.machines == ((str(file), None),)
     model()
     with pytest.raises(WorkerError, match=NAME + said):
-        measured(None, cases, missing)
+        measured_rows(None, cases, missing)
 
 
 def test_a_machine_whose_file_has_changed_is_built_again(model):
     cases = cases_of(Job.load("an225", SHORT, str(model(damping=20.0))))[:1]
-    expected = measured(all_of, cases, elsewhere(cases)).rows
+    expected = measured_rows(all_of, cases, elsewhere(cases)).rows
     origin = elsewhere(cases)
     model()
     forget_jobs()
-    assert measured(all_of, cases, elsewhere(cases)).rows != expected  # this process has the other one by now
+    assert measured_rows(all_of, cases, elsewhere(cases)).rows != expected  # this process has the other one by now
     model(damping=20.0)
-    assert measured(all_of, cases, origin).rows == expected
+    assert measured_rows(all_of, cases, origin).rows == expected
 
 
 def test_a_refused_machine_is_reported_by_its_cases(job):
     case = Case.of(job, {"machine": "xz"})
     assert Origin.here([case]).machines == (("xz", None),)
-    ((_, row),) = measured(all_of, [case], elsewhere([case])).rows
+    ((_, row),) = measured_rows(all_of, [case], elsewhere([case])).rows
     assert row["status"].startswith("refused: unknown model 'xz'")
 
 

@@ -3,7 +3,7 @@
 from functools import cache
 
 from gantrysim import Job
-from gantrysim.remedy.outcome import measured
+from gantrysim.remedy.outcome import measured_outcome
 
 LAG = {"dead_time": 0.005, "opening": 0.02, "closing": 0.02}
 FLOW = 200.0  # [mm³/s], 2 mm² at 100 mm/s
@@ -119,7 +119,7 @@ def outcome_of(toml):
     """What the run of a job shows, simulated once in a process."""
     import tomllib
 
-    return measured(Job.of_content(tomllib.loads(toml), "job small"))
+    return measured_outcome(Job.of_content(tomllib.loads(toml), "job small"))
 
 
 def outcome(job):

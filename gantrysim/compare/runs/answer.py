@@ -79,13 +79,13 @@ def answer(
     """
     what = _differences_text(differences)
     if are_same:
-        return f"{_listed(names)} are the same: no value differs. {what}"
+        return f"{_listed_names(names)} are the same: no value differs. {what}"
     best = best_of(verdicts)
     if best is None:
         states = "; ".join(f"{name} {verdict.headline}" for name, verdict in zip(names, verdicts, strict=True))
         sentences = [f"None is better than the others by its verdict: {states}."]
         if len(names) == FEWEST:
-            sentences += _unjudged(names, verdicts, 0, 1)
+            sentences += _unjudged_rows(names, verdicts, 0, 1)
         return " ".join([*sentences, what])
     others = [number for number in range(len(verdicts)) if number != best]
     # of several, the one that comes closest
@@ -95,11 +95,11 @@ def answer(
     losses = _losses(checks, best, rival)
     if losses:
         sentences.append(f"But worse: {losses}.")
-    sentences += _unjudged(names, verdicts, best, rival)
+    sentences += _unjudged_rows(names, verdicts, best, rival)
     return " ".join([*sentences, what])
 
 
-def _unjudged(names: Sequence[str], verdicts: Sequence[Verdict], best: int, rival: int) -> Iterator[str]:
+def _unjudged_rows(names: Sequence[str], verdicts: Sequence[Verdict], best: int, rival: int) -> Iterator[str]:
     """Yield which rows only one of two runs judges, and why: they do not count."""
     for number, other in ((best, rival), (rival, best)):
         for row in verdicts[number].rows:
@@ -177,5 +177,5 @@ def _differences_text(differences: Sequence[JobDifference]) -> str:
     return f"What differs: {'; '.join(texts)}."
 
 
-def _listed(names: Sequence[str]) -> str:
+def _listed_names(names: Sequence[str]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}"

@@ -127,7 +127,7 @@ def _machine_values(runs: Sequence[ComparedRun]) -> Iterator[JobDifference]:
         yield JobDifference(MACHINE, "machine, digest of its physics", digests)
     axes = [{axis.name: axis for axis in run.results.machine.axes} for run in runs]
     yield JobDifference(MACHINE, "axes", tuple(", ".join(f"{a.name} [{a.unit}]" for a in of.values()) for of in axes))
-    for name in _shared(axes):
+    for name in _shared_names(axes):
         unit = axes[0][name].unit
         for value, value_unit in _AXIS_VALUES.items():
             key = f"{name}: {value} [{_UNIT.sub(unit, value_unit)}]"
@@ -142,7 +142,7 @@ def _servo_values(jobs: Sequence[Job]) -> Iterator[JobDifference]:
     numbers = [{axis.name: k for k, axis in enumerate(job.built_machine.axes)} for job in jobs]
     units = {axis.name: axis.unit for axis in jobs[0].built_machine.axes}
     for parameter in DERIVED:
-        for axis in _shared(numbers):
+        for axis in _shared_names(numbers):
             values = [
                 servo.per_axis(parameter.name)[number[axis]] for servo, number in zip(servos, numbers, strict=True)
             ]
@@ -151,7 +151,7 @@ def _servo_values(jobs: Sequence[Job]) -> Iterator[JobDifference]:
             yield JobDifference(SERVO, key, tuple(map(_text, values)))
 
 
-def _shared(tables: Sequence[Mapping[str, Any]]) -> list[str]:
+def _shared_names(tables: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return the names that all tables have, in the order of the first."""
     return [name for name in tables[0] if all(name in table for table in tables)]
 

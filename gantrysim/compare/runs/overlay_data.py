@@ -22,7 +22,7 @@ from gantrysim.compare.runs.overlays import drawn_links, shared_magnification
 from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import path_speed
 from gantrysim.metrics.budget import DESCRIPTIONS
-from gantrysim.report.encoding import MOST_ROWS, encoded, shown_rows
+from gantrysim.report.encoding import MOST_ROWS, encoded_numbers, shown_rows
 from gantrysim.report.plots.style import INK
 from gantrysim.report.viewer_data import BEAD, ERROR, MOTION
 
@@ -78,7 +78,7 @@ class OverlayData:
         """Return the places of the rows, ascending, (p,), and the columns of each run there, NaN where it has none."""
         tables = [dict(self._columns(run)) for run in self.comparison.runs]
         tracks = self.comparison.tracks
-        shown = [_shown(track, table, self._most) for track, table in zip(tracks, tables, strict=True)]
+        shown = [_shown_samples(track, table, self._most) for track, table in zip(tracks, tables, strict=True)]
         places = np.concatenate([track.place[rows] for track, rows in zip(tracks, shown, strict=True)])
         source = np.concatenate([np.full(rows.size, number) for number, rows in enumerate(shown)])
         samples = np.concatenate(shown)
@@ -103,11 +103,11 @@ class OverlayData:
         comparison = self.comparison
         places, columns = self.columns()
         strips = self.strips
-        coded = {"place": encoded(places)}
+        coded = {"place": encoded_numbers(places)}
         for number, table in enumerate(columns):
             for name, values in table.items():
                 if name in strips or name in ("x", "y", "dx", "dy", "time"):
-                    coded[f"{name}.{number}"] = encoded(values)
+                    coded[f"{name}.{number}"] = encoded_numbers(values)
         return {
             "rows": int(places.size),
             "by_path": comparison.by_path,
@@ -158,7 +158,7 @@ def _shared_value(values: list[float | None]) -> float | None:
     return first if all(value == first for value in values) else None
 
 
-def _shown(track: Track, table: dict[str, Floats], most: int) -> NDArray[np.intp]:
+def _shown_samples(track: Track, table: dict[str, Floats], most: int) -> NDArray[np.intp]:
     """Return the samples of a run that are shown: the extremes of every column, and both sides of every gap."""
     gap = np.concatenate([[0], np.cumsum(np.diff(track.ticks) > 1)])
     return shown_rows(track.ticks.size, ((None, values) for values in table.values()), len(table), [gap], most)

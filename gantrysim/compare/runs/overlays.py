@@ -14,7 +14,7 @@ from gantrysim.compare.runs.compared_runs import ComparedRuns
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.parts import ERROR
 from gantrysim.report.plots.plan import magnification
-from gantrysim.report.plots.style import COLOURS, INK, UM, add_legend, axes_on, thinned
+from gantrysim.report.plots.style import COLOURS, INK, UM, add_legend, axes_on, thinned_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,7 +49,7 @@ def draw_overlaid_plan(on: Figure | SubFigure | Axes, comparison: ComparedRuns) 
             line = path.position(np.linspace(0, path.length, 4000))
             label = "requested path" if number == 0 else "_"
             axes.plot(line[:, 0], line[:, 1], color=COLOURS["requested"], lw=0.8, label=label)
-        trace = magnified(analysis, factor)
+        trace = magnified_path(analysis, factor)
         axes.plot(trace[:, 0], trace[:, 1], lw=1.4, label=run.name, **run_style(number))
     axes.set_aspect("equal", adjustable="datalim")
     title = f"Plan view, errors × {factor}" if factor > 1 else "Plan view"
@@ -58,7 +58,7 @@ def draw_overlaid_plan(on: Figure | SubFigure | Axes, comparison: ComparedRuns) 
     return axes
 
 
-def magnified(analysis: Analysis, factor: int) -> Floats:
+def magnified_path(analysis: Analysis, factor: int) -> Floats:
     """Return the nozzle's path with its error magnified, NaN between stretches of dispensing, (m, 3) [mm]."""
     step = -(-analysis.ticks.size // _MOST_POINTS)
     shown = np.arange(0, analysis.ticks.size, step)
@@ -82,7 +82,7 @@ def draw_overlaid_errors(figure: Figure | SubFigure, comparison: ComparedRuns) -
                 continue
             gaps = np.flatnonzero(np.diff(track.ticks) > 1) + 1
             error = np.insert(UM * part.lateral, gaps, np.nan)
-            line = thinned(np.insert(track.place, gaps, np.nan), error, _COLUMNS)
+            line = thinned_line(np.insert(track.place, gaps, np.nan), error, _COLUMNS)
             panel.plot(*line, lw=1.2 if name == "contour" else 0.9, label=run.name, **run_style(number))
         panel.axhline(0, color=INK, lw=0.6)
         panel.margins(x=0.01)

@@ -32,7 +32,7 @@ from gantrysim.report.folder import Output, output_folder
 from gantrysim.report.plots.plan import plan_extent
 from gantrysim.report.plots.style import view_height
 from gantrysim.report.saved import SavedRun
-from gantrysim.report.sections import drawn
+from gantrysim.report.sections import drawn_plot
 from gantrysim.report.summary import package_versions
 from gantrysim.results.run_results import RunResults
 
@@ -125,8 +125,8 @@ def beads_section(comparison: ComparedRuns, title: str = "Beads and errors") -> 
         title,
         viewer=OverlayData(comparison).text(),
         still=[
-            drawn(draw_overlaid_plan, comparison, _PLAN, height),
-            drawn(draw_overlaid_errors, comparison, *errors_size(comparison)),
+            drawn_plot(draw_overlaid_plan, comparison, _PLAN, height),
+            drawn_plot(draw_overlaid_errors, comparison, *errors_size(comparison)),
         ],
     )
 
@@ -147,7 +147,7 @@ def budgets_section(comparison: ComparedRuns) -> Section:
     return Section(
         "Error budgets",
         "Errors are normal to the requested path; a link locates the error on the chain and is not its cause.",
-        figure=drawn(draw_compared_budgets, comparison, *bars_size(bars)),
+        figure=drawn_plot(draw_compared_budgets, comparison, *bars_size(bars)),
         table=budgets_table(comparison),
     )
 
@@ -175,7 +175,7 @@ def causes_section(comparison: ComparedRuns) -> Section:
     return Section(
         "Causes",
         "Worth is the rms contour error of the job minus that without the cause. Effects do not add up.",
-        figure=drawn(draw_compared_causes, comparison, *bars_size(bars)),
+        figure=drawn_plot(draw_compared_causes, comparison, *bars_size(bars)),
         table=Table(heads, rows, "What each cause is worth of the rms contour error"),
     )
 

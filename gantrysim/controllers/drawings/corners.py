@@ -122,7 +122,7 @@ def turn(before: Floats, after: Floats) -> float:
     return math.atan2(math.hypot(b * w - c * v, c * u - a * w, a * v - b * u), a * u + b * v + c * w)
 
 
-def rounded(legs: list[Leg], tolerance: float, count: Count) -> list[Leg]:
+def legs_with_corners(legs: list[Leg], tolerance: float, count: Count) -> list[Leg]:
     """Return legs with their corners rounded where both sides lay glue or neither does.
 
     A blend takes at most the whole of a piece, and half of one with a corner at its other end too.

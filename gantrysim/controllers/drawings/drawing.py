@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError, at_least, finite, point, positive, unknown
 from gantrysim.controllers.controller import Controller
-from gantrysim.controllers.drawings.planning import Paused, planned
+from gantrysim.controllers.drawings.planning import Paused, planned_progress
 from gantrysim.controllers.drawings.points import with_speeds
 from gantrysim.controllers.drawings.reading import kind_of, matches, millimetres, read_sheet
-from gantrysim.controllers.drawings.routing import Manner, Route, routed
-from gantrysim.controllers.drawings.shapes import FASTEST, Sheet, Stroke, checked
+from gantrysim.controllers.drawings.routing import Manner, Route, routed_path
+from gantrysim.controllers.drawings.shapes import FASTEST, Sheet, Stroke, checked_stroke
 from gantrysim.controllers.placement import Placement
 from gantrysim.paths.chain import Chain
 from gantrysim.record.setpoints import Setpoints, SetpointTable, ticks
@@ -171,7 +171,7 @@ class Drawing(Controller):
         for stroke, is_traced, lays in zip(self.sheet.strokes, traced, glue, strict=True):
             if is_traced:
                 placed = self._with_glue(stroke, lays).moved(lambda points: self.placement.point(points) + raised)
-                strokes.append(checked(placed))
+                strokes.append(checked_stroke(placed))
         return tuple(strokes)
 
     def _matching(self, key: str, names: tuple[str, ...] | None) -> list[bool]:
@@ -219,7 +219,7 @@ class Drawing(Controller):
     @cached_property
     def route(self) -> Route:
         """The commanded path: curves approximated, corners rounded."""
-        return routed(list(self._strokes), self._manner)
+        return routed_path(list(self._strokes), self._manner)
 
     @cached_property
     def requested(self) -> Chain:
@@ -229,12 +229,12 @@ class Drawing(Controller):
     @cached_property
     def _requested_route(self) -> Route:
         fine = replace(self._manner, chord=_FINER * self.chord_tolerance, corner=0.0)
-        return routed(list(self._strokes), fine)
+        return routed_path(list(self._strokes), fine)
 
     @cached_property
     def profile(self) -> Paused:
         """Progress along the commanded path."""
-        return planned(self.route, self.velocity, self.acceleration, self.corner_speed)
+        return planned_progress(self.route, self.velocity, self.acceleration, self.corner_speed)
 
     @property
     def duration(self) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.extras import extra
-from gantrysim.controllers.drawings.shapes import Ellipse, Segment, Shape, Sheet, Spline, Stroke, bulged, point
+from gantrysim.controllers.drawings.shapes import Ellipse, Segment, Shape, Sheet, Spline, Stroke, bulged_line, point
 
 BINARY = "AutoCAD Binary DXF"
 _NAMES = {1: "red", 2: "yellow", 3: "green", 4: "cyan", 5: "blue", 6: "magenta", 7: "white"}  # of colour numbers
@@ -91,7 +91,7 @@ def read_dxf(text: str, unit: float | None, dots: bool) -> Sheet:
     try:
         document = ezdxf.read(io.StringIO(text.lstrip()))
     except Exception as error:  # ezdxf raises errors of many kinds for malformed drawings
-        document, repairs = _repaired(text, _short(error))
+        document, repairs = _repaired_document(text, _short(error))
     try:
         reading = _Reading(document, dots)
         strokes = tuple(_strokes(reading, document.modelspace(), None, 1))
@@ -104,7 +104,7 @@ def read_dxf(text: str, unit: float | None, dots: bool) -> Sheet:
     return Sheet(scaled, dict(reading.ignored), (*remarks, *repairs, *_remarks(reading.without_extent)))
 
 
-def _repaired(text: str, damage: str) -> tuple[Any, tuple[str, ...]]:
+def _repaired_document(text: str, damage: str) -> tuple[Any, tuple[str, ...]]:
     """Return the document of a damaged drawing whose geometry is whole, and a remark on the repairs.
 
     Args:
@@ -135,8 +135,10 @@ def _repaired(text: str, damage: str) -> tuple[Any, tuple[str, ...]]:
     entries = [*auditor.errors, *auditor.fixes]
     if any(entry.code in lossy for entry in entries) or not len(document.modelspace()):
         raise InputError(refused)
-    repairs = [_shortened(entry.message) for entry in entries]
-    return document, (f"damaged: {damage}; repaired: {_listed(repairs) or 'yes'}; compare it with what was drawn",)
+    repairs = [_shortened_name(entry.message) for entry in entries]
+    return document, (
+        f"damaged: {damage}; repaired: {_listed_names(repairs) or 'yes'}; compare it with what was drawn",
+    )
 
 
 def _has_whole_tags(text: str) -> bool:
@@ -159,19 +161,19 @@ def _has_whole_tags(text: str) -> bool:
 def _remarks(without_extent: list[str]) -> tuple[str, ...]:
     if not without_extent:
         return ()
-    return (f"not traced, as they have no extent: {_listed(without_extent)}",)
+    return (f"not traced, as they have no extent: {_listed_names(without_extent)}",)
 
 
-def _listed(names: list[str]) -> str:
+def _listed_names(names: list[str]) -> str:
     unnamed = len(names) - _NAMED
     return ", ".join(names[:_NAMED]) + (f" and {unnamed} more" if unnamed > 0 else "")
 
 
 def _short(error: Exception) -> str:
-    return _shortened(str(error)) or type(error).__name__
+    return _shortened_name(str(error)) or type(error).__name__
 
 
-def _shortened(text: str) -> str:
+def _shortened_name(text: str) -> str:
     return " ".join(text.split())[:100].rstrip(". ")
 
 
@@ -210,7 +212,7 @@ def _strokes(reading: _Reading, entities: Any, block: _Block | None, depth: int)
         elif kind == "INSERT":
             references = entity.multi_insert() if entity.mcount > 1 else (entity,)
             for reference in references:
-                yield from _referenced(reading, reference, inherited, depth + 1)
+                yield from _referenced_strokes(reading, reference, inherited, depth + 1)
             reading.ignored.update(["ATTRIB"] * len(entity.attribs))
         else:
             names = frozenset({layer.lower()}) | inherited.colours
@@ -232,7 +234,7 @@ def _strokes(reading: _Reading, entities: Any, block: _Block | None, depth: int)
                 yield stroke
 
 
-def _referenced(reading: _Reading, reference: Any, inherited: _Block, depth: int) -> Iterator[Stroke]:
+def _referenced_strokes(reading: _Reading, reference: Any, inherited: _Block, depth: int) -> Iterator[Stroke]:
     """The strokes of a block at a reference; programs for plane drawings scale its height by 0."""
     dxf = reference.dxf
     if dxf.xscale == 0 or dxf.yscale == 0:
@@ -362,7 +364,7 @@ def _polyline(vertices: list[tuple[Floats, float]], closed: bool, ocs: Any) -> l
         if not math.isfinite(bulge):
             raise InputError(f"bulge = {bulge:g}: must be finite")
         if not np.array_equal(first, last):
-            shapes.append(bulged(first, last, float(bulge)))
+            shapes.append(bulged_line(first, last, float(bulge)))
     if ocs is None or not ocs.transform:
         return shapes
     turn = np.array([tuple(ocs.to_wcs(axis)) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))])

@@ -72,7 +72,7 @@ class Paused:
         return np.where(time < ends[k], k, -1)
 
 
-def planned(route: Route, velocity: ArrayLike, acceleration: ArrayLike, jump: float) -> Paused:
+def planned_progress(route: Route, velocity: ArrayLike, acceleration: ArrayLike, jump: float) -> Paused:
     """Return the fastest progress along a route.
 
     Args:

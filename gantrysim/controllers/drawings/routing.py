@@ -11,7 +11,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.drawings.corners import Count, Leg, length, place, rounded
+from gantrysim.controllers.drawings.corners import Count, Leg, legs_with_corners, length, place
 from gantrysim.controllers.drawings.fitting import MOST_PIECES, pieces_of
 from gantrysim.controllers.drawings.shapes import Stroke
 from gantrysim.paths.chain import Chain
@@ -87,7 +87,7 @@ class Route:
         return np.array(arc_length), np.maximum.accumulate(place)
 
 
-def routed(strokes: list[Stroke], manner: Manner) -> Route:
+def routed_path(strokes: list[Stroke], manner: Manner) -> Route:
     """Return the path along strokes, whose `glue` is given.
 
     Raises:
@@ -95,9 +95,9 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
     """
     # before any is fitted: each shape becomes at least one piece
     _check_pieces(sum(len(stroke.shapes) for stroke in strokes))
-    stretches = _joined(strokes, manner)
+    stretches = _joined_strokes(strokes, manner)
     if manner.nearest:
-        stretches = _joined(_by_distance(stretches, manner.reverse), manner)
+        stretches = _joined_strokes(_by_distance(stretches, manner.reverse), manner)
     legs: list[Leg] = []
     count = Count()
     up = np.array([0.0, 0.0, manner.lift])
@@ -107,7 +107,7 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
         drawn: list[Leg] = []
         first = dot
         if dot is None:
-            drawn = rounded(_drawn(stretch, manner, 2.0 * number + 1), manner.corner, count)
+            drawn = legs_with_corners(_drawn_legs(stretch, manner, 2.0 * number + 1), manner.corner, count)
             if not drawn:  # shorter than any piece
                 continue
             first = drawn[0].start
@@ -117,11 +117,13 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
             travel = _travel(position, first, manner.lift, started=bool(legs))
         elif manner.lift > 0:
             travel = [Line(vector(first + up), vector(first))]
-        legs += _ordered([Leg(line, False, manner.travel_speed, travel=True) for line in travel], 2.0 * number, 1.0)
+        legs += _ordered_legs(
+            [Leg(line, False, manner.travel_speed, travel=True) for line in travel], 2.0 * number, 1.0
+        )
         if dot is not None:
             if not legs:  # the time of a dot is a pause at the end of a leg
                 line = Line(_beside(dot, stretches), vector(dot))
-                legs += _ordered([Leg(line, False, manner.travel_speed, travel=True)], 2.0 * number, 1.0)
+                legs += _ordered_legs([Leg(line, False, manner.travel_speed, travel=True)], 2.0 * number, 1.0)
             lays_glue = bool((stretch[0].glue or (1,))[0])
             stated_time = stretch[0].dot_time
             dot_time = manner.dot_time if stated_time is None else stated_time
@@ -133,11 +135,11 @@ def routed(strokes: list[Stroke], manner: Manner) -> Route:
         raise InputError("drawing: must have a line of positive length that is traced")
     if manner.lift > 0:
         lift = Leg(Line(vector(position), vector(position + up)), False, manner.travel_speed, travel=True)
-        legs += _ordered([lift], 2.0 * len(stretches), 1.0)
+        legs += _ordered_legs([lift], 2.0 * len(stretches), 1.0)
     return Route(tuple(legs), Chain(leg.piece for leg in legs), len(stretches), count)
 
 
-def _ordered(legs: list[Leg], begin: float, size: float) -> list[Leg]:
+def _ordered_legs(legs: list[Leg], begin: float, size: float) -> list[Leg]:
     """Return legs with their place in the order of the drawing, from `begin` on, in shares of their lengths."""
     ends = np.cumsum([0.0, *(leg.length for leg in legs)])
     places = begin + size * ends / max(float(ends[-1]), _SHORTEST)
@@ -160,7 +162,7 @@ def _check_pieces(count: int) -> None:
         raise InputError(f"drawing of more than {MOST_PIECES} pieces: must be simpler, or chord_tolerance larger")
 
 
-def _joined(strokes: list[Stroke] | list[list[Stroke]], manner: Manner) -> list[list[Stroke]]:
+def _joined_strokes(strokes: list[Stroke] | list[list[Stroke]], manner: Manner) -> list[list[Stroke]]:
     """Return stretches: strokes, or stretches of them, joined in their order where their ends meet."""
     stretches: list[list[Stroke]] = []
     for item in strokes:
@@ -221,7 +223,7 @@ def _by_distance(stretches: list[list[Stroke]], reverse: bool) -> list[list[Stro
         k = int((to_end if backwards else to_start).argmin())
 
 
-def _drawn(stretch: list[Stroke], manner: Manner, begin: float) -> list[Leg]:
+def _drawn_legs(stretch: list[Stroke], manner: Manner, begin: float) -> list[Leg]:
     """Legs along the strokes of a stretch, each from the end of the one before.
 
     Args:
@@ -241,7 +243,7 @@ def _drawn(stretch: list[Stroke], manner: Manner, begin: float) -> list[Leg]:
             if math.isnan(stated_speed):
                 speed = manner.speed if lays else manner.travel_speed
             pieces = pieces_of(shape, manner.chord)
-            legs_of_shape = _ordered([Leg(piece, lays, speed) for piece in pieces], begin + number * size, size)
+            legs_of_shape = _ordered_legs([Leg(piece, lays, speed) for piece in pieces], begin + number * size, size)
             number += 1
             climbs = any(leg.start[2] != leg.end[2] for leg in legs_of_shape)
             if len(pieces) > 1 and isinstance(pieces[0], Line) and climbs:
@@ -258,7 +260,7 @@ def _drawn(stretch: list[Stroke], manner: Manner, begin: float) -> list[Leg]:
 def _smooth(legs: list[Leg], manner: Manner) -> list[Leg]:
     """Return lines along curves in space with their corners rounded, within the other half of the tolerance."""
     long_enough = [leg for leg in legs if leg.length > _SHORTEST]
-    return rounded(long_enough, 0.5 * manner.chord, Count()) if long_enough else []
+    return legs_with_corners(long_enough, 0.5 * manner.chord, Count()) if long_enough else []
 
 
 def _append(legs: list[Leg], new_legs: list[Leg]) -> None:
@@ -286,7 +288,7 @@ def _closed_up(legs: list[Leg], leg: Leg) -> Leg:
         legs[-1] = replace(legs[-1], piece=Line(before.start, vector(start)))
         return leg
     else:
-        turned = _turned(piece, end)
+        turned = _turned_arc(piece, end)
         if turned is not None:
             return replace(leg, piece=turned)
     if math.dist(end, start) > _SHORTEST:
@@ -294,7 +296,7 @@ def _closed_up(legs: list[Leg], leg: Leg) -> Leg:
     return leg
 
 
-def _turned(arc: Coil, start: Floats) -> Coil | None:
+def _turned_arc(arc: Coil, start: Floats) -> Coil | None:
     """An arc turned and scaled about its end so that it begins elsewhere, None if it is closed or in another plane."""
     first, last = place(arc, np.array([0.0, 1.0]))
     chord = complex(*(first - last)[:2])

@@ -230,7 +230,7 @@ class Sheet:
     remarks: tuple[str, ...] = ()
 
 
-def checked(stroke: Stroke) -> Stroke:
+def checked_stroke(stroke: Stroke) -> Stroke:
     """Return a stroke whose coordinates are finite and within bounds, or raise InputError."""
     worst = np.abs(stroke.points).max(initial=0.0)
     if not worst <= LARGEST_COORDINATE:
@@ -251,7 +251,7 @@ def bezier(*control: Floats) -> Spline:
     return Spline(np.repeat([0.0, 1.0], degree + 1), np.array(control), np.ones(degree + 1), degree)
 
 
-def bulged(first: Floats, last: Floats, bulge: float) -> Shape:
+def bulged_line(first: Floats, last: Floats, bulge: float) -> Shape:
     """Return the line between two points of a level plane, or the arc of a bulge: tan of a quarter of its angle.
 
     The arc is counter-clockwise where the bulge is positive.

@@ -53,7 +53,7 @@ def _code_name(letter: str, code: float) -> str:
     return f"{letter}{int(code):02}" if code.is_integer() else f"{letter}{code:04}"
 
 
-def labelled(name: str, label: str) -> str:
+def labelled_block(name: str, label: str) -> str:
     """Return the name of a block that has a number: that, with the file of subprograms in which the block stands."""
     _, of, file = name.partition(OF_FILE)
     return f"N{label[:_SHOWN]}{of}{file}"
@@ -67,7 +67,7 @@ def words_of(text: str, name: str, line: int) -> Words:
     """
     label = re.match(r"N\s*([0-9]+)", text)
     if label:
-        name = labelled(name, label[1])
+        name = labelled_block(name, label[1])
     codes: list[float] = []
     auxiliary: list[float] = []
     values: dict[str, float] = {}

@@ -22,7 +22,7 @@ _SHARP = math.pi / 2 + 1e-9  # largest outer corner of lines that is not cut off
 _SLIGHT = math.radians(5)  # largest inner corner that a short bridge may cross
 
 
-def compensated(legs: list[PathLeg]) -> list[PathLeg]:
+def compensated_legs(legs: list[PathLeg]) -> list[PathLeg]:
     """Return the motions, offset where their compensation is not 0.
 
     Stops and motions along the plane's normal take place on the offset path.
@@ -49,11 +49,11 @@ def compensated(legs: list[PathLeg]) -> list[PathLeg]:
         else:
             _check_plane(before, leg)
             run = runs[in_plane[n - 1]]
-            run[-1], runs[k] = _joined(run[-1], replace(leg, piece=_beside(leg)))
+            run[-1], runs[k] = _joined_legs(run[-1], replace(leg, piece=_beside(leg)))
     beside: list[PathLeg] = []
     for k, leg in enumerate(legs):
         last = next((other for other in reversed(beside) if other.piece is not None), None)
-        beside += runs.get(k) or [leg if last is None else _moved(leg, _end(last))]
+        beside += runs.get(k) or [leg if last is None else _moved_leg(leg, _end(last))]
     return beside
 
 
@@ -69,7 +69,7 @@ def _runs_in_plane(leg: PathLeg) -> bool:
     return isinstance(leg.piece, Coil) or (leg.piece is not None and bool(_normal(leg.piece).any()))
 
 
-def _moved(leg: PathLeg, there: Vector) -> PathLeg:
+def _moved_leg(leg: PathLeg, there: Vector) -> PathLeg:
     """A stop, or a motion along the plane's normal, at another place of the plane."""
     start = _level(there, leg.start, leg)
     if not isinstance(leg.piece, Line):
@@ -125,7 +125,7 @@ def _between(leg: PathLeg, start: Vector, end: Vector) -> PathLeg:
     return replace(leg, start=first, piece=replace(leg.piece, start=first, end=last))
 
 
-def _joined(before: PathLeg, leg: PathLeg) -> tuple[PathLeg, list[PathLeg]]:
+def _joined_legs(before: PathLeg, leg: PathLeg) -> tuple[PathLeg, list[PathLeg]]:
     """Join a motion to the one before, extending or cutting either."""
     there = _start(leg)
     here = _level(_end(before), there, leg)
@@ -138,7 +138,7 @@ def _joined(before: PathLeg, leg: PathLeg) -> tuple[PathLeg, list[PathLeg]]:
     lines = isinstance(before.piece, Line) and isinstance(leg.piece, Line)
     if lines and same and (inside or abs(corner) <= _SHARP):
         meeting = vector(here + _direction(before, 1) * leg.compensation * -math.tan(0.5 * corner))
-        return _cut(before, _start(before), meeting), [_cut(leg, meeting, _end(leg))]
+        return _cut_leg(before, _start(before), meeting), [_cut_leg(leg, meeting, _end(leg))]
     if inside and abs(corner) > _SLIGHT:
         raise leg.source.fail(
             41, f"inner corner of {math.degrees(abs(corner)):.4g} deg at an arc: the offset paths do not meet there"
@@ -165,7 +165,7 @@ def _bridge(before: PathLeg, leg: PathLeg, here: Vector, there: Vector, corner: 
     return bridge
 
 
-def _cut(leg: PathLeg, start: Vector, end: Vector) -> PathLeg:
+def _cut_leg(leg: PathLeg, start: Vector, end: Vector) -> PathLeg:
     cut = _between(leg, start, end)
     if np.subtract(end, start) @ _direction(leg, 0) <= 0:
         raise leg.source.fail(

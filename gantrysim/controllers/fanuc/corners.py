@@ -16,7 +16,7 @@ from gantrysim.paths.plane_moves import PlaneMove, meeting
 _STRAIGHT = 1e-6  # corner that is none [rad]
 
 
-def cornered(legs: list[PathLeg]) -> list[PathLeg]:
+def cornered_legs(legs: list[PathLeg]) -> list[PathLeg]:
     """Return the motions with the chamfers and rounded corners that their blocks ask for.
 
     Raises:
@@ -29,7 +29,7 @@ def cornered(legs: list[PathLeg]) -> list[PathLeg]:
             raise legs[k].source.fail(51, f"{_name(legs[k])}: must be followed by a motion at feed in its plane")
         if not _can_join(legs[k]) or _plane(legs[k]) != _plane(legs[k + 1]):
             raise legs[k].source.fail(50, f"{_name(legs[k])}: must be in a motion at feed in the plane of the next one")
-        legs[k : k + 2] = _cut(legs[k], legs[k + 1])
+        legs[k : k + 2] = _cut_legs(legs[k], legs[k + 1])
     return legs
 
 
@@ -61,7 +61,7 @@ def _plane(leg: PathLeg) -> Plane:
     return "xy" if isinstance(block, Dwell) else block.plane
 
 
-def _cut(before: PathLeg, after: PathLeg) -> list[PathLeg]:
+def _cut_legs(before: PathLeg, after: PathLeg) -> list[PathLeg]:
     """The two motions, shorter, with the chamfer or arc between them."""
     first = _plane_move(before)
     second = _plane_move(after)

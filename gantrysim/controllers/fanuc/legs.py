@@ -116,7 +116,7 @@ def legs_of(
     return legs
 
 
-def switched(legs: list[PathLeg], valve: Valve) -> list[PathLeg]:
+def switched_legs(legs: list[PathLeg], valve: Valve) -> list[PathLeg]:
     """Return the motions of a text with the glue that its valve lays."""
     work = np.array([leg.dispense for leg in legs], bool)
     dwells = np.array([isinstance(leg.source.block, Dwell) for leg in legs], bool)
@@ -126,7 +126,7 @@ def switched(legs: list[PathLeg], valve: Valve) -> list[PathLeg]:
     return [replace(leg, dispense=lays) for leg, lays in zip(legs, laid.tolist(), strict=True)]
 
 
-def placed(legs: list[PathLeg], placement: Placement) -> list[PathLeg]:
+def placed_legs(legs: list[PathLeg], placement: Placement) -> list[PathLeg]:
     """Return the motions where a program lies on the work."""
     if placement == Placement():
         return legs

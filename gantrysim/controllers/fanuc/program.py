@@ -16,9 +16,9 @@ from gantrysim.base.arrays import Floats, lengths
 from gantrysim.base.errors import InputError, at_least, finite, place, positive, whole
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
-from gantrysim.controllers.fanuc.compensation import compensated
-from gantrysim.controllers.fanuc.corners import cornered
-from gantrysim.controllers.fanuc.legs import PathLeg, legs_of, placed, switched
+from gantrysim.controllers.fanuc.compensation import compensated_legs
+from gantrysim.controllers.fanuc.corners import cornered_legs
+from gantrysim.controllers.fanuc.legs import PathLeg, legs_of, placed_legs, switched_legs
 from gantrysim.controllers.fanuc.program_text import SPEEDS, ProgramMotions, ProgramSource, SourceBlock, read
 from gantrysim.controllers.fanuc.speed import PER_MINUTE, Clamp, Feeding, Planner
 from gantrysim.controllers.placement import Placement
@@ -166,7 +166,7 @@ def in_place(leg: PathLeg, here: Vector, feeding: Feeding, reached: float) -> Pa
     return Part(leg.dwell if profile is None else profile.duration, sample, lines)
 
 
-def averaged(place: Floats, dispense: NDArray[np.bool_], window: int) -> tuple[Floats, NDArray[np.bool_]]:
+def averaged_places(place: Floats, dispense: NDArray[np.bool_], window: int) -> tuple[Floats, NDArray[np.bool_]]:
     """Moving average over `window` ticks, by which it is longer; the dispenser is delayed by half of them."""
     padded = np.concatenate([np.repeat(place[:1], window, axis=0), place, np.repeat(place[-1:], window, axis=0)])
     origin = padded[0].copy()
@@ -320,8 +320,8 @@ class Program(Controller):
         legs = legs_of(blocks, self.start, self.rapid, self.end_point_tolerance, self.radius_tolerance)
         whole("max_steps", self.max_steps, 1)
         if isinstance(self.program, str):
-            legs = switched(legs, self._outputs.valve())
-        return tuple(placed(compensated(cornered(legs)), self.placement))
+            legs = switched_legs(legs, self._outputs.valve())
+        return tuple(placed_legs(compensated_legs(cornered_legs(legs)), self.placement))
 
     @cached_property
     def requested(self) -> Chain:
@@ -417,7 +417,7 @@ class Program(Controller):
             count = round(self.blend_time / period)
             begin = np.concatenate([np.full(count, progress[0]), progress])
             end = np.concatenate([progress, np.full(count, progress[-1])])
-            place, dispense = averaged(place, dispense, count)
+            place, dispense = averaged_places(place, dispense, count)
             progress = self._blended_progress(place, np.stack([begin, end]))
         columns = {"x": 0, "y": 1, "z": 2, self.rotary_axis: 3}
         position = place[:, [columns[name] for name in self.axes]]

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.fanuc.alarm import Alarm, BlockSource
-from gantrysim.controllers.fanuc.block_words import COMMENT, CORNERS, LETTERS, OF_FILE, Words, labelled, words_of
+from gantrysim.controllers.fanuc.block_words import COMMENT, CORNERS, LETTERS, OF_FILE, Words, labelled_block, words_of
 from gantrysim.controllers.macro.grammar import (
     FUNCTIONS,
     OPERATORS,
@@ -151,7 +151,7 @@ class ProgramBlocks:
     def _add_block(self, text: str, place: BlockSource) -> None:
         program = _PROGRAM.match("".join(text.split()))
         if program:
-            self.programs.setdefault(numbered(program[1]), len(self.blocks))
+            self.programs.setdefault(block_number(program[1]), len(self.blocks))
         self.blocks.append(ProgramBlock(place.name, place.line, text))
 
 
@@ -169,7 +169,7 @@ def _begins_with_number(text: str) -> bool:
     return False
 
 
-def numbered(digits: str) -> int:
+def block_number(digits: str) -> int:
     """Return the number of a block or program; one of more digits than Python reads is that of no other."""
     return int(digits) if len(digits) <= MOST_DIGITS else -1
 
@@ -234,7 +234,7 @@ class Sequence(Flow[Words]):
         for place, block in enumerate(self._blocks):
             label = _LABEL.match(block.text)
             if label and len(label[1]) <= MOST_DIGITS:
-                self.places.mark((self._program_at(place), numbered(label[1])), "N", place)
+                self.places.mark((self._program_at(place), block_number(label[1])), "N", place)
             loop = _LOOP.search("".join(block.text.split()))
             if loop:
                 word = "DO" if loop[1] == "DO" else "END"
@@ -292,7 +292,7 @@ class Sequence(Flow[Words]):
             return self._called(words_of(block.text, block.name, block.line))
         label = _LABEL.match(block.text)
         compact = "".join(block.text[label.end() if label else 0 :].split())
-        self._source = BlockSource(labelled(block.name, label[1]) if label else block.name, block.line)
+        self._source = BlockSource(labelled_block(block.name, label[1]) if label else block.name, block.line)
         for word, handler in _CONTROLS.items():
             if compact.startswith(word):
                 scanner = Scanner(compact, GRAMMAR)

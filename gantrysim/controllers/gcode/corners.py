@@ -122,7 +122,7 @@ def corners(track: Track) -> tuple[Floats, Floats, Floats]:
     return 2 * np.arctan2(apart, np.sqrt(((after + before) ** 2).sum(axis=1))), before, after
 
 
-def rounded(track: Track, tolerance: Floats, widest: Floats) -> tuple[Rounded, Floats, Floats]:
+def rounded_track(track: Track, tolerance: Floats, widest: Floats) -> tuple[Rounded, Floats, Floats]:
     """Round the corners of a path between lines.
 
     Args:
@@ -175,7 +175,7 @@ def rounded(track: Track, tolerance: Floats, widest: Floats) -> tuple[Rounded, F
 
 
 @jit
-def merged(points: Floats, joined: NDArray[np.bool_], tolerance: Floats) -> NDArray[np.bool_]:
+def merged_points(points: Floats, joined: NDArray[np.bool_], tolerance: Floats) -> NDArray[np.bool_]:
     """Return which points between consecutive lines stay, (m + 1,), of (m + 1, 3).
 
     From the last point that stays the line is extended as long as all points between stay within the tolerance of it.

@@ -38,7 +38,7 @@ _RAPID = re.compile(r"\s*(N\d+\s*)?G0?0(?!\d)", re.IGNORECASE)
 _FEED = re.compile(r"F\s*[0-9.]+", re.IGNORECASE)
 
 
-def lifted(text: str, valve: Valve, start: float, height: float) -> str | None:
+def lifted_program(text: str, valve: Valve, start: float, height: float) -> str | None:
     """Return a program whose needle is lifted in its dry moves; None for one that sets z itself.
 
     The needle is lifted after the valve closes and lowered before it opens. A rapid move in the plane that lays no glue
@@ -197,7 +197,7 @@ class GCode(Controller):
         return dict(zip("xyz", self.plan.axis_speeds.tolist(), strict=True))
 
     def with_lift(self, height: float) -> dict[str, Any] | None:
-        text = lifted(self.text, self.program.valve, self.start[2], height)
+        text = lifted_program(self.text, self.program.valve, self.start[2], height)
         return None if text is None else {"text": text}
 
     @property

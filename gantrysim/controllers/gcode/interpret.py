@@ -50,7 +50,7 @@ _OF_TOOLS: dict[float | str, Callable[[ProgramState], float]] = {
 _MACHINE = ("_hal[", "_ini[")  # a pin of the machine's hardware layer, a value of its configuration
 
 
-def provided(state: ProgramState, key: float | str) -> float | None:
+def provided_parameter(state: ProgramState, key: float | str) -> float | None:
     """Return a parameter of the controller; None for others.
 
     Raises:
@@ -343,7 +343,7 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
 
     def system(key: float | str) -> float | None:
         state.line = flow.line  # of the expression that reads #<_line>, before the words of its line are run
-        return provided(state, key)
+        return provided_parameter(state, key)
 
     flow = ProgramFlow(program, system, state.subprogram_ends)
     subroutines = tuple(str(label) for label in flow.places.labels("SUB"))

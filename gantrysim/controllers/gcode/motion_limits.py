@@ -49,7 +49,7 @@ def junction_speed(angle: Floats, deviation: Floats, acceleration: Floats, reach
     return np.where(cosine < 1, np.sqrt(acceleration * radius), np.inf)
 
 
-def planned(lengths: Floats, speed: Floats, acceleration: Floats, joint: Floats) -> Limited:
+def planned_profile(lengths: Floats, speed: Floats, acceleration: Floats, joint: Floats) -> Limited:
     """Return the fastest speed profile from rest to rest.
 
     Args:
@@ -194,7 +194,7 @@ def piece_limits(rows: list[MotionLimits], index: Floats, share: Floats, job_lim
     k = index.astype(np.intp)
     with np.errstate(divide="ignore"):
         per_share = 1 / share
-    limits = [_filled(row, job_limits) for row in rows]
+    limits = [_filled_limits(row, job_limits) for row in rows]
     axis_speeds = np.array([row.axis_speeds for row in limits])[k]
     axis_accelerations = np.array([row.axis_accelerations for row in limits])[k]
     path_acceleration = np.array([row.acceleration for row in limits])[k]
@@ -218,7 +218,7 @@ def piece_limits(rows: list[MotionLimits], index: Floats, share: Floats, job_lim
     )
 
 
-def _filled(row: MotionLimits, job_limits: MotionLimits) -> MotionLimits:
+def _filled_limits(row: MotionLimits, job_limits: MotionLimits) -> MotionLimits:
     x, y, z = map(min, row.axis_speeds, job_limits.axis_speeds)
     return row._replace(
         acceleration=job_limits.acceleration if row.acceleration is None else row.acceleration,

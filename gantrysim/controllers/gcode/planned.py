@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.corners import SHARPEST, Corners, Rounded, merged, rounded
+from gantrysim.controllers.gcode.corners import SHARPEST, Corners, Rounded, merged_points, rounded_track
 from gantrysim.controllers.gcode.interpret import Interpreted
 from gantrysim.controllers.gcode.motion_limits import (
     ALONG,
@@ -19,7 +19,7 @@ from gantrysim.controllers.gcode.motion_limits import (
     jump_speed,
     junction_speed,
     limits_of,
-    planned,
+    planned_profile,
     shares,
     turning_speed,
 )
@@ -179,7 +179,7 @@ def plan(program: Interpreted, placement: Placement, settings: PlanSettings) -> 
     moves_before = np.searchsorted(rows, dwell_rows)
     halts = np.zeros(rows.size + 1, bool)
     halts[moves_before] = True
-    base = _simplified(_Base(requested, rows, halts), program)
+    base = _simplified_base(_Base(requested, rows, halts), program)
     limits = limits_of(base.track, table, base.rows, program.limits, settings)
     axis_speeds = (limits.speed[:, None] * shares(base.track)).max(axis=0)
     path, joint, corners = _rounded_corners(base, table, limits, settings)
@@ -245,7 +245,7 @@ def _rounded_corners(
     # an arc that admits the slower of the two speeds is wide enough: v^2 / r is at most its share of the acceleration
     needed = np.minimum(speed[:-1], speed[1:])
     widest = needed**2 / (turning * INWARD)
-    path, angle, distance = rounded(base.track, tolerance, widest)
+    path, angle, distance = rounded_track(base.track, tolerance, widest)
     joint = np.minimum(needed, jump_speed(angle, turning, settings.cycle))
     reach = 0.5 * np.minimum(lengths[:-1], lengths[1:])
     passed = junction_speed(angle, deviation, turning, reach)
@@ -276,7 +276,7 @@ def _pieces_after(
     return np.where(moves_before > 0, np.searchsorted(order, last, side="right"), 0)
 
 
-def _simplified(base: _Base, program: Interpreted) -> _Base:
+def _simplified_base(base: _Base, program: Interpreted) -> _Base:
     """Merge lines within the tolerance of G64 Q."""
     rows = base.rows
     table = program.moves[rows]
@@ -289,7 +289,7 @@ def _simplified(base: _Base, program: Interpreted) -> _Base:
     line = (table[:, KIND] == LINE) & (table[:, FEED] > 0)
     joined[1:-1] = same & line[:-1] & line[1:] & ~base.halts[1:-1] & (naive[:-1] > 0)
     points = base.track.points
-    corner = merged(points, joined, np.append(naive, 0.0))
+    corner = merged_points(points, joined, np.append(naive, 0.0))
     last = np.flatnonzero(corner[1:])  # pieces that end at a point that stays
     p = base.track.parameters()
     track = Track(p["start"], points[last + 1], p["angle"][last], p["centre"][last], p["plane"][last], p["frames"])
@@ -319,4 +319,4 @@ def _profile(
     meet = np.full(arcs.size - 1, np.inf)
     plain = ~arcs[:-1] & ~arcs[1:]
     meet[plain] = joint[path.piece[:-1][plain]]
-    return planned(path.lengths, top, change, meet), source
+    return planned_profile(path.lengths, top, change, meet), source

@@ -38,7 +38,7 @@ class _Words:
 
 def add_cubic(state: ProgramState, block: WordBlock) -> None:
     """Add a cubic curve; without I and J it goes on smoothly from the cubic curve before."""
-    words = _taken(state, block)
+    words = _taken_words(state, block)
     first = state.spline_control if words.first is None else words.first
     if first is None:
         raise InputError("G5 without I and J: must follow another G5")
@@ -48,12 +48,12 @@ def add_cubic(state: ProgramState, block: WordBlock) -> None:
 
 def add_quadratic(state: ProgramState, block: WordBlock) -> None:
     """Add a quadratic curve."""
-    words = _taken(state, block)
+    words = _taken_words(state, block)
     state.spline_control = None
     _add_chords(state, words, [words.start, words.start + (words.first or 0j), words.end])
 
 
-def _taken(state: ProgramState, block: WordBlock) -> _Words:
+def _taken_words(state: ProgramState, block: WordBlock) -> _Words:
     if state.modes.plane:
         raise InputError(f"G5 in G{17 + state.modes.plane}: must be in G17")
     frames = state.frames

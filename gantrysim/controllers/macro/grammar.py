@@ -29,7 +29,7 @@ class BinaryOperator(NamedTuple):
     function: Callable[[float, float], float]
 
 
-def _divided(a: float, b: float) -> float:
+def _quotient(a: float, b: float) -> float:
     if b == 0:
         raise InputError(f"{a:g} / 0: the divisor must not be 0")
     return a / b
@@ -55,7 +55,7 @@ def _power(a: float, b: float) -> float:
 OPERATORS: dict[str, BinaryOperator] = {
     "**": BinaryOperator(5, _power),
     "*": BinaryOperator(4, operator.mul),
-    "/": BinaryOperator(4, _divided),
+    "/": BinaryOperator(4, _quotient),
     "MOD": BinaryOperator(4, _modulo),
     "+": BinaryOperator(3, operator.add),
     "-": BinaryOperator(3, operator.sub),
@@ -79,7 +79,7 @@ def _in_degrees(function: Function) -> Function:
     return lambda ratio: math.degrees(function(ratio))
 
 
-def _rounded(x: float) -> float:
+def _rounded_number(x: float) -> float:
     """The nearest whole number, half of one away from zero; Python's `round` goes to the even one."""
     return float(math.floor(x + 0.5) if x >= 0 else math.ceil(x - 0.5))
 
@@ -112,7 +112,7 @@ FUNCTIONS: dict[str, Function] = {
     "COS": _of_degrees(math.cos),
     "EXP": math.exp,
     "LN": math.log,
-    "ROUND": _rounded,
+    "ROUND": _rounded_number,
     "SIN": _of_degrees(math.sin),
     "SQRT": math.sqrt,
     "TAN": _of_degrees(math.tan),

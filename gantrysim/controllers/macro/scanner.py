@@ -164,7 +164,7 @@ class Scanner:
             self._operators += 1
             if self._operators > _MOST_OPERATORS:
                 raise InputError(f"expression of more than {_MOST_OPERATORS} operators")
-            value = _combined(operator, value, self._expression(operator.strength))
+            value = _combined_value(operator, value, self._expression(operator.strength))
         self._depth -= 1
         return value
 
@@ -189,6 +189,6 @@ def _parameter(target: Target) -> Value:
     return lambda parameters: parameters.numbered(number(parameters))
 
 
-def _combined(operator: BinaryOperator, first: Value, second: Value) -> Value:
+def _combined_value(operator: BinaryOperator, first: Value, second: Value) -> Value:
     function = operator.function
     return lambda parameters: function(first(parameters), second(parameters))

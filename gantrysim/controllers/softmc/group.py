@@ -185,10 +185,10 @@ class Group:
             return Sine()
         if self.profile == "trapezoidal acceleration" or (self.profile == "smooth" and self.smooth < 0):
             return Jerk(jerk)
-        return _smoothed(self.smooth) if self.profile == "smooth" else Ramp()
+        return _smoothed_ramp(self.smooth) if self.profile == "smooth" else Ramp()
 
 
-def _smoothed(n: int) -> Ramp:
+def _smoothed_ramp(n: int) -> Ramp:
     """Return the ramp of Smooth = n, 0 to 100, whose time is (1 + 2 n / 100) V / A.
 
     Up to 50 the acceleration rises to A ever more slowly; above, it is a triangle with a falling peak.

@@ -88,7 +88,7 @@ def read(program: str) -> tuple[SourceLine, ...]:
 
 def _command(text: str) -> tuple[Command, str | None]:
     tokens = _tokens(text)
-    verb = _known("command", tokens.pop(0)[1], _WORDS)
+    verb = _known_word("command", tokens.pop(0)[1], _WORDS)
     words = _WORDS[verb]
     named = None
     is_name = tokens and tokens[0][0] == "word" and tokens[1:2] != [("equals", "=")]
@@ -103,7 +103,7 @@ def _command(text: str) -> tuple[Command, str | None]:
         kind, text_of_word = tokens.pop(0)
         if kind != "word":
             raise SoftMCError(f"{text_of_word!r}: must be one of the words {', '.join(words)}, with = and a value")
-        word = _known("word", text_of_word, words)
+        word = _known_word("word", text_of_word, words)
         if len(tokens) < 2 or tokens[0][0] != "equals" or tokens[2:3] == [("equals", "=")]:
             raise SoftMCError(f"{word} has no value: must be {_example(word)}, after an =")
         if words[word] in arguments:
@@ -127,7 +127,7 @@ def _tokens(text: str) -> list[tuple[str, str]]:
     return tokens
 
 
-def _known(kind: str, name: str, words: dict[str, Any]) -> str:
+def _known_word(kind: str, name: str, words: dict[str, Any]) -> str:
     for word in words:
         if word.lower() == name.lower():
             return word

@@ -10,7 +10,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import unknown, whole
-from gantrysim.base.files import replaced
+from gantrysim.base.files import replaced_file
 from gantrysim.record.run import Run
 
 EXPRESSIONS = ("PCMD", "PFB", "PE", "VCMD", "VFB", "SETPOINT")
@@ -52,7 +52,7 @@ class Record:
         """
         columns = {"time": run.time[: self.points * self.gap : self.gap]}
         for name in self.what:
-            values = evaluated(name, run, whole("delay", delay, 0))[: self.points * self.gap : self.gap]
+            values = evaluated_expression(name, run, whole("delay", delay, 0))[: self.points * self.gap : self.gap]
             for a, axis in enumerate("xyz" if name == "SETPOINT" else run.axes):
                 columns[f"{name} {axis}"] = values[:, a]
         return columns
@@ -64,13 +64,13 @@ class Record:
         for axis, unit in zip(run.axes, run.units, strict=True):
             units |= {f"{name} {axis}": unit for name in ("PCMD", "PFB", "PE")}
             units |= {f"{name} {axis}": f"{unit}/s" for name in ("VCMD", "VFB")}
-        with replaced(file) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
+        with replaced_file(file) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
             writer.writerow([f"{name} [{units[name]}]" for name in columns])
             writer.writerows(np.column_stack(list(columns.values())).tolist())
 
 
-def evaluated(name: str, run: Run, delay: int) -> Floats:
+def evaluated_expression(name: str, run: Run, delay: int) -> Floats:
     """Return an expression at every tick of a run, (n, axes); PE with the command of `delay` ticks before."""
     if name == "SETPOINT":
         return run.commanded_tip

@@ -86,7 +86,7 @@ def segment(command: Command, here: Floats, axes: int, absolute: bool) -> Segmen
     return _by_angle(here, centre, command.angle, (i, j, k), _FRAMES[command.plane])
 
 
-def placed(path: Segment, placement: Placement) -> Segment:
+def placed_path(path: Segment, placement: Placement) -> Segment:
     """Return a path on the work; the orientation r turns with the placement."""
     end = np.array([*placement.point(path.end[:3]), path.end[3] + placement.rotate])
     piece = path.piece
@@ -266,8 +266,8 @@ def leg_of(
         InputError: too short a path.
     """
     if placement is not None and placement != Placement():
-        path = placed(path, placement)
-        here = placed(Segment(None, here), placement).end
+        path = placed_path(path, placement)
+        here = placed_path(Segment(None, here), placement).end
     rotation = float(path.end[3] - here[3])
     if path.piece is None:
         return Leg(here, path, group.in_place(rotation), dispense, line)

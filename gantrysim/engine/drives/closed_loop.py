@@ -23,7 +23,7 @@ from gantrysim.servo.drive_settings import LOOPS
 from gantrysim.servo.laws import pid
 
 _torque_demand = part(pid.torque_demand)
-_filtered = part(notch.filtered)
+_filtered = part(notch.filtered_output)
 _COEFFICIENTS = len(notch.Coefficients._fields)
 MOTOR = np.int64(POINTS.index("motor"))
 REPORT = np.int64(POINTS.index("report"))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
-from gantrysim.engine.drives.field import field_at, stepped
+from gantrysim.engine.drives.field import field_at, stepped_place
 from gantrysim.engine.drives.part import DrivenAxis, DrivePart
 from gantrysim.engine.native.pointers import vector
 from gantrysim.machine.axis import PER_SI
@@ -53,7 +53,7 @@ def _report(data, row, userdata, axis, drive):
     """Set what the encoder of an axis reads at this tick, or the microsteps that are counted in its place."""
     if drive.encoder.counts:
         begun = (row.phase - row.delay) % row.substeps  # a new target is about to be taken where it is 0
-        row.seen[axis] = stepped(field_at(row, drive.field, 0.0) if begun else drive.field.target, drive.stepper)
+        row.seen[axis] = stepped_place(field_at(row, drive.field, 0.0) if begun else drive.field.target, drive.stepper)
     else:
         row.seen[axis] = read(data, row, axis, drive.encoder, row.tick)
 
@@ -89,14 +89,14 @@ def _delay(data, row, userdata, axis, drive):
 @jit
 def normal(seed, tick):
     """Return a number of the standard normal distribution, by Box and Muller, that depends on seed and tick alone."""
-    first = _mixed(seed + np.uint64(2 * tick) * _STEP)
-    second = _mixed(seed + np.uint64(2 * tick + 1) * _STEP)
+    first = _mixed_bits(seed + np.uint64(2 * tick) * _STEP)
+    second = _mixed_bits(seed + np.uint64(2 * tick + 1) * _STEP)
     radius = np.sqrt(-2.0 * np.log((np.float64(first >> np.uint64(11)) + 0.5) * _UNIT))
     return radius * np.cos(2.0 * np.pi * np.float64(second >> np.uint64(11)) * _UNIT)
 
 
 @jit
-def _mixed(number):
+def _mixed_bits(number):
     """Return 64 bits that look random (the finaliser of SplitMix64, Steele, Lea and Flood 2014)."""
     number = (number ^ (number >> np.uint64(30))) * _FIRST
     number = (number ^ (number >> np.uint64(27))) * _SECOND

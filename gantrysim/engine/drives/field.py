@@ -39,7 +39,7 @@ def field_at(row, field, share):
 
 
 @jit
-def stepped(place, stepper):
+def stepped_place(place, stepper):
     """Return the place of a field in microsteps."""
     return stepper.microstep * np.floor(place / stepper.microstep + 0.5)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
-from gantrysim.engine.drives.field import field_at, mean_stepped, stepped, turn_target
+from gantrysim.engine.drives.field import field_at, mean_stepped, stepped_place, turn_target
 from gantrysim.engine.drives.part import STEPPER, DrivenAxis, DrivePart
 from gantrysim.engine.native.pointers import axis_log, vector
 
@@ -67,7 +67,7 @@ def _turn_field(data, row, userdata, axis, drive):
         turn_target(row, axis, drive.field, drive.logged > 0)
         amplitude = 0.0 if row.fault != 0 else stepper.amplitude
         if drive.logged == 0:
-            field = stepper.poles * stepped(drive.field.start, stepper)
+            field = stepper.poles * stepped_place(drive.field.start, stepper)
             stepper.phases[0] = amplitude * np.cos(field)
             stepper.phases[1] = amplitude * np.sin(field)
         turn = stepper.poles * speed * row.scale[axis] * row.period / row.substeps

@@ -37,7 +37,7 @@ _thread = threading.local()  # .depth: number of installations by this thread; .
 
 
 @contextmanager
-def installed() -> Iterator[Interrupted]:
+def installed_tick() -> Iterator[Interrupted]:
     """Install the compiled tick in the block, which several threads may share.
 
     Signals that end a command are deferred to the end of the block; what is yielded tells whether one has come.
@@ -47,7 +47,7 @@ def installed() -> Iterator[Interrupted]:
     """
     if getattr(_thread, "law", False):
         raise GantryError("a law in plain Python cannot run a simulation: it is inside one")
-    with _installed(callback(), alone=False) as interrupted:
+    with _installed_callback(callback(), alone=False) as interrupted:
         _thread.depth = getattr(_thread, "depth", 0) + 1
         try:
             yield interrupted
@@ -88,7 +88,7 @@ def installed_law(data: mujoco.MjData, law: PlainLaw) -> Iterator[Interrupted]:
             raised.append(error)
             data.ctrl[:] = 0
 
-    with _installed(_CALLBACK(on_control), alone=True) as interrupted:
+    with _installed_callback(_CALLBACK(on_control), alone=True) as interrupted:
         _thread.law = True
         try:
             yield interrupted
@@ -99,7 +99,7 @@ def installed_law(data: mujoco.MjData, law: PlainLaw) -> Iterator[Interrupted]:
 
 
 @contextmanager
-def _installed(function: Any, *, alone: bool) -> Iterator[Interrupted]:
+def _installed_callback(function: Any, *, alone: bool) -> Iterator[Interrupted]:
     """Install a control callback in the block, as soon as others have finished.
 
     An interrupt that came while the callback is installed or removed would leave MuJoCo without the callback, the clock

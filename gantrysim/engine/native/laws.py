@@ -16,7 +16,7 @@ from gantrysim.engine.native.stages import compiled_stage
 from gantrysim.servo import notch
 from gantrysim.servo.laws.law import BaseLaw
 
-_filtered = part(notch.filtered)
+_filtered = part(notch.filtered_output)
 _COEFFICIENTS = len(notch.Coefficients._fields)
 
 

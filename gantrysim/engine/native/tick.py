@@ -39,7 +39,7 @@ _pid = part(PID.tick)
 
 
 @jit
-def _warned(address):
+def _has_warned(address):
     """Return whether MuJoCo has warned of anything."""
     statistics = numba.carray(whole(address), (2 * WARNINGS,))
     # loops, here and below, as numba takes seconds to compile NumPy's reductions and assignments to slices
@@ -133,7 +133,7 @@ def _check_limits(data, row):
     """Trip where an axis is beyond a limit, or its state is no number or one that MuJoCo has warned of."""
     length = vector(data, row.actuator_length_at)
     velocity = vector(data, row.actuator_velocity_at)
-    lost = _warned(data + row.warning_at)
+    lost = _has_warned(data + row.warning_at)
     for a in range(row.axes):
         position = length[row.output[a]] * row.scale[a]
         speed = velocity[row.output[a]] * row.scale[a]

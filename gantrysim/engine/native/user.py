@@ -42,7 +42,7 @@ class CalledLaw:
         self.raised: list[BaseException] = []
         self._law = law
         self.state = state
-        self._kept: Any = _compiled(law).ctypes if hasattr(law, "py_func") else _CALLED(self.call)
+        self._kept: Any = _compiled_law(law).ctypes if hasattr(law, "py_func") else _CALLED(self.call)
         self.address = ctypes.cast(self._kept, ctypes.c_void_p).value or 0
 
     def call(self, _data: int, userdata: int, _state: int) -> None:
@@ -64,7 +64,7 @@ class CalledLaw:
 
 
 @cache
-def _compiled(law: Any) -> Any:
+def _compiled_law(law: Any) -> Any:
     def call(data, userdata, state):
         row = row_at(userdata)
         n = row.axes

@@ -13,7 +13,7 @@ from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError
 from gantrysim.glue.bead.height_map import HeightMap
 from gantrysim.glue.bead.layers import merging_height
-from gantrysim.glue.bead.trace import BeadTrace, cumulated
+from gantrysim.glue.bead.trace import BeadTrace, cumulated_sums
 from gantrysim.glue.bead.values import BeadValues
 from gantrysim.metrics.analysis import Range
 from gantrysim.metrics.spacing import forward
@@ -215,7 +215,7 @@ class Bead(BeadTrace, Shown):
     def _parts(self) -> Floats:
         """Volume beyond the demand at start, in steady flow and at stop of every stretch, (k, 3) [mm³]."""
         run = self.run
-        excess = cumulated(by_blocks(lambda block: run.flow[block] - run.flow_demand[block], len(self.length) - 1))
+        excess = cumulated_sums(by_blocks(lambda block: run.flow[block] - run.flow_demand[block], len(self.length) - 1))
         excess *= run.period
         last = excess.size - 1
         ticks = []

@@ -104,18 +104,18 @@ def _drops(volume: Floats, ends: list[End], column: Floats, row: Floats, cell: f
     return np.array([[column[end.station], row[end.station], end.radius / cell] for end in alone]).reshape(-1, 3)
 
 
-def stacked(glue: list[Glue], cell: float) -> tuple[Floats, Floats, Floats, Floats]:
+def stacked_layers(glue: list[Glue], cell: float) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the grid that holds all layers, (nx,) and (ny,) [mm], and their heights and shares, (layers, ny, nx)."""
     if len(glue) == 1:
         return glue[0].x, glue[0].y, glue[0].height[None], glue[0].covered[None]
-    x = _joined([layer.x for layer in glue], cell)
-    y = _joined([layer.y for layer in glue], cell)
+    x = _joined_cells([layer.x for layer in glue], cell)
+    y = _joined_cells([layer.y for layer in glue], cell)
     heights = [_on_grid(layer.height, (layer.x, layer.y), (x, y), cell) for layer in glue]
     shares = [_on_grid(layer.covered, (layer.x, layer.y), (x, y), cell) for layer in glue]
     return x, y, np.stack(heights), np.stack(shares)
 
 
-def _joined(places: list[Floats], cell: float) -> Floats:
+def _joined_cells(places: list[Floats], cell: float) -> Floats:
     """Return the middles of the cells that hold several rows of equal cells [mm]."""
     low = min(float(row[0]) for row in places)
     high = max(float(row[-1]) for row in places)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats, extremes
 from gantrysim.base.errors import InputError
 from gantrysim.glue.bead.ends import MOST_CELLS, End, check_cells, round_ends
-from gantrysim.glue.bead.glue import lay_glue, stacked
+from gantrysim.glue.bead.glue import lay_glue, stacked_layers
 from gantrysim.glue.bead.layers import layers_of
 from gantrysim.glue.bead.trace import BeadTrace
 
@@ -83,7 +83,7 @@ class HeightMap:
             inside = layer == number
             round_parts = [end for end in ends if layer[min(end.station, layer.size - 1)] == number]
             glue.append(lay_glue(bead, (x, y), np.where(inside, volume, 0.0), np.where(inside, wet, 0.0), round_parts))
-        x, y, layers, covered = stacked(glue, cell)
+        x, y, layers, covered = stacked_layers(glue, cell)
         return cls(x, y, layers, covered, _contact(bead, cell), max(part.ridge for part in glue), layer)
 
     @cached_property

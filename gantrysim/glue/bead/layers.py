@@ -69,7 +69,7 @@ def layers_of(bead: BeadTrace, wet: NDArray[np.bool_], most: int) -> NDArray[np.
     crossing = int(np.ceil(_CROSSING * width / bead.ds))
     waiting = wet.copy()
     while waiting.any() and number.max() < most:
-        refused = _refused(stations, slope, waiting, (ny, nx), limit / cell, (hold, crossing))
+        refused = _refused_intervals(stations, slope, waiting, (ny, nx), limit / cell, (hold, crossing))
         number[refused] += 1
         waiting = refused
     return number
@@ -120,7 +120,7 @@ class _Piece(NamedTuple):
 
 
 @jit
-def _refused(
+def _refused_intervals(
     stations: tuple[Floats, Floats, Floats, Floats],
     slope: Floats,
     waiting: NDArray[np.bool_],

@@ -349,7 +349,7 @@ class Ploughing:
             for first, after in joints.tolist():
                 needle.counted[first:after] = False
             depth, touched = contacts(needle, sections, cells)
-        passes = _joined(spans(depth > -np.inf), bead.length, run.face)
+        passes = _joined_passes(spans(depth > -np.inf), bead.length, run.face)
         if not len(passes):
             return cls()
         lengths = [bead.length[after - 1] - bead.length[max(first - 1, 0)] for first, after in passes]
@@ -432,7 +432,7 @@ def _joints(bead: BeadTrace, touches: NDArray[np.intp], reach: tuple[float, floa
     return touches[is_joint & ~is_whole]
 
 
-def _joined(passes: NDArray[np.intp], length: Floats, least: float) -> list[tuple[int, int]]:
+def _joined_passes(passes: NDArray[np.intp], length: Floats, least: float) -> list[tuple[int, int]]:
     """Return passes, first tick and the one after the last, joined where less than `least` of motion parts them."""
     joined: list[tuple[int, int]] = []
     for first, after in passes.tolist():

@@ -133,7 +133,7 @@ def rings(
     )
 
 
-def joined(parts: list[Mesh]) -> Mesh:
+def joined_meshes(parts: list[Mesh]) -> Mesh:
     """Return meshes as one, in their order."""
     return Mesh(*(np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS))
 
@@ -207,14 +207,14 @@ class Sweep:
         stops = stops[begun]
         complete = int(np.sum((self._edges[stops] <= laid) & (self._held[stops] <= volume)))
         growing = [self._stretch(k, laid, volume) for k in begun[complete:]]
-        return joined([*self._complete(complete), *growing] or [self._nothing])
+        return joined_meshes([*self._complete(complete), *growing] or [self._nothing])
 
     def _complete(self, count: int) -> list[Mesh]:
         """Return the first stretches as one mesh, if there are any; cached until the next one is complete."""
         if count != self._finished[0]:
             before, mesh = self._finished if self._finished[0] < count else (0, [])
             added = [self._stretch(k, np.inf, np.inf) for k in range(before, count)]
-            self._finished = (count, [joined([*mesh, *added])] if count else [])
+            self._finished = (count, [joined_meshes([*mesh, *added])] if count else [])
         return self._finished[1]
 
     @property
@@ -278,10 +278,10 @@ class Sweep:
             held = min(volume, float(self._held[after])) - float(self._held[first])
             under = np.array([np.interp(middle, place, gap)])
             drop = self.bead_trace.drop(held, under)
-            return joined([self._end(middle, -1.0, drop), self._end(middle, 1.0, drop)])
+            return joined_meshes([self._end(middle, -1.0, drop), self._end(middle, 1.0, drop)])
         between = self._between[number]
         part = slice(*np.searchsorted(between.place, [begin, end], side="right").tolist())
-        return joined([self._end(begin, -1.0), between.part(part), self._end(end, 1.0)])
+        return joined_meshes([self._end(begin, -1.0), between.part(part), self._end(end, 1.0)])
 
     def _end(self, place: float, sign: float, section: Section | None = None) -> Mesh:
         """Return the round end about a place of the trace, at the start (sign -1) or stop (1) of a stretch."""

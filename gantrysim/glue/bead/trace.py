@@ -21,7 +21,7 @@ from gantrysim.record.run import Run, check_run
 # Lengths of the nozzle's trace, and sums along it.
 
 
-def cumulated(values: Floats) -> Floats:
+def cumulated_sums(values: Floats) -> Floats:
     """Return the sums of the first values, of none to all of them, (n + 1,)."""
     sums = np.empty(len(values) + 1)
     sums[0] = 0.0
@@ -63,13 +63,13 @@ def spread(area: Floats, steady: float, width: float, ds: float, *, longest: flo
     limit = steady
     slope = steady / width
     while (excess := np.maximum(area - limit, 0.0)).any() and width < longest:
-        area = np.minimum(area, limit) + _averaged(excess, int(np.ceil(0.5 * width / ds)))
+        area = np.minimum(area, limit) + _averaged_section(excess, int(np.ceil(0.5 * width / ds)))
         width *= 2
         limit = width * slope
     return area
 
 
-def _averaged(values: Floats, reach: int) -> Floats:
+def _averaged_section(values: Floats, reach: int) -> Floats:
     """Moving average over `reach` to both sides, twice; mirrored at the ends, which conserves the sum."""
     for _ in range(2):
         sums = np.concatenate([[0.0], np.cumsum(np.pad(values, reach, mode="reflect"))])
@@ -134,7 +134,7 @@ class BeadTrace:
         self.settings = BeadSettings() if settings is None else settings
         self.gap = run.gap if self.settings.gap is None else self.settings.gap
         self._analysis = analysis
-        self.length: Floats = cumulated(surface_steps(run))
+        self.length: Floats = cumulated_sums(surface_steps(run))
         total = max(float(self.length[-1]), _SHORTEST)
         if stations is None:
             stations = int(np.clip(np.ceil(total / _DISTANCE) + 1, *_STATIONS))
@@ -200,7 +200,7 @@ class BeadTrace:
     @cached_property
     def volume(self) -> Floats:
         """Volume laid up to each tick, (n,) [mm³]."""
-        volume = cumulated(self.run.flow[:-1])
+        volume = cumulated_sums(self.run.flow[:-1])
         volume *= self.run.period
         return volume
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
-from gantrysim.glue.dispenser.syringe import ATMOSPHERE, exchanged
+from gantrysim.glue.dispenser.syringe import ATMOSPHERE, exchanged_pressure
 
 _MOST_PIECES = 40  # time constants after which a lag has settled
 _STEP_OF_AIR = 0.05  # largest step in a syringe, relative to its time constant
@@ -178,10 +178,10 @@ def syringe_volumes(
             constant = air / rate
             before = conductance * _flow(max(pressure - ATMOSPHERE, 0.0), law)
             early = r + (y - r) * fraction
-            pressure = exchanged(pressure, early + ATMOSPHERE, 0.5 * d, constant, ratio)
+            pressure = exchanged_pressure(pressure, early + ATMOSPHERE, 0.5 * d, constant, ratio)
             middle = conductance * _flow(max(pressure - ATMOSPHERE, 0.0), law)
             late = r + (y - r) * fraction**3
-            after = exchanged(pressure, late + ATMOSPHERE, 0.5 * d, constant, ratio)
+            after = exchanged_pressure(pressure, late + ATMOSPHERE, 0.5 * d, constant, ratio)
             used = (before + 4.0 * middle + conductance * _flow(max(after - ATMOSPHERE, 0.0), law)) * d / 6.0
             used = min(used, glue)
             glue -= used

@@ -84,7 +84,7 @@ class Syringe:
 
 
 @jit
-def exchanged(pressure: float, supply: float, duration: float, constant: float, ratio: float) -> float:
+def exchanged_pressure(pressure: float, supply: float, duration: float, constant: float, ratio: float) -> float:
     """Return the pressure of a constant volume of air after a time under a constant supply, all absolute.
 
     Choked, it rises linearly and falls exponentially. Above b the pressure ratio is r = b + (1 - b) sin u, with

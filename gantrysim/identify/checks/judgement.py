@@ -61,7 +61,7 @@ def _verb(finding: Finding) -> str:
     return "is not" if len(finding.values) == 1 else "are not"
 
 
-def judged(fit: AxisFit, period: float) -> Judgement:
+def judged_fit(fit: AxisFit, period: float) -> Judgement:
     """Return the estimates of a fit after its checks, and the failed checks.
 
     Args:

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from gantrysim.base.errors import InputError, unknown
-from gantrysim.base.toml_files import validated
+from gantrysim.base.toml_files import validated_model
 from gantrysim.machine.design.settings import NotNegative, Positive, Table, key
 
 # AC servo motors as their data sheets give them, and the DC motor that is equivalent to one.
@@ -337,8 +337,8 @@ def _motor_in(table: dict[str, Any], label: str) -> Motor:
         foreign = [name for name in table if name in _ONLY_AC]
         if foreign:
             raise InputError(f"{label}: {foreign[0]}: a key of kind = {AC_SERVO!r}, not of kind = {kind!r}")
-        return validated(Motor, table, label)
-    servo = validated(AcServo, table, label)
+        return validated_model(Motor, table, label)
+    servo = validated_model(AcServo, table, label)
     return Motor(
         kind=AC_SERVO,
         voltage=servo.voltage,
@@ -362,4 +362,4 @@ def counts_of(encoder: str | float) -> float:
         return float(encoder)
     if encoder not in _content()["encoders"]:
         raise unknown("encoder", encoder, encoder_names())
-    return validated(Encoder, _content()["encoders"][encoder], f"encoder {encoder}").counts
+    return validated_model(Encoder, _content()["encoders"][encoder], f"encoder {encoder}").counts

@@ -54,7 +54,7 @@ def urdf_mjcf(table: UrdfTable, urdf: Path, root: Element) -> Mjcf:
     Raises:
         InputError: a URDF that MuJoCo rejects, or an axis that does not move the nozzle against its work.
     """
-    bodies, model = _compiled(urdf, root)
+    bodies, model = _compiled_urdf(urdf, root)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     link = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, table.nozzle.link)
@@ -75,7 +75,7 @@ def urdf_mjcf(table: UrdfTable, urdf: Path, root: Element) -> Mjcf:
     return mjcf
 
 
-def _compiled(urdf: Path, root: Element) -> tuple[Element, mujoco.MjModel]:
+def _compiled_urdf(urdf: Path, root: Element) -> tuple[Element, mujoco.MjModel]:
     """Return the bodies of a URDF as MJCF, and their model, all links and the visual geometry among them."""
     prepared = copy.deepcopy(root)
     for link in prepared.findall("link"):

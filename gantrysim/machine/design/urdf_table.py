@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element
 from pydantic import model_validator
 
 from gantrysim.base.errors import InputError
-from gantrysim.base.toml_files import read_text, read_toml, validated
+from gantrysim.base.toml_files import read_text, read_toml, validated_model
 from gantrysim.machine.design.settings import Positive, Table, key
 from gantrysim.machine.design.table import Drive, Guides
 
@@ -116,7 +116,7 @@ def read_urdf_table(file: Path, content: dict[str, Any] | None = None) -> tuple[
             joint that moves and that no axis drives.
     """
     label = f"machine {file}"
-    table = validated(UrdfTable, read_toml(file, label) if content is None else content, label)
+    table = validated_model(UrdfTable, read_toml(file, label) if content is None else content, label)
     urdf = file.parent / table.urdf
     root = read_urdf(urdf)
     try:

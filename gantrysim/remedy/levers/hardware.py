@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gantrysim.machine.design.accuracy import SCREWS
 from gantrysim.remedy.lever import Effort, Lever, Setting, State
-from gantrysim.remedy.levers.numbers import milliseconds, rounded
+from gantrysim.remedy.levers.numbers import milliseconds, rounded_number
 from gantrysim.results.verdict import PATH, STABILITY
 
 _DIVISORS = (2, 4)
@@ -14,7 +14,7 @@ _CLASSES = 2  # finer ones that are tried
 
 def _periods(state: State) -> list[Setting] | str:
     period = state.job.built_servo.period
-    values = [rounded(period / divisor) for divisor in _DIVISORS]
+    values = [rounded_number(period / divisor) for divisor in _DIVISORS]
     return [Setting(milliseconds(value), {"servo.period": value}) for value in values]
 
 
@@ -23,7 +23,7 @@ def _encoders(state: State) -> list[Setting] | str:
     if not any(counts):
         return "the encoders are exact"
     return [
-        Setting(f"counts / {divisor}", {"servo.resolution": [rounded(count / divisor) for count in counts]})
+        Setting(f"counts / {divisor}", {"servo.resolution": [rounded_number(count / divisor) for count in counts]})
         for divisor in _COUNTS
     ]
 

@@ -10,7 +10,7 @@ import math
 
 from gantrysim.job.settings import INTEGRAL_TIME, has_loop_gains
 from gantrysim.remedy.lever import Lever, Setting, State
-from gantrysim.remedy.levers.numbers import factor_text, milliseconds, rounded
+from gantrysim.remedy.levers.numbers import factor_text, milliseconds, rounded_number
 from gantrysim.results.verdict import PATH, STABILITY
 from gantrysim.servo.laws import PD
 from gantrysim.servo.stability.motion import MODES
@@ -27,7 +27,7 @@ def _integral(state: State) -> list[Setting] | str:
     if PD.name in state.job.built_servo.laws.names:
         return "the law pd has no integral term"
     time = float(servo.integral_time)
-    times = [INTEGRAL_TIME] if math.isinf(time) else [rounded(share * time) for share in _SHORTER]
+    times = [INTEGRAL_TIME] if math.isinf(time) else [rounded_number(share * time) for share in _SHORTER]
     return [Setting(milliseconds(value), {"servo.integral_time": value}) for value in times]
 
 
@@ -43,7 +43,9 @@ def _frequency(state: State) -> list[Setting] | str:
     # kp = J w^2, with one frequency for all axes
     axis = state.job.built_machine.axes[0]
     present = math.sqrt(built.gains[0].kp / axis.inertia) / math.tau
-    return [Setting(factor_text(factor), {"servo.frequency": rounded(factor * present)}) for factor in _FREQUENCIES]
+    return [
+        Setting(factor_text(factor), {"servo.frequency": rounded_number(factor * present)}) for factor in _FREQUENCIES
+    ]
 
 
 INTEGRAL = Lever(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gantrysim.remedy.lever import Effort, Lever, Setting, State
-from gantrysim.remedy.levers.numbers import factor_text, rounded
+from gantrysim.remedy.levers.numbers import factor_text, rounded_number
 from gantrysim.results.verdict import GLUE
 
 _GAPS = (0.8, 1.25, 1.5)
@@ -14,7 +14,7 @@ def _settings(state: State) -> list[Setting] | str:
         return "the job lays no bead"
     gap = state.job.bead.gap
     present = state.job.built_machine.gap if gap is None else gap
-    return [Setting(factor_text(factor), {"bead.gap": rounded(factor * present)}) for factor in _GAPS]
+    return [Setting(factor_text(factor), {"bead.gap": rounded_number(factor * present)}) for factor in _GAPS]
 
 
 NEEDLE_HEIGHT = Lever(

@@ -8,7 +8,7 @@ from typing import Any
 _DIGITS = 4
 
 
-def rounded(value: float) -> float:
+def rounded_number(value: float) -> float:
     """Return a number of at most four significant digits, as people type it."""
     return float(f"{value:.{_DIGITS}g}")
 
@@ -33,11 +33,11 @@ def value_of(arguments: Mapping[str, Any], dotted: str) -> Any:
     return value
 
 
-def scaled(value: Any, factor: float) -> Any:
+def scaled_numbers(value: Any, factor: float) -> Any:
     """Return a number, or the numbers of a list, times a factor; None for anything else."""
     if isinstance(value, list | tuple):
-        items = [scaled(item, factor) for item in value]
+        items = [scaled_numbers(item, factor) for item in value]
         return None if None in items else items
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
-    return rounded(float(value) * factor)
+    return rounded_number(float(value) * factor)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 
 from gantrysim.remedy.lever import Effort, Lever, Setting, State
-from gantrysim.remedy.levers.numbers import factor_text, scaled, value_of
+from gantrysim.remedy.levers.numbers import factor_text, scaled_numbers, value_of
 from gantrysim.results.verdict import GLUE, MACHINE, PATH
 
 _RAMPS = (0.25, 0.5, 2.0, 4.0)
 _CORNERS = (0.25, 0.5, 2.0)
 
 
-def _limited(value: object) -> bool:
+def _is_limited(value: object) -> bool:
     """Whether a number, or all of a list, is finite and greater than 0."""
     items = value if isinstance(value, list | tuple) else [value]
     return all(isinstance(item, int | float) and math.isfinite(item) and item > 0 for item in items)
@@ -24,11 +24,13 @@ def _ramps(state: State) -> list[Setting] | str:
         return "the program's text sets the accelerations"
     arguments = controller.arguments()
     values = {name: value_of(arguments, name) for name in controller.ramp_arguments}
-    limits = {name: value for name, value in values.items() if _limited(value)}
+    limits = {name: value for name, value in values.items() if _is_limited(value)}
     if not limits:
         return "the program has no limit of the acceleration"
     return [
-        Setting(factor_text(factor), {f"program.{name}": scaled(value, factor) for name, value in limits.items()})
+        Setting(
+            factor_text(factor), {f"program.{name}": scaled_numbers(value, factor) for name, value in limits.items()}
+        )
         for factor in _RAMPS
     ]
 
@@ -39,9 +41,9 @@ def _corners(state: State) -> list[Setting] | str:
     if name is None:
         return "no key of the controller rounds corners"
     value = value_of(controller.arguments(), name)
-    if not _limited(value):
+    if not _is_limited(value):
         return "the program does not round corners"
-    return [Setting(factor_text(factor), {f"program.{name}": scaled(value, factor)}) for factor in _CORNERS]
+    return [Setting(factor_text(factor), {f"program.{name}": scaled_numbers(value, factor)}) for factor in _CORNERS]
 
 
 ACCELERATION = Lever(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gantrysim.controllers.loop_theory import LoopTheory
 from gantrysim.remedy.lever import Effort, Lever, Setting, State
-from gantrysim.remedy.levers.numbers import milliseconds, rounded
+from gantrysim.remedy.levers.numbers import milliseconds, rounded_number
 from gantrysim.results.verdict import GLUE, PATH
 
 _PERIODS = (2.0, 0.5, 0.2, 0.1, 0.05)  # of the present one
@@ -30,7 +30,7 @@ def _periods(state: State) -> list[Setting] | str:
     period = float(state.job.program["loop_period"])
     if not period:
         return "the program is the continuous limit of its loop"
-    values = [rounded(factor * period) for factor in _PERIODS]
+    values = [rounded_number(factor * period) for factor in _PERIODS]
     return [Setting(milliseconds(value), {"program.loop_period": value}) for value in values]
 
 

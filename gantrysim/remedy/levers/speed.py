@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from gantrysim.base.errors import InputError
 from gantrysim.remedy.lever import Effort, Lever, Setting, State
-from gantrysim.remedy.levers.numbers import factor_text, rounded
+from gantrysim.remedy.levers.numbers import factor_text, rounded_number
 from gantrysim.results.verdict import GLUE, MACHINE, PATH
 from gantrysim.study.speed.study import speed_changes
 
@@ -21,7 +21,7 @@ def _at_factors(factors: tuple[float, ...]) -> Callable[[State], list[Setting] |
             speed = state.job.controller.programmed_speed
         except InputError:
             return "the program states no path speed"
-        changes = {factor: speed_changes(state.job, rounded(factor * speed)) for factor in factors}
+        changes = {factor: speed_changes(state.job, rounded_number(factor * speed)) for factor in factors}
         return [Setting(factor_text(factor), values) for factor, values in changes.items()]
 
     return settings

@@ -5,7 +5,7 @@ from __future__ import annotations
 from gantrysim.base.errors import InputError
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.remedy.lever import Effort, Lever, Setting, State
-from gantrysim.remedy.levers.numbers import factor_text, milliseconds, rounded
+from gantrysim.remedy.levers.numbers import factor_text, milliseconds, rounded_number
 from gantrysim.results.verdict import GLUE
 
 _TICK = 1e-4  # times are set to a tenth of a millisecond [s]
@@ -15,7 +15,7 @@ _FITTED = ("start_lead", "stop_lead", "advance")  # fitted to those times
 
 
 def _ticks(seconds: float) -> float:
-    return rounded(round(max(seconds, 0.0) / _TICK) * _TICK)
+    return rounded_number(round(max(seconds, 0.0) / _TICK) * _TICK)
 
 
 def compensations(dispenser: Dispenser) -> list[float]:
@@ -69,7 +69,8 @@ def _faster(state: State) -> list[Setting] | str:
     times = {name: getattr(dispenser, name) for name in (*_TIMES, *_FITTED)}
     return [
         Setting(
-            factor_text(factor), {f"dispenser.{name}": rounded(factor * time) for name, time in times.items() if time}
+            factor_text(factor),
+            {f"dispenser.{name}": rounded_number(factor * time) for name, time in times.items() if time},
         )
         for factor in _FASTER
     ]

@@ -20,7 +20,7 @@ _INK = (0.99, 0.63, 0.15)
 _MARK = (0.9, 0.9, 0.9)
 
 
-def thinned(time: Floats, value: Floats, points: int = POINTS) -> tuple[Floats, Floats]:
+def thinned_curve(time: Floats, value: Floats, points: int = POINTS) -> tuple[Floats, Floats]:
     """Return at most so many points of a curve, at least 2, with the extreme values of every part of it.
 
     Time is rising, (n,), the values are finite, (n,).
@@ -47,9 +47,11 @@ def lines(time: Floats, value: Floats, points: int = POINTS, most: int = _LINES)
     edges = np.flatnonzero(np.diff(on, prepend=False, append=False))
     parts = list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
     if len(parts) > most:
-        return [thinned(time[on], value[on], points)]
+        return [thinned_curve(time[on], value[on], points)]
     share = min(points / max(int(on.sum()), 1), 1.0)
-    return [thinned(time[begin:end], value[begin:end], max(int(share * (end - begin)), 2)) for begin, end in parts]
+    return [
+        thinned_curve(time[begin:end], value[begin:end], max(int(share * (end - begin)), 2)) for begin, end in parts
+    ]
 
 
 class Chart:

@@ -8,7 +8,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.glue.bead import Bead
-from gantrysim.report.plots.style import COLOURS, COLUMNS, INK, axes_on, thinned
+from gantrysim.report.plots.style import COLOURS, COLUMNS, INK, axes_on, thinned_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,7 +59,7 @@ def draw_bead_along(figure: Figure | SubFigure, bead: Bead, columns: int = COLUM
     """
     turns = bead.analysis.spacing.distance.size > 0
     upper, *lower = figure.subplots(2 if turns else 1, sharex=True, squeeze=False)[:, 0]
-    upper.plot(*thinned(bead.place, bead.width, columns), color=_GLUE, lw=1.2, label="width")
+    upper.plot(*thinned_line(bead.place, bead.width, columns), color=_GLUE, lw=1.2, label="width")
     nominal = float(bead.nominal_section.width[0])
     upper.axhline(nominal, color=INK, lw=1.0, ls="--", label=f"nominal: {nominal:.3f} mm")
     upper.set(ylabel="width [mm]")
@@ -68,7 +68,7 @@ def draw_bead_along(figure: Figure | SubFigure, bead: Bead, columns: int = COLUM
     upper.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
     for axes in lower:
         analysis = bead.analysis
-        s, clearance = thinned(analysis.spacing.s, bead.clearance(), columns)
+        s, clearance = thinned_line(analysis.spacing.s, bead.clearance(), columns)
         on = bead.length[analysis.ticks]
         length = np.interp(s, np.maximum.accumulate(analysis.nozzle.s), on)
         axes.fill_between(length, clearance, 0, where=clearance > 0, color=_GAP, lw=0, alpha=0.6, label="gap")

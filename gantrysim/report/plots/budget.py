@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.metrics.budget import Budget
-from gantrysim.report.plots.style import COLOURS, COLUMNS, INK, UM, axes_on, dashed, thinned
+from gantrysim.report.plots.style import COLOURS, COLUMNS, INK, UM, axes_on, line_style, thinned_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,7 +88,7 @@ def draw_budget_along(figure: Figure | SubFigure, budget: Budget, columns: int =
     whole = panels[0]
     line(whole, budget.contour.lateral, lw=2.4, color=COLOURS["contour"], alpha=0.85, label="contour")
     for name, part in shown.items():
-        line(whole, part.lateral, lw=1.1, color=COLOURS[name], ls=dashed(name), label=name)
+        line(whole, part.lateral, lw=1.1, color=COLOURS[name], ls=line_style(name), label=name)
     for panel, (name, part) in zip(panels[1:], shown.items(), strict=True):
         line(panel, part.lateral, lw=1.0, color=COLOURS[name])
         panel.set_ylabel(name, fontsize=9)
@@ -131,7 +131,7 @@ def _line(axes: Axes, error: Floats, s: Floats, ticks: NDArray[np.intp], columns
     if gaps.size:
         s = np.insert(s, gaps, np.nan)
         error = np.insert(error, gaps, np.nan)
-    x, y = thinned(s, error, columns)
+    x, y = thinned_line(s, error, columns)
     axes.plot(x, UM * y, **style)  # type: ignore[arg-type]
 
 

@@ -10,7 +10,7 @@ from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.columns import by_blocks
 from gantrysim.metrics.analysis import THOUSANDTH, Analysis
 from gantrysim.record.run import Run
-from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, UM, thinned
+from gantrysim.report.plots.style import AXIS_COLOURS, COLOURS, UM, thinned_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +26,7 @@ def draw_error(figure: Figure | SubFigure, analysis: Analysis) -> tuple[Axes, ..
     for panel, unit in zip(upper, kinds, strict=True):
         members = [a for a, axis_unit in enumerate(run.units) if axis_unit == unit]
         for a in members:
-            time, error = thinned(run.time, _following(run, a))
+            time, error = thinned_line(run.time, _following(run, a))
             panel.plot(time, 1e3 * error, color=AXIS_COLOURS[a], lw=0.9, label=run.axes[a])
         _clip(panel, analysis, members, THOUSANDTH[unit])
         panel.set(ylabel=f"following error [{THOUSANDTH[unit]}]")
@@ -35,7 +35,7 @@ def draw_error(figure: Figure | SubFigure, analysis: Analysis) -> tuple[Axes, ..
     for name, foot, style in (("contour", analysis.nozzle, "-"), ("program", analysis.commanded, "--")):
         lateral = np.full(len(run.time), np.nan)
         lateral[on] = foot.lateral
-        time, error = thinned(run.time, lateral)
+        time, error = thinned_line(run.time, lateral)
         lower.plot(time, UM * error, color=COLOURS[name], lw=1.0, ls=style, label=name)
     lower.set(xlabel="time [s]", ylabel="lateral error, positive to the left [µm]")
     lower.set_title("Error normal to the requested path", loc="right")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gantrysim.base.files import replaced
+from gantrysim.base.files import replaced_file
 from gantrysim.glue.bead import Bead
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
@@ -20,7 +20,7 @@ from gantrysim.report.plots.budget import draw_budget_along
 from gantrysim.report.plots.error import draw_error
 from gantrysim.report.plots.plan import draw_plan, plan_extent
 from gantrysim.report.plots.spacing import draw_spacing
-from gantrysim.report.plots.style import COLOURS, COLUMNS, RESOLUTION, common_style, sheet, thinned, view_height
+from gantrysim.report.plots.style import COLOURS, COLUMNS, RESOLUTION, common_style, sheet, thinned_line, view_height
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -82,7 +82,7 @@ class Plot:
 
     def _write(self, figure: Figure, folder: Path) -> Path:
         file = folder / f"{self.name}.png"
-        with replaced(file) as new, common_style():
+        with replaced_file(file) as new, common_style():
             figure.savefig(new, format="png", dpi=self.resolution)
         return file
 
@@ -139,4 +139,4 @@ def _coarsen(figure: Figure, columns: int) -> None:
     for axes in figure.axes:
         for line in axes.get_lines():
             x, y = (np.asarray(values, np.float64) for values in line.get_data())
-            line.set_data(*thinned(x, y, columns))
+            line.set_data(*thinned_line(x, y, columns))

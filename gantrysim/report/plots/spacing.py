@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.spacing import Spacing
-from gantrysim.report.plots.style import INK, add_legend, axes_on, thinned, turn_colours
+from gantrysim.report.plots.style import INK, add_legend, axes_on, thinned_line, turn_colours
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -82,7 +82,7 @@ def _by_turn(spacing: Spacing) -> Iterator[tuple[int, NDArray[np.intp], dict[str
     step = -(-len(present) // _MOST_NAMED)
     columns = max(_MOST_COLUMNS // len(present), _LEAST_COLUMNS)
     for i, ((k, begin, end), colour) in enumerate(zip(present, turn_colours(len(present)), strict=True)):
-        rows, _ = thinned(np.arange(begin, end, dtype=np.float64), distance[begin:end], columns)
+        rows, _ = thinned_line(np.arange(begin, end, dtype=np.float64), distance[begin:end], columns)
         label = f"turn {k + 1} to {k + 2}" if i % step == 0 else "_"  # that is not shown
         style = {"lw": 1.2, "color": colour, "label": label, "rasterized": len(present) > _MOST_LINES}
         yield k, rows.astype(np.intp), style

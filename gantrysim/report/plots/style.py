@@ -111,7 +111,7 @@ def add_legend(on: Figure | SubFigure | Axes, columns: int) -> None:
         on.legend(fontsize="small")
 
 
-def dashed(name: str) -> Any:
+def line_style(name: str) -> Any:
     """Return matplotlib's line style of a name, solid for one without dashes."""
     lengths = DASHES.get(name)
     return "-" if lengths is None else (0, lengths)
@@ -136,7 +136,7 @@ def view_height(wide: float, high: float, width: float) -> float:
     return float(np.clip(0.85 * width * high / max(wide, 1e-9), 0.25 * width, 1.1 * width)) + 1.2
 
 
-def thinned(x: Floats, y: Floats, columns: int = COLUMNS) -> tuple[Floats, Floats]:
+def thinned_line(x: Floats, y: Floats, columns: int = COLUMNS) -> tuple[Floats, Floats]:
     """Thin a line (m,) to the first, lowest, highest and last point of each of many columns; NaN remain as gaps."""
     size = -(-x.size // columns)
     if size <= 4:

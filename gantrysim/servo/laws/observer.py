@@ -10,7 +10,7 @@ import numpy as np
 
 from gantrysim.servo.gains import Parameter
 from gantrysim.servo.laws.law import DEMAND, DISTURBANCE, Law, LawDesign, Timing
-from gantrysim.servo.notch import Coefficients, filtered
+from gantrysim.servo.notch import Coefficients, filtered_output
 from gantrysim.servo.stability.compensator import Compensator
 
 SHARE = 0.5  # of the natural frequency, the observer's cut-off
@@ -47,7 +47,9 @@ def torque_taps(lag: float) -> tuple[int, tuple[float, float, float]]:
     return shift, ((1 - f) ** 2 / 2, 0.5 + f - f**2, f**2 / 2)
 
 
-def observed(acceleration: float, velocity: float, commanded: float, inertia: float, viscous: float) -> float:
+def observed_disturbance(
+    acceleration: float, velocity: float, commanded: float, inertia: float, viscous: float
+) -> float:
     """Return the disturbance torque of one axis before the filter Q [N·m].
 
         d = J ddMPOS/T^2 + b dMPOS/T - u_n
@@ -103,8 +105,8 @@ def observe(row: Any, laws: Any) -> None:
             before = row.tick - 1 - law.observer_shift - k
             if before >= 0:
                 commanded += law.observer_taps[k] * law.observer_demands[before % DEMANDS]
-        raw = observed(acceleration, velocity, commanded, law.observer_inertia, law.observer_viscous)
-        torque, law.observer_first, law.observer_second = filtered(
+        raw = observed_disturbance(acceleration, velocity, commanded, law.observer_inertia, law.observer_viscous)
+        torque, law.observer_first, law.observer_second = filtered_output(
             raw, law.observer_filter, law.observer_first, law.observer_second
         )
         row.feedforward[axis] -= torque

@@ -10,7 +10,7 @@ from gantrysim.servo.laws.law import BaseLaw
 from gantrysim.servo.stability.compensator import Compensator
 
 
-def cascaded(
+def cascaded_torque(
     error: float,
     speed_sum: float,
     demand_velocity: float,
@@ -71,13 +71,13 @@ def without_term(gains: Gains) -> tuple[str, ...]:
 
 def _torque(gains: Gains) -> float:
     """Return the torque to inputs that are all different, so that no two terms cancel."""
-    torque, _ = cascaded(1.0, 0.5, 3.0, 0.125, 0.25, gains, 1.0)
+    torque, _ = cascaded_torque(1.0, 0.5, 3.0, 0.125, 0.25, gains, 1.0)
     return torque
 
 
 def tick(row: Any, axis: int, gains: Gains) -> tuple[float, float]:
     """Return the torque demand and the velocity loop's sum after it, see `BaseLaw.tick`."""
-    return cascaded(
+    return cascaded_torque(
         row.law_error[axis],
         row.integral[axis],
         row.demand_velocity[axis],

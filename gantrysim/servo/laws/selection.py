@@ -13,7 +13,7 @@ from gantrysim.servo.gains import Gains
 from gantrysim.servo.laws import ADDITIONS, BASES, LAW_PARAMETERS, LAWS, LEARNING, PID, BaseLaw, Law, LawValues
 from gantrysim.servo.laws.law import Timing, in_words
 from gantrysim.servo.laws.linear import added_laws, base_law, closed_around, linear_law
-from gantrysim.servo.laws.user import LawName, linearised, resolved
+from gantrysim.servo.laws.user import LawName, linearised_law, resolved_law
 from gantrysim.servo.notch import Coefficients
 from gantrysim.servo.stability.compensator import Compensator
 from gantrysim.servo.stability.motion import Motion
@@ -106,7 +106,7 @@ class Laws:
         """
         if self.user is None:
             return linear_law(self.names, gains[axis], notch, self.values(axis), timing)
-        law = linearised(resolved(self.user), np.array(gains), axis, timing.period)
+        law = linearised_law(resolved_law(self.user), np.array(gains), axis, timing.period)
         return closed_around(law, self.names, self.values(axis), timing)
 
 

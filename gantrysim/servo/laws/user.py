@@ -90,7 +90,7 @@ UserLaw = Callable[[UserTick, Floats, Floats], None]
 LawName = str | UserLaw  # of a law of the ladder, or a law itself
 
 
-def resolved(law: LawName) -> UserLaw:
+def resolved_law(law: LawName) -> UserLaw:
     """Return the function that "module:function" or "path/to/file.py:function" names, or the function itself.
 
     Raises:
@@ -112,7 +112,7 @@ def without_warnings(law: UserLaw) -> UserLaw:
     return law if hasattr(law, "py_func") else np.errstate(all="ignore")(law)
 
 
-def linearised(law: UserLaw, gains: Floats, axis: int, period: float) -> Compensator:
+def linearised_law(law: UserLaw, gains: Floats, axis: int, period: float) -> Compensator:
     """Return a linear law as it answers to the position of one axis, from its response to a kick.
 
     A realisation of the least order that has the law's impulse response (Ho and Kalman, Regelungstechnik 14, 1966).
@@ -128,7 +128,7 @@ def linearised(law: UserLaw, gains: Floats, axis: int, period: float) -> Compens
             24.
     """
     once, twice, late = (
-        _kicked(without_warnings(law), gains, axis, period, size, before)
+        _kicked_torques(without_warnings(law), gains, axis, period, size, before)
         for size, before in ((_KICK, _REST), (2 * _KICK, _REST), (_KICK, 2 * _REST))
     )
     if not all(np.isfinite(response).all() for response in (once, twice, late)):
@@ -156,7 +156,7 @@ def linearised(law: UserLaw, gains: Floats, axis: int, period: float) -> Compens
     return Compensator(A, reach[:, 0], observe[0], float(response[0]))
 
 
-def _kicked(law: UserLaw, gains: Floats, axis: int, period: float, size: float, before: int) -> Floats:
+def _kicked_torques(law: UserLaw, gains: Floats, axis: int, period: float, size: float, before: int) -> Floats:
     """Return the torques of a law at rest to an axis that is off at one tick, (ticks, axes)."""
     ticks = 2 * _ORDER + 16
     n = len(gains)

@@ -46,7 +46,7 @@ def impulses(frequency: float, damping: float, period: float) -> Floats:
     return two
 
 
-def shaped(
+def shaped_setpoints(
     values: Mapping[str, Sequence[float]],
     setpoints: Setpoints,
     weights_of_mode: Callable[[float, float, float], Floats],
@@ -77,21 +77,21 @@ def shaped(
     late = np.maximum(np.arange(len(source)) - delay, 0)
     return replace(
         setpoints,
-        position=_convolved(setpoints.position[source], weights),
+        position=_weighted_sums(setpoints.position[source], weights),
         dispense=setpoints.dispense[source][late],
         gates=moved,
-        torque=None if setpoints.torque is None else _convolved(setpoints.torque[source], weights),
+        torque=None if setpoints.torque is None else _weighted_sums(setpoints.torque[source], weights),
         progress=None if setpoints.progress is None else _shaped_progress(setpoints.progress[source], weights),
     )
 
 
 def _shaped_progress(progress: Floats, weights: Floats) -> Floats:
     """Return a progress filtered as the positions are; rounding of the sums must not make it fall."""
-    filtered: Floats = np.maximum.accumulate(_convolved(progress[:, None], weights)[:, 0])
+    filtered: Floats = np.maximum.accumulate(_weighted_sums(progress[:, None], weights)[:, 0])
     return np.minimum(filtered, progress[-1], out=filtered)
 
 
-def _convolved(values: Floats, weights: Floats) -> Floats:
+def _weighted_sums(values: Floats, weights: Floats) -> Floats:
     """Return the weighted sum of each row and those before it; before the first it is as the first."""
     out = np.zeros_like(values)
     padded = np.pad(values, ((len(weights) - 1, 0), (0, 0)), "edge")
@@ -126,7 +126,7 @@ class Zv(Law):
             raise InputError(f"shaper_damping = {in_words(values['shaper_damping'])}: must be below 1")
 
     def sent(self, values: Mapping[str, Sequence[float]], setpoints: Setpoints) -> Setpoints:
-        return shaped(values, setpoints, impulses)
+        return shaped_setpoints(values, setpoints, impulses)
 
 
 ZV = Zv()

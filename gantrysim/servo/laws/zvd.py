@@ -8,7 +8,7 @@ import numpy as np
 
 from gantrysim.base.arrays import Floats
 from gantrysim.record.setpoints import Setpoints
-from gantrysim.servo.laws.zv import Zv, impulses, shaped
+from gantrysim.servo.laws.zv import Zv, impulses, shaped_setpoints
 
 
 def three_impulses(frequency: float, damping: float, period: float) -> Floats:
@@ -25,7 +25,7 @@ class Zvd(Zv):
     excludes = ("zv",)
 
     def sent(self, values: Mapping[str, Sequence[float]], setpoints: Setpoints) -> Setpoints:
-        return shaped(values, setpoints, three_impulses)
+        return shaped_setpoints(values, setpoints, three_impulses)
 
 
 ZVD = Zvd()

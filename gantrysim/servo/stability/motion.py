@@ -121,7 +121,7 @@ class Motion:
         free = np.setdiff1d(np.arange(len(self.A)), fixed)
         A = self.A[np.ix_(free, free)]
         C = self.C[[axis]][:, free]
-        (states,) = (group for group in _coupled(A) if np.any(C[:, group]))
+        (states,) = (group for group in _coupled_groups(A) if np.any(C[:, group]))
         L = None if self.L is None else self.L[[axis]][:, free][:, states]
         numbers = free[states].tolist()  # of the remaining states in this motion
         currents = tuple(
@@ -180,7 +180,7 @@ class Motion:
 
     def groups(self) -> list[tuple[list[int], list[int]]]:
         """Return the groups of axes that move each other: states and axes of each."""
-        groups = _coupled(self.A)
+        groups = _coupled_groups(self.A)
         for first, second in zip(*np.nonzero(np.triu(self._coupled_by_inertia(), 1)), strict=True):
             moved = set(np.flatnonzero(self.C[[first, second]].any(axis=0)).tolist())
             joined = sorted(state for group in groups if moved & set(group) for state in group)
@@ -226,14 +226,14 @@ class Motion:
         """Return the motion of one of the groups, see `sampled`."""
         A = self.A[np.ix_(states, states)]
         B = self.B[np.ix_(states, axes)]
-        _, G1 = _held(A, B, period - delay)
-        F, G = _held(A, B, period)
+        _, G1 = _held_effect(A, B, period - delay)
+        F, G = _held_effect(A, B, period)
         if not (np.isfinite(F).all() and np.isfinite(G).all()):
             raise InputError(f"the machine's motion over a period of {period:g} s has no finite numbers")
         return LinearSystem(tuple(axes), F, G - G1, G1, self.C[np.ix_(axes, states)])
 
 
-def _held(A: Floats, B: Floats, time: float) -> tuple[Floats, Floats]:
+def _held_effect(A: Floats, B: Floats, time: float) -> tuple[Floats, Floats]:
     """Return the effect of the state and of a constant input on the state after a time."""
     n, m = B.shape
     joint = np.zeros((n + m, n + m))
@@ -253,7 +253,7 @@ def _exponential(matrix: bytes, size: int) -> Floats:
     return exponential
 
 
-def _coupled(A: Floats) -> list[list[int]]:
+def _coupled_groups(A: Floats) -> list[list[int]]:
     """Return the states in groups that have no effect on each other."""
     size = np.abs(A)
     linked = size > _NO_EFFECT * size.max(axis=1, keepdims=True)

@@ -17,7 +17,7 @@ from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.record.run import Run
 from gantrysim.servo.laws import LEARNING, PD
-from gantrysim.study.cases import OK, Case, Row, judged, simulated, values_row, verdict_row
+from gantrysim.study.cases import OK, Case, Row, judged_row, simulated, values_row, verdict_row
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Rounds, Study
 
@@ -108,7 +108,7 @@ def laws_row(case: Case) -> Row:
             row["sensitivity"] = _number(max(margins.sensitivity for margins in job.margins))
         return {**row, **values_row(run, job.bead), **verdict_row(case, run)}
 
-    return judged(lambda: simulated(case), values)
+    return judged_row(lambda: simulated(case), values)
 
 
 def _linear(run: Run) -> list[int]:

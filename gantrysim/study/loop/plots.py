@@ -235,7 +235,7 @@ def _points(values: tuple[float, ...]) -> Floats:
     return np.geomspace(positive[0], positive[-1], _LINE)
 
 
-def _predicted(study: LoopStudy, key: str, values: Floats, base: Mapping[str, Any]) -> dict[str, Floats]:
+def _predicted_errors(study: LoopStudy, key: str, values: Floats, base: Mapping[str, Any]) -> dict[str, Floats]:
     """Return the predicted errors over an argument of the program, nan where it is refused, each (m,) [µm]."""
     predictions = []
     for value in values.tolist():
@@ -256,8 +256,8 @@ def _program_errors(
     """Draw the errors over a setting of the program; return its values and the predictions, loop alone and limited."""
     amber = COLOURS["program"]
     swept = _points(values)
-    alone = _predicted(study, panels.sweep, swept, theory.alone)
-    limited = _predicted(study, panels.sweep, swept, {})
+    alone = _predicted_errors(study, panels.sweep, swept, theory.alone)
+    limited = _predicted_errors(study, panels.sweep, swept, {})
     panels.points(panels.errors, "contour_rms_um", AS_IT_IS, INK, "contour, as it is")
     panels.points(panels.errors, "contour_rms_um", LOOP_ALONE, INK, "contour, loop alone")
     panels.points(panels.errors, "program_rms_um", PERFECT, amber, "program, loop alone")

@@ -20,7 +20,7 @@ from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Line
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
-from gantrysim.study.cases import OK, Case, Row, judged, verdict_row
+from gantrysim.study.cases import OK, Case, Row, judged_row, verdict_row
 from gantrysim.study.runner import Measure
 from gantrysim.study.study import Rounds, Study
 
@@ -182,10 +182,10 @@ def measure_repeat(case: Case, places: Sequence[float]) -> Row:
         case: a `RepeatCase`.
         places: on the requested path by arc length [mm].
     """
-    return judged(partial(_repeated, case), lambda run: {**_row(run, places), **verdict_row(case, run)})
+    return judged_row(partial(_repeated_run, case), lambda run: {**_row(run, places), **verdict_row(case, run)})
 
 
-def _repeated(case: Case) -> Run:
+def _repeated_run(case: Case) -> Run:
     assert isinstance(case, RepeatCase)
     job = case.job()
     machine = job.built_machine

@@ -120,25 +120,25 @@ def next_speeds(tried: dict[float, bool], programmed_speed: float, resolution: f
         resolution: relative width of the bracket.
     """
     if not tried:
-        return _rounded(programmed_speed * np.geomspace(2.0**-_OCTAVES, 2.0**_OCTAVES, _SWEEP))
+        return _rounded_speeds(programmed_speed * np.geomspace(2.0**-_OCTAVES, 2.0**_OCTAVES, _SWEEP))
     result = answer(tried)
     speeds = sorted(tried)
     furthest = 2.0 ** (_OCTAVES + _FURTHER) * (1 - 1e-3)
     if result.fastest is None:
         if speeds[0] * furthest <= programmed_speed:
             return []
-        return _rounded(np.array([0.5, math.sqrt(0.5)]) * speeds[0])
+        return _rounded_speeds(np.array([0.5, math.sqrt(0.5)]) * speeds[0])
     if result.above is None:
         if speeds[-1] >= programmed_speed * furthest:
             return []
-        return _rounded(np.array([math.sqrt(2.0), 2.0]) * speeds[-1])
+        return _rounded_speeds(np.array([math.sqrt(2.0), 2.0]) * speeds[-1])
     if result.above <= result.fastest * (1 + resolution):
         return []
-    inside = _rounded(np.geomspace(result.fastest, result.above, _INSIDE + 2)[1:-1])
+    inside = _rounded_speeds(np.geomspace(result.fastest, result.above, _INSIDE + 2)[1:-1])
     return [speed for speed in inside if speed not in tried]
 
 
-def _rounded(speeds: Floats) -> list[float]:
+def _rounded_speeds(speeds: Floats) -> list[float]:
     """Return speeds of few digits, each once."""
     return sorted({_few_digits(speed) for speed in speeds.tolist()})
 

@@ -27,7 +27,7 @@ from gantrysim.record.run import Run
 from gantrysim.results.quantities import TORQUE_RIPPLE_PERCENT
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.servo import Servo
-from gantrysim.study.cases import OK, Case, Row, Value, judged
+from gantrysim.study.cases import OK, Case, Row, Value, judged_row
 from gantrysim.study.tuning.candidates import TrialResult
 
 _STATISTICS = (RMS, P95, MAX)
@@ -80,7 +80,7 @@ def measure_together(cases: Sequence[Case], metric: str = "contour_rms") -> list
     for first in range(0, len(cases), _TOGETHER):
         lot = cases[first : first + _TOGETHER]
         try:
-            rows += [_row(run, case, metric) for run, case in zip(_simulated(lot), lot, strict=True)]
+            rows += [_row(run, case, metric) for run, case in zip(_simulated_runs(lot), lot, strict=True)]
         except InputError:  # one of them is refused
             rows += [_measure(case, metric) for case in lot]
     return rows
@@ -88,9 +88,9 @@ def measure_together(cases: Sequence[Case], metric: str = "contour_rms") -> list
 
 def _measure(case: Case, metric: str) -> Row:
     try:
-        (run,) = _simulated([case])
+        (run,) = _simulated_runs([case])
     except InputError:
-        return judged(lambda: _simulated([case])[0], lambda run: {})  # refused again; its row has the reason
+        return judged_row(lambda: _simulated_runs([case])[0], lambda run: {})  # refused again; its row has the reason
     return _row(run, case, metric)
 
 
@@ -99,7 +99,7 @@ def _base(case: Case) -> Job:
     return replace(case, overrides=()).job()
 
 
-def _simulated(cases: Sequence[Case]) -> list[Run]:
+def _simulated_runs(cases: Sequence[Case]) -> list[Run]:
     jobs = [_base(case) for case in cases]
     return simulate_batch(
         [_machine(case) for case in cases],
@@ -114,11 +114,11 @@ def _simulated(cases: Sequence[Case]) -> list[Run]:
 
 def _machine(case: Case) -> Machine:
     machine = _base(case).built_machine
-    return machine if case.perturbation is None else _perturbed(machine, case.perturbation)
+    return machine if case.perturbation is None else _perturbed_machine(machine, case.perturbation)
 
 
 @lru_cache(maxsize=64)
-def _perturbed(machine: Machine, perturbation: Perturbation) -> Machine:
+def _perturbed_machine(machine: Machine, perturbation: Perturbation) -> Machine:
     return machine.perturbed(perturbation)
 
 
@@ -134,7 +134,7 @@ def _servo(case: Case) -> Servo:
 
 
 def _row(run: Run, case: Case, metric: str) -> Row:
-    row = judged(lambda: run, lambda run: _values(run, _base(case), metric))
+    row = judged_row(lambda: run, lambda run: _values(run, _base(case), metric))
     time: Row = {} if run.fault is None else {_FAULT_TIME: run.fault.time}
     servo = _servo(case)
     gains: Row = {}

@@ -18,7 +18,7 @@ from gantrysim.compare.runs.runs_page import bars_size, budgets_table, checks_ta
 from gantrysim.metrics.budget import Budget
 from gantrysim.metrics.error_quantities import CONTOUR
 from gantrysim.report import Column, Table
-from gantrysim.report.sections import drawn
+from gantrysim.report.sections import drawn_plot
 from gantrysim.results.quantities import TORQUE_RIPPLE_PERCENT
 from gantrysim.results.verdict import Verdict
 from gantrysim.servo.gains import GAIN_NAMES
@@ -57,8 +57,9 @@ def answer(study: TuningStudy, rows: Sequence[Row]) -> str:
     history = study.history(rows)
     name = f"{METRICS[study.metric]}, {machines(study)}"
     if history.best is history.start:
-        return f"No better gains found: {name}, stays at {rated(study, history.start)}{_verdict(study, history)}."
-    change = f"{name}, is {rated(study, history.best)} instead of {rated(study, history.start)}"
+        rate = rated_candidate(study, history.start)
+        return f"No better gains found: {name}, stays at {rate}{_verdict(study, history)}."
+    change = f"{name}, is {rated_candidate(study, history.best)} instead of {rated_candidate(study, history.start)}"
     if history.best.order(0.01 * study.ripple)[0] != _FEASIBLE:
         return f"No gains within the limits of the search found: with the best of the others the {change}."
     return f"Run with --servo {TUNED}: the {change}{_verdict(study, history)}."
@@ -69,7 +70,7 @@ def machines(study: TuningStudy) -> str:
     return f"worst of {study.robust + 1} machines" if study.robust else "job's machine"
 
 
-def rated(study: TuningStudy, candidate: Candidate) -> str:
+def rated_candidate(study: TuningStudy, candidate: Candidate) -> str:
     """Return the metric of a candidate, with the constraint that it misses."""
     rank = candidate.order(0.01 * study.ripple)[0]
     return micrometres(candidate.metric) + (f" ({RANKS[rank]})" if rank in (2, 3) else "")
@@ -166,7 +167,7 @@ def _comparison_plots(comparison: ComparedRuns | None) -> list[Plot]:
             "Error along the path",
             "The nozzle's error normal to the requested path, positive to its left, and its parts, of start and tuned "
             "servo over one another on the job's own machine; below, their verdicts check by check.",
-            drawn(draw_overlaid_errors, comparison, *errors_size(comparison))(),
+            drawn_plot(draw_overlaid_errors, comparison, *errors_size(comparison))(),
             tables=[] if checks is None else [checks],
             viewer=OverlayData(comparison).text(),
         ),
@@ -175,7 +176,7 @@ def _comparison_plots(comparison: ComparedRuns | None) -> list[Plot]:
             "Error budget",
             "Parts of the error normal to the requested path by link of the chain, on the job's own machine. "
             "Tuning changes the servo part; it cannot mend the program, the encoder or a soft structure.",
-            drawn(draw_compared_budgets, comparison, *bars_size(bars))(),
+            drawn_plot(draw_compared_budgets, comparison, *bars_size(bars))(),
             tables=[budgets_table(comparison)],
         ),
     ]

@@ -15,7 +15,7 @@ import pytest
 from gantrysim import simulate
 from gantrysim.base import signals
 from gantrysim.engine.native import hook
-from gantrysim.engine.native.hook import installed, installed_law
+from gantrysim.engine.native.hook import installed_law, installed_tick
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.machine.row import ROW_NUMBERS
@@ -55,7 +55,7 @@ class Interrupted:
 
 
 def shared(machine):
-    return lambda: installed()
+    return lambda: installed_tick()
 
 
 def alone(machine):
@@ -133,7 +133,7 @@ def test_an_interrupt_at_any_bytecode_of_enter_and_exit_leaves_all_as_it_was(mac
         entered, leave = threading.Event(), threading.Event()
 
         def hold():
-            with installed():
+            with installed_tick():
                 entered.set()
                 leave.wait(PATIENCE)
 
@@ -156,7 +156,7 @@ def test_an_interrupt_in_the_block_comes_at_its_end(machine, before):
     reached = []
 
     def body():
-        with installed() as interrupted:
+        with installed_tick() as interrupted:
             assert not interrupted()
             signal.raise_signal(signal.SIGINT)
             assert interrupted()
@@ -218,13 +218,13 @@ def test_a_run_goes_on_after_a_handler_that_returns(machine, before):
 def test_a_users_own_handler_sees_the_interrupt_and_may_go_on(machine, before):
     seen = []
     signal.signal(signal.SIGINT, lambda number, frame: seen.append(number))
-    with installed():
+    with installed_tick():
         signal.raise_signal(signal.SIGINT)
     assert seen == [signal.SIGINT]
     points = 0
     while True:
         interrupt = Interrupted(points)
-        with interrupt, installed():
+        with interrupt, installed_tick():
             assert mujoco.get_mjcb_control() is not None
         if interrupt.seen <= points:
             break
@@ -280,14 +280,14 @@ def test_a_law_waits_for_those_that_are_there_and_they_for_it(machine, before):
             order.append("law ends")
 
     def tick():
-        with installed():
+        with installed_tick():
             first.set()
             thread = threading.Thread(target=law)
             thread.start()
             time.sleep(0.1)
             order.append("tick ends")
         second.wait(PATIENCE)
-        with installed():
+        with installed_tick():
             order.append("next")
         thread.join()
         return order
@@ -343,7 +343,7 @@ def test_a_tick_that_is_left_installed_does_not_act_on_other_models(machine):
         model = mujoco.MjModel.from_xml_string(xml.replace("NUMBERS", str(numbers)))
         states = []
         given = chance.normal(size=numbers)
-        for hook_of in (nullcontext, installed):
+        for hook_of in (nullcontext, installed_tick):
             data = mujoco.MjData(model)
             data.userdata[:] = given
             data.ctrl[0] = 5.0

@@ -15,7 +15,7 @@ import gantrysim
 from gantrysim import Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.engine.native.callback import magic
-from gantrysim.engine.native.hook import installed
+from gantrysim.engine.native.hook import installed_tick
 from gantrysim.machine import layout
 from gantrysim.machine.row import ROW
 
@@ -55,7 +55,7 @@ def swing(model, steps=500):
 def test_other_models_are_unaffected_while_the_callback_is_installed(nuserdata):
     model = pendulum(nuserdata)
     alone = swing(model)
-    with installed():
+    with installed_tick():
         beside = swing(model)
     for expected, found in zip(alone, beside, strict=True):
         np.testing.assert_array_equal(found, expected)
@@ -89,8 +89,8 @@ def spent(model, steps=100):
 
 def test_mujocos_timers_stand_still_during_a_run_alone():
     model = pendulum(0)
-    with installed():
-        with installed():
+    with installed_tick():
+        with installed_tick():
             pass
         assert spent(model) == (0.0, 100)
     duration, number = spent(model)
@@ -102,7 +102,7 @@ def test_a_users_own_clock_of_mujocos_timers_goes_on_in_a_run():
     mujoco.set_mjcb_time(lambda: float(next(now)))
     try:
         own = mujoco.get_mjcb_time()
-        with installed():
+        with installed_tick():
             assert spent(pendulum(0))[0] >= 100
         assert mujoco.get_mjcb_time() is own
     finally:

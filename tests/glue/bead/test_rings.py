@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from gantrysim.glue.bead.sweep import SIDES, faces, joined, rings
+from gantrysim.glue.bead.sweep import SIDES, faces, joined_meshes, rings
 
 ANGLE = math.radians(60.0)
 
@@ -48,7 +48,7 @@ def test_the_floor_of_a_groove_lies_below_its_rims():
 
 @pytest.mark.parametrize("factor", [1.0, 1.5, 0.5])
 def test_a_widened_bead_is_so_many_times_as_wide_and_as_high_as_it_is(factor):
-    mesh = joined([ring(), ring(point=(-5.0, 4.0, 1.0), heading=1.0)])
+    mesh = joined_meshes([ring(), ring(point=(-5.0, 4.0, 1.0), heading=1.0)])
     wide = mesh.widened(factor).astype(float)
     centre = mesh.centre.astype(float).repeat(SIDES + 1, axis=0)
     assert wide[:, :2] - centre[:, :2] == pytest.approx(factor * (mesh.vertices[:, :2] - centre[:, :2]), abs=1e-7)
@@ -56,7 +56,7 @@ def test_a_widened_bead_is_so_many_times_as_wide_and_as_high_as_it_is(factor):
 
 
 def test_parts_padding_and_joins_keep_rings_whole():
-    mesh = joined([ring(point=(k, 0.0, 0.0)) for k in range(4)])
+    mesh = joined_meshes([ring(point=(k, 0.0, 0.0)) for k in range(4)])
     assert mesh.centre[:, 0].tolist() == pytest.approx([0, 1e-3, 2e-3, 3e-3])
     part = mesh.part(slice(1, 3))
     assert np.array_equal(part.vertices, mesh.vertices[SIDES + 1 : 3 * (SIDES + 1)])

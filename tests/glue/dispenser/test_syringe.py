@@ -11,7 +11,7 @@ from scipy.integrate import quad
 
 from gantrysim import InputError, Job, Needle
 from gantrysim.glue.dispenser.dispenser import Dispenser
-from gantrysim.glue.dispenser.syringe import ATMOSPHERE, Syringe, exchanged
+from gantrysim.glue.dispenser.syringe import ATMOSPHERE, Syringe, exchanged_pressure
 
 PERIOD = 1e-3
 EXACT = 1e-9  # relative, of the air's pressure against closed forms
@@ -53,26 +53,28 @@ def test_air_flows_by_iso_6358(pressure, supply, ratio, share):
     choked = ratio * supply if supply > pressure else supply / ratio if ratio > 0 else math.inf
     points = [choked] if min(pressure, goal) < choked < max(pressure, goal) else None
     time = quad(per_pressure, pressure, goal, points=points, epsabs=1e-12, epsrel=1e-11, limit=200)[0]
-    found = exchanged(pressure, supply, 0.03 * time, 0.03, ratio)
+    found = exchanged_pressure(pressure, supply, 0.03 * time, 0.03, ratio)
     assert found == pytest.approx(goal, rel=AIR)
 
 
 @settings(deadline=None)
 @given(pressures, pressures, ratios, st.floats(0.0, 3.0), st.floats(0.0, 1.0))
 def test_two_times_in_a_row_are_one(pressure, supply, ratio, time, share):
-    halfway = exchanged(pressure, supply, share * time, 1.0, ratio)
-    both = exchanged(halfway, supply, (1 - share) * time, 1.0, ratio)
-    assert both == pytest.approx(exchanged(pressure, supply, time, 1.0, ratio), rel=AIR)
+    halfway = exchanged_pressure(pressure, supply, share * time, 1.0, ratio)
+    both = exchanged_pressure(halfway, supply, (1 - share) * time, 1.0, ratio)
+    assert both == pytest.approx(exchanged_pressure(pressure, supply, time, 1.0, ratio), rel=AIR)
     assert min(pressure, supply) * (1 - EXACT) <= both <= max(pressure, supply) * (1 + EXACT)
 
 
 def test_choked_air_rises_linearly_and_falls_exponentially_and_settles_in_a_finite_time():
-    assert exchanged(100.0, 1000.0, 0.2, 2.0, 0.5) == pytest.approx(200.0, rel=EXACT)
-    assert exchanged(1000.0, 100.0, 1.0, 2.0, 0.5) == pytest.approx(1000.0 * math.exp(-0.5), rel=EXACT)
+    assert exchanged_pressure(100.0, 1000.0, 0.2, 2.0, 0.5) == pytest.approx(200.0, rel=EXACT)
+    assert exchanged_pressure(1000.0, 100.0, 1.0, 2.0, 0.5) == pytest.approx(1000.0 * math.exp(-0.5), rel=EXACT)
     # from the critical ratio b on, r = b + (1 - b) sin(t / ((1 - b) T))
-    assert exchanged(500.0, 1000.0, 0.4, 2.0, 0.5) == pytest.approx(1000 * (0.5 + 0.5 * math.sin(0.4)), rel=EXACT)
-    assert exchanged(500.0, 1000.0, 0.5 * math.pi, 2.0, 0.5) == 1000.0
-    assert exchanged(500.0, 500.0, 1.0, 2.0, 0.5) == 500.0
+    assert exchanged_pressure(500.0, 1000.0, 0.4, 2.0, 0.5) == pytest.approx(
+        1000 * (0.5 + 0.5 * math.sin(0.4)), rel=EXACT
+    )
+    assert exchanged_pressure(500.0, 1000.0, 0.5 * math.pi, 2.0, 0.5) == 1000.0
+    assert exchanged_pressure(500.0, 500.0, 1.0, 2.0, 0.5) == 500.0
 
 
 def test_the_default_conductance_is_that_of_its_hose():

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gantrysim import InputError
-from gantrysim.base.toml_files import validated
+from gantrysim.base.toml_files import validated_model
 from gantrysim.machine.design.library import Motor, Winding, largest_torque, motor_names, motor_of
 
 CONTENT = tomllib.loads((files("gantrysim.machine.design") / "library.toml").read_text(encoding="utf-8"))
@@ -54,7 +54,7 @@ def test_the_re_25_s_remembered_no_load_speed_contradicts_its_other_values():
     assert motor_of("maxon-re25-24").computed["no_load_speed"] == pytest.approx(9759, abs=1)
     data = {**CONTENT["motors"]["maxon-re25-24"], "no_load_speed": 9550.0}
     with pytest.raises(InputError, match=r"no_load_speed = 9550 rpm: voltage, .* give 9759 rpm; correct one"):
-        validated(Motor, data, "motor")
+        validated_model(Motor, data, "motor")
 
 
 @pytest.mark.parametrize("name", STEPPERS)

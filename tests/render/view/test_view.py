@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from gantrysim.base.errors import InputError
 from gantrysim.record.run_file import Fault
 from gantrysim.render.strip import round_step
-from gantrysim.render.view.chart import Chart, lines, thinned
+from gantrysim.render.view.chart import Chart, lines, thinned_curve
 from gantrysim.render.view.clock import FASTEST, SLOWEST, Clock, Pace
 from gantrysim.render.view.texts import LIVE_KEYS, REPLAY_KEYS, ViewState, moment_texts, plain
 
@@ -156,7 +156,7 @@ curves = st.integers(0, 2**32 - 1).map(lambda seed: np.random.default_rng(seed).
 @given(curves, st.integers(2, 1000))
 def test_thinned_curve_keeps_points_order_and_every_peak(value, points):
     time = np.arange(len(value)) * 1e-3
-    t, v = thinned(time, value, points)
+    t, v = thinned_curve(time, value, points)
     assert len(t) <= points
     assert (np.diff(t) > 0).all()
     assert np.array_equal(v, value[np.searchsorted(time, t)])
@@ -170,7 +170,7 @@ def test_thinned_curve_keeps_points_order_and_every_peak(value, points):
 
 
 def test_short_curve_is_left_as_it_is():
-    t, v = thinned(np.arange(1000.0), np.arange(1000.0), 1000)
+    t, v = thinned_curve(np.arange(1000.0), np.arange(1000.0), 1000)
     assert len(t) == 1000
     assert np.array_equal(t, v)
 

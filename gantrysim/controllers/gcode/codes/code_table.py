@@ -70,11 +70,11 @@ def motion(moved_by: str = "", straight: bool = False, dialects: Dialects = ALL,
 
     def add(handler: Handler) -> Handler:
         letters = f"XYZ@^{moved_by}"
-        name, meaning = _described(handler)
+        name, meaning = _described_code(handler)
         code = Code(
             name, Kind.MOTION, meaning, handler, "motion", moved_by=letters, straight=straight, is_cycle=is_cycle
         )
-        return _added(dialects, code)
+        return _added_code(dialects, code)
 
     return add
 
@@ -83,8 +83,8 @@ def setting(group: str, dialects: Dialects = ALL) -> Decorator:
     """Add a code that sets a mode."""
 
     def add(handler: Handler) -> Handler:
-        name, meaning = _described(handler)
-        return _added(dialects, Code(name, Kind.SETTING, meaning, handler, group))
+        name, meaning = _described_code(handler)
+        return _added_code(dialects, Code(name, Kind.SETTING, meaning, handler, group))
 
     return add
 
@@ -93,8 +93,8 @@ def action(dialects: Dialects = ALL, shares_words: bool = False) -> Decorator:
     """Add a code that is carried out once, with the words of its block."""
 
     def add(handler: Handler) -> Handler:
-        name, meaning = _described(handler)
-        return _added(dialects, Code(name, Kind.ACTION, meaning, handler, shares_words=shares_words))
+        name, meaning = _described_code(handler)
+        return _added_code(dialects, Code(name, Kind.ACTION, meaning, handler, shares_words=shares_words))
 
     return add
 
@@ -103,8 +103,8 @@ def auxiliary(dialects: Dialects = ALL) -> Decorator:
     """Add an M code."""
 
     def add(handler: Handler) -> Handler:
-        name, meaning = _described(handler)
-        return _added(dialects, Code(name, Kind.AUXILIARY, meaning, handler))
+        name, meaning = _described_code(handler)
+        return _added_code(dialects, Code(name, Kind.AUXILIARY, meaning, handler))
 
     return add
 
@@ -113,8 +113,8 @@ def command(dialects: Dialects = (SLICER,)) -> Decorator:
     """Add a command of printers' firmware."""
 
     def add(handler: Handler) -> Handler:
-        name, meaning = _described(handler)
-        return _added(dialects, Code(name, Kind.COMMAND, meaning, handler))
+        name, meaning = _described_code(handler)
+        return _added_code(dialects, Code(name, Kind.COMMAND, meaning, handler))
 
     return add
 
@@ -129,15 +129,15 @@ def without_effect(dialects: Dialects = ALL, takes: str = "", names: Iterable[st
     """
 
     def add(handler: Handler) -> Handler:
-        function_name, meaning = _described(handler)
+        function_name, meaning = _described_code(handler)
         for name in names or (function_name,):
-            _added(dialects, Code(name, _kind(name), meaning, None, takes=takes))
+            _added_code(dialects, Code(name, _kind(name), meaning, None, takes=takes))
         return handler
 
     return add
 
 
-def refused(subject: str, advice: str = "", dialects: Dialects = ALL, names: Iterable[str] = ()) -> Decorator:
+def refused_code(subject: str, advice: str = "", dialects: Dialects = ALL, names: Iterable[str] = ()) -> Decorator:
     """Add a code that is refused; the function is not called.
 
     Args:
@@ -154,15 +154,15 @@ def refused(subject: str, advice: str = "", dialects: Dialects = ALL, names: Ite
         return refuse
 
     def add(handler: Handler) -> Handler:
-        function_name, meaning = _described(handler)
+        function_name, meaning = _described_code(handler)
         for name in names or (function_name,):
-            _added(dialects, Code(name, _kind(name), meaning, refusal(name)))
+            _added_code(dialects, Code(name, _kind(name), meaning, refusal(name)))
         return handler
 
     return add
 
 
-def _described(handler: Handler) -> tuple[str, str]:
+def _described_code(handler: Handler) -> tuple[str, str]:
     """The name in a program, and the meaning, of a function."""
     match = _NAME.fullmatch(handler.__name__)
     meaning = (handler.__doc__ or "").partition("\n")[0]
@@ -178,7 +178,7 @@ def _kind(name: str) -> Kind:
     return Kind.AUXILIARY if name.startswith("M") else Kind.SETTING
 
 
-def _added(dialects: Dialects, code: Code) -> Handler:
+def _added_code(dialects: Dialects, code: Code) -> Handler:
     for dialect in dialects:
         table = CODES[dialect.name]
         assert code.name not in table, f"{dialect.name} has two functions for {code.name}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gantrysim.base.errors import InputError
-from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, SLICER, refused, setting
+from gantrysim.controllers.gcode.codes.code_table import LINUXCNC, SLICER, refused_code, setting
 from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 
 _GROUP = "cutter compensation"
@@ -68,6 +68,6 @@ def _begin(state: ProgramState, diameter: float) -> None:
     state.compensation.begin(0.5 * diameter, state.modes.plane)
 
 
-@refused(_SUBJECT, _PROGRAM_THE_PATH, _SLICER, names=("G41", "G41.1", "G42", "G42.1"))
+@refused_code(_SUBJECT, _PROGRAM_THE_PATH, _SLICER, names=("G41", "G41.1", "G42", "G42.1"))
 def printers_compensation(state: ProgramState, block: WordBlock) -> None:
     """Cutter compensation, which printers do not have."""

@@ -296,7 +296,7 @@ class Execution:
 
     def assign(self, element: Element, name: str, value: Value) -> None:
         """Assign a property."""
-        short, checked = properties.checked(element, name, value)
+        short, checked = properties.checked_property(element, name, value)
         element.properties[short] = checked
         is_effective = element.kind == "group" and short in properties.EFFECTIVE
         if not is_effective and (element.kind, short) != ("system", "vord"):

@@ -29,7 +29,7 @@ from gantrysim.controllers.softmc.basic.values import (
     Variable,
     builtin,
     compare,
-    converted,
+    converted_value,
     negative,
     number,
     operate,
@@ -69,7 +69,7 @@ def call(routine: Routine, arguments: Arguments, scope: RoutineFrame) -> Value:
     if len(arguments.values) != len(routine.parameters):
         raise SoftMCError(f"{routine.name} of {len(arguments.values)} arguments: must have {len(routine.parameters)}")
     execution.check_depth(routine.name)
-    variables = _passed(routine, arguments, scope)
+    variables = _passed_parameters(routine, arguments, scope)
     if routine.kind is not None:
         # the function's name is the variable that holds its value
         variables[routine.name.lower()] = Variable(routine.name, routine.kind, INITIAL.get(routine.kind))
@@ -82,7 +82,7 @@ def call(routine: Routine, arguments: Arguments, scope: RoutineFrame) -> Value:
     return result
 
 
-def _passed(routine: Routine, arguments: Arguments, scope: RoutineFrame) -> dict[str, Variable]:
+def _passed_parameters(routine: Routine, arguments: Arguments, scope: RoutineFrame) -> dict[str, Variable]:
     """Return the parameters as variables of the routine."""
     variables: dict[str, Variable] = {}
     for (parameter, by_value, kind), argument, name in zip(
@@ -94,7 +94,7 @@ def _passed(routine: Routine, arguments: Arguments, scope: RoutineFrame) -> dict
             variables[parameter.lower()] = variable
         else:
             value = argument(scope)
-            held = value if isinstance(value, list) else converted(parameter, kind, value)
+            held = value if isinstance(value, list) else converted_value(parameter, kind, value)
             variables[parameter.lower()] = Variable(parameter, kind, held)
     return variables
 
@@ -183,7 +183,7 @@ def several(tree: Node | None) -> list[Expression]:
     return [] if tree is None else [expression(part) for part in trees(tree)]
 
 
-def indexed(tree: Node) -> tuple[str, list[Expression]]:
+def indexed_item(tree: Node) -> tuple[str, list[Expression]]:
     """Return the name and the indices of an item of an array.
 
     Raises:
@@ -309,7 +309,7 @@ def _point(tree: Node) -> Expression:
 
 @node("item")
 def _item(tree: Node) -> Expression:
-    name, indices = indexed(tree)
+    name, indices = indexed_item(tree)
     key = name.lower()
 
     def value(scope: RoutineFrame) -> Value:

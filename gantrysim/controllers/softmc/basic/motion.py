@@ -68,7 +68,7 @@ def _nodal(settings: list[Setting], group: Element, scope: RoutineFrame) -> dict
     nodal = {}
     for name, short, value in settings:
         if short in properties.NODAL:
-            nodal[short] = properties.checked(group, name, value(scope))[1]
+            nodal[short] = properties.checked_property(group, name, value(scope))[1]
     return nodal
 
 

@@ -41,7 +41,7 @@ def code_of(statements: list[Node], line: int | None = None) -> Code[RoutineFram
     return assembler.finish()
 
 
-def interpreted(text: str, line: int) -> Code[RoutineFrame]:
+def interpreted_text(text: str, line: int) -> Code[RoutineFrame]:
     """Return the code of a text within the program's line."""
     return code_of(trees(parse(text.strip())), line)
 
@@ -212,7 +212,7 @@ class Basic(Controller):
 @lru_cache(maxsize=8)
 def _run(text: str, settings: RunSettings) -> Execution:
     """Return a program after it has run."""
-    execution = Execution(settings, interpreted)
+    execution = Execution(settings, interpreted_text)
     try:
         _run_all(parse(text), execution)
     except LocatedError:

@@ -107,7 +107,7 @@ def is_property(name: str) -> bool:
     return canonical(name) in NAMES
 
 
-def checked(element: Element, name: str, value: Value) -> tuple[str, Value]:
+def checked_property(element: Element, name: str, value: Value) -> tuple[str, Value]:
     """Return the canonical name of a property that may be assigned, and its value.
 
     Raises:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.base.files import replaced
+from gantrysim.base.files import replaced_file
 from gantrysim.controllers.softmc.basic.timeline import Mark
-from gantrysim.controllers.softmc.record import evaluated
+from gantrysim.controllers.softmc.record import evaluated_expression
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 
@@ -91,7 +91,7 @@ class Recording:
             taken.append(np.arange(first, min(last, len(run.time) - 1) + 1, self.gap))
         samples = np.concatenate([*taken, np.zeros(0, np.int64)])[: self.points]
         values = [_column(column, run, coordinates, delay) for column in self.columns]
-        with replaced(file) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
+        with replaced_file(file) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
             writer.writerow([f"{column.name} [{unit}]" for column, (unit, _) in zip(self.columns, values, strict=True)])
             writer.writerows(np.column_stack([of[samples] for _, of in values]).tolist())
@@ -142,4 +142,4 @@ def _column(column: Column, run: Run, coordinates: Sequence[str], delay: int) ->
         raise InputError(f"{column.name}: must be a coordinate of the axes {', '.join(run.axes)}")
     what = "PCMD" if column.what == "setpoint" else column.what.upper()
     unit = run.units[axis] + ("/s" if what in ("VCMD", "VFB") else "")
-    return unit, evaluated(what, run, delay)[:, axis]
+    return unit, evaluated_expression(what, run, delay)[:, axis]

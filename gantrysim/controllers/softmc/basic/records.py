@@ -37,7 +37,7 @@ def cmd_record(tree: Node) -> Action:
     gap = expression(options["gap"][0]) if "gap" in options else None
     if len(options.get("gap", [None])) != 1:
         raise SoftMCError("Gap: must be one number")
-    sampled = [_sampled(part) for part in options["recdata"]]
+    sampled = [_sampled_columns(part) for part in options["recdata"]]
 
     def act(scope: RoutineFrame) -> None:
         records = scope.execution.records
@@ -57,7 +57,7 @@ def cmd_record(tree: Node) -> Action:
     return act
 
 
-def _sampled(tree: Node) -> Callable[[RoutineFrame], list[Column]]:
+def _sampled_columns(tree: Node) -> Callable[[RoutineFrame], list[Column]]:
     """Return the function that makes the columns of an expression of RecData."""
     which = None
     if tree.data == "component":

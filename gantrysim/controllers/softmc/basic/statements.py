@@ -18,7 +18,7 @@ from gantrysim.controllers.softmc.basic.expressions import (
     call,
     element,
     expression,
-    indexed,
+    indexed_item,
     listed_arguments,
     port,
     several,
@@ -40,7 +40,7 @@ from gantrysim.controllers.softmc.basic.values import (
     Value,
     Variable,
     compare,
-    converted,
+    converted_value,
     number,
     truth,
 )
@@ -94,7 +94,7 @@ def cmd_dim(tree: Node) -> Action:
             if is_group:
                 value = execution.elements.declared_group(name, axes)
             if initial is not None:
-                value = converted(name, kind, initial(scope))
+                value = converted_value(name, kind, initial(scope))
             items: Any = execution.array([size(scope) for size in dimensions], value)
             variables = scope.shared if is_shared else scope.variables
             variables[name.lower()] = Variable(name, kind, items, is_constant)
@@ -275,7 +275,7 @@ def _to_name(target: Node, value: Expression) -> Action:
 
 
 def _to_item(target: Node, value: Expression) -> Action:
-    name, indices = indexed(target)
+    name, indices = indexed_item(target)
 
     def act(scope: RoutineFrame) -> None:
         variable = scope.find(name.lower())

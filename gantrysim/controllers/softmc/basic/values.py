@@ -77,12 +77,12 @@ class Variable:
         if not indices:
             if isinstance(self.value, list):
                 raise SoftMCError(f"{self.name} is an array: must have an index")
-            self.value = converted(self.name, self.kind, value)
+            self.value = converted_value(self.name, self.kind, value)
             return
         holder, last = self._holder(indices)
         if isinstance(holder[last], list):
             raise SoftMCError(f"{self.name} has more dimensions than {len(indices)}")
-        holder[last] = converted(self.name, self.kind, value)
+        holder[last] = converted_value(self.name, self.kind, value)
 
     def item(self, indices: Sequence[Value]) -> Value:
         """Return an item of the array."""
@@ -127,7 +127,7 @@ def number(name: str, value: Value) -> float:
     return float(value)
 
 
-def converted(name: str, kind: str, value: Value) -> Value:
+def converted_value(name: str, kind: str, value: Value) -> Value:
     """Return a value as a variable of that kind holds it; a long truncates.
 
     Raises:

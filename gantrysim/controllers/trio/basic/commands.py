@@ -230,7 +230,7 @@ def cmd_cambox(process: Process, values: Values, line: int) -> None:
     """CAMBOX(first, last, scale, link distance, link axis[, options[, position]]): a cam over a link axis."""
     first, last, scale, distance, link, *options = values
     shape = _profile(process, first, last, scale, positive("link distance", distance))
-    order(process, _linked(process, CAMBOX, line, shape, link, options))
+    order(process, _linked_move(process, CAMBOX, line, shape, link, options))
 
 
 @command(5, 7, MOTION)
@@ -241,10 +241,10 @@ def cmd_movelink(process: Process, values: Values, line: int) -> None:
         if value < 0:
             raise InputError(f"link distance of {name} = {value:g}: must be at least 0")
     shape = Ramps(distance, positive("link distance", length), up, down)
-    order(process, _linked(process, MOVELINK, line, shape, link, options))
+    order(process, _linked_move(process, MOVELINK, line, shape, link, options))
 
 
-def _linked(process: Process, kind: int, line: int, shape: Shape, link: float, options: Values) -> Move:
+def _linked_move(process: Process, kind: int, line: int, shape: Shape, link: float, options: Values) -> Move:
     bits = int(options[0]) if options else 0
     if bits & ~(REPEATS | ABSOLUTE | FORWARD_ONLY) or (options and bits != options[0]):
         raise InputError(

@@ -68,7 +68,7 @@ OPERATORS = Operators(
 
 def operation(sign: str, made_by: RankedOperator, operands: list[Expression]) -> Expression:
     """Return what an operator makes of its operands."""
-    return _nested(made_by.join(sign, *[operand.value for operand in operands]), *operands)
+    return _nested_expression(made_by.join(sign, *[operand.value for operand in operands]), *operands)
 
 
 def constant(value: float) -> Expression:
@@ -85,7 +85,7 @@ def value_of(ref: Reference, source: Source) -> Expression:
     value = word.value
     if bit >= MOST_BITS:
         raise InputError(f"{ref.spelled}.{bit}: must be a bit from 0 to {MOST_BITS - 1}")
-    return _nested(lambda process: float(int(value(process)) >> bit & 1), word)
+    return _nested_expression(lambda process: float(int(value(process)) >> bit & 1), word)
 
 
 def _value_of(ref: Reference, source: Source) -> Expression:
@@ -99,7 +99,9 @@ def _value_of(ref: Reference, source: Source) -> Expression:
         raise InputError(f"{name}: is a command, it has no value")
     if name in source.arrays and ref.arguments is not None:
         places = [argument.value for argument in ref.plain(len(ref.arguments))]
-        return _nested(lambda process: process.element(name, [place(process) for place in places]), *ref.arguments)
+        return _nested_expression(
+            lambda process: process.element(name, [place(process) for place in places]), *ref.arguments
+        )
     if not is_plain:
         raise unknown_word(ref)
     _check_emulated(ref)
@@ -126,7 +128,7 @@ def _function(ref: Reference) -> Expression:
     arguments = ref.plain(function.arguments)
     value = function.value
     values = [argument.value for argument in arguments]
-    return _nested(lambda process: value(*[argument(process) for argument in values]), *arguments)
+    return _nested_expression(lambda process: value(*[argument(process) for argument in values]), *arguments)
 
 
 def _axis_parameter(ref: Reference) -> Expression:
@@ -144,7 +146,7 @@ def _of_axis(ref: Reference, value: Callable[[Process, float], float]) -> Expres
     if ref.axis is None:
         return Expression(lambda process: value(process, process.base[0]))
     number = ref.axis.value
-    return _nested(lambda process: value(process, number(process)), ref.axis)
+    return _nested_expression(lambda process: value(process, number(process)), ref.axis)
 
 
 def _system_parameter(ref: Reference) -> Expression:
@@ -159,7 +161,7 @@ def _system_parameter(ref: Reference) -> Expression:
         other = process.state.latest.get(number(process))
         return 0.0 if other is None else read(other)
 
-    return _nested(value, ref.process)
+    return _nested_expression(value, ref.process)
 
 
 def _memory(ref: Reference) -> Expression:
@@ -170,7 +172,7 @@ def _memory(ref: Reference) -> Expression:
     places = ref.plain(2) if ref.name in words.RANGES and len(ref.arguments or ()) == 2 else ref.plain(1)
     cells = words.MEMORY[ref.name]
     values = [place.value for place in places]
-    return _nested(lambda process: cells(process, *[value(process) for value in values]), *places)
+    return _nested_expression(lambda process: cells(process, *[value(process) for value in values]), *places)
 
 
 _TABLES: tuple[tuple[dict[str, object], Callable[[Reference], Expression]], ...] = (
@@ -184,7 +186,7 @@ _TABLES: tuple[tuple[dict[str, object], Callable[[Reference], Expression]], ...]
 _READERS = {name: read for table, read in _TABLES for name in table}
 
 
-def _nested(value: Evaluate, *parts: Expression) -> Expression:
+def _nested_expression(value: Evaluate, *parts: Expression) -> Expression:
     depth = 1 + max([part.depth for part in parts], default=0)
     if depth > DEEPEST:
         raise InputError(f"expression nested more than {DEEPEST} deep: use a variable for a part of it")

@@ -39,7 +39,7 @@ def follow(axes: dict[int, Axis], linked: dict[int, Move], steps: dict[int, floa
             move = linked.get(axis.number)
             if move is not None and move.driver is not None:
                 link = axes[move.driver]
-                steps[axis.number] += _linked(axis, move, total(link), link.units / axis.units, end)
+                steps[axis.number] += _linked_motion(axis, move, total(link), link.units / axis.units, end)
             if axis.superimposed is not None:
                 added = axes[axis.superimposed]
                 steps[axis.number] += total(added) * added.units / axis.units
@@ -49,7 +49,7 @@ def follow(axes: dict[int, Axis], linked: dict[int, Move], steps: dict[int, floa
         total(axis)
 
 
-def _linked(axis: Axis, move: Move, driven: float, edges: float, end: End) -> float:
+def _linked_motion(axis: Axis, move: Move, driven: float, edges: float, end: End) -> float:
     """Motion of a linked axis, given that of its link axis, and the ratio of their UNITS."""
     if move.kind == CONNECT:
         return move.ratio * driven * edges
@@ -87,7 +87,7 @@ def _linked(axis: Axis, move: Move, driven: float, edges: float, end: End) -> fl
 
 def speed_along(move: Move, speed: float) -> float:
     """Return the speed of a move along its path, given SPEED of its axis [units/s]."""
-    programmed = _programmed(move, speed)
+    programmed = _programmed_speed(move, speed)
     if isinstance(move.shape, Arc):
         return programmed * move.corners.share_on_circle(move.shape.radius)
     return programmed
@@ -106,10 +106,10 @@ def joint_speed(before: Move, after: Move, speed: float) -> float:
         limits.append(after.speeds.start)
     share = after.corners.share_at_corner(angle_between(before.shape, after.shape))
     if share < 1:
-        limits.append(share * min(_programmed(before, speed), _programmed(after, speed)))
+        limits.append(share * min(_programmed_speed(before, speed), _programmed_speed(after, speed)))
     for move in (before, after):
         along = speed_along(move, speed)
-        if along < _programmed(move, speed):
+        if along < _programmed_speed(move, speed):
             limits.append(along)
     return min(limits)
 
@@ -160,7 +160,7 @@ def direction(shape: Shape, s: float) -> tuple[float, ...] | None:
     return tuple(component / length for component in vector)
 
 
-def _programmed(move: Move, speed: float) -> float:
+def _programmed_speed(move: Move, speed: float) -> float:
     if move.speeds is None or move.speeds.force is None:
         return speed
     return move.speeds.force

@@ -29,7 +29,7 @@ from gantrysim.controllers.trio.basic.path import StatedSpiral, around, exact, o
 from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, Printed, ProgramCode, State
 from gantrysim.controllers.trio.basic.raw import ProcessAssembler, Source
 from gantrysim.controllers.trio.basic.statement_table import STATEMENTS
-from gantrysim.controllers.trio.basic.text import located, with_files
+from gantrysim.controllers.trio.basic.text import located_errors, with_files
 from gantrysim.controllers.trio.basic.words import NOTED
 from gantrysim.paths.path import Path
 from gantrysim.paths.spirals import Involute
@@ -301,7 +301,7 @@ class Basic(Controller):
     @cached_property
     def codes(self) -> list[ProgramCode]:
         """The programs of the text."""
-        with located(self.text):
+        with located_errors(self.text):
             return assemble_all(text.read(self.text), not self.unassigned_zero)
 
     @cached_property
@@ -332,7 +332,7 @@ class Basic(Controller):
             )
             times = dict(vars(self.interpreter_time))
             limits = Limits(self.statement_limit, min(self.time_limit, MAX_TICKS * period), self.stop_after or math.inf)
-            with located(self.text):
+            with located_errors(self.text):
                 self._runs[period] = interpreter.run(self.codes, state, times, recorded, self.valve, limits)
         return self._runs[period]
 

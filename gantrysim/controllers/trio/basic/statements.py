@@ -208,7 +208,7 @@ def cmd_print(assembler: ProcessAssembler, raw: Raw) -> None:
     channel, *items = raw.data
     items = [item for item in items if item is not None]
     continues = bool(items) and isinstance(items[-1], Token) and items[-1] == ";"
-    parts = [_printed(item) for item in items]
+    parts = [_printed_item(item) for item in items]
 
     def act(process: Process) -> None:
         number = None if channel is None else channel.value(process)
@@ -220,15 +220,15 @@ def cmd_print(assembler: ProcessAssembler, raw: Raw) -> None:
     assembler.emit(raw.line, act, PRINT)
 
 
-def _printed(item: Any) -> Callable[[Process, str], str]:
+def _printed_item(item: Any) -> Callable[[Process, str], str]:
     """Return what adds to a line: a string, CHR(), HEX(), a number with its width and digits, or a separator."""
     if isinstance(item, Token):
         return lambda process, text: text if item == ";" else text.ljust((len(text) // TAB + 1) * TAB)
-    show = _shown(item)
+    show = _shown_value(item)
     return lambda process, text: text + show(process)
 
 
-def _shown(item: Any) -> Callable[[Process], str]:
+def _shown_value(item: Any) -> Callable[[Process], str]:
     if isinstance(item, str):
         return lambda process: item
     if isinstance(item, Spelt):

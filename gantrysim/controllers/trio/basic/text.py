@@ -114,7 +114,7 @@ def _names(text: str) -> list[str]:
 
 
 @contextmanager
-def located(text: str) -> Iterator[None]:
+def located_errors(text: str) -> Iterator[None]:
     """Add to the line of an error its line in the section where it lies."""
     try:
         yield
@@ -349,7 +349,7 @@ class _Builder(Transformer):  # type: ignore[type-arg]
         try:
             return operation(sign, operator, operands)
         except InputError as error:
-            raise _located(error, self.line_of(cast(Token, sign))) from None
+            raise _located_error(error, self.line_of(cast(Token, sign))) from None
 
     def decimal(self, children: list[Any]) -> Expression:
         token: Token = children[0]
@@ -373,10 +373,10 @@ class _Builder(Transformer):  # type: ignore[type-arg]
         try:
             return value_of(ref, self.source)
         except InputError as error:
-            raise _located(error, ref.line) from None
+            raise _located_error(error, ref.line) from None
 
 
-def _located(error: InputError, line: int) -> InputError:
+def _located_error(error: InputError, line: int) -> InputError:
     return InputError(f"line {line}: {error}")
 
 

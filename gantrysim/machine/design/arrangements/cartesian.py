@@ -12,7 +12,7 @@ from gantrysim.machine.design.arrangements.parts import (
     Z,
     beam,
     bench,
-    carried,
+    carried_mass,
     drive_of,
     frame,
     geom,
@@ -59,7 +59,7 @@ def cantilever(table: MachineTable) -> TableMjcf:
     arm = add(root, "body", name="bridge")
     stiffness = table.arm_stiffness or 0.0
     mass = table.masses.bridge or 0.0
-    inertia = mass * (2 * extent.half_width) ** 2 / 3 + carried(table) * (extent.x - extent.half_width) ** 2
+    inertia = mass * (2 * extent.half_width) ** 2 / 3 + carried_mass(table) * (extent.x - extent.half_width) ** 2
     add(
         arm,
         "joint",

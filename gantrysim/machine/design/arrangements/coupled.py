@@ -14,7 +14,7 @@ from gantrysim.machine.design.arrangements.parts import (
     beam,
     bench,
     carriage,
-    carried,
+    carried_mass,
     drive_of,
     frame,
     motor_of_x,
@@ -40,7 +40,7 @@ def corexy(table: MachineTable) -> TableMjcf:
     frame(mjcf, extent)
     bench(mjcf, extent)
     work(mjcf.frame, table, extent)
-    on_x = carried(table) + belts.nut_mass
+    on_x = carried_mass(table) + belts.nut_mass
     on_y = on_x + (table.masses.bridge or 0.0)
     k = 1e6 * belts.transmission.stiffness  # [N/m]
     radius = M * belts.transmission.travel_per_turn * _ratio(belts) / (2 * math.pi)  # of the pulleys [m]

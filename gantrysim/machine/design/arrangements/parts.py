@@ -123,7 +123,7 @@ def motor_of_x(body: Element, extent: Extent) -> None:
     tube(body, "motor", (x + 0.037, 0.087, 0.13, x + 0.11, 0.087, 0.13), "x_motor")
 
 
-def carried(table: MachineTable) -> float:
+def carried_mass(table: MachineTable) -> float:
     """Return the mass on the stiffness of x: carriage and, with a z axis, its motor, nut and ram [kg]."""
     if table.z is None:
         return table.masses.carriage
@@ -174,7 +174,7 @@ def x_axis(mjcf: TableMjcf, body: Element) -> None:
     table = mjcf.table
     drive = drive_of(table.x)
     gear = drive.transmission.gear
-    load = carried(table)
+    load = carried_mass(table)
     nut = add(body, "body", name="carriage_nut")
     point_mass(nut, drive.nut_mass, (0, 0.085, 0.13))
     mjcf.slide(nut, "x", X, table.x)
@@ -188,4 +188,4 @@ def x_axis(mjcf: TableMjcf, body: Element) -> None:
 def on_bridge(table: MachineTable) -> float:
     """Return the mass that a bridge with its driven carriage puts on the stiffness of y [kg]."""
     x = drive_of(table.x)
-    return (table.masses.bridge or 0.0) + x.known_motor.mass + x.nut_mass + carried(table)
+    return (table.masses.bridge or 0.0) + x.known_motor.mass + x.nut_mass + carried_mass(table)
