@@ -81,7 +81,8 @@ class LastCall(Generic[_Result]):
         self._last: tuple[tuple[NDArray[Any], ...], _Result] | None = None
 
     def __call__(self, *arrays: NDArray[Any]) -> _Result:
-        last = self._last  # once, as another thread may replace it between the comparison and the return
+        # once, as another thread may replace it between the comparison and the return
+        last = self._last
         if last is not None and all(map(np.array_equal, last[0], arrays)):
             return last[1]
         result = self._function(*arrays)

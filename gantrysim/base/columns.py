@@ -72,7 +72,8 @@ class Column(Generic[_Array]):
     def __get__(self, table: object, owner: type) -> _Array: ...
     def __get__(self, table: object | None, owner: type) -> Column[_Array] | _Array:
         if table is None:
-            raise AttributeError(self._name)  # so that the dataclass takes it for no default
+            # so that the dataclass takes it for no default
+            raise AttributeError(self._name)
         value = table.__dict__[self._name]
         return cast(_Array, value.array() if isinstance(value, Stored) else value)
 

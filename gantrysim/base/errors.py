@@ -65,7 +65,8 @@ def expanded(path: str | os.PathLike[str]) -> Path:
         raise InputError(f"{shown(os.fspath(path))}: has a zero character, which no path can have")
     try:
         expanded_path = Path(path).expanduser()
-        expanded_path.exists()  # fails for too long a name, or in a folder that may not be entered
+        # fails for too long a name, or in a folder that may not be entered
+        expanded_path.exists()
     except RuntimeError:
         raise InputError(f"{os.fspath(path)}: no such home folder") from None
     except OSError as error:

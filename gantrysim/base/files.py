@@ -62,7 +62,8 @@ def replaced_file(file: str | os.PathLike[str]) -> Iterator[Path]:
     note = f"; the earlier {target.name} is kept" if target.exists() else ""
     with _written(target.parent, f"file {_visible(str(file))}", note, f"{file} is complete") as (scratch, done):
         yield scratch / target.name
-        if PARTIAL not in str(target.parent):  # else the folder around it does
+        # else the folder around it does
+        if PARTIAL not in str(target.parent):
             _to_disk([scratch / target.name])
         with deferred():
             (scratch / target.name).replace(target)
@@ -101,7 +102,8 @@ def replaced_files(folder: Path, names: Iterable[str], label: str) -> Iterator[P
                 _end_swap(folder)
                 raise
             for parent in {(folder / name).parent for name in names} - {folder}:
-                with suppress(OSError):  # other files are in it, or it never was
+                # other files are in it, or it never was
+                with suppress(OSError):
                     parent.rmdir()
             (swap / NEW).rename(swap / READY)
             _end_swap(folder)
@@ -133,7 +135,8 @@ def held_folder(folder: Path, label: str, names: Collection[str] = ANY) -> Itera
                 if pending(folder):
                     _check_swap(folder, names)
                     _end_swap(folder)
-                with _scratch(folder):  # fails where nothing can be written
+                # fails where nothing can be written
+                with _scratch(folder):
                     pass
         except BlockingIOError:
             raise InputError(f"{label}: in use by another command") from None
@@ -193,7 +196,8 @@ def open_regular(file: Path) -> BinaryIO:
         OSError: it cannot be opened or made, is a link or no regular file.
     """
     flags = os.O_RDWR | os.O_CREAT
-    for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"):  # not all of them everywhere
+    # not all of them everywhere
+    for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"):
         flags |= getattr(os, name, 0)
     if file.is_symlink():
         raise OSError(errno.ELOOP, f"{file.name} in it is a link: remove it", str(file))
@@ -267,7 +271,8 @@ def _scratch(folder: Path) -> Iterator[Path]:
             with deferred():
                 scratch = Path(tempfile.mkdtemp(prefix=PARTIAL, dir=folder))
                 stack.callback(deferred()(shutil.rmtree), scratch, ignore_errors=True)
-                with suppress(FileNotFoundError, BlockingIOError):  # swept as abandoned before it was locked
+                # swept as abandoned before it was locked
+                with suppress(FileNotFoundError, BlockingIOError):
                     stack.enter_context(_locked_folder(scratch))
                     is_locked = True
         yield scratch
@@ -332,7 +337,8 @@ def _end_swap(folder: Path) -> None:
     except OSError as error:
         note = f"new files are in {swap}, the earlier ones in {swap / OLD}"
         raise InputError(f"{folder}: cannot be written: {error.strerror}; {note}") from None
-    if is_ready:  # first, or a kill on the way would leave old files to be moved back
+    # first, or a kill on the way would leave old files to be moved back
+    if is_ready:
         shutil.rmtree(swap / OLD, ignore_errors=True)
     shutil.rmtree(swap)
 

@@ -50,7 +50,8 @@ def shown_progress(task: str, progress: _Share | bool | None) -> Iterator[_Share
 
 def _stream() -> TextIO | None:
     """Return where a bar is shown: a notebook's output, a terminal, or nowhere."""
-    if "ipykernel" in sys.modules:  # a notebook, which shows the standard error as a failure
+    # a notebook, which shows the standard error as a failure
+    if "ipykernel" in sys.modules:
         return sys.stdout
     return sys.stderr if sys.stderr is not None and sys.stderr.isatty() else None
 

@@ -51,7 +51,8 @@ def handled(handler: Handler) -> Iterator[None]:
     try:
         yield
     finally:
-        for number, earlier in reversed(before.items()):  # Ctrl-C last: it would end the restoring of the others
+        # Ctrl-C last: it would end the restoring of the others
+        for number, earlier in reversed(before.items()):
             signal.signal(number, earlier)
 
 

@@ -185,7 +185,8 @@ def _meant_keys(where: str, known: Sequence[str], most: int | None) -> str:
         most: number of keys of a table above which they are not listed; None for any number.
     """
     *tables, wrong = where.split(".")
-    beside = _keys_in(tables, known) or _keys_in(tables[:-1], known)  # pydantic names a fault's kind after its number
+    # pydantic names a fault's kind after its number
+    beside = _keys_in(tables, known) or _keys_in(tables[:-1], known)
     if near := nearest(wrong, sorted(beside)):
         return f": {meant_names(near)}"
     if not beside or (most is not None and len(beside) > most):

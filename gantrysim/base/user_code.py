@@ -66,7 +66,8 @@ def _module_in(file: Path) -> ModuleType:
         if name not in sys.modules:
             module = ModuleType(name)
             module.__file__ = str(file.absolute())
-            sys.modules[name] = module  # before its code runs: a dataclass looks its module up there
+            # before its code runs: a dataclass looks its module up there
+            sys.modules[name] = module
             try:
                 exec(compile(source, module.__file__, "exec"), module.__dict__)
             except BaseException:

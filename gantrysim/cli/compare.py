@@ -152,7 +152,8 @@ def compare(
     Exit status: 0, 2 for bad input.
     """
     folder = out if out is not None else runs[0] / "compare"
-    if out is None and expanded(folder).is_symlink():  # the run's folder may come from elsewhere
+    # the run's folder may come from elsewhere
+    if out is None and expanded(folder).is_symlink():
         raise InputError(f"run {runs[0]}: {folder.name} in it is a link: name the output folder with --out")
     if measured is not None:
         if len(runs) > 1:

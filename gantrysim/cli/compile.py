@@ -53,7 +53,8 @@ def _run_once(job: Job) -> None:
     from gantrysim.results.run_results import RunResults
 
     record = job.run()
-    if not record.dispense.any():  # ended by a fault before there was anything to evaluate
+    # ended by a fault before there was anything to evaluate
+    if not record.dispense.any():
         return
     analysis = Analysis(record)
     results = RunResults(job, job.built_machine, Budget(analysis), Bead(record, job.bead, analysis))

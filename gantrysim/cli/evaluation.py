@@ -111,7 +111,8 @@ class Evaluation:
         job = results.job
         record = self._record
         budget = results.budget
-        with stage("figures"):  # computed at their first use
+        # computed at their first use
+        with stage("figures"):
             verdict = results.verdict
             tables = (
                 links_table(job.name, results.machine, budget),
@@ -164,10 +165,12 @@ class Evaluation:
 
         results = self.results
         job = results.job
-        memory.give_back()  # what the page's figures took: a film of a long run needs as much
+        # what the page's figures took: a film of a long run needs as much
+        memory.give_back()
         with self._optional("video"), share_bar("film", self._go_on) as advance:
             try:
-                encoder_file()  # before a film is prepared that cannot be written
+                # before a film is prepared that cannot be written
+                encoder_file()
                 save_video(
                     results.machine,
                     self._record,

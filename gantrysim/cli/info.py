@@ -70,7 +70,8 @@ def jobs_table() -> Table:
     """Return the built-in jobs, described by the comments of their files."""
     table = _table("built-in jobs", ("job", "machine", "controller", "description"))
     for name in builtin_jobs():
-        content = read_job(name).content  # not the job itself, which may need packages that are not installed
+        # not the job itself, which may need packages that are not installed
+        content = read_job(name).content
         comment = [line.removeprefix("#").strip() for line in job_text(name).splitlines() if line.startswith("#")]
         table.add_row(name, content["machine"], content["program"]["controller"], escape(" ".join(comment)))
     return table
@@ -115,7 +116,8 @@ def glue_table() -> Table:
 def gains_table(period: float = ServoSettings().period) -> Table:
     """Return the default gains of each machine at a servo period [s]."""
     servos = {name: Servo.derive(Machine(name).axes, period, integral_time=INTEGRAL_TIME) for name in builtin_models()}
-    hidden = ("resolution", "torque_limit", "notch_width", "notch_depth")  # the machine's own, or the same for all
+    # the machine's own, or the same for all
+    hidden = ("resolution", "torque_limit", "notch_width", "notch_depth")
     shown = [
         g for g in DERIVED if g.name not in hidden and any(any(servo.per_axis(g.name)) for servo in servos.values())
     ]

@@ -46,7 +46,8 @@ def new(
     if source.suffix.lower() not in (".toml", ".urdf"):
         raise InputError(f"machine {file}: must be a TOML file, or a URDF with one beside it")
     text = mjcf_in(source)
-    machine = Machine(source)  # refused here rather than written
+    # refused here rather than written
+    machine = Machine(source)
     target = source.with_suffix(".xml") if out is None else expanded(out)
     if out is not None and target.suffix.lower() != ".xml":
         target.mkdir(parents=True, exist_ok=True)

@@ -45,7 +45,8 @@ def open_streams() -> None:
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+            # takes the lowest number that is free
+            os.open(os.devnull, os.O_RDWR)
     sys.stdout = _guarded_stream(1, sys.stdout)
     sys.stderr = _guarded_stream(_ERRORS, sys.stderr)
 

@@ -113,7 +113,8 @@ def tune(
 
     loaded = Job.load(job, settings or (), model, allow_code=allow_code)
     held: tuple[str, ...] = ()
-    if export is not None:  # refused before the search, not after
+    # refused before the search, not after
+    if export is not None:
         exported(export, loaded.built_machine.axes, loaded.built_servo)
         held = tuple(gain for gain in SEARCHED if gain not in dialect(export).carries)
     study = TuningStudy(
@@ -158,7 +159,8 @@ def write_words(folder: Path, name: str | None) -> list[str]:
             file.unlink(missing_ok=True)
     if name is None:
         return []
-    tuned = Job.load(folder / JOB, servo=folder / TUNED, allow_code=True)  # its code has run in the search
+    # its code has run in the search
+    tuned = Job.load(folder / JOB, servo=folder / TUNED, allow_code=True)
     content, lost = exported(name, tuned.built_machine.axes, tuned.built_servo)
     with replaced_file(files[name]) as partial:
         partial.write_text(content, encoding="utf-8")

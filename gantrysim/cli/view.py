@@ -74,7 +74,8 @@ def _is_saved(shown: str, folder: Path) -> bool:
     from gantrysim.job.loading import builtin_jobs
     from gantrysim.record.run_file import RUN
 
-    if folder.is_file():  # a job, or by mistake another file of a run
+    # a job, or by mistake another file of a run
+    if folder.is_file():
         return folder.suffix != ".toml" and (folder.parent / RUN).is_file()
     return (folder / RUN).is_file() or (folder.is_dir() and shown not in builtin_jobs())
 

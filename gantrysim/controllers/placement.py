@@ -76,7 +76,8 @@ class Placement:
 
     @cached_property
     def _shift(self) -> Floats:
-        return np.array([self.x, self.y, self.z]) + 0.0  # 0, not -0, which a point at -0 would keep
+        # 0, not -0, which a point at -0 would keep
+        return np.array([self.x, self.y, self.z]) + 0.0
 
     @cached_property
     def _turn(self) -> Floats:

@@ -105,7 +105,8 @@ class Outputs:
         self._dispense = dispense
         self._met: dict[str, _Output] = {}
         self._numbers: dict[tuple[str, ...], int] = {(): 0}
-        self._turns = ""  # code with which the spindle turns
+        # code with which the spindle turns
+        self._turns = ""
         self._speed: float | None = None
         self._has_speeds = (
             False  # whether a speed other than 0 was met: a S0 that stands in every block switches nothing

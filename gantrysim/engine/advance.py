@@ -142,7 +142,8 @@ class Stepper:
         hook = installed_tick
         if law is not None:
             hook = partial(installed_law, self.data, law)
-            self.run.stop_at_stops()  # no step of it can be taken back
+            # no step of it can be taken back
+            self.run.stop_at_stops()
         advance(self, {0: self.run}, steps, hook=hook, progress=progress)
 
     def step(self, steps: int, _: Numbers) -> None:

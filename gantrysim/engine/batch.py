@@ -128,7 +128,8 @@ def simulate_batch(
                 share_done((before + sent) / total)
 
         done: dict[int, Started] = {}
-        groups: dict[Path, list[int]] = {}  # numbers of the simulations by MJCF file
+        # numbers of the simulations by MJCF file
+        groups: dict[Path, list[int]] = {}
         for number, simulation in enumerate(several):
             groups.setdefault(simulation.machine.source, []).append(number)
         for numbers in groups.values():
@@ -192,9 +193,12 @@ class Batch:
         self._sent, self._ticks, self._faults = map(self.field, ("index", "ticks", "fault"))
         self._stops = self.field("stops")
         self._plain = np.zeros(places, bool)
-        self._later = np.zeros(places, bool)  # whether the model changes
-        self._stateful = np.zeros(places, bool)  # whether drives or laws have a state
-        self._stops_in_model = np.zeros(places, bool)  # of the simulation, before it reaches one
+        # whether the model changes
+        self._later = np.zeros(places, bool)
+        # whether drives or laws have a state
+        self._stateful = np.zeros(places, bool)
+        # of the simulation, before it reaches one
+        self._stops_in_model = np.zeros(places, bool)
         self._models = [machine.physics] * places
         self._source = machine.source
         self._loaded: dict[int, Simulation] = {}
@@ -217,7 +221,8 @@ class Batch:
         self._batch.set_models(self._models)
         self._batch.reset(list(simulations), stage=mujoco.mjtStage.mjSTAGE_NONE)
         for place, simulation in simulations.items():
-            self._loaded[place] = simulation  # kept alive before its row is armed with addresses of its arrays
+            # kept alive before its row is armed with addresses of its arrays
+            self._loaded[place] = simulation
             self.runs[place] = Started.of(simulation, self._qpos[place], self._userdata[place])
             self._plain[place] = self.runs[place].plain
             self._later[place] = bool(simulation.later)

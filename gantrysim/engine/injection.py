@@ -54,7 +54,8 @@ def injection(faults: Sequence[InjectedFault], machine: Machine, servo: Servo) -
     Raises:
         InputError: an axis that cannot have one of them.
     """
-    if not faults:  # the axes of a perturbed machine take time to compute
+    # the axes of a perturbed machine take time to compute
+    if not faults:
         return NONE
     axes = _fault_axes(machine, servo)
     acting: list[InjectedFault] = []

@@ -75,7 +75,8 @@ def _fill(machine: Machine, servo: Servo, row: np.void) -> None:
     peak = np.array([axis.peak_torque for axis in machine.plain_axes]) / machine.drive_gain
     row["torque_limit"][: servo.axes] = np.minimum([drive.torque_limit for drive in servo.drives], peak)
     for a, (axis, mode) in enumerate(zip(machine.plain_axes, servo.modes, strict=True)):
-        if mode != "torque":  # the drives limit torques themselves
+        # the drives limit torques themselves
+        if mode != "torque":
             row["torque_limit"][a] = axis.speed_limit if mode == "velocity" else np.inf
     row["drive_gain"][: servo.axes] = machine.drive_gain
     for name, values in zip(("joint", "stop_low", "stop_high"), stops_of(machine.layout), strict=True):

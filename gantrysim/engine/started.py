@@ -77,7 +77,8 @@ class Started:
             user_law = CalledLaw(without_warnings(resolved_law(simulation.servo.laws.user)), np.zeros(STATE))
             stages.append(Stage("law", user_law.address, user_law.state.ctypes.data))
         table = arm(row, stages)
-        row["magic"] = magic()  # the last, for it arms the servo
+        # the last, for it arms the servo
+        row["magic"] = magic()
         return cls(simulation, row, drives, laws, user_law, table)
 
     @property
@@ -173,7 +174,8 @@ class Started:
         limit = float(row["fault_limit"])
         unit = {"overspeed": f"{axis.unit}/s", "oscillation": "swings"}.get(kind, axis.unit)
         if kind == "diverged" and np.isfinite(limit):
-            unit = "N·m"  # of the demand; else it is the following error, which has no limit
+            # of the demand; else it is the following error, which has no limit
+            unit = "N·m"
         reaction = {
             POSITION_ERROR: "the motion stops",
             POSITION_ERROR_AT_REST: "the drives are disabled",
@@ -201,7 +203,8 @@ class Started:
                 "MuJoCo did not call it"
             )
         if fault is not None and not simulation.book.finite(ticks - 1):
-            ticks -= 1  # the tick at which it diverged has no position to record
+            # the tick at which it diverged has no position to record
+            ticks -= 1
         return simulation.book.record(ticks, fault, every)
 
 

@@ -65,7 +65,8 @@ def slow_at_reversals(env: SpeedOverrideEnv, speed: float) -> Policy:
         ahead = near if near < 1 else far
         moves_on = 100 * seen["speed"] * settings.decision_interval  # until the next decision
         ahead = math.inf if far >= 10 else max(ahead - _BEFORE - moves_on, 0.0)
-        fastest = math.sqrt(speed**2 + braking * ahead)  # from which it can brake to the slow speed until the reversal
+        # from which it can brake to the slow speed until the reversal
+        fastest = math.sqrt(speed**2 + braking * ahead)
         wanted = speed if 10 * seen["since_reversal"] <= _AFTER else fastest
         override = np.clip(math.log(min(wanted / (100 * seen["program_speed"]), _TOP)), low, high)
         present = low + 0.5 * (seen["override"] + 1) * (high - low)
@@ -110,7 +111,8 @@ def gain_schedule(env: SpiralTuningEnv, caution: float) -> Policy:
     inertia = [axis.inertia for axis in machine.axes]
     square = sum(nominal * nominal for nominal in inertia)
     product = sum(axis.inertia * nominal for axis, nominal in zip(loaded.axes, inertia, strict=True))
-    per_kg = product / square - 1  # what 1 kg adds to the ratio fitted to all axes
+    # what 1 kg adds to the ratio fitted to all axes
+    per_kg = product / square - 1
     payloads = np.arange(0.0, MOST_PAYLOAD + 1.0, 0.5)
     gains = _stiffest(SensitivityTable(machine, source.servo, env.settings.gain_range), payloads)
 

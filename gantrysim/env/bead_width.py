@@ -210,7 +210,8 @@ class BeadWidthBatch(EpisodeBatch):
             if look is not None:
                 sent = int(self._sent[place])
                 speeds = self._speeds[place][sent : sent + 3 * interval : interval].tolist()
-                speeds += [0.0] * (3 - len(speeds))  # the program rests after its end
+                # the program rests after its end
+                speeds += [0.0] * (3 - len(speeds))
                 s = look.s[max(int(self._foot[place]), 0)]
                 self._ahead_values[place] = look_ahead(look, s, speeds)
         parts = [

@@ -44,9 +44,11 @@ class DrawnAhead:
     def __init__(self, source: Source) -> None:
         self._source = source
         self._thread = ThreadPoolExecutor(1, "episodes")
-        self._asked: dict[int, tuple[type[np.random.BitGenerator], Any]] = {}  # random numbers and their state
+        # random numbers and their state
+        self._asked: dict[int, tuple[type[np.random.BitGenerator], Any]] = {}
         self._over: list[Episode | None] = []
-        self._next: dict[int, tuple[Any, Future[tuple[Episode, Any]]]] = {}  # state before; episode and state after
+        # state before; episode and state after
+        self._next: dict[int, tuple[Any, Future[tuple[Episode, Any]]]] = {}
 
     def prepare(self, randoms: Mapping[int, np.random.Generator]) -> None:
         """Ask for the next episode of each place, from a copy of its random numbers."""
@@ -87,7 +89,8 @@ class DrawnAhead:
         random = np.random.Generator(kind(0))
         random.bit_generator.state = before
         episode = self._source.draw(random)
-        _ = episode.simulation.start  # computed here, for the thread that steps not to
+        # computed here, for the thread that steps not to
+        _ = episode.simulation.start
         return episode, random.bit_generator.state
 
     def close(self) -> None:
@@ -232,7 +235,8 @@ class EpisodeBatch(ABC):
         """Begin an episode at a place."""
         self.episodes[place] = episode
         self._action[place] = 0.0
-        self._progress[place] = 0  # all of it; the values are written by `measure`
+        # all of it; the values are written by `measure`
+        self._progress[place] = 0
         span = self._spans[place]
         self._measured_next[place] = NOT_MEASURED
         self._batch.observe(place, measuring_stage(), self._span_address(place))
@@ -329,7 +333,8 @@ class EpisodeBatch(ABC):
     def _run(self, stepped: NDArray[np.intp]) -> None:
         """Step until the next decision, or the end of the longest episode where that comes first, and measure."""
         substeps = self._episode(int(stepped[0])).simulation.substeps
-        last = self._ticks - self._sent + self._spans["count"] - 1  # tick, if no stream waits at a gate
+        # tick, if no stream waits at a gate
+        last = self._ticks - self._sent + self._spans["count"] - 1
         end = last * substeps + 1  # its first step
         steps = None
         if self.source.ticks is not None:

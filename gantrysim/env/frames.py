@@ -50,7 +50,8 @@ class Frames:
                 self._renderer.show(run)
             except TooFewRingsError:
                 self.close()
-        if self._renderer is None:  # built for the whole episode: its work piece and all of its bead
+        # built for the whole episode: its work piece and all of its bead
+        if self._renderer is None:
             self._renderer = Renderer(machine, episodes.follower(place), size=self._size)
             self._renderer.show(run)
         return np.ascontiguousarray(self._renderer.frame(tick))

@@ -204,7 +204,8 @@ class GainBatch(EpisodeBatch):
         settings = self.settings
         measured = self.measured
         faulty, ended, undone = self._ends(advanced)
-        alone = self.source.ticks is None  # the episode has one decision, after which nothing is left to truncate
+        # the episode has one decision, after which nothing is left to truncate
+        alone = self.source.ticks is None
         ripple = measured.ripple.max(axis=1)
         terms: dict[str, Floats] = {
             "reward_contour": -np.minimum(np.log1p(measured.contour_rms / settings.tolerance), _CONTOUR),

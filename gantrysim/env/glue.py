@@ -147,7 +147,8 @@ def lay(log: Log, ticks: tuple[int, int], program: Program, glue: Glue, camera: 
     for k in range(max(ticks[0], 1), ticks[1]):
         tip = log.tick[k].nozzle
         before = log.tick[k - 1].nozzle
-        if not np.isfinite(tip).all():  # of a machine that a fault has torn apart
+        # of a machine that a fault has torn apart
+        if not np.isfinite(tip).all():
             continue
         time = k * period
         request = program.override * (program.speeds[log.tick[k - 1].setpoint] / reference) ** index

@@ -53,7 +53,8 @@ class PathEnv(gymnasium.Env[Observation, Observation], EzPickle, ABC):
     def __init__(self, *, render_mode: str | None = None, size: tuple[int, int] = (640, 480), **settings: Any) -> None:
         EzPickle.__init__(self, render_mode=render_mode, size=size, **settings)
         self.settings = self.settings_type.of(settings)
-        self._episodes = self.batch(self.settings, 1, 1, False)  # no thread: an agent may run many environments
+        # no thread: an agent may run many environments
+        self._episodes = self.batch(self.settings, 1, 1, False)
         self.observation_space = self._episodes.observation_space
         self.action_space = self._episodes.action_space
         self.render_mode = render_mode
@@ -93,7 +94,8 @@ class PathEnv(gymnasium.Env[Observation, Observation], EzPickle, ABC):
         Raises:
             InputError: a state of an environment with other settings.
         """
-        self._over = True  # until all of the state is restored
+        # until all of the state is restored
+        self._over = True
         self._episodes.restore(0, state, self.np_random)
         self._over = False
         return self._episodes.observations()[0]
@@ -117,7 +119,8 @@ class PathEnv(gymnasium.Env[Observation, Observation], EzPickle, ABC):
     ) -> tuple[Observation, dict[str, Any]]:
         super().reset(seed=seed)
         chosen = chosen_in(options or {})
-        self._over = True  # until the next episode has begun
+        # until the next episode has begun
+        self._over = True
         drawn = self._episodes.begin({0: self.np_random}, chosen and {0: chosen})[0]
         self._over = False
         return self._episodes.observations()[0], dict(drawn)

@@ -43,7 +43,8 @@ class SensitivityTable:
         self._peaks: dict[tuple[int, ...], Floats] = {}
         self._cost = lru_cache(_KEPT)(self._computed)
         self._plants: dict[int, Plant | None] = {}
-        self._common: dict[int, Floats] = {}  # costs of gains common to all axes, by payload
+        # costs of gains common to all axes, by payload
+        self._common: dict[int, Floats] = {}
 
     def _plant(self, payload: int) -> Plant | None:
         """Return the plant with a payload, in steps of the table."""
@@ -99,7 +100,8 @@ class SensitivityTable:
         if plant is None:
             return 0.0
         steps = np.broadcast_to(np.reshape(gains, (len(_LOOP), -1)), (len(_LOOP), plant.axes))
-        if all(len(group) == 1 for group in plant.groups):  # an axis depends on its own gains alone
+        # an axis depends on its own gains alone
+        if all(len(group) == 1 for group in plant.groups):
             worst = max(
                 self._peak(payload, plant, np.repeat(steps[:, [a]], plant.axes, axis=1))[a] for a in range(plant.axes)
             )

@@ -101,12 +101,15 @@ class ServoTorqueBatch(EpisodeBatch):
         self._prior = np.maximum(_PRIOR * settings.memory / period * self._coulomb**2, np.finfo(float).tiny)
         self._level = np.zeros((places, len(axes)))
         self._sums = np.ones((places, len(axes)), SUMS)
-        self._error = np.zeros((places, len(axes)))  # following error of the interval before the last [mm or deg]
+        # following error of the interval before the last [mm or deg]
+        self._error = np.zeros((places, len(axes)))
         self._decisions = np.zeros(places)  # of the episode
-        self._outside = np.zeros(places)  # of these, those after which the nozzle was out of tolerance
+        # of these, those after which the nozzle was out of tolerance
+        self._outside = np.zeros(places)
         self._sliding = [np.zeros((1, len(axes)))] * places
         self._moving = [np.zeros((1, len(axes)))] * places
-        self._given = [np.zeros((1, len(axes)))] * places  # torques sent with the setpoints without an agent
+        # torques sent with the setpoints without an agent
+        self._given = [np.zeros((1, len(axes)))] * places
         # until the next decision, as observed
         self._next_velocity = np.zeros((places, len(axes)))
         self._next_friction = np.zeros((places, len(axes)))
@@ -192,7 +195,8 @@ class ServoTorqueBatch(EpisodeBatch):
         change = measured.following_mean - self._error
         total = self._sums["numerator"]
         squares = self._sums["denominator"]
-        fitted = np.divide(total, squares, out=np.ones(total.shape), where=squares > 0)  # all may be forgotten at rest
+        # all may be forgotten at rest
+        fitted = np.divide(total, squares, out=np.ones(total.shape), where=squares > 0)
         missing = np.clip((fitted - self._level) / self.settings.step, -_STEPS, _STEPS)
         by_axis = [
             np.clip(measured.following_mean / tolerance, -_WORST, _WORST),

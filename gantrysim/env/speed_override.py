@@ -94,7 +94,8 @@ class SpeedOverrideSource(ChangingFriction):
                 f"the path of job {self._job.name} has {asked.requested.corners.size} corners and the axes "
                 f"{', '.join(asked.axes)}: must have no corners, and axes of x, y and z alone, for its speed to change"
             )
-        super()._simulation(machine, plan)  # checks travel, and the speed of the program
+        # checks travel, and the speed of the program
+        super()._simulation(machine, plan)
         count = self._room(asked.requested.length, self.program_speed(plan.drawn))
         position = np.repeat(asked.requested.position(0.0)[:, : len(asked.axes)], count, axis=0)
         setpoints = Setpoints(
@@ -106,7 +107,8 @@ class SpeedOverrideSource(ChangingFriction):
             progress=np.zeros(count),
         )
         simulation = Simulation.of(machine, self.servo, setpoints, dispenser=Dispenser(area=_BEAD))
-        position = simulation.position.copy()  # to be written as the episode goes on
+        # to be written as the episode goes on
+        position = simulation.position.copy()
         book = LogBook(machine, setpoints, position, simulation.dispenser, drives=simulation.drives)
         return replace(simulation, position=position, book=book)
 
@@ -206,13 +208,16 @@ class SpeedOverrideBatch(EpisodeBatch):
         self._commanded_speed = np.zeros(places)  # [mm/s]
         self._written = np.zeros(places, np.int64)  # setpoints
         self._time = np.zeros(places)  # of the episode [s]
-        self._outside = np.zeros(places)  # share of the path out of tolerance
-        self._way = np.zeros(places)  # commanded in the last interval [mm]
+        # share of the path out of tolerance
+        self._outside = np.zeros(places)
+        # commanded in the last interval [mm]
+        self._way = np.zeros(places)
         self._speed = np.ones(places)
         self._length = np.ones(places)
         self._look: list[LookAhead | None] = [None] * places
         self._ahead_values = np.zeros((places, len(ahead_entries(_SPEEDS))))
-        self._to_reversal = np.ones(places)  # distance to the next reversal of an axis [mm]
+        # distance to the next reversal of an axis [mm]
+        self._to_reversal = np.ones(places)
         self._since_reversal = np.ones(places)  # and since the last
 
     def _entries(self) -> list[Entry]:
@@ -272,7 +277,8 @@ class SpeedOverrideBatch(EpisodeBatch):
         way = np.zeros(interval)
         settings = self.settings
         period = self.source.servo.period
-        first = 1 if not begin else 0  # the path begins at its start
+        # the path begins at its start
+        first = 1 if not begin else 0
         s, speed = move(start, target, path.length, settings.acceleration, period, way[first:])
         self._commanded_s[place] = s
         self._commanded_speed[place] = speed
@@ -347,12 +353,14 @@ class SpeedOverrideBatch(EpisodeBatch):
         measured = self.measured
         faulty, ended, _ = self._ends(advanced)
         reference = self._length / self._speed  # nominal duration [s]
-        late = np.maximum(self._sent - self._setpoints, 0)  # ticks after the end of the path
+        # ticks after the end of the path
+        late = np.maximum(self._sent - self._setpoints, 0)
         time = ((self.source.ticks or 1) - late) * self.source.servo.period
         beyond = np.clip(measured.contour_max / settings.tolerance - 1, 0.0, settings.worst)
         share = self._way / self._length
         remaining = 1 - self._commanded_s / self._length
-        worst = 1 / settings.slowest + settings.weight * settings.worst  # largest loss of the whole path
+        # largest loss of the whole path
+        worst = 1 / settings.slowest + settings.weight * settings.worst
         terms = {
             "reward_progress": settings.progress * share,
             "reward_time": -time / reference,

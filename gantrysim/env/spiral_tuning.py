@@ -113,7 +113,8 @@ class SpiralTuningBatch(EpisodeBatch):
             viscous=np.array([axis.viscous / servo.period for axis in axes]),
         )
         # r = 1 and h = 1 are remembered as if met with this weight
-        least = np.finfo(float).tiny ** 0.5  # an axis without friction has no equation for h, but must not divide by 0
+        # an axis without friction has no equation for h, but must not divide by 0
+        least = np.finfo(float).tiny ** 0.5
         j = np.maximum(np.array([_STEADY * axis.inertia for axis in axes]) ** 2, least)
         f = np.maximum(np.array([axis.friction.coulomb for axis in axes]) ** 2, least)
         weight = _PRIOR * settings.memory / servo.period
@@ -122,16 +123,19 @@ class SpiralTuningBatch(EpisodeBatch):
         self._prior["FF"] = weight * f
         self._prior["JD"] = weight * j
         self._prior["FD"] = weight * f
-        self._log = np.zeros((places, len(TUNED_GAINS)))  # of the gains, share of the range
+        # of the gains, share of the range
+        self._log = np.zeros((places, len(TUNED_GAINS)))
         self._sums = np.zeros((places, len(axes)), SUMS)
         self._sums[...] = self._prior
-        self._error = np.zeros((places, len(axes)))  # following error of the interval before the last [mm or deg]
+        # following error of the interval before the last [mm or deg]
+        self._error = np.zeros((places, len(axes)))
         # until the next decision, as observed
         self._next_velocity = np.zeros((places, len(axes)))
         self._next_acceleration = np.zeros((places, len(axes)))
         self._decisions = np.zeros(places)  # of the episode
         self._costs = np.zeros(places)  # their sum
-        self._payload = np.zeros(places)  # of the last interval [kg]
+        # of the last interval [kg]
+        self._payload = np.zeros(places)
         self._motion = [Motion(np.zeros((1, len(axes))), np.zeros((1, len(axes))))] * places  # for the fit
         self._look: list[LookAhead | None] = [None] * places
 

@@ -120,9 +120,11 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
         stuck = self.autoreset_mode is not AutoresetMode.NEXT_STEP and resting.any()
         if len(self._randoms) < self.num_envs or stuck:
             raise ResetNeeded("not all environments run an episode: call reset")
-        outcome = self._episodes.advance(actions, ~resting)  # with NEXT_STEP, an ended episode waits for this step
+        # with NEXT_STEP, an ended episode waits for this step
+        outcome = self._episodes.advance(actions, ~resting)
         over = outcome.terminated | outcome.truncated
-        self._over = over | resting  # until the next episodes have begun
+        # until the next episodes have begun
+        self._over = over | resting
         if self.autoreset_mode is AutoresetMode.SAME_STEP and over.any():
             # the last observations and infos move aside for those of the next episodes
             final = self._episodes.observations()
@@ -150,7 +152,8 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
 
     def close_extras(self, **_kwargs: Any) -> None:
         """Free the renderer, and draw no more episodes."""
-        if hasattr(self, "_frames"):  # Gymnasium before 1.4 also closes what its constructor has refused
+        # Gymnasium before 1.4 also closes what its constructor has refused
+        if hasattr(self, "_frames"):
             self._frames.close()
             self._episodes.close()
 
@@ -222,7 +225,8 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
             InputError: a state of an environment with other settings.
         """
         for place, state in states.items():
-            self._over[place] = True  # until all of the state is restored
+            # until all of the state is restored
+            self._over[place] = True
             random = self._randoms.setdefault(place, seeding.np_random()[0])
             self._episodes.restore(place, state, random)
             self._over[place] = False

@@ -87,7 +87,8 @@ class SoftMC(Dialect):
             "ki": words.get("KPI", 0.0),
             "velocity_ff": words.get("KPVFR", 0.0),
         }
-        if "KVP" in words:  # else the drive keeps the job's loop
+        # else the drive keeps the job's loop
+        if "KVP" in words:
             rate = words.get("KVI", 0.0)
             values["velocity_gain"] = words["KVP"] / c
             values["velocity_time"] = 1 / rate if rate else 0.0

@@ -172,7 +172,8 @@ def read_gains(
         raise InputError(f"{label}: has none of {names} for axis {', '.join(missing)}, in the parameters of {name}")
     gains = [chosen.gains(words, axis) for words, axis in zip(words_by_axis, axis_servos, strict=True)]
     values: dict[str, Any] = {gain: tuple(axis_gains.get(gain, 0.0) for axis_gains in gains) for gain in GAIN_NAMES}
-    for name in ("velocity_gain", "velocity_time"):  # of a dialect with parameters for the loop in the drive
+    # of a dialect with parameters for the loop in the drive
+    for name in ("velocity_gain", "velocity_time"):
         given = zip(gains, servo.per_axis(name), strict=True)
         values[name] = tuple(axis_gains.get(name, value) for axis_gains, value in given)
     remarks = [

@@ -52,7 +52,8 @@ class IniFile:
     def of(cls, text: str) -> IniFile:
         """Return the content of a text."""
         sections: dict[str, dict[str, str]] = {}
-        section: dict[str, str] = {}  # before the first heading, where LinuxCNC looks for nothing
+        # before the first heading, where LinuxCNC looks for nothing
+        section: dict[str, str] = {}
         for line in text.splitlines():
             heading = _SECTION.fullmatch(line.strip())
             if heading:
@@ -127,7 +128,8 @@ class IniFile:
         joint = f"JOINT_{number}"
         if joint in self.sections:
             return joint
-        older = f"AXIS_{name.upper()}"  # before joints and axes were told apart
+        # before joints and axes were told apart
+        older = f"AXIS_{name.upper()}"
         return older if older in self.sections else None
 
     def is_angular(self, section: str) -> bool:
@@ -306,7 +308,8 @@ class LinuxCNCIni(LinuxCNC):
             lines += ["FF0 = 0", "BIAS = 0", "DEADBAND = 0", f"FERROR = {axis.following_error_limit!r}"]
             if axis.full_scale < float("inf"):
                 lines.append(f"MAX_OUTPUT = {axis.full_scale!r}")
-                if axis.takes_velocity:  # the output stage divides by it, so that it gives 1 at full scale
+                # the output stage divides by it, so that it gives 1 at full scale
+                if axis.takes_velocity:
                     lines.append(f"OUTPUT_SCALE = {axis.full_scale!r}")
         return lines
 

@@ -127,7 +127,8 @@ def _in_steps_of_12_bits(words: dict[str, float]) -> dict[str, float]:
 
 def _check_edges(words: Mapping[str, float], axis: AxisServo) -> None:
     """Raise InputError where a program counts other edges or periods than the servo, as its gains are per these."""
-    units = words.get("UNITS", 1.0)  # 1: the program works in edges, whose length it does not give
+    # 1: the program works in edges, whose length it does not give
+    units = words.get("UNITS", 1.0)
     if units > 0 and units != 1 and axis.resolution > 0 and abs(units * axis.resolution - 1) > _SAME_EDGE:
         raise InputError(
             f"UNITS of axis {axis.name} = {units:g} edges per {axis.unit}: the servo's encoder has "

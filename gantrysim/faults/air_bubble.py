@@ -50,7 +50,8 @@ class AirBubble(InjectedFault):
         return self.volume > 0
 
     def lasting(self, period: float) -> float:
-        return math.inf  # until it has left, which the flow decides
+        # until it has left, which the flow decides
+        return math.inf
 
     @property
     def compression(self) -> float:
@@ -65,12 +66,14 @@ class AirBubble(InjectedFault):
     def flow_left(self, flow: Floats, valve: Floats, edges: Floats) -> Floats:
         volume = np.concatenate([[0.0], np.cumsum(flow * np.diff(edges))])
         before = float(np.interp(self.time, edges, volume))
-        gone = before + self.volume + self.compression  # volume displaced by when it has left
+        # volume displaced by when it has left
+        gone = before + self.volume + self.compression
         k = int(np.searchsorted(volume, gone))
         laid = np.minimum(volume, before)
         if k < volume.size:
             leaves = float(edges[k - 1] + (gone - volume[k - 1]) / flow[k - 1])
             surge = -np.expm1(-np.maximum(edges - leaves, 0.0) / self.recovery)
             laid = laid + np.maximum(volume - gone, 0.0) + self.compression * surge
-        first = int(np.searchsorted(edges, self.time, "right")) - 1  # what came before keeps its last bit
+        # what came before keeps its last bit
+        first = int(np.searchsorted(edges, self.time, "right")) - 1
         return np.concatenate([flow[:first], np.maximum(np.diff(laid[first:]) / np.diff(edges[first:]), 0.0)])

@@ -31,7 +31,8 @@ def explained_residual(fit: AxisFit, period: float) -> float:
     if math.isnan(noise):
         return math.nan
     steps = np.abs(np.diff(fit.position))
-    count = float(steps[steps > 1e-9].min(initial=math.inf))  # of the log, which may differ from the table's
+    # of the log, which may differ from the table's
+    count = float(steps[steps > 1e-9].min(initial=math.inf))
     size = count / math.sqrt(12) if math.isfinite(count) else fit.expected
     return size * math.sqrt(error_variance(fit.predicted, noise / size, period))
 

@@ -152,13 +152,15 @@ def refined_minimum(
         return error.residual(*variables.unpacked(x))
 
     begin = np.ones(len(names) + 1)
-    if "gap" in names:  # contact makes the cost non-smooth: Powell first, then least squares
+    # contact makes the cost non-smooth: Powell first, then least squares
+    if "gap" in names:
         along = minimize(
             lambda x: float(np.sum(residual(x) ** 2)), begin, method="Powell",
             bounds=list(zip(1 + np.maximum(low, -5), 1 + np.minimum(high, 5), strict=True)),
             options={"maxfev": 1200, "xtol": 1e-3, "ftol": 1e-4},
         )  # fmt: skip
-        begin = np.clip(along.x, 1 + low + 1e-9, 1 + high - 1e-9)  # least squares refuses a start on a bound
+        # least squares refuses a start on a bound
+        begin = np.clip(along.x, 1 + low + 1e-9, 1 + high - 1e-9)
     done = least_squares(
         residual, begin, bounds=(1 + low, 1 + high), x_scale=0.05,
         diff_step=difference, xtol=1e-5, ftol=1e-8, max_nfev=evaluations,
@@ -384,7 +386,8 @@ def _fitted_model(error: PredictionError, start: AxisModel) -> tuple[Minimum, Ax
     bristles = [replace(nearest, deflection=factor * nearest.deflection) for factor in _DEFLECTIONS]
     nearest = min(bristles, key=lambda model: error.cost(model, noise))
     rigid = refined_minimum(error, nearest, noise, list(_RIGID), _FIRST_EVALUATIONS)
-    if not start.resonance < _HELD / error.period:  # beyond half the rate, samples do not show the table's mode
+    # beyond half the rate, samples do not show the table's mode
+    if not start.resonance < _HELD / error.period:
         return refined_minimum(error, rigid.model, rigid.noise, list(_RIGID)), rigid.model
     grid = [
         replace(rigid.model, share=share * start.share, stiffness=factor * start.stiffness)
@@ -419,7 +422,8 @@ def _with_another_mode(error: PredictionError, best: Minimum, without_mode: Axis
             stiffness = reduced * (2 * math.pi * float(frequency)) ** 2
             damping = 2 * _DAMPING_RATIO * math.sqrt(stiffness * reduced)
             grid.append(replace(without_mode, share=share, stiffness=stiffness, damping=damping))
-    noise = _CALM * float(np.std(error.torque))  # the fitted one has taken the missing mode for noise
+    # the fitted one has taken the missing mode for noise
+    noise = _CALM * float(np.std(error.torque))
     nearest = min(grid, key=lambda model: error.cost(model, noise))
     other = refined_minimum(error, nearest, noise, [*_RIGID, *MODE])
     seen = all(other.relative(name) < _UNSEEN for name in ("share", "stiffness"))
@@ -451,7 +455,8 @@ def _with_gap(error: PredictionError, best: Minimum, without_mode: AxisModel) ->
     noise = _CALM * float(np.std(error.torque))
     starts = [start for filled in (False, True) for start in _starts(error, best.model, without_mode, noise, filled)]
     likely = [start for start in dict.fromkeys(starts) if error.cost(start, noise) < best.cost]
-    if not likely:  # another structure is missing
+    # another structure is missing
+    if not likely:
         return best
     fits = [
         refined_minimum(error, start, noise, [*_RIGID, *MODE, "gap"], 2 * _FIRST_EVALUATIONS, _COARSE_STEP)

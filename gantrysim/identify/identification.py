@@ -110,7 +110,8 @@ class Identification:
             factor = PER_SI[fit.unit] ** 2 / fit.model.scale if name in _OF_THE_AXIS else 1.0
             low, high = estimate.interval
             reason = judgement.reason(name)
-            if name in (*MODE, "gap") and not fit.shows_mode:  # a backlash shows by the load behind it
+            # a backlash shows by the load behind it
+            if name in (*MODE, "gap") and not fit.shows_mode:
                 reason = "beyond the log's rate"
             rows.append(
                 IdentifiedValue(
@@ -219,7 +220,8 @@ def identify(machine: Machine, log: Log, progress: Callable[[float], None] = lam
             held=log.held,
         )
         _check_log(axis, nominal, axis_log)
-        if not log.held:  # a measured torque has the winding's lag behind it
+        # a measured torque has the winding's lag behind it
+        if not log.held:
             nominal = replace(nominal, lag=0.0)
         try:
             fits.append(fit_axis(nominal, axis_log, counted))
@@ -227,7 +229,8 @@ def identify(machine: Machine, log: Log, progress: Callable[[float], None] = lam
             text = str(error)
             raise NotIdentifiedError(text if text.startswith("axis") else f"axis {name}: {text}") from None
     identification = Identification(machine, log.period, tuple(fits))
-    _ = identification.judgements  # an unusable log is refused here
+    # an unusable log is refused here
+    _ = identification.judgements
     return identification
 
 

@@ -114,7 +114,8 @@ def _logged_axes(table: ColumnTable, machine: Machine, columns: Mapping[str, str
             f"{table.label}: has no axis with position and torque; it must have columns such as {first} position [mm] "
             f"and {first} torque [N·m], and has: {listed}"
         )
-    held = all(f"{axis.name} {DEMAND}" in sources for axis in logged)  # a demand is known between its samples too
+    # a demand is known between its samples too
+    held = all(f"{axis.name} {DEMAND}" in sources for axis in logged)
     kind = DEMAND if held else TORQUE
     if missing := [axis.name for axis in logged if f"{axis.name} {kind}" not in sources]:
         raise InputError(
@@ -135,7 +136,8 @@ def _logged_axes(table: ColumnTable, machine: Machine, columns: Mapping[str, str
             f"{time[stretch.start]:g} s to {time[stretch.stop - 1]:g} s"
         )
     try:
-        period = even_period(time[stretch])  # from all stamps: a single difference may be rounded
+        # from all stamps: a single difference may be rounded
+        period = even_period(time[stretch])
     except InputError as error:
         raise InputError(f"{table.label}: {error}") from None
     names = tuple(axis.name for axis in logged)

@@ -78,7 +78,8 @@ def _of_axis(machine: Machine, index: int) -> list[Stroke]:
     moves += [(abs(room), fastest, share * strongest) for share in _ACCELERATIONS]
     longest = min(abs(room), strongest * _SHORT_TIME**2 / 4)
     shares = np.geomspace(1.0, _SHORTEST, _STROKES * _PASSES)
-    for first in range(_PASSES):  # each with strokes of its own, so that counts of the encoder average out
+    # each with strokes of its own, so that counts of the encoder average out
+    for first in range(_PASSES):
         moves += [(longest * share, fastest, strongest) for share in shares[first::_PASSES]]
     return [
         Stroke(

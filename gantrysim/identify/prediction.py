@@ -148,7 +148,8 @@ def error_variance(model: AxisModel, noise: float, period: float) -> float:
     """
     A, inputs = _linear(model)
     gain = kalman_gain(*sampled_system(A, inputs, period), noise)
-    return 1 / max(1 - float(gain[0]), 1e-12)  # the first gain is P / (P + 1), the variance P + 1
+    # the first gain is P / (P + 1), the variance P + 1
+    return 1 / max(1 - float(gain[0]), 1e-12)
 
 
 def _linear(model: AxisModel) -> tuple[Floats, Floats]:
@@ -217,7 +218,8 @@ def _predict(
     x = np.zeros(n)
     y = np.zeros(n)
     free_motion = np.zeros(n)
-    bristles = constant / deflection  # stiffness of the bristles [N·m/rad]
+    # stiffness of the bristles [N·m/rad]
+    bristles = constant / deflection
     z = 0.0
     for i in range(0, n, 2):
         x[i] = position[0]
@@ -225,7 +227,8 @@ def _predict(
         error = position[tick] - x[0]
         out[tick] = error
         coulomb = max(constant + level[tick], _LEAST_SHARE * constant)
-        most = (coulomb + excess) / bristles  # stretch of the bristles that breaks away from rest
+        # stretch of the bristles that breaks away from rest
+        most = (coulomb + excess) / bristles
         correction = free_gain if n == 4 and abs(x[0] - x[2]) < half else gain
         for i in range(n):
             x[i] += correction[i] * error
@@ -233,7 +236,8 @@ def _predict(
         for j in range(torque.shape[1]):
             w = x[1] / scale
             end, rate = _bristles(w, coulomb, excess, stribeck, bristles)
-            z = end + (z - end) * math.exp(-step * rate)  # from the middle of the last step to that of this one
+            # from the middle of the last step to that of this one
+            z = end + (z - end) * math.exp(-step * rate)
             back = 0.0
             if half > 0.0 and n == 4:
                 back = _slack(x[0] - x[2], x[1] - x[3], spring.stiffness, spring.lost_damping, half)
@@ -268,6 +272,7 @@ def _slack(stretch: float, rate: float, stiffness: float, damping: float, half: 
 def _bristles(w: float, coulomb: float, excess: float, stribeck: float, stiffness: float) -> tuple[float, float]:
     """Return the deflection that the bristles approach at a speed w, and the rate of the approach [rad, 1/s]."""
     level = coulomb
-    if abs(w) < 5.0 * stribeck:  # beyond, less than 1e-10 of the excess is left
+    # beyond, less than 1e-10 of the excess is left
+    if abs(w) < 5.0 * stribeck:
         level += excess * math.exp(-((w / stribeck) ** 2))
     return level / stiffness * (1.0 if w > 0 else -1.0), stiffness * abs(w) / level

@@ -43,7 +43,8 @@ def regression(position: Floats, torque: Floats, period: float) -> tuple[float, 
     least = _MOVING * float(np.quantile(np.abs(speed), 0.99))
     slides = np.abs(speed) > least
     chosen = gaussian_filter1d(1.0 * slides, width) > _SLIDING
-    chosen[: round(4 * width)] = chosen[-round(4 * width) :] = False  # the filter reaches beyond the log
+    # the filter reaches beyond the log
+    chosen[: round(4 * width)] = chosen[-round(4 * width) :] = False
     if not least > 0 or chosen.sum() < 8 * width:
         raise InputError("the axis hardly moves: the log must hold moves to and fro at several speeds")
     A = np.stack([acceleration, speed, sign, np.ones_like(speed)], axis=1)[chosen]

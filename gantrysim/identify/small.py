@@ -64,7 +64,8 @@ def sampled_system(A: Floats, B: Floats, time: float) -> tuple[Floats, Floats]:
     norm = 0.0
     for i in range(n):
         norm = max(norm, np.abs(joint[i]).sum())
-    while norm > 0.5:  # scaling and squaring: the series converges fast only for small matrices
+    # scaling and squaring: the series converges fast only for small matrices
+    while norm > 0.5:
         norm *= 0.5
         halvings += 1
     joint *= 0.5**halvings

@@ -91,7 +91,8 @@ class TorqueRegression:
         )
         slow = np.abs(gaussian_filter1d(speed, width))
         slides = gaussian_filter1d(1.0 * (slow > _MOVING * float(np.quantile(slow, 0.99))), width) > _SLIDING
-        edge = round(4 * width)  # where the filter reaches beyond the log
+        # where the filter reaches beyond the log
+        edge = round(4 * width)
         slides[:edge] = False
         slides[-edge:] = False
         return cls(period, motion, slides)

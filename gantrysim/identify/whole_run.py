@@ -120,7 +120,8 @@ def _set_friction(motor: mujoco.MjsActuator, joint: mujoco.MjsJoint, fit: AxisFi
     nominal = fit.nominal
     to_axis = PER_SI[fit.unit] ** 2 / model.scale
     if motor.gaintype == mujoco.mjtGain.mjGAIN_DCMOTOR and motor.dynprm[BRISTLE_STIFFNESS] > 0:
-        joint.frictionloss = 0.0  # it is part of what is fitted
+        # it is part of what is fitted
+        joint.frictionloss = 0.0
         factor = model.coulomb / motor.biasprm[COULOMB]
         motor.biasprm[COULOMB] = model.coulomb
         motor.biasprm[STATIC] = model.static

@@ -361,7 +361,8 @@ def _effects(
     """
     errors = errors_of(budget)
     refused: dict[str, str] = {}
-    setups: dict[str | float, Setup] = {}  # by the cause without which it is, or by the physics step of the whole job
+    # by the cause without which it is, or by the physics step of the whole job
+    setups: dict[str | float, Setup] = {}
     steps: dict[str, float] = {}
     for cause in causes:
         try:

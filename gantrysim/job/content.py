@@ -82,7 +82,8 @@ class JobContent(BaseModel):
         context = {_ALLOW_CODE: allow_code, _BUILT: built}
         job = validated_model(cls, content, label, lambda: _keys(content, allow_code=allow_code), context, LIST_OF_KEYS)
         job._refusal = refusal
-        if built:  # a program may take longer to read than the rest of the job
+        # a program may take longer to read than the rest of the job
+        if built:
             (job.__dict__["controller"],) = built
         return job
 

@@ -89,7 +89,8 @@ def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tupl
     check_ticks(
         n * len(setpoints.position), f"the run with a servo period of {servo.period / n:g} s", "use a shorter program"
     )
-    if not machine.kinematics.axes_are_coordinates:  # travel and speed are limits of the axes
+    # travel and speed are limits of the axes
+    if not machine.kinematics.axes_are_coordinates:
         setpoints = replace(setpoints, axes=machine.axis_names, position=axis_positions(machine, setpoints))
     period = servo.period / n
     knots = setpoints.position

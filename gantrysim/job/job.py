@@ -124,7 +124,8 @@ class Job(LoadedJob):
                 progress=progress,
             )
         if len(record.time) > memory.LONG_RUN:
-            self.__dict__.pop("setpoints", None)  # they fill the memory, and are computed again on demand
+            # they fill the memory, and are computed again on demand
+            self.__dict__.pop("setpoints", None)
         return record.replaced(job=self)
 
     def limits(self, needle: float, width: float = math.nan) -> Tolerance:

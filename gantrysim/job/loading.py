@@ -123,7 +123,8 @@ def read_job(job: str, controller: str | None = None, *, allow_code: bool = Fals
         check_whole(path.parent, f"job {job}")
     if not path.exists():
         raise unknown("job", job, builtin_jobs())
-    check_regular(path, f"job {job}")  # before its content is looked at
+    # before its content is looked at
+    check_regular(path, f"job {job}")
     if controller is not None:
         controller = absolute_code(controller, Path())
     if _is_program(path, controller):
@@ -158,7 +159,8 @@ def _is_program(path: Path, controller: str | None) -> bool:
     try:
         text = read_text(path, errors="replace")
     except OSError:
-        return False  # read again as a job, which raises with its label
+        # read again as a job, which raises with its label
+        return False
     if is_gcode(text):
         return True
     try:
@@ -189,7 +191,8 @@ def _program(
     dialect = None
     if is_code(named) and controller is None and not allow_code:
         name = named
-        text_argument = Controller.text_argument  # the class may have another, but must not be looked at
+        # the class may have another, but must not be looked at
+        text_argument = Controller.text_argument
     else:
         suffix = path.suffix.lower()
         if named is None and (suffix in SHARED_SUFFIXES or suffix not in suffixes()) and is_gcode(text):

@@ -228,7 +228,8 @@ def _sums(machine: Machine, setpoints: Setpoints, *, is_checked: bool) -> _Sums:
         rows = slice(block.start, block.stop + 1)
         part = _Sums.of(machine, setpoints.part(rows), is_checked=is_checked)
         sums = part if sums is None else sums.joined(part)
-    assert sums is not None  # there are two setpoints at least
+    # there are two setpoints at least
+    assert sums is not None
     return sums
 
 
@@ -236,7 +237,8 @@ def _checked_sums(machine: Machine, setpoints: Setpoints) -> _Sums:
     try:
         return _sums(machine, setpoints, is_checked=True)
     except InputError:
-        axis_positions(machine, setpoints)  # names the worst place of the whole program
+        # names the worst place of the whole program
+        axis_positions(machine, setpoints)
         raise
 
 

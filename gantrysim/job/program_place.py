@@ -91,7 +91,8 @@ def fit_changes(job: JobContent, machine: Machine, controller: Controller, open_
     except InputError:
         return {}
     if changes:
-        controller.release()  # its plan at the old place
+        # its plan at the old place
+        controller.release()
     return changes
 
 
@@ -132,7 +133,8 @@ def place_changes(job: JobContent, machine: Machine, controller: Controller, ope
     setpoints = controller.setpoints(job.servo.period)
     travel = {axis.name: axis.travel for axis in machine.plain_axes}
     if not set(setpoints.axes) <= set(travel):
-        return {}  # the plan names the axis that the machine lacks
+        # the plan names the axis that the machine lacks
+        return {}
     box = _box(setpoints)
     changes: dict[str, Any] = {}
     if open_place.height and "z" in box:

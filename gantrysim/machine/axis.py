@@ -84,7 +84,8 @@ class Axis:
     @property
     def no_load_speed(self) -> float:
         """Speed at which the back-EMF equals the bus voltage [u/s]."""
-        if not self.motor_constant > 0:  # an ideal torque source has no back-EMF: nan
+        # an ideal torque source has no back-EMF: nan
+        if not self.motor_constant > 0:
             return math.inf
         return self.bus_voltage / self.motor_constant * self.scale
 

@@ -94,7 +94,8 @@ def _read_axis(model: mujoco.MjModel, actuator: int) -> tuple[Axis, AxisAddress]
         **_drive_and_friction(model, actuator, name, unit, scale),
     )
     current = -1
-    if axis.lag > 0:  # the winding's current is the last activation of a dcmotor
+    # the winding's current is the last activation of a dcmotor
+    if axis.lag > 0:
         current = int(model.actuator_actadr[actuator] + model.actuator_actnum[actuator] - 1)
     address = AxisAddress(
         joint=int(model.jnt_qposadr[joint]),
@@ -134,7 +135,8 @@ def _drive_and_friction(model: mujoco.MjModel, actuator: int, name: str, unit: s
     drive = _drive(model, actuator, name)
     gear = float(model.actuator_gear[actuator, 0])
     static = float(model.actuator_biasprm[actuator, STATIC])
-    stribeck_speed = float(model.actuator_biasprm[actuator, STRIBECK])  # at the motor shaft [rad/s]
+    # at the motor shaft [rad/s]
+    stribeck_speed = float(model.actuator_biasprm[actuator, STRIBECK])
     bristle_stiffness = float(model.actuator_dynprm[actuator, BRISTLE_STIFFNESS])  # [N·m/rad]
     dof = model.jnt_dofadr[model.actuator_trnid[actuator, 0]]
     # an actuator's damping acts on the motor shaft, the joint's on the load
@@ -280,7 +282,8 @@ def _phases(model: mujoco.MjModel, actuator: int) -> Phases | None:
 def _resolution(model: mujoco.MjModel, name: str, actuator: int, scale: float) -> float:
     """Return the axis travel per count of the encoder; 0 where the axis has none."""
     sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, name)
-    if sensor < 0 or not model.nuser_sensor:  # without an encoder, or one whose counts are not stated
+    # without an encoder, or one whose counts are not stated
+    if sensor < 0 or not model.nuser_sensor:
         return 0.0
     if model.sensor_type[sensor] != mujoco.mjtSensor.mjSENS_ACTUATORPOS or model.sensor_objid[sensor] != actuator:
         raise InputError(f"sensor {name!r} must be an actuatorpos of the actuator {name!r}")

@@ -23,7 +23,8 @@ def notes(machine: Machine) -> tuple[str, ...]:
     depth: dict[tuple[int, int], float] = {}
     pairs = data.contact.geom.tolist()
     for (first, second), distance in zip(pairs, data.contact.dist.tolist(), strict=True):
-        if distance <= 0:  # MuJoCo lists pairs within their margin too
+        # MuJoCo lists pairs within their margin too
+        if distance <= 0:
             depth[first, second] = max(depth.get((first, second), 0.0), -distance)
     for first, second in sorted(depth, key=lambda pair: -depth[pair])[:_MOST_PAIRS]:
         lines.append(
@@ -73,7 +74,8 @@ def weights(machine: Machine) -> dict[str, float]:
     data = mujoco.MjData(model)
     data.qpos[:] = machine.to_qpos(np.zeros(len(machine.axes)))
     mujoco.mj_forward(model, data)
-    held = data.qfrc_bias - data.qfrc_passive  # of gravity, less gravcomp and springs
+    # of gravity, less gravcomp and springs
+    held = data.qfrc_bias - data.qfrc_passive
     whole = float(model.body_mass.sum() * np.linalg.norm(model.opt.gravity))
     torques = {}
     for a, axis in enumerate(machine.axes):

@@ -238,7 +238,8 @@ def compile_mjcf(
         rename(spec, names or {})
         spec.nuserdata = max(int(spec.nuserdata), ROW_NUMBERS)
         with warnings.catch_warnings():
-            warnings.simplefilter("error", UserWarning)  # MuJoCo's bindings warn of a singular inertia by it
+            # MuJoCo's bindings warn of a singular inertia by it
+            warnings.simplefilter("error", UserWarning)
             compiled = spec.compile()
     except InputError:
         raise
@@ -261,7 +262,8 @@ def compile_mjcf(
 def _read(source: Path) -> mujoco.MjSpec:
     """Return the MJCF in a file, or the MJCF of a machine from its table in a TOML file, alone or beside a URDF."""
     if source.suffix.lower() in (".toml", ".urdf"):
-        from gantrysim.machine.design.build import mjcf_in  # slow to import, and for tables alone
+        # slow to import, and for tables alone
+        from gantrysim.machine.design.build import mjcf_in
 
         return mujoco.MjSpec.from_string(mjcf_in(source))
     check_sizes(source)

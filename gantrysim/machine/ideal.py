@@ -49,7 +49,8 @@ def without_friction(machine: Machine) -> Machine:
             element.dynprm[parameter] = 0.0
         for parameter in (COULOMB, STATIC):
             element.biasprm[parameter] = 0.0
-        element.actdim -= 1  # its activations lose the bristle's deflection
+        # its activations lose the bristle's deflection
+        element.actdim -= 1
 
     return _without(machine, rubbing, smooth)
 
@@ -63,7 +64,8 @@ def without_winding(machine: Machine) -> Machine:
     def remove(_: mujoco.MjSpec, motor: mujoco.MjsActuator) -> None:
         for parameter in (TIME_CONSTANT, CURRENT_RATE):
             motor.dynprm[parameter] = 0.0
-        motor.actdim -= 1  # its activations lose the current
+        # its activations lose the current
+        motor.actdim -= 1
 
     return _without(machine, lambda spec: _motors_with(spec, TIME_CONSTANT), remove)
 
@@ -95,7 +97,8 @@ def without_compliance(machine: Machine) -> Machine:
         spring.damping = np.zeros(3)
         constraint = spec.add_equality(type=mujoco.mjtEq.mjEQ_TENDON, name1=spring.name)
         constraint.data[0] = elongation
-        constraint.solref = [2 * spec.option.timestep, 1.0]  # the shortest time constant that MuJoCo advises
+        # the shortest time constant that MuJoCo advises
+        constraint.solref = [2 * spec.option.timestep, 1.0]
         constraint.solimp = _RIGID
 
     return _without(machine, springs, stiffen)
@@ -113,7 +116,8 @@ def _without(
     def edit(spec: mujoco.MjSpec) -> None:
         for element in imperfect(spec):
             remove(spec, element)
-        for key in spec.keys:  # a keyframe has as many states as the machine had; a run uses none
+        # a keyframe has as many states as the machine had; a run uses none
+        for key in spec.keys:
             spec.delete(key)
 
     return machine.edited(edit)

@@ -118,7 +118,8 @@ def _of_axes(machine: RigidMachine, geometry: Geometry, name: str, placing: Coll
     values = np.broadcast_to(np.asarray(value, float), len(machine.axes))
     for axis, axis_value in zip(machine.axes, values, strict=True):
         if name == "play" and not given and axis.name == "z":
-            continue  # the weight takes up the play of an accuracy class
+            # the weight takes up the play of an accuracy class
+            continue
         if name in OF_GUIDES:
             applies = axis.name in placing and (name != "yaw" or axis.name != "z")
         else:

@@ -82,7 +82,8 @@ def _ctype(declared: Any) -> Any:
         return _SCALARS[declared.name]
     if declared.name in structs.STRUCTS:
         return _struct(declared.name)
-    return ctypes.c_int  # every other name is an enum
+    # every other name is an enum
+    return ctypes.c_int
 
 
 def _verify(layout: dict[str, int]) -> None:

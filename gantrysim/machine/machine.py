@@ -167,7 +167,8 @@ class Machine:
         except (ArithmeticError, np.linalg.LinAlgError) as error:  # finite numbers whose products are not
             raise InputError(f"model {self.source}: has numbers too large or too small: {error}") from None
         self.geometry = stated_geometry(self.physics)
-        if warnings:  # such as of an attribute that is not a number, or of a damaged mesh file
+        # such as of an attribute that is not a number, or of a damaged mesh file
+        if warnings:
             raise InputError(f"model {self.source}: MuJoCo warns: {warnings[0]}")
 
     def _build(self, source: Path | mujoco.MjSpec) -> None:

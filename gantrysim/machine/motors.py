@@ -32,8 +32,10 @@ def set_for_steps(model: mujoco.MjModel, timestep: float, voltage: bool, stops: 
     """Set a compiled model for steps of a length; arguments as of `Machine.stepping`."""
     model.opt.timestep = positive("physics step", timestep, "s")
     damp_bristles(model)
-    if not model.nplugin:  # a plugin may act on what it senses
-        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR  # the servo reads positions and currents itself
+    # a plugin may act on what it senses
+    if not model.nplugin:
+        # the servo reads positions and currents itself
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
     if not stops:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     if voltage:

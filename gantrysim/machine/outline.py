@@ -126,7 +126,8 @@ def _solids(model: mujoco.MjModel, data: mujoco.MjData, bodies: NDArray[np.intp]
         body = int(model.geom_bodyid[geom])
         centre = model.geom_pos[geom].copy()
         size = model.geom_size[geom]
-        if kind not in _KINDS:  # the box around it, in the frame of the geom
+        # the box around it, in the frame of the geom
+        if kind not in _KINDS:
             shift = np.empty(3)
             mujoco.mju_rotVecQuat(shift, model.geom_aabb[geom, :3], model.geom_quat[geom])
             centre += shift

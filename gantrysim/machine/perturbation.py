@@ -136,7 +136,8 @@ def perturbed_model(
 
 def _scale_friction(model: mujoco.MjModel, friction: Floats, viscous: Floats) -> None:
     dofs = model.jnt_dofadr[driven_joints(model)]
-    motors = dcmotors(model)  # parameters of an ideal torque source have other meanings
+    # parameters of an ideal torque source have other meanings
+    motors = dcmotors(model)
     model.actuator_biasprm[:, [COULOMB, STATIC]] *= friction[:, None] ** motors
     model.actuator_dynprm[:, [BRISTLE_STIFFNESS, BRISTLE_DAMPING]] *= friction[:, None] ** motors
     model.dof_frictionloss[dofs] *= friction
@@ -171,7 +172,8 @@ def _offset_home(model: mujoco.MjModel, offset: Floats) -> None:
     """Offset the joints' references [SI], (axes,): a displacement is qpos - qpos0, the encoder reads qpos."""
     driven = driven_joints(model)
     model.qpos0[model.jnt_qposadr[driven]] -= offset
-    for tendon in range(model.ntendon):  # the length of a fixed tendon is the sum over its joints' qpos
+    # the length of a fixed tendon is the sum over its joints' qpos
+    for tendon in range(model.ntendon):
         for wrap in wraps_of(model, tendon):
             joint = int(model.wrap_objid[wrap])
             if model.wrap_type[wrap] == mujoco.mjtWrap.mjWRAP_JOINT and joint in driven:
@@ -191,7 +193,8 @@ def _scratch(model: mujoco.MjModel) -> mujoco.MjData:
 
 def _add_payload(model: mujoco.MjModel, payload: float, nozzle: int, work: int) -> None:
     body = int(model.site_bodyid[nozzle])
-    if not model.body_weldid[body]:  # the nozzle is fixed: the work moves
+    # the nozzle is fixed: the work moves
+    if not model.body_weldid[body]:
         body = work
     mass = float(model.body_mass[body])
     if payload < 0 and not mass + payload > 0:

@@ -36,7 +36,8 @@ def digest_of(model: mujoco.MjModel) -> str:
     digest = hashlib.sha256()
     for name, value in _parts(model):
         array = np.asarray(value)
-        if not array.size:  # such as of elements that the model has none of
+        # such as of elements that the model has none of
+        if not array.size:
             continue
         digest.update(f"{name} {array.dtype.str} {array.shape} ".encode())
         digest.update(array.tobytes())
@@ -51,7 +52,8 @@ def _parts(model: mujoco.MjModel) -> Iterator[tuple[str, object]]:
         value = getattr(model.opt, name)
         if not name.startswith("_") and not callable(value):
             yield f"opt.{name}", value & ~_OF_ENGINE if name == _FLAGS else value
-    yield "stat.meaninertia", model.stat.meaninertia  # by which the solver measures its error
+    # by which the solver measures its error
+    yield "stat.meaninertia", model.stat.meaninertia
     _, *names = model.names.split(b"\0")
     yield "names", b"\0".join(names)
     yield "text_data", model.text_data

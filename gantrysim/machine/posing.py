@@ -90,7 +90,8 @@ class Chain:
         columns = {address: column for column, address in enumerate(moving)}
         up = _to_world(model, int(model.site_bodyid[site]))
         down = _to_world(model, body)
-        while up and down and up[-1] == down[-1]:  # ancestors of both move them alike
+        # ancestors of both move them alike
+        while up and down and up[-1] == down[-1]:
             up.pop()
             down.pop()
         self._site: Floats = model.site_pos[site].copy()
@@ -115,7 +116,8 @@ class Chain:
 
     def _append(self, step: _Rigid | _Slide | _Hinge) -> None:
         last = self._steps[-1] if self._steps else None
-        if isinstance(step, _Rigid) and isinstance(last, _Rigid):  # two rigid motions are one
+        # two rigid motions are one
+        if isinstance(step, _Rigid) and isinstance(last, _Rigid):
             self._steps[-1] = last.then(step)
         else:
             self._steps.append(step)
@@ -263,6 +265,7 @@ def checked_position(axes: Sequence[Axis], position: ArrayLike | None) -> Floats
         numbers = np.array(np.nan)
     if numbers.shape != (len(axes),) or not np.isfinite(numbers).all():
         units = ", ".join(f"{axis.name} [{axis.unit}]" for axis in axes)
-        text = " ".join(str(position).split())  # an array's text has line breaks
+        # an array's text has line breaks
+        text = " ".join(str(position).split())
         raise InputError(f"position = {text}: must be {len(axes)} finite numbers, one per axis: {units}")
     return numbers

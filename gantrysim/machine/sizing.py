@@ -159,7 +159,8 @@ class Sizing:
 def _axis_sizing(machine: Machine, a: int, frequency: float, margin: float, torque: np.ndarray | None) -> AxisSizing:
     axis = machine.axes[a]
     model = machine.physics
-    per_motor = axis.scale / PER_SI[axis.unit]  # travel per motor angle [m/rad or 1]
+    # travel per motor angle [m/rad or 1]
+    per_motor = axis.scale / PER_SI[axis.unit]
     efficiency = fact(model, "efficiency", a, 1.0)
     continuous = fact(model, "continuous_torque", a)
     inertia = axis.inertia * axis.scale

@@ -110,7 +110,8 @@ class Tolerances:
 
     def hypercube(self, machine: Machine, count: int, seed: int) -> dict[str, Floats]:
         """Return the machines of `machines` as one column per varying factor, (count,) each."""
-        from scipy.stats.qmc import LatinHypercube  # slow to import, and not needed by draw
+        # slow to import, and not needed by draw
+        from scipy.stats.qmc import LatinHypercube
 
         count = whole("number of machines", count, 1)
         seed = whole("seed", seed, 0)

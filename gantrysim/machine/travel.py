@@ -42,7 +42,8 @@ def stops_of(model: mujoco.MjModel) -> Floats:
     joints = driven_joints(model)
     limited = model.jnt_limited[joints].astype(bool)
     low, high = model.jnt_range[joints].T
-    margin = 1.000001 * model.jnt_margin[joints]  # rounded to the safe side
+    # rounded to the safe side
+    margin = 1.000001 * model.jnt_margin[joints]
     return np.stack(
         [
             model.jnt_qposadr[joints],

@@ -305,7 +305,8 @@ def torque_ripple(run: Run) -> Floats:
     Raises:
         InputError: the dispenser is never on.
     """
-    _dispensing_ticks(run)  # raises where there are none
+    # raises where there are none
+    _dispensing_ticks(run)
     both = run.dispense[:-1] & run.dispense[1:]
     squares = [np.sum(np.diff(run.demand[:, a])[both] ** 2) for a in range(len(run.axes))]
     return np.sqrt(np.array(squares) / (2 * max(int(np.count_nonzero(both)), 1)))

@@ -328,7 +328,8 @@ class Budget:
         turned, (first, last) = self._turned()
         turn = np.full(self.analysis.ticks.size, -1)
         if turned.size:
-            turned /= 2 * np.pi  # in place: a long run has room for few arrays
+            # in place: a long run has room for few arrays
+            turned /= 2 * np.pi
             whole = np.ceil(turned[-1] - _REST)
             np.floor(turned, out=turned)
             turn[first:last] = np.clip(turned, 0, max(whole - 1, 0), out=turned)
@@ -401,7 +402,8 @@ class Budget:
         count = int(turns.max()) + 1
         if count < 2 or not self.analysis.spacing.distance.size:
             return ()
-        inside = np.flatnonzero(turns >= 0)  # a stretch of ticks in the order of the turns
+        # a stretch of ticks in the order of the turns
+        inside = np.flatnonzero(turns >= 0)
         edges = inside[0] + np.searchsorted(turns[inside], np.arange(count + 1))
         edges = np.concatenate([[0], edges, [turns.size]])
         names = ["before", *(f"turn {number}" for number in range(1, count + 1)), "after"]

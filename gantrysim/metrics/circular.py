@@ -64,7 +64,8 @@ def least_squares_circle(points: ArrayLike) -> tuple[tuple[float, float], float]
     """
     p = plane_points(points)
     middle = p.mean(axis=0)
-    q = p - middle  # or a circle far from the origin would lose digits in |p|^2
+    # or a circle far from the origin would lose digits in |p|^2
+    q = p - middle
     matrix = np.column_stack([2 * q, np.ones(len(q))])
     solution, _, rank, _ = np.linalg.lstsq(matrix, (q**2).sum(axis=1), rcond=None)
     if rank < 3:
@@ -231,7 +232,8 @@ class Trace:
     @property
     def clockwise(self) -> bool:
         """Whether the path is run clockwise."""
-        turned = (np.diff(self.angle) + 180) % 360 - 180  # across 0 deg by the short way
+        # across 0 deg by the short way
+        turned = (np.diff(self.angle) + 180) % 360 - 180
         return bool(turned.sum() < 0)
 
     @property

@@ -70,7 +70,8 @@ def links(path: Path, chain: list[Trace]) -> tuple[list[Part], Part | None]:
 
 def offset_of(foot: Projection) -> Part:
     """Return the offset of points from their feet."""
-    columns = vars(foot)  # not the attributes: a long run's columns stay in the file that holds them
+    # not the attributes: a long run's columns stay in the file that holds them
+    columns = vars(foot)
     return Part(columns["lateral"], columns["vertical"], columns["beyond"])
 
 

@@ -98,8 +98,10 @@ class Chain(Path):
         direction = self._columns["direction"]
         self._columns["straight"] = dot(frame[:, 2], direction)  # sine of a line's climb
         products = frame[:, :2] * direction[:, None]
-        along, across = (products[..., 0] + products[..., 1] + products[..., 2] + 0.0).T  # 0, not -0, for no component
-        self._columns["heading"] = np.arctan2(across, along)  # 0 for coils, which have no direction
+        # 0, not -0, for no component
+        along, across = (products[..., 0] + products[..., 1] + products[..., 2] + 0.0).T
+        # 0 for coils, which have no direction
+        self._columns["heading"] = np.arctan2(across, along)
         # the starts and ends of all pieces at once, as every call of a compiled function takes its time
         count = len(self.pieces)
         k = np.arange(count)
@@ -129,7 +131,8 @@ class Chain(Path):
         before = None
         headings = self._columns["heading"].tolist()
         for k, (begin, end) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
-            if along_normal[k]:  # such a line has no heading of its own
+            # such a line has no heading of its own
+            if along_normal[k]:
                 if before is None:
                     before = 0.0
                 headings[k] = before
@@ -262,7 +265,8 @@ def _find_places(
     points, frames = needed
     frame = columns.frame
     begin = 0
-    while begin < k.size:  # points in a row mostly lie on one piece
+    # points in a row mostly lie on one piece
+    while begin < k.size:
         j = k[begin]
         end = begin + 1
         while end < k.size and k[end] == j:

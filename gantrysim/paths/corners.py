@@ -103,7 +103,8 @@ class Corners:
             [dot(next_normal, second), dot(next_binormal, second)],
         ]
         u, _, v = np.linalg.svd(np.moveaxis(np.array(columns), -1, 0))
-        change = u @ v  # the nearest orthogonal matrix, as the two lines of a fold are not exactly one
+        # the nearest orthogonal matrix, as the two lines of a fold are not exactly one
+        change = u @ v
         change[np.abs(change - np.eye(2)).max(axis=(1, 2), initial=0.0) < _ROUNDING] = np.eye(2)  # which is no torsion
         return cls(s, before, after, normal, axis, _products(change))
 

@@ -73,7 +73,8 @@ class Local:
 
     def _direction(self, k: int) -> Floats:
         """Return one direction of each point's plane, (n, 3)."""
-        if len(self.frames) == 1:  # most paths have one plane
+        # most paths have one plane
+        if len(self.frames) == 1:
             return np.broadcast_to(self.frames[0, k], (self.plane.size, 3))
         return self.frames[self.plane, k]
 
@@ -133,7 +134,8 @@ def foot_between(path: SmoothPath, p: Floats, low: Floats, high: Floats, guess: 
     first = np.minimum(low + inset, high)
     last = np.maximum(high - inset, first)
     s = np.clip(guess, first, last)
-    behind = first - 1.0  # of the foot: the furthest place that is known to be, none so far
+    # of the foot: the furthest place that is known to be, none so far
+    behind = first - 1.0
     ahead = last + 1.0
     rows = np.arange(len(p))
     for _ in range(_STEPS):
@@ -160,7 +162,8 @@ def foot_between(path: SmoothPath, p: Floats, low: Floats, high: Floats, guess: 
     at_low = s <= first
     at_high = s >= last
     foot = np.where(at_low, low, np.where(at_high, high, s))
-    offset -= scaled_rows(tangent, foot - s)  # from just inside the end to the end
+    # from just inside the end to the end
+    offset -= scaled_rows(tangent, foot - s)
     return Projection(
         s=foot,
         offset=offset,

@@ -194,8 +194,10 @@ def fastest(
     limit = np.asarray(acceleration, float) * (1 - MARGIN)
     with np.errstate(divide="ignore", invalid="ignore"):
         for bound in ((np.asarray(velocity, float) / np.abs(first)) ** 2, limit / np.abs(second)):
-            for of_axis in bound.T:  # one after the other, as NumPy takes short rows slowly
-                top = np.fmin(top, of_axis)  # nan is no limit: such as of an infinite one where the axis rests
+            # one after the other, as NumPy takes short rows slowly
+            for of_axis in bound.T:
+                # nan is no limit: such as of an infinite one where the axis rests
+                top = np.fmin(top, of_axis)
     if not np.isfinite(limit).any():
         return Limited(s, np.sqrt(top))
     finite = np.isfinite(limit)

@@ -108,7 +108,8 @@ class Path(ABC):
         edges = np.concatenate([[0.0], self.joints, [self.length]])
         s = _divided_spans(edges, np.ceil(np.diff(edges) / spacing - _ROUNDING))
         sizes = np.diff(s)
-        inside = _INSIDE * sizes  # of the piece on which each chord lies
+        # of the piece on which each chord lies
+        inside = _INSIDE * sizes
         bend = np.maximum(np.abs(self.curvature(s[:-1] + inside)), np.abs(self.curvature(s[1:] - inside)))
         sagitta = _SAGITTA * max(spacing / _TABLE_SPACING, 1.0) ** 2
         s = _divided_spans(s, np.minimum(np.ceil(sizes * np.sqrt(bend / (8 * sagitta))), _MOST_PARTS))

@@ -144,7 +144,8 @@ def _crossings(first: PlaneMove, second: PlaneMove) -> Iterator[complex]:
 def _line_and_circle(line: PlaneMove, arc: PlaneMove) -> Iterator[complex]:
     assert arc.centre is not None
     tangent = line.first_tangent
-    arm = (arc.centre - line.start) * tangent.conjugate()  # along and across the line
+    # along and across the line
+    arm = (arc.centre - line.start) * tangent.conjugate()
     radius = abs(arc.end - arc.centre)
     if abs(arm.imag) > radius + _REACH:
         return

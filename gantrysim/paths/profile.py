@@ -227,7 +227,8 @@ class PointToPoint:
         time_to_end = self.duration - time
         rising = np.full(time.shape, 0.5 * up)
         falling = np.zeros(time.shape)
-        ramp = time < up  # most times lie on neither ramp
+        # most times lie on neither ramp
+        ramp = time < up
         share = np.maximum(time[ramp] / up, 0.0)
         rising[ramp] = up * self.shape.distance(share, self.peak, self.acceleration)
         ramp = time_to_end < down

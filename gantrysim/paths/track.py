@@ -47,7 +47,8 @@ class Track(Chain):
         self._centre = np.asarray(centre, float) if has_coils else begin
         count = len(coil)
         planes = np.unique(self._plane)
-        if planes.size == 1:  # no copies of the one frame: programs have many pieces, most in one plane
+        # no copies of the one frame: programs have many pieces, most in one plane
+        if planes.size == 1:
             frame = np.broadcast_to(self._frames[planes[0]], (count, 3, 3))
         else:
             frame = self._frames[self._plane]
@@ -101,7 +102,8 @@ class Track(Chain):
         heading[headed] += turns
         if headed.size < k.size:
             before = np.searchsorted(headed, k[~has_heading]) - 1
-            ends = np.append(last[headed] + turns, 0.0)  # index -1, of no piece before, takes the 0
+            # index -1, of no piece before, takes the 0
+            ends = np.append(last[headed] + turns, 0.0)
             heading[~has_heading] = ends[before]
 
     def _end_headings(self, lengths: Floats) -> tuple[Floats, Floats]:

@@ -116,7 +116,8 @@ class Run(Shown):
     def __post_init__(self) -> None:
         for name, value in list(vars(self).items()):
             if isinstance(value, np.ndarray) and _writable(value):
-                copied = value.copy()  # the caller may go on writing to the array
+                # the caller may go on writing to the array
+                copied = value.copy()
                 copied.flags.writeable = False
                 object.__setattr__(self, name, copied)
 
@@ -126,9 +127,11 @@ class Run(Shown):
         Raises:
             InputError: the file cannot be written.
         """
-        from gantrysim.record.run_file import write_record  # with all kinds of paths, which few processes need
+        # with all kinds of paths, which few processes need
+        from gantrysim.record.run_file import write_record
 
-        with replaced_file(file) as partial, partial.open("wb") as stream:  # by path it would add a suffix
+        # by path it would add a suffix
+        with replaced_file(file) as partial, partial.open("wb") as stream:
             write_record(stream, {name: value for name, value in self._values().items() if name != "job"})
 
     def replaced(self, **changes: Any) -> Run:
@@ -140,7 +143,8 @@ class Run(Shown):
         return {field.name: vars(self)[field.name] for field in fields(self)}
 
     def __getstate__(self) -> dict[str, Any]:
-        return self._values()  # without budget and verdict, which are computed again
+        # without budget and verdict, which are computed again
+        return self._values()
 
     def __len__(self) -> int:
         return int(vars(self)["time"].shape[0])

@@ -109,7 +109,8 @@ class Archive:
                 values: NDArray[Any] | Stored = _long(name, member, stream)
             else:
                 values = read_array(stream, allow_pickle=False)
-            if file.read(1):  # at the end zipfile compares its own checksum
+            # at the end zipfile compares its own checksum
+            if file.read(1):
                 raise InputError(f"{name} is longer than announced")
         return values
 
@@ -119,7 +120,8 @@ class Archive:
         Raises:
             InputError: they differ.
         """
-        computed = self._digest.hexdigest()  # before the checksum itself is read
+        # before the checksum itself is read
+        computed = self._digest.hexdigest()
         if str(self.read(CHECKSUM)) != computed:
             raise InputError(f"its {CHECKSUM} does not match its content")
 
@@ -128,7 +130,8 @@ class Archive:
 def open_archive(stream: BinaryIO) -> Iterator[Archive]:
     """Open an archive; errors that its damage raises in the block become one InputError."""
     try:
-        with warnings.catch_warnings(action="ignore"):  # NumPy's, of headers that are damaged
+        # NumPy's, of headers that are damaged
+        with warnings.catch_warnings(action="ignore"):
             yield Archive(stream)
     except InputError:
         raise
@@ -256,7 +259,8 @@ def read_record(stream: BinaryIO) -> dict[str, Any]:
     Raises:
         InputError: it is no record of the present format, or a damaged one.
     """
-    with open_archive(stream) as archive, np.errstate(all="ignore"):  # of damaged numbers, which are refused
+    # of damaged numbers, which are refused
+    with open_archive(stream) as archive, np.errstate(all="ignore"):
         return _content(archive)
 
 
@@ -359,7 +363,8 @@ def _check_values(content: Mapping[str, Any], columns: Mapping[str, NDArray[Any]
         count = len(values)
         if name in _LAST and content["fault"] != "null":
             count -= 1
-        unknown = name in _NAN and np.isnan(values[0])  # of an axis whose motor is an ideal source of torque
+        # of an axis whose motor is an ideal source of torque
+        unknown = name in _NAN and np.isnan(values[0])
         not_finite = 0
         for rows in blocks(count):
             finite = np.isfinite(values[rows]) | (unknown & np.isnan(values[rows]))

@@ -110,7 +110,8 @@ class Setpoints:
             raise InputError(f"dispenser command of shape {dispense.shape}: must be {position.shape[:1]}")
         for block in blocks(len(position)):
             rows = array_of(stored["position"])[block]
-            if not np.isfinite(rows).all():  # axis by axis it would take much longer
+            # axis by axis it would take much longer
+            if not np.isfinite(rows).all():
                 row = int(np.argmin(np.isfinite(rows).all(axis=1)))
                 raise InputError(f"setpoint {block.start + row} = {rows[row].tolist()}: must be finite")
         if "progress" in stored:
@@ -308,7 +309,8 @@ def periods(duration: float, period: float) -> int:
     Raises:
         InputError: more than MAX_TICKS.
     """
-    count = duration / period - 1e-9  # rounding of the quotient must not add a period
+    # rounding of the quotient must not add a period
+    count = duration / period - 1e-9
     if not count <= MAX_TICKS:
         raise InputError(f"{duration:g} s in periods of {period:g} s: makes {count:.3g} ticks, at most {MAX_TICKS:g}")
     return math.ceil(count)

@@ -27,7 +27,8 @@ class Recent(Generic[_Value]):
     """Values by a key; of those used last, as many as there is `ROOM` for."""
 
     def __init__(self) -> None:
-        self._values: dict[str, tuple[_Value, float]] = {}  # with their sizes [kB]; that used last at the end
+        # with their sizes [kB]; that used last at the end
+        self._values: dict[str, tuple[_Value, float]] = {}
 
     def get(self, key: str) -> _Value | None:
         """Return the value of a key, None where it is not kept."""
@@ -67,7 +68,8 @@ class Family:
     def __init__(self, base: Job) -> None:
         self._base = base
         self._first: dict[str, Job] = {}  # by servo and machine
-        self._before: dict[str, float] = {}  # by program and period [s]
+        # by program and period [s]
+        self._before: dict[str, float] = {}
 
     def member(self, job: Job) -> Job:
         """Return a job that shares with others what it has in common with them."""
@@ -156,7 +158,8 @@ class Bench:
             results: Iterable[Measured] = map(measured_together, groups, earlier)
             if self._workers > 1 and len(groups) > 1:
                 pool = stack.enter_context(ThreadPoolExecutor(self._workers))
-                stack.callback(pool.shutdown, cancel_futures=True)  # those that have not begun at an interrupt
+                # those that have not begun at an interrupt
+                stack.callback(pool.shutdown, cancel_futures=True)
                 results = pool.map(measured_together, groups, earlier)
             for (key, group), measured in zip(motions.items(), results, strict=True):
                 if measured.motion is not None:

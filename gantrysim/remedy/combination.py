@@ -88,7 +88,8 @@ class Combinations:
         self._measure_all = measure_all
         self._bad_rows = bad_rows
         self._member = member
-        self._states: dict[tuple[tuple[str, str], ...], State] = {}  # by names of levers and labels of settings
+        # by names of levers and labels of settings
+        self._states: dict[tuple[tuple[str, str], ...], State] = {}
 
     def state_of(self, picks: Sequence[Pick]) -> State:
         """Return the state after the levers of a combination are set, one after the other.
@@ -99,7 +100,8 @@ class Combinations:
         if not picks:
             return self._start
         key = tuple((pick.lever.name, pick.setting) for pick in picks)
-        if key not in self._states:  # combinations are extended, so that the same levers come first again and again
+        # combinations are extended, so that the same levers come first again and again
+        if key not in self._states:
             *others, last = picks
             state = self.state_of(others)
             self._states[key] = State(self._changed(state, setting_of(state, last)), state.measure)

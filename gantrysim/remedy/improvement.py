@@ -64,7 +64,8 @@ def _ploughed_reason(outcome: Outcome) -> str:
     row = outcome.verdict[GLUE]
     if row.checks[0].name != _PLOUGHED or not row.checks[0].value:
         return ""
-    return row.remark.rpartition("; ")[2]  # its last part is the remedy
+    # its last part is the remedy
+    return row.remark.rpartition("; ")[2]
 
 
 def _glue_bound(job: Job) -> str:
@@ -155,7 +156,8 @@ def toml_lines(base: Job, improved: Job) -> str:
 
 def _tables(values: Mapping[str, Any]) -> str:
     tables: dict[str, list[str]] = {}
-    for key, value in sorted(values.items(), key=lambda item: "." in item[0]):  # keys without a table come first
+    # keys without a table come first
+    for key, value in sorted(values.items(), key=lambda item: "." in item[0]):
         table, _, leaf = key.rpartition(".")
         is_text = isinstance(value, str) and "\n" in value
         text = tomli_w.dumps({leaf: value}, multiline_strings=True) if is_text else f"{leaf} = {_inline(value)}\n"
@@ -170,7 +172,8 @@ def options(base: Job, improved: Job) -> list[str]:
     """
     values = values_to_set(improved, lambda values: base.loaded_with(values))
     speed: float | None = None
-    is_at_speed = base.given is not None and base.given.speed is not None  # which sets the speed after all values
+    # which sets the speed after all values
+    is_at_speed = base.given is not None and base.given.speed is not None
     if values is None or is_at_speed or any(map(_is_long, values.values())):
         speed = float(f"{improved.controller.programmed_speed:.{_SPEED_DIGITS}g}")
         values = values_to_set(improved, lambda values: base.loaded_with(values, speed=speed))

@@ -43,7 +43,8 @@ def change_section(improvement: Improvement) -> Section:
         rows = [improvement.rows[0], *improvement.combined_rows]
         tables.append(Table(improvement.heads, rows, _caption(f"{USAGE}; each lever with those before it")))
     if improvement.changes_anything:
-        texts.append(_caption(f"{improvement.gains[-1]}."))  # the time, which is no check
+        # the time, which is no check
+        texts.append(_caption(f"{improvement.gains[-1]}."))
         checks = checks_table(NAMES, tuple(check_changes([improvement.verdict, improvement.improved])))
         tables += [] if checks is None else [checks]
     if improvement.trials:

@@ -185,7 +185,8 @@ def default_colour(runs: Sequence[Run]) -> str:
 def _values(colour: str, sweep: Sweep) -> Floats:
     """Return the coloured quantity of a whole bead at each place of its rings, (k,)."""
     mesh = sweep.mesh(len(sweep.bead_trace.run.time) - 1)
-    _, first = np.unique(mesh.place, return_index=True)  # rings of an end and unused ones share a place
+    # rings of an end and unused ones share a place
+    _, first = np.unique(mesh.place, return_index=True)
     if colour == "width":
         return mesh.width[first]
     return np.interp(mesh.place[first], sweep.bead_trace.place, values_along(colour, sweep.bead_trace))
@@ -198,7 +199,8 @@ def _rounded_up(value: float) -> float:
 
 
 def _table(name: str, first: float, last: float) -> NDArray[np.uint8]:
-    from matplotlib import colormaps  # slow to import, and needed for coloured beads alone
+    # slow to import, and needed for coloured beads alone
+    from matplotlib import colormaps
 
     shades: NDArray[np.float64] = colormaps[name](np.linspace(first, last, _SHADES))
     return np.round(255 * shades[:, :3]).astype(np.uint8)

@@ -124,7 +124,8 @@ def film_writer(
         with closing(encoder):
             encoder.send(None)
             if suffix == _GIF:
-                with suppress(OSError):  # of an encoder that has stopped, as the first frame tells
+                # of an encoder that has stopped, as the first frame tells
+                with suppress(OSError):
                     encoder.send(_palette(samples()))
             with suppress(_StoppedError):
                 yield append

@@ -195,7 +195,8 @@ class Film(Closing):
         self._renderers: list[Renderer] = []
         shape = (self.cells[0].width, self.cells[0].height)  # of all pictures
         framing = _common_framing(takes, shape) if camera is None else None
-        with ExitStack() as opened:  # closes those that are open where one cannot be opened
+        # closes those that are open where one cannot be opened
+        with ExitStack() as opened:
             for take, cell, bead in zip(takes, self.cells, beads, strict=True):
                 size = (cell.width, cell.height)
                 view = camera or framing or BEAD
@@ -210,7 +211,8 @@ class Film(Closing):
         self._captions = [
             Caption(take.verdict, note, cell.width, letters) for take, cell in zip(takes, self.cells, strict=True)
         ]
-        memory.give_back()  # frames of a long run need it
+        # frames of a long run need it
+        memory.give_back()
 
     def _places(self, labels: Sequence[str], rows: int, room: int) -> tuple[Cell, ...]:
         """Draw the headers and return the places of the pictures, row by row, in the height above the panel."""
@@ -257,7 +259,8 @@ class Film(Closing):
             raise InputError(f"time = {time:g} s: must be from 0 s to the end of the run, {self.end:g} s")
         width, height = self.size
         frame = np.empty((height, width, 3), np.uint8)
-        frame[:] = np.full((width, 3), rgb(PAPER), np.uint8)  # by rows: pixel by pixel takes ten times as long
+        # by rows: pixel by pixel takes ten times as long
+        frame[:] = np.full((width, 3), rgb(PAPER), np.uint8)
         share = self._flight_share(time, speed)
         for cell, renderer, run in zip(self.cells, self._renderers, self._runs, strict=True):
             cell.of(frame)[:] = renderer.frame(run.tick(time), share)

@@ -42,7 +42,8 @@ class Sight:
 
     def __init__(self, model: mujoco.MjModel, machine: Machine, run: Run, width_over_height: float) -> None:
         self._model = copy.copy(model)
-        self._model.geom_matid[:] = -1  # colours are written to the geoms: lines pass what is transparent
+        # colours are written to the geoms: lines pass what is transparent
+        self._model.geom_matid[:] = -1
         self._data = mujoco.MjData(self._model)
         self._machine = machine
         self._run = run
@@ -216,7 +217,8 @@ class Flight:
         if camera.type == mujoco.mjtCamera.mjCAMERA_FIXED:
             number = camera.fixedcamid
             axes = self._scene.data.cam_xmat[number].reshape(3, 3)
-            if abs(axes[2, 0]) < _UPRIGHT:  # a free camera cannot roll
+            # a free camera cannot roll
+            if abs(axes[2, 0]) < _UPRIGHT:
                 place = self._scene.data.cam_xpos[number]
                 forward = -axes[:, 2]
                 distance = float((self._bead_view().centre - place) @ forward)

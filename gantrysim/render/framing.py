@@ -45,7 +45,8 @@ class Framing:
         points: list[Floats] = []
         heights: list[Floats] = []
         for run, ticks, before in zip(runs, shown, np.cumsum([0, *sizes[:-1]]).tolist(), strict=True):
-            points.append(run.nozzle[ticks[-before % every :: every]])  # evenly from all runs together
+            # evenly from all runs together
+            points.append(run.nozzle[ticks[-before % every :: every]])
             heights.append(_heights(run, ticks))
         elevation = _FLAT_ELEVATION if climb(np.concatenate(heights)) <= LEVEL else _STEEP_ELEVATION
         return cls(1e-3 * np.concatenate(points), azimuth, elevation)

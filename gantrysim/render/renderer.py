@@ -44,14 +44,16 @@ class Geoms:
         self._radius = model.geom_rbound.copy()
         self._radius[self._is_plane] = np.inf
         self._radius[unbounded] = np.inf
-        self._has_mirror = bool(np.any(model.mat_reflectance > 0))  # which may show what is outside the picture
+        # which may show what is outside the picture
+        self._has_mirror = bool(np.any(model.mat_reflectance > 0))
         self._first = mujoco.MjvOption()
         self._drawn_groups = self._first.geomgroup.astype(bool)
         self._planes = mujoco.MjvOption()
         for option in (self._first, self._planes):
             option.geomgroup[:] = 0
             option.geomgroup[_SHOWN] = 1
-        for kind in ("site", "joint", "tendon", "actuator", "flex", "skin"):  # the first call has added them
+        # the first call has added them
+        for kind in ("site", "joint", "tendon", "actuator", "flex", "skin"):
             getattr(self._planes, f"{kind}group")[:] = 0
         self._push = mujoco.MjvPerturb()
 
@@ -146,7 +148,8 @@ class Inset:
         if _SIDE * size[0] < _LEAST_INSET or not scene.has_camera(_CAMERA):
             return None
         places = framing.in_picture(size[0] / size[1])
-        free = 1 - 2 * _SIDE  # from the middle to the inset's edges
+        # from the middle to the inset's edges
+        free = 1 - 2 * _SIDE
         covered = [int(np.count_nonzero(np.all(places * corner > free, axis=1))) for corner in _CORNERS]
         return cls(scene, _CORNERS[int(np.argmin(covered))], size)
 
@@ -223,21 +226,25 @@ class Renderer(Closing):
         self.size = checked_size("picture", size)
         width, height = self.size
         is_fitted = camera == BEAD or isinstance(camera, Framing)
-        beads = 2 if is_fitted else 1  # a second one for the inset
+        # a second one for the inset
+        beads = 2 if is_fitted else 1
         self.scene = Scene(machine, run, bead, colour=colour, scale=scale, beads_in_pieces=beads)
         self.view = self.scene.camera(camera if isinstance(camera, str) and not is_fitted else None)
         model = self.scene.model
         model.vis.global_.offwidth = width
         model.vis.global_.offheight = height
-        if width < _FRAMED * height:  # MuJoCo's field of view is vertical: widened, so that the horizontal one stays
+        # MuJoCo's field of view is vertical: widened, so that the horizontal one stays
+        if width < _FRAMED * height:
             for fields, name in ((model, "cam_fovy"), (model.vis.global_, "fovy")):
                 half = np.tan(0.5 * np.radians(getattr(fields, name))) * _FRAMED * height / width
                 setattr(fields, name, 2 * np.degrees(np.arctan(half)))
         framing = camera if isinstance(camera, Framing) else None
         self._flight = Flight(self.scene, machine, width / height, framing) if is_fitted else None
         if is_fitted:
-            model.vis.quality.offsamples = 0  # edges are smoothed afterwards, see `smoothed`
-            finest = round(_SHADOW_TEXELS * max(size))  # shadows are seen in views of the whole machine alone
+            # edges are smoothed afterwards, see `smoothed`
+            model.vis.quality.offsamples = 0
+            # shadows are seen in views of the whole machine alone
+            finest = round(_SHADOW_TEXELS * max(size))
             model.vis.quality.shadowsize = min(model.vis.quality.shadowsize, finest)
         self.framing = None if self._flight is None else self._flight.framing
         self._inset = None if self.framing is None else Inset.of(self.scene, self.framing, self.size)
@@ -327,7 +334,8 @@ class Renderer(Closing):
         mujoco.mjr_render(viewport, self._drawn, self._context)
         inset = self._inset if share == 1 else None
         if inset is not None:
-            if scene.widening != 1:  # from near the bead is seen as it is
+            # from near the bead is seen as it is
+            if scene.widening != 1:
                 self._upload(scene.draw_bead(1.0, near=True))
             inset.render(scene, self._geoms, self._drawn, self._context)
         image = np.empty((height, width, 3), np.uint8)

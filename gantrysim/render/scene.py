@@ -229,7 +229,8 @@ class Scene:
             return np.zeros(mesh.place.size, np.float32)
         bead_trace = self.sweep.bead_trace
         values = mesh.width if self._colour == "width" else np.interp(mesh.place, bead_trace.place, self._along)
-        places = (0.5 + 255 * self.scale.share(values)) / 256  # from the first texel's middle to the last one's
+        # from the first texel's middle to the last one's
+        places = (0.5 + 255 * self.scale.share(values)) / 256
         return places.astype(np.float32)
 
     def decorate(self, scene: mujoco.MjvScene) -> None:

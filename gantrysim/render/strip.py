@@ -144,7 +144,8 @@ class Strip:
         value = np.interp(edges, run.time, run.error, left=np.nan, right=np.nan)
         low = np.fmin(value[:-1], value[1:])
         high = np.fmax(value[:-1], value[1:])
-        for block in blocks(len(run.time)):  # a long run does not fit in memory
+        # a long run does not fit in memory
+        for block in blocks(len(run.time)):
             column_of_tick = np.clip(np.round(run.time[block] / per_column).astype(int), 0, len(columns) - 1)
             np.fmin.at(low, column_of_tick, run.error[block])
             np.fmax.at(high, column_of_tick, run.error[block])

@@ -84,7 +84,8 @@ class Telemetry:
         analysis = None
         if self.run.dispense.any():
             analysis = Analysis(self.run) if self._bead is None else self._bead.analysis
-        state = np.zeros(2)  # number of errors so far, and the sum of their squares
+        # number of errors so far, and the sum of their squares
+        state = np.zeros(2)
         largest = np.nan
         for block in blocks(len(self.run.time)):
             error = np.full(block.stop - block.start, np.nan)

@@ -53,7 +53,8 @@ class Output:
         target = expanded(folder).absolute()
         if target.exists() and not target.is_dir():
             raise InputError(f"--out {folder}: is a file, must be a folder")
-        if pending(target):  # files are on their way: looked at by `written`, once the folder is held
+        # files are on their way: looked at by `written`, once the folder is held
+        if pending(target):
             return target
         check_free(target, self.files, f"--out {folder}")
         foreign = [name for name in self.files if (target / name).exists()]

@@ -112,7 +112,8 @@ def servo_section(results: RunResults) -> Section:
 
 
 def _margins(loops: dict[str, AxisLoop]) -> Table:
-    shown = [quantity for quantity in MARGINS if quantity is not GAIN_MARGIN]  # the smaller of two that are shown
+    # the smaller of two that are shown
+    shown = [quantity for quantity in MARGINS if quantity is not GAIN_MARGIN]
     ripples = (TORQUE_RIPPLE, TORQUE_RIPPLE_PERCENT)
     columns: list[str | Column] = ["axis", *map(Column.of, shown), *map(Column.of, ripples)]
     rows = [

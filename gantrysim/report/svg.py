@@ -48,7 +48,8 @@ def inline_svg(figure: Figure, prefix: str, alternative: str) -> str:
     view_box = _VIEW_BOX.search(svg)
     assert root is not None
     assert view_box is not None
-    content = _STYLE_SHEET.sub("", svg[root.end() :])  # it would apply to the whole page
+    # it would apply to the whole page
+    content = _STYLE_SHEET.sub("", svg[root.end() :])
     ids: dict[str, str] = {}
 
     def new_id(match: re.Match[str]) -> str:

@@ -212,7 +212,8 @@ class ViewerData:
         ticks = len(run.time)
         columns = ((series.ticks, series.values()) for series in self.series)
         states: list[NDArray[Any]] = [run.dispense]
-        if self._most < ticks <= memory.LONG_RUN:  # of a longer run the lines are unknown
+        # of a longer run the lines are unknown
+        if self._most < ticks <= memory.LONG_RUN:
             states.append(self._lines(np.arange(ticks)))
         return shown_rows(ticks, columns, len(self.series), states, self._most)
 
@@ -281,7 +282,8 @@ class ViewerData:
 
 def _coordinate(table: object, column: str, axis: int) -> Floats:
     def coordinate(block: slice) -> Floats:
-        points: Floats = getattr(table, column)  # for each block, as the rows that have been read stay in memory
+        # for each block, as the rows that have been read stay in memory
+        points: Floats = getattr(table, column)
         return points[block, axis]
 
     return by_blocks(coordinate, len(getattr(table, column)))

@@ -231,7 +231,8 @@ def _machine_checks(job: Job, run: Run, tolerance: Tolerance, place_at: PlaceAt)
     torque: dict[str, tuple[float, int]] = {}
     speed: dict[str, tuple[float, int]] = {}
     for a, axis in enumerate(job.built_machine.axes):
-        if servo.modes[a] != "stepper":  # in open loop its current is the same under every load
+        # in open loop its current is the same under every load
+        if servo.modes[a] != "stepper":
             limit = min(axis.peak_torque, servo.drives[a].torque_limit)
             torque[axis.name] = _reserve(run.demand[:, a], limit)
         if np.isfinite(axis.speed_limit) and len(run.time) > 1:

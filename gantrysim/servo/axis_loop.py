@@ -155,7 +155,8 @@ class AxisLoop:
         if not below.size:
             return float(modes.min(initial=math.inf)) if modes.size else 0.0
         plain = self._laws(frequency, notch.NONE)
-        beside = below * (1 + _BESIDE)  # the loop has no bound at a mode without damping
+        # the loop has no bound at a mode without damping
+        beside = below * (1 + _BESIDE)
         return float(below[np.abs(self._plant.loop(plain, beside)[:, 0]).argmax()])
 
 
@@ -212,7 +213,8 @@ def are_kept(margins: Margins) -> bool:
 
 def keeps_margins(plant: Plant, servo: LinearLaw) -> bool:
     """Return whether all loops keep the margins of derived ones."""
-    if plant.exceeds(servo, LARGEST_PEAK):  # most that fail do so here, in a fraction of the time
+    # most that fail do so here, in a fraction of the time
+    if plant.exceeds(servo, LARGEST_PEAK):
         return False
     return all(are_kept(margins) for margins in plant.margins(servo))
 

@@ -99,7 +99,8 @@ def _fastest(task: LoopTask, loops: Sequence[AxisLoop]) -> tuple[float, str]:
         if failing is None and all(group.keep(frequency) for group in groups):
             break
         too_fast = frequency
-        if failing is not None:  # it is likely to fail at the next frequency too, which saves trying the others
+        # it is likely to fail at the next frequency too, which saves trying the others
+        if failing is not None:
             slowest_first = [failing, *(axis_loop for axis_loop in loops if axis_loop is not failing)]
     else:
         slowest = _failing(loops, frequency)

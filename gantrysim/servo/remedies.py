@@ -142,7 +142,8 @@ def _remedies(changes: Sequence[Change], tries: _Tries) -> list[dict[Change, int
     if tries.speed(together) < tries.useful and (remedies or not tries.speed(together)):
         return remedies
     enough = min(tries.useful, tries.speed(together))
-    for change in reversed(changes):  # the first of the list are the likeliest causes, and stay the longest
+    # the first of the list are the likeliest causes, and stay the longest
+    for change in reversed(changes):
         fewer = {other: index for other, index in together.items() if other is not change}
         if tries.speed(fewer) >= enough:
             together = fewer
@@ -232,7 +233,8 @@ def _law(request: ServoRequest) -> Change | None:
 def _period(request: ServoRequest) -> Change | None:
     """Return the change to a shorter servo period, no shorter than the servo's delay."""
     if set(request.modes) == {"position"}:
-        return None  # the loops are in the drives
+        # the loops are in the drives
+        return None
     divisors = [divisor for divisor in _SHORTER if request.period / divisor >= request.delay]
     return _number("period", request.period, "s", divisors) if divisors else None
 

@@ -117,7 +117,8 @@ def _of_mode(
         return _around_velocity(task, frequency, velocity_bandwidth)
     drives = task.lags.drives
     plain = Drives(drives.load, drives.bandwidth)
-    if mode == "position":  # the drive has law and encoder, at its own period
+    # the drive has law and encoder, at its own period
+    if mode == "position":
         return _direct(task._replace(period=drives.period, lags=Lags(drives=plain), law=(PID.name,)), frequency)
     return _direct(task._replace(lags=task.lags._replace(drives=plain)), frequency)
 
@@ -340,7 +341,8 @@ def _overrides(request: ServoRequest) -> dict[str, Any]:
         if value is None:
             continue
         values = per_axis(name, value, len(request.axes))
-        if name in GAIN_NAMES and not isinstance(value, Iterable):  # one for all axes that take gains
+        # one for all axes that take gains
+        if name in GAIN_NAMES and not isinstance(value, Iterable):
             values = tuple(0.0 if mode == "stepper" else gain for gain, mode in zip(values, request.modes, strict=True))
         overrides[name] = values
     return overrides

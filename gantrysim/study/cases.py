@@ -98,7 +98,8 @@ class _LastJob:
 
     def contents(self, job: Job) -> tuple[dict[str, Any], str]:
         """Return the values, which are not to be changed, and the text, one object for all cases of the job."""
-        last = self._last  # once, as another thread may replace it
+        # once, as another thread may replace it
+        last = self._last
         if last is None or last[0] is not job:
             last = job, job.model_dump(exclude_none=True), job.toml()
             self._last = last
@@ -229,12 +230,14 @@ def verdict_row(case: Case, run: Run) -> Row:
 
 
 def _verdict(case: Case, budget: Budget, bead: Bead) -> Row:
-    if case.mode != "simulated":  # it has neither servo nor motors
+    # it has neither servo nor motors
+    if case.mode != "simulated":
         return {}
     job = case.job()
     machine = None if case.perturbation is None else job.built_machine.perturbed(case.perturbation)
     verdict = Verdict.of_results(job, budget, bead, machine)
-    if verdict.contradiction:  # errors that are not known keep no limit
+    # errors that are not known keep no limit
+    if verdict.contradiction:
         raise InputError(verdict.contradiction)
     return dict(verdict_columns(verdict))
 

@@ -132,7 +132,8 @@ def connected_cluster(address: str) -> Iterator[Cluster]:
 
 def _client(address: str) -> Client:
     try:
-        with ThreadPoolExecutor(1) as pool:  # this thread may already run an event loop
+        # this thread may already run an event loop
+        with ThreadPoolExecutor(1) as pool:
             kind = pool.submit(lambda: asyncio.run(_kind(address))).result()
         if kind == _SCHEDULER:
             return Client(address, timeout=_PATIENCE, set_as_default=False)

@@ -118,8 +118,10 @@ class Ledger:
 
     def __init__(self, folder: Path | None, identity: dict[str, Any], names: Collection[str] = ANY) -> None:
         self.rows = RowStore()
-        self._places: dict[str, int] = {}  # of the rows, by their keys
-        self._taken_over = 0  # rows of an earlier run, the first of `rows`
+        # of the rows, by their keys
+        self._places: dict[str, int] = {}
+        # rows of an earlier run, the first of `rows`
+        self._taken_over = 0
         self._file = None if folder is None else folder / LEDGER
         self._identity = identity
         self._names = names
@@ -225,7 +227,8 @@ class Ledger:
 
     def remove(self) -> None:
         """Delete the file and forget the rows: the study is complete, or has no values."""
-        self.rows = RowStore()  # rows that were returned refer to the one before
+        # rows that were returned refer to the one before
+        self.rows = RowStore()
         self._places = {}
         if self._file is not None and self._stream is not None:
             self._stream.close()
@@ -237,7 +240,8 @@ class Ledger:
             return
         try:
             self._stream.write(json.dumps(content, allow_nan=False).encode() + b"\n")
-            self._stream.flush()  # a killed process then loses no finished row
+            # a killed process then loses no finished row
+            self._stream.flush()
         except OSError as error:  # of a stream, which has no name
             raise InputError(f"{self._file}: cannot be written: {error.strerror}") from None
 

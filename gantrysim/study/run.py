@@ -143,8 +143,10 @@ def run_study(
     plots = (f"{PLOTS}/{name}.png" for name in study.plots)
     output = Output("study", _ROWS, (_ROWS, _CURVES, _STUDY, JOB, REPORT, *study.texts, *plots))
     target = output.check(folder)
-    forget_jobs()  # a machine's file may have changed since another study
-    _check_job(study.job)  # a job that is refused would be refused case by case
+    # a machine's file may have changed since another study
+    forget_jobs()
+    # a job that is refused would be refused case by case
+    _check_job(study.job)
     rounds = study.rounds()
     cases = next(rounds)
     identity = {
@@ -154,7 +156,8 @@ def run_study(
         "versions": versions(study.job.built_machine),
     }
     with Ledger(target, identity, output.files) as ledger, ledger.blamed():
-        output.check(folder)  # again: files that a killed command left are complete only now
+        # again: files that a killed command left are complete only now
+        output.check(folder)
         try:
             rows = _run_rounds(study, rounds, cases, ledger, workers, progress)
             _check_values(rows)
@@ -291,7 +294,8 @@ def _report_failure(
 def _write_report(study: Study, rows: Sequence[Row], report: Report, folder: Path, identity: dict[str, Any]) -> None:
     for plot in report.plots:
         plot.figure.savefig(folder / PLOTS / f"{plot.name}.png", dpi=_DPI)
-        plot.figure.set_layout_engine("none")  # laid out by now: the page need not do it again
+        # laid out by now: the page need not do it again
+        plot.figure.set_layout_engine("none")
     write_page(
         folder / REPORT,
         report.question,

@@ -97,7 +97,8 @@ def _close(results: Generator[object, None, None]) -> None:
     # loky's manager looks for a withdrawn case that no worker had yet taken, and ends by a KeyError, as it was to end
     threading.excepthook = without_withdrawn
     try:
-        with warnings.catch_warnings(action="ignore"):  # joblib warns of abandoned cases, here on purpose
+        # joblib warns of abandoned cases, here on purpose
+        with warnings.catch_warnings(action="ignore"):
             results.close()
     finally:
         threading.excepthook = report
@@ -149,7 +150,8 @@ def _finished_lots(
         for rows, seconds in results:
             pace.add(len(rows), seconds)
             yield rows
-            rows.clear()  # joblib holds a finished lot in a cycle of objects, until Python looks for such
+            # joblib holds a finished lot in a cycle of objects, until Python looks for such
+            rows.clear()
 
 
 def _here(calls: Iterator[Callable[[], Measured]], workers: int) -> Generator[Measured, None, None]:
@@ -169,18 +171,21 @@ def _here(calls: Iterator[Callable[[], Measured]], workers: int) -> Generator[Me
     started: dict[str, Any] = {}
     if isinstance(get_active_backend()[0], BACKENDS["loky"]):
         started = {"initializer": end_with, "initargs": (os.getpid(),)}
-        if os.name == "posix":  # its start would unblock the signals that are blocked below
+        # its start would unblock the signals that are blocked below
+        if os.name == "posix":
             resource_tracker.ensure_running()
     with parallel_config(n_jobs=workers):
         # a lot is kept as soon as it is finished
         parallel = Parallel(return_as="generator_unordered", batch_size=1, **started)
         results = None
         try:
-            with deferred(), blocked():  # for the workers started here; this process stops them
+            # for the workers started here; this process stops them
+            with deferred(), blocked():
                 results = parallel(delayed(call)() for call in calls)
             yield from results
         except KeyboardInterrupt:
-            if results is not None:  # deferred: before a result was asked for, which would have ended it
+            # deferred: before a result was asked for, which would have ended it
+            if results is not None:
                 _close(results)
             raise
         except BrokenProcessPool:

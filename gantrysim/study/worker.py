@@ -114,7 +114,8 @@ def _check_machines(cases: Sequence[Case], origin: Origin) -> None:
 
 
 def _digest(case: Case) -> str | None:
-    with suppress(InputError):  # reported in the case's row
+    # reported in the case's row
+    with suppress(InputError):
         return machine_digest(case)
     return None
 

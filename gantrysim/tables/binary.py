@@ -237,7 +237,8 @@ def _mcap_records(file: Path, label: str) -> Iterator[Any]:
 
 
 def _cell(value: Any) -> Any:
-    if value is None:  # of a number that is not finite
+    # of a number that is not finite
+    if value is None:
         return np.nan
     return value if isinstance(value, int | float | str) else json.dumps(value)
 

@@ -47,7 +47,8 @@ class Source(NamedTuple):
             InputError: no column, or a factor that is 0 or not finite.
         """
         column, unit = name_and_unit(text)
-        if not text.rstrip().endswith("]"):  # brackets other than these belong to the name, as in MPOS AXIS(0)
+        # brackets other than these belong to the name, as in MPOS AXIS(0)
+        if not text.rstrip().endswith("]"):
             column = text.strip()
             unit = ""
         factor = 1.0
@@ -240,7 +241,8 @@ def _named_columns(table: TextTable, width: int) -> tuple[list[str], dict[int, s
     units: dict[int, str] = {}
     for k, head in enumerate(heads):
         name, unit = name_and_unit(head)
-        if unit.isdecimal():  # the number of an axis, as in MPOS AXIS(0)
+        # the number of an axis, as in MPOS AXIS(0)
+        if unit.isdecimal():
             name = head.strip()
             unit = ""
         if not unit:
@@ -253,7 +255,8 @@ def _named_columns(table: TextTable, width: int) -> tuple[list[str], dict[int, s
         base = name or str(k + 1)
         copy = 2
         name = base
-        while name in names:  # a name that is given twice gets a number, as a column that nobody asks for does no harm
+        # a name that is given twice gets a number, as a column that nobody asks for does no harm
+        while name in names:
             name = f"{base} ({copy})"
             copy += 1
         names.append(name)

@@ -53,7 +53,8 @@ def halscope_table(label: str, lines: Sequence[tuple[int, str]], period: float) 
     if not columns:
         raise InputError(f"{label}: has no rows")
     shortest = min(map(len, columns.values()))
-    if max(map(len, columns.values())) > shortest + 1:  # the last line alone may be cut
+    # the last line alone may be cut
+    if max(map(len, columns.values())) > shortest + 1:
         counts = ", ".join(f"{name} {len(values)}" for name, values in columns.items())
         raise InputError(f"{label}: its channels have different numbers of samples: {counts}")
     content = {name: np.array(values[:shortest]) for name, values in columns.items()}

@@ -45,7 +45,8 @@ class Dialect(NamedTuple):
             cells = [cell.strip() for cell in next(csv.reader([line], delimiter=self.separator, skipinitialspace=True))]
         else:
             cells = [cell.strip() for cell in line.split(self.separator)]
-        while len(cells) > 1 and not cells[-1]:  # a separator at the end of the line
+        # a separator at the end of the line
+        while len(cells) > 1 and not cells[-1]:
             cells.pop()
         return cells
 
@@ -54,7 +55,8 @@ class Dialect(NamedTuple):
         if self.decimal_comma:
             if _COMMA.fullmatch(cell):
                 return float(cell.replace(",", "."))
-            if "." in cell:  # a point would be between thousands
+            # a point would be between thousands
+            if "." in cell:
                 return None
         try:
             return float(cell) if "_" not in cell else None
@@ -193,7 +195,8 @@ def _first_row(lines: Sequence[tuple[int, str]], dialect: Dialect) -> int:
         all_numbers = len(row) > 1 and all(dialect.number(cell) is not None for cell in row)
         if all_numbers or (not wrong and holds_number and len(row) * 2 > width):
             return index
-    return 1  # without any number, the first line has the heads
+    # without any number, the first line has the heads
+    return 1
 
 
 def _is_numeric(cells: Sequence[str], dialect: Dialect) -> bool:

@@ -123,7 +123,8 @@ def _text_differences(key: str, values: Sequence[Any]) -> Iterator[JobDifference
 def _machine_values(runs: Sequence[ComparedRun]) -> Iterator[JobDifference]:
     digests = tuple((run.run.machine_sha256 or run.results.machine.digest)[:_DIGEST] for run in runs)
     names = {run.results.job.machine for run in runs}
-    if len(names) == 1:  # else the name has said it
+    # else the name has said it
+    if len(names) == 1:
         yield JobDifference(MACHINE, "machine, digest of its physics", digests)
     axes = [{axis.name: axis for axis in run.results.machine.axes} for run in runs]
     yield JobDifference(MACHINE, "axes", tuple(", ".join(f"{a.name} [{a.unit}]" for a in of.values()) for of in axes))

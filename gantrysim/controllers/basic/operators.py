@@ -127,7 +127,8 @@ class Operators:
             apply: returns the operand that an operator makes, given its sign, itself and its operands.
         """
         operands: list[_Operand] = []
-        waiting: list[tuple[str, RankedOperator, int]] = []  # with the number of its operands
+        # with the number of its operands
+        waiting: list[tuple[str, RankedOperator, int]] = []
 
         def reduce(least_rank: int) -> None:
             while waiting and waiting[-1][1].rank >= least_rank:

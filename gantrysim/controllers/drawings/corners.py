@@ -159,7 +159,8 @@ def legs_with_corners(legs: list[Leg], tolerance: float, count: Count) -> list[L
             high = 1 - cut[k, 1] / lengths[k]
             begin, *_, end = leg.order
             order = (begin + low * (end - begin), begin + high * (end - begin))
-            if (high - low) * lengths[k] > SHORTEST:  # the chain would drop a shorter piece
+            # the chain would drop a shorter piece
+            if (high - low) * lengths[k] > SHORTEST:
                 rounded_legs.append(replace(leg, piece=part(leg.piece, low, high), order=order))
         else:
             rounded_legs.append(leg)

@@ -204,7 +204,8 @@ def _strokes(reading: _Reading, entities: Any, block: _Block | None, depth: int)
             )
         kind = entity.dxftype()
         layer = str(entity.dxf.get("layer", "0"))
-        if block is not None and layer == "0":  # DXF: entities on layer 0 of a block are on the layer of its reference
+        # DXF: entities on layer 0 of a block are on the layer of its reference
+        if block is not None and layer == "0":
             layer = block.layer
         inherited = _Block(layer, _colours(reading, entity, block))
         if not _visible(reading, entity, layer):
@@ -336,7 +337,8 @@ def _round(entity: Any) -> Ellipse:
     if entity.dxftype() == "ARC":
         begin = float(dxf.start_angle)
         end = float(dxf.end_angle)
-        end = begin + ((end - begin) % 360.0 or 360.0)  # equal angles are a whole circle
+        # equal angles are a whole circle
+        end = begin + ((end - begin) % 360.0 or 360.0)
     radius = float(dxf.radius)
     if not 0 < radius < math.inf:
         raise InputError(f"radius = {radius:g}: must be greater than 0 and finite")

@@ -131,7 +131,8 @@ def _biarcs(shape: Curve, tolerance: float, z: float) -> list[Line | Coil]:
     edges = _spread(shape.knots, _FIRST)
     low = edges[:-1]
     high = edges[1:]
-    fitted: list[list[Complexes]] = []  # columns of the intervals whose biarc is within the tolerance
+    # columns of the intervals whose biarc is within the tolerance
+    fitted: list[list[Complexes]] = []
     for halving in range(_HALVINGS):
         _check_count(2 * (low.size + sum(columns[0].size for columns in fitted)))
         begin = _complex(shape.at(low)[0])
@@ -149,7 +150,8 @@ def _biarcs(shape: Curve, tolerance: float, z: float) -> list[Line | Coil]:
             deviation = _deviation(points, begin, first, join, end, last)
         fits = is_short | ((angle < _WIDEST) & (deviation < _SAFETY * tolerance))
         is_straight = is_short
-        if halving == _HALVINGS - 1:  # as at a cusp, where no interval is short enough
+        # as at a cusp, where no interval is short enough
+        if halving == _HALVINGS - 1:
             is_straight = is_short | ~fits
             fits = np.ones_like(fits)
         # a tangent of 0 stands for a straight line
@@ -166,7 +168,8 @@ def _biarcs(shape: Curve, tolerance: float, z: float) -> list[Line | Coil]:
     for a, t0, m, b, t1 in zip(*(column[order].tolist() for column in columns), strict=True):
         if a == b:
             continue
-        if t1 == 0:  # shorter than the tolerance, as at a cusp
+        # shorter than the tolerance, as at a cusp
+        if t1 == 0:
             pieces.append(Line((a.real, a.imag, z), (b.real, b.imag, z)))
             continue
         common = (m - a) ** 2 / abs(m - a) ** 2 * t0.conjugate()

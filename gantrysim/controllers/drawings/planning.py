@@ -68,7 +68,8 @@ class Paused:
         """Index of the pause at times, -1 in motion, (n,)."""
         time = np.asarray(t, float)
         k = np.searchsorted(self._begins, time, side="right") - 1
-        ends = np.append(self._begins + self.pauses, -np.inf)  # index -1, before the first pause, takes -inf
+        # index -1, before the first pause, takes -inf
+        ends = np.append(self._begins + self.pauses, -np.inf)
         return np.where(time < ends[k], k, -1)
 
 

@@ -121,7 +121,8 @@ def routed_path(strokes: list[Stroke], manner: Manner) -> Route:
             [Leg(line, False, manner.travel_speed, travel=True) for line in travel], 2.0 * number, 1.0
         )
         if dot is not None:
-            if not legs:  # the time of a dot is a pause at the end of a leg
+            # the time of a dot is a pause at the end of a leg
+            if not legs:
                 line = Line(_beside(dot, stretches), vector(dot))
                 legs += _ordered_legs([Leg(line, False, manner.travel_speed, travel=True)], 2.0 * number, 1.0)
             lays_glue = bool((stretch[0].glue or (1,))[0])
@@ -176,7 +177,8 @@ def _joined_strokes(strokes: list[Stroke] | list[list[Stroke]], manner: Manner) 
         before, after = joint
         if before is not stretches[-1]:
             stretches[-1] = before
-        stretches[-1].extend(after)  # in place: a stretch of n strokes is not copied n times
+        # in place: a stretch of n strokes is not copied n times
+        stretches[-1].extend(after)
     return stretches
 
 
@@ -185,7 +187,8 @@ def _joint(before: list[Stroke], after: list[Stroke], manner: Manner) -> tuple[l
     choices = [(before, after)]
     if manner.reverse:
         choices.append((before, _back(after)))
-        if len(before) == 1:  # a longer stretch has its direction by the joints within it
+        # a longer stretch has its direction by the joints within it
+        if len(before) == 1:
             choices += [(_back(before), after), (_back(before), _back(after))]
     for first, second in choices:
         if math.dist(first[-1].end, second[0].start) <= manner.join:
@@ -237,7 +240,8 @@ def _drawn_legs(stretch: list[Stroke], manner: Manner, begin: float) -> list[Leg
     for stroke in stretch:
         glue = stroke.glue or (True,) * len(stroke.shapes)
         speeds = stroke.speed or (math.nan,) * len(stroke.shapes)
-        space: list[Leg] = []  # along consecutive curves in space
+        # along consecutive curves in space
+        space: list[Leg] = []
         for shape, lays, stated_speed in zip(stroke.shapes, glue, speeds, strict=True):
             speed = stated_speed
             if math.isnan(stated_speed):

@@ -264,7 +264,8 @@ def _shape(segment: Any) -> Shape:
         return bezier(begin, _point(segment.control), end)
     if isinstance(segment, CubicBezier):
         return bezier(begin, _point(segment.control1), _point(segment.control2), end)
-    if isinstance(segment, Arc) and segment.rx and segment.ry:  # SVG: without a radius it is a straight line
+    # SVG: without a radius it is a straight line
+    if isinstance(segment, Arc) and segment.rx and segment.ry:
         rotation = float(segment.get_rotation())
         c = math.cos(rotation)
         s = math.sin(rotation)
@@ -272,7 +273,8 @@ def _shape(segment: Any) -> Shape:
         v = float(segment.ry) * point(-s, c)
         first = float(segment.get_start_t())
         return Ellipse(_point(segment.center), u, v, first, first + float(segment.sweep))
-    return Segment(begin, end)  # a line, or the closing one
+    # a line, or the closing one
+    return Segment(begin, end)
 
 
 def _point(place: Any) -> Floats:

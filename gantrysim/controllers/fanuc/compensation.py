@@ -34,7 +34,8 @@ def compensated_legs(legs: list[PathLeg]) -> list[PathLeg]:
     if not any(leg.compensation for leg in legs):
         return legs
     in_plane = [k for k, leg in enumerate(legs) if _runs_in_plane(leg)]
-    runs: dict[int, list[PathLeg]] = {}  # what becomes of each of them
+    # what becomes of each of them
+    runs: dict[int, list[PathLeg]] = {}
     for n, k in enumerate(in_plane):
         leg = legs[k]
         before = legs[in_plane[n - 1]] if n else None

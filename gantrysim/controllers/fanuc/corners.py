@@ -24,7 +24,8 @@ def cornered_legs(legs: list[PathLeg]) -> list[PathLeg]:
     """
     legs = list(legs)
     corners = [k for k, leg in enumerate(legs) if _size(leg)]
-    for k in reversed(corners):  # from the end: what is inserted does not change the places before
+    # from the end: what is inserted does not change the places before
+    for k in reversed(corners):
         if k + 1 == len(legs) or not _can_join(legs[k + 1]):
             raise legs[k].source.fail(51, f"{_name(legs[k])}: must be followed by a motion at feed in its plane")
         if not _can_join(legs[k]) or _plane(legs[k]) != _plane(legs[k + 1]):

@@ -79,7 +79,8 @@ def legs_of(
     legs = []
     here = start
     angle = 0.0
-    feed: float | None = None  # in force; a rapid move leaves it as it is
+    # in force; a rapid move leaves it as it is
+    feed: float | None = None
     for line in blocks:
         block = line.block
         if isinstance(block, Dwell):

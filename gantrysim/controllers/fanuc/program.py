@@ -65,7 +65,8 @@ def _stops(legs: Sequence[PathLeg], path: Chain, acceleration: float) -> tuple[s
     """Return the note on corners at which motions stop, where they are too short to reach their feed or in G64."""
     lengths = np.diff(path.ends, prepend=0.0)
     pieces = iter(range(lengths.size))
-    index = [next(pieces) if leg.piece is not None else -1 for leg in legs]  # of the path's pieces; -1 for a stop
+    # of the path's pieces; -1 for a stop
+    index = [next(pieces) if leg.piece is not None else -1 for leg in legs]
     corners = set(np.searchsorted(path.ends, path.corners - 1e-9).tolist())
     halts = [
         (leg, float(lengths[k]))
@@ -170,7 +171,8 @@ def averaged_places(place: Floats, dispense: NDArray[np.bool_], window: int) -> 
     """Moving average over `window` ticks, by which it is longer; the dispenser is delayed by half of them."""
     padded = np.concatenate([np.repeat(place[:1], window, axis=0), place, np.repeat(place[-1:], window, axis=0)])
     origin = padded[0].copy()
-    summed = np.cumsum(padded - origin, axis=0)  # small numbers: sums of large ones would lose digits
+    # small numbers: sums of large ones would lose digits
+    summed = np.cumsum(padded - origin, axis=0)
     mean = origin + (summed[window:] - summed[:-window]) / window
     late = np.zeros(len(mean), bool)
     late[window // 2 : window // 2 + len(dispense)] = dispense
@@ -403,9 +405,11 @@ class Program(Controller):
             return replace(self, blend_time=window).setpoints(period)
         begun = np.concatenate([[0.0], np.cumsum([part.duration for part in self._parts])])
         n = ticks(float(begun[-1]), period)
-        ticks(float(begun[-1]) + self.blend_time, period)  # raises where the average makes too many
+        # raises where the average makes too many
+        ticks(float(begun[-1]) + self.blend_time, period)
         time = np.arange(n + 1) * period
-        time[-1] = begun[-1]  # the last tick is up to a period after the end, and commands the end
+        # the last tick is up to a period after the end, and commands the end
+        time[-1] = begun[-1]
         place = np.empty((n + 1, 5))
         dispense = np.zeros(n + 1, bool)
         which = np.clip(np.searchsorted(begun, time, side="right") - 1, 0, len(self._parts) - 1)

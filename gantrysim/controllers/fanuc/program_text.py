@@ -112,7 +112,8 @@ def _run(state: ModalState, words: Words) -> list[Block]:
         state.feed = values.pop("F") * state.unit
         if state.feed <= 0:
             raise words.fail(11, f"F = {state.feed:g}: must be greater than 0")
-    for letter in "ST":  # of the spindle and the tool
+    # of the spindle and the tool
+    for letter in "ST":
         values.pop(letter, None)
     if not values.keys() & {*ENDS, *CENTRES, "Q", "L", "R", *CORNERS, state.rotary}:
         if values:

@@ -265,7 +265,8 @@ class Planner:
             jumps = (turning > _TANGENT) & math.isfinite(self._rotary_limit)
             limit = np.where(stops | (corner > _TANGENT) | jumps, 0.0, math.inf)
         capped = top.copy()
-        k = np.searchsorted(s, ends)  # the first of the two nodes there
+        # the first of the two nodes there
+        k = np.searchsorted(s, ends)
         for node in (k, k + 1):
             inside = (node < s.size) & (np.abs(s[np.minimum(node, s.size - 1)] - ends) < 1e-9)
             capped[node[inside]] = np.minimum(capped[node[inside]], limit[inside])
@@ -283,7 +284,8 @@ class Planner:
         summed = np.concatenate([[0.0], np.cumsum(jump)])
         last = np.searchsorted(ends, ends + reach, side="right")
         first = np.searchsorted(ends, ends - reach)
-        near = summed[last] - summed[first]  # all jumps within one window
+        # all jumps within one window
+        near = summed[last] - summed[first]
         change = acceleration * self._feeding.blend_time
         return np.divide(change, near, out=np.full(near.shape, math.inf), where=jump > _TANGENT)
 

@@ -154,7 +154,8 @@ def rounded_track(track: Track, tolerance: Floats, widest: Floats) -> tuple[Roun
     u = (corner - reach[k][:, None] * before[k] - centre) / radius[:, None]
 
     count = lengths.size
-    trimmed = np.concatenate([[0.0], reach])  # at the start of each piece
+    # at the start of each piece
+    trimmed = np.concatenate([[0.0], reach])
     parts = np.maximum(lengths - trimmed - np.append(reach, 0.0), 0.0)
     place = np.arange(count) + np.concatenate([[0], np.cumsum(rounds)])
     total = count + k.size
@@ -165,7 +166,8 @@ def rounded_track(track: Track, tolerance: Floats, widest: Floats) -> tuple[Roun
     piece[place] = np.arange(count)
     begin[place] = trimmed
     size[place] = parts
-    arc_place = place[k] + 1  # an arc follows the line before its corner
+    # an arc follows the line before its corner
+    arc_place = place[k] + 1
     piece[arc_place] = k
     arc[arc_place] = np.arange(k.size)
     size[arc_place] = radius * angle[k]

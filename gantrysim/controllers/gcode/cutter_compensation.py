@@ -43,10 +43,12 @@ class CutterCompensation:
 
     def __init__(self, moves: MoveTable) -> None:
         self._moves = moves
-        self._offset = 0.0  # positive to the left [mm]
+        # positive to the left [mm]
+        self._offset = 0.0
         self._plane = 0
         self._last: _Last | None = None
-        self._leaves = False  # whether the nozzle is still beside the path, which a straight move ends
+        # whether the nozzle is still beside the path, which a straight move ends
+        self._leaves = False
 
     @property
     def is_on(self) -> bool:
@@ -147,7 +149,8 @@ class CutterCompensation:
         beside = programmed.beside(self._offset)
         here = last.beside.end
         corner = cmath.phase(programmed.first_tangent / last.beside.last_tangent)
-        inward = corner if self._offset > 0 else -corner  # positive towards the nozzle
+        # positive towards the nozzle
+        inward = corner if self._offset > 0 else -corner
         reverses = abs(inward) > math.pi - _STRAIGHT_ON
         if abs(inward) < _STRAIGHT_ON:
             beside = beside.begun_at(here)

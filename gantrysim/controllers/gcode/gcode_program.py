@@ -69,7 +69,8 @@ def lifted_program(text: str, valve: Valve, start: float, height: float) -> str 
             is_open = True
         is_dry = valve.at_work or not valve.output
         if is_dry and _RAPID.match(words) is not None and re.search("[XY]", words) is not None:
-            feed = _FEED.search(words)  # some firmware runs rapid moves at the feed
+            # some firmware runs rapid moves at the feed
+            feed = _FEED.search(words)
             before.append(f"{up} {feed[0]}" if feed else up)
             if is_open:
                 after.append(down)
@@ -213,7 +214,8 @@ class GCode(Controller):
         """
         settings = PlanSettings(self.rapid / PER_MINUTE, self._limits, self.cycle, self.feed_override)
         program = self.program
-        give_back()  # what the text's lines, or the plan of another placement, took
+        # what the text's lines, or the plan of another placement, took
+        give_back()
         return plan(program, self.placement, settings)
 
     def release(self) -> None:
@@ -270,7 +272,8 @@ class GCode(Controller):
     def _times(self, period: float, block: slice, count: int) -> Floats:
         time = np.arange(block.start, block.stop, dtype=np.float64) * period
         if block.stop == count:
-            time[-1] = self.duration  # the last tick is up to a period after the end, and commands the end
+            # the last tick is up to a period after the end, and commands the end
+            time[-1] = self.duration
         return time
 
     def lines(self, period: float) -> NDArray[np.intp]:

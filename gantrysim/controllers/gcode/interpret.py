@@ -175,7 +175,8 @@ class Interpreter:
                 continue
             self._check_compensation(code)
             if code.kind is Kind.MOTION:
-                if moves and name == "G80":  # it ends a cycle, not the motion that stands beside it
+                # it ends a cycle, not the motion that stands beside it
+                if moves and name == "G80":
                     continue
                 self._check_curve(name)
                 state.motion = name
@@ -232,7 +233,8 @@ class Interpreter:
             # E is a position that counts in any case, also where no axis moves
             block.fed = state.material_fed(block.values.pop("E"))
         if not moves:
-            if block.fed and code.straight:  # a retraction: the nozzle stands for the time that the feed takes
+            # a retraction: the nozzle stands for the time that the feed takes
+            if block.fed and code.straight:
                 feed = state.feed_per_minute
                 state.pause(abs(block.fed) / feed if feed else 0.0)
             return
@@ -247,7 +249,8 @@ class Interpreter:
         state = self._state
         for letter in [letter for letter in block.values if letter in self._dialect.letters]:
             value = block.values.pop(letter)
-            if letter == "S":  # no effect here, but G95 feeds per revolution
+            # no effect here, but G95 feeds per revolution
+            if letter == "S":
                 state.modes.spindle = value
             else:
                 state.ignored[letter] += 1
@@ -342,7 +345,8 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
     interpreter = Interpreter(state)
 
     def system(key: float | str) -> float | None:
-        state.line = flow.line  # of the expression that reads #<_line>, before the words of its line are run
+        # of the expression that reads #<_line>, before the words of its line are run
+        state.line = flow.line
         return provided_parameter(state, key)
 
     flow = ProgramFlow(program, system, state.subprogram_ends)
@@ -361,7 +365,8 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
     except OverflowError:
         raise InputError(f"{flow.where}: a number is too large") from None
     called_files = flow.called_files
-    flow.lines.clear()  # the flow and its parameters refer to one another, and would keep them until a collection
+    # the flow and its parameters refer to one another, and would keep them until a collection
+    flow.lines.clear()
     table = moves.table
     fed = (table[:, FLOW] > 0) & (table[:, KIND] != DWELL)
     valve = state.outputs.valve(feeds_material=bool(fed.any()))

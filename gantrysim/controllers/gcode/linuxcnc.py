@@ -124,7 +124,8 @@ class Program(GCode):
 
     @property
     def path_mode(self) -> float:
-        return math.inf  # a program begins in G64 without P
+        # a program begins in G64 without P
+        return math.inf
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -198,7 +198,8 @@ def piece_limits(rows: list[MotionLimits], index: Floats, share: Floats, job_lim
     axis_speeds = np.array([row.axis_speeds for row in limits])[k]
     axis_accelerations = np.array([row.axis_accelerations for row in limits])[k]
     path_acceleration = np.array([row.acceleration for row in limits])[k]
-    with np.errstate(invalid="ignore"):  # of an axis without limit that does not move
+    # of an axis without limit that does not move
+    with np.errstate(invalid="ignore"):
         speed = np.nanmin(axis_speeds * per_share, axis=1)
         acceleration = np.nanmin(axis_accelerations * per_share, axis=1)
     turning = np.minimum(path_acceleration, axis_accelerations.min(axis=1))

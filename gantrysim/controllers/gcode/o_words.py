@@ -81,11 +81,13 @@ class ProgramLines(Flow[Words | FirmwareCommand]):
 
     def _mark_o_words(self, text: str, first: int) -> None:
         """Note the O words of a file whose lines begin at a place."""
-        if not _O_LINE.search(text):  # most programs: one search of the text instead of one of each line
+        # most programs: one search of the text instead of one of each line
+        if not _O_LINE.search(text):
             return
         for place, line in enumerate(text.splitlines(), first):
             if "o" in line or "O" in line:
-                with suppress(InputError):  # raised again where the line is run
+                # raised again where the line is run
+                with suppress(InputError):
                     plain = compact(line).lstrip("/")
                     mark = label_of(plain, self._keywords) if re.match(r"(N[0-9.]+)?O", plain) else None
                     if mark:
@@ -189,7 +191,8 @@ class ProgramFlow(ProgramLines):
     def __init__(self, program: ProgramText, system: System, subprogram_ends: Callable[[int], None]) -> None:
         super().__init__(program, system, subprogram_ends, KEYWORDS)
         self._statements: dict[int, ParsedLine] = {}  # by their places
-        self._delimited = False  # whether a line of % has run
+        # whether a line of % has run
+        self._delimited = False
 
     def execute(self) -> tuple[int, Words | FirmwareCommand | None]:
         line = self.lines[self.place]

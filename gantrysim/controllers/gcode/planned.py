@@ -111,7 +111,8 @@ class PathPlan:
         if not dwells.times.size:
             s = np.asarray(self.profile.position(t))
             return s, self.source[self.path.locate(s)]
-        waited = np.concatenate([[0.0], np.cumsum(dwells.times)])  # before each dwell, and in all
+        # before each dwell, and in all
+        waited = np.concatenate([[0.0], np.cumsum(dwells.times)])
         begun = dwells.begin + waited[:-1]
         k = np.searchsorted(begun, t, side="right") - 1
         after = k >= 0
@@ -272,7 +273,8 @@ def _pieces_after(
 ) -> NDArray[np.intp]:
     """The first piece of the path after each dwell, from the number of moves before the dwell."""
     last = np.searchsorted(base_rows, rows[np.maximum(moves_before - 1, 0)], side="right") - 1  # piece of the base
-    order = path.piece + 0.5 * (path.arc >= 0)  # an arc lies between the pieces that it joins
+    # an arc lies between the pieces that it joins
+    order = path.piece + 0.5 * (path.arc >= 0)
     return np.where(moves_before > 0, np.searchsorted(order, last, side="right"), 0)
 
 
@@ -290,7 +292,8 @@ def _simplified_base(base: _Base, program: Interpreted) -> _Base:
     joined[1:-1] = same & line[:-1] & line[1:] & ~base.halts[1:-1] & (naive[:-1] > 0)
     points = base.track.points
     corner = merged_points(points, joined, np.append(naive, 0.0))
-    last = np.flatnonzero(corner[1:])  # pieces that end at a point that stays
+    # pieces that end at a point that stays
+    last = np.flatnonzero(corner[1:])
     p = base.track.parameters()
     track = Track(p["start"], points[last + 1], p["angle"][last], p["centre"][last], p["plane"][last], p["frames"])
     return _Base(track, rows[last], base.halts[np.flatnonzero(corner)])
@@ -315,7 +318,8 @@ def _profile(
     turning = np.minimum(limits.turning[k], limits.turning[k + 1])
     top[arcs] = np.minimum(np.minimum(speed[k], speed[k + 1]), turning_speed(path.radius[path.arc[arcs]], turning))
     change[arcs] = ALONG * turning
-    source = rows[path.piece + arcs]  # an arc belongs to the move after the corner
+    # an arc belongs to the move after the corner
+    source = rows[path.piece + arcs]
     meet = np.full(arcs.size - 1, np.inf)
     plain = ~arcs[:-1] & ~arcs[1:]
     meet[plain] = joint[path.piece[:-1][plain]]

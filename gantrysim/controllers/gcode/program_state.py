@@ -278,7 +278,8 @@ class ProgramState:
         self.compensation = CutterCompensation(moves)
         self.tools = Tools(dict(setup.diameters))
         self._saved: dict[int, _Saved] = {}  # by the depth of calls
-        self._restored: set[int] = set()  # depths at whose end the saved modes come back
+        # depths at whose end the saved modes come back
+        self._restored: set[int] = set()
 
     def feed_at(self, length: float) -> float:
         """Return the path speed of a move at feed, of a length [mm], in mm/s."""
@@ -288,7 +289,8 @@ class ProgramState:
             return UNSTATED_FEED / 60
         if modes.feed <= 0:
             raise InputError("a motion at feed must have an F above 0, in its block or before")
-        if modes.feed_mode == "G93":  # F is the inverse of the move's time [1/min]
+        # F is the inverse of the move's time [1/min]
+        if modes.feed_mode == "G93":
             return max(modes.feed * length / 60, _LOWEST_FEED)
         feed = self.feed_per_minute
         if modes.feed_mode == "G95":

@@ -96,7 +96,8 @@ def chords(points: list[complex]) -> Iterator[tuple[complex, float]]:
     for k in range(1, n + 1):
         level = points
         t = k / n
-        while len(level) > 1:  # de Casteljau: points between neighbours, until one is left
+        # de Casteljau: points between neighbours, until one is left
+        while len(level) > 1:
             level = [(1 - t) * a + t * b for a, b in pairwise(level)]
         yield (points[-1] if k == n else level[0]), t
 
@@ -253,7 +254,8 @@ def add_knot(state: ProgramState, block: WordBlock) -> None:
     last = curve.knots[-curve.order :]
     if len(curve.knots) > curve.order and last[0] == last[-1]:
         state.curve = None
-        count = len(curve.knots) - curve.order  # the last knots have no points
+        # the last knots have no points
+        count = len(curve.knots) - curve.order
         _add(
             state,
             Nurbs(curve.order, tuple(curve.points[:count]), tuple(curve.weights[:count]), tuple(curve.knots)),

@@ -39,7 +39,8 @@ def _modulo(a: float, b: float) -> float:
     """Remainder that is never negative, unlike fmod's, which has the sign of a."""
     if b == 0:
         raise InputError(f"{a:g} MOD 0: the divisor must not be 0")
-    if not (math.isfinite(a) and math.isfinite(b)):  # products of large numbers overflow to infinity
+    # products of large numbers overflow to infinity
+    if not (math.isfinite(a) and math.isfinite(b)):
         raise InputError(f"{a:g} MOD {b:g}: has no finite value")
     remainder = math.fmod(a, b)
     return remainder + (abs(b) if remainder < 0 else 0.0)

@@ -146,7 +146,8 @@ class Flow(ABC, Generic[Line]):
         """
         following = 0
         steps = 0
-        last_motion = time.thread_time()  # when the clock was first read after a line with something for the machine
+        # when the clock was first read after a line with something for the machine
+        last_motion = time.thread_time()
         is_still = True
         while following != END and self.runs(following):
             self.place = following

@@ -159,7 +159,8 @@ class Scanner:
                 break
             operator = self._grammar.operators_by_spelling[match[0]]
             if operator.strength <= weakest:
-                self.position = start  # it belongs to the expression around this one
+                # it belongs to the expression around this one
+                self.position = start
                 break
             self._operators += 1
             if self._operators > _MOST_OPERATORS:

@@ -122,7 +122,8 @@ class Group:
             ("settle_timeout", positive("settle_timeout", self.settle_timeout, "s")),
         ):
             object.__setattr__(self, name, number)
-        _ = self.supervision  # raises where its values do not fit together
+        # raises where its values do not fit together
+        _ = self.supervision
 
     @property
     def supervision(self) -> Supervision:

@@ -272,7 +272,8 @@ class Program(Controller):
         dispense = streamed.dispense.copy()
         ends = np.unique(streamed.ends)
         gates = ends[(ends > 0) & (self.group.settle_error < np.inf)]
-        dispense[gates] = dispense[gates - 1]  # the dispenser stays as it is while a command settles
+        # the dispenser stays as it is while a command settles
+        dispense[gates] = dispense[gates - 1]
         return Setpoints(
             period,
             self.axes,

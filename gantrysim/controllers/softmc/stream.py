@@ -129,7 +129,8 @@ def _by_angle(here: Floats, centre: Floats, angle: float, order: tuple[int, int,
     end[j] += out[0] * math.sin(turned) + out[1] * math.cos(turned)
     middle = centre.copy()
     middle[k] = here[k]
-    up = float(np.cross(*frame)[k])  # the plane's normal is parallel or antiparallel to the axis outside it
+    # the plane's normal is parallel or antiparallel to the axis outside it
+    up = float(np.cross(*frame)[k])
     begin = math.atan2(out[1], out[0])
     piece = Coil(vector(middle), (radius, radius), begin, math.radians(angle), up * float(centre[k] - here[k]), frame)
     return Segment(piece, end)
@@ -150,7 +151,8 @@ def _through(here: Floats, via: Floats, end: Floats) -> Segment:
     size = float(np.linalg.norm(n))
     if size <= _STRAIGHT * sides[0] * sides[2]:
         raise SoftMCError(f"{three} are collinear: must not be; use Move for a straight line")
-    out = -np.cross((a @ a) * b - (b @ b) * a, n) / (2 * size**2)  # from the centre to the start
+    # from the centre to the start
+    out = -np.cross((a @ a) * b - (b @ b) * a, n) / (2 * size**2)
     centre = here[:3] - out
     radius = float(np.linalg.norm(out))
     first = out / radius

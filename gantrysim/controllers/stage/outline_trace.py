@@ -117,7 +117,8 @@ def outline(z: Floats, radius: float) -> tuple[ArcChain, float]:
         raise InputError(f"outline: doubles back at corner {(back[0] + 1) % z.size + 1}")
     if abs(abs(turn.sum()) - 2 * math.pi) > _STRAIGHT:
         raise InputError(f"outline: turns by {math.degrees(turn.sum()):.0f} deg in total: must not cross itself")
-    cut = radius * np.tan(0.5 * np.abs(turn))  # of an edge at its end, from the corner to where the arc begins
+    # of an edge at its end, from the corner to where the arc begins
+    cut = radius * np.tan(0.5 * np.abs(turn))
     straight = np.abs(edges) - cut - np.roll(cut, 1)
     if straight.min() < -_ROUNDING:
         room = radius * np.abs(edges) / (cut + np.roll(cut, 1))
@@ -370,7 +371,8 @@ class OutlineTrace(Controller):
         edges = self.turning.s
         s = np.linspace(edges[:-1], edges[1:], _SAMPLES, axis=1)
         sampled = self.coordinates(s.ravel()).reshape(*s.shape, 3)
-        margin = np.abs(np.diff(sampled, 2, axis=1)).max()  # for extremes between two samples
+        # for extremes between two samples
+        margin = np.abs(np.diff(sampled, 2, axis=1)).max()
         for piece, (begin, end) in enumerate(pairwise(edges)):
             for column, (low, high) in ((1, self.travel_x), (2, self.travel_y)):
                 for side, limit in ((-1, low), (1, high)):

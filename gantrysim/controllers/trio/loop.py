@@ -346,10 +346,12 @@ class Loop:
         )
 
     def _wait(self, x: float) -> float:
-        wait = max(self.period * x, 0.0)  # WA of a negative time does not wait
+        # WA of a negative time does not wait
+        wait = max(self.period * x, 0.0)
         if self.wait_resolution > 0:
             wait = math.floor(wait / self.wait_resolution + 1e-9) * self.wait_resolution
-        if wait + self.interpreter_time <= 0:  # one pass per tick at most
+        # one pass per tick at most
+        if wait + self.interpreter_time <= 0:
             return self.servo_period or (0.0 if self.guarded else self.wait_resolution or self.period)
         return wait
 

@@ -191,7 +191,8 @@ class MoveSpiral(Controller):
         if self.loop_period == 0:
             self._check_continuous()
         else:
-            _ = self.passes  # raises where the ratio would reach zero
+            # raises where the ratio would reach zero
+            _ = self.passes
 
     def _check_continuous(self) -> None:
         needs_a_loop = {

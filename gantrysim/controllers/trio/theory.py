@@ -145,7 +145,8 @@ class SteppedArcs:
     def error(self, phi: ArrayLike) -> Floats:
         """Distance of the arcs at the angles phi from the requested involute, outwards positive, (m,) [mm]."""
         angle = np.asarray(phi, float)
-        back = self.radius + 1j * self.a - self.position(angle)  # C - p = (rho_p + i a) exp(-i phi_p)
+        # C - p = (rho_p + i a) exp(-i phi_p)
+        back = self.radius + 1j * self.a - self.position(angle)
         rho = np.sqrt(np.maximum(np.abs(back) ** 2 - self.a**2, 0.0))
         ahead = np.angle((rho + 1j * self.a) / back * np.exp(-1j * angle))  # phi_p - phi
         return rho - (self.radius - self.a * (angle + ahead))

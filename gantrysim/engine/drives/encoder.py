@@ -52,7 +52,8 @@ def _encoder(driven: DrivenAxis) -> dict[str, Any]:
 def _report(data, row, userdata, axis, drive):
     """Set what the encoder of an axis reads at this tick, or the microsteps that are counted in its place."""
     if drive.encoder.counts:
-        begun = (row.phase - row.delay) % row.substeps  # a new target is about to be taken where it is 0
+        # a new target is about to be taken where it is 0
+        begun = (row.phase - row.delay) % row.substeps
         row.seen[axis] = stepped_place(field_at(row, drive.field, 0.0) if begun else drive.field.target, drive.stepper)
     else:
         row.seen[axis] = read(data, row, axis, drive.encoder, row.tick)

@@ -31,7 +31,8 @@ def _stepper(driven: DrivenAxis) -> dict[str, Any]:
             f"servo mode of axis {axis.name} = 'stepper': its motor is not a stepper with microsteps; use 'torque', or "
             "a table of the machine with a motor of kind 'stepper'"
         )
-    steps = 2 * math.ceil(0.5 * driven.step / _CIRCUIT)  # even, as the record has the currents at the middle
+    # even, as the record has the currents at the middle
+    steps = 2 * math.ceil(0.5 * driven.step / _CIRCUIT)
     inductance = motor.inductance if axis.lag > 0 else 0.0
     return {
         "circuit": steps,
@@ -123,7 +124,8 @@ def _step_circuit(row, drive, theta, turn, back, amplitude):
         low = field_at(row, drive.field, share - 0.5 / steps)
         high = field_at(row, drive.field, share + 0.5 / steps)
         place = mean_stepped(low, high, stepper)
-        if place != angle:  # mostly it rests on a microstep
+        # mostly it rests on a microstep
+        if place != angle:
             angle = place
             wanted_a = amplitude * np.cos(stepper.poles * angle)
             wanted_b = amplitude * np.sin(stepper.poles * angle)

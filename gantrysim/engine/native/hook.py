@@ -133,7 +133,8 @@ def _take(function: Any, *, alone: bool) -> bool:
             _clock = mujoco.get_mjcb_time()
             if _clock is None:  # MuJoCo's own
                 mujoco.set_mjcb_time(clock())
-            silence(1)  # the tick turns MuJoCo's warnings into faults
+            # the tick turns MuJoCo's warnings into faults
+            silence(1)
         _users = -1 if alone else _users + 1
         return True
 

@@ -88,7 +88,8 @@ def _read_encoders(data, row, userdata):
     for a in range(n):
         row.setpoint[a] = setpoint[a]
         row.motor[a] = length[row.output[a]] * row.scale[a]
-    run_stages(data, row, userdata, CURRENT)  # before the current is logged
+    # before the current is logged
+    run_stages(data, row, userdata, CURRENT)
     run_stages(data, row, userdata, SETPOINT)
     run_stages(data, row, userdata, MOTOR)
     for a in range(n):
@@ -175,7 +176,8 @@ def _apply_law(data, row, userdata):
     """Set the torque demands of all axes, before they are clamped."""
     n = row.axes
     for a in range(n):
-        row.torque[a] = np.nan  # a law of the user's that raises sets none
+        # a law of the user's that raises sets none
+        row.torque[a] = np.nan
         row.next_integral[a] = row.integral[a]
         row.feedforward[a] = 0.0
         row.law_error[a] = row.error[a]

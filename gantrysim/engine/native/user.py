@@ -60,7 +60,8 @@ class CalledLaw:
             given = [row[name][:n] for name in _GIVEN]
             self._law(UserTick(n, float(row["tick"]) * period, period, *given), self.state, row["torque"][:n])
         except BaseException as error:  # must not unwind through C frames
-            self.raised.append(error)  # the torque remains no number, which ends the run
+            # the torque remains no number, which ends the run
+            self.raised.append(error)
 
 
 @cache

@@ -138,7 +138,8 @@ class Bead(BeadTrace, Shown):
             low = self.length[first]
             high = self.length[min(after, self.length.size - 1)]
             passed |= (self.place >= low) & (self.place <= high)
-        if not passed.any():  # a stretch shorter than the distance of the stations
+        # a stretch shorter than the distance of the stations
+        if not passed.any():
             passed[np.abs(self.place - self.length[self.stretches[0, 0]]).argmin()] = True
         return passed
 

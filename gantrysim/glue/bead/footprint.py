@@ -123,8 +123,10 @@ def footprint(shape: tuple[int, int], x: Floats, y: Floats, half: Floats, wet: F
         ends: x, y and radius of round drops [cells], (k, 3).
     """
     share = np.zeros(shape)
-    present = np.zeros(shape)  # share of the pass that is over the cell
-    last = np.full(shape, -2, np.int32)  # interval of the trace in which it was last over it
+    # share of the pass that is over the cell
+    present = np.zeros(shape)
+    # interval of the trace in which it was last over it
+    last = np.full(shape, -2, np.int32)
     _pass_along(share, present, last, (x, y, half), wet, ends)
     share += present
     return np.minimum(share, 1.0, out=share)

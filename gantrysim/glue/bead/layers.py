@@ -63,7 +63,8 @@ def layers_of(bead: BeadTrace, wet: NDArray[np.bool_], most: int) -> NDArray[np.
     steps = np.hypot(*np.diff(bead.point[:, :2], axis=0).T)
     slope = np.abs(np.diff(surface)) / np.maximum(steps, 1e-9)
     slope[slope > _STEEPEST] = np.inf
-    slope *= np.sqrt(2)  # two paths of one slope that cross at right angles lie on a plane so much steeper
+    # two paths of one slope that cross at right angles lie on a plane so much steeper
+    slope *= np.sqrt(2)
     stations = (place[:, 0].copy(), place[:, 1].copy(), half, surface / cell)
     hold = int(np.ceil(_HOLD * width / bead.ds))
     crossing = int(np.ceil(_CROSSING * width / bead.ds))

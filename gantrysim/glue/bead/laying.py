@@ -138,7 +138,8 @@ def _lay(
             g = (1.0 - f) * gap[k] + f * gap[k + 1]
             px = (1.0 - f) * x[k] + f * x[k + 1]
             py = (1.0 - f) * y[k] + f * y[k + 1]
-            across = -math.sin(angle) / cell  # unit vector to the left, in cells per mm
+            # unit vector to the left, in cells per mm
+            across = -math.sin(angle) / cell
             upward = math.cos(angle) / cell
             interpolated = _Interpolated(
                 half=(1.0 - f) * half[k] + f * half[k + 1],

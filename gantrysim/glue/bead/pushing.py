@@ -86,7 +86,8 @@ def _handed_on(height: Floats, ceiling: Floats, rise: Floats, ripple: float, swe
         _start_from(coarse, surface, listed, ripple)
     queue, count = _to_push(listed)
     mean_rise = float(rise.mean())
-    for first in range(0, sweeps, _CHUNK):  # in chunks, as an interrupt needs Python
+    # in chunks, as an interrupt needs Python
+    for first in range(0, sweeps, _CHUNK):
         # the coarse start leaves short waves, which need little over-relaxation; the long ones follow
         # for a square of so many cells: Jacobi's spectral radius is cos(pi / side) / (1 + k)
         radius = math.cos(math.pi / max(math.sqrt(count), 4.0)) / (1.0 + mean_rise)
@@ -232,7 +233,8 @@ def _sweep(surface: _Surface, queue: _Queue, count: int, ripple: float, factor: 
     ny, nx = height.shape
     for _ in range(sweeps):
         settled = True
-        for k in range(count):  # cells added meanwhile wait for the next sweep
+        # cells added meanwhile wait for the next sweep
+        for k in range(count):
             j = cells[k, 0]
             i = cells[k, 1]
             off = height[j, i] - ceiling[j, i] - rise[j, i] * handed[j, i]

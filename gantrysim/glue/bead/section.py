@@ -88,7 +88,8 @@ class Section:
         segment = unit._segment_of_unit_radius
         body = unit._body_of_unit_radius
         g = float(gap[0])
-        share = volume / (2 * np.pi)  # = body r^3 + b/4 segment r^2 + b^2/8 g
+        # = body r^3 + b/4 segment r^2 + b^2/8 g
+        share = volume / (2 * np.pi)
         radius = (share / body) ** (1 / 3)
         flat = 0.0
         highest = g / (1 - np.cos(unit._angle))
@@ -97,10 +98,12 @@ class Section:
             b = 0.25 * segment * highest**2
             beyond = share - body * highest**3
             radius = highest
-            flat = 2 * beyond / (b + np.sqrt(b**2 + 4 * a * beyond))  # no difference of near numbers, as in -b + root
+            # no difference of near numbers, as in -b + root
+            flat = 2 * beyond / (b + np.sqrt(b**2 + 4 * a * beyond))
         if flat > face:
             roots = np.roots([body, 0.25 * face * segment, 0.0, face**2 / 8 * g - share])
-            radius = float(roots.real.max())  # the other roots are negative
+            # the other roots are negative
+            radius = float(roots.real.max())
             flat = face
         pressed = flat * g if flat else 0.0
         return cls(np.array([segment * radius**2 + pressed]), gap, contact_angle, face)

@@ -174,7 +174,8 @@ class Sweep:
         wet = np.zeros(steps.size, bool)
         for first, after in self._stretches:
             wet[first : after - 1] = True
-        self._needed: Floats = np.concatenate([[0.0], np.cumsum(steps * wet)])  # rings up to each station
+        # rings up to each station
+        self._needed: Floats = np.concatenate([[0.0], np.cumsum(steps * wet)])
         needed = float(self._needed[-1])
         ends = (2 * _END + 2) * max(len(self._stretches), 1)
         self.rings: int = int(np.clip(np.ceil(needed), *_RINGS)) + ends if like is None else like.rings
@@ -182,7 +183,8 @@ class Sweep:
             raise TooFewRingsError(f"rings of the mesh = {self.rings}: must be more than {ends}, for the bead's ends")
         self._step: float = max(needed / (self.rings - ends), 0.0 if like is None else like._step)
         self.surface = trace.surface()
-        self._base = np.column_stack([trace.point[:, :2], trace.along(self.surface)])  # surface below the stations
+        # surface below the stations
+        self._base = np.column_stack([trace.point[:, :2], trace.along(self.surface)])
         # edges of the stations' shares of the trace, glue up to these and to the stations, and glue of an end there
         self._edges = np.clip((np.arange(trace.place.size + 1) - 0.5) * trace.ds, 0.0, trace.place[-1])
         self._held = np.concatenate([[0.0], np.cumsum(trace.area * np.diff(self._edges))])

@@ -37,7 +37,8 @@ def surface_steps(run: Run) -> Floats:
     """
 
     def steps(block: slice) -> Floats:
-        step = np.diff(run.nozzle[block.start : block.stop + 1], axis=0)  # a long run's is mapped anew
+        # a long run's is mapped anew
+        step = np.diff(run.nozzle[block.start : block.stop + 1], axis=0)
         ahead = np.hypot(step[:, 0], step[:, 1])
         return np.where(np.abs(step[:, 2]) > ahead, ahead, np.hypot(ahead, step[:, 2]))
 
@@ -224,7 +225,8 @@ class BeadTrace:
         sections = demand[moving]
         sections /= speed[moving]
         del demand, speed
-        section = float(np.median(sections))  # ramps and corners are few
+        # ramps and corners are few
+        section = float(np.median(sections))
         steady = np.abs(sections - section) <= _STEADY * section
         return section if self.run.fault is None or np.mean(steady) >= _MOSTLY else 0.0
 
@@ -262,7 +264,8 @@ class BeadTrace:
 
         def below(block: slice) -> Floats:
             first, after = np.searchsorted(ticks, [block.start, block.stop])
-            near = slice(max(first - 1, 0), after + 1)  # with the neighbours of the block
+            # with the neighbours of the block
+            near = slice(max(first - 1, 0), after + 1)
             requested = run.nozzle[ticks[near], 2] - offset[near, 2]
             return np.interp(np.arange(block.start, block.stop), ticks[near], requested) - self.gap
 
@@ -274,7 +277,8 @@ class BeadTrace:
         ds = self.ds
         edges = np.concatenate([[-ds], self.place]) + 0.5 * ds
         laid = np.diff(np.interp(edges, self._ascending, self.volume))
-        laid[[0, -1]] *= 2  # the shares of the first and the last station are half as long
+        # the shares of the first and the last station are half as long
+        laid[[0, -1]] *= 2
         return self._spread(np.maximum(laid / ds, 0.0))
 
     def _spread(self, area: Floats) -> Floats:

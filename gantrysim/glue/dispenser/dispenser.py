@@ -256,7 +256,8 @@ class Dispenser:
     def _lagged(self, breaks: Floats, value: Floats, block: slice, period: float, state: Floats) -> Floats:
         """Return the mean flow over each period of a block for a request of `value` between `breaks` [periods]."""
         delayed = on_ticks(breaks + self.dead_time / period)
-        if breaks[0] == 0:  # nothing is requested before the first tick
+        # nothing is requested before the first tick
+        if breaks[0] == 0:
             delayed = np.concatenate([[0.0], delayed])
             value = np.concatenate([[0.0], value])
         edges = np.unique(np.concatenate([delayed, np.arange(block.start, block.stop + 1, dtype=np.float64)]))

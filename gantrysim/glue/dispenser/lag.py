@@ -186,7 +186,8 @@ def syringe_volumes(
             used = min(used, glue)
             glue -= used
             volume[k] += used
-            pressure = after * air / (air + used)  # isothermal, in the room of the glue
+            # isothermal, in the room of the glue
+            pressure = after * air / (air + used)
             air += used
             y = r + (y - r) * fraction**4
     state[0] = y

@@ -155,7 +155,8 @@ class Needle:
         power = 1 / self.index
         share = np.where(q > 0, q, self.yield_flow) / self.yield_flow
         z = (share / b) ** (1 / (power + 1)) + share ** (1 / power)
-        for _ in range(_STEPS):  # in logarithms, where the slope lies between 1/n and 1/n + 1
+        # in logarithms, where the slope lies between 1/n and 1/n + 1
+        for _ in range(_STEPS):
             core = z**2 + 2 * a * z + b
             error = (power + 1) * np.log(z) + np.log(core) - 3 * np.log1p(z) - np.log(share)
             slope = power + 1 + 2 * z * (z + a) / core - 3 * z / (1 + z)

@@ -119,7 +119,8 @@ def exchanged_pressure(pressure: float, supply: float, duration: float, constant
             r = ratio
         free = 1.0 - ratio
         angle = math.asin((r - ratio) / free)
-        while remaining > 0.0 and angle < 0.5 * math.pi:  # by Runge and Kutta, of fourth order
+        # by Runge and Kutta, of fourth order
+        while remaining > 0.0 and angle < 0.5 * math.pi:
             step = min(remaining, _STEP) / free
             a = step * (ratio + free * math.sin(angle))
             b = step * (ratio + free * math.sin(angle + 0.5 * a))

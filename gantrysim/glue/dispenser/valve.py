@@ -52,7 +52,8 @@ class ValveTimes(NamedTuple):
         opens = on_ticks(opens)
         closes = on_ticks(closes)
         if on.size and on[-1]:
-            closes[-1] = on.size  # the program has not closed the valve by the end of the record
+            # the program has not closed the valve by the end of the record
+            closes[-1] = on.size
         return cls(opens, closes)
 
     def is_open(self, time: Floats) -> NDArray[np.bool_]:

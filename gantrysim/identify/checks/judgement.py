@@ -81,7 +81,8 @@ def judged_fit(fit: AxisFit, period: float) -> Judgement:
     if any(not finding.values or finding.check == RESIDUAL for doubt in doubts for finding in doubt.findings):
         # what a healthy log may show too is said only of a fit that is doubtful
         causes = [check_rate(fit, period), check_clipping(fit)]
-        if not causes[0].findings:  # slow samples lack fast motion as a filter does
+        # slow samples lack fast motion as a filter does
+        if not causes[0].findings:
             causes.append(check_smoothing(fit, period))
         doubts = [*causes, *doubts]
     model = fit.model

@@ -91,7 +91,8 @@ def torque_balance(fit: AxisFit, period: float) -> Balance | None:
     remains = gaussian_filter1d(torque - friction, width) - model.inertia * smooth
     chosen = gaussian_filter1d(1.0 * (np.abs(slow) > _MOVING * float(np.quantile(np.abs(slow), 0.99))), width)
     slides = chosen > _SLIDING
-    edge = round(4 * width)  # where the filter reaches beyond the log
+    # where the filter reaches beyond the log
+    edge = round(4 * width)
     slides[:edge] = slides[-edge:] = False
     if slides.sum() < _FEWEST:
         return None
@@ -227,7 +228,8 @@ def check_segments(fit: AxisFit, period: float) -> Doubt:
     for name, (change, partition) in moved.items():
         value = abs(float(getattr(fit.model, name)))
         if name == "delay":
-            value = max(value, period)  # of a delay of zero, every change is large
+            # of a delay of zero, every change is large
+            value = max(value, period)
         if change > LARGEST_CHANGE * value:
             share = f"{100 * change / value:.0f} %" if value else "all of its value"
             reason = (

@@ -93,7 +93,8 @@ def _text(mjcf: Mjcf, drives: Iterable[Drive | None]) -> str:
     fastest = max(2 * math.pi * float(frequencies.max(initial=0.0)), *field_rates)
     step = _STEP
     largest_angle = _PER_STEP_UNDAMPED if any(field_rates) else _PER_STEP
-    while fastest * step > largest_angle:  # halved, so that it stays a fraction of usual servo periods
+    # halved, so that it stays a fraction of usual servo periods
+    while fastest * step > largest_angle:
         step /= 2
     return mjcf.text(step)
 

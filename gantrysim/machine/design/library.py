@@ -241,7 +241,8 @@ class Motor(Table):
         """Peak current [A]; of a stepper sqrt(2) times the current of a phase."""
         if self.peak_current is not None:
             return self.peak_current
-        if self.rated_current:  # both phases together, see the class
+        # both phases together, see the class
+        if self.rated_current:
             return math.sqrt(2) * self.rated_current
         return self.voltage / self.resistance
 

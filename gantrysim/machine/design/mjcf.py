@@ -87,7 +87,8 @@ class Mjcf:
         self.actuator = add(self.root, "actuator")
         self.sensor = add(self.root, "sensor")
         self._facts: dict[str, dict[str, float]] = {}
-        self.guide_arms: dict[str, float] = {}  # from the guide blocks of an axis to the nozzle, along it [mm]
+        # from the guide blocks of an axis to the nozzle, along it [mm]
+        self.guide_arms: dict[str, float] = {}
 
     def _only(self, tag: str) -> Element:
         element = self.root.find(tag)

@@ -87,7 +87,8 @@ def _compiled_urdf(urdf: Path, root: Element) -> tuple[Element, mujoco.MjModel]:
     if compiler is None:
         compiler = add(settings, "compiler")
     compiler.set("discardvisual", "false")
-    compiler.set("fusestatic", "false")  # the nozzle's link is often fixed to another
+    # the nozzle's link is often fixed to another
+    compiler.set("fusestatic", "false")
     try:
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(prepared, encoding="unicode"))
         model = spec.compile()
@@ -205,7 +206,8 @@ def _drive(mjcf: Mjcf, machine: Element, motion: _Motion, root: Element) -> None
     parent[list(parent).index(link)] = nut
     nut.append(link)
     link.remove(joint)
-    if motion.name == "z":  # balanced weight, as of the arrangements
+    # balanced weight, as of the arrangements
+    if motion.name == "z":
         for body in nut.iter("body"):
             body.set("gravcomp", "1")
     point_mass(nut, drive.nut_mass, (0, 0, 0))

@@ -128,7 +128,8 @@ class Kinematics(ABC):
         for k, (coordinate, value) in enumerate(zip(self.coordinates, position.tolist(), strict=True)):
             part = f"{coordinate.name} = {value:.6g}"
             if k + 1 == len(self.coordinates) or self.coordinates[k + 1].unit != coordinate.unit:
-                part += f" {coordinate.unit}"  # once, after the last coordinate of that unit
+                # once, after the last coordinate of that unit
+                part += f" {coordinate.unit}"
             parts.append(part)
         return ", ".join(parts)
 

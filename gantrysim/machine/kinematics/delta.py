@@ -212,7 +212,8 @@ class Delta(Kinematics):
         the platform could move although the arms stand.
         """
         centres = self._centres(angle)
-        rods = u[:, None] - centres  # from elbow to platform, (n, 3, 3)
+        # from elbow to platform, (n, 3, 3)
+        rods = u[:, None] - centres
         unit = rods / self.rod[:, None]
         elbow = centres + self.joint - self.shoulder
         # both projected to the plane in which the arm turns

@@ -47,7 +47,8 @@ def check_work_frame(kinematics: Kinematics, home: Floats, tip: Callable[[Floats
 
 def _steps(kinematics: Kinematics, home: Floats) -> Floats:
     """Return displacements of 1 mm or deg from home, (coordinates,), downwards where the travel ends above."""
-    if kinematics.axes_are_coordinates:  # the travel of an axis is no limit of its kinematics
+    # the travel of an axis is no limit of its kinematics
+    if kinematics.axes_are_coordinates:
         return np.ones(len(home))
     upper = np.array([coordinate.travel[1] for coordinate in kinematics.coordinates])
     return np.where(home + 1 <= upper, 1.0, -1.0)
@@ -55,7 +56,8 @@ def _steps(kinematics: Kinematics, home: Floats) -> Floats:
 
 def _probes(kinematics: Kinematics, home: Floats) -> Floats:
     """Return positions at which a rotary axis must not move the nozzle, (n, coordinates)."""
-    if not kinematics.axes_are_coordinates:  # a displacement could be out of reach
+    # a displacement could be out of reach
+    if not kinematics.axes_are_coordinates:
         return home[None]
     slides = [coordinate.unit == "mm" for coordinate in kinematics.coordinates]
     return np.concatenate([home[None], home + _PROBE * np.eye(len(home))[slides]])

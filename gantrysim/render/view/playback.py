@@ -36,8 +36,10 @@ class Bodies:
 
     def __init__(self, shown: mujoco.MjModel, simulated: mujoco.MjModel) -> None:
         self._count = simulated.nbody
-        self._source = np.zeros(shown.nbody, np.intp)  # displayed body that takes the force of each displayed one
-        self._target = np.zeros(shown.nbody, np.intp)  # the same body in the simulated model
+        # displayed body that takes the force of each displayed one
+        self._source = np.zeros(shown.nbody, np.intp)
+        # the same body in the simulated model
+        self._target = np.zeros(shown.nbody, np.intp)
         # unnamed bodies are matched by number as long as all before them agree
         same = True
         for body in range(1, shown.nbody):

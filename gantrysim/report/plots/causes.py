@@ -36,7 +36,8 @@ def draw_causes(figure: Figure | SubFigure, worth: Mapping[str, Mapping[str, flo
         bars = axes.barh(places, np.nan_to_num(size), 0.62, color=COLOURS[error])
         numbers = ["–" if np.isnan(value) else f"{value:z.2f}".replace("-", "−") for value in size]
         for text in axes.bar_label(bars, numbers, padding=3, fontsize=8):
-            text.set_in_layout(axes is panels[-1])  # inside of all others: the scale below leaves room
+            # inside of all others: the scale below leaves room
+            text.set_in_layout(axes is panels[-1])
         low, high = (float(end) for end in (np.nanmin([0.0, *size]), np.nanmax([0.0, *size])))
         room = max(_ROOM * (high - low), _LEAST_SCALE)
         axes.set(xlim=(low - (room if low < 0 else 0), high + room), xlabel="worth [µm]")

@@ -61,7 +61,8 @@ def draw_coloured_plan(on: Figure | SubFigure | Axes, budget: Budget) -> Axes:
     ticks = analysis.ticks[shown]
     trace = by_blocks(lambda block: run.nozzle[ticks[block], :2], shown.size)
     pieces = np.stack([trace[:-1], trace[1:]], axis=1)
-    joined = np.diff(ticks) <= step  # not across moves with the dispenser off
+    # not across moves with the dispenser off
+    joined = np.diff(ticks) <= step
     coloured = LineCollection(list(pieces[joined]), cmap="viridis", linewidths=2.4)
     coloured.set_array(UM * np.maximum(distance[shown[:-1]], distance[shown[1:]])[joined])
     axes.add_collection(coloured)

@@ -69,7 +69,8 @@ class Plot:
         """
         figure = self._drawn()
         if folder is not None and not self.fault:
-            with suppress(Exception):  # of one that is missing, `save` tells why
+            # of one that is missing, `save` tells why
+            with suppress(Exception):
                 self._write(figure, folder)
         if self.columns < COLUMNS:
             _coarsen(figure, self.columns)

@@ -47,7 +47,8 @@ def draw_plan(on: Figure | SubFigure | Axes, analysis: Analysis) -> Axes:
     for k, mark, name in ((0, "o", "start"), (-1, "s", "end")):
         axes.plot(*trace[k, :2], mark, ms=5, color=INK)
         axes.annotate(name, (trace[k, 0], trace[k, 1]), xytext=(6, -4), textcoords="offset points", va="top")
-    axes.set_aspect("equal", adjustable="datalim")  # a box that shrinks would leave the title out of the layout
+    # a box that shrinks would leave the title out of the layout
+    axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel="x [mm]", ylabel="y [mm]", title=f"Plan view, machine {run.machine}")
     add_legend(on, 3)
     return axes

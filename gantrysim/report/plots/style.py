@@ -90,7 +90,8 @@ def sheet(width: float, height: float) -> Iterator[Figure]:
 
     with common_style():
         figure = Figure(figsize=(width, height), layout="constrained")
-        FigureCanvasAgg(figure)  # so that `figure.canvas.draw()` draws
+        # so that `figure.canvas.draw()` draws
+        FigureCanvasAgg(figure)
         yield figure
 
 

@@ -67,7 +67,8 @@ class Compensator:
     def then(self, filter: tuple[float, float, float, float, float]) -> Compensator:
         """Return this law followed by (b0 + b1/z + b2/z^2) / (1 + a1/z + a2/z^2), given b0, b1, b2, a1, a2."""
         b0, b1, b2, a1, a2 = filter
-        if not (b1 or b2 or a1 or a2):  # a mere factor adds no states
+        # a mere factor adds no states
+        if not (b1 or b2 or a1 or a2):
             return Compensator(self.A, self.B, b0 * self.C, b0 * self.D)
         n = len(self.A)
         # the filter in observer form, its direct part b0 taken out
@@ -86,7 +87,8 @@ class Compensator:
         D = self.D
         for _ in range(samples):
             n = len(A)
-            delayed = np.zeros((n + 1, n + 1))  # the state added is the last error
+            # the state added is the last error
+            delayed = np.zeros((n + 1, n + 1))
             delayed[:n, :n] = A
             delayed[:n, n] = B
             A = delayed

@@ -55,15 +55,18 @@ def _grid(system: LinearSystem) -> Floats:
     """Return angles up to the Nyquist frequency, finer around lightly damped modes and zeros, (n,)."""
     count = round(-math.log10(_LOWEST) * _PER_DECADE)
     even = np.pi * np.logspace(math.log10(_LOWEST), 0, count + 1)
-    even = np.append(even, np.pi - even[even < _AT_NYQUIST][::4])  # pairs of poles leave the circle near -1
+    # pairs of poles leave the circle near -1
+    even = np.append(even, np.pi - even[even < _AT_NYQUIST][::4])
     G = system.G0 + system.G1
     roots = [np.linalg.eigvals(system.F)]
-    for a in range(len(system.axes)):  # high gain takes the poles of an axis to its zeros
+    # high gain takes the poles of an axis to its zeros
+    for a in range(len(system.axes)):
         through = np.outer(G[:, a], system.H[a])
         strength = np.abs(system.H[a] @ G[:, a])
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
             drawn = system.F - _HIGH_GAIN / strength * through
-        if np.isfinite(drawn).all():  # not where the axis does not move at once
+        # not where the axis does not move at once
+        if np.isfinite(drawn).all():
             roots.append(np.linalg.eigvals(drawn))
     z = np.concatenate(roots)
     z = z[np.abs(z) > 0]
@@ -119,7 +122,8 @@ class Loops:
         for a, law in enumerate(self.laws):
             scale = factor if a in axes else 1.0
             part = slice(ends[a], ends[a + 1])
-            u[a, :n] = -scale * law.D * H[a]  # the error is -H x: the command is zero
+            # the error is -H x: the command is zero
+            u[a, :n] = -scale * law.D * H[a]
             u[a, part] = scale * law.C
             A[part, :n] = -np.outer(law.B, H[a])
             A[part, part] = law.A
@@ -147,7 +151,8 @@ class Loops:
         fb = values[kind, k + 1, axis]
         falls = fa >= 0
         value = L[k + 1, axis]
-        for _ in range(_MOST_STEPS):  # regula falsi, Illinois variant
+        # regula falsi, Illinois variant
+        for _ in range(_MOST_STEPS):
             if not len(k) or np.abs(fb).max() < _EXACT:
                 break
             c = (a * fb - b * fa) / (fb - fa)
@@ -175,7 +180,8 @@ class Loops:
             k = size.argmax(axis=0)
             low = near[np.maximum(k - 1, 0), axes]
             high = near[np.minimum(k + 1, _ZOOM - 1), axes]
-        poles = self.poles()  # lightly damped ones have peaks narrower than the grid
+        # lightly damped ones have peaks narrower than the grid
+        poles = self.poles()
         narrow = poles[(poles.imag > 0) & (np.abs(poles) > 1 - _PEAKED * np.angle(poles))]
         return np.maximum(peaks, np.abs(1 / (1 + self.at(np.angle(narrow)))).max(axis=0, initial=0))
 
@@ -281,12 +287,15 @@ def margins_of_loops(loops: Loops) -> list[Margins]:
     for a in range(len(loops.laws)):
         real = crossings.of(a, unit=False)
         unit = crossings.of(a, unit=True)
-        ends = L[[0, -1], a]  # here the loop is real, or nearly so
+        # here the loop is real, or nearly so
+        ends = L[[0, -1], a]
         crossed = np.append(real.L.real, ends.real[np.abs(ends.imag) < _REAL * np.abs(ends)])
         # a factor -1/L on the gains takes a real L to -1
         low, high = _factors(loops, a, -1 / crossed[crossed < 0], stable)
-        turn = np.angle(-unit.L)  # phase above -180 degrees
-        lag = turn % (2 * np.pi) / unit.theta * loops.T  # a delay turns L by theta per sample, clockwise only
+        # phase above -180 degrees
+        turn = np.angle(-unit.L)
+        # a delay turns L by theta per sample, clockwise only
+        lag = turn % (2 * np.pi) / unit.theta * loops.T
         crossover = unit.theta[unit.falls].min(initial=math.inf) / (2 * math.pi * loops.T)
         margins.append(
             Margins(

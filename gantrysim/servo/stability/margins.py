@@ -165,7 +165,8 @@ class Plant:
         if drives != _PLAIN:
             motion = motion.driven(drives)
         self._responses: list[FrequencyResponse] = []
-        self._periods: list[float] = []  # of the loop around each of them
+        # of the loop around each of them
+        self._periods: list[float] = []
         for states, axes in motion.groups():
             modes = {drives.mode_of(a) for a in axes}
             if len(modes) > 1:

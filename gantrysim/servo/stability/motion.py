@@ -117,13 +117,15 @@ class Motion:
     def of_axis(self, axis: int) -> Motion:
         """Return the motion of one axis while the motors of the others are held."""
         held = np.flatnonzero(np.delete(self.C, axis, axis=0).any(axis=0))
-        fixed = [*held, *self.A[held].argmax(axis=1)]  # the rate of a position is its velocity, a state
+        # the rate of a position is its velocity, a state
+        fixed = [*held, *self.A[held].argmax(axis=1)]
         free = np.setdiff1d(np.arange(len(self.A)), fixed)
         A = self.A[np.ix_(free, free)]
         C = self.C[[axis]][:, free]
         (states,) = (group for group in _coupled_groups(A) if np.any(C[:, group]))
         L = None if self.L is None else self.L[[axis]][:, free][:, states]
-        numbers = free[states].tolist()  # of the remaining states in this motion
+        # of the remaining states in this motion
+        numbers = free[states].tolist()
         currents = tuple(
             numbers.index(current) if current in numbers else -1 for current in self.currents[axis : axis + 1]
         )
@@ -239,7 +241,8 @@ def _held_effect(A: Floats, B: Floats, time: float) -> tuple[Floats, Floats]:
     joint = np.zeros((n + m, n + m))
     joint[:n, :n] = A
     joint[:n, n:] = B
-    with np.errstate(over="ignore", invalid="ignore"):  # the caller checks for numbers that are not finite
+    # the caller checks for numbers that are not finite
+    with np.errstate(over="ignore", invalid="ignore"):
         effect = _exponential((joint * time).tobytes(), n + m).copy()
     return effect[:n, :n], effect[:n, n:]
 

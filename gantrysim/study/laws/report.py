@@ -66,7 +66,8 @@ def laws_answer(study: LawsStudy, nominal: dict[str, Row]) -> str:
 def judged_laws(study: LawsStudy, nominal: dict[str, Row]) -> dict[str, Acceptance]:
     """Return the verdicts by law, the cheapest law first: with the fewest parts, then in the order of the ladder."""
     judged = {}
-    for rung in sorted(study.ladder, key=lambda rung: len(rung.law)):  # a stable sort: the ladder's order remains
+    # a stable sort: the ladder's order remains
+    for rung in sorted(study.ladder, key=lambda rung: len(rung.law)):
         acceptance = Acceptance.of(nominal[rung.name]) if rung.name in nominal else None
         if acceptance is not None:
             judged[rung.name] = acceptance

@@ -192,7 +192,8 @@ class LawsStudy(Study):
         Raises:
             InputError: a job that is refused, or never dispenses.
         """
-        values_row(simulated(Case.of(self.job, mode="perfect follower")))  # refused before anything is written
+        # refused before anything is written
+        values_row(simulated(Case.of(self.job, mode="perfect follower")))
         loaded = Perturbation(payload=self.payload)
         rubbing = Perturbation(friction=self.friction)
         cases = []

@@ -80,7 +80,8 @@ class Panels:
         if column in DOWNWARDS:
             shape["marker"] = "v"
         if column.startswith(("servo_", "following_")):
-            shape["ms"] = _INSIDE * shape["ms"]  # it often coincides with the contour error
+            # it often coincides with the contour error
+            shape["ms"] = _INSIDE * shape["ms"]
         self._scatter(panel, x, factor * y, color=colour, label=label, **shape)
 
     def spacing_errors(self, nominal: float) -> None:
@@ -329,12 +330,14 @@ def _servo_period(study: LoopStudy, panels: Panels) -> str:
     panels.points(panels.errors, normal, NO_FRICTION, green, "no friction, normal to the path")
     panels.points(panels.errors, along, NO_FRICTION, COLOURS["encoder"], "no friction, along the path")
     machine = study.job.built_machine
-    torques = set(study.job.built_servo.modes) == {"torque"}  # what the theory speaks of
+    # what the theory speaks of
+    torques = set(study.job.built_servo.modes) == {"torque"}
     theory = study.theory if torques and {"x", "y"} <= set(machine.axis_names) else None
     if theory is not None:
         period = _points(study.servo_periods)
         plane = (machine.axis_names.index("x"), machine.axis_names.index("y"))
-        middle = np.linspace(0.05, 0.95, _LINE)  # of the path, as of what was measured
+        # of the path, as of what was measured
+        middle = np.linspace(0.05, 0.95, _LINE)
         radius = theory.radius_of_curvature(middle)
         smooth = {"integral_time": math.inf, "resolution": 0.0}
         settings: list[dict[str, Any]] = [{**dict(study.job.servo), **smooth, "period": p} for p in period.tolist()]
@@ -350,7 +353,8 @@ def _servo_period(study: LoopStudy, panels: Panels) -> str:
     x, y = series(panels.rows, "value", "contour_rms_um", sweep="servo_period", variant=AS_IT_IS)
     if x.size > 1:
         period_at_knee = knee(x, y, float(y.min()))
-        if period_at_knee is not None and period_at_knee > x[1]:  # else every shorter period reduces the error
+        # else every shorter period reduces the error
+        if period_at_knee is not None and period_at_knee > x[1]:
             panels.mark(period_at_knee, "as it is")
     panels.failures()
     _spacings_and_ripples(panels, AS_IT_IS, NO_LOOP)

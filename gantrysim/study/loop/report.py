@@ -379,7 +379,8 @@ def _servo(rows: Sequence[Row]) -> Lines:
         if period.size < 2:
             continue
         period_at_knee = knee(period, contour, float(contour.min()))
-        if period_at_knee is not None and period_at_knee < period[1]:  # every shorter period reduces the error
+        # every shorter period reduces the error
+        if period_at_knee is not None and period_at_knee < period[1]:
             period_at_knee = None
         add(shown, "knee", _knee(period_at_knee, period, milliseconds))
     variants = [variant for _, variant, *_ in lines]
@@ -390,7 +391,8 @@ def _servo(rows: Sequence[Row]) -> Lines:
         period, contour, servo, program = series(rows, "value", *columns, sweep="servo_period", variant=AS_IT_IS)
         if period.size and program.min() > _HIDING * contour.min():
             add(AS_IT_IS, "least program error, which hides the servo's", _um(program.min()))
-        if np.all(program > 0) and np.all(servo > 0):  # the crossing lies between points on logarithmic scales
+        # the crossing lies between points on logarithmic scales
+        if np.all(program > 0) and np.all(servo > 0):
             period_at_crossing = crossing(period, servo, program)
             if period_at_crossing:
                 add(AS_IT_IS, "servo error exceeds program error above", milliseconds(period_at_crossing))

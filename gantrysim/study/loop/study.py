@@ -109,7 +109,8 @@ class LoopStudy(Study):
             for value in self.servo_periods:
                 changes = {"servo.period": value}
                 if bound and variant == AS_IT_IS:
-                    changes["program.servo_period"] = value  # the program's ticks are the servo's
+                    # the program's ticks are the servo's
+                    changes["program.servo_period"] = value
                 if variant == NO_FRICTION:
                     # slow servos have enough steps in a servo period without finer ones
                     finer = max(self._physics / _FINER, min(value / _FINER**2, self._physics))

@@ -53,7 +53,8 @@ def repeat_answer(study: RepeatStudy, rows: Sequence[Row], paths: dict[str, Repe
             f"{result}."
         )
     failures = f"; the worst is at {scope.excess(worst)}"
-    if worst.keeps(scope.aspects):  # then the others have no run that could be judged
+    # then the others have no run that could be judged
+    if worst.keeps(scope.aspects):
         failures = "; the others were refused or ended in a fault"
     return f"No, {accepted} of {len(repeats)} repeats keep {scope.words}{failures}: {result}; {_lever(study, paths)}."
 
@@ -191,7 +192,8 @@ def _draw_plan(path: RepeatedPath) -> Figure:
     points = path.command[:, :2]
     reach = UM * path.repeatability
     steps = np.diff(path.s)
-    joined = steps < 1.5 * np.median(steps)  # no line where no glue is laid
+    # no line where no glue is laid
+    joined = steps < 1.5 * np.median(steps)
     segments = np.stack([points[:-1], points[1:]], axis=1)[joined]
     width, depth = np.maximum(np.ptp(points, axis=0), 1e-9)
     with sheet(7.4, float(np.clip(5.6 * depth / width + 1.1, 3.0, 7.4))) as figure:

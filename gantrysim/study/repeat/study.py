@@ -86,7 +86,8 @@ def positioning(job: Job, axis: str, perturbations: Sequence[Perturbation]) -> P
         dispense=np.zeros(position.size, bool),
         requested=Chain([Line(tuple(first.tolist()), tuple(last.tolist()))]),
     )
-    cycles = []  # deviations at all stops, in the order of the motion
+    # deviations at all stops, in the order of the motion
+    cycles = []
     for perturbation in perturbations:
         run = simulate(machine.perturbed(perturbation), servo, setpoints, physics_step=job.simulation.physics_step)
         if run.fault is not None:
@@ -241,7 +242,8 @@ class RepeatStudy(Study):
             raise InputError(f"repeats = {self.repeats}: must be at most {_MOST_REPEATS}")
         whole("places", self.places, 2)
         whole("seed", self.seed, 0)
-        at_least("friction", self.friction, 0, most=_WIDEST)  # factors beyond e to the fourth are no friction
+        # factors beyond e to the fourth are no friction
+        at_least("friction", self.friction, 0, most=_WIDEST)
 
     @cached_property
     def s(self) -> Floats:
@@ -275,7 +277,8 @@ class RepeatStudy(Study):
         home = generator.uniform(-0.5, 0.5, (self.repeats, axes)) * self.counts
         phase = generator.integers(0, PHASES, self.repeats)
         cases = []
-        alone = self.sources if len(self.sources) > 1 else ()  # a single source is all that varies
+        # a single source is all that varies
+        alone = self.sources if len(self.sources) > 1 else ()
         for varied in (ALL, *alone):
             for k in range(self.repeats):
                 perturbation = Perturbation()

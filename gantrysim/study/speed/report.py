@@ -161,7 +161,8 @@ def _again(result: SpeedAnswer) -> str:
 def _answer_between(study: SpeedStudy, by_speed: dict[float, Row], limit: str, fastest: Fastest) -> str:
     """Return the answer where the programmed speed keeps the limits and a slower one does not."""
     result = fastest.result
-    assert result.above is not None  # as there are faster speeds that keep the limits
+    # as there are faster speeds that keep the limits
+    assert result.above is not None
     failure = fastest.failure(by_speed[result.above])
     return (
         f"Keep the programmed speed: {study.programmed_speed:g} mm/s keeps {limit}, and the fastest speed tried that "
@@ -312,11 +313,13 @@ def _draw_links(good: Sequence[Row]) -> Figure:
         drawn: list[float] = []
         for link in (name for name in DESCRIPTIONS if f"{name}_rms_um" in good[0]):
             values = np.array([row[f"{link}_rms_um"] for row in good], float)
-            if values.max() < 1e-3:  # nothing to show on a logarithmic scale
+            # nothing to show on a logarithmic scale
+            if values.max() < 1e-3:
                 continue
             values = np.maximum(values, 1e-3)
             drawn += values.tolist()
-            if link == "contour":  # a broad band, on which the link with the largest part is drawn
+            # a broad band, on which the link with the largest part is drawn
+            if link == "contour":
                 axes.plot(speeds, values, lw=7, alpha=0.25, color=COLOURS[link], label=link, zorder=1)
             else:
                 axes.plot(speeds, values, "o-", ms=3.5, lw=1.4, color=COLOURS[link], label=link)

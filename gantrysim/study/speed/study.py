@@ -174,7 +174,8 @@ class SpeedStudy(ToleranceStudy):
 
     def __post_init__(self) -> None:
         _ = self.criterion, self.programmed_speed
-        at_least("resolution", self.resolution, 10.0 ** (1 - SPEED_DIGITS))  # or the bracket could not be that narrow
+        # or the bracket could not be that narrow
+        at_least("resolution", self.resolution, 10.0 ** (1 - SPEED_DIGITS))
 
     @cached_property
     def programmed_speed(self) -> float:

@@ -76,9 +76,11 @@ class Candidate:
         """Return rank and amount from the results so far; `ripple` is the largest allowed, a share of peak torque."""
         faults = [result.fault for result in self.results.values() if result.fault is not None]
         if faults:
-            return 4, -min(faults)  # a later fault is nearer to none: the search has a slope to follow
+            # a later fault is nearer to none: the search has a slope to follow
+            return 4, -min(faults)
         if self.excess > 0:
-            return 3 if self.results else 5, self.excess  # only the start is run without the margin
+            # only the start is run without the margin
+            return 3 if self.results else 5, self.excess
         if self.ripple > ripple:
             return 2, math.log(self.ripple / ripple)
         return 1, self.metric

@@ -61,7 +61,8 @@ def case_of(job: Job, servo: Servo, perturbation: Perturbation | None, **tags: V
 
 def trial_result(row: Row, metric: str) -> TrialResult:
     """Return the result of a trial from its row."""
-    if row["status"] != OK:  # a refused case has no fault time
+    # a refused case has no fault time
+    if row["status"] != OK:
         return TrialResult(math.inf, math.inf, float(row.get(_FAULT_TIME) or 0.0))  # type: ignore[arg-type]
     return TrialResult(float(row[column(metric)]), 0.01 * float(row[RIPPLE]))  # type: ignore[arg-type]
 
@@ -90,7 +91,8 @@ def _measure(case: Case, metric: str) -> Row:
     try:
         (run,) = _simulated_runs([case])
     except InputError:
-        return judged_row(lambda: _simulated_runs([case])[0], lambda run: {})  # refused again; its row has the reason
+        # refused again; its row has the reason
+        return judged_row(lambda: _simulated_runs([case])[0], lambda run: {})
     return _row(run, case, metric)
 
 
@@ -154,5 +156,6 @@ def _values(run: Run, job: Job, metric: str) -> Row:
         spread = ErrorSpread.of(size)
         for statistic in _STATISTICS:
             row[error.statistic(statistic).key] = error.scaled(getattr(spread, statistic.name))
-    peak = np.array([axis.peak_torque for axis in job.built_machine.axes])  # of the nominal motor, as the drive has it
+    # of the nominal motor, as the drive has it
+    peak = np.array([axis.peak_torque for axis in job.built_machine.axes])
     return {**row, RIPPLE: 100 * float((torque_ripple(run) / peak).max())}

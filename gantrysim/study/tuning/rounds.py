@@ -57,7 +57,8 @@ class Simplex:
         self._moved = max(1, min(moved, len(vertices) // 2))
         self._keys = keys
         self._vertices = list(vertices)
-        coordinates = max(len(bounds), 2)  # in one coordinate, the rules for two
+        # in one coordinate, the rules for two
+        coordinates = max(len(bounds), 2)
         self._expansion = 1 + 2 / coordinates
         self._contraction = 0.75 - 0.5 / coordinates
         self._shrinkage = 1 - 1 / coordinates
@@ -147,7 +148,8 @@ def rounds(
     signs = np.random.default_rng(limits.seed).choice([-1.0, 1.0], len(bounds))
     estimates = Estimates((yield [point for valley in valleys for point in valley]), limits)
     begins = sorted((estimates.best(valley) for valley in valleys), key=estimates.keys.__getitem__)
-    begins[0] = estimates.best()  # which may be the start of the search
+    # which may be the start of the search
+    begins[0] = estimates.best()
     idle = 0
     while begins or idle < _IDLE:
         best = estimates.best()
@@ -167,7 +169,8 @@ def rounds(
             except StopIteration:
                 points = []
         idle = 0 if estimates.falls(best, estimates.best(), _PROGRESS) else idle + 1
-        signs = -signs  # a simplex may have collapsed: the next one begins on the other side
+        # a simplex may have collapsed: the next one begins on the other side
+        signs = -signs
 
 
 def _around(centre: Floats, signs: Floats, bounds: Floats) -> list[Floats]:
@@ -231,6 +234,7 @@ class Estimates:
         """Return whether candidate `new` has a better rank than `old`, or a metric that is less by a share."""
         old_rank, old_amount = self.keys[old]
         new_rank, new_amount = self.keys[new]
-        if old_rank == new_rank == 1:  # amounts are logarithms: a share is a difference
+        # amounts are logarithms: a share is a difference
+        if old_rank == new_rank == 1:
             old_amount -= share
         return (new_rank, new_amount) < (old_rank, old_amount)

@@ -306,7 +306,8 @@ def _first_points(edge: MarginEdge, begin: Floats, start: Candidate) -> list[Flo
     """Return the points of the first round: shapes at the edge of the margin, and the start if it was not run there."""
     space = edge.space
     shapes = [begin[space.groups :], space.natural, edge.stiffest()]
-    if "a" in space.coordinates:  # the metric may have another valley there
+    # the metric may have another valley there
+    if "a" in space.coordinates:
         shapes += [np.concatenate([shape[: -space.groups], np.full(space.groups, _LESS)]) for shape in shapes[1:]]
     edges = [np.concatenate([np.zeros(space.groups), shape]) for shape in shapes]
     if start.point.size or np.array_equal(begin, edges[0]):

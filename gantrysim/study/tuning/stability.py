@@ -184,7 +184,8 @@ class Stability:
             if excess[worst] <= 0:
                 return Fastest(edge.frequencies, binding=(max(binding, key=lambda k: excess[k]),))
             start = edge.frequencies
-            if worst in binding:  # coupled axes: each group kept the margin only by itself
+            # coupled axes: each group kept the margin only by itself
+            if worst in binding:
                 start = start - _STEP
                 together = True
             else:
@@ -222,7 +223,8 @@ class Stability:
             done = (high - low <= _WIDTH) | (excess_at_low > -_TOLERANCE) | (low > np.maximum(guess, 0) + _REACH)
             if done.all():
                 return Fastest(low)
-            with np.errstate(invalid="ignore"):  # where an end of the bracket is not known yet
+            # where an end of the bracket is not known yet
+            with np.errstate(invalid="ignore"):
                 # the excess of an unstable loop jumps, so a straight line through it would mislead: halve instead
                 false_position = np.clip(excess_at_low / (excess_at_low - excess_at_high), 0.1, 0.9)
                 share = np.where(excess_at_high < _UNSTABLE, false_position, 0.5)

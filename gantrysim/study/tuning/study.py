@@ -202,7 +202,8 @@ class TuningStudy(Study):
         Raises:
             InputError: a machine whose margins cannot be computed, or one that refuses the job.
         """
-        for machine in self.machines:  # one that cannot reach the setpoints is refused before hours of runs
+        # one that cannot reach the setpoints is refused before hours of runs
+        for machine in self.machines:
             axis_positions(machine, self.job.setpoints)
         history = yield from self._search_rounds()
         if self.unseen:

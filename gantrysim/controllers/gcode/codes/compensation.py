@@ -56,7 +56,8 @@ def _diameter_of_tool(state: ProgramState, block: WordBlock) -> float:
 def _diameter_given(state: ProgramState, block: WordBlock, name: str) -> float:
     if "D" not in block.values:
         raise InputError(f"{name}: must have a diameter D")
-    block.drop("L")  # where a lathe's tool points
+    # where a lathe's tool points
+    block.drop("L")
     return block.values.pop("D") * state.frames.unit
 
 

@@ -39,7 +39,8 @@ class _Stroke:
         self.up = up
         self._state = state
         self._axis = PLANES[state.modes.plane][2]
-        self._lays_dots = words.get("P", 0.0) > 0  # glue is laid in the dwell at the bottom, not on the way
+        # glue is laid in the dwell at the bottom, not on the way
+        self._lays_dots = words.get("P", 0.0) > 0
 
     def rapid(self, height: float) -> None:
         self._state.rapid_to(self._place(height))

@@ -132,7 +132,8 @@ def m205(state: ProgramState, block: WordBlock) -> None:
         state.limits.change(deviation=block.values["J"], corner_speed=None)
         return
     jumps = [block.values[letter] for letter in "XY" if letter in block.values]
-    if jumps:  # at a right angle one axis stops, and its velocity jumps by the path speed
+    # at a right angle one axis stops, and its velocity jumps by the path speed
+    if jumps:
         state.limits.change(corner_speed=min(jumps), deviation=None)
 
 

@@ -80,9 +80,11 @@ class Waits:
         self.changed = True
         self._time = time
         self._clock = clock
-        self._loop: tuple[Frame, int] | None = None  # of the last jump back: where it lies and where it begins
+        # of the last jump back: where it lies and where it begins
+        self._loop: tuple[Frame, int] | None = None
         self._count = 0  # of statements then
-        self._durations: list[float] = []  # by which the time has advanced since
+        # by which the time has advanced since
+        self._durations: list[float] = []
 
     def pass_time(self, duration: float) -> None:
         """Let time pass [s]."""
@@ -259,7 +261,8 @@ class Execution:
         line = self.clock.line
         self.run(code, variables)
         self.depth -= 1
-        self.clock.line = line  # of the statement that goes on, for its errors
+        # of the statement that goes on, for its errors
+        self.clock.line = line
 
     def check_depth(self, name: str) -> None:
         """Raise SoftMCError where a call would be too deep within others."""
@@ -313,7 +316,8 @@ class Execution:
     def read_known(self, element: Element, short: str, name: str) -> Value:
         """Return the value of a property that there is, by its canonical name."""
         if short in LIVE:
-            self.waits.changed |= short not in STEADY  # the next pass of a loop reads another value
+            # the next pass of a loop reads another value
+            self.waits.changed |= short not in STEADY
             return LIVE[short](self.time, self.elements, element)
         if short in element.properties:
             value: Value = element.properties[short]
@@ -342,7 +346,8 @@ class Execution:
         of_motion = {**element.properties, **nodal}
         if "vcruise" in nodal and "vtran" in nodal:
             raise SoftMCError("vcruise and vtran: give only one of the two")
-        if "vcruise" in nodal:  # the speed of the command comes before that of the group, whichever it is
+        # the speed of the command comes before that of the group, whichever it is
+        if "vcruise" in nodal:
             of_motion.pop("vtran", None)
         override = self.settings.override / 100
         factor = of_motion["vord"] / 100 * (self.elements.of_system("vord", 100.0) / 100) * override

@@ -175,7 +175,8 @@ class Basic(Controller):
         gates = streamed.ends[[k - 1 for k in task.time.settled if k > 0]]
         gates = np.unique(gates[gates > 0]) if supervised.settle_error < np.inf else gates[:0]
         dispense = streamed.dispense.copy()
-        dispense[gates] = dispense[gates - 1]  # the dispenser stays as it is while the axes settle
+        # the dispenser stays as it is while the axes settle
+        dispense[gates] = dispense[gates - 1]
         if task.switched:
             dispense[:] = False
             for mark, on in task.switched:

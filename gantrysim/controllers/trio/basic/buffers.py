@@ -58,7 +58,8 @@ class Buffers:
         self.enabled = True
         self.buffers = settings.buffers
         self._settings = settings
-        self._ended: list[Axis] = []  # whose move has ended in the period that runs
+        # whose move has ended in the period that runs
+        self._ended: list[Axis] = []
 
     def axis(self, number: float) -> Axis:
         """Return an axis by its number."""

@@ -91,7 +91,8 @@ class _Run:
         positions = array("d")
         outputs = bytearray()
         lines = array("q")
-        counts = array("q")  # of ticks for which output and line stay the same
+        # of ticks for which output and line stay the same
+        counts = array("q")
         axes = [motion.axis(number) for number in self._recorded]
         state.run(name, 0.0)
         most = math.ceil(self._limits.time / motion.period)
@@ -136,7 +137,8 @@ class _Run:
             if len(passed):
                 positions.frombytes(passed.tobytes())
                 counts[-1] += len(passed)
-        state.latest.clear()  # they refer to the state: a cycle, which only the garbage collector would free
+        # they refer to the state: a cycle, which only the garbage collector would free
+        state.latest.clear()
         position = np.frombuffer(positions, float).reshape(-1, len(axes))
         is_on = np.frombuffer(outputs, bool).repeat(counts)
         return Trace(motion.period, position, is_on, np.frombuffer(lines, np.int64).repeat(counts), state)

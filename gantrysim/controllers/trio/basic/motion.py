@@ -226,7 +226,8 @@ class Motion(Buffers):
             return np.empty((0, len(recorded)))
         moves = [(axis, axis.move) for axis in axes if axis.move is not None]
         glides = [self._glide(base, move, most) for base, move in moves]
-        if len(glides) > 1:  # the speeds of all at the end of the shortest
+        # the speeds of all at the end of the shortest
+        if len(glides) > 1:
             count = min(len(s) for s, _ in glides)
             glides = [self._glide(base, move, count) for base, move in moves]
         count = len(glides[0][0]) if glides else most

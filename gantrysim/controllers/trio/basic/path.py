@@ -87,7 +87,8 @@ def exact(
     if unstated & columns.keys():
         return None
     corners = [start.tolist()]
-    arcs: list[tuple[Arc, list[int]] | None] = []  # with its columns, from each corner to the next; None for a line
+    # with its columns, from each corner to the next; None for a line
+    arcs: list[tuple[Arc, list[int]] | None] = []
     for move in moves:
         moved = [columns.get(number) for number in move.axes]
         on_machine = [column for column in moved if column is not None]

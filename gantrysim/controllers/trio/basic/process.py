@@ -223,7 +223,8 @@ class State:
 
     def wait(self, milliseconds: float) -> float:
         """Return the time that WA takes [s]."""
-        wait = max(1e-3 * milliseconds, 0.0)  # a negative time does not wait
+        # a negative time does not wait
+        wait = max(1e-3 * milliseconds, 0.0)
         if self.wait_resolution > 0:
             wait = math.floor(wait / self.wait_resolution + 1e-9) * self.wait_resolution
         return wait

@@ -115,10 +115,12 @@ def _advance(
     target, up, down, period = rates
     if 0 < value == target and not braking and math.isinf(stretch) and period > _TINY_DISTANCE:
         at_speed = period * value
-        if remaining - 0.5 * value**2 / down > 2 * at_speed + 1e-9:  # far from where it brakes: the loop's one phase
+        # far from where it brakes: the loop's one phase
+        if remaining - 0.5 * value**2 / down > 2 * at_speed + 1e-9:
             return at_speed, value, False, 0.0
     if braking and remaining > 0.5 * value**2 / down * (1 + 1e-6) + 1e-9:
-        braking = False  # a move was merged behind, or DECEL was raised
+        # a move was merged behind, or DECEL was raised
+        braking = False
     covered = 0.0
     time_left = period
     tiny = _TINY_DISTANCE * (1 + remaining if math.isfinite(remaining) else 1.0)

@@ -361,7 +361,8 @@ class Basic(Controller):
 
     def _points(self, trace: Trace) -> Floats:
         """The linear axes on the work, (n, 3) [mm]."""
-        columns = np.zeros((3, len(trace.position)))  # as NumPy adds to short rows slowly
+        # as NumPy adds to short rows slowly
+        columns = np.zeros((3, len(trace.position)))
         count = min(len(self._numbers(trace)), 3)
         columns[:count] = trace.position.T[:count]
         return self.placement.point(columns.T)
@@ -419,7 +420,8 @@ class Basic(Controller):
         position = np.stack([*points.T[: len(numbers)], *trace.position.T[3 : len(numbers)]], axis=1)
         if len(position) < 2:
             position = np.repeat(position, 2, axis=0)
-        position = read_only(position)  # which Setpoints does not copy
+        # which Setpoints does not copy
+        position = read_only(position)
         requested = self.requested if period == self.servo_period else self._requested(trace)
         linear = np.zeros((len(position), 3))
         linear[:, : min(len(numbers), 3)] = position[:, : min(len(numbers), 3)]

@@ -40,7 +40,8 @@ def cmd_command(assembler: ProcessAssembler, raw: Raw) -> None:
     arguments = [argument.value for argument in ref.between(command.least, command.most)]
     run = command.act
     line = raw.line
-    spelled = ref.spelled  # so that the command does not hold its words
+    # so that the command does not hold its words
+    spelled = ref.spelled
 
     def act(process: Process) -> None:
         values = [argument(process) for argument in arguments]
@@ -121,7 +122,8 @@ def _store_of_axis(ref: Reference) -> Store:
 
     def store(process: Process, value: float) -> None:
         axis = process.state.motion.axis(process.base[0] if number is None else number(process))
-        if write is None:  # accepted without effect: noted, and read again as it was set
+        # accepted without effect: noted, and read again as it was set
+        if write is None:
             axis.values[name] = value
             process.state.ignored.add(name)
         else:

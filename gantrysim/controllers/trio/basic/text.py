@@ -89,7 +89,8 @@ def with_files(text: str, folder: Path) -> str:
     try:
         files = {path.stem.upper(): path for path in sorted(folder.iterdir()) if path.suffix.lower() in SUFFIXES}
     except OSError:
-        return text  # where the folder cannot be read, the programs are reported as missing
+        # where the folder cannot be read, the programs are reported as missing
+        return text
     present = {head[1].upper() for head in SECTION.finditer(text)}
     waiting = _names(text)
     while waiting:
@@ -158,7 +159,8 @@ class _Parser(threading.local):
         try:
             return cast(list[list[Raw]], self.lark.parse(text))
         finally:
-            del self.builder.source  # its statements would be kept in memory until the next text is read
+            # its statements would be kept in memory until the next text is read
+            del self.builder.source
 
 
 _parser = _Parser()
@@ -275,7 +277,8 @@ class _Builder(Transformer):  # type: ignore[type-arg]
         """An IF or ELSEIF, and the statements after it in its line."""
         word, condition, then = children
         branch: list[Raw] = [] if then is None else [then]
-        if isinstance(then, list):  # an IF in the line of this one
+        # an IF in the line of this one
+        if isinstance(then, list):
             branch = then
         is_inline = kind == "if" and bool(branch)
         return [Raw(kind, self.line_of(word), (condition,), is_inline), *branch]

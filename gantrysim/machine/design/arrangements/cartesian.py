@@ -55,7 +55,8 @@ def cantilever(table: MachineTable) -> TableMjcf:
     load = on_bridge(table)
     root = _y_axis(mjcf, mjcf.frame, "guide", 1, load)
     mjcf.guide_arms["y"] = -BEAM[0] / M
-    point_mass(root, 1e-3, (extent.x - extent.half_width, *BEAM))  # the arm's mass is behind its hinge
+    # the arm's mass is behind its hinge
+    point_mass(root, 1e-3, (extent.x - extent.half_width, *BEAM))
     arm = add(root, "body", name="bridge")
     stiffness = table.arm_stiffness or 0.0
     mass = table.masses.bridge or 0.0

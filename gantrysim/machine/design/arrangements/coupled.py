@@ -59,7 +59,8 @@ def corexy(table: MachineTable) -> TableMjcf:
     _add_friction(clamp[-1], table.x)
     point_mass(clamp, belts.nut_mass, (0, 0.085, 0.13))
     carriage(mjcf, add(clamp, "body", name="carriage"))
-    damping = belts.transmission.damping_ratio * math.sqrt(2 * k * on_x)  # of 2 k against the carriage
+    # of 2 k against the carriage
+    damping = belts.transmission.damping_ratio * math.sqrt(2 * k * on_x)
     for name, sign in (("a", -1), ("b", 1)):
         belt = _spring(mjcf, f"belt_{name}", k, damping)
         for joint, coefficient in ((name, radius), ("x", -1), ("y", sign)):
@@ -74,7 +75,8 @@ def _add_pulley(mjcf: TableMjcf, extent: Extent, side: int, name: str, radius: f
     assert belts is not None
     place = (extent.x + side * extent.half_width, BEAM[0] + extent.y + extent.half_length, 0)
     body = add(mjcf.frame, "body", name=f"pulley_{name}", pos=place)
-    point_mass(body, 0.01, (0, 0, 0), (1e-9, 1e-9, 1e-9))  # its inertia is in the armature
+    # its inertia is in the armature
+    point_mass(body, 0.01, (0, 0, 0), (1e-9, 1e-9, 1e-9))
     # a corner of the travel takes both slides' positions together
     farthest = max(abs(end) for slide in (table.x, table.y) for end in slide.travel)
     turn = _PULLEY_TURNS * 2 * M * farthest / radius
