@@ -23,7 +23,7 @@ NAMES_ALLOWED: dict[str, str] = {
 PARAMETERS_ALLOWED: dict[str, str] = {
     "engine/batch.py:simulate_batch": "keywords that users type",
     "engine/simulate.py:simulate": "keywords that users type",
-    "servo/laws/p_pi.py:cascaded": "the quantities of its equation; compiled",
+    "servo/laws/p_pi.py:cascaded_torque": "the quantities of its equation; compiled",
     "servo/laws/pid.py:torque_demand": "the quantities of its equation; compiled",
     "remedy/improve.py:improve": "keywords that users type",
     "servo/servo.py:derive": "keywords that users type",

@@ -114,13 +114,10 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
             active = active[np.abs(step) >= _LAST_STEP]
             if not active.size:
                 break
-        # not on the turn that it left
-        met = (met_at <= s[-1]) & (met_at > 0.5 * (place + guess))
-        # Newton's method has not settled there
-        met[active] = False
+        met = (met_at <= s[-1]) & (met_at > 0.5 * (place + guess))  # not on the turn that it left
+        met[active] = False  # Newton's method has not settled there
         after = np.clip(np.searchsorted(s, met_at), 1, s.size - 1)
-        # no trace, and no glue, in a gap between stretches
-        met &= parts[after] == parts[after - 1]
+        met &= parts[after] == parts[after - 1]  # no trace, and no glue, in a gap between stretches
         link = np.stack([point, trace(met_at)[0]], axis=1)
         distance = np.abs(dot(link[:, 1] - point, normal))
         return Spacing(place[met], heading[rows][met] / (2 * np.pi), distance[met], met_at[met], link[met])
@@ -173,8 +170,7 @@ def one_way(heading: Floats, s: Floats) -> tuple[Floats, tuple[int, int]]:
 def _furthest_turned(heading: Floats, s: Floats) -> tuple[int, int]:
     """Return the first and the last index of the stretch that turns furthest one way, twice 0 where nothing turns."""
     n = heading.size
-    # sense of the last turning
-    before = 0.0
+    before = 0.0  # sense of the last turning
     for k in range(n - 1):
         if heading[k + 1] != heading[k]:
             before = math.copysign(1.0, heading[k + 1] - heading[k])
@@ -185,11 +181,9 @@ def _furthest_turned(heading: Floats, s: Floats) -> tuple[int, int]:
     low = 0
     high = 0
     furthest = -1.0
-    # sense of the present stretch, 0 for that of a corner
-    stretch = 0.0
+    stretch = 0.0  # sense of the present stretch, 0 for that of a corner
     for k in range(n):
-        # of no stretch, behind the last
-        sense = 2.0
+        sense = 2.0  # of no stretch, behind the last
         if k < n - 1:
             change = heading[k + 1] - heading[k]
             if change != 0.0:
