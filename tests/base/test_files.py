@@ -169,8 +169,8 @@ def test_an_interrupt_says_what_it_has_left(old, number):
 
 def test_a_folder_in_use_is_refused_and_a_dead_owner_is_none(tmp_path):
     folder = tmp_path / "deep" / "out"
-    script = "import sys, time; from pathlib import Path; from gantrysim.base.files import held\n"
-    script += "with held(Path(sys.argv[1]), 'x'): print('held', flush=True); time.sleep(99)"
+    script = "import sys, time; from pathlib import Path; from gantrysim.base.files import held_folder\n"
+    script += "with held_folder(Path(sys.argv[1]), 'x'): print('held', flush=True); time.sleep(99)"
     owner = subprocess.Popen([sys.executable, "-c", script, folder], stdout=subprocess.PIPE)
     assert owner.stdout.readline() == b"held\n"
     with pytest.raises(InputError, match=r"^here: in use by another command$"), held_folder(folder, "here"):

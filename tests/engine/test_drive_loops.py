@@ -14,7 +14,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.episodes import Source
-from gantrysim.env.settings import Settings
+from gantrysim.env.settings import PathSettings
 from gantrysim.job.causes import CAUSES, Setup
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.record.setpoints import Setpoints
@@ -250,7 +250,7 @@ def test_what_needs_torque_gains_refuses_other_modes(xy):
     with pytest.raises(InputError, match="tuning: servo mode"):
         _ = TuningStudy(job).stability
     with pytest.raises(InputError, match="environment: servo mode"):
-        Source(Settings(job=job))
+        Source(PathSettings(job=job))
 
 
 @pytest.mark.parametrize("speed", [10.0, 150.0, 210.0])

@@ -12,7 +12,7 @@ import pytest
 from gantrysim import Dispenser, InputError, Job, Run, Verdict, causes_of
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.episodes import Source
-from gantrysim.env.settings import Settings
+from gantrysim.env.settings import PathSettings
 from gantrysim.faults import CloggedNozzle, EncoderSlip, InjectedFault, OpenWinding, StuckAxis
 from gantrysim.glue.bead import Bead, BeadSettings
 from gantrysim.job.losses import Losses, events
@@ -105,7 +105,7 @@ def test_causes_are_refused_for_a_job_with_faults():
 
 def test_episodes_studies_and_the_tuner_have_the_faults_of_their_job(tmp_path):
     job = faulty(SLIP)
-    episode = Source(Settings(job=job)).draw(np.random.default_rng(1))
+    episode = Source(PathSettings(job=job)).draw(np.random.default_rng(1))
     assert episode.simulation.faults == job.faults
     cases = [case_of(each, each.built_servo, None) for each in (job, job.without_faults())]
     faulted, healthy = measure_together(cases)
