@@ -108,12 +108,19 @@ def test_the_nominal_machine_is_remembered_at_the_start_as_met_for_a_two_hundred
     env = SpiralTuningEnv(**BRIEF, memory=0.08)
     env.reset(seed=1)
     ticks = 0.005 * 0.08 / PERIOD
-    expected = [
-        ticks * np.array([j**2, 0, f**2, j**2, f**2, 0, 0, 0])
-        for j, f in ((1000 * axis.inertia, axis.friction.coulomb) for axis in env._episodes.source.machine.axes)
-    ]
-    np.testing.assert_allclose(env._episodes._sums[0], expected, rtol=1e-12)
-    np.testing.assert_allclose(ratios(env._episodes._sums[0])[0], 1.0, rtol=1e-12)
+    axes = env._episodes.source.machine.axes
+    inertia = ticks * np.array([1000 * axis.inertia for axis in axes]) ** 2
+    friction = ticks * np.array([axis.friction.coulomb for axis in axes]) ** 2
+    sums = env._episodes._sums[0]
+    for name, expected in {
+        "JJ": inertia,
+        "JD": inertia,
+        "FF": friction,
+        "FD": friction,
+        **dict.fromkeys(("JF", "J", "F", "D"), 0.0),
+    }.items():
+        np.testing.assert_allclose(sums[name], np.broadcast_to(expected, sums[name].shape), rtol=1e-12)
+    np.testing.assert_allclose(ratios(sums)[0], 1.0, rtol=1e-12)
 
 
 def test_gains_stay_within_their_range():
