@@ -13,8 +13,7 @@ from gantrysim.job.job import Job
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.study import OK, Report, measure, run_study
 from gantrysim.study.acceptance import Criterion
-from gantrysim.study.speed import SpeedAnswer, SpeedStudy, next_speeds
-from gantrysim.study.speed import report as answer
+from gantrysim.study.speed import SpeedAnswer, SpeedStudy, answer, next_speeds
 
 from support.distinct import unaccounted
 
