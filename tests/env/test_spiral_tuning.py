@@ -158,7 +158,9 @@ def test_the_ratio_is_that_of_weighted_least_squares_of_filtered_torques(level, 
     demand = level * inertia + friction * sliding[about] + nominal.viscous * moved[about]
     demand += 0.01 * random.normal(size=demand.shape)
     log.axis["demand"][:-2] = demand
-    smooth, forget, sums = 0.9, math.exp(-PERIOD / tau), np.zeros(2, SUMS)
+    smooth = 0.9
+    forget = math.exp(-PERIOD / tau)
+    sums = np.zeros(2, SUMS)
     for name, prior in (("JJ", 0.5), ("FF", 0.3), ("JD", 0.5), ("FD", 0.3)):
         sums[name] = prior
     half = count // 2

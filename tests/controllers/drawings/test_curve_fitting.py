@@ -23,7 +23,8 @@ def test_tangents_are_the_legs_of_the_control_polygon_wherever_the_knots_begin(s
     legs = np.array([points[2 if coincide else 1] - points[0], points[3] - points[2]])[:, :2]
     legs /= np.linalg.norm(legs, axis=1, keepdims=True)
     expected = (-1.0 if backwards else 1.0) * legs @ [1, 1j]
-    start, stop = knots[:1], knots[-1:]
+    start = knots[:1]
+    stop = knots[-1:]
     at_start, at_stop = _tangents(shape, start, stop), _tangents(shape, stop, start)
     np.testing.assert_allclose(at_start, expected[:1], atol=1e-2 if coincide else 1e-7)
     np.testing.assert_allclose(at_stop, expected[1:], atol=1e-7)
