@@ -24,7 +24,7 @@ from gantrysim.engine.started import Started
 from gantrysim.faults import InjectedFault
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
-from gantrysim.machine.row import IN_MODEL, OFFSETS, ROW, ROW_NUMBERS, Log
+from gantrysim.machine.row import IN_MODEL, ROW, ROW_NUMBERS, Log
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.servo import Servo
@@ -147,7 +147,7 @@ def simulate_batch(
 
 # of a servo's row: they belong to the process and to a simulation's own arrays, not to the state of a run
 _OBSERVER = ("observer", "observer_argument", "observer_step")
-_OF_PROCESS = ("magic", "setpoints", "log", "axis_log", "gates", "stages", *_OBSERVER, *OFFSETS)
+_OF_PROCESS = ("magic", "setpoints", "log", "axis_log", "gates", "stages", *_OBSERVER)
 
 
 class Moment(NamedTuple):

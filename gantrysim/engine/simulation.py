@@ -23,9 +23,9 @@ from gantrysim.engine.recording import LogBook
 from gantrysim.faults import InjectedFault
 from gantrysim.faults.checks import check_faults
 from gantrysim.glue.dispenser.dispenser import Dispenser
-from gantrysim.machine.layout import offsets
 from gantrysim.machine.machine import Machine
-from gantrysim.machine.row import OFFSETS, OVERSPEED, ROW, ROW_NUMBERS, Log
+from gantrysim.machine.row import OVERSPEED, ROW, ROW_NUMBERS, Log
+from gantrysim.machine.springs import driven_joints
 from gantrysim.machine.timing import delay_steps, substeps_of
 from gantrysim.machine.travel import has_no_constraints_but_stops, stops_of
 from gantrysim.record.setpoints import Setpoints, periods
@@ -60,12 +60,9 @@ def start_of(
 
 def _fill(machine: Machine, servo: Servo, row: np.void) -> None:
     """Write the servo, its axes and where MuJoCo has them."""
-    for name, field in OFFSETS.items():
-        row[name] = offsets()[field]
     row["axes"] = servo.axes
-    row["dofs"] = machine.physics.nv
-    row["nozzle"] = machine.nozzle
-    row["work"] = machine.work
+    row["nozzle_site"] = machine.nozzle
+    row["work_body"] = machine.work
     row["period"] = servo.period
     row["resolution"][: servo.axes] = [drive.resolution for drive in servo.drives]
     row["following_error_limit"][: servo.axes] = servo.following_error_limit
@@ -79,11 +76,15 @@ def _fill(machine: Machine, servo: Servo, row: np.void) -> None:
         if mode != "torque":
             row["torque_limit"][a] = axis.speed_limit if mode == "velocity" else np.inf
     row["drive_gain"][: servo.axes] = machine.drive_gain
-    for name, values in zip(("joint", "stop_low", "stop_high"), stops_of(machine.layout), strict=True):
+    for name, values in zip(("joint_at", "stop_low", "stop_high"), stops_of(machine.layout), strict=True):
         row[name][: servo.axes] = values
+    joints = driven_joints(machine.layout)
+    row["dof_at"][: servo.axes] = machine.layout.jnt_dofadr[joints]
     for a, (axis, address) in enumerate(zip(machine.plain_axes, machine.addresses, strict=True)):
         for name in ("control", "output", "current"):
-            row[name][a] = getattr(address, name)
+            row[f"{name}_at"][a] = getattr(address, name)
+        row["load_at"][a] = machine.layout.jnt_qposadr[address.load] if address.load >= 0 else -1
+        row["load_dof_at"][a] = machine.layout.jnt_dofadr[address.load] if address.load >= 0 else -1
         row["scale"][a] = axis.scale
         row["speed_limit"][a] = axis.speed_limit
         row["low"][a], row["high"][a] = axis.travel

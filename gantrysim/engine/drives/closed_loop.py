@@ -14,7 +14,7 @@ from gantrysim.engine.drives.encoder import read
 from gantrysim.engine.drives.field import field_at, turn_target
 from gantrysim.engine.drives.part import POSITION, VELOCITY, DrivenAxis, DrivePart
 from gantrysim.engine.native.parts import part
-from gantrysim.engine.native.pointers import axis_log, gains_of, leading, vector
+from gantrysim.engine.native.pointers import gains_of, leading
 from gantrysim.engine.native.stages import run_stages
 from gantrysim.engine.native.supervision import watch_oscillation
 from gantrysim.machine.row import POINTS
@@ -51,14 +51,14 @@ def _loop(driven: DrivenAxis) -> dict[str, Any]:
     return entry
 
 
-def _follow_loop(data, row, userdata, axis, drive):
+def _follow_loop(row, tape, axis, drive):
     """Set the control of a drive in velocity or position mode."""
     if drive.mode == VELOCITY or drive.mode == POSITION:
-        follow_demand(data, row, axis, drive.current, _closed_loop(data, row, userdata, axis, drive))
+        follow_demand(row, axis, drive.current, _closed_loop(row, tape, axis, drive))
 
 
 @jit
-def _closed_loop(data, row, userdata, axis, drive):
+def _closed_loop(row, tape, axis, drive):
     """Return the torque demand of a drive that closes a loop itself, sampled in steps of its own period.
 
     In velocity mode, with the velocity v as a difference of the motor's positions and the servo's demand w,
@@ -73,16 +73,14 @@ def _closed_loop(data, row, userdata, axis, drive):
     if drive.mode == POSITION:
         turn_target(row, axis, field, drive.logged > 0)
     if row.phase % loop.every == 0:
-        position = vector(data, row.actuator_length_at)[row.output[axis]] * row.scale[axis]
-        speed = vector(data, row.actuator_velocity_at)[row.output[axis]]
-        row.motor[axis] = position
-        run_stages(data, row, userdata, MOTOR)
+        row.motor[axis] = row.angle[axis] * row.scale[axis]
+        run_stages(row, MOTOR)
         row.seen[axis] = row.motor[axis]
         if drive.mode == POSITION or drive.encoder.load < 0:
-            row.seen[axis] = read(data, row, axis, drive.encoder, _DRIVE + row.steps)
+            row.seen[axis] = read(row, axis, drive.encoder, _DRIVE + row.steps)
         if row.resolution[axis] > 0.0:
             row.seen[axis] = row.resolution[axis] * np.floor(row.seen[axis] / row.resolution[axis] + 0.5)
-        run_stages(data, row, userdata, REPORT)
+        run_stages(row, REPORT)
         seen = row.seen[axis]
         if drive.mode == VELOCITY:
             if drive.logged == 0:
@@ -113,7 +111,7 @@ def _closed_loop(data, row, userdata, axis, drive):
             loop.position = seen
         limit = loop.limit
         if loop.reactance > 0.0:
-            limit = min(limit, _left_by_reactance(loop, speed, np.sign(torque)))
+            limit = min(limit, _left_by_reactance(loop, row.motor_speed[axis], np.sign(torque)))
         loop.torque = min(max(torque, -limit), limit)
         if abs(torque) <= limit or torque * error < 0.0:  # anti-windup
             loop.sum = total
@@ -123,7 +121,7 @@ def _closed_loop(data, row, userdata, axis, drive):
         loop.torque = 0.0
     if row.tick > drive.logged:
         drive.logged = row.tick
-        axis_log(row, row.tick - 1)[axis].demand = loop.torque
+        tape.log.axis[row.tick - 1, axis].demand = loop.torque
     return loop.torque
 
 

@@ -11,11 +11,13 @@ import numba
 
 from gantrysim.base.jit import jit
 from gantrysim.engine.native.parts import part, with_parts
-from gantrysim.engine.native.pointers import floats, gains_of, laws_at, leading, row_at, tick_log
+from gantrysim.engine.native.pointers import floats_at, gains_of, leading, log_of, pointer, row_at
 from gantrysim.engine.native.stages import compiled_stage
+from gantrysim.machine.row import LAW
 from gantrysim.servo import notch
 from gantrysim.servo.laws.law import BaseLaw
 
+_LAW = numba.from_dtype(LAW)
 _filtered = part(notch.filtered_output)
 _COEFFICIENTS = len(notch.Coefficients._fields)
 
@@ -40,8 +42,8 @@ def tick(row, axis, gains):
     raise NotImplementedError
 
 
-def _tick_all_axes(data, userdata, argument):
-    row = row_at(userdata)
+def _tick_all_axes(address, argument):
+    row = row_at(address)
     for axis in range(row.axes):
         torque, integral = tick(row, axis, gains_of(row, axis))
         take(row, axis, torque, integral)
@@ -58,20 +60,20 @@ def act(row, laws):
     raise NotImplementedError
 
 
-def _act_on_laws(data, userdata, argument):
-    row = row_at(userdata)
-    act(row, laws_at(argument, row.axes))
+def _act_on_laws(address, argument):
+    row = row_at(address)
+    act(row, numba.carray(pointer(argument, _LAW), (row.axes,)))
 
 
 @cache
 def feed_stage() -> int:
     """Return the address of the stage that adds torques sent with the setpoints; its argument is their address."""
 
-    def stage(data, userdata, argument):
-        row = row_at(userdata)
-        setpoint = tick_log(row, row.tick).setpoint
-        torque = numba.carray(floats(argument + 8 * row.axes * setpoint), (row.axes,))
+    def stage(address, argument):
+        row = row_at(address)
+        torque = floats_at(argument)
+        first = row.axes * log_of(row).tick[row.tick].setpoint
         for axis in range(row.axes):
-            row.feedforward[axis] += torque[axis]
+            row.feedforward[axis] += torque[first + axis]
 
     return compiled_stage(stage)
