@@ -1,0 +1,287 @@
+"""Machines whose physics step is linear but for their motors, read off MuJoCo and checked against it."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from gantrysim.base.arrays import Floats
+from gantrysim.engine.native import plant
+from gantrysim.engine.native.plant import MOTOR, Plant, machine_shapes, state_shapes
+from gantrysim.engine.simulation import Simulation
+from gantrysim.machine.axis import PER_SI
+from gantrysim.machine.machine import Machine
+from gantrysim.machine.motors import (
+    BRISTLE_DAMPING,
+    BRISTLE_STIFFNESS,
+    BUS_VOLTAGE,
+    COGGING,
+    COULOMB,
+    CURRENT_RATE,
+    MOTOR_CONSTANT,
+    RESISTANCE,
+    STATIC,
+    STRIBECK,
+    TIME_CONSTANT,
+)
+from gantrysim.machine.springs import driven_joints
+
+# Unit states by which the mechanics is read: powers of two, by which nothing is rounded. A stiff axis that were 1 m off
+# would be faster than MuJoCo allows.
+_PLACE = 2.0**-10  # [m]
+_SPEED = 1.0  # [m/s]
+_FORCE = 2.0**10  # [N]
+
+# The check: random states, and the largest difference to MuJoCo's step relative to the largest term.
+_STATES = 4
+_ROUNDING = 1e-11
+_FASTEST = 2.0  # of an axis without a limit [m/s]
+
+# other parameters of MuJoCo's dcmotor that must be 0: of temperature and slew rate, and gains of a controller
+_UNKNOWN_DYNAMICS = (2, 7)
+_UNKNOWN_GAINS = (4, 5, 6)
+_POLES = 1  # in biasprm
+_PHASE = 2
+_KEPT = 64  # models of which the linear machine is remembered
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """A machine for the compiled loop.
+
+    Attributes:
+        dofs: number of joints.
+        axes: number of axes.
+        numbers: what a plant has of its machine, one after the other as `machine_shapes` tells.
+        slots: where MuJoCo's activations have each axis' bristle and current, -1 for none, (axes, 2).
+    """
+
+    dofs: int
+    axes: int
+    numbers: Floats
+    slots: NDArray[np.int64]
+
+    def plant(self, state: Floats) -> Plant:
+        """Return the plant with a state of `state_shapes`, views."""
+        machine = _views(self.numbers, machine_shapes(self.dofs, self.axes))
+        step = float(machine.pop("step")[0])
+        motors = machine.pop("motors").view(MOTOR)[:, 0]
+        return Plant(step=step, **machine, motors=motors, **_views(state, state_shapes(self.dofs, self.axes)))
+
+    def write(self, plant: Plant, data: mujoco.MjData) -> None:
+        """Write a plant's state into MuJoCo's data."""
+        data.qpos[:] = plant.place
+        data.qvel[:] = plant.speed
+        for values, slots in self._activations(plant):
+            data.act[slots[slots >= 0]] = values[slots >= 0]
+
+    def read(self, plant: Plant, data: mujoco.MjData) -> None:
+        """Read a plant's state out of MuJoCo's data."""
+        plant.place[:] = data.qpos
+        plant.speed[:] = data.qvel
+        for values, slots in self._activations(plant):
+            values[slots >= 0] = data.act[slots[slots >= 0]]
+
+    def _activations(self, plant: Plant) -> list[tuple[Floats, NDArray[np.int64]]]:
+        return [(plant.bristle, self.slots[:, 0]), (plant.current, self.slots[:, 1])]
+
+
+def _views(numbers: Floats, shapes: dict[str, tuple[int, ...]]) -> dict[str, Floats]:
+    views = {}
+    begin = 0
+    for name, shape in shapes.items():
+        end = begin + int(np.prod(shape))
+        views[name] = numbers[begin:end].reshape(shape)
+        begin = end
+    return views
+
+
+def state_size(dofs: int, axes: int) -> int:
+    """Return how many numbers the state of a plant takes."""
+    return sum(int(np.prod(shape)) for shape in state_shapes(dofs, axes).values())
+
+
+@lru_cache(_KEPT)
+def linear_machine(machine: Machine, model: mujoco.MjModel) -> Linear | None:
+    """Return a machine for the compiled loop; None where MuJoCo's step differs from it by more than rounding.
+
+    Args:
+        machine: the machine.
+        model: its model that is stepped, without stops.
+    """
+    if not _could_be(model):
+        return None
+    linear = _read(machine, model)
+    return linear if _agrees(machine, model, linear) else None
+
+
+def _could_be(model: mujoco.MjModel) -> bool:
+    """Return whether all joints slide, and an actuator that is known drives each axis' joint."""
+    sliding = model.nq == model.nv and bool((model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE).all())
+    known = model.nu == model.nactuator and not (model.nplugin or model.nmocap or model.nflex)
+    return sliding and known and all(_is_known(model, a) for a in range(model.nactuator))
+
+
+def _is_known(model: mujoco.MjModel, a: int) -> bool:
+    gain = model.actuator_gaintype[a]
+    if model.actuator_trntype[a] != mujoco.mjtTrn.mjTRN_JOINT:
+        return False
+    if gain == mujoco.mjtGain.mjGAIN_DCMOTOR:
+        dynamics = model.actuator_dynprm[a, _UNKNOWN_DYNAMICS]
+        gains = model.actuator_gainprm[a, _UNKNOWN_GAINS]
+        takes_torque = model.actuator_ctrlspec[a] == mujoco.mjtCtrlInput.mjINPUT_FF
+        return bool(takes_torque and not dynamics.any() and not gains.any())
+    plain = model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_NONE
+    return bool(gain == mujoco.mjtGain.mjGAIN_FIXED and plain and model.actuator_actnum[a] == 0)
+
+
+def _read(machine: Machine, model: mujoco.MjModel) -> Linear:
+    """Read the mechanics by steps from unit states, with the motors off, and the motors off their parameters."""
+    n = int(model.nv)
+    m = int(model.nactuator)
+    off = copy.copy(model)
+    off.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
+    data = mujoco.MjData(off)
+    joints = driven_joints(model)
+    dofs = model.jnt_dofadr[joints]
+    loads = [address.load for address in machine.addresses]
+    sensed = np.concatenate([dofs, [model.jnt_dofadr[max(load, 0)] for load in loads]])
+
+    def stepped(array: Floats | None = None, k: int = 0, value: float = 0.0) -> Floats:
+        """Return speeds after a step from one state, passive forces and the nozzle before it."""
+        mujoco.mj_resetData(off, data)
+        if array is not None:
+            array[k] += value
+        mujoco.mj_step(off, data)
+        frame = data.xmat[machine.work].reshape(3, 3)
+        tip = 1e3 * frame.T @ (data.site_xpos[machine.nozzle] - data.xpos[machine.work])
+        return np.concatenate([data.qvel, data.qfrc_passive[sensed], tip])
+
+    rest = stepped()
+    of_place = np.array([(stepped(data.qpos, j, _PLACE) - rest) / _PLACE for j in range(n)]).reshape(n, -1).T
+    of_speed = np.array([(stepped(data.qvel, j, _SPEED) - rest) / _SPEED for j in range(n)]).reshape(n, -1).T
+    of_force = np.array([(stepped(data.qfrc_applied, j, _FORCE) - rest) / _FORCE for j in dofs]).reshape(m, -1).T
+    # where the places are 0
+    rest = rest - of_place @ model.qpos0
+    linear = Linear(
+        n,
+        m,
+        np.zeros(sum(int(np.prod(shape)) for shape in machine_shapes(n, m).values())),
+        np.array([_slots(model, a) for a in range(m)]).reshape(m, 2),
+    )
+    views = _views(linear.numbers, machine_shapes(n, m))
+    views["step"][0] = model.opt.timestep
+    views["of_speed"][:] = of_speed[:n]
+    views["of_place"][:] = of_place[:n]
+    views["push"][:] = of_force[:n]
+    views["constant"][:] = rest[:n]
+    views["tip"][:] = np.column_stack([of_place[n + 2 * m :], rest[n + 2 * m :]])
+    views["passive"][:] = np.column_stack([of_place[n : n + 2 * m], of_speed[n : n + 2 * m], rest[n : n + 2 * m]])
+    motors = views["motors"].view(MOTOR)[:, 0]
+    for a, motor in enumerate(motors):
+        for name, value in _motor(model, a).items():
+            motor[name] = value
+    return linear
+
+
+def _motor(model: mujoco.MjModel, a: int) -> dict[str, float]:
+    gains = model.actuator_gainprm[a]
+    dynamics = model.actuator_dynprm[a]
+    bias = model.actuator_biasprm[a]
+    values = {
+        "dof": model.jnt_dofadr[model.actuator_trnid[a, 0]],
+        "gear": model.actuator_gear[a, 0],
+        "kind": plant.SOURCE,
+        "gain": gains[0],
+        "lowest": -np.inf,
+        "highest": np.inf,
+        "weakest": -np.inf,
+        "strongest": np.inf,
+    }
+    clamped = model.actuator_ctrllimited[a] and not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
+    if clamped:
+        values["lowest"], values["highest"] = model.actuator_ctrlrange[a]
+    if model.actuator_forcelimited[a]:
+        values["weakest"], values["strongest"] = model.actuator_forcerange[a]
+    if model.actuator_gaintype[a] != mujoco.mjtGain.mjGAIN_DCMOTOR:
+        return values
+    lag = dynamics[TIME_CONSTANT]
+    return values | {
+        "kind": plant.WOUND if lag > 0 else plant.RESISTIVE,
+        "constant": gains[MOTOR_CONSTANT],
+        "resistance": gains[RESISTANCE],
+        "bus": gains[BUS_VOLTAGE] if gains[BUS_VOLTAGE] > 0 else np.inf,
+        "lag": lag,
+        "remains": np.exp(-model.opt.timestep / lag) if lag > 0 else 0.0,
+        "rate": dynamics[CURRENT_RATE] if dynamics[CURRENT_RATE] > 0 else np.inf,
+        "cogging": bias[COGGING],
+        "teeth": bias[_POLES],
+        "phase": bias[_PHASE],
+        "stiffness": dynamics[BRISTLE_STIFFNESS],
+        "damping": dynamics[BRISTLE_DAMPING],
+        "coulomb": bias[COULOMB],
+        "static": bias[STATIC],
+        "stribeck": bias[STRIBECK],
+    }
+
+
+def _slots(model: mujoco.MjModel, a: int) -> tuple[int, int]:
+    """Return where an actuator's bristle and its current are among the activations, -1 for none."""
+    if model.actuator_gaintype[a] != mujoco.mjtGain.mjGAIN_DCMOTOR:
+        return -1, -1
+    first = int(model.actuator_actadr[a])
+    bristle = model.actuator_dynprm[a, BRISTLE_STIFFNESS] > 0
+    wound = model.actuator_dynprm[a, TIME_CONSTANT] > 0
+    return (first if bristle else -1), (first + int(bristle) if wound else -1)
+
+
+def _agrees(machine: Machine, model: mujoco.MjModel, linear: Linear) -> bool:
+    """Return whether steps from random states are MuJoCo's, but for rounding."""
+    random = np.random.default_rng(0)
+    data = mujoco.MjData(model)
+    ours, theirs = (linear.plant(np.zeros(state_size(linear.dofs, linear.axes))) for _ in range(2))
+    joints = model.jnt_dofadr[driven_joints(model)]
+    fastest = np.array([axis.speed_limit / PER_SI[axis.unit] for axis in machine.plain_axes])
+    peak = np.array([axis.peak_torque for axis in machine.plain_axes])
+    for _ in range(_STATES):
+        mujoco.mj_resetData(model, data)
+        data.qpos[:] += 1e-4 * random.standard_normal(linear.dofs)
+        data.qvel[:] = 1e-2 * random.standard_normal(linear.dofs)
+        data.qvel[joints] = random.uniform(-1.5, 1.5, linear.axes) * np.minimum(fastest, _FASTEST)
+        data.ctrl[:] = random.uniform(-2, 2, linear.axes) * np.where(np.isfinite(peak), peak, 1.0)
+        data.qfrc_applied[joints] = random.standard_normal(linear.axes)
+        data.act[:] = random.standard_normal(model.na)
+        linear.read(ours, data)
+        plant.move(ours, data.ctrl.copy(), data.qfrc_applied[joints])
+        mujoco.mj_step(model, data)
+        linear.read(theirs, data)
+        for name in ("place", "speed", "bristle", "current"):
+            value = getattr(ours, name)
+            expected = getattr(theirs, name)
+            scale = np.abs(expected).max(initial=0.0) + np.abs(ours.change).max()
+            if not np.allclose(value, expected, rtol=0.0, atol=_ROUNDING * scale):
+                return False
+    return True
+
+
+Engine = Literal["mujoco", "loop"]
+
+
+def loop_hindrance(simulation: Simulation) -> str | None:
+    """Return why the compiled loop cannot step a simulation, so that MuJoCo does; None where it can."""
+    machine = simulation.machine
+    if simulation.faults:
+        return "a run with deliberate faults is MuJoCo's"
+    if simulation.servo.laws.user is not None:
+        return "a run with a law of its user's own is MuJoCo's"
+    if simulation.stops:
+        return f"machine {machine.name} has constraints besides the stops of its axes"
+    if linear_machine(machine, simulation.model) is None:
+        return f"the physics step of machine {machine.name} is not linear, as where a joint turns"
+    return None
