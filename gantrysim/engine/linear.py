@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -12,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.engine.native import plant
-from gantrysim.engine.native.plant import MOTOR, Plant, machine_shapes, state_shapes
+from gantrysim.engine.native.plant import MAX_DOFS, PLANT, RESISTIVE, SOURCE, STATE, WOUND, move
 from gantrysim.engine.simulation import Simulation
 from gantrysim.machine.axis import PER_SI
 from gantrysim.machine.machine import Machine
@@ -56,55 +56,32 @@ class Linear:
     """A machine for the compiled loop.
 
     Attributes:
-        dofs: number of joints.
-        axes: number of axes.
-        numbers: what a plant has of its machine, one after the other as `machine_shapes` tells.
+        plant: the machine, (1,) of `PLANT`.
         slots: where MuJoCo's activations have each axis' bristle and current, -1 for none, (axes, 2).
     """
 
-    dofs: int
-    axes: int
-    numbers: Floats
+    plant: NDArray[np.void]
     slots: NDArray[np.int64]
 
-    def plant(self, state: Floats) -> Plant:
-        """Return the plant with a state of `state_shapes`, views."""
-        machine = _views(self.numbers, machine_shapes(self.dofs, self.axes))
-        step = float(machine.pop("step")[0])
-        motors = machine.pop("motors").view(MOTOR)[:, 0]
-        return Plant(step=step, **machine, motors=motors, **_views(state, state_shapes(self.dofs, self.axes)))
+    def write(self, state: np.void, data: mujoco.MjData) -> None:
+        """Write a state, of `STATE`, into MuJoCo's data."""
+        data.qpos[:] = state["place"][: len(data.qpos)]
+        data.qvel[:] = state["speed"][: len(data.qvel)]
+        for name, axes, slots in self._activations():
+            data.act[slots] = state[name][axes]
 
-    def write(self, plant: Plant, data: mujoco.MjData) -> None:
-        """Write a plant's state into MuJoCo's data."""
-        data.qpos[:] = plant.place
-        data.qvel[:] = plant.speed
-        for values, slots in self._activations(plant):
-            data.act[slots[slots >= 0]] = values[slots >= 0]
+    def read(self, state: np.void, data: mujoco.MjData) -> None:
+        """Read a state, of `STATE`, out of MuJoCo's data."""
+        state["place"][: len(data.qpos)] = data.qpos
+        state["speed"][: len(data.qvel)] = data.qvel
+        for name, axes, slots in self._activations():
+            state[name][axes] = data.act[slots]
 
-    def read(self, plant: Plant, data: mujoco.MjData) -> None:
-        """Read a plant's state out of MuJoCo's data."""
-        plant.place[:] = data.qpos
-        plant.speed[:] = data.qvel
-        for values, slots in self._activations(plant):
-            values[slots >= 0] = data.act[slots[slots >= 0]]
-
-    def _activations(self, plant: Plant) -> list[tuple[Floats, NDArray[np.int64]]]:
-        return [(plant.bristle, self.slots[:, 0]), (plant.current, self.slots[:, 1])]
-
-
-def _views(numbers: Floats, shapes: dict[str, tuple[int, ...]]) -> dict[str, Floats]:
-    views = {}
-    begin = 0
-    for name, shape in shapes.items():
-        end = begin + int(np.prod(shape))
-        views[name] = numbers[begin:end].reshape(shape)
-        begin = end
-    return views
-
-
-def state_size(dofs: int, axes: int) -> int:
-    """Return how many numbers the state of a plant takes."""
-    return sum(int(np.prod(shape)) for shape in state_shapes(dofs, axes).values())
+    def _activations(self) -> Iterator[tuple[str, NDArray[np.intp], NDArray[np.int64]]]:
+        """Yield the name of a motor's state, the axes that have it, and where in the activations."""
+        for name, slots in zip(("bristle", "current"), self.slots.T, strict=True):
+            axes = np.flatnonzero(slots >= 0)
+            yield name, axes, slots[axes]
 
 
 @lru_cache(_KEPT)
@@ -122,7 +99,9 @@ def linear_machine(machine: Machine, model: mujoco.MjModel) -> Linear | None:
 
 
 def _could_be(model: mujoco.MjModel) -> bool:
-    """Return whether all joints slide, and an actuator that is known drives each axis' joint."""
+    """Return whether all joints slide, not too many of them, and a known actuator drives each axis' joint."""
+    if model.nv > MAX_DOFS:
+        return False
     sliding = model.nq == model.nv and bool((model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE).all())
     known = model.nu == model.nactuator and not (model.nplugin or model.nmocap or model.nflex)
     return sliding and known and all(_is_known(model, a) for a in range(model.nactuator))
@@ -169,25 +148,25 @@ def _read(machine: Machine, model: mujoco.MjModel) -> Linear:
     of_force = np.array([(stepped(data.qfrc_applied, j, _FORCE) - rest) / _FORCE for j in dofs]).reshape(m, -1).T
     # where the places are 0
     rest = rest - of_place @ model.qpos0
-    linear = Linear(
-        n,
-        m,
-        np.zeros(sum(int(np.prod(shape)) for shape in machine_shapes(n, m).values())),
-        np.array([_slots(model, a) for a in range(m)]).reshape(m, 2),
-    )
-    views = _views(linear.numbers, machine_shapes(n, m))
-    views["step"][0] = model.opt.timestep
-    views["of_speed"][:] = of_speed[:n]
-    views["of_place"][:] = of_place[:n]
-    views["push"][:] = of_force[:n]
-    views["constant"][:] = rest[:n]
-    views["tip"][:] = np.column_stack([of_place[n + 2 * m :], rest[n + 2 * m :]])
-    views["passive"][:] = np.column_stack([of_place[n : n + 2 * m], of_speed[n : n + 2 * m], rest[n : n + 2 * m]])
-    motors = views["motors"].view(MOTOR)[:, 0]
-    for a, motor in enumerate(motors):
+    plants = np.zeros(1, PLANT)
+    plant = plants[0]
+    plant["dofs"] = n
+    plant["axes"] = m
+    plant["step"] = model.opt.timestep
+    plant["of_speed"][:n, :n] = of_speed[:n]
+    plant["of_place"][:n, :n] = of_place[:n]
+    plant["push"][:n, :m] = of_force[:n]
+    plant["constant"][:n] = rest[:n]
+    springs = slice(n, n + 2 * m)
+    plant["passive_of_place"][: 2 * m, :n] = of_place[springs]
+    plant["passive_of_speed"][: 2 * m, :n] = of_speed[springs]
+    plant["passive_at_rest"][: 2 * m] = rest[springs]
+    plant["tip"][:, :n] = of_place[n + 2 * m :]
+    plant["tip_at_rest"] = rest[n + 2 * m :]
+    for a in range(m):
         for name, value in _motor(model, a).items():
-            motor[name] = value
-    return linear
+            plant[name][a] = value
+    return Linear(plants, np.array([_slots(model, a) for a in range(m)]).reshape(m, 2))
 
 
 def _motor(model: mujoco.MjModel, a: int) -> dict[str, float]:
@@ -197,7 +176,7 @@ def _motor(model: mujoco.MjModel, a: int) -> dict[str, float]:
     values = {
         "dof": model.jnt_dofadr[model.actuator_trnid[a, 0]],
         "gear": model.actuator_gear[a, 0],
-        "kind": plant.SOURCE,
+        "kind": SOURCE,
         "gain": gains[0],
         "lowest": -np.inf,
         "highest": np.inf,
@@ -213,8 +192,8 @@ def _motor(model: mujoco.MjModel, a: int) -> dict[str, float]:
         return values
     lag = dynamics[TIME_CONSTANT]
     return values | {
-        "kind": plant.WOUND if lag > 0 else plant.RESISTIVE,
-        "constant": gains[MOTOR_CONSTANT],
+        "kind": WOUND if lag > 0 else RESISTIVE,
+        "constant_of_motor": gains[MOTOR_CONSTANT],
         "resistance": gains[RESISTANCE],
         "bus": gains[BUS_VOLTAGE] if gains[BUS_VOLTAGE] > 0 else np.inf,
         "lag": lag,
@@ -245,27 +224,25 @@ def _agrees(machine: Machine, model: mujoco.MjModel, linear: Linear) -> bool:
     """Return whether steps from random states are MuJoCo's, but for rounding."""
     random = np.random.default_rng(0)
     data = mujoco.MjData(model)
-    ours, theirs = (linear.plant(np.zeros(state_size(linear.dofs, linear.axes))) for _ in range(2))
+    ours, theirs = np.zeros(2, STATE)
     joints = model.jnt_dofadr[driven_joints(model)]
     fastest = np.array([axis.speed_limit / PER_SI[axis.unit] for axis in machine.plain_axes])
     peak = np.array([axis.peak_torque for axis in machine.plain_axes])
     for _ in range(_STATES):
         mujoco.mj_resetData(model, data)
-        data.qpos[:] += 1e-4 * random.standard_normal(linear.dofs)
-        data.qvel[:] = 1e-2 * random.standard_normal(linear.dofs)
-        data.qvel[joints] = random.uniform(-1.5, 1.5, linear.axes) * np.minimum(fastest, _FASTEST)
-        data.ctrl[:] = random.uniform(-2, 2, linear.axes) * np.where(np.isfinite(peak), peak, 1.0)
-        data.qfrc_applied[joints] = random.standard_normal(linear.axes)
+        data.qpos[:] += 1e-4 * random.standard_normal(model.nv)
+        data.qvel[:] = 1e-2 * random.standard_normal(model.nv)
+        data.qvel[joints] = random.uniform(-1.5, 1.5, model.nactuator) * np.minimum(fastest, _FASTEST)
+        data.ctrl[:] = random.uniform(-2, 2, model.nactuator) * np.where(np.isfinite(peak), peak, 1.0)
+        data.qfrc_applied[joints] = random.standard_normal(model.nactuator)
         data.act[:] = random.standard_normal(model.na)
         linear.read(ours, data)
-        plant.move(ours, data.ctrl.copy(), data.qfrc_applied[joints])
+        move(linear.plant[0], ours, data.ctrl.copy(), data.qfrc_applied[joints])
         mujoco.mj_step(model, data)
         linear.read(theirs, data)
         for name in ("place", "speed", "bristle", "current"):
-            value = getattr(ours, name)
-            expected = getattr(theirs, name)
-            scale = np.abs(expected).max(initial=0.0) + np.abs(ours.change).max()
-            if not np.allclose(value, expected, rtol=0.0, atol=_ROUNDING * scale):
+            scale = np.abs(theirs[name]).max() + np.abs(ours["change"]).max()
+            if not np.allclose(ours[name], theirs[name], rtol=0.0, atol=_ROUNDING * scale):
                 return False
     return True
 

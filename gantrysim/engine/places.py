@@ -18,9 +18,9 @@ from gantrysim.base import signals
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError, whole
 from gantrysim.engine.advance import MOST_STEPS, Numbers, advance, step_or_take_back
-from gantrysim.engine.linear import Linear, linear_machine, state_size
+from gantrysim.engine.linear import Linear, linear_machine
 from gantrysim.engine.native.hook import Interrupted, installed_tick
-from gantrysim.engine.native.plant import PLACE, loop
+from gantrysim.engine.native.plant import PLACE, STATE, loop
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.machine.machine import Machine
@@ -297,15 +297,14 @@ class LoopPlaces(Places):
     def __init__(self, machine: Machine, places: int, threads: int | None = None) -> None:
         whole("places", places, 1)
         self._threads = (os.cpu_count() or 1) if threads is None else whole("threads", threads, 1)
-        layout = machine.layout
-        self._dofs = int(layout.nv)
-        size = state_size(self._dofs, int(layout.nactuator))
-        self._state = np.zeros((places, size + ROW_NUMBERS))
-        super().__init__(machine, self._state[:, size:])
+        self._state = np.zeros(places, np.dtype([("physics", STATE), ("row", np.float64, (ROW_NUMBERS,))]))
+        self._numbers = self._state.view(np.float64).reshape(places, -1)
+        self._dofs = int(machine.layout.nv)
+        super().__init__(machine, self._state["row"])
         self._table = np.zeros(places, PLACE)
-        self._table["state"] = self._state.ctypes.data + self._state.strides[0] * np.arange(places)
-        self._table["dofs"] = self._dofs
-        self._table["axes"] = layout.nactuator
+        for name in ("physics", "row"):
+            array = self._state[name]
+            self._table[name] = array.ctypes.data + array.strides[0] * np.arange(places)
         self._linear: dict[int, Linear] = {}
         # of simulations that have reached a stop
         self._at_stops: dict[int, mujoco.MjData] = {}
@@ -318,11 +317,12 @@ class LoopPlaces(Places):
                 raise GantryError(f"the compiled loop cannot step machine {simulation.machine.name}")
             self._linear[place] = linear
             self._at_stops.pop(place, None)
-            self._table["machine"][place] = linear.numbers.ctypes.data
-        self._state[list(simulations)] = 0.0
+            self._table["plant"][place] = linear.plant.ctypes.data
+        self._state[list(simulations)] = np.zeros((), self._state.dtype)
 
     def _qpos(self, place: int) -> Floats:
-        return self._state[place, : self._dofs]
+        qpos: Floats = self._state["physics"]["place"][place, : self._dofs]
+        return qpos
 
     def hook(self) -> AbstractContextManager[Interrupted]:
         return signals.deferred()
@@ -351,22 +351,22 @@ class LoopPlaces(Places):
 
     def _step_in_mujoco(self, place: int, steps: int) -> None:
         linear = self._linear[place]
-        plant = linear.plant(self._state[place])
+        state = self._state["physics"][place]
         model = self.runs[place].model
         if place not in self._at_stops:
             self._at_stops[place] = mujoco.MjData(model)
-            linear.write(plant, self._at_stops[place])
+            linear.write(state, self._at_stops[place])
         data = self._at_stops[place]
         data.userdata[:ROW_NUMBERS] = self._userdata[place]
         with installed_tick():
             mujoco.mj_step(model, data, steps)
-        linear.read(plant, data)
+        linear.read(state, data)
         self._userdata[place] = data.userdata[:ROW_NUMBERS]
 
     def states(self, numbers: Numbers) -> Floats:
-        return self._state[numbers]
+        return self._numbers[numbers]
 
     def set_states(self, states: Floats, numbers: Numbers) -> None:
-        self._state[numbers] = states
+        self._numbers[numbers] = states
         for place in numbers.tolist():
             self._at_stops.pop(place, None)

@@ -15,45 +15,76 @@ go on as if speed and voltage were constant in a step.
 from __future__ import annotations
 
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba
 import numpy as np
 from numba import types
-from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import c_function, jit
 from gantrysim.engine.native.pointers import pointer, row_at
 from gantrysim.engine.native.tick import step
-from gantrysim.machine.row import MISSED
+from gantrysim.machine.row import MAX_AXES, MISSED
 
 SOURCE, RESISTIVE, WOUND = range(3)  # kinds of motors: of force, dcmotors without and with inductance
 
-MOTOR = np.dtype(
+MAX_DOFS = 16
+
+_OF_MOTORS = (
+    "gear",
+    "gain",  # force per control of a source
+    "constant_of_motor",  # [N·m/A]
+    "resistance",  # [ohm]
+    "bus",  # [V]
+    "lowest",  # control
+    "highest",
+    "weakest",  # force of the motor, without cogging and friction
+    "strongest",
+    "lag",  # electrical time constant [s]
+    "remains",  # share of a current that a step leaves
+    "rate",  # largest change of the current [A/s]
+    "cogging",  # amplitude [N·m]
+    "teeth",
+    "phase",  # [rad]
+    "stiffness",  # of the bristles [N·m/rad], 0 for none
+    "damping",  # of the bristles [N·m·s/rad]
+    "coulomb",  # [N·m]
+    "static",  # [N·m]
+    "stribeck",  # speed [rad/s]
+)
+
+# mechanics and motors of a machine with n joints and m axes; the rest of each field is not used
+PLANT = np.dtype(
     [
-        ("kind", np.int64),
-        ("dof", np.int64),  # of its joint
-        ("gear", np.float64),
-        ("gain", np.float64),  # force per control of a source
-        ("constant", np.float64),  # [N·m/A]
-        ("resistance", np.float64),  # [ohm]
-        ("bus", np.float64),  # [V]
-        ("lowest", np.float64),  # control
-        ("highest", np.float64),
-        ("weakest", np.float64),  # force of the motor, without cogging and friction
-        ("strongest", np.float64),
-        ("lag", np.float64),  # electrical time constant [s]
-        ("remains", np.float64),  # share of a current that a step leaves
-        ("rate", np.float64),  # largest change of the current [A/s]
-        ("cogging", np.float64),  # amplitude [N·m]
-        ("teeth", np.float64),
-        ("phase", np.float64),  # [rad]
-        ("stiffness", np.float64),  # of the bristles [N·m/rad], 0 for none
-        ("damping", np.float64),  # of the bristles [N·m·s/rad]
-        ("coulomb", np.float64),  # [N·m]
-        ("static", np.float64),  # [N·m]
-        ("stribeck", np.float64),  # speed [rad/s]
+        ("dofs", np.int64),  # n
+        ("axes", np.int64),  # m
+        ("step", np.float64),  # h [s]
+        ("of_speed", np.float64, (MAX_DOFS, MAX_DOFS)),  # A
+        ("of_place", np.float64, (MAX_DOFS, MAX_DOFS)),  # B
+        ("push", np.float64, (MAX_DOFS, MAX_AXES)),  # P
+        ("constant", np.float64, (MAX_DOFS,)),  # c
+        # nozzle in the work frame by the places of the joints, and where they are 0 [mm]
+        ("tip", np.float64, (3, MAX_DOFS)),
+        ("tip_at_rest", np.float64, (3,)),
+        # force of springs and dampers on each axis' joint, then on its load's: by place, by speed, and at rest
+        ("passive_of_place", np.float64, (2 * MAX_AXES, MAX_DOFS)),
+        ("passive_of_speed", np.float64, (2 * MAX_AXES, MAX_DOFS)),
+        ("passive_at_rest", np.float64, (2 * MAX_AXES,)),
+        ("kind", np.int64, (MAX_AXES,)),  # of the motor
+        ("dof", np.int64, (MAX_AXES,)),  # of its joint
+        *((name, np.float64, (MAX_AXES,)) for name in _OF_MOTORS),
+    ]
+)
+
+# its state
+STATE = np.dtype(
+    [
+        ("place", np.float64, (MAX_DOFS,)),  # q
+        ("speed", np.float64, (MAX_DOFS,)),  # v
+        ("current", np.float64, (MAX_AXES,)),  # of the windings [A]
+        ("bristle", np.float64, (MAX_AXES,)),  # deflection [rad]
+        ("change", np.float64, (MAX_DOFS,)),  # v' - v of the last step
+        ("force", np.float64, (MAX_AXES,)),  # on each axis' joint in it [SI]
     ]
 )
 
@@ -61,255 +92,145 @@ _LEAST = 1e-15  # speed and time constant below which MuJoCo divides by this
 _LARGEST = 1e10  # of what MuJoCo takes for a valid position, speed and acceleration
 
 
-class Plant(NamedTuple):
-    """Mechanics and motors of a machine, with n joints and m axes, and their state.
-
-    Attributes:
-        step: h [s].
-        of_speed: A, (n, n).
-        of_place: B, (n, n).
-        push: P, (n, m).
-        constant: c, (n,).
-        tip: nozzle in the work frame by the places of the joints, and where they are 0, (3, n + 1) [mm].
-        passive: force of springs and dampers on each axis' joint, then on its load's, by place, speed and 1,
-            (2 m, 2 n + 1).
-        motors: of the axes, (m,) of `MOTOR`.
-        place: q, (n,).
-        speed: v, (n,).
-        current: of the windings, (m,) [A].
-        bristle: deflection, (m,) [rad].
-        change: space for v' - v, (n,).
-        force: space for the force on each axis' joint, (m,).
-    """
-
-    step: float
-    of_speed: Floats
-    of_place: Floats
-    push: Floats
-    constant: Floats
-    tip: Floats
-    passive: Floats
-    motors: NDArray[np.void]
-    place: Floats
-    speed: Floats
-    current: Floats
-    bristle: Floats
-    change: Floats
-    force: Floats
-
-
 @jit
-def stribeck_level(motor, speed):
-    """Return the friction of a motor that slides at a speed, F_C + (F_S - F_C) exp(-(v / v_S)^2) [N·m]."""
-    ratio = speed / max(motor.stribeck, _LEAST)
-    return motor.coulomb + (motor.static - motor.coulomb) * np.exp(-ratio * ratio)
-
-
-@jit
-def drive_motor(plant, a, control):
+def drive_motor(plant, state, a, control):
     """Return the force of an axis' motor on its joint now, and take current and bristle to the end of the step.
 
     Args:
-        plant: the machine; current and bristle of the axis change.
+        plant: the machine.
+        state: its state, of which current and bristle of the axis change.
         a: number of the axis.
         control: of the actuator.
     """
-    motor = plant.motors[a]
-    angle = motor.gear * plant.place[motor.dof]
-    speed = motor.gear * plant.speed[motor.dof]
-    control = min(max(control, motor.lowest), motor.highest)
-    if motor.kind == SOURCE:
-        return motor.gear * min(max(motor.gain * control, motor.weakest), motor.strongest)
-    volts = motor.resistance / motor.constant * control + motor.constant * speed
-    volts = min(max(volts, -motor.bus), motor.bus)
+    dof = plant.dof[a]
+    gear = plant.gear[a]
+    speed = gear * state.speed[dof]
+    control = min(max(control, plant.lowest[a]), plant.highest[a])
+    if plant.kind[a] == SOURCE:
+        return gear * min(max(plant.gain[a] * control, plant.weakest[a]), plant.strongest[a])
+    constant = plant.constant_of_motor[a]
+    resistance = plant.resistance[a]
+    volts = min(max(resistance / constant * control + constant * speed, -plant.bus[a]), plant.bus[a])
     # the current that a standing winding would come to
-    settled = volts / motor.resistance - motor.constant / motor.resistance * speed
-    force = motor.constant * settled
-    if motor.kind == WOUND:
-        current = plant.current[a]
-        force = motor.constant * current
-        change = min(max((settled - current) / motor.lag, -motor.rate), motor.rate)
-        plant.current[a] = current + change * motor.lag * (1.0 - motor.remains)
-    force = min(max(force, motor.weakest), motor.strongest)
-    if motor.cogging != 0.0:
-        force += motor.cogging * np.sin(motor.teeth * angle + motor.phase)
-    if motor.stiffness > 0.0:
-        bristle = plant.bristle[a]
-        rate = -motor.stiffness * abs(speed) / max(stribeck_level(motor, speed), _LEAST)
-        force -= motor.stiffness * bristle + motor.damping * (rate * bristle + speed)
+    settled = volts / resistance - constant / resistance * speed
+    force = constant * settled
+    if plant.kind[a] == WOUND:
+        current = state.current[a]
+        force = constant * current
+        change = min(max((settled - current) / plant.lag[a], -plant.rate[a]), plant.rate[a])
+        state.current[a] = current + change * plant.lag[a] * (1.0 - plant.remains[a])
+    force = min(max(force, plant.weakest[a]), plant.strongest[a])
+    if plant.cogging[a] != 0.0:
+        force += plant.cogging[a] * np.sin(plant.teeth[a] * gear * state.place[dof] + plant.phase[a])
+    if plant.stiffness[a] > 0.0:
+        bristle = state.bristle[a]
+        ratio = speed / max(plant.stribeck[a], _LEAST)
+        level = plant.coulomb[a] + (plant.static[a] - plant.coulomb[a]) * np.exp(-ratio * ratio)
+        rate = -plant.stiffness[a] * abs(speed) / max(level, _LEAST)
+        force -= plant.stiffness[a] * bristle + plant.damping[a] * (rate * bristle + speed)
         left = np.exp(rate * plant.step)
-        plant.bristle[a] = left * bristle + ((left - 1.0) / rate if abs(rate) > _LEAST else plant.step) * speed
-    return motor.gear * force
+        state.bristle[a] = left * bristle + ((left - 1.0) / rate if abs(rate) > _LEAST else plant.step) * speed
+    return gear * force
 
 
 @jit
-def move(plant, controls, applied):
+def move(plant, state, controls, applied):
     """Make a physics step.
 
     Args:
         plant: the machine.
+        state: its state.
         controls: of the axes, (m,) or more.
         applied: forces on their joints besides, (m,) or more [SI].
     """
-    n = len(plant.place)
-    m = len(plant.motors)
+    n = plant.dofs
+    m = plant.axes
     for a in range(m):
-        plant.force[a] = drive_motor(plant, a, controls[a]) + applied[a]
+        state.force[a] = drive_motor(plant, state, a, controls[a]) + applied[a]
     for i in range(n):
         speed = plant.constant[i]
         for j in range(n):
-            speed += plant.of_speed[i, j] * plant.speed[j] + plant.of_place[i, j] * plant.place[j]
+            speed += plant.of_speed[i, j] * state.speed[j] + plant.of_place[i, j] * state.place[j]
         for a in range(m):
-            speed += plant.push[i, a] * plant.force[a]
-        plant.change[i] = speed - plant.speed[i]
+            speed += plant.push[i, a] * state.force[a]
+        state.change[i] = speed - state.speed[i]
     for i in range(n):
-        plant.speed[i] += plant.change[i]
-        plant.place[i] += plant.step * plant.speed[i]
+        state.speed[i] += state.change[i]
+        state.place[i] += plant.step * state.speed[i]
 
 
 @jit
-def sense(plant, row):
-    """Write what the machine is like before a physics step into the servo's row, which lacks neither joints nor load.
-
-    Args:
-        plant: the machine.
-        row: the row.
-    """
-    n = len(plant.place)
-    for a in range(len(plant.motors)):
-        motor = plant.motors[a]
-        row.angle[a] = motor.gear * plant.place[motor.dof]
-        row.motor_speed[a] = motor.gear * plant.speed[motor.dof]
-        row.winding_current[a] = plant.current[a] if motor.kind == WOUND else np.nan
-        row.joint_place[a] = plant.place[motor.dof]
+def sense(plant, state, row):
+    """Write what the machine is like before a physics step into the servo's row."""
+    n = plant.dofs
+    for a in range(plant.axes):
+        dof = plant.dof[a]
+        row.angle[a] = plant.gear[a] * state.place[dof]
+        row.motor_speed[a] = plant.gear[a] * state.speed[dof]
+        row.winding_current[a] = state.current[a] if plant.kind[a] == WOUND else np.nan
+        row.joint_place[a] = state.place[dof]
     if row.phase == 0:
         for i in range(3):
-            row.nozzle[i] = plant.tip[i, n]
+            row.nozzle[i] = plant.tip_at_rest[i]
             for j in range(n):
-                row.nozzle[i] += plant.tip[i, j] * plant.place[j]
+                row.nozzle[i] += plant.tip[i, j] * state.place[j]
     if row.stages != 0:
-        for a in range(len(plant.motors)):
-            row.joint_speed[a] = plant.speed[plant.motors[a].dof]
-            row.passive[a] = _passive(plant, a)
+        for a in range(plant.axes):
+            row.joint_speed[a] = state.speed[plant.dof[a]]
+            row.passive[a] = _passive(plant, state, a)
             if row.load_at[a] >= 0:
-                row.load_place[a] = plant.place[row.load_at[a]]
-                row.load_passive[a] = _passive(plant, len(plant.motors) + a)
+                row.load_place[a] = state.place[row.load_at[a]]
+                row.load_passive[a] = _passive(plant, state, plant.axes + a)
 
 
 @jit
-def _passive(plant, line):
-    n = len(plant.place)
-    force = plant.passive[line, 2 * n]
-    for j in range(n):
-        force += plant.passive[line, j] * plant.place[j] + plant.passive[line, n + j] * plant.speed[j]
+def _passive(plant, state, line):
+    force = plant.passive_at_rest[line]
+    for j in range(plant.dofs):
+        force += plant.passive_of_place[line, j] * state.place[j] + plant.passive_of_speed[line, j] * state.speed[j]
     return force
 
 
 @jit
-def _is_lost(plant):
+def _is_lost(plant, state):
     """Return whether the state is one that MuJoCo would warn of: no number, or too large a one."""
-    for i in range(len(plant.place)):
-        largest = max(abs(plant.place[i]), abs(plant.speed[i]), abs(plant.change[i]) / plant.step)
+    for i in range(plant.dofs):
+        largest = max(abs(state.place[i]), abs(state.speed[i]), abs(state.change[i]) / plant.step)
         if not largest <= _LARGEST:
             return True
     return False
 
 
 @jit
-def run(plant, row, steps):
+def run(plant, state, row, steps):
     """Make a number of physics steps with the servo, until its run is done or an axis has reached a stop.
 
     Args:
         plant: the machine.
+        state: its state.
         row: the servo's row.
         steps: number of physics steps.
     """
     for _ in range(steps):
         if row.fault != 0 or row.index >= row.ticks or row.stops == MISSED:
             return
-        sense(plant, row)
+        sense(plant, state, row)
         step(row)
         if row.stages != 0:
-            for a in range(row.axes):
-                if row.current_at[a] >= 0:
-                    plant.current[a] = row.winding_current[a]
-        move(plant, row.control_torque, row.applied)
-        if _is_lost(plant):
+            for a in range(plant.axes):
+                if plant.kind[a] == WOUND:
+                    state.current[a] = row.winding_current[a]
+        move(plant, state, row.control_torque, row.applied)
+        if _is_lost(plant, state):
             row.lost = 1
 
 
-# The places of a batch, whose machines have as many joints and axes as one another.
-
-PLACE = np.dtype([("machine", np.int64), ("state", np.int64), ("dofs", np.int64), ("axes", np.int64)])  # addresses
+# addresses of what a batch has at a place
+PLACE = np.dtype([("plant", np.int64), ("physics", np.int64), ("row", np.int64)])
 _PLACE = numba.from_dtype(PLACE)
-_MOTOR = numba.from_dtype(MOTOR)
-_FLOAT = types.float64
+_PLANT = numba.from_dtype(PLANT)
+_STATE = numba.from_dtype(STATE)
 _NUMBER = types.int64
-_MOTOR_NUMBERS = MOTOR.itemsize // 8
-
-
-def machine_shapes(dofs: int, axes: int) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of what a plant has of its machine, by the order in which it lies in memory."""
-    return {
-        "step": (1,),
-        "of_speed": (dofs, dofs),
-        "of_place": (dofs, dofs),
-        "push": (dofs, axes),
-        "constant": (dofs,),
-        "tip": (3, dofs + 1),
-        "passive": (2 * axes, 2 * dofs + 1),
-        "motors": (axes, _MOTOR_NUMBERS),
-    }
-
-
-def state_shapes(dofs: int, axes: int) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of a plant's state, by the order in which it lies in memory; the servo's row follows."""
-    return {
-        "place": (dofs,),
-        "speed": (dofs,),
-        "current": (axes,),
-        "bristle": (axes,),
-        "change": (dofs,),
-        "force": (axes,),
-    }
-
-
-@jit
-def _plant_at(place):
-    """Return the plant at a place, and the address of the servo's row behind its state."""
-    n = place.dofs
-    m = place.axes
-    at = place.machine
-    step = numba.carray(pointer(at, _FLOAT), (1,))[0]
-    at += 8
-    of_speed = numba.carray(pointer(at, _FLOAT), (n, n))
-    at += 8 * n * n
-    of_place = numba.carray(pointer(at, _FLOAT), (n, n))
-    at += 8 * n * n
-    push = numba.carray(pointer(at, _FLOAT), (n, m))
-    at += 8 * n * m
-    constant = numba.carray(pointer(at, _FLOAT), (n,))
-    at += 8 * n
-    tip = numba.carray(pointer(at, _FLOAT), (3, n + 1))
-    at += 24 * (n + 1)
-    passive = numba.carray(pointer(at, _FLOAT), (2 * m, 2 * n + 1))
-    at += 16 * m * (2 * n + 1)
-    motors = numba.carray(pointer(at, _MOTOR), (m,))
-    at = place.state
-    here = numba.carray(pointer(at, _FLOAT), (n,))
-    at += 8 * n
-    speed = numba.carray(pointer(at, _FLOAT), (n,))
-    at += 8 * n
-    current = numba.carray(pointer(at, _FLOAT), (m,))
-    at += 8 * m
-    bristle = numba.carray(pointer(at, _FLOAT), (m,))
-    at += 8 * m
-    change = numba.carray(pointer(at, _FLOAT), (n,))
-    at += 8 * n
-    force = numba.carray(pointer(at, _FLOAT), (m,))
-    at += 8 * m
-    machine = (step, of_speed, of_place, push, constant, tip, passive, motors)
-    return Plant(*machine, here, speed, current, bristle, change, force), at
 
 
 @cache
@@ -320,12 +241,12 @@ def loop() -> Any:
     """
 
     def step_places(places, numbers, count, steps):
-        chosen = numba.carray(pointer(numbers, _NUMBER), (count,))
-        for number in chosen:
+        for number in numba.carray(pointer(numbers, _NUMBER), (count,)):
             place = numba.carray(pointer(places, _PLACE), (number + 1,))[number]
-            plant, address = _plant_at(place)
-            row = row_at(address)
-            row.address = address
-            run(plant, row, steps)
+            plant = numba.carray(pointer(place.plant, _PLANT), (1,))[0]
+            state = numba.carray(pointer(place.physics, _STATE), (1,))[0]
+            row = row_at(place.row)
+            row.address = place.row
+            run(plant, state, row, steps)
 
     return c_function(step_places, types.void(types.int64, types.int64, types.int64, types.int64)).ctypes
