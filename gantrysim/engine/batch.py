@@ -14,7 +14,7 @@ from gantrysim.base.progress import Progress, shown_progress
 from gantrysim.controllers.controller import Controller
 from gantrysim.engine.arguments import check_argument
 from gantrysim.engine.learning import run_and_learn
-from gantrysim.engine.linear import Engine, loop_hindrance
+from gantrysim.engine.linear import Engine, check_engine, loop_hindrance
 from gantrysim.engine.places import LoopPlaces, MuJoCoPlaces
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
@@ -107,6 +107,7 @@ def simulate_batch(
         InputError: an argument of the wrong type, lists of different lengths, no simulation at all, or an error of
             `simulate`, with the number of the simulation.
     """
+    check_engine(engine)
     simulations = simulations_of(
         machine=machine,
         servo=servo,

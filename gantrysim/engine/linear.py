@@ -6,13 +6,14 @@ import copy
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, get_args
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats
+from gantrysim.base.arrays import Floats, seen
+from gantrysim.base.errors import InputError
 from gantrysim.engine.native.plant import MAX_DOFS, PLANT, RESISTIVE, SOURCE, STATE, WOUND, move
 from gantrysim.engine.simulation import Simulation
 from gantrysim.machine.axis import PER_SI
@@ -31,6 +32,7 @@ from gantrysim.machine.motors import (
     TIME_CONSTANT,
 )
 from gantrysim.machine.springs import driven_joints
+from gantrysim.record.run import Run
 
 # Unit states by which the mechanics is read: powers of two, by which nothing is rounded. A stiff axis that were 1 m off
 # would be faster than MuJoCo allows.
@@ -250,6 +252,12 @@ def _agrees(machine: Machine, model: mujoco.MjModel, linear: Linear) -> bool:
 Engine = Literal["mujoco", "loop"]
 
 
+def check_engine(engine: str) -> None:
+    """Raise InputError for an engine that does not exist."""
+    if engine not in get_args(Engine):
+        raise InputError(f"engine {engine!r}: must be {' or '.join(get_args(Engine))}")
+
+
 def loop_hindrance(simulation: Simulation) -> str | None:
     """Return why the compiled loop cannot step a simulation, so that MuJoCo does; None where it can."""
     machine = simulation.machine
@@ -262,3 +270,24 @@ def loop_hindrance(simulation: Simulation) -> str | None:
     if linear_machine(machine, simulation.model) is None:
         return f"the physics step of machine {machine.name} is not linear, as where a joint turns"
     return None
+
+
+_WORTH_SAYING = 1e-4  # [mm]
+
+
+def difference_note(shown: Run, searched: Run) -> str:
+    """Return a sentence on how far a run of MuJoCo's is from the loop's that a search made; empty within 0.1 µm.
+
+    One count of an encoder that flips by rounding moves a run by a fraction of it.
+
+    Args:
+        shown: the run of MuJoCo's.
+        searched: the run of the same job that the search made.
+    """
+    ticks = len(shown.time)
+    if len(searched.time) != ticks:
+        return f"MuJoCo's run, which is shown, has {ticks} servo ticks, the compiled loop's {len(searched.time)}."
+    largest = max(float(np.abs(seen(shown.nozzle) - seen(searched.nozzle)).max()), 0.0)
+    if largest <= _WORTH_SAYING:
+        return ""
+    return f"MuJoCo's run, which is shown, is up to {1e3 * largest:.1f} µm from the compiled loop's, which searched."

@@ -10,7 +10,7 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.arguments import check_argument
 from gantrysim.engine.learning import run_and_learn
-from gantrysim.engine.linear import Engine, loop_hindrance
+from gantrysim.engine.linear import Engine, check_engine, loop_hindrance
 from gantrysim.engine.places import LoopPlaces
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.recording import perfect_record
@@ -63,9 +63,10 @@ def simulate(
 
     Raises:
         InputError: an argument of the wrong type, setpoints with an unknown axis, a position beyond the travel, a speed
-            above the limit, a start lead longer than the time before the first dispensing, or a deliberate fault that
-            the machine cannot have.
+            above the limit, an unknown engine, a start lead longer than the time before the first dispensing, or a
+            deliberate fault that the machine cannot have.
     """
+    check_engine(engine)
     simulation = Simulation.of(machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser, faults=faults)
     return stepped_simulation(simulation, law, engine, progress).record()
 

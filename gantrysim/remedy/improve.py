@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 from gantrysim.base.errors import GantryError, InputError, unknown
 from gantrysim.job.causes import Causes, Effect, causes_of
 from gantrysim.job.job import Job
+from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.bench import Bench, Progress
 from gantrysim.remedy.combination import Combinations, Pick, best_combination, fewest_levers, merged_picks, setting_of
@@ -200,8 +202,8 @@ def improve(
         if name not in ROWS:
             raise unknown("row of the verdict", name, ROWS)
     bench = Bench(job, workers, progress)
-    if budget is not None:
-        bench.add(job, budget)
+    with suppress(GantryError):  # it is refused again below
+        bench.add(job, Budget(Analysis(job.run())) if budget is None else budget)
     before = bench.measure(job)
     if before.verdict is None:
         raise InputError(before.failure)
@@ -214,7 +216,9 @@ def improve(
         improvement = _searched_improvement(search, chosen, before)
     else:
         improvement = Improvement(job, before, (), (), (), before, job)
-    return _with_fastest(improvement, bench) if wants_fastest else improvement
+    if wants_fastest:
+        improvement = _with_fastest(improvement, bench)
+    return _confirmed(improvement, bench) if improvement.changes_anything else improvement
 
 
 def worst_rows(before: Outcome) -> list[str]:
@@ -267,6 +271,15 @@ def _searched_improvement(search: Search, levers: Sequence[Lever], before: Outco
         after=final.outcome,
         job=final.job,
     )
+
+
+def _confirmed(improvement: Improvement, bench: Bench) -> Improvement:
+    """Return the result with what MuJoCo's run of the improved job shows, see `Bench.confirmed`."""
+    outcome, note = bench.confirmed(improvement.job)
+    fastest = improvement.fastest
+    if fastest is not None:
+        fastest = replace(fastest, outcome=outcome)
+    return replace(improvement, after=outcome, fastest=fastest, note=note)
 
 
 def _with_fastest(improvement: Improvement, bench: Bench) -> Improvement:
