@@ -14,7 +14,7 @@ from gantrysim.base.progress import Progress, shown_progress
 from gantrysim.controllers.controller import Controller
 from gantrysim.engine.arguments import check_argument
 from gantrysim.engine.learning import run_and_learn
-from gantrysim.engine.linear import Engine, check_engine, loop_hindrance
+from gantrysim.engine.linear import Engine, check_engine
 from gantrysim.engine.places import LoopPlaces, MuJoCoPlaces
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
@@ -130,7 +130,7 @@ def simulate_batch(
         # numbers of the simulations by MJCF file
         groups: dict[tuple[Path, bool], list[int]] = {}
         for number, simulation in enumerate(several):
-            in_loop = engine == "loop" and loop_hindrance(simulation) is None
+            in_loop = engine == "loop" and simulation.hindrance is None
             groups.setdefault((simulation.machine.source, in_loop), []).append(number)
         for (_, in_loop), numbers in groups.items():
             batch = (LoopPlaces if in_loop else MuJoCoPlaces)(several[numbers[0]].machine, len(numbers), threads)

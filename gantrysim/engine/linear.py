@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats, seen
 from gantrysim.base.errors import InputError
 from gantrysim.engine.native.plant import MAX_DOFS, PLANT, RESISTIVE, SOURCE, STATE, WOUND, move
-from gantrysim.engine.simulation import Simulation
 from gantrysim.machine.axis import PER_SI
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.motors import (
@@ -96,8 +95,9 @@ def linear_machine(machine: Machine, model: mujoco.MjModel) -> Linear | None:
     """
     if not _could_be(model):
         return None
-    linear = _read(machine, model)
-    return linear if _agrees(machine, model, linear) else None
+    data = mujoco.MjData(model)
+    linear = _read(machine, model, data)
+    return linear if _agrees(machine, model, data, linear) else None
 
 
 def _could_be(model: mujoco.MjModel) -> bool:
@@ -122,13 +122,12 @@ def _is_known(model: mujoco.MjModel, a: int) -> bool:
     return bool(gain == mujoco.mjtGain.mjGAIN_FIXED and plain and model.actuator_actnum[a] == 0)
 
 
-def _read(machine: Machine, model: mujoco.MjModel) -> Linear:
+def _read(machine: Machine, model: mujoco.MjModel, data: mujoco.MjData) -> Linear:
     """Read the mechanics by steps from unit states, with the motors off, and the motors off their parameters."""
     n = int(model.nv)
     m = int(model.nactuator)
     off = copy.copy(model)
     off.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
-    data = mujoco.MjData(off)
     joints = driven_joints(model)
     dofs = model.jnt_dofadr[joints]
     loads = [address.load for address in machine.addresses]
@@ -222,10 +221,9 @@ def _slots(model: mujoco.MjModel, a: int) -> tuple[int, int]:
     return (first if bristle else -1), (first + int(bristle) if wound else -1)
 
 
-def _agrees(machine: Machine, model: mujoco.MjModel, linear: Linear) -> bool:
+def _agrees(machine: Machine, model: mujoco.MjModel, data: mujoco.MjData, linear: Linear) -> bool:
     """Return whether steps from random states are MuJoCo's, but for rounding."""
     random = np.random.default_rng(0)
-    data = mujoco.MjData(model)
     ours, theirs = np.zeros(2, STATE)
     joints = model.jnt_dofadr[driven_joints(model)]
     fastest = np.array([axis.speed_limit / PER_SI[axis.unit] for axis in machine.plain_axes])
@@ -244,7 +242,7 @@ def _agrees(machine: Machine, model: mujoco.MjModel, linear: Linear) -> bool:
         linear.read(theirs, data)
         for name in ("place", "speed", "bristle", "current"):
             scale = np.abs(theirs[name]).max() + np.abs(ours["change"]).max()
-            if not np.allclose(ours[name], theirs[name], rtol=0.0, atol=_ROUNDING * scale):
+            if not np.abs(ours[name] - theirs[name]).max() <= _ROUNDING * scale:
                 return False
     return True
 
@@ -256,20 +254,6 @@ def check_engine(engine: str) -> None:
     """Raise InputError for an engine that does not exist."""
     if engine not in get_args(Engine):
         raise InputError(f"engine {engine!r}: must be {' or '.join(get_args(Engine))}")
-
-
-def loop_hindrance(simulation: Simulation) -> str | None:
-    """Return why the compiled loop cannot step a simulation, so that MuJoCo does; None where it can."""
-    machine = simulation.machine
-    if simulation.faults:
-        return "a run with deliberate faults is MuJoCo's"
-    if simulation.servo.laws.user is not None:
-        return "a run with a law of its user's own is MuJoCo's"
-    if simulation.stops:
-        return f"machine {machine.name} has constraints besides the stops of its axes"
-    if linear_machine(machine, simulation.model) is None:
-        return f"the physics step of machine {machine.name} is not linear, as where a joint turns"
-    return None
 
 
 _WORTH_SAYING = 1e-4  # [mm]

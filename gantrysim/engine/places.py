@@ -18,13 +18,14 @@ from gantrysim.base import signals
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError, whole
 from gantrysim.engine.advance import MOST_STEPS, Numbers, advance, step_or_take_back
-from gantrysim.engine.linear import Linear, linear_machine
+from gantrysim.engine.linear import Engine, Linear, linear_machine
 from gantrysim.engine.native.hook import Interrupted, installed_tick
 from gantrysim.engine.native.plant import PLACE, STATE, loop
 from gantrysim.engine.simulation import Simulation
 from gantrysim.engine.started import Started
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.row import IN_MODEL, ROW, ROW_NUMBERS, Log
+from gantrysim.machine.travel import has_no_constraints_but_stops
 
 # of a servo's row: they belong to the process and to a simulation's own arrays, not to the state of a run
 _OBSERVER = ("observer", "observer_argument", "observer_step")
@@ -313,8 +314,8 @@ class LoopPlaces(Places):
     def _clear(self, simulations: Mapping[int, Simulation]) -> None:
         for place, simulation in simulations.items():
             linear = linear_machine(simulation.machine, simulation.model)
-            if linear is None or simulation.stops:
-                raise GantryError(f"the compiled loop cannot step machine {simulation.machine.name}")
+            if linear is None or simulation.hindrance is not None:
+                raise GantryError(f"the compiled loop cannot step this simulation: {simulation.hindrance}")
             self._linear[place] = linear
             self._at_stops.pop(place, None)
             self._table["plant"][place] = linear.plant.ctypes.data
@@ -370,3 +371,12 @@ class LoopPlaces(Places):
         self._numbers[numbers] = states
         for place in numbers.tolist():
             self._at_stops.pop(place, None)
+
+
+def places_of(machine: Machine, places: int, threads: int | None, engine: Engine) -> Places:
+    """Return places that an engine steps; MuJoCo's where the compiled loop cannot step the machine."""
+    if engine == "loop" and has_no_constraints_but_stops(machine.layout):
+        model = machine.stepping(machine.layout.opt.timestep, stops=False)
+        if linear_machine(machine, model) is not None:
+            return LoopPlaces(machine, places, threads)
+    return MuJoCoPlaces(machine, places, threads)

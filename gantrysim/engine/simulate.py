@@ -10,7 +10,7 @@ from gantrysim.controllers.controller import Controller
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.arguments import check_argument
 from gantrysim.engine.learning import run_and_learn
-from gantrysim.engine.linear import Engine, check_engine, loop_hindrance
+from gantrysim.engine.linear import Engine, check_engine
 from gantrysim.engine.places import LoopPlaces
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.recording import perfect_record
@@ -75,7 +75,7 @@ def stepped_simulation(
     simulation: Simulation, law: PlainLaw | None = None, engine: Engine = "mujoco", progress: Progress = None
 ) -> Started:
     """Run a simulation and return it at its end; law, engine and progress as of `simulate`."""
-    in_loop = engine == "loop" and law is None and loop_hindrance(simulation) is None
+    in_loop = engine == "loop" and law is None and simulation.hindrance is None
     runs = simulation.servo.laws.runs if law is None else 1
     done = 0
     count = runs * len(simulation.position)

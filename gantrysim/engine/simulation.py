@@ -18,6 +18,7 @@ from gantrysim.engine.arguments import check_argument, sent_setpoints
 from gantrysim.engine.drives import drive_entries
 from gantrysim.engine.injection import NONE, Injection, faulted_models, injection
 from gantrysim.engine.laws import law_entries
+from gantrysim.engine.linear import linear_machine
 from gantrysim.engine.positions import axis_positions, axis_torques, check_supervision
 from gantrysim.engine.recording import LogBook
 from gantrysim.faults import InjectedFault
@@ -222,6 +223,19 @@ class Simulation:
     def start(self) -> tuple[Floats, Floats]:
         """The machine's qpos at rest at the first setpoint, and the servo's row before it is armed."""
         return start_of(self.machine, self.servo, self.setpoints, self.position, self.substeps)
+
+    @cached_property
+    def hindrance(self) -> str | None:
+        """Why the compiled loop cannot step it, so that MuJoCo does; None where it can."""
+        if self.faults:
+            return "a run with deliberate faults is MuJoCo's"
+        if self.servo.laws.user is not None:
+            return "a run with a law of its user's own is MuJoCo's"
+        if self.stops:
+            return f"machine {self.machine.name} has constraints besides the stops of its axes"
+        if linear_machine(self.machine, self.model) is None:
+            return f"the physics step of machine {self.machine.name} is not linear, as where a joint turns"
+        return None
 
     @property
     def model_with_stops(self) -> mujoco.MjModel:

@@ -19,6 +19,7 @@ from pydantic import (
 
 from gantrysim.base.errors import InputError, positive, unknown, whole
 from gantrysim.base.toml_files import field_names, one_line
+from gantrysim.engine.linear import Engine
 from gantrysim.job.job import Job
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.tolerances import Tolerances
@@ -44,6 +45,7 @@ class PathSettings(BaseModel):
         spread: tolerances from which every episode's machine is drawn; None for the nominal machine.
         decision_interval: time between decisions, a multiple of the servo period; inf for one per episode [s].
         tolerance: tolerance of the contour error [mm].
+        engine: what makes the physics steps, see `gantrysim.simulate`: "loop" where all joints of the machine slide.
 
     Raises:
         InputError: a value out of bounds.
@@ -62,6 +64,7 @@ class PathSettings(BaseModel):
     spread: Tolerances | None = Tolerances()
     decision_interval: float = 0.1
     tolerance: float = 0.05
+    engine: Engine = "loop"
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Self:
