@@ -144,7 +144,9 @@ class EpisodeBatch(ABC):
         self.source = Source(settings) if source is None else source
         machine = self.source.machine
         self._axes = len(machine.axes)
-        self._batch = places_of(machine, places, threads_for(places) if threads is None else threads, settings.engine)
+        self._batch = places_of(
+            machine, places, threads_for(places) if threads is None else threads, self.source.engine
+        )
         self._ahead = DrawnAhead(self.source) if ahead else None
         if self._ahead is not None:
             # not earlier: a thread that draws holds Python's lock, for which this one would have to wait

@@ -12,6 +12,7 @@ import numpy as np
 from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, positive, unknown, whole
+from gantrysim.engine.linear import Engine
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.settings import LEAST_DIAMETER, PathSettings
@@ -102,6 +103,7 @@ class Source:
         machine: the nominal machine.
         servo: the servo at the start of an episode.
         ticks: servo periods between decisions; None for one decision per episode.
+        engine: what makes the physics steps; MuJoCo where a fault or a law of the user's own asks for it.
 
     Raises:
         InputError: an unknown job or machine, spirals that the machine cannot run, or a decision interval that is not a
@@ -128,6 +130,8 @@ class Source:
         lower = {name: tuple(gain / detune for gain in servo.per_axis(name)) for name in SCALED}
         self.servo = servo.with_values(**lower)
         self.ticks = self._ticks()
+        asks = self.servo.laws.user is not None or (self._job is not None and self._job.faults)
+        self.engine: Engine = "mujoco" if asks else settings.engine
         self._fixed = None if self._job is None else Plan(self._job.setpoints, self._job.dispenser, {})
         if self._job is None:
             self._check_room()

@@ -352,7 +352,8 @@ def causes_of(
 
     record = run if budget is None else budget.analysis.run
     if record is None:
-        record = setup.run(part(0, 1))
+        # it is shown
+        record = replace(setup, engine=job.simulation.engine or "mujoco").run(part(0, 1))
     if record.fault is not None:
         raise InputError(f"job {job.name}: ends in a fault, {record.fault}: causes are those of a complete run")
     known = Budget(record) if budget is None else budget

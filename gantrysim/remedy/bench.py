@@ -14,6 +14,7 @@ from gantrysim.base import memory
 from gantrysim.base.errors import whole
 from gantrysim.engine.linear import difference_note
 from gantrysim.job.job import Job
+from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.outcome import Measured, Motion, Outcome, measured_together, motion_key, time_before_glue
 
@@ -132,6 +133,15 @@ class Bench:
         self._outcomes: dict[str, Outcome] = {}
         self._motions: Recent[Motion] = Recent()  # by `motion_key`
         self.task = Task()
+
+    def show(self, job: Job) -> None:
+        """Simulate a job as it is shown, not for a search.
+
+        Raises:
+            GantryError: the job is refused.
+        """
+        self._tell()
+        self.add(job, Budget(Analysis(job.run())))
 
     def add(self, job: Job, budget: Budget) -> None:
         """Add a job that has run, with the error budget of its record."""

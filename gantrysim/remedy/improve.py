@@ -10,7 +10,6 @@ from dataclasses import replace
 from gantrysim.base.errors import GantryError, InputError, unknown
 from gantrysim.job.causes import Causes, Effect, causes_of
 from gantrysim.job.job import Job
-from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.bench import Bench, Progress
 from gantrysim.remedy.combination import Combinations, Pick, best_combination, fewest_levers, merged_picks, setting_of
@@ -202,8 +201,12 @@ def improve(
         if name not in ROWS:
             raise unknown("row of the verdict", name, ROWS)
     bench = Bench(job, workers, progress)
-    with suppress(GantryError):  # it is refused again below
-        bench.add(job, Budget(Analysis(job.run())) if budget is None else budget)
+    if budget is not None:
+        bench.add(job, budget)
+    else:
+        # a job that is refused is so again below
+        with suppress(GantryError):
+            bench.show(job)
     before = bench.measure(job)
     if before.verdict is None:
         raise InputError(before.failure)
