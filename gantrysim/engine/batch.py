@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,9 +82,10 @@ def simulate_batch(
     faults: Sequence[InjectedFault] | Sequence[Sequence[InjectedFault]] = (),
     threads: int | None = None,
     engine: Engine = "mujoco",
+    device: Literal["cpu", "cuda"] = "cpu",
     progress: Progress = None,
 ) -> list[Run]:
-    """Run many simulations on threads and return their records, identical to those of `simulate` to the last bit.
+    """Run many simulations on threads; the records are those of `simulate` with the same engine, to the last bit.
 
     Each argument is either one value for all simulations, or a list, tuple or array with one per simulation. MJCF
     files, servo periods and lengths may differ; machines from the same file, perturbed or not, share a MuJoCo batch.
@@ -98,6 +99,8 @@ def simulate_batch(
         faults: deliberate faults common to all simulations, or a sequence of them for each.
         threads: number of threads; by default all cores.
         engine: as in `simulate`.
+        device: "cuda" for a GPU that makes the steps of the compiled loop, one simulation in each of its threads; runs
+            that the loop cannot make are MuJoCo's, on the processor.
         progress: as in `simulate`.
 
     Returns:
@@ -106,8 +109,16 @@ def simulate_batch(
     Raises:
         InputError: an argument of the wrong type, lists of different lengths, no simulation at all, or an error of
             `simulate`, with the number of the simulation.
+        MissingPackageError: device "cuda" without numba-cuda.
     """
     check_engine(engine)
+    if device not in ("cpu", "cuda"):
+        raise InputError(f"device {device!r}: must be cpu or cuda")
+    looping: type[LoopPlaces] = LoopPlaces
+    if device == "cuda":
+        from gantrysim.engine.device_places import DevicePlaces
+
+        looping = DevicePlaces
     simulations = simulations_of(
         machine=machine,
         servo=servo,
@@ -130,10 +141,10 @@ def simulate_batch(
         # numbers of the simulations by MJCF file
         groups: dict[tuple[Path, bool], list[int]] = {}
         for number, simulation in enumerate(several):
-            in_loop = engine == "loop" and simulation.hindrance is None
+            in_loop = (engine == "loop" or device == "cuda") and simulation.hindrance is None
             groups.setdefault((simulation.machine.source, in_loop), []).append(number)
         for (_, in_loop), numbers in groups.items():
-            batch = (LoopPlaces if in_loop else MuJoCoPlaces)(several[numbers[0]].machine, len(numbers), threads)
+            batch = (looping if in_loop else MuJoCoPlaces)(several[numbers[0]].machine, len(numbers), threads)
             batch.load({place: several[number] for place, number in enumerate(numbers)})
             batch.advance(progress=report)
             before += sum(len(several[number].position) for number in numbers)

@@ -29,7 +29,7 @@ from gantrysim.machine.travel import has_no_constraints_but_stops
 
 # of a servo's row: they belong to the process and to a simulation's own arrays, not to the state of a run
 _OBSERVER = ("observer", "observer_argument", "observer_step")
-_OF_PROCESS = ("magic", "setpoints", "log", "axis_log", "gates", "stages", *_OBSERVER)
+_OF_PROCESS = ("magic", "setpoints", "log", "axis_log", "first", "gates", "stages", *_OBSERVER)
 
 
 class Moment(NamedTuple):
@@ -307,19 +307,25 @@ class LoopPlaces(Places):
             array = self._state[name]
             self._table[name] = array.ctypes.data + array.strides[0] * np.arange(places)
         self._linear: dict[int, Linear] = {}
+        # whether the machine changes
+        self._later = np.zeros(places, bool)
         # of simulations that have reached a stop
         self._at_stops: dict[int, mujoco.MjData] = {}
         self._workers: ThreadPoolExecutor | None = None
 
     def _clear(self, simulations: Mapping[int, Simulation]) -> None:
         for place, simulation in simulations.items():
-            linear = linear_machine(simulation.machine, simulation.model)
-            if linear is None or simulation.hindrance is not None:
+            if simulation.hindrance is not None:
                 raise GantryError(f"the compiled loop cannot step this simulation: {simulation.hindrance}")
-            self._linear[place] = linear
             self._at_stops.pop(place, None)
-            self._table["plant"][place] = linear.plant.ctypes.data
+            self._later[place] = bool(simulation.later)
+            self._take_machine(place, linear_machine(simulation.machine, simulation.model))
         self._state[list(simulations)] = np.zeros((), self._state.dtype)
+
+    def _take_machine(self, place: int, linear: Linear | None) -> None:
+        assert linear is not None  # or else the simulation has a hindrance
+        self._linear[place] = linear
+        self._table["plant"][place] = linear.plant.ctypes.data
 
     def _qpos(self, place: int) -> Floats:
         qpos: Floats = self._state["physics"]["place"][place, : self._dofs]
@@ -329,6 +335,9 @@ class LoopPlaces(Places):
         return signals.deferred()
 
     def step(self, steps: int, numbers: Numbers) -> None:
+        for place in numbers[self._later[numbers]].tolist():
+            run = self.runs[place]
+            self._take_machine(place, linear_machine(run.simulation.machine, run.model))
         at_stops = self._stops[numbers] == IN_MODEL
         if self.beside is not None:
             self.beside()

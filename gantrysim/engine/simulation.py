@@ -233,7 +233,8 @@ class Simulation:
             return "a run with a law of its user's own is MuJoCo's"
         if self.stops:
             return f"machine {self.machine.name} has constraints besides the stops of its axes"
-        if linear_machine(self.machine, self.model) is None:
+        models = (self.model, *(model for _, model in self.later))
+        if any(linear_machine(self.machine, model) is None for model in models):
             return f"the physics step of machine {self.machine.name} is not linear, as where a joint turns"
         return None
 

@@ -75,6 +75,7 @@ _WHOLE = [
     "setpoints",  # address of (ticks, axes) positions
     "log",  # address of the LOG_TICK entries, one per tick
     "axis_log",  # address of the LOG_AXIS entries, one per tick and axis
+    "first",  # tick of the first entry of both
     "nozzle_site",
     "work_body",
     "lost",  # 1 where MuJoCo has warned of anything: the state is no longer valid

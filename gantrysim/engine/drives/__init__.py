@@ -25,7 +25,7 @@ from gantrysim.engine.drives.stepper import STEPPING
 from gantrysim.engine.drives.transmission import TRANSMISSION
 from gantrysim.engine.native.parts import with_parts
 from gantrysim.engine.native.pointers import pointer, row_at, tape_of
-from gantrysim.engine.native.stages import Stage, compiled_stage
+from gantrysim.engine.native.stages import Body, Stage, compiled_stage
 from gantrysim.machine.machine import Machine
 from gantrysim.servo.servo import Servo
 
@@ -68,7 +68,7 @@ def drive_stages(servo: Servo, entries: NDArray[np.void] | None) -> list[Stage]:
     if entries is None:
         return []
     return [
-        Stage(point, _stage(act), entries.ctypes.data)
+        Stage(point, _stage(act), entries.ctypes.data, Body("drives", act))
         for part in PARTS
         if part.needed(servo, entries[part.name])
         for point, act in part.acts

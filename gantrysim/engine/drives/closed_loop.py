@@ -14,7 +14,7 @@ from gantrysim.engine.drives.encoder import read
 from gantrysim.engine.drives.field import field_at, turn_target
 from gantrysim.engine.drives.part import POSITION, VELOCITY, DrivenAxis, DrivePart
 from gantrysim.engine.native.parts import part
-from gantrysim.engine.native.pointers import gains_of, leading
+from gantrysim.engine.native.pointers import gains_of
 from gantrysim.engine.native.stages import run_stages
 from gantrysim.engine.native.supervision import watch_oscillation
 from gantrysim.machine.row import POINTS
@@ -24,7 +24,6 @@ from gantrysim.servo.laws import pid
 
 _torque_demand = part(pid.torque_demand)
 _filtered = part(notch.filtered_output)
-_COEFFICIENTS = len(notch.Coefficients._fields)
 MOTOR = np.int64(POINTS.index("motor"))
 REPORT = np.int64(POINTS.index("report"))
 _DRIVE = 2**40  # added to the number of a sample that the drive takes itself, for its noise
@@ -74,27 +73,27 @@ def _closed_loop(row, tape, axis, drive):
         turn_target(row, axis, field, drive.logged > 0)
     if row.phase % loop.every == 0:
         row.motor[axis] = row.angle[axis] * row.scale[axis]
-        run_stages(row, MOTOR)
+        run_stages(row, tape, MOTOR)
         row.seen[axis] = row.motor[axis]
         if drive.mode == POSITION or drive.encoder.load < 0:
             row.seen[axis] = read(row, axis, drive.encoder, _DRIVE + row.steps)
         if row.resolution[axis] > 0.0:
             row.seen[axis] = row.resolution[axis] * np.floor(row.seen[axis] / row.resolution[axis] + 0.5)
-        run_stages(row, REPORT)
+        run_stages(row, tape, REPORT)
         seen = row.seen[axis]
         if drive.mode == VELOCITY:
             if drive.logged == 0:
                 loop.before = seen
             error = row.held[axis] - (seen - loop.before) / loop.period
             loop.before = seen
-            total = loop.sum + error * loop.period
+            total = loop.total + error * loop.period
             torque = loop.gain * (error + loop.rate * total)
         else:
             error = field_at(row, field, 0.0) - seen
             if drive.logged == 0:
                 loop.before = error
                 loop.position = seen
-            total = loop.sum + error * loop.period
+            total = loop.total + error * loop.period
             torque = _torque_demand(
                 error,
                 total,
@@ -104,9 +103,7 @@ def _closed_loop(row, tape, axis, drive):
                 (seen - loop.position) / loop.period,
                 gains_of(row, axis),
             )
-            torque, loop.first, loop.second = _filtered(
-                torque, leading(row.notch[axis], _COEFFICIENTS), loop.first, loop.second
-            )
+            torque, loop.first, loop.second = _filtered(torque, row.notch[axis], loop.first, loop.second)
             loop.before = error
             loop.position = seen
         limit = loop.limit
@@ -114,14 +111,14 @@ def _closed_loop(row, tape, axis, drive):
             limit = min(limit, _left_by_reactance(loop, row.motor_speed[axis], np.sign(torque)))
         loop.torque = min(max(torque, -limit), limit)
         if abs(torque) <= limit or torque * error < 0.0:  # anti-windup
-            loop.sum = total
+            loop.total = total
         if abs(torque) > limit and limit > 0.0 and row.fault == 0:
             watch_oscillation(row, axis, np.sign(torque))
     if row.fault != 0:
         loop.torque = 0.0
     if row.tick > drive.logged:
         drive.logged = row.tick
-        tape.log.axis[row.tick - 1, axis].demand = loop.torque
+        tape.log.axis[row.tick - 1 - row.first, axis].demand = loop.torque
     return loop.torque
 
 
@@ -151,7 +148,7 @@ LOOP = DrivePart(
         ("rate", np.float64),  # its integral action [1/s]
         ("before", np.float64),  # position [u], or in position mode following error, at the last sample
         ("position", np.float64),  # in position mode at the last sample [u]
-        ("sum", np.float64),  # of the error times the period
+        ("total", np.float64),  # of the error times the period
         ("torque", np.float64),  # demand held [N·m]
         ("first", np.float64),  # states of the notch in position mode
         ("second", np.float64),

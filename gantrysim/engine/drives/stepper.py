@@ -77,7 +77,7 @@ def _turn_field(row, tape, axis, drive):
         row.control_torque[axis] = stepper.constant * mean
         if row.tick > drive.logged:
             drive.logged = row.tick
-            entry = tape.log.axis[row.tick - 1, axis]
+            entry = tape.log.axis[row.tick - 1 - row.first, axis]
             entry.current = current
             entry.demand = stepper.volts
 

@@ -173,7 +173,7 @@ def parts() -> tuple[Any, Any, Any]:
     def every_step(data, address):
         row = row_at(address)
         if row.magic == key:
-            output(row)
+            output(row, None)
             write(data, row, fields)
 
     ends = types.void(types.int64, types.int64)

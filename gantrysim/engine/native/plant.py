@@ -22,7 +22,7 @@ import numpy as np
 from numba import types
 
 from gantrysim.base.jit import c_function, jit
-from gantrysim.engine.native.pointers import pointer, row_at
+from gantrysim.engine.native.pointers import call, pointer, row_at
 from gantrysim.engine.native.tick import step
 from gantrysim.machine.row import MAX_AXES, MISSED
 
@@ -192,7 +192,7 @@ def _passive(plant, state, line):
 
 
 @jit
-def _is_lost(plant, state):
+def is_lost(plant, state):
     """Return whether the state is one that MuJoCo would warn of: no number, or too large a one."""
     for i in range(plant.dofs):
         largest = max(abs(state.place[i]), abs(state.speed[i]), abs(state.change[i]) / plant.step)
@@ -205,6 +205,8 @@ def _is_lost(plant, state):
 def run(plant, state, row, steps):
     """Make a number of physics steps with the servo, until its run is done or an axis has reached a stop.
 
+    An observer that waits for a later step of a run that is done is called at its end.
+
     Args:
         plant: the machine.
         state: its state.
@@ -212,7 +214,12 @@ def run(plant, state, row, steps):
         steps: number of physics steps.
     """
     for _ in range(steps):
-        if row.fault != 0 or row.index >= row.ticks or row.stops == MISSED:
+        if row.stops == MISSED:
+            return
+        if row.fault != 0 or row.index >= row.ticks:
+            if row.observer_step > row.steps:
+                row.observer_step = 0
+                call(row.observer, row.address, row.observer_argument)
             return
         sense(plant, state, row)
         step(row)
@@ -221,7 +228,7 @@ def run(plant, state, row, steps):
                 if plant.kind[a] == WOUND:
                     state.current[a] = row.winding_current[a]
         move(plant, state, row.control_torque, row.applied)
-        if _is_lost(plant, state):
+        if is_lost(plant, state):
             row.lost = 1
 
 

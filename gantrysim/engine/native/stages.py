@@ -22,6 +22,19 @@ from gantrysim.engine.native.pointers import call, stages_of
 from gantrysim.machine.row import POINTS, STAGE
 
 
+class Body(NamedTuple):
+    """A function that acts in the tick.
+
+    Attributes:
+        kind: its arguments: "base" of (row, axis, gains), which returns torque and integral, "laws" of (row, laws),
+            "drives" of (row, tape, axis, drive), "tape" of (row, tape).
+        function: the function.
+    """
+
+    kind: str
+    function: Any
+
+
 class Stage(NamedTuple):
     """A part of the tick that one run has.
 
@@ -29,11 +42,13 @@ class Stage(NamedTuple):
         point: of the tick at which it runs, one of `POINTS`.
         address: of the C function (row, argument).
         argument: for the function, as a rule the address of an array that the run keeps alive.
+        body: what it compiles, for a device that knows no addresses; None where a device cannot have it.
     """
 
     point: str
     address: int
     argument: int = 0
+    body: Body | None = None
 
 
 def compiled_stage(function: Any) -> int:
@@ -63,8 +78,8 @@ def has_stages(row, point):
 
 
 @jit
-def run_stages(row, point):
-    """Run the stages of a point of the tick, given by its number."""
+def run_stages(row, tape, point):
+    """Run the stages of a point of the tick, given by its number; they find the tape by the row."""
     begin = row.stage_until[point - 1] if point > 0 else 0
     end = row.stage_until[point]
     if end > begin:

@@ -52,7 +52,7 @@ def position_error_stage() -> int:
 
     def stage(address, argument):
         row = row_at(address)
-        _watch_position_error(row, tape_of(row))
+        watch_position_error(row, tape_of(row))
 
     return compiled_stage(stage)
 
@@ -63,17 +63,16 @@ def gate_stage() -> int:
 
     def stage(address, argument):
         row = row_at(address)
-        if _waits(row, tape_of(row)):
-            row.waits = 1
+        wait_at_gate(row, tape_of(row))
 
     return compiled_stage(stage)
 
 
 @jit
-def _watch_position_error(row, tape):
+def watch_position_error(row, tape):
     """Trip where the linear axes are too far from the command that was sent `position_error_delay` ticks ago."""
     n = row.axes
-    sent = tape.log.tick[max(row.tick - row.position_error_delay, 0)].setpoint
+    sent = tape.log.tick[max(row.tick - row.position_error_delay, 0) - row.first].setpoint
     moving = False
     worst = 0
     largest = -1.0
@@ -88,6 +87,13 @@ def _watch_position_error(row, tape):
     distance = np.sqrt(square)
     if distance > row.position_error:
         trip(row, POSITION_ERROR if moving else POSITION_ERROR_AT_REST, worst, distance, row.position_error)
+
+
+@jit
+def wait_at_gate(row, tape):
+    """Have the stream wait at the setpoint of this tick where it is a gate, for the axes to settle."""
+    if _waits(row, tape):
+        row.waits = 1
 
 
 @jit

@@ -53,12 +53,12 @@ def sample(row, tape):
     if row.phase != 0 or row.fault != 0 or row.index >= row.ticks:
         return False
     _read_encoders(row, tape)
-    entry = tape.log.tick[row.tick]
+    entry = tape.log.tick[row.tick - row.first]
     entry.setpoint = row.index
     _take_errors(row, tape)
     _check_limits(row)
     row.waits = 0
-    run_stages(row, SUPERVISE)
+    run_stages(row, tape, SUPERVISE)
     if row.waits == 0:
         row.index += 1
     for i in range(3):
@@ -74,18 +74,18 @@ def _read_encoders(row, tape):
         row.setpoint[a] = tape.setpoints[row.index, a]
         row.motor[a] = row.angle[a] * row.scale[a]
     # before the current is logged
-    run_stages(row, CURRENT)
-    run_stages(row, SETPOINT)
-    run_stages(row, MOTOR)
+    run_stages(row, tape, CURRENT)
+    run_stages(row, tape, SETPOINT)
+    run_stages(row, tape, MOTOR)
     for a in range(n):
         row.seen[a] = row.motor[a]
-    run_stages(row, ENCODER)
+    run_stages(row, tape, ENCODER)
     for a in range(n):
         count = row.resolution[a]
         if count != 0.0:
             row.seen[a] = count * np.floor(row.seen[a] / count + 0.5)
-    run_stages(row, FEEDBACK)
-    run_stages(row, REPORT)
+    run_stages(row, tape, FEEDBACK)
+    run_stages(row, tape, REPORT)
 
 
 @jit
@@ -107,7 +107,7 @@ def _take_errors(row, tape):
         row.commanded[a] = commanded
         row.measured[a] = measured
         row.error[a] = error
-        entry = tape.log.axis[row.tick, a]
+        entry = tape.log.axis[row.tick - row.first, a]
         entry.encoder = measured
         entry.motor = row.motor[a]
         entry.motor_speed = row.motor_speed[a]
@@ -137,7 +137,7 @@ def _check_limits(row):
 
 
 @jit
-def apply_law(row):
+def apply_law(row, tape):
     """Set the torque demands of all axes, before they are clamped."""
     n = row.axes
     for a in range(n):
@@ -147,23 +147,23 @@ def apply_law(row):
         row.feedforward[a] = 0.0
         row.law_error[a] = row.error[a]
         row.law_change[a] = row.error_change[a]
-    run_stages(row, ERROR)
+    run_stages(row, tape, ERROR)
     if has_stages(row, LAW):
-        run_stages(row, LAW)
+        run_stages(row, tape, LAW)
     else:
         for a in range(n):
             torque, integral = _pid(row, a, gains_of(row, a))
             take(row, a, torque, integral)
     if has_stages(row, FEEDFORWARD) or has_stages(row, DISTURBANCE):
-        run_stages(row, FEEDFORWARD)
-        run_stages(row, DISTURBANCE)
+        run_stages(row, tape, FEEDFORWARD)
+        run_stages(row, tape, DISTURBANCE)
         for a in range(n):
             row.torque[a] += row.feedforward[a]
     for a in range(n):
         # anti-windup: the integral is frozen while the output is clamped on the side to which the error drives it
         if abs(row.torque[a]) <= row.torque_limit[a] or row.torque[a] * row.law_error[a] < 0.0:
             row.integral[a] = row.next_integral[a]
-    run_stages(row, DEMAND)
+    run_stages(row, tape, DEMAND)
 
 
 @jit
@@ -180,7 +180,7 @@ def command(row, tape):
         if row.delay == row.substeps:
             row.held[a] = row.pending[a]
         row.pending[a] = torque
-        entry = tape.log.axis[row.tick, a]
+        entry = tape.log.axis[row.tick - row.first, a]
         entry.demand = torque
         entry.current = row.winding_current[a]
     if row.fault != 0:
@@ -200,7 +200,7 @@ def _watch_stops(row):
 
 
 @jit
-def output(row):
+def output(row, tape):
     """Set the controls, with torque demands that are due at this step."""
     due = row.phase == row.delay
     # a fault takes the torque away at once; what limits the voltage begins from the servo's demand at every step
@@ -212,9 +212,9 @@ def output(row):
     if row.stages != 0:
         for a in range(row.axes):
             row.applied[a] = 0.0
-        run_stages(row, DRIVE)
-        run_stages(row, CURRENT)
-        run_stages(row, VOLTAGE)
+        run_stages(row, tape, DRIVE)
+        run_stages(row, tape, CURRENT)
+        run_stages(row, tape, VOLTAGE)
     if row.stops == NOT_IN_MODEL:
         _watch_stops(row)
     row.steps += 1
@@ -232,6 +232,7 @@ def step(row):
     if row.phase == 0:
         tape = tape_of(row)
         if sample(row, tape):
-            apply_law(row)
+            apply_law(row, tape)
             command(row, tape)
-    output(row)
+    # stages, which need it, find it by themselves
+    output(row, None)
