@@ -238,8 +238,9 @@ def test_the_ten_keys_are_those_of_their_example(tmp_path):
 
 
 RATIOS = (
-    "engine", "servo", "converged_cost", "batch", "vector_env", "scalar_env", "import_time", "frame_growth",
-    "frame_cost", "bead_cost", "first_run", "verdict", "page", "film", "setpoints", "analysis",
+    "engine", "servo", "loop", "converged_cost", "batch", "vector_env", "bead_env", "speed_env", "torque_env",
+    "tuning_env", "scalar_env", "study_case", "improve", "tune", "import_time", "frame_growth", "frame_cost",
+    "bead_cost", "first_run", "verdict", "page", "film", "setpoints", "analysis",
 )  # fmt: skip
 
 
@@ -255,6 +256,12 @@ def test_the_benchmark_prints_what_it_is_asked_for(keys):
 LONG_BENCHMARKS = {
     "import_time",
     "vector_env",
+    "bead_env",
+    "speed_env",
+    "torque_env",
+    "tuning_env",
+    "improve",
+    "tune",
     "frame_growth",
     "frame_cost",
     "bead_cost",
