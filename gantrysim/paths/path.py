@@ -25,7 +25,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.paths.assignment import assigned_progress
 from gantrysim.paths.corners import Corners
 from gantrysim.paths.feet import Local, Projection, foot_between
-from gantrysim.paths.nearest import Table, find_feet, find_starts, find_stretches
+from gantrysim.paths.nearest import Bends, Table, find_feet, find_starts, find_stretches
 
 # Table of points from which a projection starts: of two stretches of the path the wrong one can be chosen where their
 # distances differ by less than the sagitta of a chord, curvature spacing^2 / 8.
@@ -34,7 +34,7 @@ _SAGITTA = 5e-6  # [mm] at that spacing; at a larger one in proportion to its sq
 _MOST_PARTS = 64  # of a chord, where the path is curved: a spiral may end at its centre
 _TABLE_SIZE = (256, 1_000_000)  # beyond that the spacing grows,
 _WIDEST_SPACING = 0.5  # but not above that [mm]: a bead's neighbour is further away
-_UPRIGHT = read_only(np.eye(3)[None])  # the frame of the XY plane
+UPRIGHT = read_only(np.eye(3)[None])  # the frame of the XY plane
 _LONGEST = 1e7  # that memory has room for: 640 MB of points [mm]
 _ROUNDING = 1e-9  # of a number of chords
 _INSIDE = 1e-6  # of a chord's length, from its ends
@@ -75,15 +75,13 @@ class Path(ABC):
 
     def frame(self, s: ArrayLike) -> Floats:
         """Directions u, v, w of the plane, (n, 3, 3)."""
-        return np.broadcast_to(_UPRIGHT[0], (np.size(s), 3, 3))
+        return np.broadcast_to(UPRIGHT[0], (np.size(s), 3, 3))
 
     def local(self, s: ArrayLike) -> Local:
         """Return points and the path's frame there."""
         theta = self.heading(s)
         plane = np.zeros(theta.size, np.intp)
-        return Local(
-            self.position(s), (np.cos(theta), np.sin(theta)), self.climb(s), self.curvature(s), _UPRIGHT, plane
-        )
+        return Local(self.position(s), (np.cos(theta), np.sin(theta)), self.climb(s), self.curvature(s), UPRIGHT, plane)
 
     def tangent(self, s: ArrayLike) -> Floats:
         """Unit tangents t(s), (n, 3)."""
@@ -115,6 +113,13 @@ class Path(ABC):
         s = _divided_spans(s, np.minimum(np.ceil(sizes * np.sqrt(bend / (8 * sagitta))), _MOST_PARTS))
         is_corner = np.isin(s, self.corners)
         return Table(seen(s), seen(np.asfortranarray(self.position(s))), seen(is_corner), float(np.diff(s).max()))
+
+    @cached_property
+    def _bends(self) -> Bends:
+        s = self.table.s
+        curvature = self.local(0.5 * (s[:-1] + s[1:])).curvature
+        sharpest = float(lengths(curvature).max())
+        return Bends(seen(curvature), seen(self.corners), 1.0 / sharpest if sharpest > 0 else np.inf)
 
     def project(self, points: ArrayLike) -> Projection:
         """Project points onto the path: the nearest point of the whole curve, ends included.
@@ -190,7 +195,7 @@ class Path(ABC):
             p = _points(at_rows(trace, rows[block]))
             parts = np.empty((3, len(p)))
             between = np.ascontiguousarray(stretches[:, block])
-            find_feet(self.table, p, seen(places[block]), between, parts)  # type: ignore[no-untyped-call]
+            find_feet(self.table, self._bends, p, seen(places[block]), between, parts)  # type: ignore[no-untyped-call]
             projection = foot_between(self, p, *parts)
             if self.corners.size:
                 at_corner, components = self.legs.about(projection.s, projection.offset)
