@@ -146,7 +146,7 @@ def contradictions(analysis: Analysis, chain: list[Trace], links: dict[str, Part
             excess = np.abs(after.foot.distance[block] - before.foot.distance[block]) - apart
             what = f"the change of distance by the link {name}"
             yield from _worst(what, excess, "its two points are apart", analysis, block)
-            excess = part.at(block).size - largest_link(run.requested, before, after, block)
+            excess = part.at(block).size - largest_link(before, after, block)
             yield from _worst(f"the link {name}", excess, "its two points are apart", analysis, block)
     distance = chain[-1].foot.distance
     rows = np.unique(np.append(np.linspace(0, distance.size - 1, _PLACES).astype(np.intp), distance.argmax()))

@@ -101,6 +101,7 @@ class Projection:
         beyond: distance along the tangent, ahead positive: 0 but at an end of the path, or at a corner at which
             it nearly retraces itself, (n,) [mm].
         distance: distance to the path, (n,) [mm].
+        turning: curvature of the path there, as of `Path.curvature`, (n,) [1/mm].
     """
 
     s: Column[Floats] = Column()
@@ -109,6 +110,7 @@ class Projection:
     vertical: Column[Floats] = Column()
     beyond: Column[Floats] = Column()
     distance: Column[Floats] = Column()
+    turning: Column[Floats] = Column()
 
 
 class SmoothPath(Protocol):
@@ -180,6 +182,7 @@ class _Feet(NamedTuple):
     vertical: Floats
     beyond: Floats
     distance: Floats
+    turning: Floats
 
 
 class _View(NamedTuple):
@@ -247,6 +250,7 @@ def _approach(search: _Search, rows: NDArray[np.intp], frames: _Frames, feet: _F
         elif place >= search.last[k]:
             foot = search.high[k]
         feet.s[k] = foot
+        feet.turning[k] = view.turning
         feet.beyond[k] = -(g + slope * (foot - now))
         _write_offset(view, (frames[1][j], frames[2][j]), frames[5][frames[6][j]], foot - now, feet, k)
     return count
