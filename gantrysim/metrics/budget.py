@@ -336,10 +336,7 @@ class Budget:
         return turn
 
     def _turned(self) -> tuple[Floats, tuple[int, int]]:
-        # a nozzle that shakes moves its foot back and forth: the furthest foot so far counts
-        foot = np.maximum.accumulate(self.analysis.nozzle.s)
-        path = self.analysis.run.requested
-        return one_way(by_blocks(lambda block: path.heading(foot[block]), foot.size), foot)
+        return one_way(self.analysis.heading, np.maximum.accumulate(self.analysis.nozzle.s))
 
     @cached_property
     def contour_values(self) -> PartValues:

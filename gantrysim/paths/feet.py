@@ -15,6 +15,8 @@ from gantrysim.base.jit import jit
 
 # The frame that moves along a path, at arc lengths.
 
+Frames = tuple[Floats, Floats, Floats, Floats, Floats, Floats, NDArray[np.intp]]
+
 
 @dataclass(frozen=True)
 class Local:
@@ -35,6 +37,11 @@ class Local:
     turning: Floats
     frames: Floats
     plane: NDArray[np.intp]
+
+    @property
+    def columns(self) -> Frames:
+        """Position, cosine and sine of the heading, sine of the climb, turning, frames and plane."""
+        return self.position, *self.heading, self.sine, self.turning, self.frames, self.plane
 
     @cached_property
     def along(self) -> Floats:
@@ -144,9 +151,7 @@ def foot_between(path: SmoothPath, p: Floats, low: Floats, high: Floats, guess: 
     feet = _Feet(*(np.empty((n, 3) if name == "offset" else n) for name in _Feet._fields))
     rows = np.arange(n)
     for step in range(_STEPS + 1):
-        here = path.local(s[rows])
-        frames = (here.position, *here.heading, here.sine, here.turning, here.frames, here.plane)
-        rows = rows[: _approach(search, rows, frames, feet, step == _STEPS)]
+        rows = rows[: _approach(search, rows, path.local(s[rows]).columns, feet, step == _STEPS)]
         if not rows.size:
             break
     return Projection(*feet)
@@ -204,17 +209,14 @@ class _View(NamedTuple):
     turning: float
 
 
-_Frames = tuple[Floats, Floats, Floats, Floats, Floats, Floats, NDArray[np.intp]]
-
-
 @jit
-def _approach(search: _Search, rows: NDArray[np.intp], frames: _Frames, feet: _Feet, stay: bool) -> int:
+def _approach(search: _Search, rows: NDArray[np.intp], frames: Frames, feet: _Feet, stay: bool) -> int:
     """Move places towards the feet, and write the feet of those that are as good as there.
 
     Args:
         search: for the feet.
         rows: of the points, (m,); those that go on are moved to its begin.
-        frames: the fields of a `Local` at the places of these rows.
+        frames: columns of a `Local` at the places of these rows.
         feet: written.
         stay: whether the places are the feet.
 
@@ -257,7 +259,7 @@ def _approach(search: _Search, rows: NDArray[np.intp], frames: _Frames, feet: _F
 
 
 @jit
-def _view_from(frames: _Frames, j: int, point: Floats) -> _View:
+def _view_from(frames: Frames, j: int, point: Floats) -> _View:
     """Return the view of a point from the place j of some frames."""
     position, heading_cosine, heading_sine, climb, turning, planes, plane = frames
     offset = (point[0] - position[j, 0], point[1] - position[j, 1], point[2] - position[j, 2])

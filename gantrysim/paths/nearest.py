@@ -117,7 +117,7 @@ def chord_at(s, place):
 
 
 @jit
-def _chord_near(s, place, i):
+def chord_near(s, place, i):
     """Return what `chord_at` does, mostly after one step from a chord near it."""
     last = len(s) - 2
     if i < last and s[i + 1] <= place:
@@ -252,24 +252,42 @@ def _nearest_chord_from(table, point, chords, between, smooth, tightest):
 
 
 @jit
-def find_stretches(table, progress, distance, lag, stretches):
+def find_furthest(trace, places, command, furthest):
+    """Raise distances to those of a trace: from places of the path, and from the command, (n, 2) [mm].
+
+    Args:
+        trace: points, (n, 3) [mm].
+        places: at the progress of the command, (n, 3) [mm].
+        command: its points, (n, 3) [mm].
+        furthest: raised.
+    """
+    for k in range(len(trace)):
+        x = trace[k, 0]
+        y = trace[k, 1]
+        z = trace[k, 2]
+        furthest[k, 0] = max(furthest[k, 0], np.sqrt(_square_to(places, k, x, y, z)))
+        furthest[k, 1] = max(furthest[k, 1], np.sqrt(_square_to(command, k, x, y, z)))
+
+
+@jit
+def find_stretches(table, progress, furthest, stretches):
     """Write begin and end of the stretch of every tick.
 
     Args:
         table: along the path.
         progress: of the command, ascending, (n,) [mm].
-        distance: of the furthest point from the path at the progress, (n,) [mm].
-        lag: distance of the furthest follower from the command, (n,) [mm].
+        furthest: distance of the furthest point from the path at the progress, and of the furthest follower from the
+            command, (n, 2) [mm].
         stretches: to be written, (2, n) [mm].
     """
     at_tick = 0.0
     before = progress[0]
     i = 0
     for k in range(len(progress)):
-        at_tick = remembered_lag(at_tick, lag[k], progress[k] - before)
+        at_tick = remembered_lag(at_tick, furthest[k, 1], progress[k] - before)
         before = progress[k]
-        i = _chord_near(table[0], before, i)
-        begin, end = _stretch_from(table, i, before, distance[k], at_tick)
+        i = chord_near(table[0], before, i)
+        begin, end = _stretch_from(table, i, before, furthest[k, 0], at_tick)
         # the command may pass the tip of a rounded corner from one tick to the next, before its followers
         stretches[0, k] = min(begin, progress[max(k - 1, 0)]) if at_tick > 0.0 else begin
         stretches[1, k] = end
@@ -316,7 +334,7 @@ def find_feet(table, bends, trace, places, stretches, parts):
     for k in range(len(trace)):
         begin = stretches[0, k]
         end = stretches[1, k]
-        start = _chord_near(s, places[k], start)
+        start = chord_near(s, places[k], start)
         while corner < len(corners) and corners[corner] <= s[start]:
             corner += 1
         while corner > 0 and corners[corner - 1] > s[start]:

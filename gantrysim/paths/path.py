@@ -25,7 +25,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.paths.assignment import assigned_progress
 from gantrysim.paths.corners import Corners
 from gantrysim.paths.feet import Local, Projection, foot_between
-from gantrysim.paths.nearest import Bends, Table, find_feet, find_starts, find_stretches
+from gantrysim.paths.nearest import Bends, Table, find_feet, find_furthest, find_starts, find_stretches
 
 # Table of points from which a projection starts: of two stretches of the path the wrong one can be chosen where their
 # distances differ by less than the sagitta of a chord, curvature spacing^2 / 8.
@@ -162,19 +162,17 @@ class Path(ABC):
         if rows is None:
             rows = np.arange(progress.size)
 
-        def furthest(block: slice) -> Floats:
+        def distances(block: slice) -> Floats:
             place = self.position(progress[block])
-            return np.max([lengths(at_rows(trace, rows[block]) - place) for trace in (command, *followers)], axis=0)
-
-        def behind(block: slice) -> Floats:
-            place = at_rows(command, rows[block])
-            return np.max([lengths(at_rows(trace, rows[block]) - place) for trace in (command, *followers)], axis=0)
+            commanded = seen(at_rows(command, rows[block]))
+            furthest = np.zeros((len(commanded), 2))
+            for trace in (command, *followers):
+                find_furthest(seen(at_rows(trace, rows[block])), place, commanded, furthest)
+            return furthest
 
         count = progress.size
         stretches = np.empty((2, count))
-        find_stretches(  # type: ignore[no-untyped-call]
-            self.table, seen(progress), by_blocks(furthest, count), by_blocks(behind, count), stretches
-        )
+        find_stretches(self.table, seen(progress), by_blocks(distances, count), stretches)  # type: ignore[no-untyped-call]
         return stretches
 
     def near(
