@@ -150,10 +150,10 @@ class Analysis(Shown):
     @cached_property
     def commanded(self) -> Projection:
         """Projection of the commanded positions; its distance is the program error."""
-        return self._near(self.run.commanded_tip)
+        return self._near(self.run.commanded_tip, again=True)
 
-    def _near(self, trace: Floats) -> Projection:
-        return self.run.requested.near(trace, self.progress, self._stretches, self.ticks)
+    def _near(self, trace: Floats, again: bool = False) -> Projection:
+        return self.run.requested.near(trace, self.progress, self._stretches, self.ticks, again=again)
 
     @cached_property
     def encoder(self) -> Projection:

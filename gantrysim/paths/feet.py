@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,14 +121,7 @@ class Projection:
     turning: Column[Floats] = Column()
 
 
-class SmoothPath(Protocol):
-    """A path with a frame everywhere: what feet need of it."""
-
-    def local(self, s: Floats) -> Local:
-        """Points and the path's frame at arc lengths."""
-
-
-def foot_between(path: SmoothPath, p: Floats, low: Floats, high: Floats, guess: Floats) -> Projection:
+def foot_between(local: Callable[[Floats], Local], p: Floats, low: Floats, high: Floats, guess: Floats) -> Projection:
     """Project points onto smooth parts of a path between two arc lengths, from a guess.
 
     Newton's method on g(s) = (c(s) - p).t(s) = 0, with g' = 1 + (c(s) - p).t'(s). A step beyond an end of the part
@@ -135,7 +129,7 @@ def foot_between(path: SmoothPath, p: Floats, low: Floats, high: Floats, guess: 
     side of the foot, as at centres of curvature, is replaced by bisection.
 
     Args:
-        path: the path.
+        local: points and frame of the path at arc lengths.
         p: points, (n, 3) [mm].
         low: begin of each part, (n,) [mm].
         high: end of each part, (n,) [mm].
@@ -151,7 +145,7 @@ def foot_between(path: SmoothPath, p: Floats, low: Floats, high: Floats, guess: 
     feet = _Feet(*(np.empty((n, 3) if name == "offset" else n) for name in _Feet._fields))
     rows = np.arange(n)
     for step in range(_STEPS + 1):
-        rows = rows[: _approach(search, rows, path.local(s[rows]).columns, feet, step == _STEPS)]
+        rows = rows[: _approach(search, rows, local(s[rows]).columns, feet, step == _STEPS)]
         if not rows.size:
             break
     return Projection(*feet)

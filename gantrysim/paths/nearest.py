@@ -30,6 +30,7 @@ from gantrysim.base.jit import jit
 _FADING = 0.5  # of the lag, per millimetre of progress
 _LEAST_RADIUS = 1e-6  # radius within which the path stays [mm]
 _SAFE = 0.5  # of the least radius of curvature
+_FEW = 2  # chords from the place, up to which a search from there is as short
 _NEAR = 0.26  # more than the square of half a chord, of the square of the widest
 _SKIP_ROUNDING = 1e-9  # of the number of chords between two distances
 _LEAST_SLOPE = 0.5  # of a guess: nearer to the centre of curvature the foot is sought from there
@@ -217,8 +218,15 @@ def _nearest_chord_from(table, point, chords, between, smooth, tightest):
     least, foot = to_chord(points, start, x, y, z, (_share_at(s, start, low), _share_at(s, start, high)))
     # no larger than the least square of a distance
     bound = least
-    if near != start and s[near] < high and s[near + 1] > low:
-        bound = min(bound, to_chord(points, near, x, y, z, (_share_at(s, near, low), _share_at(s, near, high)))[0])
+    if abs(near - start) > _FEW and s[near] < high and s[near + 1] > low:
+        square, share = to_chord(points, near, x, y, z, (_share_at(s, near, low), _share_at(s, near, high)))
+        bound = min(bound, square)
+        reach = max(_SAFE * tightest - (high - low), 0.0)
+        # there is one nearest point: it does not matter where the search begins
+        if low >= smooth[0] and high <= smooth[1] and max(square, least) < reach * reach:
+            start = best = near
+            least = bound = square
+            foot = share
     for ahead in (True, False):
         is_smooth = high <= smooth[1] if ahead else low >= smooth[0]
         i = start + 1 if ahead else start - 1

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.base.arrays import Floats, at_rows, lengths, read_only, seen
+from gantrysim.base.arrays import Floats, LastCall, at_rows, lengths, read_only, seen
 from gantrysim.base.columns import blocks, by_blocks, table_by_blocks
 from gantrysim.base.errors import InputError
 from gantrysim.paths.assignment import assigned_progress
@@ -163,7 +163,7 @@ class Path(ABC):
             rows = np.arange(progress.size)
 
         def distances(block: slice) -> Floats:
-            place = self.position(progress[block])
+            place = self._last_position(progress[block])
             commanded = seen(at_rows(command, rows[block]))
             furthest = np.zeros((len(commanded), 2))
             for trace in (command, *followers):
@@ -175,8 +175,23 @@ class Path(ABC):
         find_stretches(self.table, seen(progress), by_blocks(distances, count), stretches)  # type: ignore[no-untyped-call]
         return stretches
 
+    @cached_property
+    def _last_position(self) -> LastCall[Floats]:
+        # the progress of a command is the same in all runs of its program
+        return LastCall(self.position)
+
+    @cached_property
+    def _last_local(self) -> LastCall[Local]:
+        return LastCall(self.local)
+
     def near(
-        self, trace: Floats, places: Floats, stretches: Floats, rows: NDArray[np.intp] | None = None
+        self,
+        trace: Floats,
+        places: Floats,
+        stretches: Floats,
+        rows: NDArray[np.intp] | None = None,
+        *,
+        again: bool = False,
     ) -> Projection:
         """Project points onto the nearest point of the stretch of the path that belongs to each.
 
@@ -185,6 +200,7 @@ class Path(ABC):
             places: of the path, the one nearest to which is taken out of several nearest points, (n,) [mm].
             stretches: begin and end of each stretch, (2, n) [mm].
             rows: of the trace, (n,); by default all.
+            again: whether the same points are projected again and again, as a command in all runs of its program.
         """
         if rows is None:
             rows = np.arange(places.size)
@@ -194,7 +210,12 @@ class Path(ABC):
             parts = np.empty((3, len(p)))
             between = np.ascontiguousarray(stretches[:, block])
             find_feet(self.table, self._bends, p, seen(places[block]), between, parts)  # type: ignore[no-untyped-call]
-            projection = foot_between(self, p, *parts)
+
+            def local(s: Floats) -> Local:
+                # the first look, at all points
+                return self._last_local(s) if again and s.size == len(p) else self.local(s)
+
+            projection = foot_between(local, p, *parts)
             if self.corners.size:
                 at_corner, components = self.legs.about(projection.s, projection.offset)
                 for name, values in vars(components).items():
