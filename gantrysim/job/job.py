@@ -96,6 +96,8 @@ class Job(LoadedJob):
     @cached_property
     def start_wait(self) -> float:
         """Time for which the dispenser holds the program back [s]."""
+        if self.dispenser.start_lead <= 0:
+            return 0.0
         sent = self._sent
         return (len(self.dispenser.held_back(sent).position) - len(sent.position)) * sent.period
 
