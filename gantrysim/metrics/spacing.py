@@ -154,7 +154,7 @@ def _interpolated(trace: _Trace, place: float, near: NDArray[np.intp], which: in
         return lateral[0]
     if place >= s[-1]:
         return lateral[-1]
-    i = chord_near(s, place, near[which])
+    i = chord_near(s, place, near[which])  # type: ignore[no-untyped-call]
     near[which] = i
     return (lateral[i + 1] - lateral[i]) / (s[i + 1] - s[i]) * (place - s[i]) + lateral[i]
 

@@ -167,7 +167,8 @@ class Path(ABC):
             commanded = seen(at_rows(command, rows[block]))
             furthest = np.zeros((len(commanded), 2))
             for trace in (command, *followers):
-                find_furthest(seen(at_rows(trace, rows[block])), place, commanded, furthest)
+                points = seen(at_rows(trace, rows[block]))
+                find_furthest(points, place, commanded, furthest)  # type: ignore[no-untyped-call]
             return furthest
 
         count = progress.size

@@ -27,7 +27,8 @@ def transfer(z: Complexes, A: Floats, B: tuple[Floats, Floats], C: Floats) -> Co
         ZeroDivisionError: a z that is exactly a pole.
     """
     values = np.empty((z.size, len(C), B[0].shape[1]), complex)
-    _find_values(seen(z), *(seen(np.ascontiguousarray(matrix, float)) for matrix in (A, *B, C)), values)
+    motion, before, present, outputs = (seen(np.ascontiguousarray(matrix, float)) for matrix in (A, *B, C))
+    _find_values(seen(z), motion, before, present, outputs, values)
     return values
 
 
