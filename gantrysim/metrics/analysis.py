@@ -213,7 +213,7 @@ class Analysis(Shown):
             # in blocks: a run of hours does not fit in memory beside its differences
             ticks = self.ticks[block]
             error = at_rows(run.commanded_tip, ticks) - at_rows(run.encoder_tip, ticks)
-            tangent = run.requested.local(foot[block]).tangent
+            tangent = run.requested.last_tangent(foot[block])
             along = dot(error, tangent)
             return np.stack([along, lengths(error - scaled_rows(tangent, along))], axis=1)
 

@@ -259,6 +259,11 @@ class Budget:
         return offset_of(self.analysis.nozzle)
 
     @cached_property
+    def _contour_square(self) -> float:
+        """Mean square of the contour error [mm²]."""
+        return float(np.mean(self.contour.size**2))
+
+    @cached_property
     def parts(self) -> dict[str, Part]:
         """Contribution of every link of `links_of`; together with `corner`, if any, they add up to `contour`."""
         return self._links[0]
@@ -375,7 +380,7 @@ class Budget:
     def values_of(self, part: Part) -> PartValues:
         """Return the values of a contribution to the error."""
         size = part.size
-        mean = float(np.mean(self.contour.size**2))
+        mean = self._contour_square
         k = int(size.argmax())
         s = self.analysis.nozzle.s[k]
         x, y, z = self.analysis.run.requested.position(s)[0].tolist()

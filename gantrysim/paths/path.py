@@ -185,6 +185,14 @@ class Path(ABC):
     def _last_local(self) -> LastCall[Local]:
         return LastCall(self.local)
 
+    @cached_property
+    def last_tangent(self) -> LastCall[Floats]:
+        """As `tangent`; the last result is remembered, as that at the feet of a command is the same in all runs."""
+        return LastCall(self._local_tangent)
+
+    def _local_tangent(self, s: Floats) -> Floats:
+        return self.local(s).tangent
+
     def near(
         self,
         trace: Floats,
