@@ -94,11 +94,13 @@ class Job(LoadedJob):
         name = self.program["controller"]
         return checked_setpoints(name, setpoints) if is_code(name) else setpoints
 
-    @property
-    def _wait(self) -> float:
+    @cached_property
+    def start_wait(self) -> float:
         """Time for which the dispenser holds the program back [s]."""
-        held = self.dispenser.held_back(self._sent)
-        return (len(held.position) - len(self._sent.position)) * self._sent.period
+        if self.dispenser.start_lead <= 0:
+            return 0.0
+        sent = self._sent
+        return (len(self.dispenser.held_back(sent).position) - len(sent.position)) * sent.period
 
     @property
     def engine_of_searches(self) -> Engine:

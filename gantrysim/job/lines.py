@@ -26,7 +26,7 @@ def program_lines(job: Job, ticks: int) -> Callable[[float], int | None]:
     """
     if not _knows_lines(job, ticks):
         return lambda time: None
-    delay = _delay(job)
+    delay = job.start_wait
 
     def line_at(time: float) -> int | None:
         return None if time < delay else job.controller.line_at(time - delay)
@@ -44,7 +44,7 @@ def program_lines_at(job: Job, ticks: int, times: Floats) -> NDArray[np.intp]:
     """
     lines = np.zeros(times.size, np.intp)
     if _knows_lines(job, ticks):
-        delay = _delay(job)
+        delay = job.start_wait
         begun = times >= delay
         lines[begun] = job.controller.lines_at(times[begun] - delay)
     return lines
@@ -54,13 +54,3 @@ def _knows_lines(job: Job, ticks: int) -> bool:
     """Return whether lines of the program are known by the run's time."""
     whole_periods = abs(job.built_servo.period - _CONTROLLER_PERIOD) <= 1e-12
     return ticks <= memory.LONG_RUN and whole_periods and not job.setpoints.gates.size
-
-
-def _delay(job: Job) -> float:
-    """Return the time by which the start lead of the dispenser holds the program back [s]."""
-    if job.dispenser.start_lead <= 0:
-        return 0.0
-    period = job.setpoints.period
-    sent = len(job.controller.setpoints(period).position)
-    settling = round(job.simulation.settle / period)
-    return (len(job.setpoints.position) - settling - sent) * period

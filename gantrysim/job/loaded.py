@@ -318,7 +318,7 @@ class LoadedJob(JobContent):
             text = str(error)
             line = None
             if isinstance(error, TimedError):
-                line = self.controller.line_at(error.time - self._wait)
+                line = self.controller.line_at(error.time - self.start_wait)
             if line is not None:
                 text = f"line {line}: {text}"
             if not text.startswith("line "):
@@ -351,7 +351,7 @@ class LoadedJob(JobContent):
         return machine if self.geometry is None else machine.with_geometry(self.geometry)
 
     @property
-    def _wait(self) -> float:
+    def start_wait(self) -> float:
         """Time for which the dispenser holds the program back [s]."""
         return 0.0
 

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, at_rows, dot, lengths
+from gantrysim.base.arrays import Floats, at_rows, dot, lengths, scaled_rows
 from gantrysim.base.columns import blocks, by_blocks
 from gantrysim.base.display import Shown
 from gantrysim.base.errors import InputError
@@ -150,10 +150,10 @@ class Analysis(Shown):
     @cached_property
     def commanded(self) -> Projection:
         """Projection of the commanded positions; its distance is the program error."""
-        return self._near(self.run.commanded_tip)
+        return self._near(self.run.commanded_tip, again=True)
 
-    def _near(self, trace: Floats) -> Projection:
-        return self.run.requested.near(trace, self.progress, self._stretches, self.ticks)
+    def _near(self, trace: Floats, again: bool = False) -> Projection:
+        return self.run.requested.near(trace, self.progress, self._stretches, self.ticks, again=again)
 
     @cached_property
     def encoder(self) -> Projection:
@@ -189,18 +189,41 @@ class Analysis(Shown):
     @cached_property
     def spacing(self) -> Spacing:
         """Spacing of neighbouring turns."""
-        return spacing_of(self.run.requested, self.nozzle, self.ticks)
+        return spacing_of(self.run.requested, self.nozzle, self.ticks, self.heading)
+
+    @cached_property
+    def heading(self) -> Floats:
+        """Heading of the requested path at the nozzle's furthest foot so far, (m,) [rad]."""
+        # a nozzle that shakes moves its foot back and forth
+        foot = np.maximum.accumulate(self.nozzle.s)
+        return by_blocks(lambda block: self.run.requested.heading(foot[block]), foot.size)
+
+    @cached_property
+    def speed(self) -> Floats:
+        """Path speed of the nozzle, (m,) [mm/s]."""
+        return path_speed(self.run)[self.ticks]
+
+    @cached_property
+    def _following(self) -> Floats:
+        """Following error at the nozzle along the requested path's tangent, and its size normal to it, (2, m) [mm]."""
+        run = self.run
+        foot = self.commanded.s
+
+        def components(block: slice) -> Floats:
+            # in blocks: a run of hours does not fit in memory beside its differences
+            ticks = self.ticks[block]
+            error = at_rows(run.commanded_tip, ticks) - at_rows(run.encoder_tip, ticks)
+            tangent = run.requested.last_tangent(foot[block])
+            along = dot(error, tangent)
+            return np.stack([along, lengths(error - scaled_rows(tangent, along))], axis=1)
+
+        return np.ascontiguousarray(by_blocks(components, self.ticks.size).T)
 
     @cached_property
     def values(self) -> AnalysisValues:
         """The values of the run, up to a fault where there is one."""
         run = self.run
         ticks = self.ticks
-
-        def along(block: slice) -> Floats:
-            # in blocks: a run of hours does not fit in memory beside its differences
-            lag = at_rows(run.commanded_tip, ticks[block]) - at_rows(run.encoder_tip, ticks[block])
-            return dot(lag, run.requested.tangent(self.commanded.s[block]))
 
         def steps(block: slice) -> Floats:
             return lengths(np.diff(at_rows(run.commanded_tip, ticks[block.start : block.stop + 1]), axis=0))
@@ -218,10 +241,10 @@ class Analysis(Shown):
         return AnalysisValues(
             spacing=Range.of(self.spacing.distance) if self.spacing.distance.size else None,
             following=following,
-            following_along=ErrorSize.of(by_blocks(along, ticks.size)),
+            following_along=ErrorSize.of(self._following[0]),
             program=ErrorSize.of(self.commanded.distance),
             contour=ErrorSize.of(self.nozzle.distance),
-            speed=Range.of(path_speed(run)[ticks]),
+            speed=Range.of(self.speed),
             path_length=path_length,
             duration=float(run.time[moving[-1] + 1]) if moving.size else 0.0,
             end_point=(x, y, z),
@@ -230,23 +253,14 @@ class Analysis(Shown):
     @property
     def speed_ripple(self) -> float:
         """Ripple of the path speed, see `speed_ripple`."""
-        return speed_ripple(self.run)
+        speed = self.speed[steady(self.ticks.size)]
+        mean = float(speed.mean())
+        return float(speed.std()) / mean if mean > 0 else 0.0
 
     @cached_property
     def steady_following(self) -> SteadyFollowing:
         """Following error at the nozzle in the middle 90 % of the dispensing time."""
-        run = self.run
-        middle = steady(self.ticks.size)
-        ticks = self.ticks[middle]
-        foot = self.commanded.s[middle]
-
-        def components(block: slice) -> Floats:
-            error = at_rows(run.commanded_tip, ticks[block]) - at_rows(run.encoder_tip, ticks[block])
-            tangent = run.requested.tangent(foot[block])
-            along = dot(error, tangent)
-            return np.stack([along, lengths(error - along[:, None] * tangent)], axis=1)
-
-        along, normal = by_blocks(components, ticks.size).T
+        along, normal = self._following[:, steady(self.ticks.size)]
         return SteadyFollowing(ErrorSize.of(along), ErrorSize.of(normal))
 
 
@@ -288,10 +302,7 @@ def speed_ripple(run: Run) -> float:
     Raises:
         InputError: the dispenser is never on.
     """
-    ticks = _dispensing_ticks(run)
-    speed = path_speed(run)[ticks[steady(ticks.size)]]
-    mean = float(speed.mean())
-    return float(speed.std()) / mean if mean > 0 else 0.0
+    return Analysis(run).speed_ripple
 
 
 def torque_ripple(run: Run) -> Floats:

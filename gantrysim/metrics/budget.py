@@ -146,7 +146,7 @@ def contradictions(analysis: Analysis, chain: list[Trace], links: dict[str, Part
             excess = np.abs(after.foot.distance[block] - before.foot.distance[block]) - apart
             what = f"the change of distance by the link {name}"
             yield from _worst(what, excess, "its two points are apart", analysis, block)
-            excess = part.at(block).size - largest_link(run.requested, before, after, block)
+            excess = part.at(block).size - largest_link(before, after, block)
             yield from _worst(f"the link {name}", excess, "its two points are apart", analysis, block)
     distance = chain[-1].foot.distance
     rows = np.unique(np.append(np.linspace(0, distance.size - 1, _PLACES).astype(np.intp), distance.argmax()))
@@ -259,6 +259,11 @@ class Budget:
         return offset_of(self.analysis.nozzle)
 
     @cached_property
+    def _contour_square(self) -> float:
+        """Mean square of the contour error [mm²]."""
+        return float(np.mean(self.contour.size**2))
+
+    @cached_property
     def parts(self) -> dict[str, Part]:
         """Contribution of every link of `links_of`; together with `corner`, if any, they add up to `contour`."""
         return self._links[0]
@@ -336,10 +341,7 @@ class Budget:
         return turn
 
     def _turned(self) -> tuple[Floats, tuple[int, int]]:
-        # a nozzle that shakes moves its foot back and forth: the furthest foot so far counts
-        foot = np.maximum.accumulate(self.analysis.nozzle.s)
-        path = self.analysis.run.requested
-        return one_way(by_blocks(lambda block: path.heading(foot[block]), foot.size), foot)
+        return one_way(self.analysis.heading, np.maximum.accumulate(self.analysis.nozzle.s))
 
     @cached_property
     def contour_values(self) -> PartValues:
@@ -378,7 +380,7 @@ class Budget:
     def values_of(self, part: Part) -> PartValues:
         """Return the values of a contribution to the error."""
         size = part.size
-        mean = float(np.mean(self.contour.size**2))
+        mean = self._contour_square
         k = int(size.argmax())
         s = self.analysis.nozzle.s[k]
         x, y, z = self.analysis.run.requested.position(s)[0].tolist()

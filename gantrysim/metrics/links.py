@@ -75,10 +75,10 @@ def offset_of(foot: Projection) -> Part:
     return Part(columns["lateral"], columns["vertical"], columns["beyond"])
 
 
-def largest_link(path: Path, before: Trace, after: Trace, block: slice) -> Floats:
+def largest_link(before: Trace, after: Trace, block: slice) -> Floats:
     """Return how large the link between two traces can be: their distance, and its part by curvature, (n,) [mm]."""
     apart = lengths(after.at(block) - before.at(block))
-    bend = np.maximum(*(np.abs(path.curvature(trace.foot.s[block])) for trace in (before, after)))
+    bend = np.maximum(*(np.abs(trace.foot.turning[block]) for trace in (before, after)))
     return apart + 0.5 * bend * apart**2
 
 
@@ -93,7 +93,7 @@ def _carried_offsets(path: Path, foot: Projection, target: Projection, block: sl
 def _link(path: Path, before: Trace, after: Trace, nozzle: Projection, block: slice) -> Part:
     """Return the part of one link at some ticks, in the frame of the legs of the nozzle's feet."""
     part = _carried_offsets(path, after.foot, nozzle, block) - _carried_offsets(path, before.foot, nozzle, block)
-    too_large = part.size > largest_link(path, before, after, block) + _ROUNDING
+    too_large = part.size > largest_link(before, after, block) + _ROUNDING
     rows = np.flatnonzero(too_large)
     if not rows.size:
         return part

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.base.arrays import Floats, dot, lengths, scaled_rows
+from gantrysim.base.arrays import Floats, dot
 from gantrysim.base.columns import Column, blocks, by_blocks, table_by_blocks
 from gantrysim.base.jit import jit
-from gantrysim.paths.path import Local, Path, Projection
+from gantrysim.paths.feet import Frames
+from gantrysim.paths.nearest import chord_near
+from gantrysim.paths.path import Path, Projection
 
 _NEWTON_STEPS = 20
 _LAST_STEP = 1e-7  # Newton step below which the remaining error is of the order of its square [mm]
@@ -58,68 +61,45 @@ def spacing(path: Path, trace: ArrayLike) -> Spacing:
     return spacing_of(path, foot, np.arange(foot.s.size))
 
 
-def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing:
+def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp], heading: Floats | None = None) -> Spacing:
     """Return the spacing of a trace as `spacing` does, from its projection.
 
     Args:
         path: the requested path.
         foot: the trace's projection onto it.
         ticks: ticks of the trace's points, ascending, (n,); missing ticks are gaps of the trace.
+        heading: of the path at the furthest foot so far, if it is known, (n,) [rad].
     """
     advancing = forward(foot.s)
     s = foot.s[advancing]
-    lateral = foot.lateral[advancing]
-    parts = np.concatenate([[0], np.cumsum(np.diff(ticks) > 1)])[advancing]
-
-    def offset(place: Floats) -> Floats:
-        return np.interp(place, s, lateral)
-
-    def trace(place: Floats) -> tuple[Floats, Floats, Local]:
-        """The trace's points, (m, 3), their lateral errors, (m,), and the path there."""
-        here = path.local(place)
-        error = offset(place)
-        return here.position + scaled_rows(here.normal, error), error, here
-
-    def derivative(place: Floats, error: Floats, here: Local) -> Floats:
-        """The trace's derivative by s in the plane, (m, 3)."""
-        low = np.maximum(place - _SLOPE_REACH, s[0])
-        high = np.minimum(place + _SLOPE_REACH, s[-1])
-        across = (offset(high) - offset(low)) / (high - low)
-        ahead = here.cosine - here.turning * error
-        return scaled_rows(here.along, ahead) + scaled_rows(here.normal, across)
-
-    heading, (first, last) = one_way(by_blocks(lambda block: path.heading(s[block]), s.size), s)
+    heading = by_blocks(lambda block: path.heading(s[block]), s.size) if heading is None else heading[advancing]
+    heading, (first, last) = one_way(heading, s)
     s = s[first:last]
-    lateral = lateral[first:last]
-    parts = parts[first:last]
+    trace = _Trace(s, foot.lateral[advancing][first:last])
+    parts = np.concatenate([[0], np.cumsum(np.diff(ticks) > 1)])[advancing][first:last]
     if heading.size < 2 or heading[-1] < 2 * np.pi + _LEAST_OVERLAP:
         return _none()
     inner = np.flatnonzero(heading + 2 * np.pi <= heading[-1])
 
     def links(rows: NDArray[np.intp]) -> Spacing:
         place = s[rows]
-        point, error, here = trace(place)
-        tangent = _directions(derivative(place, error, here))
-        normal = np.cross(here.up, tangent)
+        point, tangent, across = np.empty((3, place.size, 3))
+        _find_directions(trace, place, path.local(place).columns, (point, tangent, across))
         guess = np.interp(heading[rows] + 2 * np.pi, heading, s)
         met_at = guess.copy()
+        met_point = np.full_like(point, np.nan)
         active = np.arange(place.size)
         for _ in range(_NEWTON_STEPS):
-            ahead = tangent[active]
-            there, error, here = trace(met_at[active])
-            # short steps where the directions of the two turns differ much
-            slope = np.maximum(dot(derivative(met_at[active], error, here), ahead), _LEAST_SLOPE)
-            step = dot(there - point[active], ahead) / slope
-            met_at[active] -= step
-            active = active[np.abs(step) >= _LAST_STEP]
+            frames = path.local(met_at[active]).columns
+            active = active[: _approach(trace, active, frames, (point, tangent), (met_at, met_point))]
             if not active.size:
                 break
         met = (met_at <= s[-1]) & (met_at > 0.5 * (place + guess))  # not on the turn that it left
         met[active] = False  # Newton's method has not settled there
         after = np.clip(np.searchsorted(s, met_at), 1, s.size - 1)
         met &= parts[after] == parts[after - 1]  # no trace, and no glue, in a gap between stretches
-        link = np.stack([point, trace(met_at)[0]], axis=1)
-        distance = np.abs(dot(link[:, 1] - point, normal))
+        link = np.stack([point, met_point], axis=1)
+        distance = np.abs(dot(met_point - point, across))
         return Spacing(place[met], heading[rows][met] / (2 * np.pi), distance[met], met_at[met], link[met])
 
     spacing = table_by_blocks((links(inner[block]) for block in blocks(inner.size)), inner.size)
@@ -127,14 +107,145 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp]) -> Spacing
     return spacing if spacing.turn.size and 2 * np.pi * np.ptp(spacing.turn) >= _LEAST_OVERLAP else _none()
 
 
-def _directions(tangents: Floats) -> Floats:
-    """Return vectors of length 1, (m, 3); nan for one of length 0, whose link is then left out.
+class _Trace(NamedTuple):
+    """A trace where it advances: arc lengths of its feet, ascending, and its lateral errors, (n,) each [mm]."""
 
-    A trace that touches the path's centre of curvature has no direction there.
+    s: Floats
+    lateral: Floats
+
+
+class _Place(NamedTuple):
+    """A trace at an arc length s, with q(s) = c(s) + e(s) n(s).
+
+    Attributes:
+        error: e [mm].
+        ahead: component of its derivative in the plane along the heading.
+        across: that along the path's normal.
     """
-    with np.errstate(invalid="ignore"):
-        length = lengths(tangents)
-        return np.stack([tangents[:, k] / length for k in range(3)], axis=1)
+
+    error: float
+    ahead: float
+    across: float
+
+
+@jit
+def _place_on(trace: _Trace, place: float, bend: tuple[float, float], near: NDArray[np.intp]) -> _Place:
+    """Return the place of a trace at an arc length.
+
+    Args:
+        trace: the trace.
+        place: arc length [mm].
+        bend: of the path there, cosine of the climb and turning [1/mm].
+        near: points of the trace near the place and near both ends of its slope's reach, moved there, (3,).
+    """
+    low = max(place - _SLOPE_REACH, trace.s[0])
+    high = min(place + _SLOPE_REACH, trace.s[-1])
+    error = _interpolated(trace, place, near, 0)
+    across = (_interpolated(trace, high, near, 1) - _interpolated(trace, low, near, 2)) / (high - low)
+    return _Place(error, bend[0] - bend[1] * error, across)
+
+
+@jit
+def _interpolated(trace: _Trace, place: float, near: NDArray[np.intp], which: int) -> float:
+    """Return a trace's lateral error at an arc length, that of its ends before and behind them [mm]."""
+    s = trace.s
+    lateral = trace.lateral
+    if place <= s[0]:
+        return lateral[0]
+    if place >= s[-1]:
+        return lateral[-1]
+    i = chord_near(s, place, near[which])  # type: ignore[no-untyped-call]
+    near[which] = i
+    return (lateral[i + 1] - lateral[i]) / (s[i + 1] - s[i]) * (place - s[i]) + lateral[i]
+
+
+@jit
+def _directions_at(frames: Frames, j: int, k: int) -> tuple[float, float, float]:
+    """Return component k of the heading, of the left normal and of the plane's normal at place j."""
+    _, cosine, sine, _, _, planes, plane = frames
+    u = planes[plane[j], 0, k]
+    v = planes[plane[j], 1, k]
+    return cosine[j] * u + sine[j] * v, cosine[j] * v - sine[j] * u, planes[plane[j], 2, k]
+
+
+@jit
+def _find_directions(trace: _Trace, places: Floats, frames: Frames, aims: tuple[Floats, Floats, Floats]) -> None:
+    """Write the points of a trace at arc lengths, its directions in the plane, and its left normals, (n, 3) each.
+
+    A trace that touches the path's centre of curvature has no direction there: nan, so that its link is left out.
+    """
+    position, _, _, climb, turning, _, _ = frames
+    point, tangent, across = aims
+    near = np.zeros(3, np.intp)
+    for j in range(places.size):
+        cosine = np.sqrt(max(1.0 - climb[j] * climb[j], 0.0))
+        here = _place_on(trace, places[j], (cosine, turning[j]), near)
+        square = 0.0
+        for k in range(3):
+            along, normal, _ = _directions_at(frames, j, k)
+            point[j, k] = position[j, k] + normal * here.error
+            tangent[j, k] = along * here.ahead + normal * here.across
+            square += tangent[j, k] * tangent[j, k]
+        length = np.sqrt(square)
+        for k in range(3):
+            tangent[j, k] /= length
+        for k in range(3):
+            a = (k + 1) % 3
+            b = (k + 2) % 3
+            up_a = _directions_at(frames, j, a)[2]
+            up_b = _directions_at(frames, j, b)[2]
+            across[j, k] = up_a * tangent[j, b] - up_b * tangent[j, a]
+
+
+@jit
+def _approach(
+    trace: _Trace,
+    rows: NDArray[np.intp],
+    frames: Frames,
+    aims: tuple[Floats, Floats],
+    met: tuple[Floats, Floats],
+) -> int:
+    """Move places towards where normals meet the trace a turn later, and write the points of those that are there.
+
+    Args:
+        trace: the trace.
+        rows: of the normals, (m,); those that go on are moved to its begin.
+        frames: of the path at the places.
+        aims: points and directions of the trace, (n, 3) each.
+        met: places, moved, (n,) [mm], and points, written, (n, 3) [mm].
+
+    Returns:
+        How many go on.
+    """
+    position, _, _, climb, turning, _, _ = frames
+    point, tangent = aims
+    met_at, met_point = met
+    near = np.zeros(3, np.intp)
+    count = 0
+    for j in range(rows.size):
+        i = rows[j]
+        cosine = np.sqrt(max(1.0 - climb[j] * climb[j], 0.0))
+        there = _place_on(trace, met_at[i], (cosine, turning[j]), near)
+        slope = 0.0
+        beyond = 0.0
+        for k in range(3):
+            along, normal, _ = _directions_at(frames, j, k)
+            slope += (along * there.ahead + normal * there.across) * tangent[i, k]
+            beyond += (position[j, k] + normal * there.error - point[i, k]) * tangent[i, k]
+        # short steps where the directions of the two turns differ much
+        step = beyond / max(slope, _LEAST_SLOPE)
+        met_at[i] -= step
+        if abs(step) >= _LAST_STEP:
+            rows[count] = i
+            count += 1
+            continue
+        # on the path's tangent from the last place, with the heading there
+        error = _interpolated(trace, met_at[i], near, 0)
+        for k in range(3):
+            along, normal, up = _directions_at(frames, j, k)
+            moved = position[j, k] - step * (cosine * along + climb[j] * up)
+            met_point[i, k] = moved + error * (normal + turning[j] * step * along)
+    return count
 
 
 def _none() -> Spacing:

@@ -38,6 +38,7 @@ class _Places(NamedTuple):
     Attributes:
         point: (n, 3) [mm].
         heading: see `Path.heading`, (n,) [rad].
+        cosine, sine: of the heading, (n,).
         climb: see `Path.climb`, (n,).
         turning: see `Path.curvature`, (n,) [1/mm].
         swept: angle of a coil from its start, 0 on a line, (n,) [rad].
@@ -45,6 +46,8 @@ class _Places(NamedTuple):
 
     point: Floats
     heading: Floats
+    cosine: Floats
+    sine: Floats
     climb: Floats
     turning: Floats
     swept: Floats
@@ -106,7 +109,7 @@ class Chain(Path):
         count = len(self.pieces)
         k = np.arange(count)
         distance = np.concatenate([np.zeros(count), self._s[1:] - self._s[:-1]])
-        places = self._at(np.concatenate([k, k]), distance)
+        places = self._at(np.concatenate([k, k]), distance, "point", "heading")
         self._check_joints(places.point[:count], places.point[count:])
         along_normal = ~self._columns["coil"] & (np.hypot(along, across) < 1e-9)
         self._join_headings(places.heading[:count], places.heading[count:], along_normal)
@@ -185,10 +188,11 @@ class Chain(Path):
         frame = self._columns["frame"]
         return seen(np.ascontiguousarray(frame[:1] if (frame == frame[0]).all() else frame))
 
-    def _at(self, k: NDArray[np.intp], distance: Floats, points: bool = True, frame: bool = True) -> _Places:
-        n = k.size
-        places = _Places(np.empty((n, 3)), np.empty(n), np.empty(n), np.zeros(n), np.zeros(n))
-        _find_places(k, distance, self._packed, places, np.empty(n, bool), (points, frame))
+    def _at(self, k: NDArray[np.intp], distance: Floats, *wanted: str) -> _Places:
+        """Return the places at distances from the starts of pieces; columns that are not wanted are empty."""
+        rows = {name: k.size if name in ("swept", *wanted) else 0 for name in _Places._fields}
+        places = _Places(*(np.empty((n, 3) if name == "point" else n) for name, n in rows.items()))
+        _find_places(k, distance, self._packed, places)
         return places
 
     @cached_property
@@ -196,42 +200,36 @@ class Chain(Path):
         return _Columns(*(self._columns[name] for name in _Columns._fields))
 
     def position(self, s: ArrayLike) -> Floats:
-        return self._at(*self._locate(s), frame=False).point
+        return self._at(*self._locate(s), "point").point
 
     def tangent(self, s: ArrayLike) -> Floats:
         k, distance = self._locate(s)
-        places = self._at(k, distance, points=False)
+        places = self._at(k, distance, "heading", "climb")
         return tangent_of(places.heading, places.climb, self._columns["frame"][k])
 
     def position_and_share(self, s: ArrayLike) -> tuple[Floats, Floats]:
         """Points at arc lengths, (n, 3) [mm], and the completed share of their pieces' angles, or of lines, (n,)."""
         k, distance = self._locate(s)
-        places = self._at(k, distance)
+        places = self._at(k, distance, "point")
         coil = self._columns["coil"][k]
         angle = np.where(coil, self._columns["angle"][k], 1.0)
         return places.point, np.where(coil, places.swept / angle, distance / np.diff(self._s)[k])
 
     def heading(self, s: ArrayLike) -> Floats:
-        return self._at(*self._locate(s), points=False).heading
+        return self._at(*self._locate(s), "heading").heading
 
     def curvature(self, s: ArrayLike) -> Floats:
-        return self._at(*self._locate(s), points=False).turning
+        return self._at(*self._locate(s), "turning").turning
 
     def climb(self, s: ArrayLike) -> Floats:
-        return self._at(*self._locate(s), points=False).climb
+        return self._at(*self._locate(s), "climb").climb
 
     def local(self, s: ArrayLike) -> Local:
         k, distance = self._locate(s)
-        places = self._at(k, distance)
-        heading = places.heading
-        return Local(
-            places.point,
-            (np.cos(heading), np.sin(heading)),
-            places.climb,
-            places.turning,
-            self._planes,
-            k if len(self._planes) > 1 else np.zeros_like(k),
-        )
+        places = self._at(k, distance, "point", "cosine", "sine", "climb", "turning")
+        plane = k if len(self._planes) > 1 else np.zeros_like(k)
+        heading = (places.cosine, places.sine)
+        return Local(places.point, heading, places.climb, places.turning, self._planes, plane)
 
     def frame(self, s: ArrayLike) -> Floats:
         return self._columns["frame"][self._locate(s)[0]]
@@ -243,27 +241,68 @@ def _normals(u: Floats, v: Floats) -> Floats:
 
 
 @jit
-def _find_places(
-    k: NDArray[np.intp],
-    distance: Floats,
-    columns: _Columns,
-    places: _Places,
-    active: NDArray[np.bool_],
-    needed: tuple[bool, bool],
-) -> None:
+def _find_places(k: NDArray[np.intp], distance: Floats, columns: _Columns, places: _Places) -> None:
     """Find the places at distances from the starts of the pieces k.
 
     Args:
         k: pieces, (n,).
         distance: from their starts, (n,) [mm].
         columns: of the pieces.
-        places: written; turning and angle are 0 so far.
-        active: for the search of the angles, (n,).
-        needed: whether the points are, and whether heading, climb and turning; if not, they have no meaning.
+        places: columns that are not empty are written.
     """
-    point, heading, climb, turning, swept = places
-    points, frames = needed
-    frame = columns.frame
+    _find_angles(k, distance, columns, places.swept)
+    for i in range(k.size):
+        j = k[i]
+        is_coil = columns.coil[j]
+        phi = places.swept[i]
+        turn = columns.turn[j]
+        b = columns.growth[j]
+        c = columns.rise[j]
+        rho = columns.radius[j] + b * phi
+        psi = columns.begin[j] + turn * phi
+        if is_coil and (places.point.size or places.cosine.size):
+            along = np.cos(psi)
+            across = np.sin(psi)
+        if places.point.size:
+            for a in range(3):
+                places.point[i, a] = columns.origin[j, a] + distance[i] * columns.direction[j, a]
+            if is_coil:
+                frame = columns.frame[j]
+                x = rho * along
+                y = rho * across
+                z = c * phi
+                for a in range(3):
+                    places.point[i, a] += x * frame[0, a] + y * frame[1, a] + z * frame[2, a]
+        flat = rho * rho + b * b
+        if places.cosine.size and is_coil:
+            # of d(point)/d(angle) in the plane, from the centre and across
+            outwards = b / np.sqrt(flat) if flat > 0.0 else 1.0
+            sideways = turn * max(rho, 0.0) / np.sqrt(flat) if flat > 0.0 else 0.0
+            places.cosine[i] = outwards * along - sideways * across
+            places.sine[i] = outwards * across + sideways * along
+        elif places.cosine.size:
+            is_new = i == 0 or k[i - 1] != j
+            places.cosine[i] = np.cos(columns.heading[j]) if is_new else places.cosine[i - 1]
+            places.sine[i] = np.sin(columns.heading[j]) if is_new else places.sine[i - 1]
+        if places.heading.size:
+            places.heading[i] = columns.heading[j]
+            if is_coil:
+                quarter = 0.5 * np.pi if b == 0.0 and rho > 0.0 else np.arctan2(max(rho, 0.0), b)
+                places.heading[i] += columns.begin[j] + turn * (phi + quarter)
+        if places.climb.size:
+            places.climb[i] = columns.straight[j]
+            if is_coil:
+                places.climb[i] = 0.0 if c == 0.0 else c / max(np.hypot(np.hypot(rho, b), c), SHORTEST)
+        if places.turning.size:
+            places.turning[i] = 0.0
+            if is_coil:
+                places.turning[i] = turn * (flat + b * b) / max(flat * np.sqrt(flat + c * c), SHORTEST**3)
+
+
+@jit
+def _find_angles(k: NDArray[np.intp], distance: Floats, columns: _Columns, swept: Floats) -> None:
+    """Write the angles of coils at distances from the starts of the pieces k, 0 on lines, (n,) [rad]."""
+    active = np.empty(k.size, np.bool_)
     begin = 0
     # points in a row mostly lie on one piece
     while begin < k.size:
@@ -271,37 +310,10 @@ def _find_places(
         end = begin + 1
         while end < k.size and k[end] == j:
             end += 1
+        here = slice(begin, end)
+        swept[here] = 0.0
         if columns.coil[j]:
             growth = columns.growth[j]
             curve = (columns.radius[j], growth, np.hypot(growth, columns.rise[j]), columns.angle[j])
-            here = slice(begin, end)
             find_swept(curve, distance[here], swept[here], active[here])  # type: ignore[no-untyped-call]
         begin = end
-    for i in range(k.size):
-        j = k[i]
-        for a in range(3):
-            point[i, a] = columns.origin[j, a] + distance[i] * columns.direction[j, a]
-        heading[i] = columns.heading[j]
-        climb[i] = columns.straight[j]
-        if not columns.coil[j]:
-            continue
-        radius = columns.radius[j]
-        turn = columns.turn[j]
-        b = columns.growth[j]
-        c = columns.rise[j]
-        phi = swept[i]
-        rho = radius + b * phi
-        if points:
-            psi = columns.begin[j] + turn * phi
-            x = rho * np.cos(psi)
-            y = rho * np.sin(psi)
-            z = c * phi
-            for a in range(3):
-                point[i, a] += x * frame[j, 0, a] + y * frame[j, 1, a] + z * frame[j, 2, a]
-        if not frames:
-            continue
-        quarter = 0.5 * np.pi if b == 0.0 and rho > 0.0 else np.arctan2(max(rho, 0.0), b)
-        heading[i] += columns.begin[j] + turn * (phi + quarter)
-        climb[i] = 0.0 if c == 0.0 else c / max(np.hypot(np.hypot(rho, b), c), SHORTEST)
-        flat = rho * rho + b * b
-        turning[i] = turn * (flat + b * b) / max(flat * np.sqrt(flat + c * c), SHORTEST**3)

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.base.arrays import Floats, dot, scaled_rows
+from gantrysim.base.arrays import Floats, scaled_rows
 from gantrysim.base.columns import Column
+from gantrysim.base.jit import jit
 
 # The frame that moves along a path, at arc lengths.
+
+Frames = tuple[Floats, Floats, Floats, Floats, Floats, Floats, NDArray[np.intp]]
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,11 @@ class Local:
     turning: Floats
     frames: Floats
     plane: NDArray[np.intp]
+
+    @property
+    def columns(self) -> Frames:
+        """Position, cosine and sine of the heading, sine of the climb, turning, frames and plane."""
+        return self.position, *self.heading, self.sine, self.turning, self.frames, self.plane
 
     @cached_property
     def along(self) -> Floats:
@@ -80,7 +89,8 @@ class Local:
 
 
 _STEPS = 60
-_LAST_STEP = 1e-7  # after which the error is of the order of its square [mm]
+# of Newton's method, after which the error is of the order of its square, and the path a line [mm]
+_LAST_STEP = 1e-7
 _BISECTED = 1e-11  # interval that is no longer halved [mm]
 # inside the ends of a smooth part, where its own tangent holds, not that behind a corner [mm]
 _INSIDE = 1e-11
@@ -99,6 +109,7 @@ class Projection:
         beyond: distance along the tangent, ahead positive: 0 but at an end of the path, or at a corner at which
             it nearly retraces itself, (n,) [mm].
         distance: distance to the path, (n,) [mm].
+        turning: curvature of the path there, as of `Path.curvature`, (n,) [1/mm].
     """
 
     s: Column[Floats] = Column()
@@ -107,16 +118,10 @@ class Projection:
     vertical: Column[Floats] = Column()
     beyond: Column[Floats] = Column()
     distance: Column[Floats] = Column()
+    turning: Column[Floats] = Column()
 
 
-class SmoothPath(Protocol):
-    """A path with a frame everywhere: what feet need of it."""
-
-    def local(self, s: Floats) -> Local:
-        """Points and the path's frame at arc lengths."""
-
-
-def foot_between(path: SmoothPath, p: Floats, low: Floats, high: Floats, guess: Floats) -> Projection:
+def foot_between(local: Callable[[Floats], Local], p: Floats, low: Floats, high: Floats, guess: Floats) -> Projection:
     """Project points onto smooth parts of a path between two arc lengths, from a guess.
 
     Newton's method on g(s) = (c(s) - p).t(s) = 0, with g' = 1 + (c(s) - p).t'(s). A step beyond an end of the part
@@ -124,7 +129,7 @@ def foot_between(path: SmoothPath, p: Floats, low: Floats, high: Floats, guess: 
     side of the foot, as at centres of curvature, is replaced by bisection.
 
     Args:
-        path: the path.
+        local: points and frame of the path at arc lengths.
         p: points, (n, 3) [mm].
         low: begin of each part, (n,) [mm].
         high: end of each part, (n,) [mm].
@@ -134,41 +139,164 @@ def foot_between(path: SmoothPath, p: Floats, low: Floats, high: Floats, guess: 
     first = np.minimum(low + inset, high)
     last = np.maximum(high - inset, first)
     s = np.clip(guess, first, last)
-    # of the foot: the furthest place that is known to be, none so far
-    behind = first - 1.0
-    ahead = last + 1.0
-    rows = np.arange(len(p))
-    for _ in range(_STEPS):
-        here = path.local(s[rows])
-        back = here.position - p[rows]
-        g = dot(back, here.tangent)
-        slope = 1.0 + dot(back, here.curvature)
-        now = s[rows]
-        ahead[rows] = np.where(g > 0, now, ahead[rows])
-        behind[rows] = np.where(g > 0, behind[rows], now)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            moved = now - np.where(slope > 0, g / slope, np.copysign(np.inf, g))
-        moved = np.clip(moved, first[rows], last[rows])
-        known = (moved <= behind[rows]) & (g > 0) | (moved >= ahead[rows]) & (g <= 0)
-        moved = np.where(known, 0.5 * (behind[rows] + ahead[rows]), moved)
-        s[rows] = moved
-        rows = rows[np.abs(moved - now) > np.where(known, _BISECTED, _LAST_STEP)]
+    # behind and ahead no place is known so far
+    search = _Search(p, s, low, first, last, high, first - 1.0, last + 1.0)
+    n = len(p)
+    feet = _Feet(*(np.empty((n, 3) if name == "offset" else n) for name in _Feet._fields))
+    rows = np.arange(n)
+    for step in range(_STEPS + 1):
+        rows = rows[: _approach(search, rows, local(s[rows]).columns, feet, step == _STEPS)]
         if not rows.size:
             break
-    here = path.local(s)
-    offset = p - here.position
-    normal = here.normal
-    tangent = here.tangent
-    at_low = s <= first
-    at_high = s >= last
-    foot = np.where(at_low, low, np.where(at_high, high, s))
-    # from just inside the end to the end
-    offset -= scaled_rows(tangent, foot - s)
-    return Projection(
-        s=foot,
+    return Projection(*feet)
+
+
+class _Search(NamedTuple):
+    """Points, and what is known of their feet, (n,) each.
+
+    Attributes:
+        points: (n, 3) [mm].
+        s: places on the way to the feet [mm].
+        low, high: ends of the smooth parts on which the feet lie [mm].
+        first, last: places just inside [mm].
+        behind, ahead: of the foot, the furthest places that are known to be [mm].
+    """
+
+    points: Floats
+    s: Floats
+    low: Floats
+    first: Floats
+    last: Floats
+    high: Floats
+    behind: Floats
+    ahead: Floats
+
+
+class _Feet(NamedTuple):
+    """Columns of a `Projection`."""
+
+    s: Floats
+    offset: Floats
+    lateral: Floats
+    vertical: Floats
+    beyond: Floats
+    distance: Floats
+    turning: Floats
+
+
+class _View(NamedTuple):
+    """A point from a place of the path.
+
+    Attributes:
+        offset: of the point from there [mm].
+        along, across, up: components of the offset in the plane, along the heading and to its left, and normal to it.
+        cosine, sine: of the angle of climb.
+        turning: kappa [1/mm].
+    """
+
+    offset: tuple[float, float, float]
+    along: float
+    across: float
+    up: float
+    cosine: float
+    sine: float
+    turning: float
+
+
+@jit
+def _approach(search: _Search, rows: NDArray[np.intp], frames: Frames, feet: _Feet, stay: bool) -> int:
+    """Move places towards the feet, and write the feet of those that are as good as there.
+
+    Args:
+        search: for the feet.
+        rows: of the points, (m,); those that go on are moved to its begin.
+        frames: columns of a `Local` at the places of these rows.
+        feet: written.
+        stay: whether the places are the feet.
+
+    Returns:
+        How many go on.
+    """
+    count = 0
+    for j in range(rows.size):
+        k = rows[j]
+        view = _view_from(frames, j, search.points[k])
+        g = -(view.cosine * view.along + view.sine * view.up)
+        slope = 1.0 - view.across * view.turning * view.cosine
+        now = search.s[k]
+        place = now
+        if not stay:
+            if g > 0.0:
+                search.ahead[k] = now
+            else:
+                search.behind[k] = now
+            place = now - (g / slope if slope > 0.0 else np.copysign(np.inf, g))
+            place = min(max(place, search.first[k]), search.last[k])
+            is_known = place <= search.behind[k] if g > 0.0 else place >= search.ahead[k]
+            if is_known:
+                place = 0.5 * (search.behind[k] + search.ahead[k])
+            search.s[k] = place
+            if abs(place - now) > (_BISECTED if is_known else _LAST_STEP):
+                rows[count] = k
+                count += 1
+                continue
+        foot = place
+        if place <= search.first[k]:
+            foot = search.low[k]
+        elif place >= search.last[k]:
+            foot = search.high[k]
+        feet.s[k] = foot
+        feet.turning[k] = view.turning
+        feet.beyond[k] = -(g + slope * (foot - now))
+        _write_offset(view, (frames[1][j], frames[2][j]), frames[5][frames[6][j]], foot - now, feet, k)
+    return count
+
+
+@jit
+def _view_from(frames: Frames, j: int, point: Floats) -> _View:
+    """Return the view of a point from the place j of some frames."""
+    position, heading_cosine, heading_sine, climb, turning, planes, plane = frames
+    offset = (point[0] - position[j, 0], point[1] - position[j, 1], point[2] - position[j, 2])
+    u = _component(offset, planes[plane[j], 0])
+    v = _component(offset, planes[plane[j], 1])
+    return _View(
         offset=offset,
-        lateral=dot(offset, normal),
-        vertical=dot(offset, np.cross(tangent, normal)),
-        beyond=dot(offset, tangent),
-        distance=np.sqrt(dot(offset, offset)),
+        along=heading_cosine[j] * u + heading_sine[j] * v,
+        across=heading_cosine[j] * v - heading_sine[j] * u,
+        up=_component(offset, planes[plane[j], 2]),
+        cosine=np.sqrt(max(1.0 - climb[j] * climb[j], 0.0)),
+        sine=climb[j],
+        turning=turning[j],
     )
+
+
+@jit
+def _component(vector: tuple[float, float, float], direction: Floats) -> float:
+    return vector[0] * direction[0] + vector[1] * direction[1] + vector[2] * direction[2]
+
+
+@jit
+def _write_offset(view: _View, heading: tuple[float, float], plane: Floats, moved: float, feet: _Feet, k: int) -> None:
+    """Write the offset of point k from its foot, on the tangent at a short way from the place of the view.
+
+    Args:
+        view: from the last place on the way to the foot.
+        heading: its cosine and sine there.
+        plane: its directions there, (3, 3).
+        moved: way from there [mm].
+        feet: written.
+        k: point.
+    """
+    square = 0.0
+    for a in range(3):
+        along = heading[0] * plane[0, a] + heading[1] * plane[1, a]
+        component = view.offset[a] - moved * (view.cosine * along + view.sine * plane[2, a])
+        feet.offset[k, a] = component
+        square += component * component
+    # the heading turns on the way
+    turned = view.turning * moved
+    along = view.along - view.cosine * moved
+    up = view.up - view.sine * moved
+    feet.lateral[k] = view.across - turned * along
+    feet.vertical[k] = view.cosine * up - view.sine * (along + turned * view.across)
+    feet.distance[k] = np.sqrt(square)

@@ -29,6 +29,11 @@ from gantrysim.base.jit import jit
 
 _FADING = 0.5  # of the lag, per millimetre of progress
 _LEAST_RADIUS = 1e-6  # radius within which the path stays [mm]
+_SAFE = 0.5  # of the least radius of curvature
+_FEW = 2  # chords from the place, up to which a search from there is as short
+_NEAR = 0.26  # more than the square of half a chord, of the square of the widest
+_SKIP_ROUNDING = 1e-9  # of the number of chords between two distances
+_LEAST_SLOPE = 0.5  # of a guess: nearer to the centre of curvature the foot is sought from there
 _ON_PATH = 1e-3  # distance of a command that lies on the path: the sagitta of chords, and rounding [mm]
 
 
@@ -46,6 +51,20 @@ class Table(NamedTuple):
     points: Floats
     is_corner: NDArray[np.bool_]
     widest: float
+
+
+class Bends(NamedTuple):
+    """How the path bends between the entries of its table.
+
+    Attributes:
+        curvature: vectors at the middles of the chords, (m - 1, 3) [1/mm].
+        corners: arc lengths at which the tangent jumps, ascending, (k,) [mm].
+        tightest: least radius of curvature between the corners [mm].
+    """
+
+    curvature: Floats
+    corners: Floats
+    tightest: float
 
 
 @jit
@@ -76,6 +95,15 @@ def to_chord(points, i, x, y, z, between=(0.0, 1.0)):
 
 
 @jit
+def _square_to(points, i, x, y, z):
+    """Return the squared distance of a point from entry i."""
+    a = points[i, 0] - x
+    b = points[i, 1] - y
+    c = points[i, 2] - z
+    return a * a + b * b + c * c
+
+
+@jit
 def chord_at(s, place):
     """Return the index of the chord at an arc length, the later of two that meet there."""
     low = 0
@@ -87,6 +115,16 @@ def chord_at(s, place):
         else:
             high = middle
     return low
+
+
+@jit
+def chord_near(s, place, i):
+    """Return what `chord_at` does, mostly after one step from a chord near it."""
+    last = len(s) - 2
+    if i < last and s[i + 1] <= place:
+        i += 1
+    is_here = (i == 0 or s[i] <= place) and (i == last or place < s[i + 1])
+    return i if is_here else chord_at(s, place)
 
 
 @jit
@@ -131,8 +169,13 @@ def _left_at(table, i, step, centre, radius):
 @jit
 def stretch(table, place, distance, lag):
     """Return begin and end of the stretch of a tick about a place of the path, from d and l."""
+    return _stretch_from(table, chord_at(table[0], place), place, distance, lag)
+
+
+@jit
+def _stretch_from(table, i, place, distance, lag):
+    """Return what `stretch` does, given the chord at the place."""
     s, points, _, _ = table
-    i = chord_at(s, place)
     share = _share_at(s, i, place)
     x = points[i, 0] + share * (points[i + 1, 0] - points[i, 0])
     y = points[i, 1] + share * (points[i + 1, 1] - points[i, 1])
@@ -148,25 +191,67 @@ def nearest_chord(table, x, y, z, place, between):
     The search goes outwards from the place. Chords are left out that are too near to one at a large distance to be
     nearer than the best: the distance changes by at most the way along the path.
     """
+    start = chord_at(table[0], place)
+    return _nearest_chord_from(table, (x, y, z), (start, start), between, (place, place), 0.0)
+
+
+@jit
+def _nearest_chord_from(table, point, chords, between, smooth, tightest):
+    """Return what `nearest_chord` does, given the chord at the place, and one that may be near the point.
+
+    On a smooth part of the path the distance from the point only grows where the path leads away from it, as long as it
+    is less than the radius of curvature: the search ends there.
+
+    Args:
+        table: along the path.
+        point: its coordinates [mm].
+        chords: at the place, and near the point.
+        between: begin and end of the stretch [mm].
+        smooth: corners before and behind the place [mm].
+        tightest: least radius of curvature between them [mm].
+    """
     s, points, _, widest = table
+    x, y, z = point
+    start, near = chords
     low, high = between
-    start = chord_at(s, place)
     best = start
     least, foot = to_chord(points, start, x, y, z, (_share_at(s, start, low), _share_at(s, start, high)))
+    # no larger than the least square of a distance
+    bound = least
+    if abs(near - start) > _FEW and s[near] < high and s[near + 1] > low:
+        square, share = to_chord(points, near, x, y, z, (_share_at(s, near, low), _share_at(s, near, high)))
+        bound = min(bound, square)
+        reach = max(_SAFE * tightest - (high - low), 0.0)
+        # there is one nearest point: it does not matter where the search begins
+        if low >= smooth[0] and high <= smooth[1] and max(square, least) < reach * reach:
+            start = best = near
+            least = bound = square
+            foot = share
     for ahead in (True, False):
+        is_smooth = high <= smooth[1] if ahead else low >= smooth[0]
         i = start + 1 if ahead else start - 1
         while 0 <= i < len(s) - 1 and s[i] < high and s[i + 1] > low:
-            begin = _share_at(s, i, low) if s[i] < low else 0.0
-            end = _share_at(s, i, high) if s[i + 1] > high else 1.0
-            square, share = to_chord(points, i, x, y, z, (begin, end))
-            if square < least:
-                least = square
-                best = i
-                foot = share
+            first = _square_to(points, i, x, y, z)
+            last = _square_to(points, i + 1, x, y, z)
+            # the foot on a chord is within half of it from an end
+            if min(first, last) < bound + _NEAR * widest * widest:
+                begin = _share_at(s, i, low) if s[i] < low else 0.0
+                end = _share_at(s, i, high) if s[i + 1] > high else 1.0
+                square, share = to_chord(points, i, x, y, z, (begin, end))
+                if square < least:
+                    least = square
+                    bound = min(bound, least)
+                    best = i
+                    foot = share
+            square, before, remaining = (last, first, high - s[i + 1]) if ahead else (first, last, s[i] - low)
+            reach = max(_SAFE * tightest - remaining, 0.0)
+            if is_smooth and before < square < reach * reach:
+                break
             skipped = 1
             # before the root, which most chords near the foot do not need
-            if square > least + widest * widest:
-                beyond = (np.sqrt(square) - np.sqrt(least)) / widest
+            if square > bound + widest * widest:
+                # nothing nearer is left out, by rounding neither
+                beyond = (np.sqrt(square) - np.sqrt(bound)) / widest - _SKIP_ROUNDING
                 if not beyond < len(s):
                     break
                 skipped += int(beyond)
@@ -175,22 +260,42 @@ def nearest_chord(table, x, y, z, place, between):
 
 
 @jit
-def find_stretches(table, progress, distance, lag, stretches):
+def find_furthest(trace, places, command, furthest):
+    """Raise distances to those of a trace: from places of the path, and from the command, (n, 2) [mm].
+
+    Args:
+        trace: points, (n, 3) [mm].
+        places: at the progress of the command, (n, 3) [mm].
+        command: its points, (n, 3) [mm].
+        furthest: raised.
+    """
+    for k in range(len(trace)):
+        x = trace[k, 0]
+        y = trace[k, 1]
+        z = trace[k, 2]
+        furthest[k, 0] = max(furthest[k, 0], np.sqrt(_square_to(places, k, x, y, z)))
+        furthest[k, 1] = max(furthest[k, 1], np.sqrt(_square_to(command, k, x, y, z)))
+
+
+@jit
+def find_stretches(table, progress, furthest, stretches):
     """Write begin and end of the stretch of every tick.
 
     Args:
         table: along the path.
         progress: of the command, ascending, (n,) [mm].
-        distance: of the furthest point from the path at the progress, (n,) [mm].
-        lag: distance of the furthest follower from the command, (n,) [mm].
+        furthest: distance of the furthest point from the path at the progress, and of the furthest follower from the
+            command, (n, 2) [mm].
         stretches: to be written, (2, n) [mm].
     """
     at_tick = 0.0
     before = progress[0]
+    i = 0
     for k in range(len(progress)):
-        at_tick = remembered_lag(at_tick, lag[k], progress[k] - before)
+        at_tick = remembered_lag(at_tick, furthest[k, 1], progress[k] - before)
         before = progress[k]
-        begin, end = stretch(table, before, distance[k], at_tick)
+        i = chord_near(table[0], before, i)
+        begin, end = _stretch_from(table, i, before, furthest[k, 0], at_tick)
         # the command may pass the tip of a rounded corner from one tick to the next, before its followers
         stretches[0, k] = min(begin, progress[max(k - 1, 0)]) if at_tick > 0.0 else begin
         stretches[1, k] = end
@@ -217,22 +322,44 @@ def find_starts(table, trace, places):
 
 
 @jit
-def find_feet(table, trace, places, stretches, parts):
+def find_feet(table, bends, trace, places, stretches, parts):
     """Write a smooth part of the path on which the foot of every point lies, and a guess of the foot.
 
     Args:
         table: along the path.
+        bends: of the path between the table's entries.
         trace: points, (n, 3) [mm].
         places: of the path, at which the search begins, (n,) [mm].
         stretches: begin and end of the stretch that is searched, (2, n) [mm].
         parts: begin and end of the part, and the guess, to be written, (3, n) [mm].
     """
-    s, _, is_corner, _ = table
+    s, points, is_corner, _ = table
     last = len(s) - 1
+    corners = bends.corners
+    start = 0
+    corner = 0
+    i = 0
     for k in range(len(trace)):
         begin = stretches[0, k]
         end = stretches[1, k]
-        i, share = nearest_chord(table, trace[k, 0], trace[k, 1], trace[k, 2], places[k], (begin, end))
+        start = chord_near(s, places[k], start)
+        while corner < len(corners) and corners[corner] <= s[start]:
+            corner += 1
+        while corner > 0 and corners[corner - 1] > s[start]:
+            corner -= 1
+        smooth = (
+            corners[corner - 1] if corner > 0 else -np.inf,
+            corners[corner] if corner < len(corners) else np.inf,
+        )
+        # the foot of a point is mostly near that of the point before
+        point = (trace[k, 0], trace[k, 1], trace[k, 2])
+        i, share = _nearest_chord_from(table, point, (start, i), (begin, end), smooth, bends.tightest)
+        # the path's tangent turns about the chord: the foot on the arc is where it is square to the way from there
+        towards = 0.0
+        for a in range(3):
+            foot = points[i, a] + share * (points[i + 1, a] - points[i, a])
+            towards += (foot - trace[k, a]) * bends.curvature[i, a]
+        share -= towards * (share - 0.5) / max(1.0 + towards, _LEAST_SLOPE)
         parts[2, k] = s[i] + share * (s[i + 1] - s[i])
         # the foot on the curve may lie behind the end of its chord, but not behind a corner
         parts[0, k] = max(s[i] if i == 0 or is_corner[i] else s[i - 1], begin)

@@ -19,13 +19,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.base.arrays import Floats, at_rows, lengths, read_only, seen
+from gantrysim.base.arrays import Floats, LastCall, at_rows, lengths, read_only, seen
 from gantrysim.base.columns import blocks, by_blocks, table_by_blocks
 from gantrysim.base.errors import InputError
 from gantrysim.paths.assignment import assigned_progress
 from gantrysim.paths.corners import Corners
 from gantrysim.paths.feet import Local, Projection, foot_between
-from gantrysim.paths.nearest import Table, find_feet, find_starts, find_stretches
+from gantrysim.paths.nearest import Bends, Table, find_feet, find_furthest, find_starts, find_stretches
 
 # Table of points from which a projection starts: of two stretches of the path the wrong one can be chosen where their
 # distances differ by less than the sagitta of a chord, curvature spacing^2 / 8.
@@ -34,7 +34,7 @@ _SAGITTA = 5e-6  # [mm] at that spacing; at a larger one in proportion to its sq
 _MOST_PARTS = 64  # of a chord, where the path is curved: a spiral may end at its centre
 _TABLE_SIZE = (256, 1_000_000)  # beyond that the spacing grows,
 _WIDEST_SPACING = 0.5  # but not above that [mm]: a bead's neighbour is further away
-_UPRIGHT = read_only(np.eye(3)[None])  # the frame of the XY plane
+UPRIGHT = read_only(np.eye(3)[None])  # the frame of the XY plane
 _LONGEST = 1e7  # that memory has room for: 640 MB of points [mm]
 _ROUNDING = 1e-9  # of a number of chords
 _INSIDE = 1e-6  # of a chord's length, from its ends
@@ -75,15 +75,13 @@ class Path(ABC):
 
     def frame(self, s: ArrayLike) -> Floats:
         """Directions u, v, w of the plane, (n, 3, 3)."""
-        return np.broadcast_to(_UPRIGHT[0], (np.size(s), 3, 3))
+        return np.broadcast_to(UPRIGHT[0], (np.size(s), 3, 3))
 
     def local(self, s: ArrayLike) -> Local:
         """Return points and the path's frame there."""
         theta = self.heading(s)
         plane = np.zeros(theta.size, np.intp)
-        return Local(
-            self.position(s), (np.cos(theta), np.sin(theta)), self.climb(s), self.curvature(s), _UPRIGHT, plane
-        )
+        return Local(self.position(s), (np.cos(theta), np.sin(theta)), self.climb(s), self.curvature(s), UPRIGHT, plane)
 
     def tangent(self, s: ArrayLike) -> Floats:
         """Unit tangents t(s), (n, 3)."""
@@ -115,6 +113,13 @@ class Path(ABC):
         s = _divided_spans(s, np.minimum(np.ceil(sizes * np.sqrt(bend / (8 * sagitta))), _MOST_PARTS))
         is_corner = np.isin(s, self.corners)
         return Table(seen(s), seen(np.asfortranarray(self.position(s))), seen(is_corner), float(np.diff(s).max()))
+
+    @cached_property
+    def _bends(self) -> Bends:
+        s = self.table.s
+        curvature = self.local(0.5 * (s[:-1] + s[1:])).curvature
+        sharpest = float(lengths(curvature).max())
+        return Bends(seen(curvature), seen(self.corners), 1.0 / sharpest if sharpest > 0 else np.inf)
 
     def project(self, points: ArrayLike) -> Projection:
         """Project points onto the path: the nearest point of the whole curve, ends included.
@@ -157,23 +162,45 @@ class Path(ABC):
         if rows is None:
             rows = np.arange(progress.size)
 
-        def furthest(block: slice) -> Floats:
-            place = self.position(progress[block])
-            return np.max([lengths(at_rows(trace, rows[block]) - place) for trace in (command, *followers)], axis=0)
-
-        def behind(block: slice) -> Floats:
-            place = at_rows(command, rows[block])
-            return np.max([lengths(at_rows(trace, rows[block]) - place) for trace in (command, *followers)], axis=0)
+        def distances(block: slice) -> Floats:
+            place = self._last_position(progress[block])
+            commanded = seen(at_rows(command, rows[block]))
+            furthest = np.zeros((len(commanded), 2))
+            for trace in (command, *followers):
+                points = seen(at_rows(trace, rows[block]))
+                find_furthest(points, place, commanded, furthest)  # type: ignore[no-untyped-call]
+            return furthest
 
         count = progress.size
         stretches = np.empty((2, count))
-        find_stretches(  # type: ignore[no-untyped-call]
-            self.table, seen(progress), by_blocks(furthest, count), by_blocks(behind, count), stretches
-        )
+        find_stretches(self.table, seen(progress), by_blocks(distances, count), stretches)  # type: ignore[no-untyped-call]
         return stretches
 
+    @cached_property
+    def _last_position(self) -> LastCall[Floats]:
+        # the progress of a command is the same in all runs of its program
+        return LastCall(self.position)
+
+    @cached_property
+    def _last_local(self) -> LastCall[Local]:
+        return LastCall(self.local)
+
+    @cached_property
+    def last_tangent(self) -> LastCall[Floats]:
+        """As `tangent`; the last result is remembered, as that at the feet of a command is the same in all runs."""
+        return LastCall(self._local_tangent)
+
+    def _local_tangent(self, s: Floats) -> Floats:
+        return self.local(s).tangent
+
     def near(
-        self, trace: Floats, places: Floats, stretches: Floats, rows: NDArray[np.intp] | None = None
+        self,
+        trace: Floats,
+        places: Floats,
+        stretches: Floats,
+        rows: NDArray[np.intp] | None = None,
+        *,
+        again: bool = False,
     ) -> Projection:
         """Project points onto the nearest point of the stretch of the path that belongs to each.
 
@@ -182,6 +209,7 @@ class Path(ABC):
             places: of the path, the one nearest to which is taken out of several nearest points, (n,) [mm].
             stretches: begin and end of each stretch, (2, n) [mm].
             rows: of the trace, (n,); by default all.
+            again: whether the same points are projected again and again, as a command in all runs of its program.
         """
         if rows is None:
             rows = np.arange(places.size)
@@ -190,8 +218,13 @@ class Path(ABC):
             p = _points(at_rows(trace, rows[block]))
             parts = np.empty((3, len(p)))
             between = np.ascontiguousarray(stretches[:, block])
-            find_feet(self.table, p, seen(places[block]), between, parts)  # type: ignore[no-untyped-call]
-            projection = foot_between(self, p, *parts)
+            find_feet(self.table, self._bends, p, seen(places[block]), between, parts)  # type: ignore[no-untyped-call]
+
+            def local(s: Floats) -> Local:
+                # the first look, at all points
+                return self._last_local(s) if again and s.size == len(p) else self.local(s)
+
+            projection = foot_between(local, p, *parts)
             if self.corners.size:
                 at_corner, components = self.legs.about(projection.s, projection.offset)
                 for name, values in vars(components).items():

@@ -13,7 +13,9 @@ from gantrysim.base.arrays import Floats, LastCall
 from gantrysim.base.errors import InputError, finite, point, positive
 from gantrysim.base.jit import jit
 from gantrysim.paths.lengths import arc_length, swept_along
-from gantrysim.paths.path import Path
+from gantrysim.paths.path import UPRIGHT, Local, Path
+
+_LEAST_RATE = 1e-9  # of the arc length at the centre, where the curvature has no bound [mm/rad]
 
 
 class _Numbers(NamedTuple):
@@ -149,16 +151,26 @@ class Involute(Path):
             turn=self._turn,
         )
 
+    def local(self, s: ArrayLike) -> Local:
+        phi = self.phi(s)
+        n = phi.size
+        here = Local(
+            np.empty((n, 3)), (np.empty(n), np.empty(n)), np.empty(n), np.empty(n), UPRIGHT, np.zeros(n, np.intp)
+        )
+        _find_points(phi, self._numbers, here.position)
+        _find_frames(phi, self._numbers, here.heading, here.sine, here.turning)
+        return here
+
     def heading(self, s: ArrayLike) -> Floats:
         return self.heading_start + self._turn * self.phi(s)
 
     def curvature(self, s: ArrayLike) -> Floats:
         rho = self.radius - self.a * self.phi(s)
-        return self._turn / np.maximum(np.hypot(rho, self._rise), 1e-9)
+        return self._turn / np.maximum(np.hypot(rho, self._rise), _LEAST_RATE)
 
     def climb(self, s: ArrayLike) -> Floats:
         rho = self.radius - self.a * self.phi(s)
-        return self._rise / np.maximum(np.hypot(rho, self._rise), 1e-9)
+        return self._rise / np.maximum(np.hypot(rho, self._rise), _LEAST_RATE)
 
 
 @jit
@@ -176,3 +188,19 @@ def _find_points(phi: Floats, numbers: _Numbers, points: Floats) -> None:
         points[k, 0] = numbers.start[0] + along * c - lateral * d
         points[k, 1] = numbers.start[1] + along * d + lateral * c
         points[k, 2] = numbers.rise * phi[k]
+
+
+@jit
+def _find_frames(
+    phi: Floats, numbers: _Numbers, heading: tuple[Floats, Floats], climb: Floats, turning: Floats
+) -> None:
+    """Write cosine and sine of the heading of an involute at the angles phi, its climb and its turning, (n,) each."""
+    c, d = numbers.direction
+    for k in range(phi.size):
+        cosine = np.cos(phi[k])
+        sine = numbers.turn * np.sin(phi[k])
+        heading[0][k] = c * cosine - d * sine
+        heading[1][k] = d * cosine + c * sine
+        rate = max(np.hypot(numbers.radius - numbers.a * phi[k], numbers.rise), _LEAST_RATE)
+        climb[k] = numbers.rise / rate
+        turning[k] = numbers.turn / rate

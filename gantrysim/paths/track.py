@@ -113,8 +113,8 @@ class Track(Chain):
         if not coils.size:
             return first, first
         last = first.copy()
-        first[coils] = self._at(coils, np.zeros(coils.size)).heading
-        last[coils] = self._at(coils, lengths[coils]).heading
+        first[coils] = self._at(coils, np.zeros(coils.size), "heading").heading
+        last[coils] = self._at(coils, lengths[coils], "heading").heading
         return first, last
 
     def parameters(self) -> dict[str, Any]:
@@ -133,7 +133,7 @@ class Track(Chain):
 
     def place(self, k: NDArray[np.intp], distance: Floats) -> Floats:
         """Return the points at distances from the starts of pieces, (n, 3) [mm]."""
-        return self._at(k, distance).point
+        return self._at(k, distance, "point").point
 
     @property
     def coil(self) -> NDArray[np.bool_]:
@@ -164,8 +164,9 @@ class Track(Chain):
         if k.size:
             lengths = np.diff(self._s)[k]
             for tangent, distance in ((first, 0 * lengths), (last, lengths)):
-                _, theta, sine, *_ = self._at(k, distance)
-                cosine = np.sqrt(np.maximum(1 - sine**2, 0.0))
-                local = np.stack([cosine * np.cos(theta), cosine * np.sin(theta), sine], axis=1)
+                places = self._at(k, distance, "heading", "climb")
+                cosine = np.sqrt(np.maximum(1 - places.climb**2, 0.0))
+                theta = places.heading
+                local = np.stack([cosine * np.cos(theta), cosine * np.sin(theta), places.climb], axis=1)
                 tangent[k] = np.einsum("ij,ijk->ik", local, self._columns["frame"][k])
         return first, last

@@ -23,7 +23,7 @@ from gantrysim.results.checks import FAIL, PASS
 from gantrysim.results.score import burden_of
 from gantrysim.results.verdict import Verdict
 
-_OF_MOTION = ("built_servo", "margins", "setpoints")  # of a job, computed for its run
+_OF_MOTION = ("built_servo", "margins", "setpoints", "start_wait")  # of a job, computed for its run
 
 
 @dataclass(frozen=True)

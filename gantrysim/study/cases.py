@@ -197,6 +197,7 @@ def forget_jobs() -> None:
     _LAST.forget()
     _job.cache_clear()
     _changed_job.cache_clear()
+    perturbed_machine.cache_clear()
 
 
 def measure(case: Case, values: Callable[[Run], Row] | None = None) -> Row:
@@ -234,7 +235,7 @@ def _verdict(case: Case, budget: Budget, bead: Bead) -> Row:
     if case.mode != "simulated":
         return {}
     job = case.job()
-    machine = None if case.perturbation is None else job.built_machine.perturbed(case.perturbation)
+    machine = None if case.perturbation is None else perturbed_machine(job.built_machine, case.perturbation)
     verdict = Verdict.of_results(job, budget, bead, machine)
     # errors that are not known keep no limit
     if verdict.contradiction:
@@ -269,7 +270,14 @@ def simulated(case: Case) -> Run:
         return job.follow()
     if case.perturbation is None:
         return job.run(engine=job.engine_of_searches)
-    return job.run(machine=job.built_machine.perturbed(case.perturbation), engine=job.engine_of_searches)
+    machine = perturbed_machine(job.built_machine, case.perturbation)
+    return job.run(machine=machine, engine=job.engine_of_searches)
+
+
+@lru_cache(maxsize=64)
+def perturbed_machine(machine: Machine, perturbation: Perturbation) -> Machine:
+    """Return a perturbed machine: built once for a case's run and its verdict, and for all gains of a tuning."""
+    return machine.perturbed(perturbation)
 
 
 def values_row(run: Run, bead: BeadSettings | None = None) -> Row:

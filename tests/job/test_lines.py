@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from gantrysim import Job
 from gantrysim.base import memory
 from gantrysim.job.lines import program_lines, program_lines_at
 
@@ -18,10 +19,8 @@ def job(period=1e-3, gates=0, start_lead=0.0, settle=0.2):
     return SimpleNamespace(
         built_servo=SimpleNamespace(period=period),
         setpoints=SimpleNamespace(period=period, gates=np.zeros(gates), position=np.zeros((500 + lead + settled, 2))),
-        dispenser=SimpleNamespace(start_lead=start_lead),
-        simulation=SimpleNamespace(settle=settle),
+        start_wait=start_lead,
         controller=SimpleNamespace(
-            setpoints=lambda period: SimpleNamespace(position=np.zeros((500, 2))),
             line_at=lambda time: 1 + int(10 * time + 1e-9),
             lines_at=lambda times: 1 + (10 * times + 1e-9).astype(int),
         ),
@@ -51,3 +50,15 @@ def test_a_start_lead_delays_the_lines():
     assert program_lines_at(early, TICKS, times).tolist() == [0, 0, 1, 3]
     line_at = program_lines(early, TICKS)
     assert [line_at(time) for time in times] == [None, None, 1, 3]
+
+
+@pytest.mark.parametrize(("lead", "wait"), [(0.0, 0.0), (0.03, 0.0), (0.09, 0.04)])
+def test_a_program_waits_for_what_the_start_lead_is_longer_than_the_time_before_its_glue(lead, wait):
+    """A FANUC program that rests for 50 ms before its glue."""
+    text = "G21 G90\nF3000\nG4 P0.05\nM3\nG1 X20\nM5\nM2"
+    program = {"controller": "linuxcnc.Program", "text": text}
+    rest = Job(name="rest", program=program, dispenser={"area": 0.5, "start_lead": lead})
+    assert rest.start_wait == pytest.approx(wait, abs=1e-9)
+    # the rest is in line 3, the motion in line 5
+    line_at = program_lines(rest, 100)
+    assert (line_at(wait + 0.045), line_at(wait + 0.055)) == (3, 5)

@@ -2,12 +2,13 @@
 
 import math
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from gantrysim import Job
+from gantrysim import Job, Machine
 from gantrysim.glue.bead import Bead, HeightMap
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import Analysis, path_speed, speed_ripple, steady
@@ -228,3 +229,29 @@ def test_a_logarithmic_axis_has_four_round_numbers_at_least(direction, low, high
     assert [axis.get_major_formatter()(tick) for tick in expected] == [f"{tick:g}" for tick in expected]
     margin = 1.06 * (high / low) ** 0.03
     assert axis.get_view_interval() == pytest.approx([low / margin, high * margin])
+
+
+def test_the_machine_of_a_case_is_built_once(job, monkeypatch):
+    """Its run and the verdict on it have the same one."""
+    built = []
+    perturbed = Machine.perturbed
+
+    def counted(machine, perturbation):
+        built.append(perturbation)
+        return perturbed(machine, perturbation)
+
+    monkeypatch.setattr(Machine, "perturbed", counted)
+    assert measure(Case.of(job, perturbation=Perturbation(payload=0.123)))["status"] == "ok"
+    assert len(built) == 1
+
+
+def test_the_feet_of_a_case_do_not_depend_on_the_cases_before(job):
+    """The path at the feet of the command is remembered from run to run of a program."""
+    perturbations = [Perturbation(payload=0.2), Perturbation(stiffness=0.5)]
+    first, second = (simulated(Case.of(job, perturbation=perturbation)) for perturbation in perturbations)
+    Analysis(first).commanded, Analysis(second).commanded
+    afterwards = Analysis(second)
+    alone = Analysis(second.replaced(requested=replace(second.requested)))
+    for name in ("commanded", "nozzle"):
+        for column, values in vars(getattr(alone, name)).items():
+            assert np.array_equal(values, getattr(getattr(afterwards, name), column))

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats, read_only
+from gantrysim.base.jit import jit
 from gantrysim.paths.arcs import ArcChain
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.path import Path
@@ -58,11 +60,10 @@ class Phases:
         return np.where(inside, self.speed[k] + self.acceleration[k] * (instant - self.time[k]), 0.0)
 
 
-@dataclass
-class VirtualAxis:
-    """An axis that moves towards its end at the SPEED set last, and brakes to stop there.
+class _Limits(NamedTuple):
+    """Limits of a virtual axis.
 
-    Args:
+    Attributes:
         length: distance to its end [mm].
         acceleration: ACCEL, inf for no limit [mm/s²].
         deceleration: DECEL, inf for no limit [mm/s²].
@@ -71,76 +72,87 @@ class VirtualAxis:
     length: float
     acceleration: float
     deceleration: float
-    time: float = 0.0
-    distance: float = 0.0
-    speed: float = 0.0
-    braking: bool = False
-    _phases: list[tuple[float, float, float, float]] = field(default_factory=list)
 
-    @property
-    def done(self) -> bool:
-        """Whether the axis is at its end."""
-        return self.distance >= self.length * (1 - _ROUNDING)
 
-    def advance(self, until: float, target: float) -> None:
-        """Move at the SPEED `target` [mm/s] until a time [s] or the end, whichever comes first."""
-        while not self.done and until - self.time > _ROUNDING:
-            if self.braking:
-                rate = -self.deceleration
-                to_speed = math.inf
-                to_end = self.speed / self.deceleration
-            else:
-                rate, to_speed = self._towards(target)
-                to_end = self._until_braking(rate)
-            duration = min(until - self.time, to_speed, to_end)
-            self._run(rate, duration)
-            if duration == to_end and (self.braking or math.isinf(self.deceleration)):
-                self.distance = self.length
-            elif duration == to_end:
-                self.braking = True
-            elif duration == to_speed:
-                self.speed = target
+class _Axis(NamedTuple):
+    """A virtual axis, which moves towards its end at the SPEED set last, and brakes to stop there.
 
-    def _towards(self, target: float) -> tuple[float, float]:
-        """Acceleration towards a speed, and its duration."""
-        if math.isinf(self.acceleration) and self.speed < target:
-            limit = math.inf
-            if math.isfinite(self.deceleration):
-                limit = math.sqrt(2 * self.deceleration * (self.length - self.distance))
-            self.speed = min(target, limit)
-            return 0.0, math.inf
-        if math.isinf(self.deceleration) and self.speed > target:
-            self.speed = target
-        if self.speed < target:
-            return self.acceleration, (target - self.speed) / self.acceleration
-        if self.speed > target:
-            return -self.deceleration, (self.speed - target) / self.deceleration
-        return 0.0, math.inf
+    Attributes:
+        time: of the motion so far [s].
+        distance: travelled [mm].
+        speed: present one [mm/s].
+        braking: whether it brakes for the end.
+    """
 
-    def _until_braking(self, rate: float) -> float:
-        """Time until (v + a t)^2 / 2 d is the remaining distance less v t + a t^2 / 2."""
-        share = rate / self.deceleration + 1
-        a = 0.5 * rate * share
-        b = self.speed * share
-        c = max(self.length - self.distance - 0.5 * self.speed**2 / self.deceleration, 0.0)
-        root = b + math.sqrt(max(b**2 + 4 * a * c, 0.0))
-        return 2 * c / root if root > 0 else math.inf
+    time: float
+    distance: float
+    speed: float
+    braking: bool
 
-    def _run(self, rate: float, duration: float) -> None:
-        self._phases.append((self.time, self.distance, self.speed, rate))
-        self.distance = min(self.distance + duration * (self.speed + 0.5 * rate * duration), self.length)
-        self.speed = max(self.speed + rate * duration, 0.0)
-        self.time += duration
 
-    def profile(self) -> Phases:
-        """Return the motion so far."""
-        time, distance, speed, rate = np.array(self._phases).T
-        return Phases(
-            time=read_only(np.append(time, self.time)),
-            distance=read_only(np.append(distance, self.distance)),
-            speed=read_only(speed.copy()),
-            acceleration=read_only(rate.copy()),
-        )
+_Phase = tuple[float, float, float, float]  # time, distance, speed and acceleration at the start of a phase
+
+
+@jit
+def _is_at_end(axis: _Axis, limits: _Limits) -> bool:
+    return axis.distance >= limits.length * (1 - _ROUNDING)
+
+
+@jit
+def _advanced(axis: _Axis, limits: _Limits, until: float, target: float, phases: list[_Phase]) -> _Axis:
+    """Return the axis at a time [s] or the end, whichever comes first, after motion at the SPEED `target` [mm/s].
+
+    The phases of the motion are appended.
+    """
+    time, distance, speed, braking = axis
+    length, _, deceleration = limits
+    while not _is_at_end(_Axis(time, distance, speed, braking), limits) and until - time > _ROUNDING:
+        if braking:
+            rate = -deceleration
+            to_speed = math.inf
+            to_end = speed / deceleration
+        else:
+            speed, rate, to_speed = _towards(speed, target, length - distance, limits)
+            to_end = _until_braking(speed, rate, length - distance, deceleration)
+        duration = min(until - time, to_speed, to_end)
+        phases.append((time, distance, speed, rate))
+        distance = min(distance + duration * (speed + 0.5 * rate * duration), length)
+        speed = max(speed + rate * duration, 0.0)
+        time += duration
+        if duration == to_end and (braking or math.isinf(deceleration)):
+            distance = length
+        elif duration == to_end:
+            braking = True
+        elif duration == to_speed:
+            speed = target
+    return _Axis(time, distance, speed, braking)
+
+
+@jit
+def _towards(speed: float, target: float, remaining: float, limits: _Limits) -> tuple[float, float, float]:
+    """Return the speed, the acceleration towards another speed, and its duration."""
+    _, acceleration, deceleration = limits
+    if math.isinf(acceleration) and speed < target:
+        limit = math.inf if math.isinf(deceleration) else math.sqrt(2 * deceleration * remaining)
+        return min(target, limit), 0.0, math.inf
+    if math.isinf(deceleration) and speed > target:
+        speed = target
+    if speed < target:
+        return speed, acceleration, (target - speed) / acceleration
+    if speed > target:
+        return speed, -deceleration, (speed - target) / deceleration
+    return speed, 0.0, math.inf
+
+
+@jit
+def _until_braking(speed: float, rate: float, remaining: float, deceleration: float) -> float:
+    """Time until (v + a t)^2 / 2 d is the remaining distance less v t + a t^2 / 2."""
+    share = rate / deceleration + 1
+    a = 0.5 * rate * share
+    b = speed * share
+    c = max(remaining - 0.5 * (speed * speed) / deceleration, 0.0)
+    root = b + math.sqrt(max(b * b + 4 * a * c, 0.0))
+    return 2 * c / root if root > 0 else math.inf
 
 
 MAX_PASSES = 2_000_000
@@ -308,57 +320,120 @@ class Loop:
 
     def run(self) -> Passes:
         """Run the loop; see `passes`."""
-        axis = VirtualAxis(self.length, self.acceleration, self.deceleration)
-        ratio: list[float] = []
-        time: list[float] = []
-        distance: list[float] = []
-        begun = 0.0
-        halted = False
-        while not axis.done:
-            x = 1 - self.change * (len(ratio) + 1)
-            zero = abs(x) < _ROUNDING
-            too_small = self.guarded and x < LEAST_RATIO
-            if (too_small and not axis.braking) or (zero and not ratio):
-                raise RatioTooSmallError(len(ratio) + 1, x)
-            if zero or too_small:
-                # the published program stops at SPEED = V / 0, a guarded one holds x; the axes continue either way
-                halted = not self.guarded
-                axis.advance(math.inf, self.speed / abs(ratio[-1]))
-                break
-            if len(ratio) == MAX_PASSES:
-                raise EndlessError(ratio[-1], axis.time)
-            ratio.append(x)
-            time.append(axis.time)
-            distance.append(axis.distance)
-            begun += self._wait(x) + self.interpreter_time
-            axis.advance(self._effect(begun), self.speed / abs(x))
-        ratios = np.array(ratio)
-        connected = ratios
+        limits = _Limits(float(self.length), float(self.acceleration), float(self.deceleration))
+        waits = _Waits(
+            float(self.period),
+            float(self.interpreter_time),
+            float(self.wait_resolution),
+            float(self.servo_period),
+            self.guarded,
+        )
+        end, passes, phases, last = _run(limits, float(self.speed), float(self.change), waits)
+        if end == _TOO_SMALL:
+            number = passes.shape[1] + 1
+            raise RatioTooSmallError(number, 1 - self.change * number)
+        ratio, time, distance = passes
+        if end == _ENDLESS:
+            raise EndlessError(float(ratio[-1]), last[0])
+        connected = ratio
         if self.ratio_bits is not None:
-            connected = np.round(ratios * 2.0**self.ratio_bits) / 2.0**self.ratio_bits
+            connected = np.round(ratio * 2.0**self.ratio_bits) / 2.0**self.ratio_bits
+        profile = Phases(
+            time=read_only(np.append(phases[0], last[0])),
+            distance=read_only(np.append(phases[1], last[1])),
+            speed=read_only(phases[2].copy()),
+            acceleration=read_only(phases[3].copy()),
+        )
         return Passes(
-            ratio=read_only(ratios),
-            connected=read_only(connected),
-            time=read_only(np.array(time)),
-            distance=read_only(np.array([*distance, axis.distance])),
-            profile=axis.profile(),
-            halted=halted,
+            ratio=read_only(ratio.copy()),
+            connected=read_only(connected.copy()),
+            time=read_only(time.copy()),
+            distance=read_only(np.append(distance, last[1])),
+            profile=profile,
+            halted=end == _HALTED,
         )
 
-    def _wait(self, x: float) -> float:
-        # WA of a negative time does not wait
-        wait = max(self.period * x, 0.0)
-        if self.wait_resolution > 0:
-            wait = math.floor(wait / self.wait_resolution + 1e-9) * self.wait_resolution
-        # one pass per tick at most
-        if wait + self.interpreter_time <= 0:
-            return self.servo_period or (0.0 if self.guarded else self.wait_resolution or self.period)
-        return wait
 
-    def _effect(self, time: float) -> float:
-        if self.servo_period <= 0:
-            return time
-        return math.ceil(time / self.servo_period - 1e-9) * self.servo_period
+class _Waits(NamedTuple):
+    """What the time of a pass depends on: fields of `Loop`."""
+
+    period: float
+    interpreter_time: float
+    wait_resolution: float
+    servo_period: float
+    guarded: bool
+
+
+# ends of the loop
+_DONE, _HALTED, _TOO_SMALL, _ENDLESS = range(4)
+
+
+@jit
+def _run(
+    limits: _Limits, speed: float, change: float, waits: _Waits
+) -> tuple[int, Floats, Floats, tuple[float, float]]:
+    """Return how a loop ends, its passes, the phases of the virtual axis, and its last time [s] and distance [mm].
+
+    Passes are ratio, time [s] and distance [mm], (3, p); phases as of `_Phase`, (4, m).
+    """
+    axis = _Axis(0.0, 0.0, 0.0, False)
+    # of one type from the first
+    phases = [(0.0, 0.0, 0.0, 0.0)]
+    phases.pop()
+    passes = [(0.0, 0.0, 0.0)]
+    passes.pop()
+    begun = 0.0
+    end = _DONE
+    while not _is_at_end(axis, limits):
+        x = 1 - change * (len(passes) + 1)
+        zero = abs(x) < _ROUNDING
+        too_small = waits.guarded and x < LEAST_RATIO
+        if (too_small and not axis.braking) or (zero and not passes):
+            end = _TOO_SMALL
+            break
+        if zero or too_small:
+            # the published program stops at SPEED = V / 0, a guarded one holds x; the axes continue either way
+            if not waits.guarded:
+                end = _HALTED
+            axis = _advanced(axis, limits, math.inf, speed / abs(passes[-1][0]), phases)
+            break
+        if len(passes) == MAX_PASSES:
+            end = _ENDLESS
+            break
+        passes.append((x, axis.time, axis.distance))
+        begun += _wait(x, waits) + waits.interpreter_time
+        axis = _advanced(axis, limits, _effect(begun, waits.servo_period), speed / abs(x), phases)
+    pass_columns = np.empty((3, len(passes)))
+    for k in range(len(passes)):
+        for column in range(3):
+            pass_columns[column, k] = passes[k][column]
+    phase_columns = np.empty((4, len(phases)))
+    for k in range(len(phases)):
+        for column in range(4):
+            phase_columns[column, k] = phases[k][column]
+    return end, pass_columns, phase_columns, (axis.time, axis.distance)
+
+
+@jit
+def _wait(x: float, waits: _Waits) -> float:
+    """Return the wait of a pass at a ratio [s]."""
+    # WA of a negative time does not wait
+    wait = max(waits.period * x, 0.0)
+    if waits.wait_resolution > 0:
+        wait = math.floor(wait / waits.wait_resolution + 1e-9) * waits.wait_resolution
+    # one pass per tick at most
+    if wait + waits.interpreter_time <= 0:
+        least = 0.0 if waits.guarded else waits.wait_resolution or waits.period
+        return waits.servo_period or least
+    return wait
+
+
+@jit
+def _effect(time: float, servo_period: float) -> float:
+    """Return when commands of a time take effect [s]."""
+    if servo_period <= 0:
+        return time
+    return math.ceil(time / servo_period - 1e-9) * servo_period
 
 
 @lru_cache(maxsize=512)

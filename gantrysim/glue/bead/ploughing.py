@@ -224,20 +224,28 @@ def _search(needle: Needle, sections: Sections, cells: Cells, depth: Floats, tou
                 z=nozzle[k - 1, 2] + f * dz,
                 laid=length[k - 1] + f * (length[k] - length[k - 1]) - needle.behind,
             )
-            if on and not _axis_inside(position, needle, sections, cells):
+            entries = _laid_before(position, needle.touching, sections.place, cells)
+            # mostly: a call that takes the sections costs more than all else
+            if not entries.size or (on and not _axis_inside(position, needle, sections, entries)):
                 continue
-            depth[k] = max(depth[k], _touch(position, needle, sections, cells, touched))
+            depth[k] = max(depth[k], _touch(position, needle, sections, entries, touched))
 
 
 @jit
-def _cell(position: _Position, needle: Needle, cells: Cells) -> int:
-    """Return the cell of a position, or -1 where the needle touches nothing for certain."""
+def _laid_before(position: _Position, touching: float, place: Floats, cells: Cells) -> NDArray[np.int32]:
+    """Return the sections that count as laid before, in the cell of a position; none where the needle is above all."""
     column = (position.x - cells.x) / cells.size
     row = (position.y - cells.y) / cells.size
-    if column < 0.0 or row < 0.0 or column >= cells.columns or row >= cells.rows:
-        return -1
-    cell = int(row) * cells.columns + int(column)
-    return cell if position.z <= cells.highest[cell] + needle.touching else -1
+    begin = 0
+    end = 0
+    if 0.0 <= column < cells.columns and 0.0 <= row < cells.rows:
+        cell = int(row) * cells.columns + int(column)
+        if position.z <= cells.highest[cell] + touching:
+            begin = cells.first[cell]
+            end = begin
+            while end < cells.first[cell + 1] and place[cells.section[end]] <= position.laid:
+                end += 1
+    return cells.section[begin:end]
 
 
 @jit
@@ -261,15 +269,9 @@ def _chord(position: _Position, sections: Sections, k: int) -> tuple[float, floa
 
 
 @jit
-def _axis_inside(position: _Position, needle: Needle, sections: Sections, cells: Cells) -> bool:
-    """Return whether the needle's axis passes through a section, within half a radius along the trace."""
-    cell = _cell(position, needle, cells)
-    if cell < 0:
-        return False
-    for entry in range(cells.first[cell], cells.first[cell + 1]):
-        k = cells.section[entry]
-        if sections.place[k] > position.laid:
-            break
+def _axis_inside(position: _Position, needle: Needle, sections: Sections, entries: NDArray[np.int32]) -> bool:
+    """Return whether the needle's axis passes through one of some sections, within half a radius along the trace."""
+    for k in entries:
         if _is_low(position, needle, sections, k):
             along, beside = _chord(position, sections, k)
             if beside == 0.0 and along < 0.5 * needle.radius:
@@ -278,16 +280,16 @@ def _axis_inside(position: _Position, needle: Needle, sections: Sections, cells:
 
 
 @jit
-def _touch(position: _Position, needle: Needle, sections: Sections, cells: Cells, touched: NDArray[np.bool_]) -> float:
-    """Note the sections that the face touches, and return its depth below the highest of their tops [mm]."""
+def _touch(
+    position: _Position,
+    needle: Needle,
+    sections: Sections,
+    entries: NDArray[np.int32],
+    touched: NDArray[np.bool_],
+) -> float:
+    """Note which of some sections the face touches, and return its depth below the highest of their tops [mm]."""
     depth = -math.inf
-    cell = _cell(position, needle, cells)
-    if cell < 0:
-        return depth
-    for entry in range(cells.first[cell], cells.first[cell + 1]):
-        k = cells.section[entry]
-        if sections.place[k] > position.laid:
-            break
+    for k in entries:
         if _is_low(position, needle, sections, k):
             along, beside = _chord(position, sections, k)
             if along * along + beside * beside < needle.radius * needle.radius:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gantrysim.base.arrays import Complexes, Floats
+from gantrysim.servo.stability.transfer import transfer
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +100,5 @@ class Compensator:
 
     def response(self, z: Complexes) -> Complexes:
         """Return the transfer function at every z, (n,)."""
-        shifted = z[:, None, None] * np.eye(len(self.A)) - self.A
-        states = np.linalg.solve(shifted, np.broadcast_to(self.B[:, None], (len(z), len(self.B), 1)))
-        return np.asarray(self.D + states[:, :, 0] @ self.C, complex)
+        B = self.B[:, None]
+        return self.D + transfer(z, self.A, (np.zeros_like(B), B), self.C[None])[:, 0, 0]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Complexes, Floats
 from gantrysim.base.errors import InputError
+from gantrysim.servo.stability.transfer import transfer
 
 MODES = ("torque", "velocity", "position", "stepper")  # command modes of a drive
 _NO_EFFECT = 1e-9  # effect of one state on another that is rounding, relative to the largest
@@ -48,8 +49,7 @@ class LinearSystem:
 
     def response(self, z: Complexes) -> Complexes:
         """Return P(z) = H (z - F)^-1 (G1 + G0/z) at every z, (n, axes, axes) [mm/N·m or deg/N·m]."""
-        shifted = z[:, None, None] * np.eye(len(self.F)) - self.F
-        return self.H @ np.linalg.solve(shifted, self.G1 + self.G0 / z[:, None, None])
+        return transfer(z, self.F, (self.G0, self.G1), self.H)
 
 
 class Drives(NamedTuple):

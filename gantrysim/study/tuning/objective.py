@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from gantrysim.record.run import Run
 from gantrysim.results.quantities import TORQUE_RIPPLE_PERCENT
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.servo import Servo
-from gantrysim.study.cases import OK, Case, Row, Value, judged_row
+from gantrysim.study.cases import OK, Case, Row, Value, judged_row, perturbed_machine
 from gantrysim.study.tuning.candidates import TrialResult
 
 _STATISTICS = (RMS, P95, MAX)
@@ -117,12 +116,7 @@ def _simulated_runs(cases: Sequence[Case]) -> list[Run]:
 
 def _machine(case: Case) -> Machine:
     machine = _base(case).built_machine
-    return machine if case.perturbation is None else _perturbed_machine(machine, case.perturbation)
-
-
-@lru_cache(maxsize=64)
-def _perturbed_machine(machine: Machine, perturbation: Perturbation) -> Machine:
-    return machine.perturbed(perturbation)
+    return machine if case.perturbation is None else perturbed_machine(machine, case.perturbation)
 
 
 def _servo(case: Case) -> Servo:
