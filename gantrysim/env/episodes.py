@@ -17,6 +17,7 @@ from gantrysim.engine.simulation import Simulation
 from gantrysim.env.settings import LEAST_DIAMETER, PathSettings
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.job.job import Job
+from gantrysim.job.loading import builtin_jobs
 from gantrysim.machine.geometry import ERRORS
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.tolerances import Tolerances
@@ -38,6 +39,7 @@ SPIRAL = ("diameter", "thickness", "speed", "turns")
 _BEAD = 2.0  # cross-section of the bead on a spiral [mm²]
 _PLANS = 8  # paths kept, for spirals that do not vary and for copies of an episode
 _ROUNDING = 1e-9
+_NEAR_PLANE = 1e-3  # height that counts as that of the plane of the spirals [mm]
 
 
 def gain_factors(action: Floats, gain_range: float) -> dict[str, Floats]:
@@ -241,16 +243,30 @@ class Source:
 
     def _check_room(self) -> None:
         """Raise InputError unless the machine can run the largest and fastest spirals: training must not stop later."""
-        if self.machine.turns_work:
+        machine = self.machine
+        home = dict(zip(machine.kinematics.names, machine.home.tolist(), strict=True))
+        height = home.get("z", 0.0)
+        unfit = ""
+        if machine.turns_work:
+            unfit = "turns its work, but spirals need a work that does not turn"
+        elif abs(height) > _NEAR_PLANE:
+            unfit = f"has its nozzle at z = {height:g} mm with all axes at zero, but spirals are drawn at z = 0 mm"
+        if unfit:
+            jobs = [f"job = {name!r}" for name in builtin_jobs() if Job.load(name).machine == self.settings.machine]
             raise InputError(
-                f"machine {self.machine.name} turns its work, but spirals need a work that does not turn: "
-                "give a job or another machine"
+                f"machine = {self.settings.machine!r}: {unfit}; use a job of this machine"
+                f"{f', such as {jobs[0]}' if jobs else ''}, or machine = 'xy', 'xyz' or 'xyzr'"
             )
         largest = {name: self.settings.between(name)[1] for name in SPIRAL}
         middle = {name: 0.5 * (low + high) for name, (low, high) in self.task.items()}
         for thickness in self.settings.between("thickness"):
             plan = self._spiral(largest["diameter"], thickness, largest["speed"], int(largest["turns"]), **middle)
-            self._simulation(self.machine, plan)
+            try:
+                self._simulation(machine, plan)
+            except InputError as error:
+                given = f"diameter = {largest['diameter']:g} mm, speed = {largest['speed']:g} mm/s"
+                text = f"the largest and fastest spiral, {given}, does not fit the machine"
+                raise InputError(f"{text}: {error}") from None
 
     @cached_property
     def most_ticks(self) -> int:

@@ -362,9 +362,25 @@ def test_invalid_actions_are_rejected(env, action, text):
         ({"tolerance": math.nan}, "tolerance = nan mm: must be finite"),
         ({"size": (0, 480)}, "width of the picture = 0: must be at least 1"),
         ({"size": 3}, "size = 3: must be width and height [pixels]"),
-        ({"machine": "stage"}, "machine stage turns its work, but spirals need a work that does not turn"),
-        ({"diameter": (80.0, 340.0)}, "x = -170 mm at t = 0 s: must lie in the travel -150 to 150 mm"),
-        ({"speed": (50.0, 5000.0), "acceleration": 1e6}, "speed of "),
+        (
+            {"machine": "stage"},
+            "machine = 'stage': turns its work, but spirals need a work that does not turn; use a job of this machine, "
+            "such as job = 'stage-outline', or machine = 'xy', 'xyz' or 'xyzr'",
+        ),
+        (
+            {"machine": "delta"},
+            "machine = 'delta': has its nozzle at z = 426 mm with all axes at zero, but spirals are drawn at z = 0 mm; "
+            "use a job of this machine, such as job = 'delta-arc', or machine = 'xy', 'xyz' or 'xyzr'",
+        ),
+        (
+            {"diameter": (80.0, 340.0)},
+            "the largest and fastest spiral, diameter = 340 mm, speed = 150 mm/s, does not fit the machine: x = -170 "
+            "mm at t = 0 s: must lie in the travel -150 to 150 mm",
+        ),
+        (
+            {"speed": (50.0, 5000.0), "acceleration": 1e6},
+            "the largest and fastest spiral, diameter = 140 mm, speed = 5000 mm/s, does not fit the machine: speed of ",
+        ),
         ({"render_mode": "human"}, "render_mode = 'human': must be None or 'rgb_array'"),
     ],
 )
