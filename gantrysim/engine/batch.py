@@ -25,7 +25,7 @@ from gantrysim.faults import InjectedFault
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.row import IN_MODEL, OFFSETS, ROW, ROW_NUMBERS, Log
-from gantrysim.record.run import Run
+from gantrysim.record.runs import Runs
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.servo import Servo
 
@@ -86,7 +86,7 @@ def simulate_batch(
     faults: Sequence[InjectedFault] | Sequence[Sequence[InjectedFault]] = (),
     threads: int | None = None,
     progress: Progress = None,
-) -> list[Run]:
+) -> Runs:
     """Run many simulations on threads and return their records, identical to those of `simulate` to the last bit.
 
     Each argument is either one value for all simulations, or a list, tuple or array with one per simulation. MJCF
@@ -103,7 +103,8 @@ def simulate_batch(
         progress: as in `simulate`.
 
     Returns:
-        The records, in order. A fault ends only its own simulation, see `Run.fault`.
+        The records, in order; `to_frame` of this list has a row of figures for each. A fault ends only its own
+        simulation, see `Run.fault`.
 
     Raises:
         InputError: an argument of the wrong type, lists of different lengths, no simulation at all, or an error of
@@ -142,7 +143,7 @@ def simulate_batch(
 
     with shown_progress("simulate", progress) as share_done:
         every = run_and_learn(simulations, run)
-    return [started.record() for started in every]
+    return Runs(started.record() for started in every)
 
 
 # of a servo's row: they belong to the process and to a simulation's own arrays, not to the state of a run
