@@ -17,6 +17,7 @@ from gantrysim.env.glue import BEAD, PIECE, PIECES, SIGHT, WIDTHS, Camera, Glue,
 from gantrysim.env.look_ahead import LimitedSpeed, LookAhead, ahead_entries, look_ahead
 from gantrysim.env.observation import Entry
 from gantrysim.env.outcome import Outcome
+from gantrysim.env.ranges import NOT_NEGATIVE, POSITIVE, RandomValue
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.env.vector import PathVectorEnv
@@ -24,18 +25,21 @@ from gantrysim.machine.tolerances import Tolerances
 from gantrysim.paths.path import Path
 from gantrysim.paths.profile import Profile
 
-# What is drawn for an episode: viscosity over the nominal one and how it changes, a clog of the needle, lag of the
-# pressure; and how the program's speed varies along the path.
 GLUE = {
-    "viscosity": (0.7, 1.4),
-    "warming": (0.6, 1.6),
-    "warming_time": (2.0, 8.0),
-    "clog": (0.7, 1.0),
-    "clog_time": (2.0, 10.0),
-    "lag": (0.05, 0.15),
+    "viscosity": RandomValue(1.0, (0.7, 1.4), (1.4, 2.0), POSITIVE, "1", "viscosity over the nominal one at the start"),
+    "warming": RandomValue(1.0, (0.6, 1.6), (1.6, 2.2), POSITIVE, "1", "factor on it after a long time"),
+    "warming_time": RandomValue(5.0, (2.0, 8.0), (1.0, 2.0), POSITIVE, "s", "time constant of this change"),
+    "clog": RandomValue(1.0, (0.7, 1.0), (0.5, 0.7), (1e-3, 1.0), "1", "factor on the flow of a clogged needle"),
+    "clog_time": RandomValue(6.0, (2.0, 10.0), (1.0, 5.0), NOT_NEGATIVE, "s", "time of the clog"),
+    "lag": RandomValue(0.1, (0.05, 0.15), (0.15, 0.25), POSITIVE, "s", "time constant of the pressure"),
 }
-SPEED = {"dip": (0.0, 0.6), "dip_length": (30.0, 90.0), "dip_phase": (0.0, 2 * math.pi)}
-_SEED = {"camera": (0.0, 1.0)}
+_TURN = 2 * math.pi
+SPEED = {
+    "dip": RandomValue(0.0, (0.0, 0.6), (0.6, 0.8), (0.0, 0.95), "1", "share by which the program slows down"),
+    "dip_length": RandomValue(60.0, (30.0, 90.0), (15.0, 30.0), POSITIVE, "mm", "distance between two such places"),
+    "dip_phase": RandomValue(0.0, (0.0, _TURN), (0.0, _TURN), (0.0, _TURN), "rad", "phase of them at the start"),
+}
+_SEED = {"camera": RandomValue(0.0, (0.0, 1.0), (0.0, 1.0), (0.0, 1.0), "1", "seed of the camera's noise")}
 
 _WORST = 10.0  # tolerances: the largest penalty of an interval
 _FAULT = 2.0  # penalty of an interval lost by a fault; the largest of one without is 1
@@ -105,9 +109,11 @@ class BeadWidthSettings(PathSettings):
 class BeadWidthSource(Source):
     """Source of episodes with glue; on spirals the program slows down in places."""
 
-    task: ClassVar = {**GLUE, **SPEED, **_SEED}
+    values: ClassVar = {**GLUE, **SPEED, **_SEED}
 
-    slowest = 1 - SPEED["dip"][1]
+    @property
+    def slowest(self) -> float:
+        return 1 - self.task["dip"][1]
 
     def _profile(self, path: Path, speed: float, **task: float) -> Profile:
         s = np.linspace(0.0, path.length, max(math.ceil(path.length), 2))

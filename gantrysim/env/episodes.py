@@ -14,6 +14,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, positive, unknown, whole
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulation import Simulation
+from gantrysim.env.ranges import RandomValue, machine_ranges, task_ranges
 from gantrysim.env.settings import LEAST_DIAMETER, PathSettings
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.job.job import Job
@@ -104,17 +105,18 @@ class Source:
         machine: the nominal machine.
         servo: the servo at the start of an episode.
         ticks: servo periods between decisions; None for one decision per episode.
+        task: ranges of the values that the task draws for an episode.
 
     Raises:
-        InputError: an unknown job or machine, spirals that the machine cannot run, or a decision interval that is not a
-            multiple of the servo period.
+        InputError: an unknown job, machine or random value, a range out of its limits, spirals that the machine cannot
+            run, or a decision interval that is not a multiple of the servo period.
     """
 
-    task: ClassVar[Mapping[str, tuple[float, float]]] = {}  # what a task draws for an episode, uniformly
-    slowest: ClassVar[float] = 1.0  # path speed of a task between its ramps, at least, over the one drawn
+    values: ClassVar[Mapping[str, RandomValue]] = {}  # that a task draws for an episode
 
     def __init__(self, settings: PathSettings, detune: float = 1.0) -> None:
         self.settings = settings
+        self._tolerances = settings.tolerances
         self._spiral = lru_cache(_PLANS)(self._planned_spiral)
         self._job = Job.load(settings.job) if isinstance(settings.job, str) else settings.job
         if self._job is None:
@@ -130,6 +132,8 @@ class Source:
         lower = {name: tuple(gain / detune for gain in servo.per_axis(name)) for name in SCALED}
         self.servo = servo.with_values(**lower)
         self.ticks = self._ticks()
+        self.task = task_ranges(self.values, settings.preset, settings.ranges)
+        self._machine_ranges = machine_ranges(self._machine_columns, self.values, settings.ranges)
         self._fixed = None if self._job is None else Plan(self._job.setpoints, self._job.dispenser, {})
         if self._job is None:
             self._check_room()
@@ -142,16 +146,19 @@ class Source:
         """
         spiral = self._drawn_spiral(random)
         machine = {}
-        if self.settings.spread is not None:
-            machine = self.settings.spread.sample(random, self.machine)
+        if self._tolerances is not None:
+            machine = self._tolerances.sample(random, self.machine)
         task = {name: float(random.uniform(*bounds)) for name, bounds in self.task.items()}
+        if self._machine_ranges:
+            given = {name: float(random.uniform(*bounds)) for name, bounds in self._machine_ranges.items()}
+            machine = {**self._nominal_machine, **machine, **given}
         if chosen is not None:
             spiral, machine = self._chosen(spiral, machine, chosen)
             for name in chosen.task:
                 if name not in task:
                     raise unknown("value of the task", name, task)
             task |= {
-                name: at_least(name, value, self.task[name][0], "", self.task[name][1])
+                name: at_least(name, value, self.values[name].limits[0], "", self.values[name].limits[1])
                 for name, value in chosen.task.items()
             }
         return self.episode({**spiral, **machine, **task})
@@ -205,13 +212,26 @@ class Source:
                     f"{LEAST_DIAMETER * spiral['thickness']:g} mm, for one turn to fit in"
                 )
         if chosen.machine:
-            known = Tolerances(1.0, 1.0, 1.0, 1.0, 1.0).columns(self.machine)
-            nominal = {name: 0.0 if name == "payload_kg" or name.startswith(ERRORS) else 1.0 for name in known}
             for name in chosen.machine:
-                if name not in known:
-                    raise unknown("value of the machine", name, known)
-            machine = {**nominal, **machine, **{name: finite(name, value) for name, value in chosen.machine.items()}}
+                if name not in self._machine_columns:
+                    raise unknown("value of the machine", name, self._machine_columns)
+            given = {name: finite(name, value) for name, value in chosen.machine.items()}
+            machine = {**self._nominal_machine, **machine, **given}
         return spiral, machine
+
+    @cached_property
+    def _machine_columns(self) -> dict[str, float]:
+        """All values that may vary between machines, as the columns of `Tolerances`."""
+        return Tolerances(1.0, 1.0, 1.0, 1.0, 1.0).columns(self.machine)
+
+    @cached_property
+    def _nominal_machine(self) -> dict[str, float]:
+        return {name: 0.0 if name == "payload_kg" or name.startswith(ERRORS) else 1.0 for name in self._machine_columns}
+
+    @property
+    def slowest(self) -> float:
+        """Path speed of a task between its ramps, at least, over the one drawn."""
+        return 1.0
 
     def _drawn_spiral(self, random: np.random.Generator) -> dict[str, float]:
         if self._job is not None:

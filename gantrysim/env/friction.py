@@ -15,6 +15,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
 from gantrysim.env.episodes import Episode, Source
+from gantrysim.env.ranges import NOT_NEGATIVE, POSITIVE, RandomValue
 from gantrysim.env.settings import PathSettings
 from gantrysim.machine.axis import Axis
 from gantrysim.machine.perturbation import Perturbation
@@ -62,7 +63,10 @@ class Changing(Source):
 class ChangingFriction(Changing):
     """Source of episodes whose friction changes by a factor at some moment."""
 
-    task: ClassVar[Mapping[str, tuple[float, float]]] = {"friction_change": (0.6, 1.6), "friction_time": (0.5, 4.0)}
+    values: ClassVar[Mapping[str, RandomValue]] = {
+        "friction_change": RandomValue(1.0, (0.6, 1.6), (1.6, 2.4), POSITIVE, "1", "factor on the friction"),
+        "friction_time": RandomValue(2.0, (0.5, 4.0), (0.25, 2.0), NOT_NEGATIVE, "s", "time from which it acts"),
+    }
     moment: ClassVar[str] = "friction_time"
 
     def change(self, drawn: Mapping[str, float]) -> Perturbation:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
 from gantrysim.env.friction import Changing
+from gantrysim.env.ranges import NOT_NEGATIVE, RandomValue
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.row import Log
 
@@ -22,9 +23,11 @@ MOST_PAYLOAD = 4.0  # payload after a change [kg]
 class ChangingPayload(Changing):
     """Source of episodes whose payload is another one from some moment on."""
 
-    task: ClassVar[Mapping[str, tuple[float, float]]] = {
-        "payload_later": (0.0, MOST_PAYLOAD),
-        "payload_time": (0.2, 1.2),
+    values: ClassVar[Mapping[str, RandomValue]] = {
+        "payload_later": RandomValue(
+            0.0, (0.0, MOST_PAYLOAD), (MOST_PAYLOAD, 1.5 * MOST_PAYLOAD), (0.0, 10.0), "kg", "payload after the change"
+        ),
+        "payload_time": RandomValue(0.7, (0.2, 1.2), (0.2, 0.6), NOT_NEGATIVE, "s", "time of the change"),
     }
     moment: ClassVar[str] = "payload_time"
 

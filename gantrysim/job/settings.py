@@ -121,8 +121,8 @@ def laid_over(servo: Mapping[str, Any], further: Mapping[str, Any]) -> dict[str,
     Where the other gives a gain of the loop, or a rule by which one is derived, none of the first is left.
     """
     gives_loop = any(name in further for name in _LOOP)
-    kept = {name: value for name, value in servo.items() if not (gives_loop and name in _LOOP)}
-    return {**kept, **further}
+    others = {name: value for name, value in servo.items() if not (gives_loop and name in _LOOP)}
+    return {**others, **further}
 
 
 class SimulationSettings(BaseModel):
