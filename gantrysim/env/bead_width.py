@@ -161,8 +161,8 @@ class BeadWidthBatch(EpisodeBatch):
             Entry("progress", 0.0, 1.0, "1", "share of the setpoints sent"),
         ]
 
-    def _action_size(self) -> int:
-        return 1
+    def _actions(self) -> list[Entry]:
+        return [Entry("override", -1.0, 1.0, "`step`", "change of the logarithm of the pressure's override")]
 
     def _reset(self, place: int, episode: Episode) -> None:
         super()._reset(place, episode)
@@ -268,9 +268,9 @@ class BeadWidthEnv(PathEnv):
 
     Action: one number from -1 to 1, which changes the logarithm of the override of the pressure by up to `step`.
 
-    Observation: `observation_names`, with range, unit and meaning in `gantrysim.env.bead_width.BeadWidthBatch`: the
-    latest width error measured by the camera, its change, the override, commanded speed now and one and two decisions
-    ahead, curvature here and ahead, distances to the next and since the last reversal of an axis, and progress.
+    Observation, with the tables of docs/environments.md: the latest width error measured by the camera, its change, the
+    override, commanded speed now and one and two decisions ahead, curvature here and ahead, distances to the next and
+    since the last reversal of an axis, and progress.
 
     Reward: -min(e / tolerance, 10) / 10 for the RMS relative width error e of the bead laid since the last decision;
     minus 2 for the interval of a fault and for each interval that the fault prevents.

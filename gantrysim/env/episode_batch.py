@@ -109,6 +109,12 @@ def addresses_of(array: NDArray[Any]) -> NDArray[np.int64]:
     return array.ctypes.data + array.strides[0] * np.arange(len(array))
 
 
+def _space(entries: Sequence[Entry]) -> Box:
+    low = np.array([entry.low for entry in entries], np.float32)
+    high = np.array([entry.high for entry in entries], np.float32)
+    return Box(low, high, dtype=np.float32)
+
+
 class EpisodeBatch(ABC):
     """Places in which episodes run; all advance in one native call.
 
@@ -130,6 +136,7 @@ class EpisodeBatch(ABC):
     Attributes:
         source: of the episodes.
         entries: of the observation.
+        actions: entries of the action.
         observation_space, action_space: of one place.
         measured: measurements of the last interval at every place, live views.
     """
@@ -158,12 +165,11 @@ class EpisodeBatch(ABC):
         self._observer_step = field("observer_step")
         self._peak = np.array([axis.peak_torque for axis in machine.axes])
         self.entries = self._entries()
-        low = np.array([entry.low for entry in self.entries], np.float32)
-        high = np.array([entry.high for entry in self.entries], np.float32)
-        self.observation_space = Box(low, high, dtype=np.float32)
-        self.action_space = Box(-1.0, 1.0, (self._action_size(),), np.float32)
+        self.actions = self._actions()
+        self.observation_space = _space(self.entries)
+        self.action_space = _space(self.actions)
         self.episodes: list[Episode | None] = [None] * places
-        self._action = np.zeros((places, self._action_size()))
+        self._action = np.zeros((places, len(self.actions)))
         self._of_path = np.zeros(places, PATH_VALUES)
         self._of_axes = np.zeros((places, self._axes), AXIS_VALUES)
         self._spans = np.zeros(places, SPAN)
@@ -182,8 +188,8 @@ class EpisodeBatch(ABC):
         """Return the entries of the observation."""
 
     @abstractmethod
-    def _action_size(self) -> int:
-        """Return the number of actions of a place."""
+    def _actions(self) -> list[Entry]:
+        """Return the entries of the action of a place, each from -1 to 1."""
 
     @abstractmethod
     def _act(self, places: Sequence[int]) -> None:

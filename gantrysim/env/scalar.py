@@ -66,8 +66,13 @@ class PathEnv(gymnasium.Env[Observation, Observation], EzPickle, ABC):
 
     @property
     def observation_names(self) -> tuple[str, ...]:
-        """Names of the entries of the observation, in order."""
+        """Names of the entries of the observation, in order; docs/environments.md has unit and meaning."""
         return tuple(entry.name for entry in self._episodes.entries)
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """Names of the entries of the action, in order."""
+        return tuple(entry.name for entry in self._episodes.actions)
 
     @property
     def spec(self) -> EnvSpec | None:

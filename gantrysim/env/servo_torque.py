@@ -140,8 +140,11 @@ class ServoTorqueBatch(EpisodeBatch):
             Entry("progress", 0.0, 1.0, "1", "share of the setpoints sent"),
         ]
 
-    def _action_size(self) -> int:
-        return self._axes
+    def _actions(self) -> list[Entry]:
+        return [
+            Entry(f"level_{axis}", -1.0, 1.0, "`step`", f"change of the level of the torque of {axis}")
+            for axis in self.source.machine.axis_names
+        ]
 
     def _reset(self, place: int, episode: Episode) -> None:
         super()._reset(place, episode)
@@ -256,11 +259,11 @@ class ServoTorqueEnv(PathEnv):
     Action: a number from -1 to 1 for each axis, the change of its level in units of `step`; the level stays between 0
     and `highest`.
 
-    Observation: `observation_names`, with range, unit and meaning in `gantrysim.env.servo_torque.ServoTorqueBatch`:
-    for each axis the mean following error of the last interval and its change; the velocity demanded until the next
-    decision, and the nominal friction torque then (`gantrysim.servo.laws.friction`), relative to Coulomb friction; the
-    missing level, from the friction fitted to the servo's torque demands (`gantrysim.env.friction.fit`); the level; and
-    the last action; then the mean contour error, and progress.
+    Observation, with the tables of docs/environments.md: for each axis the mean following error of the last interval
+    and its change; the velocity demanded until the next decision, and the nominal friction torque then
+    (`gantrysim.servo.laws.friction`), relative to Coulomb friction; the missing level, from the friction fitted to the
+    servo's torque demands (`gantrysim.env.friction.fit`); the level; and the last action; then the mean contour error,
+    and progress.
 
     Reward: the sum of two terms; `info` contains them too.
 

@@ -236,8 +236,8 @@ class SpeedOverrideBatch(EpisodeBatch):
             Entry("progress", 0.0, 1.0, "1", "share of the path commanded"),
         ]
 
-    def _action_size(self) -> int:
-        return 1
+    def _actions(self) -> list[Entry]:
+        return [Entry("override", -1.0, 1.0, "`step`", "change of the logarithm of the speed's override")]
 
     @property
     def longest(self) -> int:
@@ -399,8 +399,7 @@ class SpeedOverrideEnv(PathEnv):
 
     Action: one number from -1 to 1, which changes the logarithm of the override by up to `step`.
 
-    Observation: `observation_names`, with range, unit and meaning in
-    `gantrysim.env.speed_override.SpeedOverrideBatch`: errors of the last interval, override, commanded speed, the
+    Observation, with the tables of docs/environments.md: errors of the last interval, override, commanded speed, the
     program's speed, curvature here and ahead, distances to the next and since the last reversal of an axis, progress.
 
     Reward: the sum of four terms, in nominal durations, length / program speed; `info` contains them too.

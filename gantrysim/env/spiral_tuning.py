@@ -167,8 +167,8 @@ class SpiralTuningBatch(EpisodeBatch):
             Entry("progress", 0.0, 1.0, "1", "share of the setpoints sent"),
         ]
 
-    def _action_size(self) -> int:
-        return len(TUNED_GAINS)
+    def _actions(self) -> list[Entry]:
+        return [Entry(name, -1.0, 1.0, "`step`", f"change of the logarithm of {name}") for name in TUNED_GAINS]
 
     def _reset(self, place: int, episode: Episode) -> None:
         super()._reset(place, episode)
@@ -284,11 +284,11 @@ class SpiralTuningEnv(PathEnv):
     `step`, equally for all axes. ki changes with kp. A gain stays between 1 / `gain_range` and `gain_range` times the
     nominal one.
 
-    Observation: `observation_names`, with range, unit and meaning in `gantrysim.env.spiral_tuning.SpiralTuningBatch`:
-    for each axis the mean following error of the last interval and its change, the velocity and the acceleration
-    demanded until the next decision, and the inertia over the nominal one, fitted to the servo's torque demands
-    (`gantrysim.env.inertia.fit`); that of all axes together; the present gains; path speed, curvature here and ahead,
-    distances to the next and since the last reversal; contour error; progress.
+    Observation, with the tables of docs/environments.md: for each axis the mean following error of the last interval
+    and its change, the velocity and the acceleration demanded until the next decision, and the inertia over the nominal
+    one, fitted to the servo's torque demands (`gantrysim.env.inertia.fit`); that of all axes together; the present
+    gains; path speed, curvature here and ahead, distances to the next and since the last reversal; contour error;
+    progress.
 
     Reward: the sum of three terms; `info` contains them too.
 

@@ -79,8 +79,13 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
 
     @property
     def observation_names(self) -> tuple[str, ...]:
-        """Names of the entries of the observation, in order."""
+        """Names of the entries of the observation, in order; docs/environments.md has unit and meaning."""
         return tuple(entry.name for entry in self._episodes.entries)
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """Names of the entries of the action, in order."""
+        return tuple(entry.name for entry in self._episodes.actions)
 
     def run(self, place: int) -> Run:
         """Return the record of one environment's episode so far, after at least one step."""

@@ -18,7 +18,6 @@ from gantrysim.base.errors import GantryError
 from gantrysim.engine.started import Started
 from gantrysim.env import GainBanditEnv, GainBanditSettings, GainBanditVectorEnv
 from gantrysim.env.episodes import TUNED_GAINS
-from gantrysim.env.gain_bandit import entries
 from gantrysim.env.settings import PathSettings
 from gantrysim.machine.tolerances import Tolerances
 from gantrysim.metrics.analysis import Analysis, path_speed, torque_ripple
@@ -389,15 +388,6 @@ def test_settings_out_of_bounds_are_rejected(kind, change, text):
     with pytest.raises(InputError) as refused:
         kind(**change)
     assert str(refused.value).startswith(text)
-
-
-def test_the_docstring_lists_the_observation():
-    rows = re.findall(
-        r"^ +\| (\d+) \| (\w+) \| (\S+) to (\S+) \| (.+?) \| (.+) \|$", GainBanditEnv.__doc__, re.MULTILINE
-    )
-    listed = [(name, float(low), float(high), unit, meaning) for _, name, low, high, unit, meaning in rows]
-    assert listed == [tuple(entry) for entry in entries(("x", "y"), per_axis=False)]
-    assert [int(row[0]) for row in rows] == list(range(len(rows)))
 
 
 def test_the_environments_are_registered():
