@@ -323,6 +323,14 @@ class EpisodeBatch(ABC):
             raise GantryError("this episode has not been stepped yet: take a step first")
         return self._batch.runs[place].record(partial=True)
 
+    def film(self, place: int, file: str | os.PathLike[str], **options: Any) -> int:
+        """Write a film of the episode at a place so far, see `gantrysim.render.save_video`."""
+        # slow to import
+        from gantrysim.render import save_video
+
+        run = self.record(place)
+        return save_video(self._episode(place).simulation.machine, run, file, **options)
+
     def scene(self, place: int) -> tuple[Machine, Run, int]:
         """Return machine, record and tick of the present moment, to be drawn."""
         machine = self._episode(place).simulation.machine

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -90,6 +91,10 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
     def run(self, place: int) -> Run:
         """Return the record of one environment's episode so far, after at least one step."""
         return self._episodes.record(place)
+
+    def film(self, place: int, file: str | os.PathLike[str], **options: Any) -> int:
+        """Write a film of one environment's episode so far, as `PathEnv.film`."""
+        return self._episodes.film(place, file, **options)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
