@@ -109,7 +109,7 @@ def addresses_of(array: NDArray[Any]) -> NDArray[np.int64]:
     return array.ctypes.data + array.strides[0] * np.arange(len(array))
 
 
-def _space(entries: Sequence[Entry]) -> Box:
+def _space(entries: Sequence[Entry]) -> Box[np.float32]:
     low = np.array([entry.low for entry in entries], np.float32)
     high = np.array([entry.high for entry in entries], np.float32)
     return Box(low, high, dtype=np.float32)
