@@ -14,10 +14,11 @@ from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Source
 from gantrysim.env.glue import BEAD, PIECE, PIECES, SIGHT, WIDTHS, Camera, Glue, LaidBead, Program, lay
-from gantrysim.env.look_ahead import LimitedSpeed, LookAhead, ahead_entries, look_ahead
+from gantrysim.env.look_ahead import LimitedSpeed, LookAhead, PathsAhead, ahead_entries
 from gantrysim.env.observation import Entry
 from gantrysim.env.outcome import Outcome
 from gantrysim.env.ranges import NOT_NEGATIVE, POSITIVE, RandomValue
+from gantrysim.env.rows import Rows
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.env.vector import PathVectorEnv
@@ -147,8 +148,9 @@ class BeadWidthBatch(EpisodeBatch):
         self._episode_widths = np.zeros(places, WIDTHS)
         self._speeds = [np.zeros(1)] * places
         self._noise = [np.zeros(1)] * places
-        self._look: list[LookAhead | None] = [None] * places
-        self._ahead_values = np.zeros((places, len(ahead_entries(_SPEEDS))))
+        # of the program, zero behind its end
+        self._speed_rows = Rows(places)
+        self._paths_ahead = PathsAhead(places)
 
     def _entries(self) -> list[Entry]:
         return [
@@ -176,7 +178,8 @@ class BeadWidthBatch(EpisodeBatch):
         self._speeds[place] = np.append(speeds, 0.0)
         random = np.random.default_rng(int(episode.drawn["camera"] * 2**53))
         self._noise[place] = settings.camera_noise * random.standard_normal(_NOISES)
-        self._look[place] = LookAhead(episode.table.points)
+        self._speed_rows.put(place, self._speeds[place])
+        self._paths_ahead.put(place, LookAhead(episode.table.points))
 
     def _act(self, places: Sequence[int]) -> None:
         most = math.log(self.settings.override_range)
@@ -212,21 +215,14 @@ class BeadWidthBatch(EpisodeBatch):
 
     def observations(self) -> NDArray[np.float32]:
         interval = self.source.ticks or 1
-        for place, look in enumerate(self._look):
-            if look is not None:
-                sent = int(self._sent[place])
-                speeds = self._speeds[place][sent : sent + 3 * interval : interval].tolist()
-                # the program rests after its end
-                speeds += [0.0] * (3 - len(speeds))
-                s = look.s[max(int(self._foot[place]), 0)]
-                self._ahead_values[place] = look_ahead(look, s, speeds)
+        speeds = [self._speed_rows.at(self._sent + k * interval) for k in range(len(_SPEEDS))]
         parts = [
             np.clip(self._seen["error"], -_WORST, _WORST)[:, None],
             np.clip(self._seen["change"], -_WORST, _WORST)[:, None],
             self._seen["is_seen"][:, None],
             self._override[:, None] / math.log(self.settings.override_range),
             self._action,
-            self._ahead_values,
+            self._paths_ahead.values(self._paths_ahead.s(self._foot), speeds),
             np.minimum(self._sent / self._setpoints, 1.0)[:, None],
         ]
         return np.concatenate(parts, 1, dtype=np.float32)

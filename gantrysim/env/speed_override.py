@@ -21,7 +21,7 @@ from gantrysim.engine.simulation import Simulation
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Plan
 from gantrysim.env.friction import ChangingFriction
-from gantrysim.env.look_ahead import LookAhead, ahead_entries, look_ahead
+from gantrysim.env.look_ahead import LookAhead, PathsAhead, ahead_entries
 from gantrysim.env.observation import Entry
 from gantrysim.env.outcome import EpisodeState, Outcome
 from gantrysim.env.scalar import PathEnv
@@ -144,7 +144,14 @@ class SpeedOverrideSource(ChangingFriction):
         # to be written as the episode goes on
         position = simulation.position.copy()
         simulation.setpoints.dispense.flags.writeable = True
-        book = LogBook(machine, simulation.setpoints, position, simulation.dispenser, drives=simulation.drives)
+        book = LogBook(
+            machine,
+            simulation.setpoints,
+            position,
+            simulation.dispenser,
+            faults=simulation.faults,
+            drives=simulation.drives,
+        )
         return replace(simulation, position=position, book=book)
 
     def _room(self, length: float, speed: float) -> int:
@@ -246,11 +253,7 @@ class SpeedOverrideBatch(EpisodeBatch):
         self._way = np.zeros(places)
         self._speed = np.ones(places)
         self._length = np.ones(places)
-        self._look: list[LookAhead | None] = [None] * places
-        self._ahead_values = np.zeros((places, len(ahead_entries(_SPEEDS))))
-        # distance to the next reversal of an axis [mm]
-        self._to_reversal = np.ones(places)
-        self._since_reversal = np.ones(places)  # and since the last
+        self._paths_ahead = PathsAhead(places)
 
     def _entries(self) -> list[Entry]:
         axes = self.source.machine.axis_names
@@ -290,7 +293,7 @@ class SpeedOverrideBatch(EpisodeBatch):
         setpoints = episode.simulation.setpoints
         self._length[place] = setpoints.requested.length
         self._speed[place] = self.source.program_speed(episode.drawn)
-        self._look[place] = LookAhead(episode.table.points)
+        self._paths_ahead.put(place, LookAhead(episode.table.points))
 
     def _act(self, places: Sequence[int]) -> None:
         settings = self.settings
@@ -355,12 +358,8 @@ class SpeedOverrideBatch(EpisodeBatch):
     def observations(self) -> NDArray[np.float32]:
         settings = self.settings
         measured = self.measured
-        for place, look in enumerate(self._look):
-            if look is not None:
-                s = float(self._commanded_s[place])
-                speeds = [self._commanded_speed[place], self._speed[place]]
-                self._ahead_values[place] = look_ahead(look, s, speeds)
-                self._to_reversal[place], self._since_reversal[place] = look.to_reversal(s)
+        s = self._commanded_s
+        ahead = self._paths_ahead.values(s, (self._commanded_speed, self._speed))
         low = math.log(settings.slowest)
         high = math.log(settings.fastest)
         errors = np.column_stack([measured.contour_max, measured.following_rms]) / settings.tolerance
@@ -368,10 +367,9 @@ class SpeedOverrideBatch(EpisodeBatch):
             np.clip(errors, 0.0, _ERRORS),
             2 * (self._override[:, None] - low) / (high - low) - 1,
             self._action,
-            self._ahead_values,
-            np.minimum(self._to_reversal / _NEAR_REVERSAL, 1.0)[:, None],
-            np.minimum(self._since_reversal / _NEAR_REVERSAL, 1.0)[:, None],
-            (self._commanded_s / self._length)[:, None],
+            ahead,
+            np.minimum(self._paths_ahead.to_reversal(s) / _NEAR_REVERSAL, 1.0),
+            (s / self._length)[:, None],
         ]
         return np.concatenate(parts, 1, dtype=np.float32)
 

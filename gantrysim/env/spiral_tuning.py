@@ -14,7 +14,7 @@ from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, Episode, gain_factors
 from gantrysim.env.friction import model_torques
 from gantrysim.env.inertia import MOST_PAYLOAD, SUMS, ChangingPayload, Decay, Motion, Nominal, fit, ratios
-from gantrysim.env.look_ahead import LookAhead, ahead_entries, look_ahead
+from gantrysim.env.look_ahead import LookAhead, PathsAhead, ahead_entries
 from gantrysim.env.observation import Entry
 from gantrysim.env.outcome import Outcome
 from gantrysim.env.scalar import PathEnv
@@ -137,7 +137,7 @@ class SpiralTuningBatch(EpisodeBatch):
         # of the last interval [kg]
         self._payload = np.zeros(places)
         self._motion = [Motion(np.zeros((1, len(axes))), np.zeros((1, len(axes))))] * places  # for the fit
-        self._look: list[LookAhead | None] = [None] * places
+        self._paths_ahead = PathsAhead(places)
 
     def _entries(self) -> list[Entry]:
         entries = []
@@ -176,7 +176,7 @@ class SpiralTuningBatch(EpisodeBatch):
         position = episode.simulation.position
         sliding, _ = model_torques(axes, position, self.source.servo.period)
         self._motion[place] = Motion(sliding, np.diff(position, axis=0, prepend=position[:1]))
-        self._look[place] = LookAhead(episode.table.points)
+        self._paths_ahead.put(place, LookAhead(episode.table.points))
         self._log[place] = self._start_log
         self._sums[place] = self._prior
         self._error[place] = 0.0
@@ -229,11 +229,7 @@ class SpiralTuningBatch(EpisodeBatch):
             self._next_acceleration,
             np.clip(ratio, -_RATIOS, _RATIOS),
         ]
-        ahead = np.zeros((n, len(ahead_entries(_SPEED_OF))))
-        for place, look in enumerate(self._look):
-            if look is not None:
-                s = float(look.s[max(int(self._foot[place]), 0)])
-                ahead[place] = look_ahead(look, s, [float(measured.speed[place])])
+        ahead = self._paths_ahead.values(self._paths_ahead.s(self._foot), [measured.speed])
         shared = [
             np.clip(common, -_RATIOS, _RATIOS)[:, None],
             self._log,
