@@ -14,7 +14,7 @@ from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Source
 from gantrysim.env.glue import BEAD, PIECE, PIECES, SIGHT, WIDTHS, Camera, Glue, LaidBead, Program, lay
-from gantrysim.env.look_ahead import LimitedSpeed, LookAhead, PathsAhead, ahead_entries
+from gantrysim.env.look_ahead import LimitedSpeed, PathsAhead, ahead_entries
 from gantrysim.env.observation import Entry
 from gantrysim.env.outcome import Outcome
 from gantrysim.env.ranges import NOT_NEGATIVE, POSITIVE, RandomValue
@@ -111,6 +111,7 @@ class BeadWidthSource(Source):
     """Source of episodes with glue; on spirals the program slows down in places."""
 
     values: ClassVar = {**GLUE, **SPEED, **_SEED}
+    looks_ahead: ClassVar[bool] = True
 
     @property
     def slowest(self) -> float:
@@ -148,6 +149,9 @@ class BeadWidthBatch(EpisodeBatch):
         self._episode_widths = np.zeros(places, WIDTHS)
         self._speeds = [np.zeros(1)] * places
         self._noise = [np.zeros(1)] * places
+        self._fastest = [1.0] * places
+        nominal = {name: value.nominal for name, value in GLUE.items()}
+        self._glue = [Glue(**nominal, flow_index=settings.index)] * places
         # of the program, zero behind its end
         self._speed_rows = Rows(places)
         self._paths_ahead = PathsAhead(places)
@@ -178,8 +182,10 @@ class BeadWidthBatch(EpisodeBatch):
         self._speeds[place] = np.append(speeds, 0.0)
         random = np.random.default_rng(int(episode.drawn["camera"] * 2**53))
         self._noise[place] = settings.camera_noise * random.standard_normal(_NOISES)
+        self._fastest[place] = float(speeds.max())
+        self._glue[place] = Glue(**{name: episode.drawn[name] for name in GLUE}, flow_index=settings.index)
         self._speed_rows.put(place, self._speeds[place])
-        self._paths_ahead.put(place, LookAhead(episode.table.points))
+        self._paths_ahead.put(place, episode.look)
 
     def _act(self, places: Sequence[int]) -> None:
         most = math.log(self.settings.override_range)
@@ -187,31 +193,33 @@ class BeadWidthBatch(EpisodeBatch):
         self._override[places] = np.clip(moved, -most, most)
 
     def _follow(self, place: int, first: int, last: int) -> None:
-        """Lay the bead of some ticks, and see it."""
+        """Lay the bead of some ticks."""
         settings = self.settings
-        episode = self._episode(place)
         speeds = self._speeds[place]
-        drawn = episode.drawn
         lay(
-            episode.simulation.log,
+            self._episode(place).simulation.log,
             (first, last),
-            Program(speeds, float(speeds.max()), math.exp(self._override[place]), self.source.servo.period),
-            Glue(**{name: drawn[name] for name in GLUE}, flow_index=settings.index),
+            Program(speeds, self._fastest[place], math.exp(self._override[place]), self.source.servo.period),
+            self._glue[place],
             Camera(round(settings.behind / PIECE), self._noise[place], settings.tolerance),
             LaidBead(self._bead[place], self._errors[place], self._widths[place], self._sight[place]),
         )
-        widths = self._widths[place]
-        episode_widths = self._episode_widths[place]
+
+    def _measure(self, stepped: NDArray[np.intp]) -> None:
+        """Lay the bead since the last decision, and see it."""
+        super()._measure(stepped)
+        widths = self._widths[stepped]
+        episode_widths = self._episode_widths
         for name in ("pieces", "square", "outside"):
-            episode_widths[name] += widths[name]
-        episode_widths["largest"] = max(episode_widths["largest"], widths["largest"])
-        sight = self._sight[place]
-        if sight["pieces"]:
-            mean = sight["error"] / sight["pieces"] / settings.tolerance
-            seen = self._seen[place]
-            seen["change"] = mean - seen["error"] if seen["is_seen"] else 0.0
-            seen["error"] = mean
-            seen["is_seen"] = 1.0
+            episode_widths[name][stepped] += widths[name]
+        episode_widths["largest"][stepped] = np.maximum(episode_widths["largest"][stepped], widths["largest"])
+        seeing = stepped[self._sight["pieces"][stepped] > 0]
+        sight = self._sight[seeing]
+        mean = sight["error"] / sight["pieces"] / self.settings.tolerance
+        seen = self._seen
+        seen["change"][seeing] = np.where(seen["is_seen"][seeing] > 0, mean - seen["error"][seeing], 0.0)
+        seen["error"][seeing] = mean
+        seen["is_seen"][seeing] = 1.0
 
     def observations(self) -> NDArray[np.float32]:
         interval = self.source.ticks or 1

@@ -91,6 +91,8 @@ class DrawnAhead:
         episode = self._source.draw(random)
         # computed here, for the thread that steps not to
         _ = episode.simulation.start
+        if self._source.looks_ahead:
+            episode.look.prepare()
         return episode, random.bit_generator.state
 
     def close(self) -> None:

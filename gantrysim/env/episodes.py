@@ -14,6 +14,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, positive, unknown, whole
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulation import Simulation
+from gantrysim.env.look_ahead import LookAhead
 from gantrysim.env.ranges import RandomValue, machine_ranges, task_ranges
 from gantrysim.env.settings import LEAST_DIAMETER, PathSettings
 from gantrysim.glue.dispenser.dispenser import Dispenser
@@ -61,12 +62,14 @@ class Episode:
     Attributes:
         simulation: its setpoints on its machine.
         table: points along the requested path.
+        look: ahead along the path.
         progress: arc length for which each setpoint stands, (n,) [mm].
         drawn: values drawn for the path and the machine, by name.
     """
 
     simulation: Simulation
     table: Table
+    look: LookAhead
     progress: Floats
     drawn: dict[str, float]
 
@@ -93,6 +96,10 @@ class Plan:
     dispenser: Dispenser
     drawn: dict[str, float]
 
+    @cached_property
+    def look(self) -> LookAhead:
+        return LookAhead(self.setpoints.requested.table.points)
+
 
 class Source:
     """Source of random episodes; a task's own derives from it.
@@ -113,6 +120,7 @@ class Source:
     """
 
     values: ClassVar[Mapping[str, RandomValue]] = {}  # that a task draws for an episode
+    looks_ahead: ClassVar[bool] = False  # whether the task observes what lies ahead
 
     def __init__(self, settings: PathSettings, detune: float = 1.0) -> None:
         self.settings = settings
@@ -183,7 +191,8 @@ class Source:
         if progress is None:
             tip = machine.tip(axis_positions(machine, setpoints))
             progress = assigned_progress(setpoints.requested, tip)
-        return Episode(simulation, plan.setpoints.requested.table, progress, {**plan.drawn, **values, **task})
+        drawn_values = {**plan.drawn, **values, **task}
+        return Episode(simulation, plan.setpoints.requested.table, plan.look, progress, drawn_values)
 
     def _simulation(self, machine: Machine, plan: Plan) -> Simulation:
         return Simulation.of(

@@ -122,3 +122,26 @@ def fit(
             answer = log.axis[k, a].demand - moving[setpoint, a]
             total.numerator = forget * total.numerator + regressor * answer
             total.denominator = forget * total.denominator + regressor * regressor
+
+
+@jit
+def next_means(position: Floats, sliding: Floats, ticks: tuple[int, int], step: Floats, friction: Floats) -> None:
+    """Write the means over the next ticks, at the end of the episode over its last one.
+
+    Args:
+        position: setpoints, (n, axes) [mm or deg].
+        sliding: torque of the nominal friction, (n, axes) [N·m].
+        ticks: the first, and their number.
+        step: motion in a tick, (axes,), to be written [mm or deg].
+        friction: torque of the nominal friction, (axes,), to be written [N·m].
+    """
+    first, count = ticks
+    for a in range(position.shape[1]):
+        way = 0.0
+        torque = 0.0
+        for k in range(first, first + count):
+            tick = min(max(k, 1), len(position) - 1)
+            way += position[tick, a] - position[tick - 1, a]
+            torque += sliding[tick, a]
+        step[a] = way / count
+        friction[a] = torque / count

@@ -54,6 +54,10 @@ class LookAhead:
             reversals.append(self.s[moving[turned] + 1])
         return np.unique(np.concatenate(reversals))
 
+    def prepare(self) -> None:
+        """Compute all of it, which is then remembered."""
+        _ = self.s, self.curvature, self.reversals
+
     def to_reversal(self, s: ArrayLike) -> tuple[Floats, Floats]:
         """Return the distances to the next reversal and since the last, of the shape of s, inf without one [mm]."""
         place = np.asarray(s, float)

@@ -21,7 +21,7 @@ from gantrysim.engine.simulation import Simulation
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Plan
 from gantrysim.env.friction import ChangingFriction
-from gantrysim.env.look_ahead import LookAhead, PathsAhead, ahead_entries
+from gantrysim.env.look_ahead import PathsAhead, ahead_entries
 from gantrysim.env.observation import Entry
 from gantrysim.env.outcome import EpisodeState, Outcome
 from gantrysim.env.scalar import PathEnv
@@ -93,6 +93,7 @@ class SpeedOverrideSource(ChangingFriction):
     """Source of episodes whose setpoints are still to be written, and whose friction changes at some moment."""
 
     settings: SpeedOverrideSettings
+    looks_ahead: ClassVar[bool] = True
 
     def __init__(self, settings: SpeedOverrideSettings) -> None:
         super().__init__(settings)
@@ -293,7 +294,7 @@ class SpeedOverrideBatch(EpisodeBatch):
         setpoints = episode.simulation.setpoints
         self._length[place] = setpoints.requested.length
         self._speed[place] = self.source.program_speed(episode.drawn)
-        self._paths_ahead.put(place, LookAhead(episode.table.points))
+        self._paths_ahead.put(place, episode.look)
 
     def _act(self, places: Sequence[int]) -> None:
         settings = self.settings
