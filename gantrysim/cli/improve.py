@@ -183,6 +183,8 @@ def show_changes(improvement: Improvement) -> None:
     say(improvement.sentence, wrap=True)
     if improvement.fastest is not None:
         say(str(improvement.fastest), wrap=True)
+    if improvement.note:
+        say(improvement.note, wrap=True)
     if improvement.changes_anything:
         for gain in improvement.gains:
             say(gain, wrap=True)

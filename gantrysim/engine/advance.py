@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from functools import partial
 from typing import Protocol
 
 import mujoco
@@ -28,7 +27,17 @@ _MOST_IN_PYTHON = 1000  # the same with a law in plain Python
 
 
 class Steps(Protocol):
-    """What steps simulations, by number."""
+    """What steps simulations, by number.
+
+    Attributes:
+        most_steps: number of physics steps of each simulation, after which Ctrl-C takes effect.
+    """
+
+    @property
+    def most_steps(self) -> int: ...
+
+    def hook(self) -> AbstractContextManager[Interrupted]:
+        """Return a context in which they can be stepped, see `gantrysim.engine.native.hook`."""
 
     def step(self, steps: int, numbers: Numbers) -> None:
         """Make a number of physics steps of some of them."""
@@ -82,7 +91,6 @@ def advance(
     runs: Mapping[int, Started],
     steps: int | None = None,
     *,
-    hook: Callable[[], AbstractContextManager[Interrupted]] = installed_tick,
     progress: Callable[[int], None] | None = None,
 ) -> None:
     """Step simulations until all have sent their last setpoint or had a fault, or have made a number of steps.
@@ -94,16 +102,15 @@ def advance(
         simulated: what steps the simulations; Ctrl-C takes effect between its calls.
         runs: the simulations by number.
         steps: number of physics steps; by default as many as it takes.
-        hook: makes a context in which the servo is MuJoCo's control callback, by default that of the compiled law.
-        progress: called after every call of MuJoCo with the number of setpoints that all simulations have sent.
+        progress: called after every call with the number of setpoints that all simulations have sent.
     """
-    in_python = hook is not installed_tick or any(run.user_law is not None for run in runs.values())
-    most = _MOST_IN_PYTHON if in_python else MOST_STEPS
+    in_python = any(run.user_law is not None for run in runs.values())
+    most = min(simulated.most_steps, _MOST_IN_PYTHON) if in_python else simulated.most_steps
     if steps is None and progress is not None:
         most = min(most, max(run.steps_left for run in runs.values()) // CALLS + 1)
     stepped = 0
     while True:
-        with hook() as interrupted:
+        with simulated.hook() as interrupted:
             # a signal is handled at the end of this block; where its handler returns, the run goes on
             while not interrupted():
                 running = [number for number, run in runs.items() if not run.done]
@@ -132,6 +139,7 @@ class Stepper:
     """
 
     def __init__(self, simulation: Simulation) -> None:
+        self._law: PlainLaw | None = None
         self.data = mujoco.MjData(simulation.model)
         self.run = Started.of(simulation, self.data.qpos, self.data.userdata)
 
@@ -139,12 +147,20 @@ class Stepper:
         self, steps: int | None = None, law: PlainLaw | None = None, progress: Callable[[int], None] | None = None
     ) -> None:
         """Step until the run is done or has made a number of steps, with its servo's law or one in plain Python."""
-        hook = installed_tick
+        self._law = law
         if law is not None:
-            hook = partial(installed_law, self.data, law)
             # no step of it can be taken back
             self.run.stop_at_stops()
-        advance(self, {0: self.run}, steps, hook=hook, progress=progress)
+        advance(self, {0: self.run}, steps, progress=progress)
+
+    @property
+    def most_steps(self) -> int:
+        """Number of physics steps after which Ctrl-C takes effect."""
+        return MOST_STEPS if self._law is None else _MOST_IN_PYTHON
+
+    def hook(self) -> AbstractContextManager[Interrupted]:
+        """Return a context in which the servo is MuJoCo's control callback."""
+        return installed_tick() if self._law is None else installed_law(self.data, self._law)
 
     def step(self, steps: int, _: Numbers) -> None:
         """Make physics steps."""

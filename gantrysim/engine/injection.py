@@ -39,7 +39,7 @@ class Injection(NamedTuple):
     def stages(self) -> list[Stage]:
         """Return the stages of the tick; the entries must be kept alive as long as they are in use."""
         return [
-            Stage(point, fault_stage(point, function), self.entries[k : k + 1].ctypes.data)
+            Stage(point, fault_stage(function), self.entries[k : k + 1].ctypes.data)
             for k, fault in enumerate(self.faults)
             for point, function in fault.stages
         ]

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.engine.native.laws import base_stage, feed_stage, law_stage
-from gantrysim.engine.native.stages import Stage
+from gantrysim.engine.native.laws import add_fed_torque, base_stage, feed_stage, law_stage
+from gantrysim.engine.native.stages import Body, Stage
 from gantrysim.machine.row import LAW
 from gantrysim.servo.laws import PID
 from gantrysim.servo.laws.law import FEEDFORWARD
@@ -38,11 +38,11 @@ def law_stages(servo: Servo, entries: NDArray[np.void] | None, torque: Floats | 
     stages = []
     base = servo.laws.base
     if servo.laws.user is None and base.tick is not PID.tick:
-        stages.append(Stage("law", base_stage(base)))
+        stages.append(Stage("law", base_stage(base), body=Body("base", base.tick)))
     if entries is not None:
         for law in servo.laws.added:
             for point, function in law.stages:
-                stages.append(Stage(point, law_stage(function), entries.ctypes.data))
+                stages.append(Stage(point, law_stage(function), entries.ctypes.data, Body("laws", function)))
     if torque is not None:
-        stages.append(Stage(FEEDFORWARD, feed_stage(), torque.ctypes.data))
+        stages.append(Stage(FEEDFORWARD, feed_stage(), torque.ctypes.data, Body("tape", add_fed_torque)))
     return stages

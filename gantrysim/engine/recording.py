@@ -291,8 +291,9 @@ class LogBook:
         self._address(row)
 
     def _address(self, row: np.void) -> None:
-        row["log"] = self.log.tick.ctypes.data - self.first * self.log.tick.itemsize
-        row["axis_log"] = self.log.axis.ctypes.data - self.first * self.log.axis.itemsize * self.log.axis.shape[1]
+        row["log"] = self.log.tick.ctypes.data
+        row["axis_log"] = self.log.axis.ctypes.data
+        row["first"] = self.first
 
     def make_room(self, row: np.void, ticks: int) -> None:
         """Make room for more ticks of the servo that writes here.

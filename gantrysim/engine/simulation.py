@@ -18,14 +18,15 @@ from gantrysim.engine.arguments import check_argument, sent_setpoints
 from gantrysim.engine.drives import drive_entries
 from gantrysim.engine.injection import NONE, Injection, faulted_models, injection
 from gantrysim.engine.laws import law_entries
+from gantrysim.engine.linear import linear_machine
 from gantrysim.engine.positions import axis_positions, axis_torques, check_supervision
 from gantrysim.engine.recording import LogBook
 from gantrysim.faults import InjectedFault
 from gantrysim.faults.checks import check_faults
 from gantrysim.glue.dispenser.dispenser import Dispenser
-from gantrysim.machine.layout import offsets
 from gantrysim.machine.machine import Machine
-from gantrysim.machine.row import OFFSETS, OVERSPEED, ROW, ROW_NUMBERS, Log
+from gantrysim.machine.row import OVERSPEED, ROW, ROW_NUMBERS, Log
+from gantrysim.machine.springs import driven_joints
 from gantrysim.machine.timing import delay_steps, substeps_of
 from gantrysim.machine.travel import has_no_constraints_but_stops, stops_of
 from gantrysim.record.setpoints import Setpoints, periods
@@ -60,12 +61,9 @@ def start_of(
 
 def _fill(machine: Machine, servo: Servo, row: np.void) -> None:
     """Write the servo, its axes and where MuJoCo has them."""
-    for name, field in OFFSETS.items():
-        row[name] = offsets()[field]
     row["axes"] = servo.axes
-    row["dofs"] = machine.physics.nv
-    row["nozzle"] = machine.nozzle
-    row["work"] = machine.work
+    row["nozzle_site"] = machine.nozzle
+    row["work_body"] = machine.work
     row["period"] = servo.period
     row["resolution"][: servo.axes] = [drive.resolution for drive in servo.drives]
     row["following_error_limit"][: servo.axes] = servo.following_error_limit
@@ -79,11 +77,15 @@ def _fill(machine: Machine, servo: Servo, row: np.void) -> None:
         if mode != "torque":
             row["torque_limit"][a] = axis.speed_limit if mode == "velocity" else np.inf
     row["drive_gain"][: servo.axes] = machine.drive_gain
-    for name, values in zip(("joint", "stop_low", "stop_high"), stops_of(machine.layout), strict=True):
+    for name, values in zip(("joint_at", "stop_low", "stop_high"), stops_of(machine.layout), strict=True):
         row[name][: servo.axes] = values
+    joints = driven_joints(machine.layout)
+    row["dof_at"][: servo.axes] = machine.layout.jnt_dofadr[joints]
     for a, (axis, address) in enumerate(zip(machine.plain_axes, machine.addresses, strict=True)):
         for name in ("control", "output", "current"):
-            row[name][a] = getattr(address, name)
+            row[f"{name}_at"][a] = getattr(address, name)
+        row["load_at"][a] = machine.layout.jnt_qposadr[address.load] if address.load >= 0 else -1
+        row["load_dof_at"][a] = machine.layout.jnt_dofadr[address.load] if address.load >= 0 else -1
         row["scale"][a] = axis.scale
         row["speed_limit"][a] = axis.speed_limit
         row["low"][a], row["high"][a] = axis.travel
@@ -221,6 +223,20 @@ class Simulation:
     def start(self) -> tuple[Floats, Floats]:
         """The machine's qpos at rest at the first setpoint, and the servo's row before it is armed."""
         return start_of(self.machine, self.servo, self.setpoints, self.position, self.substeps)
+
+    @cached_property
+    def hindrance(self) -> str | None:
+        """Why the compiled loop cannot step it, so that MuJoCo does; None where it can."""
+        if self.faults:
+            return "a run with deliberate faults is MuJoCo's"
+        if self.servo.laws.user is not None:
+            return "a run with a law of its user's own is MuJoCo's"
+        if self.stops:
+            return f"machine {self.machine.name} has constraints besides the stops of its axes"
+        models = (self.model, *(model for _, model in self.later))
+        if any(linear_machine(self.machine, model) is None for model in models):
+            return f"the physics step of machine {self.machine.name} is not linear, as where a joint turns"
+        return None
 
     @property
     def model_with_stops(self) -> mujoco.MjModel:

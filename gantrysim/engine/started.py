@@ -14,8 +14,8 @@ from gantrysim.base.errors import GantryError
 from gantrysim.engine.drives import drive_stages
 from gantrysim.engine.laws import law_stages
 from gantrysim.engine.native.callback import magic
-from gantrysim.engine.native.stages import Stage, arm
-from gantrysim.engine.native.supervision import gate_stage, position_error_stage
+from gantrysim.engine.native.stages import Body, Stage, arm
+from gantrysim.engine.native.supervision import gate_stage, position_error_stage, wait_at_gate, watch_position_error
 from gantrysim.engine.native.user import CalledLaw
 from gantrysim.engine.simulation import Simulation
 from gantrysim.machine.row import (
@@ -43,6 +43,7 @@ class Started:
         row: the servo's row of the state's userdata, a live view, see `gantrysim.machine.row`.
         drives, laws, user_law: their states, kept alive as the stages hold their addresses.
         stages: of the tick, kept alive as the row holds their address.
+        bodies: of the stages, by their points; None for one that a device cannot have.
     """
 
     simulation: Simulation
@@ -51,6 +52,7 @@ class Started:
     laws: NDArray[np.void] | None = None
     user_law: CalledLaw | None = None
     stages: NDArray[np.void] | None = None
+    bodies: tuple[tuple[str, Body | None], ...] = ()
 
     @classmethod
     def of(cls, simulation: Simulation, qpos: Floats, userdata: Floats) -> Started:
@@ -79,7 +81,8 @@ class Started:
         table = arm(row, stages)
         # the last, for it arms the servo
         row["magic"] = magic()
-        return cls(simulation, row, drives, laws, user_law, table)
+        bodies = tuple((stage.point, stage.body) for stage in stages)
+        return cls(simulation, row, drives, laws, user_law, table, bodies)
 
     @property
     def steps(self) -> int:
@@ -212,7 +215,7 @@ def _supervision_stages(simulation: Simulation) -> list[Stage]:
     """Return the stages of a motion controller that watches the position error, or waits for its axes to settle."""
     stages = []
     if math.isfinite(simulation.setpoints.supervision.position_error):
-        stages.append(Stage("supervise", position_error_stage()))
+        stages.append(Stage("supervise", position_error_stage(), body=Body("tape", watch_position_error)))
     if simulation.setpoints.gates.size:
-        stages.append(Stage("supervise", gate_stage()))
+        stages.append(Stage("supervise", gate_stage(), body=Body("tape", wait_at_gate)))
     return stages

@@ -13,7 +13,7 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.errors import GantryError, InputError
-from gantrysim.engine.batch import Batch
+from gantrysim.engine.places import places_of
 from gantrysim.engine.simulate import perfect_follower
 from gantrysim.env.episodes import Chosen, Episode, Source
 from gantrysim.env.interval import AXIS_VALUES, NOT_MEASURED, PATH_VALUES, SPAN, measure, measuring_stage
@@ -90,7 +90,7 @@ class DrawnAhead:
         random.bit_generator.state = before
         episode = self._source.draw(random)
         # computed here, for the thread that steps not to
-        _ = episode.simulation.start
+        _ = episode.simulation.start, episode.simulation.hindrance
         if self._source.looks_ahead:
             episode.look.prepare()
         return episode, random.bit_generator.state
@@ -153,7 +153,9 @@ class EpisodeBatch(ABC):
         self.source = Source(settings) if source is None else source
         machine = self.source.machine
         self._axes = len(machine.axes)
-        self._batch = Batch(machine, places, threads_for(places) if threads is None else threads)
+        self._batch = places_of(
+            machine, places, threads_for(places) if threads is None else threads, self.source.engine
+        )
         self._ahead = DrawnAhead(self.source) if ahead else None
         if self._ahead is not None:
             # not earlier: a thread that draws holds Python's lock, for which this one would have to wait

@@ -12,6 +12,7 @@ import numpy as np
 from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, positive, unknown, whole
+from gantrysim.engine.linear import Engine
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.look_ahead import LookAhead
@@ -113,6 +114,7 @@ class Source:
         servo: the servo at the start of an episode.
         ticks: servo periods between decisions; None for one decision per episode.
         task: ranges of the values that the task draws for an episode.
+        engine: what makes the physics steps; MuJoCo where a fault or a law of the user's own asks for it.
 
     Raises:
         InputError: an unknown job, machine or random value, a range out of its limits, spirals that the machine cannot
@@ -142,6 +144,8 @@ class Source:
         self.ticks = self._ticks()
         self.task = task_ranges(self.values, settings.preset, settings.ranges)
         self._machine_ranges = machine_ranges(self._machine_columns, self.values, settings.ranges)
+        asks = self.servo.laws.user is not None or (self._job is not None and self._job.faults)
+        self.engine: Engine = "mujoco" if asks else settings.engine
         self._fixed = None if self._job is None else Plan(self._job.setpoints, self._job.dispenser, {})
         if self._job is None:
             self._check_room()

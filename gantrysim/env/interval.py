@@ -10,14 +10,13 @@ from typing import Any, NamedTuple
 
 import numba
 import numpy as np
-from numba.extending import intrinsic
+from numba import types
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
-from gantrysim.engine.native.pointers import floats, logs_at, octets, row_at, typed_pointer
+from gantrysim.engine.native.pointers import log_of, pointer, row_at
 from gantrysim.engine.native.stages import compiled_stage
-from gantrysim.machine.row import Log
 from gantrysim.paths.nearest import Table, chord_at, nearest_chord, remembered_lag, stretch, to_chord
 
 # what is measured between two decisions, see `IntervalValues`: of the path, and of each axis
@@ -74,6 +73,12 @@ SPAN = np.dtype(
     ]
 )
 
+_SPAN = numba.from_dtype(SPAN)
+_PATH_VALUES = numba.from_dtype(PATH_VALUES)
+_AXIS_VALUES = numba.from_dtype(AXIS_VALUES)
+_OCTET = types.uint8
+_FLOAT = types.float64
+
 _CHORD = 8  # points of the path to either side of a foot, over which heading and curvature are taken
 
 
@@ -105,21 +110,6 @@ def _distance(a, b):
     return np.sqrt(x * x + y * y + z * z)
 
 
-@intrinsic
-def _spans(context: Any, address: Any) -> Any:
-    return typed_pointer(numba.from_dtype(SPAN))
-
-
-@intrinsic
-def _path_values(context: Any, address: Any) -> Any:
-    return typed_pointer(numba.from_dtype(PATH_VALUES))
-
-
-@intrinsic
-def _axis_values(context: Any, address: Any) -> Any:
-    return typed_pointer(numba.from_dtype(AXIS_VALUES))
-
-
 @cache
 def measuring_stage() -> int:
     """Return the address of a C function that measures an interval; its argument is the address of its `SPAN`.
@@ -131,25 +121,25 @@ def measuring_stage() -> int:
     As the observer of a servo's row, see `gantrysim.machine.row`, it measures on the thread that has stepped.
     """
 
-    def stage(data, userdata, argument):
-        _measure(row_at(userdata), numba.carray(_spans(argument), (1,))[0])
+    def stage(address, argument):
+        _measure(row_at(address), numba.carray(pointer(argument, _SPAN), (1,))[0])
 
     return compiled_stage(stage)
 
 
 @cache
 def _measuring() -> Any:
-    return ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)(measuring_stage())
+    return ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)(measuring_stage())
 
 
-def measure(userdata: int, span: int) -> None:
+def measure(row: int, span: int) -> None:
     """Measure an interval, see `measuring_stage`.
 
     Args:
-        userdata: address of the servo's row, whose log is read.
+        row: address of the servo's row, whose log is read.
         span: address of the `SPAN`.
     """
-    _measuring()(0, userdata, span)
+    _measuring()(row, span)
 
 
 @jit
@@ -158,15 +148,15 @@ def _measure(row, span):
     axes = row.axes
     first = span.before.tick
     last = row.tick
-    log = Log(*logs_at(row.log, row.axis_log, last, axes))
-    position = numba.carray(floats(row.setpoints), (span.count, axes))
-    dispense = numba.carray(octets(span.dispense), (span.count,))
-    points = numba.carray(floats(span.points), (3, span.entries)).T
-    s = numba.carray(floats(span.s), (span.entries,))
-    progress = numba.carray(floats(span.progress), (span.count,))
-    peak = numba.carray(floats(span.peak), (axes,))
-    path_values = numba.carray(_path_values(span.path_values), (1,))[0]
-    axis_values = numba.carray(_axis_values(span.axis_values), (axes,))
+    log = log_of(row)
+    position = numba.carray(pointer(row.setpoints, _FLOAT), (span.count, axes))
+    dispense = numba.carray(pointer(span.dispense, _OCTET), (span.count,))
+    points = numba.carray(pointer(span.points, _FLOAT), (3, span.entries)).T
+    s = numba.carray(pointer(span.s, _FLOAT), (span.entries,))
+    progress = numba.carray(pointer(span.progress, _FLOAT), (span.count,))
+    peak = numba.carray(pointer(span.peak, _FLOAT), (axes,))
+    path_values = numba.carray(pointer(span.path_values, _PATH_VALUES), (1,))[0]
+    axis_values = numba.carray(pointer(span.axis_values, _AXIS_VALUES), (axes,))
     setpoints = _Setpoints(position, dispense, progress)
     laid, path_values.speed = _measure_axes(log, (first, last), setpoints, row.period, peak, axis_values)
     # no corner needs to be known for the distance from chords

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.engine.batch import Moment
+from gantrysim.engine.places import Moment
 from gantrysim.env.settings import PathSettings
 
 # A saved moment of an episode.

@@ -20,6 +20,7 @@ from pydantic import (
 
 from gantrysim.base.errors import InputError, positive, unknown, whole
 from gantrysim.base.toml_files import field_names, one_line
+from gantrysim.engine.linear import Engine
 from gantrysim.env.ranges import NOMINAL, PRESETS, SHIFTED_TOLERANCES, TRAINING
 from gantrysim.job.job import Job
 from gantrysim.job.settings import ServoSettings
@@ -51,6 +52,7 @@ class PathSettings(BaseModel):
             `info` of a reset has, such as {"viscosity": (0.5, 2.0), "friction_x": 1.5}; they replace the preset's.
         decision_interval: time between decisions, a multiple of the servo period; inf for one per episode [s].
         tolerance: tolerance of the contour error [mm].
+        engine: what makes the physics steps, see `gantrysim.simulate`: "loop" where all joints of the machine slide.
 
     Raises:
         InputError: a value out of bounds.
@@ -71,6 +73,7 @@ class PathSettings(BaseModel):
     ranges: dict[str, Bounds] = {}
     decision_interval: float = 0.1
     tolerance: float = 0.05
+    engine: Engine = "loop"
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Self:

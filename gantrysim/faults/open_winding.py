@@ -10,8 +10,8 @@ from gantrysim.faults.fault import CURRENT, VOLTAGE, FaultAxis, Lasting, acts_in
 
 
 def take_current(row: Any, fault: Any) -> None:
-    """Take the current out of the winding, in every physics step, as MuJoCo integrates it from the voltage."""
-    if acts_in_step(row, fault):
+    """Take the current out of a winding that has inductance, in every physics step, as its voltage builds it up."""
+    if acts_in_step(row, fault) and row.current_at[fault.axis] >= 0:
         row.winding_current[fault.axis] = 0.0
 
 

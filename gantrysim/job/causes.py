@@ -26,6 +26,7 @@ from gantrysim.base import memory
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError
 from gantrysim.base.quantity import number_text
+from gantrysim.engine.linear import Engine
 from gantrysim.engine.simulate import stepped_simulation
 from gantrysim.engine.simulation import Simulation
 from gantrysim.job.ideal import FINE_PERIOD, finely_sampled, on_the_path
@@ -57,6 +58,7 @@ class Setup:
         setpoints: the setpoints, at the servo's period.
         physics_step: as in `simulate` [s].
         ticks: servo ticks per setpoint of the program.
+        engine: as in `simulate`.
     """
 
     machine: Machine
@@ -64,6 +66,7 @@ class Setup:
     setpoints: Setpoints
     physics_step: float | None = None
     ticks: int = 1
+    engine: Engine = "loop"
 
     @property
     def step(self) -> float:
@@ -75,7 +78,7 @@ class Setup:
     def run(self, progress: Callable[[float], None] | None = None) -> Run:
         """Run it without glue and return the record at the ticks of the program."""
         simulation = Simulation.of(self.machine, self.servo, self.setpoints, physics_step=self.physics_step)
-        return stepped_simulation(simulation, progress=progress).record(every=self.ticks)
+        return stepped_simulation(simulation, engine=self.engine, progress=progress).record(every=self.ticks)
 
 
 class RunOutcome(NamedTuple):
@@ -118,7 +121,7 @@ def outcomes_of(
 ) -> list[RunOutcome]:
     """Return what the runs of setups show, in their order.
 
-    MuJoCo steps without Python's lock, so that threads share the work. Of long runs, one is made at a time.
+    They are stepped without Python's lock, so that threads share the work. Of long runs, one is made at a time.
 
     Args:
         setups: what is run.
@@ -334,7 +337,13 @@ def causes_of(
         InputError: the job ends in a fault, has deliberate faults, or its dispenser is never on.
     """
     check_causes(job)
-    setup = Setup(job.built_machine, job.built_servo, job.setpoints, job.simulation.physics_step)
+    setup = Setup(
+        job.built_machine,
+        job.built_servo,
+        job.setpoints,
+        job.simulation.physics_step,
+        engine=job.engine_of_searches,
+    )
     causes = CAUSES if setup.machine.geometry is None else (*CAUSES, GEOMETRY)
 
     def part(first: int, count: int) -> Callable[[float], None] | None:
@@ -343,7 +352,8 @@ def causes_of(
 
     record = run if budget is None else budget.analysis.run
     if record is None:
-        record = setup.run(part(0, 1))
+        # it is shown
+        record = replace(setup, engine=job.simulation.engine or "mujoco").run(part(0, 1))
     if record.fault is not None:
         raise InputError(f"job {job.name}: ends in a fault, {record.fault}: causes are those of a complete run")
     known = Budget(record) if budget is None else budget

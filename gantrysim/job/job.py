@@ -10,6 +10,7 @@ from gantrysim.base import memory
 from gantrysim.base.errors import at_least
 from gantrysim.base.progress import Progress
 from gantrysim.base.user_code import is_code
+from gantrysim.engine.linear import Engine
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.engine.simulation import Simulation
 from gantrysim.job.loaded import LoadedJob
@@ -99,13 +100,19 @@ class Job(LoadedJob):
         held = self.dispenser.held_back(self._sent)
         return (len(held.position) - len(self._sent.position)) * self._sent.period
 
-    def run(self, progress: Progress = None, machine: Machine | None = None) -> Run:
+    @property
+    def engine_of_searches(self) -> Engine:
+        """What makes the physics steps where many runs are made; a run that is shown is MuJoCo's by default."""
+        return self.simulation.engine or "loop"
+
+    def run(self, progress: Progress = None, machine: Machine | None = None, *, engine: Engine | None = None) -> Run:
         """Run the job and return the record, which refers to the job.
 
         Args:
             progress: as in `simulate`.
             machine: machine to run instead of the job's, such as a `perturbed` one; the servo remains that of the
                 job's machine.
+            engine: as in `simulate`, by default that of the job's settings.
 
         Raises:
             InputError: a servo that is unstable on the job's machine, unless `simulation.allow_unstable`; and as
@@ -121,6 +128,7 @@ class Job(LoadedJob):
                 physics_step=self.simulation.physics_step,
                 dispenser=self.dispenser,
                 faults=self.faults,
+                engine=engine or self.simulation.engine or "mujoco",
                 progress=progress,
             )
         if len(record.time) > memory.LONG_RUN:

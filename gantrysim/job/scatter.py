@@ -124,6 +124,7 @@ def scatter_of(
             physics_step=job.simulation.physics_step,
             dispenser=job.dispenser,
             faults=job.faults,
+            engine=job.engine_of_searches,
         )
         runs = [_moved_back(job, run, zero) for run, zero in zip(runs, part, strict=True)]
         values += [figures_of(job, run) for run in runs if run.fault is None]

@@ -126,10 +126,15 @@ def laid_over(servo: Mapping[str, Any], further: Mapping[str, Any]) -> dict[str,
 
 
 class SimulationSettings(BaseModel):
-    """Longest physics step, time for which the last position is held, and whether an unstable servo may run."""
+    """Physics steps, time for which the last position is held, and whether an unstable servo may run."""
 
     model_config = STRICT
 
     physics_step: float | None = _setting(None, "longest physics step, by default the machine's own [s]")
     settle: float = _setting(0.25, "time for which the last position is held at the end [s]")
+    engine: Literal["mujoco", "loop"] | None = _setting(
+        None,
+        'what makes the physics steps: "mujoco", or "loop", the compiled loop; by default MuJoCo, and the loop in '
+        "searches and studies",
+    )
     allow_unstable: bool = _setting(False, "whether to run with a servo that is unstable on the machine")

@@ -8,7 +8,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from gantrysim.machine.layout import POINTERS
 from gantrysim.servo.gains import GAIN_NAMES
 from gantrysim.servo.laws import LAW_PARAMETERS, LAWS
 from gantrysim.servo.notch import Coefficients
@@ -62,12 +61,10 @@ POINTS = (
 )
 NEVER = 2**40  # tick of what does not happen in a run
 
-OFFSETS = {f"{name}_at": name for name in (*POINTERS, "warning") if name != "userdata"}  # fields of `layout.offsets`
-
 _WHOLE = [
     "magic",
+    "address",  # of this row
     "axes",
-    "dofs",  # of the machine, nv
     "ticks",  # setpoints in all
     "substeps",  # physics steps per servo period
     "delay",  # physics steps from the sample to the output
@@ -78,9 +75,10 @@ _WHOLE = [
     "setpoints",  # address of (ticks, axes) positions
     "log",  # address of the LOG_TICK entries, one per tick
     "axis_log",  # address of the LOG_AXIS entries, one per tick and axis
-    *OFFSETS,  # in mjData
-    "nozzle",  # site
-    "work",  # body
+    "first",  # tick of the first entry of both
+    "nozzle_site",
+    "work_body",
+    "lost",  # 1 where MuJoCo has warned of anything: the state is no longer valid
     "position_error_delay",  # servo ticks
     "gates",  # address of the indices of setpoints at which the stream waits
     "gate_count",
@@ -95,13 +93,38 @@ _WHOLE = [
     "fault_axis",
     "fault_tick",
     "stops",  # one of the below
-    "observer",  # address of a C function (mjData, userdata, argument)
+    "observer",  # address of a C function (row, argument)
     "observer_argument",
     "observer_step",  # number of physics steps begun at whose last the observer is called, 0 for never
 ]
 # Where the stops of the axes are: in the model; not in it, and no axis has been at one; not in it, but missed
 IN_MODEL, NOT_IN_MODEL, MISSED = range(3)
-_AXIS_WHOLE = ["control", "output", "current", "joint"]  # indices of ctrl, actuator_length, act or -1, and qpos
+# where MuJoCo has an axis, -1 for nowhere
+_AXIS_WHOLE = [
+    "control_at",  # in ctrl
+    "output_at",  # in actuator_length
+    "current_at",  # in act
+    "joint_at",  # in qpos
+    "dof_at",  # in qvel
+    "load_at",  # the load on its spring, in qpos
+    "load_dof_at",  # in qvel
+]
+# what the machine is like at a physics step, read before it
+_AXIS_MACHINE = [
+    "angle",  # of the motor [rad]
+    "motor_speed",  # [rad/s]
+    "winding_current",  # nan where the motor has none [A]
+    "joint_place",  # [SI]
+    "joint_speed",  # [SI]
+    "load_place",  # of the load's joint [SI]
+    "passive",  # force of springs and dampers on the joint, where stages act before each step [SI]
+    "load_passive",  # and on the load's
+]
+# what acts on it in that step: with it the winding current is written too, where stages act before each step
+_AXIS_ACTS = [
+    "control_torque",  # controls
+    "applied",  # force on the joint besides [SI]
+]
 _AXIS_PARAMETERS = [
     "scale",  # axis travel per radian of the motor
     "drive_gain",  # torque that the drive gives per torque demanded
@@ -119,9 +142,6 @@ _AXIS_STATE = [
     "setpoint",  # received by the servo at this tick
     "motor",  # position of the motor
     "seen",  # position on its way from the encoder to the servo
-    "motor_speed",
-    "winding_current",  # of a motor whose current MuJoCo simulates
-    "control_torque",  # controls
     "commanded",
     "measured",
     "error",
@@ -149,9 +169,10 @@ ROW = np.dtype(
     + [(name, np.float64) for name in ("period", "position_error", "settle_error", "fault_value", "fault_limit")]
     + [(name, np.int64, (MAX_AXES,)) for name in _AXIS_WHOLE]
     + [("stage_until", np.int64, (len(POINTS),))]  # number of the first stage after each point
+    + [("nozzle", np.float64, (3,))]  # at a tick, in the work frame [mm]
     + [("gains", np.float64, (MAX_AXES, len(GAIN_NAMES)))]
     + [("notch", np.float64, (MAX_AXES, len(Coefficients._fields)))]
-    + [(name, np.float64, (MAX_AXES,)) for name in _AXIS_PARAMETERS + _AXIS_STATE]
+    + [(name, np.float64, (MAX_AXES,)) for name in _AXIS_PARAMETERS + _AXIS_MACHINE + _AXIS_ACTS + _AXIS_STATE]
 )
 
 STAGE = np.dtype([("address", np.int64), ("argument", np.int64)])
@@ -216,3 +237,17 @@ class Log(NamedTuple):
     def since(self, tick: int) -> Log:
         """Return the entries from a tick on."""
         return Log(self.tick[tick:], self.axis[tick:])
+
+
+class Tape(NamedTuple):
+    """What a run reads from tick to tick, and what it writes.
+
+    Attributes:
+        setpoints: positions of the axes, (n, axes) [mm or deg].
+        gates: setpoints at which the stream waits, (gates,).
+        log: the log.
+    """
+
+    setpoints: NDArray[np.float64]
+    gates: NDArray[np.int64]
+    log: Log

@@ -12,7 +12,9 @@ from typing import Generic, TypeVar
 
 from gantrysim.base import memory
 from gantrysim.base.errors import whole
+from gantrysim.engine.linear import difference_note
 from gantrysim.job.job import Job
+from gantrysim.metrics.analysis import Analysis
 from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.outcome import Measured, Motion, Outcome, measured_together, motion_key, time_before_glue
 
@@ -132,12 +134,31 @@ class Bench:
         self._motions: Recent[Motion] = Recent()  # by `motion_key`
         self.task = Task()
 
+    def show(self, job: Job) -> None:
+        """Simulate a job as it is shown, not for a search.
+
+        Raises:
+            GantryError: the job is refused.
+        """
+        self._tell()
+        self.add(job, Budget(Analysis(job.run())))
+
     def add(self, job: Job, budget: Budget) -> None:
         """Add a job that has run, with the error budget of its record."""
         run = budget.analysis.run
         motion = Motion(job, run, budget if run.fault is None else None)
         self._keep_motion(self.motion_key(job), motion)
         self._keep({job.toml(): motion.outcome(job)})
+
+    def confirmed(self, job: Job) -> tuple[Outcome, str]:
+        """Return what the run of a job shows that is not for a search, and a note where it differs from the search's.
+
+        Raises:
+            GantryError: the job is refused.
+        """
+        motion = Motion.of(self.family.member(job), job.simulation.engine or "mujoco")
+        searched = self._motions.get(self.motion_key(job)) or Motion.of(self.family.member(job))
+        return motion.outcome(motion.job), difference_note(motion.run, searched.run)
 
     def measure(self, job: Job) -> Outcome:
         """Return what the run of a job shows."""

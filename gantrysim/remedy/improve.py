@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 from gantrysim.base.errors import GantryError, InputError, unknown
@@ -202,6 +203,10 @@ def improve(
     bench = Bench(job, workers, progress)
     if budget is not None:
         bench.add(job, budget)
+    else:
+        # a job that is refused is so again below
+        with suppress(GantryError):
+            bench.show(job)
     before = bench.measure(job)
     if before.verdict is None:
         raise InputError(before.failure)
@@ -214,7 +219,9 @@ def improve(
         improvement = _searched_improvement(search, chosen, before)
     else:
         improvement = Improvement(job, before, (), (), (), before, job)
-    return _with_fastest(improvement, bench) if wants_fastest else improvement
+    if wants_fastest:
+        improvement = _with_fastest(improvement, bench)
+    return _confirmed(improvement, bench) if improvement.changes_anything else improvement
 
 
 def worst_rows(before: Outcome) -> list[str]:
@@ -267,6 +274,15 @@ def _searched_improvement(search: Search, levers: Sequence[Lever], before: Outco
         after=final.outcome,
         job=final.job,
     )
+
+
+def _confirmed(improvement: Improvement, bench: Bench) -> Improvement:
+    """Return the result with what MuJoCo's run of the improved job shows, see `Bench.confirmed`."""
+    outcome, note = bench.confirmed(improvement.job)
+    fastest = improvement.fastest
+    if fastest is not None:
+        fastest = replace(fastest, outcome=outcome)
+    return replace(improvement, after=outcome, fastest=fastest, note=note)
 
 
 def _with_fastest(improvement: Improvement, bench: Bench) -> Improvement:

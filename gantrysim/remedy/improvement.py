@@ -260,6 +260,8 @@ class Improvement(Shown):
         job: the improved job.
         fastest: the fastest program as good as the combination, which the improved job then runs; None where it was
             not looked for, or there is none.
+        note: how far the improved job's run is from that of the search, which the compiled loop made; empty where they
+            agree.
     """
 
     base: Job
@@ -270,6 +272,7 @@ class Improvement(Shown):
     after: Outcome
     job: Job
     fastest: FastestProgram | None = None
+    note: str = ""
 
     @property
     def verdict(self) -> Verdict:
@@ -375,6 +378,7 @@ class Improvement(Shown):
 
     def facts(self) -> dict[str, str]:
         facts = {"before": self.verdict.headline, "after": self.improved.headline, "what to change": self.sentence}
+        facts |= {"note": self.note} if self.note else {}
         return facts | ({} if self.fastest is None else {"fastest": str(self.fastest)})
 
     def __str__(self) -> str:
@@ -383,6 +387,8 @@ class Improvement(Shown):
             texts += [f"after: {self.improved.headline}", *self.gains]
         if self.fastest is not None:
             texts.append(str(self.fastest))
+        if self.note:
+            texts.append(self.note)
         return "\n".join([*texts, *(f"{name}:\n{text.rstrip()}" for name, text in self.lines.items())])
 
     def _repr_html_(self) -> str:

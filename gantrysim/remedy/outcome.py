@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gantrysim.base.errors import GantryError
+from gantrysim.engine.linear import Engine
 from gantrysim.engine.recording import dispensed_otherwise
 from gantrysim.glue.bead import Bead
 from gantrysim.glue.dispenser.dispenser import time_before
@@ -128,13 +129,17 @@ class Motion:
     budget: Budget | None
 
     @classmethod
-    def of(cls, job: Job) -> Motion:
+    def of(cls, job: Job, engine: Engine | None = None) -> Motion:
         """Simulate a job.
+
+        Args:
+            job: the job.
+            engine: as in `simulate`, by default that of searches.
 
         Raises:
             GantryError: the job is refused.
         """
-        run = job.run()
+        run = job.run(engine=engine or job.engine_of_searches)
         return cls(job, run, Budget(Analysis(run)) if run.fault is None else None)
 
     def outcome(self, job: Job) -> Outcome:

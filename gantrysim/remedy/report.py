@@ -38,6 +38,8 @@ def change_section(improvement: Improvement) -> Section:
     texts = [improvement.sentence]
     if improvement.fastest is not None:
         texts.append(f"{improvement.fastest}.")
+    if improvement.note:
+        texts.append(improvement.note)
     tables = []
     if improvement.combination:
         rows = [improvement.rows[0], *improvement.combined_rows]

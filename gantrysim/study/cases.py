@@ -268,8 +268,8 @@ def simulated(case: Case) -> Run:
     if case.mode == "perfect follower":
         return job.follow()
     if case.perturbation is None:
-        return job.run()
-    return job.run(machine=job.built_machine.perturbed(case.perturbation))
+        return job.run(engine=job.engine_of_searches)
+    return job.run(machine=job.built_machine.perturbed(case.perturbation), engine=job.engine_of_searches)
 
 
 def values_row(run: Run, bead: BeadSettings | None = None) -> Row:

@@ -10,7 +10,7 @@ import pytest
 from gantrysim import Dispenser, InputError, Job, Machine, Servo, simulate, simulate_batch
 from gantrysim.base.errors import GantryError
 from gantrysim.engine.advance import CALLS
-from gantrysim.engine.batch import Batch
+from gantrysim.engine.places import MuJoCoPlaces
 from gantrysim.engine.simulation import Simulation
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.paths.path import Path
@@ -226,14 +226,14 @@ def test_invalid_input_of_one_simulation_is_refused_with_its_number(xy, servo):
 
 
 def test_a_batch_takes_one_layout_of_machine(xy, xyz, servo):
-    batch = Batch(xy, 2)
+    batch = MuJoCoPlaces(xy, 2)
     other = Simulation.of(xyz, Servo.derive(xyz.axes, 1e-3), ramp(FAST))
     with pytest.raises(GantryError, match="cannot take a simulation of"):
         batch.load({0: other})
 
 
 def test_a_place_can_be_reused(xy, servo):
-    batch = Batch(xy, 3, 1)
+    batch = MuJoCoPlaces(xy, 3, 1)
     long, short = (lambda: Simulation.of(xy, servo, ramp(SLOW))), (lambda: Simulation.of(xy, servo, ramp(FAST, 40.0)))
     batch.load({place: long() for place in range(3)})
     batch.advance(steps=1501)
@@ -245,7 +245,7 @@ def test_a_place_can_be_reused(xy, servo):
 
 
 def test_a_place_alone_can_be_stepped(xy, servo):
-    batch = Batch(xy, 2, 1)
+    batch = MuJoCoPlaces(xy, 2, 1)
     batch.load({place: Simulation.of(xy, servo, ramp(FAST, 40.0)) for place in range(2)})
     batch.advance([1], steps=400)
     assert [batch.runs[place].ticks for place in range(2)] == [0, 100]
@@ -264,7 +264,7 @@ def test_machines_read_twice_from_one_file_share_a_batch(servo):
 
 
 def test_what_runs_beside_begins_when_the_simulations_are_about_to_step(xy, servo):
-    batch = Batch(xy, 2)
+    batch = MuJoCoPlaces(xy, 2)
     batch.load({place: Simulation.of(xy, servo, ramp(SLOW)) for place in range(2)})
     steps = []
     batch.beside = lambda: steps.append([run.steps for run in batch.runs.values()])

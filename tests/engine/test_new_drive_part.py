@@ -21,31 +21,27 @@ from __future__ import annotations
 import numpy as np
 
 from gantrysim.engine.drives.part import DrivePart
-from gantrysim.engine.native.pointers import vector
 
 _PRESLIDING = 5e-6  # [m]
 
 
 def _entry(driven):
     wear = driven.stated("wear", 0.0)
-    dof = int(driven.model.jnt_dofadr[driven.joint])
-    place = int(driven.model.jnt_qposadr[driven.joint])
-    return {"wear": 1e3 * wear, "dof": dof, "place": place} if wear else {}
+    return {"wear": 1e3 * wear} if wear else {}
 
 
-def _rub(data, row, userdata, axis, drive):
+def _rub(row, tape, axis, drive):
     worn = drive.worn
     if worn.wear > 0.0:
-        speed = vector(data, row.qvel_at)[worn.dof]
-        distance = abs(vector(data, row.qpos_at)[worn.place])
-        vector(data, row.qfrc_applied_at)[worn.dof] -= worn.wear * distance * worn.slid
+        speed = row.joint_speed[axis]
+        row.applied[axis] -= worn.wear * abs(row.joint_place[axis]) * worn.slid
         side = np.sign(speed)
         worn.slid = side + (worn.slid - side) * np.exp(-abs(speed) * row.period / row.substeps / _PRESLIDING)
 
 
 WORN = DrivePart(
     "worn",
-    [("wear", np.float64), ("dof", np.int64), ("place", np.int64), ("slid", np.float64)],
+    [("wear", np.float64), ("slid", np.float64)],
     _entry,
     (("drive", _rub),),
     lambda servo, entries: bool(entries["wear"].any()),

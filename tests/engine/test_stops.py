@@ -9,7 +9,7 @@ import pytest
 from gantrysim import Machine, Servo
 from gantrysim.base.errors import GantryError
 from gantrysim.engine.advance import Stepper
-from gantrysim.engine.batch import Batch
+from gantrysim.engine.places import MuJoCoPlaces
 from gantrysim.engine.simulation import Simulation
 from gantrysim.machine.row import IN_MODEL, MISSED, NOT_IN_MODEL
 from gantrysim.machine.travel import has_no_constraints_but_stops
@@ -80,7 +80,7 @@ def test_places_of_a_batch_that_reach_a_stop_are_stepped_again_alone(xy):
     servo, setpoints = beside_the_stop(xy)
     away = replace(setpoints, position=setpoints.position - np.array([30.0, 0.0]))
     simulations = [Simulation.of(xy, servo, each) for each in (away, setpoints, away)]
-    batch = Batch(xy, 3)
+    batch = MuJoCoPlaces(xy, 3)
     batch.load(dict(enumerate(simulations)))
     for _ in range(13):
         batch.advance(steps=100)  # the short way, without a look at each run
@@ -95,7 +95,7 @@ def test_places_of_a_batch_that_reach_a_stop_are_stepped_again_alone(xy):
 
 def test_a_saved_moment_beside_a_stop_goes_on_with_it(xy):
     servo, setpoints = beside_the_stop(xy)
-    batch = Batch(xy, 2)
+    batch = MuJoCoPlaces(xy, 2)
     batch.load({0: Simulation.of(xy, servo, setpoints)})
     while batch.field("stops")[0] == NOT_IN_MODEL:
         batch.advance([0], steps=20)

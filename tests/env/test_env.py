@@ -69,7 +69,7 @@ def test_an_episode_with_constant_gains_equals_a_run_of_the_engine():
     }
     gains["ki"] = tuple(factors[0] * ki for ki in simulation.servo.per_axis("ki"))
     servo = simulation.servo.with_values(**gains)
-    run = simulate(simulation.machine, servo, simulation.setpoints, dispenser=simulation.dispenser)
+    run = simulate(simulation.machine, servo, simulation.setpoints, dispenser=simulation.dispenser, engine="loop")
     for name in ("encoder", "nozzle", "demand", "motor", "flow"):
         assert np.array_equal(getattr(env.run, name), getattr(run, name)), name
 
@@ -263,7 +263,7 @@ def test_a_job_gives_path_machine_servo_and_dispenser():
     env = GainBanditEnv(job="softmc-arc", spread=None)
     env.reset(seed=1)
     *_, terminated, truncated, info = env.step(np.zeros(4))
-    run = job.run()
+    run = job.run(engine="loop")
     assert (terminated, truncated, info["fault"]) == (True, False, None)
     assert np.array_equal(env.run.nozzle, run.nozzle)
     assert np.array_equal(env.run.flow, run.flow)

@@ -223,7 +223,7 @@ def test_a_motion_is_simulated_once_as_long_as_it_is_kept(monkeypatch):
     wanted = [measured_outcome(other) for other in others]
     runs = []
     run = Job.run
-    monkeypatch.setattr(Job, "run", lambda self: runs.append(self) or run(self))
+    monkeypatch.setattr(Job, "run", lambda self, **options: runs.append(self) or run(self, **options))
     bench = Bench(job, workers=1)
     assert bench.measure(job) != wanted[0]
     assert bench.measure(others[0]) == wanted[0]
@@ -239,7 +239,7 @@ def test_a_run_that_is_known_is_not_made_again(monkeypatch):
     budget = Budget(Analysis(job.run()))
     runs = []
     run = Job.run
-    monkeypatch.setattr(Job, "run", lambda self: runs.append(self) or run(self))
+    monkeypatch.setattr(Job, "run", lambda self, **options: runs.append(self) or run(self, **options))
     shown = improve(job, levers=GLUE_LEVERS, budget=budget, workers=1)
     saved = len(runs)
     assert str(shown) == str(improve(job, levers=GLUE_LEVERS, workers=1))

@@ -73,7 +73,7 @@ def test_a_changed_case_shares_unchanged_parts_of_the_job(job):
     other = Case.of(job, {"machine": "xyz"}).job()
     assert other.built_machine.name == "xyz"
     fresh = Job.load("an225", [*SHORT, "servo.resolution=0.01"])
-    assert measure(encoder).items() >= {"status": "ok", **values_row(fresh.run(), fresh.bead)}.items()
+    assert measure(encoder).items() >= {"status": "ok", **values_row(fresh.run(engine="loop"), fresh.bead)}.items()
 
 
 def test_the_key_belongs_to_a_version(job, monkeypatch):
@@ -84,9 +84,9 @@ def test_the_key_belongs_to_a_version(job, monkeypatch):
 
 def test_the_row_of_a_case_is_of_its_run(job):
     run = simulated(Case.of(job))
-    row, analysis = measure(Case.of(job)), Analysis(job.run())
+    row, analysis = measure(Case.of(job)), Analysis(job.run(engine="loop"))
     budget, figures = Budget(analysis), analysis.values
-    verdict = job.run().verdict
+    verdict = job.run(engine="loop").verdict
     columns = {f"{aspect.name}_verdict": aspect.state for aspect in verdict.rows}
     columns |= {f"{aspect.name}_limit_use_percent": 100 * aspect.checks[0].usage for aspect in verdict.rows}
     checks = {f"{aspect.name}_check": row[f"{aspect.name}_check"] for aspect in verdict.rows}

@@ -361,6 +361,6 @@ class Loop:
         return math.ceil(time / self.servo_period - 1e-9) * self.servo_period
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=512)
 def _passes_of(loop: Loop) -> Passes:
     return loop.run()

@@ -14,10 +14,8 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from gantrysim.base.jit import jit
 from gantrysim.engine.drives.closed_loop import LOOP
 from gantrysim.engine.drives.current_loop import CURRENT
 from gantrysim.engine.drives.encoder import ENCODER, FEEDBACK
@@ -26,8 +24,8 @@ from gantrysim.engine.drives.part import MODE_NUMBERS, DrivenAxis, DrivePart
 from gantrysim.engine.drives.stepper import STEPPING
 from gantrysim.engine.drives.transmission import TRANSMISSION
 from gantrysim.engine.native.parts import with_parts
-from gantrysim.engine.native.pointers import row_at, typed_pointer
-from gantrysim.engine.native.stages import Stage, compiled_stage
+from gantrysim.engine.native.pointers import pointer, row_at, tape_of
+from gantrysim.engine.native.stages import Body, Stage, compiled_stage
 from gantrysim.machine.machine import Machine
 from gantrysim.servo.servo import Servo
 
@@ -41,6 +39,7 @@ DRIVE = np.dtype(
         *((part.name, np.dtype(part.record)) for part in PARTS),
     ]
 )
+_DRIVE = numba.from_dtype(DRIVE)
 
 
 def drive_entries(machine: Machine, servo: Servo, step: float) -> NDArray[np.void] | None:
@@ -69,7 +68,7 @@ def drive_stages(servo: Servo, entries: NDArray[np.void] | None) -> list[Stage]:
     if entries is None:
         return []
     return [
-        Stage(point, _stage(act), entries.ctypes.data)
+        Stage(point, _stage(act), entries.ctypes.data, Body("drives", act))
         for part in PARTS
         if part.needed(servo, entries[part.name])
         for point, act in part.acts
@@ -82,23 +81,14 @@ def _stage(act: Any) -> int:
     return compiled_stage(with_parts(_act_on_drives, act=act))
 
 
-def act(data, row, userdata, axis, drive):
+def act(row, tape, axis, drive):
     """Stand for the function of a part."""
     raise NotImplementedError
 
 
-def _act_on_drives(data, userdata, argument):
-    row = row_at(userdata)
-    drives = _drives_at(argument, row.axes)
+def _act_on_drives(address, argument):
+    row = row_at(address)
+    tape = tape_of(row)
+    drives = numba.carray(pointer(argument, _DRIVE), (row.axes,))
     for axis in range(row.axes):
-        act(data, row, userdata, axis, drives[axis])
-
-
-@intrinsic
-def _drive_entries(context, address):
-    return typed_pointer(numba.from_dtype(DRIVE))
-
-
-@jit
-def _drives_at(address, axes):
-    return numba.carray(_drive_entries(address), (axes,))
+        act(row, tape, axis, drives[axis])

@@ -14,7 +14,7 @@ from gantrysim.engine.drives.encoder import read
 from gantrysim.engine.drives.field import field_at, turn_target
 from gantrysim.engine.drives.part import POSITION, VELOCITY, DrivenAxis, DrivePart
 from gantrysim.engine.native.parts import part
-from gantrysim.engine.native.pointers import axis_log, gains_of, leading, vector
+from gantrysim.engine.native.pointers import gains_of
 from gantrysim.engine.native.stages import run_stages
 from gantrysim.engine.native.supervision import watch_oscillation
 from gantrysim.machine.row import POINTS
@@ -24,7 +24,6 @@ from gantrysim.servo.laws import pid
 
 _torque_demand = part(pid.torque_demand)
 _filtered = part(notch.filtered_output)
-_COEFFICIENTS = len(notch.Coefficients._fields)
 MOTOR = np.int64(POINTS.index("motor"))
 REPORT = np.int64(POINTS.index("report"))
 _DRIVE = 2**40  # added to the number of a sample that the drive takes itself, for its noise
@@ -51,14 +50,14 @@ def _loop(driven: DrivenAxis) -> dict[str, Any]:
     return entry
 
 
-def _follow_loop(data, row, userdata, axis, drive):
+def _follow_loop(row, tape, axis, drive):
     """Set the control of a drive in velocity or position mode."""
     if drive.mode == VELOCITY or drive.mode == POSITION:
-        follow_demand(data, row, axis, drive.current, _closed_loop(data, row, userdata, axis, drive))
+        follow_demand(row, axis, drive.current, _closed_loop(row, tape, axis, drive))
 
 
 @jit
-def _closed_loop(data, row, userdata, axis, drive):
+def _closed_loop(row, tape, axis, drive):
     """Return the torque demand of a drive that closes a loop itself, sampled in steps of its own period.
 
     In velocity mode, with the velocity v as a difference of the motor's positions and the servo's demand w,
@@ -73,30 +72,28 @@ def _closed_loop(data, row, userdata, axis, drive):
     if drive.mode == POSITION:
         turn_target(row, axis, field, drive.logged > 0)
     if row.phase % loop.every == 0:
-        position = vector(data, row.actuator_length_at)[row.output[axis]] * row.scale[axis]
-        speed = vector(data, row.actuator_velocity_at)[row.output[axis]]
-        row.motor[axis] = position
-        run_stages(data, row, userdata, MOTOR)
+        row.motor[axis] = row.angle[axis] * row.scale[axis]
+        run_stages(row, tape, MOTOR)
         row.seen[axis] = row.motor[axis]
         if drive.mode == POSITION or drive.encoder.load < 0:
-            row.seen[axis] = read(data, row, axis, drive.encoder, _DRIVE + row.steps)
+            row.seen[axis] = read(row, axis, drive.encoder, _DRIVE + row.steps)
         if row.resolution[axis] > 0.0:
             row.seen[axis] = row.resolution[axis] * np.floor(row.seen[axis] / row.resolution[axis] + 0.5)
-        run_stages(data, row, userdata, REPORT)
+        run_stages(row, tape, REPORT)
         seen = row.seen[axis]
         if drive.mode == VELOCITY:
             if drive.logged == 0:
                 loop.before = seen
             error = row.held[axis] - (seen - loop.before) / loop.period
             loop.before = seen
-            total = loop.sum + error * loop.period
+            total = loop.total + error * loop.period
             torque = loop.gain * (error + loop.rate * total)
         else:
             error = field_at(row, field, 0.0) - seen
             if drive.logged == 0:
                 loop.before = error
                 loop.position = seen
-            total = loop.sum + error * loop.period
+            total = loop.total + error * loop.period
             torque = _torque_demand(
                 error,
                 total,
@@ -106,24 +103,22 @@ def _closed_loop(data, row, userdata, axis, drive):
                 (seen - loop.position) / loop.period,
                 gains_of(row, axis),
             )
-            torque, loop.first, loop.second = _filtered(
-                torque, leading(row.notch[axis], _COEFFICIENTS), loop.first, loop.second
-            )
+            torque, loop.first, loop.second = _filtered(torque, row.notch[axis], loop.first, loop.second)
             loop.before = error
             loop.position = seen
         limit = loop.limit
         if loop.reactance > 0.0:
-            limit = min(limit, _left_by_reactance(loop, speed, np.sign(torque)))
+            limit = min(limit, _left_by_reactance(loop, row.motor_speed[axis], np.sign(torque)))
         loop.torque = min(max(torque, -limit), limit)
         if abs(torque) <= limit or torque * error < 0.0:  # anti-windup
-            loop.sum = total
+            loop.total = total
         if abs(torque) > limit and limit > 0.0 and row.fault == 0:
             watch_oscillation(row, axis, np.sign(torque))
     if row.fault != 0:
         loop.torque = 0.0
     if row.tick > drive.logged:
         drive.logged = row.tick
-        axis_log(row, row.tick - 1)[axis].demand = loop.torque
+        tape.log.axis[row.tick - 1 - row.first, axis].demand = loop.torque
     return loop.torque
 
 
@@ -153,7 +148,7 @@ LOOP = DrivePart(
         ("rate", np.float64),  # its integral action [1/s]
         ("before", np.float64),  # position [u], or in position mode following error, at the last sample
         ("position", np.float64),  # in position mode at the last sample [u]
-        ("sum", np.float64),  # of the error times the period
+        ("total", np.float64),  # of the error times the period
         ("torque", np.float64),  # demand held [N·m]
         ("first", np.float64),  # states of the notch in position mode
         ("second", np.float64),

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
 from gantrysim.engine.drives.part import TORQUE, DrivenAxis, DrivePart
-from gantrysim.engine.native.pointers import vector
 from gantrysim.servo.servo import Servo
 
 
@@ -32,27 +31,26 @@ def _current_loop(driven: DrivenAxis) -> dict[str, Any]:
     return {"lead": lead, "constant": axis.motor_constant}
 
 
-def _follow_servo(data, row, userdata, axis, drive):
+def _follow_servo(row, tape, axis, drive):
     """Set the control of a drive that takes torques."""
     if drive.mode == TORQUE:
-        follow_demand(data, row, axis, drive.current, row.held[axis])
+        follow_demand(row, axis, drive.current, row.held[axis])
 
 
 @jit
-def follow_demand(data, row, axis, current, torque_demand):
+def follow_demand(row, axis, current, torque_demand):
     """Set the control of one physics step so that the torque follows a demand: current follows it as a first-order lag.
 
     A control u that is held for a step takes the torque T of a winding to T + (1 - exp(-h R / L)) (u - T). With
     u = T + lead (T* - T) it comes as much nearer to the demand T* as a lag of the current loop's bandwidth f does,
     1 - exp(-2 pi f h). MuJoCo limits the voltage of u to the bus.
     """
-    ctrl = vector(data, row.ctrl_at)
     demand = torque_demand * row.drive_gain[axis]
     if current.lead == 0.0:
-        ctrl[row.control[axis]] = demand
+        row.control_torque[axis] = demand
     else:
-        torque = current.constant * vector(data, row.act_at)[row.current[axis]]
-        ctrl[row.control[axis]] = torque + current.lead * (demand - torque)
+        torque = current.constant * row.winding_current[axis]
+        row.control_torque[axis] = torque + current.lead * (demand - torque)
 
 
 def _is_no_plain_one(servo: Servo, entries: NDArray[np.void]) -> bool:

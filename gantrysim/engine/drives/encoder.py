@@ -14,7 +14,6 @@ from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
 from gantrysim.engine.drives.field import field_at, stepped_place
 from gantrysim.engine.drives.part import DrivenAxis, DrivePart
-from gantrysim.engine.native.pointers import vector
 from gantrysim.machine.axis import PER_SI
 from gantrysim.servo.request import MAX_FEEDBACK_DELAY
 from gantrysim.servo.servo import Servo
@@ -49,18 +48,18 @@ def _encoder(driven: DrivenAxis) -> dict[str, Any]:
     return entry
 
 
-def _report(data, row, userdata, axis, drive):
+def _report(row, tape, axis, drive):
     """Set what the encoder of an axis reads at this tick, or the microsteps that are counted in its place."""
     if drive.encoder.counts:
         # a new target is about to be taken where it is 0
         begun = (row.phase - row.delay) % row.substeps
         row.seen[axis] = stepped_place(field_at(row, drive.field, 0.0) if begun else drive.field.target, drive.stepper)
     else:
-        row.seen[axis] = read(data, row, axis, drive.encoder, row.tick)
+        row.seen[axis] = read(row, axis, drive.encoder, row.tick)
 
 
 @jit
-def read(data, row, axis, encoder, sample):
+def read(row, axis, encoder, sample):
     """Return the position that the encoder of an axis reads at a numbered sample before it is counted.
 
     The position x is the motor's, or that of the joint and of the load on its spring. The encoder adds
@@ -68,8 +67,8 @@ def read(data, row, axis, encoder, sample):
     """
     seen = row.motor[axis]
     if encoder.load >= 0:
-        joint = vector(data, row.actuator_length_at)[row.output[axis]] * row.scale[axis]
-        seen = joint + (vector(data, row.qpos_at)[encoder.load] - encoder.load_zero) * encoder.per_si
+        joint = row.angle[axis] * row.scale[axis]
+        seen = joint + (row.load_place[axis] - encoder.load_zero) * encoder.per_si
     angle = seen * encoder.signal
     seen += encoder.once * np.sin(angle) + encoder.twice * np.sin(2.0 * angle)
     if encoder.noise > 0.0:
@@ -77,7 +76,7 @@ def read(data, row, axis, encoder, sample):
     return seen
 
 
-def _delay(data, row, userdata, axis, drive):
+def _delay(row, tape, axis, drive):
     """Set what the encoder of an axis reported some ticks ago, at the start what it reported first."""
     feedback = drive.feedback
     slots = feedback.delay + 1

@@ -75,8 +75,8 @@ class DrivenAxis:
 class DrivePart:
     """A part of a drive.
 
-    Its functions in the tick take (data, row, userdata, axis, drive): the addresses of mjData and of the userdata, the
-    row of the servo, the number of the axis, and its drive, a record with one record per part. They are compiled.
+    Its functions in the tick take (row, tape, axis, drive): the row of the servo, with the machine's state, the tape of
+    the run, the number of the axis, and its drive, a record with one record per part. They are compiled.
 
     Attributes:
         name: of its record in a drive's.

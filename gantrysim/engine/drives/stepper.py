@@ -13,7 +13,6 @@ from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
 from gantrysim.engine.drives.field import field_at, mean_stepped, stepped_place, turn_target
 from gantrysim.engine.drives.part import STEPPER, DrivenAxis, DrivePart
-from gantrysim.engine.native.pointers import axis_log, vector
 
 # longest step of a stepper's circuit [s]: a bridge needs about 10 us from one microstep's current to the next, and of a
 # step four times as long the mean torque was 8 % too high
@@ -46,7 +45,7 @@ def _stepper(driven: DrivenAxis) -> dict[str, Any]:
     }
 
 
-def _turn_field(data, row, userdata, axis, drive):
+def _turn_field(row, tape, axis, drive):
     """Give a stepper in open loop its torque of this physics step, and drive its phases to the field's next angle.
 
     With the electrical angle p x of the rotor the phases have the torque and the back-EMF of
@@ -63,8 +62,8 @@ def _turn_field(data, row, userdata, axis, drive):
     """
     if drive.mode == STEPPER:
         stepper = drive.stepper
-        theta = stepper.poles * vector(data, row.actuator_length_at)[row.output[axis]] * row.scale[axis]
-        speed = vector(data, row.actuator_velocity_at)[row.output[axis]]
+        theta = stepper.poles * row.angle[axis] * row.scale[axis]
+        speed = row.motor_speed[axis]
         turn_target(row, axis, drive.field, drive.logged > 0)
         amplitude = 0.0 if row.fault != 0 else stepper.amplitude
         if drive.logged == 0:
@@ -73,12 +72,12 @@ def _turn_field(data, row, userdata, axis, drive):
             stepper.phases[1] = amplitude * np.sin(field)
         turn = stepper.poles * speed * row.scale[axis] * row.period / row.substeps
         current, mean = _step_circuit(row, drive, theta, turn, stepper.constant * speed, amplitude)
-        if row.current[axis] >= 0:
-            vector(data, row.act_at)[row.current[axis]] = mean
-        vector(data, row.ctrl_at)[row.control[axis]] = stepper.constant * mean
+        if row.current_at[axis] >= 0:
+            row.winding_current[axis] = mean
+        row.control_torque[axis] = stepper.constant * mean
         if row.tick > drive.logged:
             drive.logged = row.tick
-            entry = axis_log(row, row.tick - 1)[axis]
+            entry = tape.log.axis[row.tick - 1 - row.first, axis]
             entry.current = current
             entry.demand = stepper.volts
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from gantrysim.engine.drives.part import DrivenAxis, DrivePart
-from gantrysim.engine.native.pointers import vector
 
 _PRESLIDING = 5e-6  # of a slide [m]
 _PRESLIDING_TURN = 3e-3  # of a rotary axis, at the motor [rad]
@@ -21,18 +20,15 @@ def _transmission(driven: DrivenAxis) -> dict[str, Any]:
     model = driven.model
     if axis.efficiency == 1:
         return {}
-    dof = int(model.jnt_dofadr[driven.joint])
     turn = _PRESLIDING_TURN / float(model.actuator_gear[driven.number, 0])
     return {
         "loss": 1 / axis.efficiency - 1,
-        "dof": dof,
-        "damping": model.dof_damping[dof],
-        "spring": model.jnt_dofadr[driven.load] if driven.load >= 0 else -1,
+        "damping": model.dof_damping[model.jnt_dofadr[driven.joint]],
         "presliding": _PRESLIDING if axis.unit == "mm" else turn,
     }
 
 
-def _lose(data, row, userdata, axis, drive):
+def _lose(row, tape, axis, drive):
     """Add the friction of a transmission of efficiency e that carries the force F: (1/e - 1) |F| against the motion.
 
     A motor that drives its load does the work F / e per travel; one that brakes it gets F (2 - 1/e) back. The friction
@@ -40,12 +36,12 @@ def _lose(data, row, userdata, axis, drive):
     """
     transmission = drive.transmission
     if transmission.loss > 0.0:
-        passive = vector(data, row.qfrc_passive_at)
-        speed = vector(data, row.qvel_at)[transmission.dof]
-        force = passive[transmission.dof] + transmission.damping * speed
-        if transmission.spring >= 0:
-            force = passive[transmission.spring]
-        vector(data, row.qfrc_applied_at)[transmission.dof] -= transmission.loss * abs(force) * transmission.slid
+        speed = row.joint_speed[axis]
+        force = row.passive[axis] + transmission.damping * speed
+        # tendons pull at the axis' joint
+        if row.load_at[axis] >= 0:
+            force = row.load_passive[axis]
+        row.applied[axis] -= transmission.loss * abs(force) * transmission.slid
         side = np.sign(speed)
         memory = np.exp(-abs(speed) * row.period / row.substeps / transmission.presliding)
         transmission.slid = side + (transmission.slid - side) * memory
@@ -55,8 +51,6 @@ TRANSMISSION = DrivePart(
     "transmission",
     [
         ("loss", np.float64),  # friction per transmitted force, 0 for none
-        ("dof", np.int64),  # of the axis' joint
-        ("spring", np.int64),  # dof of the spring that carries the load; -1 for tendons, which pull at the axis' joint
         ("damping", np.float64),  # of the axis' joint itself [N·s/m or N·m·s/rad]
         ("presliding", np.float64),  # motion within which the friction turns [SI]
         ("slid", np.float64),  # share and direction of the friction, -1 to 1

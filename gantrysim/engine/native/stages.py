@@ -1,11 +1,10 @@
 """Stages of the servo tick that only some runs need, each compiled on its own and called by its address.
 
-The tick itself is MuJoCo's step, encoder, PID and clamp. What else a run has, its laws, drives and deliberate faults,
-hangs on points of the tick: the row has a table of C functions for each point, and the tick calls them one after the
-other. So a run compiles what it uses and no more, and any mixture of laws, drives and faults is there at once.
+The tick itself is encoder, PID and clamp. What else a run has, its laws, drives and deliberate faults, hangs on points
+of the tick: the row has a table of C functions for each point, and the tick calls them one after the other. So a run
+compiles what it uses and no more, and any mixture of laws, drives and faults is there at once.
 
-A stage at the point "drive" adds the forces that it applies to MuJoCo's qfrc_applied. They last for one physics step,
-as the tick sets all of qfrc_applied to 0 before the stages of this point run.
+A stage at the point "drive" adds the forces that it applies to `row.applied`. They last for one physics step.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
@@ -23,23 +22,38 @@ from gantrysim.engine.native.pointers import call, stages_of
 from gantrysim.machine.row import POINTS, STAGE
 
 
+class Body(NamedTuple):
+    """A function that acts in the tick.
+
+    Attributes:
+        kind: its arguments: "base" of (row, axis, gains), which returns torque and integral, "laws" of (row, laws),
+            "drives" of (row, tape, axis, drive), "tape" of (row, tape).
+        function: the function.
+    """
+
+    kind: str
+    function: Any
+
+
 class Stage(NamedTuple):
     """A part of the tick that one run has.
 
     Attributes:
         point: of the tick at which it runs, one of `POINTS`.
-        address: of the C function (mjData, userdata, argument).
+        address: of the C function (row, argument).
         argument: for the function, as a rule the address of an array that the run keeps alive.
+        body: what it compiles, for a device that knows no addresses; None where a device cannot have it.
     """
 
     point: str
     address: int
     argument: int = 0
+    body: Body | None = None
 
 
 def compiled_stage(function: Any) -> int:
-    """Return the address of a stage, a function of addresses: mjData, userdata, argument."""
-    return int(c_function(function, types.void(types.int64, types.int64, types.int64)).address)
+    """Return the address of a stage, a function of the address of a servo's row and its argument."""
+    return int(c_function(function, types.void(types.int64, types.int64)).address)
 
 
 def arm(row: Any, stages: list[Stage]) -> NDArray[np.void]:
@@ -64,11 +78,11 @@ def has_stages(row, point):
 
 
 @jit
-def run_stages(data, row, userdata, point):
-    """Run the stages of a point of the tick, given by its number."""
+def run_stages(row, tape, point):
+    """Run the stages of a point of the tick, given by its number; they find the tape by the row."""
     begin = row.stage_until[point - 1] if point > 0 else 0
     end = row.stage_until[point]
     if end > begin:
         stages = stages_of(row)
         for k in range(begin, end):
-            call(stages[k].address, data, userdata, stages[k].argument)
+            call(stages[k].address, row.address, stages[k].argument)

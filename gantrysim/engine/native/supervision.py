@@ -6,11 +6,10 @@ from __future__ import annotations
 
 from functools import cache
 
-import numba
 import numpy as np
 
 from gantrysim.base.jit import jit
-from gantrysim.engine.native.pointers import floats, integers, row_at, tick_log
+from gantrysim.engine.native.pointers import row_at, tape_of
 from gantrysim.engine.native.stages import compiled_stage
 from gantrysim.machine.row import (
     OSCILLATION,
@@ -51,8 +50,9 @@ def watch_oscillation(row, axis, side):
 def position_error_stage() -> int:
     """Return the address of the stage that watches the group's position error; it has no argument."""
 
-    def stage(data, userdata, argument):
-        _watch_position_error(row_at(userdata))
+    def stage(address, argument):
+        row = row_at(address)
+        watch_position_error(row, tape_of(row))
 
     return compiled_stage(stage)
 
@@ -61,27 +61,25 @@ def position_error_stage() -> int:
 def gate_stage() -> int:
     """Return the address of the stage that holds the stream at gates until the axes have settled; no argument."""
 
-    def stage(data, userdata, argument):
-        row = row_at(userdata)
-        if _waits(row):
-            row.waits = 1
+    def stage(address, argument):
+        row = row_at(address)
+        wait_at_gate(row, tape_of(row))
 
     return compiled_stage(stage)
 
 
 @jit
-def _watch_position_error(row):
+def watch_position_error(row, tape):
     """Trip where the linear axes are too far from the command that was sent `position_error_delay` ticks ago."""
     n = row.axes
-    sent = tick_log(row, max(row.tick - row.position_error_delay, 0)).setpoint
-    command = numba.carray(floats(row.setpoints + 8 * n * sent), (n,))
+    sent = tape.log.tick[max(row.tick - row.position_error_delay, 0) - row.first].setpoint
     moving = False
     worst = 0
     largest = -1.0
     square = 0.0
     for a in range(n):
         moving = moving or row.demand_velocity[a] != 0.0
-        error = row.linear[a] * abs(command[a] - row.measured[a])
+        error = row.linear[a] * abs(tape.setpoints[sent, a] - row.measured[a])
         square += error * error
         if error > largest:
             worst = a
@@ -92,9 +90,16 @@ def _watch_position_error(row):
 
 
 @jit
-def _waits(row):
+def wait_at_gate(row, tape):
+    """Have the stream wait at the setpoint of this tick where it is a gate, for the axes to settle."""
+    if _waits(row, tape):
+        row.waits = 1
+
+
+@jit
+def _waits(row, tape):
     """Return whether the stream waits at the setpoint of this tick for the axes to settle."""
-    if row.gate >= row.gate_count or numba.carray(integers(row.gates + 8 * row.gate), (1,))[0] != row.index:
+    if row.gate >= row.gate_count or tape.gates[row.gate] != row.index:
         return False
     worst = 0
     within = True

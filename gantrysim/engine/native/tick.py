@@ -1,21 +1,19 @@
-"""The servo tick, compiled as MuJoCo's control callback: measure, apply the law, clamp, log, put out.
+"""The servo tick: measure, apply the law, clamp, log, put out.
 
-MuJoCo calls it once per physics step, on the thread that steps the simulation; see `gantrysim.engine.native`. What only
-some runs need hangs on its points as stages, see `gantrysim.engine.native.stages`.
+It is called before each physics step. What it reads of the machine, and what it does to it, stands in the servo's row.
+What only some runs need hangs on its points as stages, see `gantrysim.engine.native.stages`.
 """
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from gantrysim.base.jit import jit
 from gantrysim.engine.native.laws import take
 from gantrysim.engine.native.parts import part
-from gantrysim.engine.native.pointers import axis_log, call, field, floats, gains_of, row_at, tick_log, vector, whole
+from gantrysim.engine.native.pointers import call, gains_of, tape_of
 from gantrysim.engine.native.stages import has_stages, run_stages
 from gantrysim.engine.native.supervision import trip, watch_oscillation
-from gantrysim.machine.layout import WARNING_NUMBER, WARNING_SIZE
 from gantrysim.machine.row import (
     DIVERGED,
     FOLLOWING_ERROR,
@@ -27,7 +25,6 @@ from gantrysim.machine.row import (
     OVERTRAVEL,
     POINTS,
     TRAVEL,
-    WARNINGS,
 )
 from gantrysim.servo.laws.pid import PID
 
@@ -36,17 +33,6 @@ CURRENT, SETPOINT, MOTOR, ENCODER, FEEDBACK, REPORT, SUPERVISE = map(np.int64, r
 ERROR, LAW, FEEDFORWARD, DISTURBANCE, DEMAND, DRIVE, VOLTAGE = map(np.int64, range(7, len(POINTS)))
 
 _pid = part(PID.tick)
-
-
-@jit
-def _has_warned(address):
-    """Return whether MuJoCo has warned of anything."""
-    statistics = numba.carray(whole(address), (2 * WARNINGS,))
-    # loops, here and below, as numba takes seconds to compile NumPy's reductions and assignments to slices
-    for warning in range(WARNINGS):  # noqa: SIM110 - numba knows no generators
-        if statistics[(warning * WARNING_SIZE + WARNING_NUMBER) // 4] > 0:
-            return True
-    return False
 
 
 @jit
@@ -62,52 +48,49 @@ def _furthest(row):
 
 
 @jit
-def sample(data, userdata):
+def sample(row, tape):
     """Measure all axes if a servo tick begins with this step; return whether it does."""
-    row = row_at(userdata)
     if row.phase != 0 or row.fault != 0 or row.index >= row.ticks:
         return False
-    _read_encoders(data, row, userdata)
-    tick_log(row, row.tick).setpoint = row.index
-    _take_errors(data, row)
-    _check_limits(data, row)
+    _read_encoders(row, tape)
+    entry = tape.log.tick[row.tick - row.first]
+    entry.setpoint = row.index
+    _take_errors(row, tape)
+    _check_limits(row)
     row.waits = 0
-    run_stages(data, row, userdata, SUPERVISE)
+    run_stages(row, tape, SUPERVISE)
     if row.waits == 0:
         row.index += 1
-    _log_nozzle(data, row)
+    for i in range(3):
+        entry.nozzle[i] = row.nozzle[i]
     return True
 
 
 @jit
-def _read_encoders(data, row, userdata):
+def _read_encoders(row, tape):
     """Take the setpoint of this tick, and read the encoders."""
     n = row.axes
-    setpoint = numba.carray(floats(row.setpoints + 8 * n * row.index), (n,))
-    length = vector(data, row.actuator_length_at)
     for a in range(n):
-        row.setpoint[a] = setpoint[a]
-        row.motor[a] = length[row.output[a]] * row.scale[a]
+        row.setpoint[a] = tape.setpoints[row.index, a]
+        row.motor[a] = row.angle[a] * row.scale[a]
     # before the current is logged
-    run_stages(data, row, userdata, CURRENT)
-    run_stages(data, row, userdata, SETPOINT)
-    run_stages(data, row, userdata, MOTOR)
+    run_stages(row, tape, CURRENT)
+    run_stages(row, tape, SETPOINT)
+    run_stages(row, tape, MOTOR)
     for a in range(n):
         row.seen[a] = row.motor[a]
-    run_stages(data, row, userdata, ENCODER)
+    run_stages(row, tape, ENCODER)
     for a in range(n):
         count = row.resolution[a]
         if count != 0.0:
             row.seen[a] = count * np.floor(row.seen[a] / count + 0.5)
-    run_stages(data, row, userdata, FEEDBACK)
-    run_stages(data, row, userdata, REPORT)
+    run_stages(row, tape, FEEDBACK)
+    run_stages(row, tape, REPORT)
 
 
 @jit
-def _take_errors(data, row):
+def _take_errors(row, tape):
     """Set the following errors and their changes, and log what was measured."""
-    axis = axis_log(row, row.tick)
-    velocity = vector(data, row.actuator_velocity_at)
     for a in range(row.axes):
         commanded = row.setpoint[a]
         measured = row.seen[a]
@@ -124,20 +107,19 @@ def _take_errors(data, row):
         row.commanded[a] = commanded
         row.measured[a] = measured
         row.error[a] = error
-        axis[a].encoder = measured
-        axis[a].motor = row.motor[a]
-        axis[a].motor_speed = velocity[row.output[a]]
+        entry = tape.log.axis[row.tick - row.first, a]
+        entry.encoder = measured
+        entry.motor = row.motor[a]
+        entry.motor_speed = row.motor_speed[a]
 
 
 @jit
-def _check_limits(data, row):
+def _check_limits(row):
     """Trip where an axis is beyond a limit, or its state is no number or one that MuJoCo has warned of."""
-    length = vector(data, row.actuator_length_at)
-    velocity = vector(data, row.actuator_velocity_at)
-    lost = _has_warned(data + row.warning_at)
+    lost = row.lost != 0
     for a in range(row.axes):
-        position = length[row.output[a]] * row.scale[a]
-        speed = velocity[row.output[a]] * row.scale[a]
+        position = row.angle[a] * row.scale[a]
+        speed = row.motor_speed[a] * row.scale[a]
         lost = lost or not (np.isfinite(position) and np.isfinite(speed))
         if lost:
             break
@@ -155,24 +137,7 @@ def _check_limits(data, row):
 
 
 @jit
-def _log_nozzle(data, row):
-    """Log the nozzle's position in the work frame [mm]."""
-    nozzle = tick_log(row, row.tick).nozzle
-    tip = vector(data, row.site_xpos_at)
-    origin = vector(data, row.xpos_at)
-    frame = vector(data, row.xmat_at)
-    t = 3 * row.nozzle
-    o = 3 * row.work
-    f = 9 * row.work
-    x = tip[t] - origin[o]
-    y = tip[t + 1] - origin[o + 1]
-    z = tip[t + 2] - origin[o + 2]
-    for i in range(3):
-        nozzle[i] = 1e3 * (frame[f + i] * x + frame[f + 3 + i] * y + frame[f + 6 + i] * z)
-
-
-@jit
-def _apply_law(data, row, userdata):
+def apply_law(row, tape):
     """Set the torque demands of all axes, before they are clamped."""
     n = row.axes
     for a in range(n):
@@ -182,32 +147,29 @@ def _apply_law(data, row, userdata):
         row.feedforward[a] = 0.0
         row.law_error[a] = row.error[a]
         row.law_change[a] = row.error_change[a]
-    run_stages(data, row, userdata, ERROR)
+    run_stages(row, tape, ERROR)
     if has_stages(row, LAW):
-        run_stages(data, row, userdata, LAW)
+        run_stages(row, tape, LAW)
     else:
         for a in range(n):
             torque, integral = _pid(row, a, gains_of(row, a))
             take(row, a, torque, integral)
     if has_stages(row, FEEDFORWARD) or has_stages(row, DISTURBANCE):
-        run_stages(data, row, userdata, FEEDFORWARD)
-        run_stages(data, row, userdata, DISTURBANCE)
+        run_stages(row, tape, FEEDFORWARD)
+        run_stages(row, tape, DISTURBANCE)
         for a in range(n):
             row.torque[a] += row.feedforward[a]
     for a in range(n):
         # anti-windup: the integral is frozen while the output is clamped on the side to which the error drives it
         if abs(row.torque[a]) <= row.torque_limit[a] or row.torque[a] * row.law_error[a] < 0.0:
             row.integral[a] = row.next_integral[a]
-    run_stages(data, row, userdata, DEMAND)
+    run_stages(row, tape, DEMAND)
 
 
 @jit
-def command(data, userdata):
+def command(row, tape):
     """Clamp, schedule and log the torques of the law."""
-    row = row_at(userdata)
     n = row.axes
-    axis = axis_log(row, row.tick)
-    currents = vector(data, row.act_at)
     for a in range(n):
         limit = row.torque_limit[a]
         torque = min(max(row.torque[a], -limit), limit)
@@ -218,8 +180,9 @@ def command(data, userdata):
         if row.delay == row.substeps:
             row.held[a] = row.pending[a]
         row.pending[a] = torque
-        axis[a].demand = torque
-        axis[a].current = currents[row.current[a]] if row.current[a] >= 0 else np.nan
+        entry = tape.log.axis[row.tick - row.first, a]
+        entry.demand = torque
+        entry.current = row.winding_current[a]
     if row.fault != 0:
         for a in range(n):
             row.pending[a] = 0.0
@@ -228,72 +191,48 @@ def command(data, userdata):
 
 
 @jit
-def _watch_stops(data, row):
+def _watch_stops(row):
     """Note where a joint is at a stop that the model lacks: from this step on the motion is wrong."""
-    position = vector(data, row.qpos_at)
     for a in range(row.axes):
-        place = position[row.joint[a]]
+        place = row.joint_place[a]
         if place - row.stop_low[a] < 0.0 or row.stop_high[a] - place < 0.0:
             row.stops = MISSED
 
 
 @jit
-def _clear_forces(data, row):
-    """Take away the forces that stages have added to qfrc_applied in the step before: MuJoCo keeps them."""
-    forces = vector(data, row.qfrc_applied_at)
-    for dof in range(row.dofs):
-        forces[dof] = 0.0
-
-
-@jit
-def output(data, userdata):
+def output(row, tape):
     """Set the controls, with torque demands that are due at this step."""
-    row = row_at(userdata)
     due = row.phase == row.delay
     # a fault takes the torque away at once; what limits the voltage begins from the servo's demand at every step
     if due or row.phase == 0 or has_stages(row, VOLTAGE):
-        n = row.axes
-        ctrl = vector(data, row.ctrl_at)
-        for a in range(n):
+        for a in range(row.axes):
             if due:
                 row.held[a] = row.pending[a]
-            ctrl[row.control[a]] = row.held[a] * row.drive_gain[a]
+            row.control_torque[a] = row.held[a] * row.drive_gain[a]
     if row.stages != 0:
-        if has_stages(row, DRIVE):
-            _clear_forces(data, row)
-        run_stages(data, row, userdata, DRIVE)
-        run_stages(data, row, userdata, CURRENT)
-        run_stages(data, row, userdata, VOLTAGE)
+        for a in range(row.axes):
+            row.applied[a] = 0.0
+        run_stages(row, tape, DRIVE)
+        run_stages(row, tape, CURRENT)
+        run_stages(row, tape, VOLTAGE)
     if row.stops == NOT_IN_MODEL:
-        _watch_stops(data, row)
+        _watch_stops(row)
     row.steps += 1
     row.phase += 1
     if row.phase == row.substeps:
         row.phase = 0
     if row.steps == row.observer_step:
-        call(row.observer, data, userdata, row.observer_argument)
+        call(row.observer, row.address, row.observer_argument)
 
 
 @jit
-def step(model, data, nuserdata_at, userdata_at, row_size, key):
-    """Do what the servo has to do before a physics step; nothing to data that bear no servo's row.
-
-    Args:
-        model: address of the mjModel.
-        data: address of the mjData.
-        nuserdata_at: offset of this field in mjModel.
-        userdata_at: offset of this pointer in mjData.
-        row_size: of a servo's row, in numbers.
-        key: with which a servo's row begins.
-    """
-    if field(model, nuserdata_at) < row_size:
-        return
-    userdata = field(data, userdata_at)
-    row = row_at(userdata)
-    if row.magic != key:
-        return
+def step(row):
+    """Do what the servo has to do before a physics step."""
     # before the call, which most steps then save
-    if row.phase == 0 and sample(data, userdata):
-        _apply_law(data, row, userdata)
-        command(data, userdata)
-    output(data, userdata)
+    if row.phase == 0:
+        tape = tape_of(row)
+        if sample(row, tape):
+            apply_law(row, tape)
+            command(row, tape)
+    # stages, which need it, find it by themselves
+    output(row, None)

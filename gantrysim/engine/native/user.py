@@ -14,11 +14,11 @@ from numba import NumbaError, types
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.engine.native.pointers import floats, row_at
+from gantrysim.engine.native.pointers import floats_at, row_at
 from gantrysim.machine.row import ROW
 from gantrysim.servo.laws.user import STATE, UserLaw, UserTick
 
-_CALLED = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
+_CALLED = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
 _GIVEN = UserTick._fields[3:]
 
 
@@ -30,7 +30,7 @@ class CalledLaw:
         state: the law's own, (STATE,).
 
     Attributes:
-        address: of a C function (mjData, userdata, state), a stage of the tick.
+        address: of a C function (row, state), a stage of the tick.
         raised: what the law has raised, in plain Python.
         state: the law's own.
 
@@ -45,16 +45,16 @@ class CalledLaw:
         self._kept: Any = _compiled_law(law).ctypes if hasattr(law, "py_func") else _CALLED(self.call)
         self.address = ctypes.cast(self._kept, ctypes.c_void_p).value or 0
 
-    def call(self, _data: int, userdata: int, _state: int) -> None:
+    def call(self, address: int, _state: int) -> None:
         """Call a law in plain Python.
 
         Args:
-            userdata: address of the servo's row; in a batch another one at every step.
+            address: of the servo's row; in a batch another one at every step.
         """
         if self.raised:
             return
         try:
-            row = np.ndarray(1, ROW, memoryview((ctypes.c_char * ROW.itemsize).from_address(userdata)))[0]
+            row = np.ndarray(1, ROW, memoryview((ctypes.c_char * ROW.itemsize).from_address(address)))[0]
             n = int(row["axes"])
             period = float(row["period"])
             given = [row[name][:n] for name in _GIVEN]
@@ -66,8 +66,8 @@ class CalledLaw:
 
 @cache
 def _compiled_law(law: Any) -> Any:
-    def call(data, userdata, state):
-        row = row_at(userdata)
+    def call(address, state):
+        row = row_at(address)
         n = row.axes
         tick = UserTick(
             n,
@@ -81,10 +81,10 @@ def _compiled_law(law: Any) -> Any:
             row.measured_velocity[:n],
             row.gains[:n],
         )
-        law(tick, numba.carray(floats(state), (STATE,)), row.torque[:n])
+        law(tick, floats_at(state)[:STATE], row.torque[:n])
 
     try:
-        return numba.cfunc(types.void(types.int64, types.int64, types.int64), error_model="numpy")(call)
+        return numba.cfunc(types.void(types.int64, types.int64), error_model="numpy")(call)
     except NumbaError as error:
         words = " ".join(str(error).split())
         raise InputError(f"law {law.__name__} does not compile with numba: {words:.300}") from None

@@ -89,7 +89,13 @@ def positioning(job: Job, axis: str, perturbations: Sequence[Perturbation]) -> P
     # deviations at all stops, in the order of the motion
     cycles = []
     for perturbation in perturbations:
-        run = simulate(machine.perturbed(perturbation), servo, setpoints, physics_step=job.simulation.physics_step)
+        run = simulate(
+            machine.perturbed(perturbation),
+            servo,
+            setpoints,
+            physics_step=job.simulation.physics_step,
+            engine=job.engine_of_searches,
+        )
         if run.fault is not None:
             raise InputError(f"positioning of {axis}: {run.fault}")
         cycles.append((run.nozzle[stopped] - run.commanded_tip[stopped]) @ along)
@@ -197,6 +203,7 @@ def _repeated_run(case: Case) -> Run:
         physics_step=job.simulation.physics_step,
         dispenser=job.dispenser,
         faults=job.faults,
+        engine=job.engine_of_searches,
     )
 
 

@@ -111,6 +111,7 @@ def _simulated_runs(cases: Sequence[Case]) -> list[Run]:
         dispenser=[job.dispenser for job in jobs],
         faults=[job.faults for job in jobs],
         threads=1,
+        engine=jobs[0].engine_of_searches,
     )
 
 

@@ -136,6 +136,9 @@ def notes(study: TuningStudy, rows: Sequence[Row]) -> list[str]:
         if link == "program":
             text += " Tuning cannot fix program errors; the metric servo_rms is the servo's error alone."
         remarks.append(text)
+    difference = study.difference_note(best.servo)
+    if difference:
+        remarks.append(difference)
     axes = "each axis by itself" if study.per_axis else "one factor for all axes"
     return [
         *remarks,

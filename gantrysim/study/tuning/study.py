@@ -10,6 +10,7 @@ from importlib.metadata import version
 from typing import Any
 
 from gantrysim.base.errors import InputError, positive, unknown, whole
+from gantrysim.engine.linear import Engine, difference_note
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulate import simulate
 from gantrysim.machine.machine import Machine
@@ -268,16 +269,24 @@ class TuningStudy(Study):
     def run(self, servo: Servo) -> Run:
         """Return the record of the job on its own machine with a servo."""
         if servo not in self._runs:
-            job = self.job
-            self._runs[servo] = simulate(
-                job.built_machine,
-                servo,
-                job.setpoints,
-                physics_step=job.simulation.physics_step,
-                dispenser=job.dispenser,
-                faults=job.faults,
-            )
+            self._runs[servo] = self._simulated(servo, self.job.simulation.engine or "mujoco")
         return self._runs[servo]
+
+    def difference_note(self, servo: Servo) -> str:
+        """Return a sentence on how far that record is from the search's, empty where they agree."""
+        return difference_note(self.run(servo), self._simulated(servo, self.job.engine_of_searches))
+
+    def _simulated(self, servo: Servo, engine: Engine) -> Run:
+        job = self.job
+        return simulate(
+            job.built_machine,
+            servo,
+            job.setpoints,
+            physics_step=job.simulation.physics_step,
+            dispenser=job.dispenser,
+            faults=job.faults,
+            engine=engine,
+        )
 
     def text(self, _name: str, rows: Sequence[Row]) -> str:
         """Return the tuned gains as TOML."""

@@ -8,7 +8,7 @@ import pytest
 from gantrysim import Machine, Servo
 from gantrysim.engine.advance import Stepper
 from gantrysim.engine.drives import drive_stages
-from gantrysim.engine.native.pointers import row_at, vector
+from gantrysim.engine.native.pointers import row_at
 from gantrysim.engine.native.stages import Stage, arm, compiled_stage
 from gantrysim.engine.simulation import Simulation
 from gantrysim.record.setpoints import Setpoints
@@ -24,8 +24,8 @@ PERIOD = 2.5e-4
 PUSH = 3.0  # [N]
 
 
-def push(data, userdata, dof):
-    vector(data, row_at(userdata).qfrc_applied_at)[dof] += PUSH
+def push(address, argument):
+    row_at(address).applied[0] += PUSH
 
 
 @pytest.mark.parametrize("efficiency", [1.0, 0.8])
@@ -34,12 +34,11 @@ def test_forces_of_stages_add_up_and_last_for_one_step(tmp_path, efficiency):
     table = tmp_path / "machine.toml"
     table.write_text(ideal(SCREW.replace("damping_ratio = 0", f"damping_ratio = 0.5\nefficiency = {efficiency}")))
     machine = Machine(table)
-    nut = int(machine.physics.jnt_dofadr[machine.physics.actuator_trnid[0, 0]])
     off = dict.fromkeys(("kp", "ki", "kd", "velocity_ff", "acceleration_ff"), 0.0)
     servo = Servo.derive(machine.axes, PERIOD, **off, resolution=0.0)
     rest = Setpoints(PERIOD, machine.axis_names, np.zeros((400, 2)), np.zeros(400, bool), ramp(50.0).requested)
     stepper = Stepper(Simulation.of(machine, servo, rest))
-    pushing = Stage("drive", compiled_stage(push), nut)
+    pushing = Stage("drive", compiled_stage(push))
     table = arm(stepper.run.row, [pushing, *drive_stages(servo, stepper.run.drives), pushing])
     stepper.advance()
     run = stepper.run.record()

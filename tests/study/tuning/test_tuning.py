@@ -83,7 +83,7 @@ def test_rows_are_of_runs_with_the_job_s_physics_step(job):
     fine = job.changed({"simulation.physics_step": 1e-4})
     for one in (job, fine):
         (row,) = measure_together([case_of(one, one.built_servo, None)])
-        contour = Budget(one.run()).analysis.nozzle.distance
+        contour = Budget(one.run(engine="loop")).analysis.nozzle.distance
         assert row["contour_rms_um"] == pytest.approx(1e3 * np.sqrt(np.mean(contour**2)), rel=EXACT)
 
 
@@ -173,7 +173,7 @@ def test_the_result_is_run_on_all_machines_and_meets_all_limits(outcome):
     assert len(history.best.results) == 2
     assert history.best.metric < 0.5 * history.start.metric
     runs = [
-        simulate(machine, history.best.servo, study.job.setpoints, dispenser=study.job.dispenser)
+        simulate(machine, history.best.servo, study.job.setpoints, dispenser=study.job.dispenser, engine="loop")
         for machine in study.machines
     ]
     errors = [1e3 * np.sqrt(np.mean(Budget(run).analysis.nozzle.distance ** 2)) for run in runs]
@@ -199,7 +199,7 @@ def test_the_final_check_runs_start_and_result_on_other_machines(outcome):
     servo = study.history(done.rows).best.servo
     machine = study.job.built_machine.perturbed(study.unseen_perturbations[1])
     contour = Budget(
-        simulate(machine, servo, study.job.setpoints, dispenser=study.job.dispenser)
+        simulate(machine, servo, study.job.setpoints, dispenser=study.job.dispenser, engine="loop")
     ).analysis.nozzle.distance
     assert tuned[1]["contour_rms_um"] == pytest.approx(1e3 * np.sqrt(np.mean(contour**2)), rel=EXACT)
     assert tuned[1]["contour_rms_um"] < start[1]["contour_rms_um"]
@@ -478,7 +478,7 @@ def test_the_tuned_servo_is_written_exactly(outcome):
     assert list(table) == ["kp", "ki", "kd", "velocity_ff", "acceleration_ff"]
     again = Job.load(folder / "job.toml", servo=folder / TUNED)
     assert again.built_servo == history.best.servo
-    contour = Budget(again.run()).analysis.nozzle.distance
+    contour = Budget(again.run(engine="loop")).analysis.nozzle.distance
     row = next(
         row
         for row in done.rows

@@ -1,0 +1,220 @@
+"""The compiled loop on a GPU, by numba-cuda: a thread steps one simulation, with its servo.
+
+The functions are those of `tick`, `plant`, and of the laws and drives, compiled anew for the device, with all that they
+call. A device has no table of C functions: the stages of the runs that it steps together are composed to one function.
+"""
+
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from inspect import getclosurevars
+from types import FunctionType, ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import config
+from numpy.typing import NDArray
+
+from gantrysim.base.arrays import Floats
+from gantrysim.base.extras import extra
+from gantrysim.engine.native import plant, tick
+from gantrysim.engine.native.laws import take
+from gantrysim.engine.native.pointers import gains_of
+from gantrysim.engine.native.stages import Body
+from gantrysim.machine.row import POINTS, Log
+
+with extra("cuda", 'device "cuda"'):
+    from numba import cuda
+
+THREADS = 64  # of a block
+
+
+def _floor(number):
+    return cuda.libdevice.floor(number)
+
+
+def _sign(number):
+    return math.copysign(1.0, number) if abs(number) > 0.0 else number
+
+
+class _Numpy(ModuleType):
+    """NumPy for a device, which has its functions of numbers by other names."""
+
+    exp, log, sqrt, sin, cos, isfinite = math.exp, math.log, math.sqrt, math.sin, math.cos, math.isfinite
+
+    def __init__(self) -> None:
+        super().__init__("numpy")
+        self.floor = cuda.jit(device=True)(_floor)
+        self.sign = cuda.jit(device=True)(_sign)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(np, name)
+
+
+class DeviceTape(NamedTuple):
+    """What the stages of one simulation act on, see `gantrysim.machine.row.Tape`.
+
+    Attributes:
+        setpoints: positions of the axes, (n, axes) [mm or deg].
+        gates: setpoints at which the stream waits, (gates,).
+        log: the log.
+        torque: sent with the setpoints, (n, axes), or of no setpoint [N·m].
+        laws: of the axes, (axes,) of `LAW`, or of none.
+        drives: of the axes, (axes,) of `DRIVE`, or of none.
+    """
+
+    setpoints: Floats
+    gates: NDArray[np.int64]
+    log: Log
+    torque: Floats
+    laws: NDArray[np.void]
+    drives: NDArray[np.void]
+
+
+@cache
+def kernel(bodies: tuple[tuple[str, Body], ...]) -> Any:
+    """Return the kernel for runs with some stages, as points of the tick and what acts there.
+
+    Its arguments are per simulation: plants, states, rows, setpoints, gates, log of the machine, log of the axes,
+    torques, laws and drives, then the number of physics steps.
+
+    """
+    others: dict[str, Any] = {"call": _function(_call_nothing, {})}
+    others["run_stages"] = _composed(bodies, others)
+    sense, move, sample, apply_law, command, output, is_lost = (
+        _function(function, others)
+        for function in (
+            plant.sense,
+            plant.move,
+            tick.sample,
+            tick.apply_law,
+            tick.command,
+            tick.output,
+            plant.is_lost,
+        )
+    )
+    missed = plant.MISSED
+    wound = plant.WOUND
+
+    def run(plants, states, rows, setpoints, gates, log, axis_log, torque, laws, drives, steps):
+        number = cuda.grid(1)
+        if number >= rows.shape[0]:
+            return
+        machine = plants[number]
+        state = states[number]
+        row = rows[number]
+        tape = DeviceTape(
+            setpoints[number],
+            gates[number],
+            Log(log[number], axis_log[number]),
+            torque[number],
+            laws[number],
+            drives[number],
+        )
+        for _ in range(steps):
+            if row.fault != 0 or row.index >= row.ticks or row.stops == missed:
+                return
+            sense(machine, state, row)
+            if row.phase == 0 and sample(row, tape):
+                apply_law(row, tape)
+                command(row, tape)
+            output(row, tape)
+            if row.stages != 0:
+                for a in range(machine.axes):
+                    if machine.kind[a] == wound:
+                        state.current[a] = row.winding_current[a]
+            move(machine, state, row.control_torque, row.applied)
+            if is_lost(machine, state):
+                row.lost = 1
+
+    return cuda.jit(run)
+
+
+def _call_nothing(address, row, argument):
+    """Stand for the call of an observer, which a device does not have."""
+
+
+def _function(function: Any, others: Mapping[str, Any]) -> Any:
+    """Return a compiled or plain function compiled for the device, with all that it calls.
+
+    Args:
+        function: the function.
+        others: functions by the names of globals that they take the place of.
+    """
+    plain = getattr(function, "py_func", function)
+    names = dict(plain.__globals__)
+    for name, value in getclosurevars(plain).globals.items():
+        if name in others:
+            names[name] = others[name]
+        elif hasattr(value, "py_func") or isinstance(value, FunctionType):
+            names[name] = _function(value, others)
+    # the simulator calls plain functions
+    if "np" in names and not config.ENABLE_CUDASIM:
+        names["np"] = _Numpy()
+    copy = FunctionType(plain.__code__, names, plain.__name__, plain.__defaults__, plain.__closure__)
+    return cuda.jit(device=True)(copy)
+
+
+def _composed(bodies: Sequence[tuple[str, Body]], others: Mapping[str, Any]) -> Any:
+    """Return a function of (row, tape, point) that runs the stages of a point, in their order."""
+
+    def nothing(row, tape, point):
+        pass
+
+    before = cuda.jit(device=True)(nothing)
+    # what a drive runs of the tick at its own samples are faults, which a device does not have
+    within = {**others, "run_stages": before}
+    for point, body in bodies:
+        act = _KINDS[body.kind](_function(body.function, within))
+        before = _after(before, np.int64(POINTS.index(point)), cuda.jit(device=True)(act))
+    return before
+
+
+def _after(before: Any, number: np.int64, act: Any) -> Any:
+    def stages(row, tape, point):
+        before(row, tape, point)
+        if point == number:
+            act(row, tape)
+
+    return cuda.jit(device=True)(stages)
+
+
+def _base(function: Any) -> Callable[..., None]:
+    gains = _function(gains_of, {})
+    taken = _function(take, {})
+
+    def act(row, tape):
+        for axis in range(row.axes):
+            torque, integral = function(row, axis, gains(row, axis))
+            taken(row, axis, torque, integral)
+
+    return act
+
+
+def _laws(function: Any) -> Callable[..., None]:
+    def act(row, tape):
+        function(row, tape.laws)
+
+    return act
+
+
+def _drives(function: Any) -> Callable[..., None]:
+    def act(row, tape):
+        for axis in range(row.axes):
+            function(row, tape, axis, tape.drives[axis])
+
+    return act
+
+
+def _tape(function: Any) -> Callable[..., None]:
+    def act(row, tape):
+        function(row, tape)
+
+    return act
+
+
+_KINDS = {"base": _base, "laws": _laws, "drives": _drives, "tape": _tape}

@@ -1,0 +1,63 @@
+"""The compiled loop on a GPU, by numba-cuda's simulator: it equals the loop on the processor."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gantrysim import simulate_batch
+from gantrysim.base.errors import InputError
+
+from support.runs import ramp
+
+pytest.importorskip("numba_cuda")
+
+# Python takes a millisecond for a step: short motions, of servos that together have every stage of a device.
+COMPARED = """
+import numpy as np
+from gantrysim import Machine, Servo, Setpoints, simulate_batch
+from gantrysim.machine.perturbation import Perturbation
+from gantrysim.paths.arcs import ArcChain
+
+PERIOD = 2e-3
+OPTIONS = (
+    {},
+    {"law": ["pid", "friction", "observer", "contour"]},
+    {"law": "p-pi", "encoder_noise": 1e-4, "feedback_delay": 2},
+    {"feedback": "load", "current_bandwidth": 500.0},
+    {"mode": "velocity"},
+    {"mode": "position", "delay": PERIOD},
+)
+xy = Machine("xy")
+machines = [xy, xy.perturbed(Perturbation(payload=0.5))]
+path = ArcChain((-70.0, 0.0), 0.0, [0.0], [3.0])
+for options in OPTIONS:
+    servo = Servo.derive(xy.axes, PERIOD, **options)
+    setpoints = Setpoints.along(path, 100.0, PERIOD)
+    runs = simulate_batch(machines, servo, setpoints, device="cuda")
+    others = simulate_batch(machines, servo, setpoints, engine="loop")
+    for run, other in zip(runs, others, strict=True):
+        assert np.ptp(other.motor[:, 0]) > 1.0
+        for name in ("motor", "encoder", "demand", "nozzle", "current"):
+            np.testing.assert_allclose(getattr(run, name), getattr(other, name), rtol=0, atol=1e-9, err_msg=name)
+    assert not np.array_equal(runs[0].motor, runs[1].motor)
+print("equal")
+"""
+
+
+def test_a_device_steps_as_the_processor_does():
+    """In a process of its own, as the simulator takes the place of the device for good."""
+    environment = os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "PYTHONPATH": str(Path(__file__).parents[2])}
+    asked = subprocess.run(
+        [sys.executable, "-P", "-c", COMPARED], env=environment, capture_output=True, text=True, check=False
+    )
+    assert asked.stdout == "equal\n", asked.stderr
+
+
+def test_an_unknown_device_is_refused(xy):
+    from gantrysim import Servo
+
+    with pytest.raises(InputError, match="device 'tpu': must be cpu or cuda"):
+        simulate_batch(xy, Servo.derive(xy.axes, 1e-3), ramp(50.0), device="tpu")
