@@ -23,6 +23,7 @@ from .job.job import Job as Job
 from .job.tolerance import Tolerance as Tolerance
 from .machine.axis import Axis as Axis
 from .machine.machine import Machine as Machine
+from .machine.perturbation import Perturbation as Perturbation
 from .metrics.budget import Budget as Budget
 from .record.run import Run as Run
 from .record.run_file import Fault as Fault
@@ -34,5 +35,6 @@ from .results.verdict import Verdict as Verdict
 from .servo.laws.user import Tick as Tick
 from .servo.servo import Servo as Servo
 from .study import tuning as tuning
+from .study.figures import figures as figures
 
 __version__: str

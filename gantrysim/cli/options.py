@@ -22,7 +22,9 @@ Settings = Annotated[
 ]
 ServoFile = Annotated[
     Path | None,
-    typer.Option(help="TOML file whose table \\[servo] replaces the job's, such as tuned.toml from gantrysim tune."),
+    typer.Option(
+        help="TOML file with a table \\[servo] of values that replace the job's, such as tuned.toml of gantrysim tune."
+    ),
 ]
 Reader = Annotated[
     str | None,

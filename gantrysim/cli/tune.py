@@ -99,9 +99,9 @@ def tune(
     within the margin. Every candidate keeps the margin on every axis and machine; candidates with too much torque
     ripple, or with a fault, rank behind all others.
 
-    The result is written to tuned.toml, for gantrysim run --servo, with a report that compares start and result. An
-    interrupted search resumes when rerun. --export trio adds tuned-trio.bas for the controller; gains for which it has
-    no parameter are not searched, and must be zero from the start.
+    The tuned gains are written to tuned.toml, for gantrysim run --servo, with a report that compares start and result.
+    An interrupted search resumes when rerun. --export trio adds tuned-trio.bas for the controller; gains for which it
+    has no parameter are not searched, and must be zero from the start.
 
     Exit status: 0, 2 for bad input, 3 where every run ends in a fault, 130 after Ctrl-C.
     """

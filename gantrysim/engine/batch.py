@@ -21,7 +21,7 @@ from gantrysim.engine.started import Started
 from gantrysim.faults import InjectedFault
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
-from gantrysim.record.run import Run
+from gantrysim.record.runs import Runs
 from gantrysim.record.setpoints import Setpoints
 from gantrysim.servo.servo import Servo
 
@@ -84,7 +84,7 @@ def simulate_batch(
     engine: Engine = "mujoco",
     device: Literal["cpu", "cuda"] = "cpu",
     progress: Progress = None,
-) -> list[Run]:
+) -> Runs:
     """Run many simulations on threads; the records are those of `simulate` with the same engine, to the last bit.
 
     Each argument is either one value for all simulations, or a list, tuple or array with one per simulation. MJCF
@@ -104,7 +104,8 @@ def simulate_batch(
         progress: as in `simulate`.
 
     Returns:
-        The records, in order. A fault ends only its own simulation, see `Run.fault`.
+        The records, in order; `to_frame` of this list has a row of figures for each. A fault ends only its own
+        simulation, see `Run.fault`.
 
     Raises:
         InputError: an argument of the wrong type, lists of different lengths, no simulation at all, or an error of
@@ -153,4 +154,4 @@ def simulate_batch(
 
     with shown_progress("simulate", progress) as share_done:
         every = run_and_learn(simulations, run)
-    return [started.record() for started in every]
+    return Runs(started.record() for started in every)

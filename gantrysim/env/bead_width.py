@@ -14,9 +14,11 @@ from gantrysim.base.errors import InputError, at_least, positive
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Source
 from gantrysim.env.glue import BEAD, PIECE, PIECES, SIGHT, WIDTHS, Camera, Glue, LaidBead, Program, lay
-from gantrysim.env.look_ahead import LimitedSpeed, LookAhead, ahead_entries, look_ahead
+from gantrysim.env.look_ahead import LimitedSpeed, PathsAhead, ahead_entries
 from gantrysim.env.observation import Entry
 from gantrysim.env.outcome import Outcome
+from gantrysim.env.ranges import NOT_NEGATIVE, POSITIVE, RandomValue
+from gantrysim.env.rows import Rows
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.settings import Bounds, PathSettings
 from gantrysim.env.vector import PathVectorEnv
@@ -24,18 +26,21 @@ from gantrysim.machine.tolerances import Tolerances
 from gantrysim.paths.path import Path
 from gantrysim.paths.profile import Profile
 
-# What is drawn for an episode: viscosity over the nominal one and how it changes, a clog of the needle, lag of the
-# pressure; and how the program's speed varies along the path.
 GLUE = {
-    "viscosity": (0.7, 1.4),
-    "warming": (0.6, 1.6),
-    "warming_time": (2.0, 8.0),
-    "clog": (0.7, 1.0),
-    "clog_time": (2.0, 10.0),
-    "lag": (0.05, 0.15),
+    "viscosity": RandomValue(1.0, (0.7, 1.4), (1.4, 2.0), POSITIVE, "1", "viscosity over the nominal one at the start"),
+    "warming": RandomValue(1.0, (0.6, 1.6), (1.6, 2.2), POSITIVE, "1", "factor on it after a long time"),
+    "warming_time": RandomValue(5.0, (2.0, 8.0), (1.0, 2.0), POSITIVE, "s", "time constant of this change"),
+    "clog": RandomValue(1.0, (0.7, 1.0), (0.5, 0.7), (1e-3, 1.0), "1", "factor on the flow of a clogged needle"),
+    "clog_time": RandomValue(6.0, (2.0, 10.0), (1.0, 5.0), NOT_NEGATIVE, "s", "time of the clog"),
+    "lag": RandomValue(0.1, (0.05, 0.15), (0.15, 0.25), POSITIVE, "s", "time constant of the pressure"),
 }
-SPEED = {"dip": (0.0, 0.6), "dip_length": (30.0, 90.0), "dip_phase": (0.0, 2 * math.pi)}
-_SEED = {"camera": (0.0, 1.0)}
+_TURN = 2 * math.pi
+SPEED = {
+    "dip": RandomValue(0.0, (0.0, 0.6), (0.6, 0.8), (0.0, 0.95), "1", "share by which the program slows down"),
+    "dip_length": RandomValue(60.0, (30.0, 90.0), (15.0, 30.0), POSITIVE, "mm", "distance between two such places"),
+    "dip_phase": RandomValue(0.0, (0.0, _TURN), (0.0, _TURN), (0.0, _TURN), "rad", "phase of them at the start"),
+}
+_SEED = {"camera": RandomValue(0.0, (0.0, 1.0), (0.0, 1.0), (0.0, 1.0), "1", "seed of the camera's noise")}
 
 _WORST = 10.0  # tolerances: the largest penalty of an interval
 _FAULT = 2.0  # penalty of an interval lost by a fault; the largest of one without is 1
@@ -105,9 +110,12 @@ class BeadWidthSettings(PathSettings):
 class BeadWidthSource(Source):
     """Source of episodes with glue; on spirals the program slows down in places."""
 
-    task: ClassVar = {**GLUE, **SPEED, **_SEED}
+    values: ClassVar = {**GLUE, **SPEED, **_SEED}
+    looks_ahead: ClassVar[bool] = True
 
-    slowest = 1 - SPEED["dip"][1]
+    @property
+    def slowest(self) -> float:
+        return 1 - self.task["dip"][1]
 
     def _profile(self, path: Path, speed: float, **task: float) -> Profile:
         s = np.linspace(0.0, path.length, max(math.ceil(path.length), 2))
@@ -141,8 +149,12 @@ class BeadWidthBatch(EpisodeBatch):
         self._episode_widths = np.zeros(places, WIDTHS)
         self._speeds = [np.zeros(1)] * places
         self._noise = [np.zeros(1)] * places
-        self._look: list[LookAhead | None] = [None] * places
-        self._ahead_values = np.zeros((places, len(ahead_entries(_SPEEDS))))
+        self._fastest = [1.0] * places
+        nominal = {name: value.nominal for name, value in GLUE.items()}
+        self._glue = [Glue(**nominal, flow_index=settings.index)] * places
+        # of the program, zero behind its end
+        self._speed_rows = Rows(places)
+        self._paths_ahead = PathsAhead(places)
 
     def _entries(self) -> list[Entry]:
         return [
@@ -155,8 +167,8 @@ class BeadWidthBatch(EpisodeBatch):
             Entry("progress", 0.0, 1.0, "1", "share of the setpoints sent"),
         ]
 
-    def _action_size(self) -> int:
-        return 1
+    def _actions(self) -> list[Entry]:
+        return [Entry("override", -1.0, 1.0, "`step`", "change of the logarithm of the pressure's override")]
 
     def _reset(self, place: int, episode: Episode) -> None:
         super()._reset(place, episode)
@@ -170,7 +182,10 @@ class BeadWidthBatch(EpisodeBatch):
         self._speeds[place] = np.append(speeds, 0.0)
         random = np.random.default_rng(int(episode.drawn["camera"] * 2**53))
         self._noise[place] = settings.camera_noise * random.standard_normal(_NOISES)
-        self._look[place] = LookAhead(episode.table.points)
+        self._fastest[place] = float(speeds.max())
+        self._glue[place] = Glue(**{name: episode.drawn[name] for name in GLUE}, flow_index=settings.index)
+        self._speed_rows.put(place, self._speeds[place])
+        self._paths_ahead.put(place, episode.look)
 
     def _act(self, places: Sequence[int]) -> None:
         most = math.log(self.settings.override_range)
@@ -178,49 +193,44 @@ class BeadWidthBatch(EpisodeBatch):
         self._override[places] = np.clip(moved, -most, most)
 
     def _follow(self, place: int, first: int, last: int) -> None:
-        """Lay the bead of some ticks, and see it."""
+        """Lay the bead of some ticks."""
         settings = self.settings
-        episode = self._episode(place)
         speeds = self._speeds[place]
-        drawn = episode.drawn
         lay(
-            episode.simulation.log,
+            self._episode(place).simulation.log,
             (first, last),
-            Program(speeds, float(speeds.max()), math.exp(self._override[place]), self.source.servo.period),
-            Glue(**{name: drawn[name] for name in GLUE}, flow_index=settings.index),
+            Program(speeds, self._fastest[place], math.exp(self._override[place]), self.source.servo.period),
+            self._glue[place],
             Camera(round(settings.behind / PIECE), self._noise[place], settings.tolerance),
             LaidBead(self._bead[place], self._errors[place], self._widths[place], self._sight[place]),
         )
-        widths = self._widths[place]
-        episode_widths = self._episode_widths[place]
+
+    def _measure(self, stepped: NDArray[np.intp]) -> None:
+        """Lay the bead since the last decision, and see it."""
+        super()._measure(stepped)
+        widths = self._widths[stepped]
+        episode_widths = self._episode_widths
         for name in ("pieces", "square", "outside"):
-            episode_widths[name] += widths[name]
-        episode_widths["largest"] = max(episode_widths["largest"], widths["largest"])
-        sight = self._sight[place]
-        if sight["pieces"]:
-            mean = sight["error"] / sight["pieces"] / settings.tolerance
-            seen = self._seen[place]
-            seen["change"] = mean - seen["error"] if seen["is_seen"] else 0.0
-            seen["error"] = mean
-            seen["is_seen"] = 1.0
+            episode_widths[name][stepped] += widths[name]
+        episode_widths["largest"][stepped] = np.maximum(episode_widths["largest"][stepped], widths["largest"])
+        seeing = stepped[self._sight["pieces"][stepped] > 0]
+        sight = self._sight[seeing]
+        mean = sight["error"] / sight["pieces"] / self.settings.tolerance
+        seen = self._seen
+        seen["change"][seeing] = np.where(seen["is_seen"][seeing] > 0, mean - seen["error"][seeing], 0.0)
+        seen["error"][seeing] = mean
+        seen["is_seen"][seeing] = 1.0
 
     def observations(self) -> NDArray[np.float32]:
         interval = self.source.ticks or 1
-        for place, look in enumerate(self._look):
-            if look is not None:
-                sent = int(self._sent[place])
-                speeds = self._speeds[place][sent : sent + 3 * interval : interval].tolist()
-                # the program rests after its end
-                speeds += [0.0] * (3 - len(speeds))
-                s = look.s[max(int(self._foot[place]), 0)]
-                self._ahead_values[place] = look_ahead(look, s, speeds)
+        speeds = [self._speed_rows.at(self._sent + k * interval) for k in range(len(_SPEEDS))]
         parts = [
             np.clip(self._seen["error"], -_WORST, _WORST)[:, None],
             np.clip(self._seen["change"], -_WORST, _WORST)[:, None],
             self._seen["is_seen"][:, None],
             self._override[:, None] / math.log(self.settings.override_range),
             self._action,
-            self._ahead_values,
+            self._paths_ahead.values(self._paths_ahead.s(self._foot), speeds),
             np.minimum(self._sent / self._setpoints, 1.0)[:, None],
         ]
         return np.concatenate(parts, 1, dtype=np.float32)
@@ -262,9 +272,9 @@ class BeadWidthEnv(PathEnv):
 
     Action: one number from -1 to 1, which changes the logarithm of the override of the pressure by up to `step`.
 
-    Observation: `observation_names`, with range, unit and meaning in `gantrysim.env.bead_width.BeadWidthBatch`: the
-    latest width error measured by the camera, its change, the override, commanded speed now and one and two decisions
-    ahead, curvature here and ahead, distances to the next and since the last reversal of an axis, and progress.
+    Observation, with the tables of docs/environments.md: the latest width error measured by the camera, its change, the
+    override, commanded speed now and one and two decisions ahead, curvature here and ahead, distances to the next and
+    since the last reversal of an axis, and progress.
 
     Reward: -min(e / tolerance, 10) / 10 for the RMS relative width error e of the bead laid since the last decision;
     minus 2 for the interval of a fault and for each interval that the fault prevents.

@@ -91,6 +91,8 @@ class DrawnAhead:
         episode = self._source.draw(random)
         # computed here, for the thread that steps not to
         _ = episode.simulation.start, episode.simulation.hindrance
+        if self._source.looks_ahead:
+            episode.look.prepare()
         return episode, random.bit_generator.state
 
     def close(self) -> None:
@@ -107,6 +109,12 @@ def threads_for(places: int) -> int:
 def addresses_of(array: NDArray[Any]) -> NDArray[np.int64]:
     """Return the addresses of the rows of an array, (n,)."""
     return array.ctypes.data + array.strides[0] * np.arange(len(array))
+
+
+def _space(entries: Sequence[Entry]) -> Box[np.float32]:
+    low = np.array([entry.low for entry in entries], np.float32)
+    high = np.array([entry.high for entry in entries], np.float32)
+    return Box(low, high, dtype=np.float32)
 
 
 class EpisodeBatch(ABC):
@@ -130,6 +138,7 @@ class EpisodeBatch(ABC):
     Attributes:
         source: of the episodes.
         entries: of the observation.
+        actions: entries of the action.
         observation_space, action_space: of one place.
         measured: measurements of the last interval at every place, live views.
     """
@@ -160,12 +169,11 @@ class EpisodeBatch(ABC):
         self._observer_step = field("observer_step")
         self._peak = np.array([axis.peak_torque for axis in machine.axes])
         self.entries = self._entries()
-        low = np.array([entry.low for entry in self.entries], np.float32)
-        high = np.array([entry.high for entry in self.entries], np.float32)
-        self.observation_space = Box(low, high, dtype=np.float32)
-        self.action_space = Box(-1.0, 1.0, (self._action_size(),), np.float32)
+        self.actions = self._actions()
+        self.observation_space = _space(self.entries)
+        self.action_space = _space(self.actions)
         self.episodes: list[Episode | None] = [None] * places
-        self._action = np.zeros((places, self._action_size()))
+        self._action = np.zeros((places, len(self.actions)))
         self._of_path = np.zeros(places, PATH_VALUES)
         self._of_axes = np.zeros((places, self._axes), AXIS_VALUES)
         self._spans = np.zeros(places, SPAN)
@@ -184,8 +192,8 @@ class EpisodeBatch(ABC):
         """Return the entries of the observation."""
 
     @abstractmethod
-    def _action_size(self) -> int:
-        """Return the number of actions of a place."""
+    def _actions(self) -> list[Entry]:
+        """Return the entries of the action of a place, each from -1 to 1."""
 
     @abstractmethod
     def _act(self, places: Sequence[int]) -> None:
@@ -318,6 +326,14 @@ class EpisodeBatch(ABC):
         if not self._measured[place]:
             raise GantryError("this episode has not been stepped yet: take a step first")
         return self._batch.runs[place].record(partial=True)
+
+    def film(self, place: int, file: str | os.PathLike[str], **options: Any) -> int:
+        """Write a film of the episode at a place so far, see `gantrysim.render.save_video`."""
+        # slow to import
+        from gantrysim.render import save_video
+
+        run = self.record(place)
+        return save_video(self._episode(place).simulation.machine, run, file, **options)
 
     def scene(self, place: int) -> tuple[Machine, Run, int]:
         """Return machine, record and tick of the present moment, to be drawn."""

@@ -15,9 +15,12 @@ from gantrysim.base.errors import InputError, at_least, finite, positive, unknow
 from gantrysim.engine.linear import Engine
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.simulation import Simulation
+from gantrysim.env.look_ahead import LookAhead
+from gantrysim.env.ranges import RandomValue, machine_ranges, task_ranges
 from gantrysim.env.settings import LEAST_DIAMETER, PathSettings
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.job.job import Job
+from gantrysim.job.loading import builtin_jobs
 from gantrysim.machine.geometry import ERRORS
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.tolerances import Tolerances
@@ -39,6 +42,7 @@ SPIRAL = ("diameter", "thickness", "speed", "turns")
 _BEAD = 2.0  # cross-section of the bead on a spiral [mm²]
 _PLANS = 8  # paths kept, for spirals that do not vary and for copies of an episode
 _ROUNDING = 1e-9
+_NEAR_PLANE = 1e-3  # height that counts as that of the plane of the spirals [mm]
 
 
 def gain_factors(action: Floats, gain_range: float) -> dict[str, Floats]:
@@ -59,12 +63,14 @@ class Episode:
     Attributes:
         simulation: its setpoints on its machine.
         table: points along the requested path.
+        look: ahead along the path.
         progress: arc length for which each setpoint stands, (n,) [mm].
         drawn: values drawn for the path and the machine, by name.
     """
 
     simulation: Simulation
     table: Table
+    look: LookAhead
     progress: Floats
     drawn: dict[str, float]
 
@@ -91,6 +97,10 @@ class Plan:
     dispenser: Dispenser
     drawn: dict[str, float]
 
+    @cached_property
+    def look(self) -> LookAhead:
+        return LookAhead(self.setpoints.requested.table.points)
+
 
 class Source:
     """Source of random episodes; a task's own derives from it.
@@ -103,18 +113,20 @@ class Source:
         machine: the nominal machine.
         servo: the servo at the start of an episode.
         ticks: servo periods between decisions; None for one decision per episode.
+        task: ranges of the values that the task draws for an episode.
         engine: what makes the physics steps; MuJoCo where a fault or a law of the user's own asks for it.
 
     Raises:
-        InputError: an unknown job or machine, spirals that the machine cannot run, or a decision interval that is not a
-            multiple of the servo period.
+        InputError: an unknown job, machine or random value, a range out of its limits, spirals that the machine cannot
+            run, or a decision interval that is not a multiple of the servo period.
     """
 
-    task: ClassVar[Mapping[str, tuple[float, float]]] = {}  # what a task draws for an episode, uniformly
-    slowest: ClassVar[float] = 1.0  # path speed of a task between its ramps, at least, over the one drawn
+    values: ClassVar[Mapping[str, RandomValue]] = {}  # that a task draws for an episode
+    looks_ahead: ClassVar[bool] = False  # whether the task observes what lies ahead
 
     def __init__(self, settings: PathSettings, detune: float = 1.0) -> None:
         self.settings = settings
+        self._tolerances = settings.tolerances
         self._spiral = lru_cache(_PLANS)(self._planned_spiral)
         self._job = Job.load(settings.job) if isinstance(settings.job, str) else settings.job
         if self._job is None:
@@ -130,6 +142,8 @@ class Source:
         lower = {name: tuple(gain / detune for gain in servo.per_axis(name)) for name in SCALED}
         self.servo = servo.with_values(**lower)
         self.ticks = self._ticks()
+        self.task = task_ranges(self.values, settings.preset, settings.ranges)
+        self._machine_ranges = machine_ranges(self._machine_columns, self.values, settings.ranges)
         asks = self.servo.laws.user is not None or (self._job is not None and self._job.faults)
         self.engine: Engine = "mujoco" if asks else settings.engine
         self._fixed = None if self._job is None else Plan(self._job.setpoints, self._job.dispenser, {})
@@ -144,16 +158,19 @@ class Source:
         """
         spiral = self._drawn_spiral(random)
         machine = {}
-        if self.settings.spread is not None:
-            machine = self.settings.spread.sample(random, self.machine)
+        if self._tolerances is not None:
+            machine = self._tolerances.sample(random, self.machine)
         task = {name: float(random.uniform(*bounds)) for name, bounds in self.task.items()}
+        if self._machine_ranges:
+            given = {name: float(random.uniform(*bounds)) for name, bounds in self._machine_ranges.items()}
+            machine = {**self._nominal_machine, **machine, **given}
         if chosen is not None:
             spiral, machine = self._chosen(spiral, machine, chosen)
             for name in chosen.task:
                 if name not in task:
                     raise unknown("value of the task", name, task)
             task |= {
-                name: at_least(name, value, self.task[name][0], "", self.task[name][1])
+                name: at_least(name, value, self.values[name].limits[0], "", self.values[name].limits[1])
                 for name, value in chosen.task.items()
             }
         return self.episode({**spiral, **machine, **task})
@@ -178,7 +195,8 @@ class Source:
         if progress is None:
             tip = machine.tip(axis_positions(machine, setpoints))
             progress = assigned_progress(setpoints.requested, tip)
-        return Episode(simulation, plan.setpoints.requested.table, progress, {**plan.drawn, **values, **task})
+        drawn_values = {**plan.drawn, **values, **task}
+        return Episode(simulation, plan.setpoints.requested.table, plan.look, progress, drawn_values)
 
     def _simulation(self, machine: Machine, plan: Plan) -> Simulation:
         return Simulation.of(
@@ -207,13 +225,26 @@ class Source:
                     f"{LEAST_DIAMETER * spiral['thickness']:g} mm, for one turn to fit in"
                 )
         if chosen.machine:
-            known = Tolerances(1.0, 1.0, 1.0, 1.0, 1.0).columns(self.machine)
-            nominal = {name: 0.0 if name == "payload_kg" or name.startswith(ERRORS) else 1.0 for name in known}
             for name in chosen.machine:
-                if name not in known:
-                    raise unknown("value of the machine", name, known)
-            machine = {**nominal, **machine, **{name: finite(name, value) for name, value in chosen.machine.items()}}
+                if name not in self._machine_columns:
+                    raise unknown("value of the machine", name, self._machine_columns)
+            given = {name: finite(name, value) for name, value in chosen.machine.items()}
+            machine = {**self._nominal_machine, **machine, **given}
         return spiral, machine
+
+    @cached_property
+    def _machine_columns(self) -> dict[str, float]:
+        """All values that may vary between machines, as the columns of `Tolerances`."""
+        return Tolerances(1.0, 1.0, 1.0, 1.0, 1.0).columns(self.machine)
+
+    @cached_property
+    def _nominal_machine(self) -> dict[str, float]:
+        return {name: 0.0 if name == "payload_kg" or name.startswith(ERRORS) else 1.0 for name in self._machine_columns}
+
+    @property
+    def slowest(self) -> float:
+        """Path speed of a task between its ramps, at least, over the one drawn."""
+        return 1.0
 
     def _drawn_spiral(self, random: np.random.Generator) -> dict[str, float]:
         if self._job is not None:
@@ -245,16 +276,30 @@ class Source:
 
     def _check_room(self) -> None:
         """Raise InputError unless the machine can run the largest and fastest spirals: training must not stop later."""
-        if self.machine.turns_work:
+        machine = self.machine
+        home = dict(zip(machine.kinematics.names, machine.home.tolist(), strict=True))
+        height = home.get("z", 0.0)
+        unfit = ""
+        if machine.turns_work:
+            unfit = "turns its work, but spirals need a work that does not turn"
+        elif abs(height) > _NEAR_PLANE:
+            unfit = f"has its nozzle at z = {height:g} mm with all axes at zero, but spirals are drawn at z = 0 mm"
+        if unfit:
+            jobs = [f"job = {name!r}" for name in builtin_jobs() if Job.load(name).machine == self.settings.machine]
             raise InputError(
-                f"machine {self.machine.name} turns its work, but spirals need a work that does not turn: "
-                "give a job or another machine"
+                f"machine = {self.settings.machine!r}: {unfit}; use a job of this machine"
+                f"{f', such as {jobs[0]}' if jobs else ''}, or machine = 'xy', 'xyz' or 'xyzr'"
             )
         largest = {name: self.settings.between(name)[1] for name in SPIRAL}
         middle = {name: 0.5 * (low + high) for name, (low, high) in self.task.items()}
         for thickness in self.settings.between("thickness"):
             plan = self._spiral(largest["diameter"], thickness, largest["speed"], int(largest["turns"]), **middle)
-            self._simulation(self.machine, plan)
+            try:
+                self._simulation(machine, plan)
+            except InputError as error:
+                given = f"diameter = {largest['diameter']:g} mm, speed = {largest['speed']:g} mm/s"
+                text = f"the largest and fastest spiral, {given}, does not fit the machine"
+                raise InputError(f"{text}: {error}") from None
 
     @cached_property
     def most_ticks(self) -> int:

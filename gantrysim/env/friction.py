@@ -15,6 +15,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.jit import jit
 from gantrysim.env.episodes import Episode, Source
+from gantrysim.env.ranges import NOT_NEGATIVE, POSITIVE, RandomValue
 from gantrysim.env.settings import PathSettings
 from gantrysim.machine.axis import Axis
 from gantrysim.machine.perturbation import Perturbation
@@ -62,7 +63,10 @@ class Changing(Source):
 class ChangingFriction(Changing):
     """Source of episodes whose friction changes by a factor at some moment."""
 
-    task: ClassVar[Mapping[str, tuple[float, float]]] = {"friction_change": (0.6, 1.6), "friction_time": (0.5, 4.0)}
+    values: ClassVar[Mapping[str, RandomValue]] = {
+        "friction_change": RandomValue(1.0, (0.6, 1.6), (1.6, 2.4), POSITIVE, "1", "factor on the friction"),
+        "friction_time": RandomValue(2.0, (0.5, 4.0), (0.25, 2.0), NOT_NEGATIVE, "s", "time from which it acts"),
+    }
     moment: ClassVar[str] = "friction_time"
 
     def change(self, drawn: Mapping[str, float]) -> Perturbation:
@@ -118,3 +122,26 @@ def fit(
             answer = log.axis[k, a].demand - moving[setpoint, a]
             total.numerator = forget * total.numerator + regressor * answer
             total.denominator = forget * total.denominator + regressor * regressor
+
+
+@jit
+def next_means(position: Floats, sliding: Floats, ticks: tuple[int, int], step: Floats, friction: Floats) -> None:
+    """Write the means over the next ticks, at the end of the episode over its last one.
+
+    Args:
+        position: setpoints, (n, axes) [mm or deg].
+        sliding: torque of the nominal friction, (n, axes) [N·m].
+        ticks: the first, and their number.
+        step: motion in a tick, (axes,), to be written [mm or deg].
+        friction: torque of the nominal friction, (axes,), to be written [N·m].
+    """
+    first, count = ticks
+    for a in range(position.shape[1]):
+        way = 0.0
+        torque = 0.0
+        for k in range(first, first + count):
+            tick = min(max(k, 1), len(position) - 1)
+            way += position[tick, a] - position[tick - 1, a]
+            torque += sliding[tick, a]
+        step[a] = way / count
+        friction[a] = torque / count

@@ -101,11 +101,14 @@ def entries(axes: Sequence[str], per_axis: bool) -> list[Entry]:
             Entry(f"torque_{axis}", 0.0, 1.0, "peak torques", f"largest torque demand of {axis}"),
             Entry(f"ripple_{axis}", *decades, "log10 of limits", f"torque ripple of {axis}"),
         ]
-    for gain in TUNED_GAINS:
-        names = [f"{gain}_{axis}" for axis in axes] if per_axis else [gain]
-        for name in names:
-            listed.append(Entry(f"gain_{name}", -1.0, 1.0, "1", f"action that sets {gain}"))
+    for name in _names_of_gains(axes, per_axis):
+        listed.append(Entry(f"gain_{name}", -1.0, 1.0, "1", f"action that sets {name}"))
     return [*listed, Entry("progress", 0.0, 1.0, "1", "share of the setpoints sent")]
+
+
+def _names_of_gains(axes: Sequence[str], per_axis: bool) -> list[str]:
+    """Return the gains that the agent sets, with the name of the axis where every axis has its own."""
+    return [f"{gain}_{axis}" if per_axis else gain for gain in TUNED_GAINS for axis in (axes if per_axis else axes[:1])]
 
 
 class Observer:
@@ -186,8 +189,9 @@ class GainBatch(EpisodeBatch):
     def _entries(self) -> list[Entry]:
         return entries(self.source.machine.axis_names, self.settings.per_axis)
 
-    def _action_size(self) -> int:
-        return len(TUNED_GAINS) * (self._axes if self.settings.per_axis else 1)
+    def _actions(self) -> list[Entry]:
+        names = _names_of_gains(self.source.machine.axis_names, self.settings.per_axis)
+        return [Entry(name, -1.0, 1.0, "log of `gain_range`", f"factor on the nominal {name}") for name in names]
 
     def observations(self) -> NDArray[np.float32]:
         progress = np.minimum(self._sent / self._setpoints, 1.0)
@@ -241,33 +245,9 @@ class GainBanditEnv(PathEnv):
     axis. An action a sets a gain to nominal gain / detune * gain_range^a, where the nominal gain is derived, or that of
     the job. ki changes with kp, so the integral time kp / ki stays.
 
-    Observation, for a machine with the axes x and y and common gains. Measured values are those of the last interval,
-    and nothing is measured before the first. For a rotary axis the tolerance counts in degrees.
-
-    | index | name | range | unit | meaning |
-    | --- | --- | --- | --- | --- |
-    | 0 | following_rms_x | -3 to 3 | log10 of tolerances | RMS following error of x |
-    | 1 | following_max_x | -3 to 3 | log10 of tolerances | largest following error of x |
-    | 2 | following_mean_x | -10 to 10 | tolerances | mean following error of x, signed |
-    | 3 | following_rms_y | -3 to 3 | log10 of tolerances | RMS following error of y |
-    | 4 | following_max_y | -3 to 3 | log10 of tolerances | largest following error of y |
-    | 5 | following_mean_y | -10 to 10 | tolerances | mean following error of y, signed |
-    | 6 | contour_rms | -3 to 3 | log10 of tolerances | RMS contour error while dispensing |
-    | 7 | contour_max | -3 to 3 | log10 of tolerances | largest contour error while dispensing |
-    | 8 | contour_mean | -10 to 10 | tolerances | mean contour error, positive to the left of the path |
-    | 9 | speed | 0 to 10 | 100 mm/s | path speed of the nozzle |
-    | 10 | curvature | -10 to 10 | 0.1/mm | path curvature at the nozzle, positive to the left |
-    | 11 | cos_heading | -1 to 1 | 1 | path direction at the nozzle, from +x |
-    | 12 | sin_heading | -1 to 1 | 1 | path direction at the nozzle, from +x |
-    | 13 | torque_x | 0 to 1 | peak torques | largest torque demand of x |
-    | 14 | ripple_x | -3 to 3 | log10 of limits | torque ripple of x |
-    | 15 | torque_y | 0 to 1 | peak torques | largest torque demand of y |
-    | 16 | ripple_y | -3 to 3 | log10 of limits | torque ripple of y |
-    | 17 | gain_kp | -1 to 1 | 1 | action that sets kp |
-    | 18 | gain_kd | -1 to 1 | 1 | action that sets kd |
-    | 19 | gain_velocity_ff | -1 to 1 | 1 | action that sets velocity_ff |
-    | 20 | gain_acceleration_ff | -1 to 1 | 1 | action that sets acceleration_ff |
-    | 21 | progress | 0 to 1 | 1 | share of the setpoints sent |
+    Observation, with the tables of docs/environments.md: errors, speed and torques of the last interval, of which
+    nothing is measured before the first; curvature and direction of the path; the last action; and progress. For a
+    rotary axis the tolerance counts in degrees.
 
     Reward: the sum of three terms; `info` contains them too.
 

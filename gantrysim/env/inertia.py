@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
 from gantrysim.env.friction import Changing
+from gantrysim.env.ranges import NOT_NEGATIVE, RandomValue
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.row import Log
 
@@ -22,11 +23,14 @@ MOST_PAYLOAD = 4.0  # payload after a change [kg]
 class ChangingPayload(Changing):
     """Source of episodes whose payload is another one from some moment on."""
 
-    task: ClassVar[Mapping[str, tuple[float, float]]] = {
-        "payload_later": (0.0, MOST_PAYLOAD),
-        "payload_time": (0.2, 1.2),
+    values: ClassVar[Mapping[str, RandomValue]] = {
+        "payload_later": RandomValue(
+            0.0, (0.0, MOST_PAYLOAD), (MOST_PAYLOAD, 1.5 * MOST_PAYLOAD), (0.0, 10.0), "kg", "payload after the change"
+        ),
+        "payload_time": RandomValue(0.7, (0.2, 1.2), (0.2, 0.6), NOT_NEGATIVE, "s", "time of the change"),
     }
     moment: ClassVar[str] = "payload_time"
+    looks_ahead: ClassVar[bool] = True
 
     def change(self, drawn: Mapping[str, float]) -> Perturbation:
         return Perturbation(payload=drawn["payload_later"] - drawn.get("payload_kg", 0.0))
@@ -122,3 +126,27 @@ def ratios(sums: NDArray[np.void]) -> tuple[Floats, Floats]:
     above = sums["JD"] - sums["JF"] * sums["FD"] / sums["FF"]
     below = sums["JJ"] - sums["JF"] * sums["JF"] / sums["FF"]
     return above / below, above.sum(axis=-1) / below.sum(axis=-1)
+
+
+@jit
+def next_motion(
+    position: Floats, ticks: tuple[int, int], period: float, velocity: Floats, acceleration: Floats
+) -> None:
+    """Write the mean velocity and acceleration over the next ticks, at the end of the episode those of its last one.
+
+    Args:
+        position: setpoints, (n, axes) [mm or deg].
+        ticks: the first, and their number.
+        period: servo period [s].
+        velocity: (axes,), to be written [mm/s or deg/s].
+        acceleration: (axes,), to be written [mm/s² or deg/s²].
+    """
+    first, count = ticks
+    begin = min(max(first - 1, 1), len(position) - 1)
+    end = min(max(first + count - 1, 1), len(position) - 1)
+    time = max(end - begin, 1) * period
+    for a in range(position.shape[1]):
+        velocity[a] = (position[end, a] - position[begin, a]) / time
+        first_step = position[begin, a] - position[begin - 1, a]
+        last_step = position[end, a] - position[end - 1, a]
+        acceleration[a] = (last_step - first_step) / period / time

@@ -1,5 +1,7 @@
 """Look-ahead along a path: curvature and reversals of the axes; and a speed profile with limits along the path."""
 
+# mypy: allow-untyped-calls, allow-untyped-decorators
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -7,10 +9,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats
+from gantrysim.base.jit import jit
 from gantrysim.env.observation import Entry
+from gantrysim.env.rows import Rows
 
 _DIRECTION_POINTS = 8  # points over which the direction of the path is taken
 
@@ -49,6 +53,10 @@ class LookAhead:
             turned = np.flatnonzero(np.diff(np.sign(steps[moving])))
             reversals.append(self.s[moving[turned] + 1])
         return np.unique(np.concatenate(reversals))
+
+    def prepare(self) -> None:
+        """Compute all of it, which is then remembered."""
+        _ = self.s, self.curvature, self.reversals
 
     def to_reversal(self, s: ArrayLike) -> tuple[Floats, Floats]:
         """Return the distances to the next reversal and since the last, of the shape of s, inf without one [mm]."""
@@ -136,20 +144,78 @@ def ahead_entries(speeds: Mapping[str, str]) -> list[Entry]:
     ]
 
 
-def look_ahead(look: LookAhead, s: float, speeds: Sequence[float]) -> Floats:
-    """Return the values of `ahead_entries`.
+class PathsAhead:
+    """What lies ahead at several places, each on a path of its own.
 
     Args:
-        look: of the path.
-        s: arc length of the nozzle [mm].
-        speeds: as in `ahead_entries` [mm/s].
+        places: number of places, without a path at first.
     """
-    curvature = np.interp(s + np.array([0.0, *AHEAD]), look.s, look.curvature)
-    reversal = np.array(look.to_reversal(s)) / _REVERSAL
-    return np.concatenate(
-        [
-            np.clip(np.array(speeds) / _SPEED_UNIT, 0.0, _SPEED_RANGE),
-            np.clip(curvature / _CURVATURE_UNIT, -_CURVATURE_RANGE, _CURVATURE_RANGE),
-            np.minimum(reversal, 1.0),
-        ]
-    )
+
+    def __init__(self, places: int) -> None:
+        self._s = Rows(places)
+        self._curvature = Rows(places)
+        self._reversals = Rows(places)
+
+    def put(self, place: int, look: LookAhead) -> None:
+        """Put a path into a place."""
+        self._s.put(place, look.s)
+        self._curvature.put(place, look.curvature)
+        self._reversals.put(place, look.reversals)
+
+    def s(self, feet: NDArray[np.int64]) -> Floats:
+        """Return the arc lengths of points of the paths, by their numbers, (places,) [mm]."""
+        return self._s.at(np.maximum(feet, 0))
+
+    def to_reversal(self, s: Floats) -> Floats:
+        """Return the distances to the next reversal of an axis and since the last, inf without one, (places, 2) [mm].
+
+        Args:
+            s: arc lengths of the nozzle, (places,) [mm].
+        """
+        distances = np.empty((len(s), 2))
+        _find_reversals(self._reversals.values, self._reversals.counts, s, distances)
+        return distances
+
+    def values(self, s: Floats, speeds: Sequence[Floats]) -> Floats:
+        """Return the values of `ahead_entries`, zero where there is no path, (places, entries).
+
+        Args:
+            s: arc lengths of the nozzle, (places,) [mm].
+            speeds: as in `ahead_entries`, (places,) each [mm/s].
+        """
+        curvature = np.zeros((len(s), len(_PLACES)))
+        _find_curvatures(self._s.values, self._curvature.values, self._s.counts, s, curvature)
+        has_path = self._s.counts > 0
+        reversal = np.where(has_path[:, None], self.to_reversal(s) / _REVERSAL, 0.0)
+        speed = np.where(has_path[:, None], np.column_stack(speeds), 0.0)
+        return np.concatenate(
+            [
+                np.clip(speed / _SPEED_UNIT, 0.0, _SPEED_RANGE),
+                np.clip(curvature / _CURVATURE_UNIT, -_CURVATURE_RANGE, _CURVATURE_RANGE),
+                np.minimum(reversal, 1.0),
+            ],
+            1,
+        )
+
+
+_PLACES = np.array([0.0, *AHEAD])  # where the curvature is observed, ahead of the nozzle [mm]
+
+
+@jit
+def _find_curvatures(s: Floats, curvature: Floats, counts: NDArray[np.int64], nozzle: Floats, ahead: Floats) -> None:
+    """Write the curvatures at the nozzle and ahead of it, (places, distances) [1/mm]."""
+    for place in range(len(nozzle)):
+        count = counts[place]
+        if count:
+            ahead[place] = np.interp(nozzle[place] + _PLACES, s[place, :count], curvature[place, :count])
+
+
+@jit
+def _find_reversals(reversals: Floats, counts: NDArray[np.int64], nozzle: Floats, distances: Floats) -> None:
+    """Write the distances to the next reversal and since the last, inf without one, (places, 2) [mm]."""
+    for place in range(len(nozzle)):
+        s = nozzle[place]
+        count = counts[place]
+        after = np.searchsorted(reversals[place, :count], s, "right")
+        distances[place, 0] = reversals[place, after] - s if after < count else np.inf
+        distances[place, 1] = s - reversals[place, after - 1] if after > 0 else np.inf

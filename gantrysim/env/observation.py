@@ -1,4 +1,4 @@
-"""What the environments observe: an entry with its range and unit, and the values measured between decisions."""
+"""Entries of observations and actions with range and unit, and the values measured between two decisions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gantrysim.env.interval import AXIS_VALUES, PATH_VALUES
 
 
 class Entry(NamedTuple):
-    """One entry of the observation."""
+    """One entry of an observation or of an action."""
 
     name: str
     low: float

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
@@ -66,8 +67,13 @@ class PathEnv(gymnasium.Env[Observation, Observation], EzPickle, ABC):
 
     @property
     def observation_names(self) -> tuple[str, ...]:
-        """Names of the entries of the observation, in order."""
+        """Names of the entries of the observation, in order; docs/environments.md has unit and meaning."""
         return tuple(entry.name for entry in self._episodes.entries)
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """Names of the entries of the action, in order."""
+        return tuple(entry.name for entry in self._episodes.actions)
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -113,6 +119,22 @@ class PathEnv(gymnasium.Env[Observation, Observation], EzPickle, ABC):
     def run(self) -> Run:
         """The record of the episode so far, after at least one step."""
         return self._episodes.record(0)
+
+    def film(self, file: str | os.PathLike[str], **options: Any) -> int:
+        """Write a film of the episode so far, MP4 or GIF, and return its number of frames; no render mode is needed.
+
+        Unlike `gymnasium.wrappers.RecordVideo` it needs no moviepy, and shows every instant, not one per decision.
+
+        Args:
+            file: to be written.
+            options: keywords of `gantrysim.render.save_video`, such as fps, speed, size and colour.
+
+        Raises:
+            GantryError: no step has been taken yet.
+            InputError: the file cannot be written, or the encoder is not installed (`pip install "gantrysim[film]"`).
+            NoOpenGLError: OpenGL cannot draw without a display.
+        """
+        return self._episodes.film(0, file, **options)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -14,7 +14,7 @@ from gantrysim.base.errors import InputError, finite, positive
 from gantrysim.engine.simulation import Simulation
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Plan
-from gantrysim.env.friction import SUMS, ChangingFriction, fit, model_torques
+from gantrysim.env.friction import SUMS, ChangingFriction, fit, model_torques, next_means
 from gantrysim.env.observation import Entry
 from gantrysim.env.outcome import Outcome
 from gantrysim.env.scalar import PathEnv
@@ -86,8 +86,8 @@ class ServoTorqueBatch(EpisodeBatch):
         "_level",
         "_sums",
         "_error",
-        "_next_velocity",
-        "_next_friction",
+        "_next_step",
+        "_next_sliding",
         "_decisions",
         "_outside",
     )
@@ -110,9 +110,9 @@ class ServoTorqueBatch(EpisodeBatch):
         self._moving = [np.zeros((1, len(axes)))] * places
         # torques sent with the setpoints without an agent
         self._given = [np.zeros((1, len(axes)))] * places
-        # until the next decision, as observed
-        self._next_velocity = np.zeros((places, len(axes)))
-        self._next_friction = np.zeros((places, len(axes)))
+        # means until the next decision: of the motion in a tick [mm or deg], and of the nominal friction torque [N·m]
+        self._next_step = np.zeros((places, len(axes)))
+        self._next_sliding = np.zeros((places, len(axes)))
 
     def _entries(self) -> list[Entry]:
         entries = []
@@ -140,8 +140,11 @@ class ServoTorqueBatch(EpisodeBatch):
             Entry("progress", 0.0, 1.0, "1", "share of the setpoints sent"),
         ]
 
-    def _action_size(self) -> int:
-        return self._axes
+    def _actions(self) -> list[Entry]:
+        return [
+            Entry(f"level_{axis}", -1.0, 1.0, "`step`", f"change of the level of the torque of {axis}")
+            for axis in self.source.machine.axis_names
+        ]
 
     def _reset(self, place: int, episode: Episode) -> None:
         super()._reset(place, episode)
@@ -175,14 +178,8 @@ class ServoTorqueBatch(EpisodeBatch):
         log = self._episode(place).simulation.log
         fit(log, (first, last), self._sliding[place], self._moving[place], self._forget, self._sums[place])
         position = self._episode(place).simulation.position
-        period = self.source.servo.period
-        sent = int(self._sent[place])
-        after = np.arange(sent, sent + (self.source.ticks or 1))
-        after = np.clip(after, 1, len(position) - 1)
-        velocity = (position[after] - position[after - 1]).mean(axis=0) / period / _SPEED_UNIT
-        friction = self._sliding[place][after].mean(axis=0) / self._coulomb
-        self._next_velocity[place] = np.clip(velocity, -_SPEED_RANGE, _SPEED_RANGE)
-        self._next_friction[place] = np.clip(friction, -_LEVELS, _LEVELS)
+        ticks = (int(self._sent[place]), self.source.ticks or 1)
+        next_means(position, self._sliding[place], ticks, self._next_step[place], self._next_sliding[place])
 
     def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
         self._error[mask] = self.measured.following_mean[mask]
@@ -197,12 +194,13 @@ class ServoTorqueBatch(EpisodeBatch):
         squares = self._sums["denominator"]
         # all may be forgotten at rest
         fitted = np.divide(total, squares, out=np.ones(total.shape), where=squares > 0)
+        velocity = self._next_step / self.source.servo.period / _SPEED_UNIT
         missing = np.clip((fitted - self._level) / self.settings.step, -_STEPS, _STEPS)
         by_axis = [
             np.clip(measured.following_mean / tolerance, -_WORST, _WORST),
             np.clip(change / tolerance, -_WORST, _WORST),
-            self._next_velocity,
-            self._next_friction,
+            np.clip(velocity, -_SPEED_RANGE, _SPEED_RANGE),
+            np.clip(self._next_sliding / self._coulomb, -_LEVELS, _LEVELS),
             missing,
             self._level,
             self._action,
@@ -256,11 +254,11 @@ class ServoTorqueEnv(PathEnv):
     Action: a number from -1 to 1 for each axis, the change of its level in units of `step`; the level stays between 0
     and `highest`.
 
-    Observation: `observation_names`, with range, unit and meaning in `gantrysim.env.servo_torque.ServoTorqueBatch`:
-    for each axis the mean following error of the last interval and its change; the velocity demanded until the next
-    decision, and the nominal friction torque then (`gantrysim.servo.laws.friction`), relative to Coulomb friction; the
-    missing level, from the friction fitted to the servo's torque demands (`gantrysim.env.friction.fit`); the level; and
-    the last action; then the mean contour error, and progress.
+    Observation, with the tables of docs/environments.md: for each axis the mean following error of the last interval
+    and its change; the velocity demanded until the next decision, and the nominal friction torque then
+    (`gantrysim.servo.laws.friction`), relative to Coulomb friction; the missing level, from the friction fitted to the
+    servo's torque demands (`gantrysim.env.friction.fit`); the level; and the last action; then the mean contour error,
+    and progress.
 
     Reward: the sum of two terms; `info` contains them too.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any, Self
 
 import numpy as np
@@ -20,6 +21,7 @@ from pydantic import (
 from gantrysim.base.errors import InputError, positive, unknown, whole
 from gantrysim.base.toml_files import field_names, one_line
 from gantrysim.engine.linear import Engine
+from gantrysim.env.ranges import NOMINAL, PRESETS, SHIFTED_TOLERANCES, TRAINING
 from gantrysim.job.job import Job
 from gantrysim.job.settings import ServoSettings
 from gantrysim.machine.tolerances import Tolerances
@@ -43,6 +45,11 @@ class PathSettings(BaseModel):
         speed: path speed [mm/s].
         acceleration: path acceleration at the start and the end [mm/s²].
         spread: tolerances from which every episode's machine is drawn; None for the nominal machine.
+        preset: what varies between episodes: "training", the ranges of the settings and of the task; "nominal",
+            nothing; "shifted", values beyond those of training, to test what was learnt. A bound, or tolerances, that
+            are given hold in any preset.
+        ranges: fixed values, or the lowest and the highest, of values of the task and of the machine by the names that
+            `info` of a reset has, such as {"viscosity": (0.5, 2.0), "friction_x": 1.5}; they replace the preset's.
         decision_interval: time between decisions, a multiple of the servo period; inf for one per episode [s].
         tolerance: tolerance of the contour error [mm].
         engine: what makes the physics steps, see `gantrysim.simulate`: "loop" where all joints of the machine slide.
@@ -62,6 +69,8 @@ class PathSettings(BaseModel):
     speed: Bounds = (50.0, 150.0)
     acceleration: float = 1000.0
     spread: Tolerances | None = Tolerances()
+    preset: str = TRAINING
+    ranges: dict[str, Bounds] = {}
     decision_interval: float = 0.1
     tolerance: float = 0.05
     engine: Engine = "loop"
@@ -90,6 +99,30 @@ class PathSettings(BaseModel):
     @classmethod
     def _parsed_spread(cls, value: Any) -> Any:
         return Tolerances.parse(value) if isinstance(value, str) else value
+
+    @field_validator("preset")
+    @classmethod
+    def _known_preset(cls, value: str) -> str:
+        if value not in PRESETS:
+            raise unknown("preset", value, PRESETS)
+        return value
+
+    @field_validator("ranges", mode="wrap")
+    @classmethod
+    def _checked_ranges(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> dict[str, Bounds]:
+        if not isinstance(value, Mapping):
+            raise InputError(f"ranges = {value!r}: must be a dict of names and ranges")
+        ranges: dict[str, Bounds] = {}
+        for name, bounds in value.items():
+            if name in cls.model_fields:
+                raise InputError(f"ranges: {name} is a setting of its own: give {name} = {bounds!r}")
+            try:
+                ranges |= handler({name: bounds})
+            except ValidationError:
+                raise InputError(
+                    f"ranges: {name} = {bounds!r}: must be one number, or the lowest and the highest"
+                ) from None
+        return ranges
 
     @field_validator("diameter", "turns", "thickness", "speed", mode="wrap")
     @classmethod
@@ -124,11 +157,26 @@ class PathSettings(BaseModel):
     def between(self, name: str) -> tuple[float, float]:
         """Return the lowest and the highest value of a setting, equal if it is fixed."""
         value: Bounds = getattr(self, name)
-        return value if isinstance(value, tuple) else (value, value)
+        low, high = value if isinstance(value, tuple) else (value, value)
+        if self.preset == NOMINAL and name not in self.model_fields_set:
+            middle = 0.5 * (low + high)
+            low = high = math.floor(middle) if name == "turns" else middle
+        return low, high
+
+    @property
+    def tolerances(self) -> Tolerances | None:
+        """The tolerances from which the machines are drawn, None for the nominal machine."""
+        if self.spread is None or self.preset == TRAINING or "spread" in self.model_fields_set:
+            return self.spread
+        if self.preset == NOMINAL:
+            return None
+        return Tolerances(**{name: SHIFTED_TOLERANCES * value for name, value in asdict(self.spread).items()})
 
 
 def _plain(value: Any) -> Any:
     """Return NumPy values as Python values, and paths as text."""
+    if isinstance(value, dict):
+        return {name: _plain(item) for name, item in value.items()}
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     return os.fspath(value) if isinstance(value, os.PathLike) else value

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from gantrysim.base import memory
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, positive
-from gantrysim.base.jit import jit
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.recording import LogBook
 from gantrysim.engine.simulate import perfect_follower
@@ -22,14 +21,16 @@ from gantrysim.engine.simulation import Simulation
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import Episode, Plan
 from gantrysim.env.friction import ChangingFriction
-from gantrysim.env.look_ahead import LookAhead, ahead_entries, look_ahead
+from gantrysim.env.look_ahead import PathsAhead, ahead_entries
 from gantrysim.env.observation import Entry
 from gantrysim.env.outcome import EpisodeState, Outcome
 from gantrysim.env.scalar import PathEnv
 from gantrysim.env.settings import Bounds, PathSettings
+from gantrysim.env.track import Commanded, Track, Tracks, command
 from gantrysim.env.vector import PathVectorEnv
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
+from gantrysim.paths.assignment import assigned_progress
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
 
@@ -81,50 +82,88 @@ class SpeedOverrideSettings(PathSettings):
             raise InputError(f"override = {self.override:g}: must be from {self.slowest:g} to {self.fastest:g}")
 
 
+@dataclass(frozen=True, eq=False)
+class TrackedEpisode(Episode):
+    """An episode with the way along its path."""
+
+    track: Track
+
+
 class SpeedOverrideSource(ChangingFriction):
     """Source of episodes whose setpoints are still to be written, and whose friction changes at some moment."""
 
     settings: SpeedOverrideSettings
+    looks_ahead: ClassVar[bool] = True
+
+    def __init__(self, settings: SpeedOverrideSettings) -> None:
+        super().__init__(settings)
+        if self._job is None:
+            return
+        for axis, steepest in zip(self.machine.plain_axes, self._job_track.steepest().tolist(), strict=True):
+            most = axis.speed_limit / (steepest * self.program_speed({})) if steepest else math.inf
+            if settings.fastest > most:
+                raise InputError(
+                    f"fastest = {settings.fastest:g}: {axis.name} of job {self._job.name} would exceed its limit of "
+                    f"{axis.speed_limit:g} {axis.unit}/s; use at most {most:.3g}"
+                )
+
+    def episode(self, drawn: Mapping[str, float]) -> TrackedEpisode:
+        episode = super().episode(drawn)
+        asked = episode.simulation.setpoints
+        track = Track.of(self.machine, asked, episode.progress) if self._job is None else self._job_track
+        values = {field.name: getattr(episode, field.name) for field in fields(episode)}
+        return TrackedEpisode(**values, track=track)
 
     def _simulation(self, machine: Machine, plan: Plan) -> Simulation:
         """Return a simulation that rests at the start of the path, with room for the setpoints of an episode."""
         asked = plan.setpoints
-        if self._job is not None and (asked.requested.corners.size or not set(asked.axes) <= set("xyz")):
+        if machine.turns_work:
             raise InputError(
-                f"the path of job {self._job.name} has {asked.requested.corners.size} corners and the axes "
-                f"{', '.join(asked.axes)}: must have no corners, and axes of x, y and z alone, for its speed to change"
+                f"machine {machine.name} turns its work: SpeedOverride-v1 needs a job whose program moves the nozzle "
+                "in x, y and z, as the speed along its path must not be bound by axes that turn the work"
             )
         # checks travel, and the speed of the program
         super()._simulation(machine, plan)
         count = self._room(asked.requested.length, self.program_speed(plan.drawn))
-        position = np.repeat(asked.requested.position(0.0)[:, : len(asked.axes)], count, axis=0)
         setpoints = Setpoints(
             period=self.servo.period,
             axes=asked.axes,
-            position=position,
+            position=np.repeat(asked.position[:1], count, axis=0),
             dispense=np.ones(count, bool),
             requested=asked.requested,
             progress=np.zeros(count),
         )
-        simulation = Simulation.of(machine, self.servo, setpoints, dispenser=Dispenser(area=_BEAD))
+        job = self._job
+        simulation = Simulation.of(
+            machine,
+            self.servo,
+            setpoints,
+            physics_step=None if job is None else job.simulation.physics_step,
+            dispenser=Dispenser(area=_BEAD),
+            faults=() if job is None else job.faults,
+        )
         # to be written as the episode goes on
         position = simulation.position.copy()
-        book = LogBook(machine, setpoints, position, simulation.dispenser, drives=simulation.drives)
+        simulation.setpoints.dispense.flags.writeable = True
+        book = LogBook(
+            machine,
+            simulation.setpoints,
+            position,
+            simulation.dispenser,
+            faults=simulation.faults,
+            drives=simulation.drives,
+        )
         return replace(simulation, position=position, book=book)
 
     def _room(self, length: float, speed: float) -> int:
-        """Return the number of setpoints of the slowest episode, a multiple of those of an interval."""
+        """Return the number of setpoints of the longest episode, a multiple of those of an interval."""
         settings = self.settings
         interval = self.ticks or 1
         ramps = 2 * settings.fastest * speed / settings.acceleration
         longest = length / (settings.slowest * speed) + ramps
-        count = math.ceil(longest / self.servo.period / interval + 1) * interval
-        if count > memory.LONG_RUN:
-            raise InputError(
-                f"slowest = {settings.slowest:g}: {length:.4g} mm at {settings.slowest * speed:.4g} mm/s take {count} "
-                f"servo ticks, at most {memory.LONG_RUN}; use a larger value"
-            )
-        return count
+        # a long path at the slowest speed is cut off there
+        intervals = min(math.ceil(longest / self.servo.period / interval + 1), memory.LONG_RUN // interval)
+        return intervals * interval
 
     @cached_property
     def most_ticks(self) -> int:
@@ -139,44 +178,36 @@ class SpeedOverrideSource(ChangingFriction):
         )
         return self._room(plan.setpoints.requested.length, slowest)
 
-    def program_speed(self, drawn: Mapping[str, float]) -> float:
-        """Return the program's speed in an episode with these values [mm/s]."""
-        if self._fixed is None:
-            return drawn["speed"]
+    @cached_property
+    def _job_progress(self) -> Floats:
+        """Arc length of the requested path for which each setpoint of the job stands, (n,) [mm]."""
+        assert self._fixed is not None
         asked = self._fixed.setpoints
-        steps = np.linalg.norm(np.diff(asked.position, axis=0), axis=1)
-        return float(np.median(steps[asked.dispense[:-1]])) / asked.period
+        if asked.progress is not None:
+            return asked.progress
+        return assigned_progress(asked.requested, self.machine.tip(axis_positions(self.machine, asked)))
 
+    @cached_property
+    def _job_track(self) -> Track:
+        assert self._fixed is not None
+        return Track.of(self.machine, self._fixed.setpoints, self._job_progress)
 
-@jit
-def move(
-    state: tuple[float, float], target: float, length: float, acceleration: float, period: float, way: Floats
-) -> tuple[float, float]:
-    """Move along a path towards a speed, with limited acceleration, such that the path ends at rest.
+    def program_speed(self, drawn: Mapping[str, float]) -> float:
+        """Return the program's speed in an episode with these values, of a job the median of its bead [mm/s]."""
+        return drawn["speed"] if self._fixed is None else self._job_speed
 
-    Args:
-        state: arc length [mm] and speed [mm/s].
-        target: speed wanted [mm/s].
-        length: of the path [mm].
-        acceleration: limit, in both directions [mm/s²].
-        period: servo period [s].
-        way: arc lengths after each period, (n,), to be written.
+    @cached_property
+    def _job_speed(self) -> float:
+        assert self._fixed is not None
+        asked = self._fixed.setpoints
+        steps = np.diff(self._job_progress)
+        return float(np.median(steps[asked.dispense[:-1] & (steps > 0)])) / asked.period
 
-    Returns:
-        Arc length and speed after the last period.
-    """
-    s, v = state
-    most = acceleration * period
-    for k in range(way.size):
-        # after this period at v, what remains must suffice to stop: v period + v² / 2a <= length - s
-        stop = most * (np.sqrt(0.25 + 2 * (length - s) / (most * period)) - 0.5)
-        v = max(min(min(max(target, v - most), v + most), stop), 0.0)
-        s = min(s + v * period, length)
-        if length - s < 1e-6 * length:
-            s = length
-            v = 0.0
-        way[k] = s
-    return s, v
+    def follower(self, setpoints: Setpoints, speed: float) -> Setpoints:
+        """Return the setpoints of a whole episode at the program's speed."""
+        if self._fixed is not None:
+            return self._fixed.setpoints
+        return Setpoints.along(setpoints.requested, speed, setpoints.period, axes=setpoints.axes)
 
 
 _SPEEDS = {"speed": "commanded path speed", "program_speed": "path speed of the program"}
@@ -204,8 +235,17 @@ class SpeedOverrideBatch(EpisodeBatch):
     def __init__(self, settings: SpeedOverrideSettings, places: int, threads: int | None, ahead: bool) -> None:
         super().__init__(settings, places, threads, ahead, SpeedOverrideSource(settings))
         self._override = np.zeros(places)  # logarithm
-        self._commanded_s = np.zeros(places)  # arc length [mm]
-        self._commanded_speed = np.zeros(places)  # [mm/s]
+        ticks = self.source.ticks or 1
+        self._commanded = Commanded(
+            s=np.zeros(places),
+            speed=np.zeros(places),
+            way=np.zeros((places, ticks)),
+            position=np.zeros((places, ticks, self._axes)),
+            dispense=np.zeros((places, ticks), bool),
+        )
+        self._commanded_s = self._commanded.s
+        self._commanded_speed = self._commanded.speed
+        self._tracks = Tracks.empty(places, self._axes)
         self._written = np.zeros(places, np.int64)  # setpoints
         self._time = np.zeros(places)  # of the episode [s]
         # share of the path out of tolerance
@@ -214,11 +254,7 @@ class SpeedOverrideBatch(EpisodeBatch):
         self._way = np.zeros(places)
         self._speed = np.ones(places)
         self._length = np.ones(places)
-        self._look: list[LookAhead | None] = [None] * places
-        self._ahead_values = np.zeros((places, len(ahead_entries(_SPEEDS))))
-        # distance to the next reversal of an axis [mm]
-        self._to_reversal = np.ones(places)
-        self._since_reversal = np.ones(places)  # and since the last
+        self._paths_ahead = PathsAhead(places)
 
     def _entries(self) -> list[Entry]:
         axes = self.source.machine.axis_names
@@ -236,14 +272,16 @@ class SpeedOverrideBatch(EpisodeBatch):
             Entry("progress", 0.0, 1.0, "1", "share of the path commanded"),
         ]
 
-    def _action_size(self) -> int:
-        return 1
+    def _actions(self) -> list[Entry]:
+        return [Entry("override", -1.0, 1.0, "`step`", "change of the logarithm of the speed's override")]
 
     @property
     def longest(self) -> int:
         return self.source.most_ticks // (self.source.ticks or 1)
 
     def _reset(self, place: int, episode: Episode) -> None:
+        assert isinstance(episode, TrackedEpisode)
+        self._tracks = self._tracks.with_track(place, episode.track)
         # to be written as the episode goes on, as its positions are
         super()._reset(place, replace(episode, progress=np.zeros(len(episode.progress))))
         self._override[place] = math.log(self.settings.override)
@@ -256,40 +294,31 @@ class SpeedOverrideBatch(EpisodeBatch):
         setpoints = episode.simulation.setpoints
         self._length[place] = setpoints.requested.length
         self._speed[place] = self.source.program_speed(episode.drawn)
-        self._look[place] = LookAhead(episode.table.points)
+        self._paths_ahead.put(place, episode.look)
 
     def _act(self, places: Sequence[int]) -> None:
         settings = self.settings
         interval = self.source.ticks or 1
         moved = self._override[places] + settings.step * self._action[places, 0]
         self._override[places] = np.clip(moved, math.log(settings.slowest), math.log(settings.fastest))
+        stepped = np.array(places)
+        commanded = self._commanded
+        before = commanded.s[stepped]
+        limits = (settings.acceleration, self.source.servo.period)
+        targets = np.exp(self._override) * self._speed
+        command(self._tracks, stepped, self._written == 0, targets, limits, commanded)
         for place in places:
-            self._write(place, interval)
-
-    def _write(self, place: int, interval: int) -> None:
-        """Write the setpoints of the next interval."""
-        simulation = self._episode(place).simulation
-        begin = int(self._written[place])
-        path = simulation.setpoints.requested
-        before = self._commanded_s[place]
-        start = (before, self._commanded_speed[place])
-        target = math.exp(self._override[place]) * self._speed[place]
-        way = np.zeros(interval)
-        settings = self.settings
-        period = self.source.servo.period
-        # the path begins at its start
-        first = 1 if not begin else 0
-        s, speed = move(start, target, path.length, settings.acceleration, period, way[first:])
-        self._commanded_s[place] = s
-        self._commanded_speed[place] = speed
-        axes = simulation.setpoints.axes
-        sent = Setpoints(period, axes, path.position(way)[:, : len(axes)], np.ones(interval, bool), path)
-        simulation.position[begin : begin + interval] = axis_positions(simulation.machine, sent)
-        self._episode(place).progress[begin : begin + interval] = way
-        self._written[place] = begin + interval
-        self._way[place] = s - before
-        if way[-1] >= path.length:
-            self._setpoints[place] = begin + int(np.searchsorted(way, path.length)) + 1
+            episode = self._episode(place)
+            begin = int(self._written[place])
+            ticks = slice(begin, begin + interval)
+            episode.simulation.position[ticks] = commanded.position[place]
+            episode.simulation.setpoints.dispense[ticks] = commanded.dispense[place]
+            episode.progress[ticks] = commanded.way[place]
+        for place in stepped[commanded.way[stepped, -1] >= self._length[stepped]].tolist():
+            last = np.searchsorted(commanded.way[place], self._length[place])
+            self._setpoints[place] = self._written[place] + int(last) + 1
+        self._written[stepped] += interval
+        self._way[stepped] = commanded.s[stepped] - before
 
     def save(self, place: int, random: np.random.Generator) -> EpisodeState:
         state = super().save(place, random)
@@ -297,6 +326,7 @@ class SpeedOverrideBatch(EpisodeBatch):
         written = slice(0, int(self._written[place]))
         columns = {
             "position": episode.simulation.position[written].copy(),
+            "dispense": episode.simulation.setpoints.dispense[written].copy(),
             "progress": episode.progress[written].copy(),
         }
         return replace(state, values={**state.values, **columns})
@@ -304,10 +334,12 @@ class SpeedOverrideBatch(EpisodeBatch):
     def restore(self, place: int, state: EpisodeState, random: np.random.Generator) -> None:
         values = {**state.values}
         position = values.pop("position")
+        dispense = values.pop("dispense")
         progress = values.pop("progress")
         super().restore(place, replace(state, values=values), random)
         episode = self._episode(place)
         episode.simulation.position[: len(position)] = position
+        episode.simulation.setpoints.dispense[: len(dispense)] = dispense
         episode.progress[: len(progress)] = progress
 
     def record(self, place: int) -> Run:
@@ -315,25 +347,20 @@ class SpeedOverrideBatch(EpisodeBatch):
         # the record is read-only down to the memory of the setpoints, of which the next are still to be written
         episode = self._episode(place)
         episode.simulation.position.flags.writeable = True
+        episode.simulation.setpoints.dispense.flags.writeable = True
         return run.replaced(progress=episode.progress[: len(run)])
 
     def follower(self, place: int) -> Run:
         """Return the record of the whole episode at the program's speed without following error."""
         simulation = self._episode(place).simulation
-        asked = simulation.setpoints
-        speed = float(self._speed[place])
-        setpoints = Setpoints.along(asked.requested, speed, asked.period, axes=asked.axes)
+        setpoints = self.source.follower(simulation.setpoints, float(self._speed[place]))
         return perfect_follower(simulation.machine, setpoints, dispenser=simulation.dispenser)
 
     def observations(self) -> NDArray[np.float32]:
         settings = self.settings
         measured = self.measured
-        for place, look in enumerate(self._look):
-            if look is not None:
-                s = float(self._commanded_s[place])
-                speeds = [self._commanded_speed[place], self._speed[place]]
-                self._ahead_values[place] = look_ahead(look, s, speeds)
-                self._to_reversal[place], self._since_reversal[place] = look.to_reversal(s)
+        s = self._commanded_s
+        ahead = self._paths_ahead.values(s, (self._commanded_speed, self._speed))
         low = math.log(settings.slowest)
         high = math.log(settings.fastest)
         errors = np.column_stack([measured.contour_max, measured.following_rms]) / settings.tolerance
@@ -341,10 +368,9 @@ class SpeedOverrideBatch(EpisodeBatch):
             np.clip(errors, 0.0, _ERRORS),
             2 * (self._override[:, None] - low) / (high - low) - 1,
             self._action,
-            self._ahead_values,
-            np.minimum(self._to_reversal / _NEAR_REVERSAL, 1.0)[:, None],
-            np.minimum(self._since_reversal / _NEAR_REVERSAL, 1.0)[:, None],
-            (self._commanded_s / self._length)[:, None],
+            ahead,
+            np.minimum(self._paths_ahead.to_reversal(s) / _NEAR_REVERSAL, 1.0),
+            (s / self._length)[:, None],
         ]
         return np.concatenate(parts, 1, dtype=np.float32)
 
@@ -395,12 +421,15 @@ class SpeedOverrideEnv(PathEnv):
 
     An episode is a spiral, or the path of a job, on a machine drawn from tolerances whose friction changes at some
     moment. The commanded speed follows the program's speed times the override with limited acceleration, and comes to
-    rest at the end. When an axis reverses, friction pushes the nozzle off the path, less so at a lower speed.
+    rest at each corner and at the end. When an axis reverses, friction pushes the nozzle off the path, less so at a
+    lower speed.
+
+    On a job, axes besides x, y and z follow the program's, the dispenser is switched where the program does, and the
+    program's speed is the median of its bead. The job's machine must not turn its work.
 
     Action: one number from -1 to 1, which changes the logarithm of the override by up to `step`.
 
-    Observation: `observation_names`, with range, unit and meaning in
-    `gantrysim.env.speed_override.SpeedOverrideBatch`: errors of the last interval, override, commanded speed, the
+    Observation, with the tables of docs/environments.md: errors of the last interval, override, commanded speed, the
     program's speed, curvature here and ahead, distances to the next and since the last reversal of an axis, progress.
 
     Reward: the sum of four terms, in nominal durations, length / program speed; `info` contains them too.
@@ -424,7 +453,7 @@ class SpeedOverrideEnv(PathEnv):
     episode_contour_max [mm]. The `info` of `reset` contains the random values; its options "spiral", "machine" and
     "task" replace some of them.
 
-    A fault terminates the episode; the end of the path truncates it.
+    A fault terminates the episode; the end of the path truncates it, or 250,000 servo ticks.
     """
 
     settings_type = SpeedOverrideSettings

@@ -13,8 +13,8 @@ from gantrysim.base.errors import InputError, between, finite, positive
 from gantrysim.env.episode_batch import EpisodeBatch
 from gantrysim.env.episodes import SCALED, TUNED_GAINS, Episode, gain_factors
 from gantrysim.env.friction import model_torques
-from gantrysim.env.inertia import MOST_PAYLOAD, SUMS, ChangingPayload, Decay, Motion, Nominal, fit, ratios
-from gantrysim.env.look_ahead import LookAhead, ahead_entries, look_ahead
+from gantrysim.env.inertia import MOST_PAYLOAD, SUMS, ChangingPayload, Decay, Motion, Nominal, fit, next_motion, ratios
+from gantrysim.env.look_ahead import PathsAhead, ahead_entries
 from gantrysim.env.observation import Entry
 from gantrysim.env.outcome import Outcome
 from gantrysim.env.scalar import PathEnv
@@ -129,7 +129,7 @@ class SpiralTuningBatch(EpisodeBatch):
         self._sums[...] = self._prior
         # following error of the interval before the last [mm or deg]
         self._error = np.zeros((places, len(axes)))
-        # until the next decision, as observed
+        # until the next decision [mm/s and mm/s², or deg]
         self._next_velocity = np.zeros((places, len(axes)))
         self._next_acceleration = np.zeros((places, len(axes)))
         self._decisions = np.zeros(places)  # of the episode
@@ -137,7 +137,7 @@ class SpiralTuningBatch(EpisodeBatch):
         # of the last interval [kg]
         self._payload = np.zeros(places)
         self._motion = [Motion(np.zeros((1, len(axes))), np.zeros((1, len(axes))))] * places  # for the fit
-        self._look: list[LookAhead | None] = [None] * places
+        self._paths_ahead = PathsAhead(places)
 
     def _entries(self) -> list[Entry]:
         entries = []
@@ -167,8 +167,8 @@ class SpiralTuningBatch(EpisodeBatch):
             Entry("progress", 0.0, 1.0, "1", "share of the setpoints sent"),
         ]
 
-    def _action_size(self) -> int:
-        return len(TUNED_GAINS)
+    def _actions(self) -> list[Entry]:
+        return [Entry(name, -1.0, 1.0, "`step`", f"change of the logarithm of {name}") for name in TUNED_GAINS]
 
     def _reset(self, place: int, episode: Episode) -> None:
         super()._reset(place, episode)
@@ -176,7 +176,7 @@ class SpiralTuningBatch(EpisodeBatch):
         position = episode.simulation.position
         sliding, _ = model_torques(axes, position, self.source.servo.period)
         self._motion[place] = Motion(sliding, np.diff(position, axis=0, prepend=position[:1]))
-        self._look[place] = LookAhead(episode.table.points)
+        self._paths_ahead.put(place, episode.look)
         self._log[place] = self._start_log
         self._sums[place] = self._prior
         self._error[place] = 0.0
@@ -198,20 +198,9 @@ class SpiralTuningBatch(EpisodeBatch):
         fit(simulation.log, (first, last), self._motion[place], self._nominal, self._decay, self._sums[place])
         if first * simulation.substeps >= simulation.later[0][0]:
             self._payload[place] = episode.drawn["payload_later"]
-        position = simulation.position
+        ticks = (int(self._sent[place]), self.source.ticks or 1)
         period = self.source.servo.period
-        sent = int(self._sent[place])
-        begin = min(max(sent - 1, 1), len(position) - 1)
-        end = min(max(sent + (self.source.ticks or 1) - 1, 1), len(position) - 1)
-        time = max(end - begin, 1) * period
-        velocity = (position[end] - position[begin]) / time
-        first_step = position[begin] - position[begin - 1]
-        last_step = position[end] - position[end - 1]
-        acceleration = (last_step - first_step) / period / time
-        self._next_velocity[place] = np.clip(velocity / _SPEED_UNIT, -_SPEED_RANGE, _SPEED_RANGE)
-        self._next_acceleration[place] = np.clip(
-            acceleration / _ACCELERATION_UNIT, -_ACCELERATION_RANGE, _ACCELERATION_RANGE
-        )
+        next_motion(simulation.position, ticks, period, self._next_velocity[place], self._next_acceleration[place])
 
     def advance(self, actions: ArrayLike, mask: NDArray[np.bool_]) -> Outcome:
         self._error[mask] = self.measured.following_mean[mask]
@@ -225,15 +214,11 @@ class SpiralTuningBatch(EpisodeBatch):
         axes = [
             np.clip(measured.following_mean / tolerance, -_WORST, _WORST),
             np.clip((measured.following_mean - self._error) / tolerance, -_WORST, _WORST),
-            self._next_velocity,
-            self._next_acceleration,
+            np.clip(self._next_velocity / _SPEED_UNIT, -_SPEED_RANGE, _SPEED_RANGE),
+            np.clip(self._next_acceleration / _ACCELERATION_UNIT, -_ACCELERATION_RANGE, _ACCELERATION_RANGE),
             np.clip(ratio, -_RATIOS, _RATIOS),
         ]
-        ahead = np.zeros((n, len(ahead_entries(_SPEED_OF))))
-        for place, look in enumerate(self._look):
-            if look is not None:
-                s = float(look.s[max(int(self._foot[place]), 0)])
-                ahead[place] = look_ahead(look, s, [float(measured.speed[place])])
+        ahead = self._paths_ahead.values(self._paths_ahead.s(self._foot), [measured.speed])
         shared = [
             np.clip(common, -_RATIOS, _RATIOS)[:, None],
             self._log,
@@ -284,11 +269,11 @@ class SpiralTuningEnv(PathEnv):
     `step`, equally for all axes. ki changes with kp. A gain stays between 1 / `gain_range` and `gain_range` times the
     nominal one.
 
-    Observation: `observation_names`, with range, unit and meaning in `gantrysim.env.spiral_tuning.SpiralTuningBatch`:
-    for each axis the mean following error of the last interval and its change, the velocity and the acceleration
-    demanded until the next decision, and the inertia over the nominal one, fitted to the servo's torque demands
-    (`gantrysim.env.inertia.fit`); that of all axes together; the present gains; path speed, curvature here and ahead,
-    distances to the next and since the last reversal; contour error; progress.
+    Observation, with the tables of docs/environments.md: for each axis the mean following error of the last interval
+    and its change, the velocity and the acceleration demanded until the next decision, and the inertia over the nominal
+    one, fitted to the servo's torque demands (`gantrysim.env.inertia.fit`); that of all axes together; the present
+    gains; path speed, curvature here and ahead, distances to the next and since the last reversal; contour error;
+    progress.
 
     Reward: the sum of three terms; `info` contains them too.
 

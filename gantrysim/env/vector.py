@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -79,12 +80,21 @@ class PathVectorEnv(VectorEnv[Observations, Observations, Any], EzPickle):
 
     @property
     def observation_names(self) -> tuple[str, ...]:
-        """Names of the entries of the observation, in order."""
+        """Names of the entries of the observation, in order; docs/environments.md has unit and meaning."""
         return tuple(entry.name for entry in self._episodes.entries)
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """Names of the entries of the action, in order."""
+        return tuple(entry.name for entry in self._episodes.actions)
 
     def run(self, place: int) -> Run:
         """Return the record of one environment's episode so far, after at least one step."""
         return self._episodes.record(place)
+
+    def film(self, place: int, file: str | os.PathLike[str], **options: Any) -> int:
+        """Write a film of one environment's episode so far, as `PathEnv.film`."""
+        return self._episodes.film(place, file, **options)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None

@@ -216,7 +216,8 @@ class LoadedJob(JobContent):
             overrides: values by their keys, such as {"program.loop_period": 0.002}, None for the default; or texts
                 "key=value" with a TOML value. A key is dotted, or its last parts if they are unique.
             machine: machine to use instead of the job's.
-            servo: TOML file whose table [servo] replaces the job's, before the overrides.
+            servo: TOML file whose table [servo] has values that replace the job's, before the overrides; one that gives
+                a gain of the loop, or a rule for one, replaces all of these.
             controller: controller that reads a program file, such as "fanuc"; by default chosen by the file's suffix.
             placement: placement of the program on the work, attributes of `Placement` by name.
             speed: speed of the program's fastest motion, see `at_speed` [mm/s].

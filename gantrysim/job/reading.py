@@ -13,6 +13,7 @@ from gantrysim.job.loading import read_job, servo_table
 from gantrysim.job.overrides import Override, absolute_machine, change, known_keys, override, place
 from gantrysim.job.programs import program_class
 from gantrysim.job.recognition import Recognised
+from gantrysim.job.settings import laid_over
 
 
 class Request(NamedTuple):
@@ -76,17 +77,16 @@ def read_with_overrides(request: Request) -> Reading:
     program = content.get("program", {})
     # a controller that the caller names is code of the caller's own
     jobs_program = program if request.controller is None else {}
-    if request.servo is None:
-        _make_law_absolute(content, folder)
-        authors = [_Author(file, label, named_code({"program": jobs_program, "servo": content.get("servo")}))]
-    else:
-        content["servo"] = servo_table(request.servo)
-        _make_law_absolute(content, request.servo.parent)
-        servo_code = named_code({"servo": content["servo"]})
-        authors = [
-            _Author(file, label, named_code({"program": jobs_program})),
-            _Author(expanded(request.servo), f"servo {request.servo}", servo_code),
-        ]
+    _make_law_absolute(content, folder)
+    jobs_servo = content.get("servo", {})
+    authors = [_Author(file, label, named_code({"program": jobs_program, "servo": jobs_servo}))]
+    if request.servo is not None:
+        given = {"servo": servo_table(request.servo)}
+        _make_law_absolute(given, request.servo.parent)
+        content["servo"] = laid_over(jobs_servo, given["servo"])
+        if "law" in given["servo"]:
+            authors = [_Author(file, label, named_code({"program": jobs_program}))]
+        authors.append(_Author(expanded(request.servo), f"servo {request.servo}", named_code(given)))
     _override(content, request, authors)
     if request.machine is not None:
         content["machine"] = absolute_machine(request.machine, Path())

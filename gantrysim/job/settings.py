@@ -111,6 +111,20 @@ def has_loop_gains(values: Mapping[str, Any]) -> bool:
     return any(values.get(name) is not None for name in _POSITION_GAINS)
 
 
+# gains of the loop and the rules from which they are derived: one set, of which no part fits another
+_LOOP = (*_POSITION_GAINS, "output_velocity", "velocity_time", "frequency", "damping", "integral_time")
+
+
+def laid_over(servo: Mapping[str, Any], further: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a table [servo] whose values are replaced by those of another table.
+
+    Where the other gives a gain of the loop, or a rule by which one is derived, none of the first is left.
+    """
+    gives_loop = any(name in further for name in _LOOP)
+    others = {name: value for name, value in servo.items() if not (gives_loop and name in _LOOP)}
+    return {**others, **further}
+
+
 class SimulationSettings(BaseModel):
     """Physics steps, time for which the last position is held, and whether an unstable servo may run."""
 

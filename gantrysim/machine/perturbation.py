@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import copy
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError, finite, positive
+from gantrysim.base.errors import InputError, finite, positive, unknown_text
 from gantrysim.machine.axis import PER_SI, Axis
 from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, MOTOR_CONSTANT, STATIC, dcmotors
 from gantrysim.machine.quiet import quiet
@@ -28,7 +29,8 @@ from gantrysim.machine.springs import (
     wraps_of,
 )
 
-PerAxis = float | tuple[float, ...]  # one value for all axes, or one per axis
+# one value for all axes, one per axis, or those of some axes by their names; these are kept as pairs
+PerAxis = float | tuple[float, ...] | Mapping[str, float] | tuple[tuple[str, float], ...]
 _thread = threading.local()  # .data: a state of .model, kept because allocating one is slow
 FACTORS = ("friction", "viscous", "stiffness", "motor_constant")
 
@@ -37,7 +39,8 @@ FACTORS = ("friction", "viscous", "stiffness", "motor_constant")
 class Perturbation:
     """Deviations of a machine from its MJCF; none by default.
 
-    A factor or offset is one number for all axes, or one per axis in their order.
+    A factor or offset is one number for all axes, one per axis in their order, or those of some axes by their names, as
+    in `Perturbation(payload=0.3, friction={"x": 1.5})`; an axis that is not named has none.
 
     Attributes:
         payload: mass added at the centre of mass of the body that carries the nozzle, or of the work if the nozzle is
@@ -53,6 +56,9 @@ class Perturbation:
         geometry: factors on errors of the machine's geometry, as (column, factor) with the names of
             `KinematicErrors.columns` and "warming"; nothing on a machine with an ideal geometry.
         home_offset: true axis position minus the position according to the encoder [mm or deg].
+
+    Raises:
+        InputError: a value that is not finite, or a factor that is not above 0.
     """
 
     payload: float = 0.0
@@ -73,22 +79,40 @@ class Perturbation:
 
     def _check(self, name: str, label: str, check: Callable[[str, float], float]) -> None:
         value = getattr(self, name)
-        several = isinstance(value, Iterable) and not isinstance(value, str)
-        checked = tuple(check(label, item) for item in value) if several else check(label, value)
+        checked: PerAxis
+        if _is_by_name(value):
+            checked = tuple((axis, check(f"{label} of {axis}", item)) for axis, item in sorted(dict(value).items()))
+        elif isinstance(value, Iterable) and not isinstance(value, str):
+            checked = tuple(check(label, item) for item in value)
+        else:
+            checked = check(label, value)
         object.__setattr__(self, name, checked)
 
     def per_axis(self, name: str, axes: Sequence[str]) -> Floats:
         """Return the attribute `name` for each of the named axes, (axes,).
 
         Raises:
-            InputError: it has one value per axis, for another number of axes.
+            InputError: it has one value per axis, for another number of axes, or that of an axis that is not there.
         """
         value = getattr(self, name)
+        if _is_by_name(value):
+            for axis, number in value:
+                if axis not in axes:
+                    raise InputError(f"{name} of {axis} = {number:g}: {unknown_text('axis', axis, axes)}")
+            nominal = 0.0 if name == "home_offset" else 1.0
+            return np.array([dict(value).get(axis, nominal) for axis in axes])
         if isinstance(value, tuple) and len(value) != len(axes):
             raise InputError(
                 f"{name} has {len(value)} values: must be one or {len(axes)}, of the axes {', '.join(axes)}"
             )
         return np.full(len(axes), value, float)
+
+
+def _is_by_name(value: Any) -> bool:
+    """Return whether values belong to axes by their names, as they are given or as they are kept."""
+    return isinstance(value, Mapping) or (
+        isinstance(value, tuple) and bool(value) and all(isinstance(item, tuple) for item in value)
+    )
 
 
 def geometry_factors(perturbations: Iterable[Perturbation]) -> dict[str, float]:

@@ -7,6 +7,7 @@ from .cases import measure as measure
 from .cases import simulated as simulated
 from .cases import values_row as values_row
 from .circle import CircleStudy as CircleStudy
+from .figures import figures as figures
 from .laws import LawsStudy as LawsStudy
 from .ledger import Ledger as Ledger
 from .loop import LoopStudy as LoopStudy

@@ -96,7 +96,8 @@ def test_tuned_gains_in_the_words_of_a_controller_are_read_back(gantrysim_comman
     words = out / "tuned-trio.bas"
     assert f"written to {words}" in " ".join(output.split())
     assert "note: assumed of trio: " in said
-    tuned = tomllib.loads((out / TUNED).read_text())["servo"]
+    assert list(tomllib.loads((out / TUNED).read_text())["servo"]) == ["kp", "ki", "kd", "velocity_ff"]
+    tuned = Job.load(file, sayable[1::2], servo=out / TUNED).built_servo.values()
     assert tuned["kp"] != Job.load(file).servo.kp  # it found others than those that it began with
     # the manual's unit: a demand of 2048 DAC steps is the torque limit, an error of one encoder edge the resolution
     gains = [float(one) for one in re.findall(r"^P_GAIN=(.*)$", words.read_text(), re.M)]
@@ -104,7 +105,7 @@ def test_tuned_gains_in_the_words_of_a_controller_are_read_back(gantrysim_comman
         gains, *(tuned[name] for name in ("kp", "resolution", "torque_limit")), strict=True
     ):
         assert gain == pytest.approx(kp * edge * 2048 / most, rel=1e-9)
-    assert tuned["acceleration_ff"] == [0, 0]
+    assert tuned["acceleration_ff"] == (0, 0)
     status, _, _ = gantrysim_command("gains", file, "--from", "trio", words, "--out", tmp_path / "back.toml")
     assert status == 0
     back = tomllib.loads((tmp_path / "back.toml").read_text())["servo"]
@@ -186,10 +187,13 @@ def test_ctrl_c_keeps_the_runs_and_the_same_command_resumes(gantrysim_command, t
 SERVO = "[servo]\nperiod = 0.001\nkp = [0.4, 0.5]\nkd = [0.004, 0.005]\n"
 
 
-def test_a_servo_file_replaces_the_servo_of_the_job(tmp_path):
+def test_a_servo_file_replaces_the_loop_of_the_job_and_keeps_what_it_does_not_give(tmp_path):
     (tmp_path / "s.toml").write_text(SERVO)
     own = Job.load("fanuc-spiral")
-    job = Job.load("fanuc-spiral", servo=tmp_path / "s.toml")
+    others = ["servo.delay=0.0005", 'servo.feedback="load"']
+    (tmp_path / "job.toml").write_text(Job.load("fanuc-spiral", others).toml())
+    job = Job.load(tmp_path / "job.toml", servo=tmp_path / "s.toml")
+    assert (job.built_servo.delay, job.built_servo.per_axis("feedback")) == (0.0005, ("load", "load"))
     assert (own.servo.integral_time, job.servo.integral_time) == (0.03, float("inf"))
     assert job.built_servo.per_axis("kp") == (0.4, 0.5)
     assert job.built_servo.per_axis("ki") == (0.0, 0.0)

@@ -426,8 +426,8 @@ class FeedForwardBatch(EpisodeBatch):
     def _entries(self) -> list[Entry]:
         return [Entry("contour_rms", 0.0, 10.0, "tolerances", "RMS contour error of the last interval")]
 
-    def _action_size(self) -> int:
-        return 1
+    def _actions(self) -> list[Entry]:
+        return [Entry("velocity_ff", -1.0, 1.0, "nominal", "change of the velocity feed-forward")]
 
     def observations(self) -> NDArray[np.float32]:
         return np.clip(self.measured.contour_rms[:, None] / self.settings.tolerance, 0.0, 10.0).astype(np.float32)

@@ -9,6 +9,8 @@ from pathlib import Path
 import gymnasium
 import pytest
 
+from gantrysim.env import registry
+
 ROOT = Path(__file__).parents[2]
 TASKS = {"BeadWidth": "v1", "SpeedOverride": "v1", "ServoTorque": "v1", "SpiralTuning": "v0"}
 
@@ -24,6 +26,28 @@ def test_the_page_shows_the_rows(rows):
     assert runpy.run_path(str(ROOT / "scripts/adapting.py"))["with_table"](page, rows) == page
     for row in rows:
         assert f"| {row['policy']} | {row['seed']} | {row['decisions']} | {float(row['return']):.4g} |" in page
+
+
+def test_the_tables_of_the_environments_are_up_to_date():
+    page = runpy.run_path(str(ROOT / "scripts/environments_page.py"))["page"]
+    assert page() == (ROOT / "docs/environments.md").read_text(), "run python scripts/environments_page.py"
+
+
+def test_the_tables_have_a_row_for_each_entry_of_the_spaces():
+    page = (ROOT / "docs/environments.md").read_text()
+    sections = dict(re.findall(r"^## (\S+-v\d)\n(.*?)(?=^## |\Z)", page, re.MULTILINE | re.DOTALL))
+    assert set(sections) == set(registry.TASKS)
+    for name, text in sections.items():
+        env = gymnasium.make(f"gantrysim/{name}").unwrapped
+        action, observation = re.findall(r"(?:^\| \d+ \|.*\n)+", text, re.MULTILINE)
+        for table, space, names in (
+            (action, env.action_space, env.action_names),
+            (observation, env.observation_space, env.observation_names),
+        ):
+            rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()]
+            assert [row[1] for row in rows] == [f"`{entry}`" for entry in names]
+            assert [float(row[4]) for row in rows] == space.low.tolist()
+            assert [float(row[5]) for row in rows] == space.high.tolist()
 
 
 @pytest.mark.parametrize("task", TASKS)

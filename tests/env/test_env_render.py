@@ -1,9 +1,15 @@
 """Pictures of running episodes, with bead and work piece."""
 
+import math
+import sys
 from functools import partial
 
+import gymnasium
+import imageio.v2 as imageio
 import numpy as np
 import pytest
+
+from gantrysim import GantryError
 
 from support.episodes import stepwise
 
@@ -88,3 +94,21 @@ def test_the_first_picture_of_a_climbing_job_has_the_whole_work_piece():
     vertices = model.mesh_vert[first : first + count]
     assert np.ptp(vertices[:, 2]) > 0.9e-3 * env.run.requested.table[1][:, 2].max()
     env.close()
+
+
+def test_an_episode_is_filmed_without_moviepy(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "moviepy", None)
+    env = gymnasium.make("gantrysim/SpeedOverride-v1", diameter=36.0, turns=1, thickness=9.0).unwrapped
+    env.reset(seed=1)
+    with pytest.raises(GantryError, match="this episode has not been stepped yet"):
+        env.film(tmp_path / "none.mp4")
+    for _ in range(5):
+        env.step(np.zeros(1, np.float32))
+    count = env.film(tmp_path / "episode.mp4", fps=50.0, speed=1.0, size=(420, 200))
+    with imageio.get_reader(tmp_path / "episode.mp4") as reader:
+        frames = [np.asarray(frame) for frame in reader]
+    # a picture for each begun 0.02 s of the 0.1 s, and the last instant
+    assert len(frames) == count >= math.ceil(50.0 * env.run.time[-1])
+    assert frames[0].shape == (200, 420, 3)
+    assert not np.array_equal(frames[0], frames[-1])
+    assert not (tmp_path / "none.mp4").exists()

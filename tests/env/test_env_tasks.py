@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from gantrysim import InputError
 from gantrysim.env import BeadWidthEnv, SpeedOverrideEnv
 from gantrysim.env.baselines import CLASSICAL
-from gantrysim.env.look_ahead import LimitedSpeed, LookAhead
+from gantrysim.env.look_ahead import LimitedSpeed, LookAhead, PathsAhead
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.paths.profile import PointToPoint
 from gantrysim.paths.spirals import Involute
@@ -41,6 +41,27 @@ def test_reversals_of_a_spiral_lie_where_its_tangent_is_along_an_axis():
     assert float(since) == pytest.approx(1.0, abs=SPACING)
     assert np.isinf(look.to_reversal(0.0)[1])
     assert look.curvature[20:-20] == pytest.approx(path.curvature(look.s)[20:-20], abs=1e-5)
+
+
+def test_several_paths_ahead_are_each_as_if_alone():
+    """Longer and shorter paths one after another in the same place; a place without a path has zeros."""
+    random = np.random.default_rng(4)
+    looks = [LookAhead(Involute(radius, 6.0, 2, start=(-radius, 0.0)).table.points) for radius in (30.0, 16.0, 22.0)]
+    ahead = PathsAhead(3)
+    for place, look in ((0, looks[0]), (2, looks[0]), (2, looks[1]), (0, looks[2])):
+        ahead.put(place, look)
+    for _ in range(20):
+        s = random.uniform(0.0, 120.0, 3)
+        speeds = random.uniform(0.0, 300.0, (2, 3))
+        values = ahead.values(s, speeds)
+        assert not values[1].any()
+        for place, look in ((0, looks[2]), (2, looks[1])):
+            curvature = np.interp(s[place] + np.array([0.0, 2.0, 5.0, 10.0]), look.s, look.curvature)
+            to, since = look.to_reversal(s[place])
+            expected = [*speeds[:, place] / 100, *curvature / 0.1, min(to / 10, 1.0), min(since / 10, 1.0)]
+            assert values[place] == pytest.approx(expected, rel=1e-12)
+        feet = random.integers(0, 900, 3)
+        assert ahead.s(feet)[[0, 2]].tolist() == [looks[2].s[feet[0]], looks[1].s[feet[2]]]
 
 
 @given(
@@ -266,8 +287,6 @@ def test_a_task_goes_on_from_a_saved_state(name):
         (BeadWidthEnv, {"override": 9.0}, "override = 9 within"),
         (BeadWidthEnv, {"behind": 50.0}, "behind = 50 mm"),
         (SpeedOverrideEnv, {"override": 9.0}, "override = 9: must be from 0.03 to 2"),
-        (SpeedOverrideEnv, {"job": "an225"}, "slowest = 0.03: .* at most 250000; use a larger value"),
-        (SpeedOverrideEnv, {"job": "softmc-arc", "slowest": 0.2}, "has 4 corners"),
     ],
 )
 def test_settings_out_of_bounds_are_rejected(kind, given, text):

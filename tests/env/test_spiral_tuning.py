@@ -318,8 +318,8 @@ def test_an_episode_follows_from_its_seed_and_from_what_is_chosen():
     assert 0 <= drawn["payload_later"] <= 4
     _, chosen = env.reset(seed=5, options={"task": {"payload_later": 2.5}})
     assert chosen == {**drawn, "payload_later": 2.5}
-    with pytest.raises(InputError, match="payload_later = 9: must be at most 4"):
-        env.reset(seed=5, options={"task": {"payload_later": 9.0}})
+    with pytest.raises(InputError, match="payload_later = 19: must be at most 10"):
+        env.reset(seed=5, options={"task": {"payload_later": 19.0}})
 
 
 @pytest.mark.parametrize(

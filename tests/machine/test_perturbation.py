@@ -2,12 +2,15 @@
 
 import copy
 import math
+import pickle
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
 
+import gantrysim as gs
 from gantrysim import Machine, Servo, simulate
 from gantrysim.base.errors import InputError
 from gantrysim.controllers.trio import MoveSpiral
@@ -359,6 +362,45 @@ def test_invalid_perturbations_are_rejected(values, text):
 def test_a_perturbation_that_does_not_fit_the_machine_is_rejected(xy, perturbation, text):
     with pytest.raises(InputError, match=text):
         xy.perturbed(perturbation)
+
+
+@pytest.mark.parametrize("name", ["friction", "viscous", "stiffness", "motor_constant", "home_offset"])
+def test_a_value_of_a_named_axis_leaves_the_others_nominal(xy, name):
+    nominal = 0.0 if name == "home_offset" else 1.0
+    named = Perturbation(**{name: {"y": 2.0}})
+    assert named.per_axis(name, ("x", "y")).tolist() == [nominal, 2.0]
+    in_order = Perturbation(**{name: (nominal, 2.0)})
+    same, expected = (xy.perturbed(perturbation) for perturbation in (named, in_order))
+    assert same.digest == expected.digest != xy.digest
+    assert same.axes == expected.axes
+
+
+def test_a_perturbation_by_axes_is_a_value():
+    one = Perturbation(friction={"x": 1.5, "y": 2})
+    assert one == Perturbation(friction={"y": 2.0, "x": 1.5})
+    assert hash(one) == hash(Perturbation(friction={"y": 2.0, "x": 1.5}))
+    assert repr(one) != repr(Perturbation(friction={"x": 1.5, "y": 3.0}))
+    assert replace(one, payload=0.2) == Perturbation(payload=0.2, friction={"x": 1.5, "y": 2.0})
+    assert pickle.loads(pickle.dumps(one)) == one
+    assert gs.Perturbation is Perturbation
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ({"friction": {"x": -1.0}}, "^factor of friction of x = -1: must be greater than 0$"),
+        ({"motor_constant": {"y": math.nan}}, "^factor of motor_constant of y = nan: must be finite$"),
+        ({"home_offset": {"y": "far"}}, "^home_offset of y = 'far': must be a number$"),
+    ],
+)
+def test_invalid_values_of_named_axes_are_rejected(values, text):
+    with pytest.raises(InputError, match=text):
+        Perturbation(**values)
+
+
+def test_an_axis_that_the_machine_does_not_have_is_rejected(xy):
+    with pytest.raises(InputError, match=r"^friction of z = 1\.5: unknown axis 'z': known: x, y$"):
+        xy.perturbed(Perturbation(friction={"x": 1.2, "z": 1.5}))
 
 
 def test_a_lighter_nozzle_is_a_negative_payload(xy):

@@ -156,7 +156,7 @@ def test_the_tuner_tunes_a_law_and_writes_it(tmp_path):
     study = TuningStudy(circle(law=law), budget=12, robust=0, guards=2, unseen=1, law="pd")
     outcome = run_study(study, tmp_path / "out", workers=1)
     assert outcome.rows
-    written = Job.load("an225", servo=tmp_path / "out" / "tuned.toml", allow_code=True)
+    written = Job.load(tmp_path / "out" / "job.toml", servo=tmp_path / "out" / "tuned.toml", allow_code=True)
     assert written.built_servo.laws.names == tuple(law)
     assert written.built_servo.per_axis("friction_torque") == circle(law=law).built_servo.per_axis("friction_torque")
 

@@ -38,7 +38,7 @@ from gantrysim.study.tuning import plots as drawing
 from gantrysim.study.tuning.candidates import RANKS, Candidate
 from gantrysim.study.tuning.objective import METRICS, RIPPLE, case_of, column, micrometres
 from gantrysim.study.tuning.search import History, Phase
-from gantrysim.study.tuning.servo import TUNED, UNITS
+from gantrysim.study.tuning.servo import TUNED, UNITS, shown_gain, unit_in_modes
 from gantrysim.study.tuning.stability import phase_margin
 from gantrysim.study.tuning.study import TuningStudy
 
@@ -145,7 +145,7 @@ def notes(study: TuningStudy, rows: Sequence[Row]) -> list[str]:
         f"Nelder-Mead over {', '.join(study.space.gains)}, {axes}, seed {study.seed}: {history.runs} runs (budget "
         f"{study.budget}) of {len(history.candidates)} candidates in {history.rounds} rounds; skipped, as no "
         f"frequency met the margin: {history.skipped}; ended: {_ENDED[history.ended]}.",
-        f"{TUNED} holds the tuned servo, for gantrysim run --servo.",
+        f"{TUNED} holds the tuned gains, for gantrysim run --servo or the table [servo] of the job.",
     ]
 
 
@@ -297,9 +297,28 @@ def _results_table(study: TuningStudy, rows: Sequence[Row], history: History) ->
     }
     return Table(
         ["", *(Column(phase, ".4g") for phase in history.phases), Column("limit", ".4g")],
-        [[name, *(result[name] for result in results), limits.get(name)] for name in results[0]],
-        f"Results; margins are the worst of {study.stability.machines} machines, torque ripple of those that were run",
+        [
+            *([name, *(result[name] for result in results), limits.get(name)] for name in results[0]),
+            *_changed_gains(study, history),
+        ],
+        f"Results and changed gains; margins are the worst of {study.stability.machines} machines, torque ripple of "
+        "those that were run",
     )
+
+
+def _changed_gains(study: TuningStudy, history: History) -> list[list[Any]]:
+    """Return a row for each gain of an axis that differs between the start and the tuned servo."""
+    servos = [candidate.servo for candidate in history.phases.values()]
+    axes = study.job.built_machine.axes
+    rows = []
+    for name in GAIN_NAMES:
+        for a, axis in enumerate(axes):
+            values = [servo.per_axis(name)[a] for servo in servos]
+            # the search rounds all gains
+            if len(set(map(shown_gain, values))) > 1:
+                unit = unit_in_modes(servos[0], name, [axis.unit])
+                rows.append([f"{name} of {axis.name} [{unit}]", *values, None])
+    return rows
 
 
 def _feasible(study: TuningStudy, rows: Sequence[Row], phase: Phase, candidate: Candidate) -> int:

@@ -24,7 +24,7 @@ from gantrysim.study.study import Rounds, Study
 from gantrysim.study.tuning.candidates import BATCH, Candidate, SearchLimits
 from gantrysim.study.tuning.objective import METRICS, OF_LARGEST, case_of, measure_together, micrometres, trial_result
 from gantrysim.study.tuning.search import History, Phase, search
-from gantrysim.study.tuning.servo import TUNED, servo_toml
+from gantrysim.study.tuning.servo import TUNED, tuned_toml
 from gantrysim.study.tuning.space import SPACES, SearchSpace
 from gantrysim.study.tuning.stability import Stability, sensitivity_bound
 from gantrysim.study.worker import MeasureTogether
@@ -289,7 +289,7 @@ class TuningStudy(Study):
         )
 
     def text(self, _name: str, rows: Sequence[Row]) -> str:
-        """Return the tuned servo as TOML."""
+        """Return the tuned gains as TOML."""
         history = self.history(rows)
         job = self.job
         start = history.start
@@ -304,4 +304,4 @@ class TuningStudy(Study):
             f"Candidate {best.number} of round {best.round}; {history.runs} runs, seed {self.seed}.",
             f"Usage: gantrysim run JOB --servo {TUNED}",
         ]
-        return servo_toml(job, best.servo, comments)
+        return tuned_toml(job, best.servo, self.space.gains, comments)

@@ -9,7 +9,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from gantrysim import Budget, InputError, Job, Servo, simulate
+from gantrysim import Budget, InputError, Job, simulate
 from gantrysim.base.errors import GantryError
 from gantrysim.machine.perturbation import Perturbation
 from gantrysim.machine.tolerances import Tolerances
@@ -474,8 +474,10 @@ def test_the_tuned_servo_is_written_exactly(outcome):
     study, done, folder = outcome
     history = study.history(done.rows)
     table = tomllib.loads((folder / TUNED).read_text())["servo"]
-    assert Servo.derive(study.job.built_machine.axes, **table) == history.best.servo
+    # what was tuned alone: all else is the job's
+    assert list(table) == ["kp", "ki", "kd", "velocity_ff", "acceleration_ff"]
     again = Job.load(folder / "job.toml", servo=folder / TUNED)
+    assert again.built_servo == history.best.servo
     contour = Budget(again.run(engine="loop")).analysis.nozzle.distance
     row = next(
         row
@@ -486,7 +488,25 @@ def test_the_tuned_servo_is_written_exactly(outcome):
     text = (folder / TUNED).read_text()
     values = f"{history.start.metric:.4g} µm at the start, {history.best.metric:.4g} µm tuned"
     assert f"# contour_rms: {values}, the worst of 2 machines.\n" in text
-    assert re.search(r"^kd = \[.*\]  # \[N·m·s/mm\]$", text, re.MULTILINE)
+    start = ", ".join(f"{value:.4g}" for value in history.start.servo.per_axis("kd"))
+    assert re.search(rf"^kd = \[.*\]  # \[N·m·s/mm\], was {re.escape(start)}$", text, re.MULTILINE)
+
+
+def test_the_results_name_the_gains_that_changed_from_and_to(outcome):
+    study, done, _ = outcome
+    history = study.history(done.rows)
+    start, best = history.start.servo, history.best.servo
+    table = results(study, done.rows)
+    units = {"kp": "N·m/mm", "ki": "N·m/(mm·s)", "kd": "N·m·s/mm", "velocity_ff": "N·m·s/mm"}
+    units["acceleration_ff"] = "N·m·s²/mm"
+    changed = {
+        f"{name} of {axis} [{unit}]": [start.per_axis(name)[a], best.per_axis(name)[a], None]
+        for name, unit in units.items()
+        for a, axis in enumerate("xy")
+        if f"{start.per_axis(name)[a]:.4g}" != f"{best.per_axis(name)[a]:.4g}"
+    }
+    assert changed
+    assert {name: cells for name, cells in table.items() if " of x [" in name or " of y [" in name} == changed
 
 
 def results(study, rows):

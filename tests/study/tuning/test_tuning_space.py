@@ -14,8 +14,8 @@ from gantrysim.machine.perturbation import Perturbation
 from gantrysim.servo.stability.margins import Plant
 from gantrysim.study.tuning.candidates import TrialResult
 from gantrysim.study.tuning.objective import RIPPLE, trial_result
-from gantrysim.study.tuning.servo import servo_toml
-from gantrysim.study.tuning.space import SPACES, SearchSpace
+from gantrysim.study.tuning.servo import servo_toml, tuned_toml
+from gantrysim.study.tuning.space import SEARCHED, SPACES, SearchSpace
 from gantrysim.study.tuning.stability import Fastest, Stability, phase_margin
 
 PERIOD = 1e-3
@@ -246,6 +246,24 @@ def test_a_tuned_servo_is_written_with_a_law_that_has_its_gains(gains, law):
     assert written["law"] == law
     assert written["kp"] == list(servo.per_axis("kp"))
     assert written["ki"] == list(servo.per_axis("ki"))
+
+
+@pytest.mark.parametrize("law", ["pd", "pid"])
+def test_tuned_values_laid_over_the_job_give_the_tuned_servo(tmp_path, law):
+    """A job whose own gains, damping by the measured velocity and law differ from what the search has found."""
+    own = ["servo.kp=0.3", "servo.kd=0.004", "servo.output_velocity=-0.001", "servo.delay=0.0005", 'servo.law="pd"']
+    job = Job.load("softmc-arc", own)
+    gains = SEARCHED if law == "pid" else [name for name in SEARCHED if name != "ki"]
+    tuned = {name: (0.01 * k, 0.02 * k) for k, name in enumerate(gains, 1)} | {"output_velocity": (0.0, 0.0)}
+    servo = job.built_servo.with_values(**tuned)
+    text = tuned_toml(job, servo, gains, ["by hand"])
+    further = ["output_velocity"]
+    assert list(tomllib.loads(text)["servo"]) == ["law", *gains, *further]
+    (tmp_path / "tuned.toml").write_text(text)
+    (tmp_path / "job.toml").write_text(job.toml())
+    again = Job.load(tmp_path / "job.toml", servo=tmp_path / "tuned.toml").built_servo
+    assert again.values() == servo.values() | {"law": ("pid",)}
+    assert again.delay == 0.0005
 
 
 @pytest.mark.parametrize(
