@@ -319,7 +319,7 @@ class LoopPlaces(Places):
                 raise GantryError(f"the compiled loop cannot step this simulation: {simulation.hindrance}")
             self._at_stops.pop(place, None)
             self._later[place] = bool(simulation.later)
-            self._take_machine(place, linear_machine(simulation.machine, simulation.model))
+            self._take_machine(place, simulation.linear[0])
         self._state[list(simulations)] = np.zeros((), self._state.dtype)
 
     def _take_machine(self, place: int, linear: Linear | None) -> None:
@@ -337,7 +337,7 @@ class LoopPlaces(Places):
     def step(self, steps: int, numbers: Numbers) -> None:
         for place in numbers[self._later[numbers]].tolist():
             run = self.runs[place]
-            self._take_machine(place, linear_machine(run.simulation.machine, run.model))
+            self._take_machine(place, run.simulation.linear[run.number_of_model])
         at_stops = self._stops[numbers] == IN_MODEL
         if self.beside is not None:
             self.beside()

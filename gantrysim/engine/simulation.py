@@ -18,7 +18,7 @@ from gantrysim.engine.arguments import check_argument, sent_setpoints
 from gantrysim.engine.drives import drive_entries
 from gantrysim.engine.injection import NONE, Injection, faulted_models, injection
 from gantrysim.engine.laws import law_entries
-from gantrysim.engine.linear import linear_machine
+from gantrysim.engine.linear import Linear, linear_machine
 from gantrysim.engine.positions import axis_positions, axis_torques, check_supervision
 from gantrysim.engine.recording import LogBook
 from gantrysim.faults import InjectedFault
@@ -225,6 +225,12 @@ class Simulation:
         return start_of(self.machine, self.servo, self.setpoints, self.position, self.substeps)
 
     @cached_property
+    def linear(self) -> tuple[Linear | None, ...]:
+        """The machine for the compiled loop, and the later ones; None for one whose step is not linear."""
+        models = (self.model, *(model for _, model in self.later))
+        return tuple(linear_machine(self.machine, model) for model in models)
+
+    @cached_property
     def hindrance(self) -> str | None:
         """Why the compiled loop cannot step it, so that MuJoCo does; None where it can."""
         if self.faults:
@@ -233,8 +239,7 @@ class Simulation:
             return "a run with a law of its user's own is MuJoCo's"
         if self.stops:
             return f"machine {self.machine.name} has constraints besides the stops of its axes"
-        models = (self.model, *(model for _, model in self.later))
-        if any(linear_machine(self.machine, model) is None for model in models):
+        if None in self.linear:
             return f"the physics step of machine {self.machine.name} is not linear, as where a joint turns"
         return None
 

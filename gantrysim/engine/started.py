@@ -102,12 +102,16 @@ class Started:
     @property
     def model(self) -> mujoco.MjModel:
         """The model of the next physics step."""
+        number = self.number_of_model
+        if number:
+            return self.simulation.later[number - 1][1]
+        return self.simulation.model_with_stops if self.row["stops"] == IN_MODEL else self.simulation.model
+
+    @property
+    def number_of_model(self) -> int:
+        """Number of the later models that have begun by the next physics step."""
         steps = self.steps
-        model = self.simulation.model_with_stops if self.row["stops"] == IN_MODEL else self.simulation.model
-        for begin, later in self.simulation.later:
-            if begin <= steps:
-                model = later
-        return model
+        return sum(begin <= steps for begin, _ in self.simulation.later)
 
     def stop_at_stops(self) -> None:
         """Step a model with the stops of the axes from now on."""
