@@ -5,6 +5,7 @@ import pytest
 
 from gantrysim import InputError, Job
 from gantrysim.env import SpeedOverrideEnv, SpeedOverrideVectorEnv
+from gantrysim.faults import EncoderSlip
 from gantrysim.paths.profile import PointToPoint
 
 from support.episodes import same
@@ -86,6 +87,17 @@ def test_an_episode_on_a_job_goes_on_from_a_saved_moment():
     assert info == others
     for name in ("commanded", "progress", "dispense", "nozzle"):
         assert np.array_equal(getattr(run, name), getattr(again, name))
+
+
+def test_deliberate_faults_of_a_job_act():
+    """An encoder that slips by 50 counts of 1 µm moves the nozzle by 50 µm off a path without corners there."""
+    slip = EncoderSlip(time=0.2, axis="y", counts=50)
+    job = Job.model_validate(LEGS).model_copy(update={"faults": (slip,)})
+    env = SpeedOverrideEnv(job=job, spread=None)
+    env.reset(seed=1)
+    run, info = still(env)
+    assert run.injected == (slip,)
+    assert info["episode_contour_max"] == pytest.approx(0.05, rel=0.2)
 
 
 def test_places_with_paths_of_different_lengths_do_not_disturb_one_another():
