@@ -88,16 +88,16 @@ def spacing_of(path: Path, foot: Projection, ticks: NDArray[np.intp], heading: F
         guess = np.interp(heading[rows] + 2 * np.pi, heading, s)
         met_at = guess.copy()
         met_point = np.full_like(point, np.nan)
+        before = np.zeros(place.size, np.intp)
         active = np.arange(place.size)
         for _ in range(_NEWTON_STEPS):
             frames = path.local(met_at[active]).columns
-            active = active[: _approach(trace, active, frames, (point, tangent), (met_at, met_point))]
+            active = active[: _approach(trace, active, frames, (point, tangent), (met_at, met_point, before))]
             if not active.size:
                 break
         met = (met_at <= s[-1]) & (met_at > 0.5 * (place + guess))  # not on the turn that it left
         met[active] = False  # Newton's method has not settled there
-        after = np.clip(np.searchsorted(s, met_at), 1, s.size - 1)
-        met &= parts[after] == parts[after - 1]  # no trace, and no glue, in a gap between stretches
+        met &= parts[before + 1] == parts[before]  # no trace, and no glue, in a gap between stretches
         link = np.stack([point, met_point], axis=1)
         distance = np.abs(dot(met_point - point, across))
         return Spacing(place[met], heading[rows][met] / (2 * np.pi), distance[met], met_at[met], link[met])
@@ -151,8 +151,10 @@ def _interpolated(trace: _Trace, place: float, near: NDArray[np.intp], which: in
     s = trace.s
     lateral = trace.lateral
     if place <= s[0]:
+        near[which] = 0
         return lateral[0]
     if place >= s[-1]:
+        near[which] = s.size - 2
         return lateral[-1]
     i = chord_near(s, place, near[which])  # type: ignore[no-untyped-call]
     near[which] = i
@@ -203,7 +205,7 @@ def _approach(
     rows: NDArray[np.intp],
     frames: Frames,
     aims: tuple[Floats, Floats],
-    met: tuple[Floats, Floats],
+    met: tuple[Floats, Floats, NDArray[np.intp]],
 ) -> int:
     """Move places towards where normals meet the trace a turn later, and write the points of those that are there.
 
@@ -212,14 +214,14 @@ def _approach(
         rows: of the normals, (m,); those that go on are moved to its begin.
         frames: of the path at the places.
         aims: points and directions of the trace, (n, 3) each.
-        met: places, moved, (n,) [mm], and points, written, (n, 3) [mm].
+        met: places, moved, (n,) [mm]; written: points, (n, 3) [mm], and those of the trace before them, (n,).
 
     Returns:
         How many go on.
     """
     position, _, _, climb, turning, _, _ = frames
     point, tangent = aims
-    met_at, met_point = met
+    met_at, met_point, before = met
     near = np.zeros(3, np.intp)
     count = 0
     for j in range(rows.size):
@@ -241,6 +243,7 @@ def _approach(
             continue
         # on the path's tangent from the last place, with the heading there
         error = _interpolated(trace, met_at[i], near, 0)
+        before[i] = near[0]
         for k in range(3):
             along, normal, up = _directions_at(frames, j, k)
             moved = position[j, k] - step * (cosine * along + climb[j] * up)

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gantrysim.base.arrays import Floats
+from gantrysim.base.arrays import Floats, scaled_rows
 from gantrysim.controllers.drawings.corners import SMOOTH, tangent
 from gantrysim.controllers.drawings.routing import Route
 from gantrysim.paths.limits import Derivatives, Limited, fastest, nodes, velocity_bound
@@ -92,9 +92,9 @@ def planned_progress(route: Route, velocity: ArrayLike, acceleration: ArrayLike,
     piece = owner[span]
     edges = np.append(0.0, chain.ends)
     inset = _SHARE * np.diff(edges)[piece]
-    local = chain.local(np.clip(s, edges[piece] + inset, edges[piece + 1] - inset))
-    first = local.tangent
-    second = local.curvature
+    inside = np.clip(s, edges[piece] + inset, edges[piece + 1] - inset)
+    first = chain.tangent(inside)
+    second = scaled_rows(chain.normal(inside), chain.curvature(inside) * np.sqrt(1 - chain.climb(inside) ** 2))
     speed = np.minimum(np.array([leg.speed for leg in legs])[piece], velocity_bound(s, first, velocity))
     limited = np.isfinite(np.asarray(acceleration, float))
     if limited.any():
