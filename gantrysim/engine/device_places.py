@@ -53,7 +53,7 @@ class DevicePlaces(LoopPlaces):
         plants = np.concatenate([self._linear[number].plant for number in numbers], dtype=PLANT)
         states = self._state["physics"][list(numbers)]
         rows = self._userdata[list(numbers)].view(ROW)[:, 0]
-        arrays = (
+        tapes = (
             _stacked([run.simulation.position for run in runs]),
             _stacked([run.simulation.setpoints.gates for run in runs]),
             _stacked([log.tick for log in logs]),
@@ -62,17 +62,19 @@ class DevicePlaces(LoopPlaces):
             _stacked([_or_none(run.laws, (0,), LAW) for run in runs]),
             _stacked([_or_none(run.drives, (0,), DRIVE) for run in runs]),
         )
-        on_device = [cuda.to_device(array) for array in (plants, states, rows, *arrays)]
-        kernel(bodies)[-(-len(numbers) // THREADS), THREADS](*on_device, steps)
-        _, states, rows, _, _, ticks, of_axes, _, laws, drives = (array.copy_to_host() for array in on_device)
-        self._state["physics"][list(numbers)] = states
-        self._userdata[list(numbers)] = rows[:, None].view(np.float64)
+        machines = cuda.to_device(plants)
+        stepped = [cuda.to_device(array) for array in (states, rows)]
+        on_device = [cuda.to_device(array) for array in tapes]
+        kernel(bodies)[-(-len(numbers) // THREADS), THREADS](machines, *stepped, *on_device, steps)
+        self._state["physics"][list(numbers)] = stepped[0].copy_to_host()
+        self._userdata[list(numbers)] = stepped[1].copy_to_host()[:, None].view(np.float64)
+        _, _, ticks, of_axes, _, laws, drives = (array.copy_to_host() for array in on_device)
         for k, (run, log) in enumerate(zip(runs, logs, strict=True)):
             log.tick[:] = ticks[k, : len(log.tick)]
             log.axis[:] = of_axes[k, : len(log.axis)]
-            for state, stepped in ((run.laws, laws), (run.drives, drives)):
+            for state, after in ((run.laws, laws), (run.drives, drives)):
                 if state is not None:
-                    state[:] = stepped[k]
+                    state[:] = after[k]
 
 
 def _or_none(array: NDArray[Any] | None, shape: tuple[int, ...], kind: Any) -> NDArray[Any]:

@@ -143,12 +143,11 @@ def _read(machine: Machine, model: mujoco.MjModel, data: mujoco.MjData) -> Linea
         tip = 1e3 * frame.T @ (data.site_xpos[machine.nozzle] - data.xpos[machine.work])
         return np.concatenate([data.qvel, data.qfrc_passive[sensed], tip])
 
-    rest = stepped()
-    of_place = np.array([(stepped(data.qpos, j, _PLACE) - rest) / _PLACE for j in range(n)]).reshape(n, -1).T
-    of_speed = np.array([(stepped(data.qvel, j, _SPEED) - rest) / _SPEED for j in range(n)]).reshape(n, -1).T
-    of_force = np.array([(stepped(data.qfrc_applied, j, _FORCE) - rest) / _FORCE for j in dofs]).reshape(m, -1).T
-    # where the places are 0
-    rest = rest - of_place @ model.qpos0
+    standing = stepped()
+    of_place = np.array([(stepped(data.qpos, j, _PLACE) - standing) / _PLACE for j in range(n)]).reshape(n, -1).T
+    of_speed = np.array([(stepped(data.qvel, j, _SPEED) - standing) / _SPEED for j in range(n)]).reshape(n, -1).T
+    of_force = np.array([(stepped(data.qfrc_applied, j, _FORCE) - standing) / _FORCE for j in dofs]).reshape(m, -1).T
+    at_zero = standing - of_place @ model.qpos0
     plants = np.zeros(1, PLANT)
     plant = plants[0]
     plant["dofs"] = n
@@ -157,13 +156,13 @@ def _read(machine: Machine, model: mujoco.MjModel, data: mujoco.MjData) -> Linea
     plant["of_speed"][:n, :n] = of_speed[:n]
     plant["of_place"][:n, :n] = of_place[:n]
     plant["push"][:n, :m] = of_force[:n]
-    plant["constant"][:n] = rest[:n]
+    plant["constant"][:n] = at_zero[:n]
     springs = slice(n, n + 2 * m)
     plant["passive_of_place"][: 2 * m, :n] = of_place[springs]
     plant["passive_of_speed"][: 2 * m, :n] = of_speed[springs]
-    plant["passive_at_rest"][: 2 * m] = rest[springs]
+    plant["passive_at_rest"][: 2 * m] = at_zero[springs]
     plant["tip"][:, :n] = of_place[n + 2 * m :]
-    plant["tip_at_rest"] = rest[n + 2 * m :]
+    plant["tip_at_rest"] = at_zero[n + 2 * m :]
     for a in range(m):
         for name, value in _motor(model, a).items():
             plant[name][a] = value

@@ -47,6 +47,11 @@ print("equal")
 """
 
 
+@pytest.mark.validates(
+    "the compiled loop on a GPU, in numba-cuda's simulator",
+    "the loop on the processor",
+    "1e-6 µm",
+)
 def test_a_device_steps_as_the_processor_does():
     """In a process of its own, as the simulator takes the place of the device for good."""
     environment = os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "PYTHONPATH": str(Path(__file__).parents[2])}

@@ -77,6 +77,11 @@ def counts_of(servo):
     return np.array([drive.resolution for drive in servo.drives])
 
 
+@pytest.mark.validates(
+    "the compiled loop",
+    "MuJoCo: nine built-in jobs; random machines, laws, drives and periods",
+    "1e-6 µm, until a count of an encoder flips by rounding",
+)
 @pytest.mark.parametrize("name", SLIDING)
 def test_a_job_on_sliding_joints_runs_as_in_mujoco(name):
     job = Job.load(name)

@@ -40,7 +40,9 @@ def test_the_figures_of_a_perturbed_machine_are_those_of_a_study_s_case(job):
     machine = job.built_machine.perturbed(off)
     row = gs.figures(job.run(machine=machine, engine="loop"), machine)
     assert row == measure(Case.of(job, perturbation=off))
-    assert row != gs.figures(job.run(machine=machine, engine="loop"))  # whose margins are those of the job's own machine
+    assert row != gs.figures(
+        job.run(machine=machine, engine="loop")
+    )  # whose margins are those of the job's own machine
 
 
 def test_a_run_without_a_job_has_its_values_and_no_verdict(batch):

@@ -44,7 +44,12 @@ def _sign(number):
 class _Numpy(ModuleType):
     """NumPy for a device, which has its functions of numbers by other names."""
 
-    exp, log, sqrt, sin, cos, isfinite = math.exp, math.log, math.sqrt, math.sin, math.cos, math.isfinite
+    exp = math.exp
+    log = math.log
+    sqrt = math.sqrt
+    sin = math.sin
+    cos = math.cos
+    isfinite = math.isfinite
 
     def __init__(self) -> None:
         super().__init__("numpy")
@@ -79,8 +84,8 @@ class DeviceTape(NamedTuple):
 def kernel(bodies: tuple[tuple[str, Body], ...]) -> Any:
     """Return the kernel for runs with some stages, as points of the tick and what acts there.
 
-    Its arguments are per simulation: plants, states, rows, setpoints, gates, log of the machine, log of the axes,
-    torques, laws and drives, then the number of physics steps.
+    Its arguments are, for each simulation: plants, states, rows, setpoints, gates, log of the machine, log of the axes,
+    torques, laws and drives; then the number of physics steps.
 
     """
     others: dict[str, Any] = {"call": _function(_call_nothing, {})}

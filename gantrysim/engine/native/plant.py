@@ -128,8 +128,8 @@ def drive_motor(plant, state, a, control):
         level = plant.coulomb[a] + (plant.static[a] - plant.coulomb[a]) * np.exp(-ratio * ratio)
         rate = -plant.stiffness[a] * abs(speed) / max(level, _LEAST)
         force -= plant.stiffness[a] * bristle + plant.damping[a] * (rate * bristle + speed)
-        left = np.exp(rate * plant.step)
-        state.bristle[a] = left * bristle + ((left - 1.0) / rate if abs(rate) > _LEAST else plant.step) * speed
+        remains = np.exp(rate * plant.step)
+        state.bristle[a] = remains * bristle + ((remains - 1.0) / rate if abs(rate) > _LEAST else plant.step) * speed
     return gear * force
 
 
