@@ -126,8 +126,8 @@ def scatter_of(
             faults=job.faults,
             engine=job.engine_of_searches,
         )
-        runs = [_moved_back(job, run, zero) for run, zero in zip(runs, part, strict=True)]
-        values += [figures_of(job, run) for run in runs if run.fault is None]
+        moved = [_moved_back(job, run, zero) for run, zero in zip(runs, part, strict=True)]
+        values += [figures_of(job, run) for run in moved if run.fault is None]
         if progress is not None:
             progress(min(first + _TOGETHER, repeats) / repeats)
     if len(values) < 2:

@@ -21,7 +21,8 @@ from gantrysim.machine.row import ROW_NUMBERS, WARNINGS
 
 _WHOLE = types.int32
 
-Offsets: Any = namedtuple("Offsets", offsets())
+_FIELDS = tuple(offsets())
+Offsets: Any = namedtuple("Offsets", _FIELDS)  # type: ignore[misc]
 
 
 @cache
