@@ -24,7 +24,8 @@ from gantrysim.remedy.lever import Effort, Lever, Setting, State
 from gantrysim.remedy.levers.numbers import factor_text, rounded_number
 from gantrysim.remedy.levers.speed import FASTER, SLOWER, at_factor
 from gantrysim.remedy.outcome import Outcome
-from gantrysim.results.score import usage_of
+from gantrysim.results.glue import GLUE
+from gantrysim.results.score import row_burden, usage_of
 
 SHARE = 0.01  # of the burden, by which a lever of the combination lowers it
 
@@ -143,6 +144,11 @@ class Combinations:
             if (1 - SHARE) * state.outcome.burden <= present:
                 needed = fewer
         return needed
+
+    def act_on_all(self, levers: Iterable[Lever]) -> bool:
+        """Return whether each row of the verdict that does not pass has one of these levers that acts on it."""
+        acted_on = {row for lever in levers for row in lever.rows}
+        return self._bad_rows(self._start.outcome) <= acted_on
 
     def measured(self, jobs: Sequence[Job]) -> list[Outcome]:
         """Return what the runs of jobs show."""
@@ -279,19 +285,39 @@ def fewest_levers(combinations: Combinations, picks: Sequence[Pick], motion_of: 
     levers = [pick.lever for pick in picks]
     for count in range(1, len(levers) + 1):
         candidates = [
-            candidate for chosen in subsets(levers, count) for candidate in _candidates(combinations, (), chosen)
+            candidate
+            for chosen in subsets(levers, count)
+            if combinations.act_on_all(chosen)
+            for candidate in _candidates(combinations, (), chosen)
         ]
-        if len({motion_of(candidate.job) for candidate in candidates}) > MOST_MOTIONS:
+        motions: dict[str, list[Candidate]] = {}
+        for candidate in candidates:
+            motions.setdefault(motion_of(candidate.job), []).append(candidate)
+        if len(motions) > MOST_MOTIONS:
             continue
-        outcomes = combinations.measured([candidate.job for candidate in candidates])
+        firsts = combinations.measured([group[0].job for group in motions.values()])
+        # another glue does not help a motion whose path fails
+        possible = [
+            candidate
+            for group, first in zip(motions.values(), firsts, strict=True)
+            if not motion_fails(first)
+            for candidate in group
+        ]
+        outcomes = combinations.measured([candidate.job for candidate in possible])
         passing = [
             (rank(outcome), k)
             for k, outcome in enumerate(outcomes)
             if outcome.burden == 0 and outcome.duration <= (1 + SHARE) * present.duration
         ]
         if passing:
-            return list(candidates[min(passing)[1]].picks)
+            return list(possible[min(passing)[1]].picks)
     return list(picks)
+
+
+def motion_fails(outcome: Outcome) -> bool:
+    """Return whether a run's verdict is no pass whatever its glue, which does not change the motion."""
+    verdict = outcome.verdict
+    return verdict is not None and any(row_burden(row) > 0 for row in verdict.rows if row.name != GLUE)
 
 
 def _candidates(combinations: Combinations, picks: tuple[Pick, ...], levers: Sequence[Lever]) -> Iterator[Candidate]:

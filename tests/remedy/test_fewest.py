@@ -5,11 +5,13 @@ from types import SimpleNamespace
 import pytest
 
 from gantrysim import Job
-from gantrysim.remedy.combination import MOST_MOTIONS, Combinations, Pick, fewest_levers, merged_picks
+from gantrysim.remedy.combination import MOST_MOTIONS, Combinations, Pick, fewest_levers, merged_picks, motion_fails
 from gantrysim.remedy.improve import improve
 from gantrysim.remedy.lever import Lever, Setting, State
 from gantrysim.remedy.levers.speed import FASTER, SLOWER
 from gantrysim.remedy.levers.valve import LAG_COMPENSATION
+from gantrysim.results.checks import FAIL, PASS
+from gantrysim.results.row import Row
 
 from support.remedies import AREA, LAG, SIDES, lines_job, outcome
 
@@ -137,3 +139,41 @@ def test_a_real_job_passes_with_two_levers():
     assert result.improved.state == "pass"
     assert [trial.lever.name for trial in result.combination] == ["flow by speed", "acceleration"]
     assert result.after.duration < result.before.duration
+
+
+def test_levers_that_leave_a_row_alone_are_not_tried_without_others():
+    """Of two rows that fail, each lever acts on one: no lever alone can do."""
+    runs = []
+    combinations = sums(lambda values: sum(values) >= 6, runs=runs)
+    two_rows = Combinations(
+        combinations.state_of([]), combinations.measured, lambda _: {"path", "glue"}, lambda job: job
+    )
+    glue = Lever("glue lever", "", "", ("glue",), lambda state: [Setting("5", {"glue": 5})])
+    picks = [Pick(ONE, "1"), Pick(glue, "5")]
+    assert labels(fewest_levers(two_rows, picks, repr)) == labels(picks)
+    assert (5,) not in runs
+
+
+def test_a_motion_whose_path_fails_is_not_tried_with_another_glue():
+    """A job of three leads, whose motion fails in its path: one of them is run."""
+
+    def seen(**states):
+        rows = tuple(Row(name, state=state) for name, state in states.items())
+        return SimpleNamespace(burden=1.0, duration=1.0, verdict=SimpleNamespace(rows=rows))
+
+    assert motion_fails(seen(path=FAIL, glue=PASS))
+    assert not motion_fails(seen(path=PASS, glue=FAIL))
+    for path, count in ((FAIL, 1), (PASS, 3)):
+        runs = set()
+        combinations = sums(lambda values: sum(values) >= 30)
+        measured = Combinations(
+            combinations.state_of([]),
+            lambda jobs, path=path, runs=runs: [runs.add(job.values) or seen(path=path, glue=FAIL) for job in jobs],
+            lambda _: {"path"},
+            lambda job: job,
+        )
+        present = SimpleNamespace(burden=0.0, duration=1.0, verdict=None)
+        leads = lever("leads", 10, 20, 30)
+        measured.state_of([Pick(leads, "30")]).__dict__["outcome"] = present
+        fewest_levers(measured, [Pick(leads, "30")], lambda job: "one motion")
+        assert len(runs) == count

@@ -17,9 +17,10 @@ _PRESLIDING_TURN = 3e-3  # of a rotary axis, at the motor [rad]
 def _transmission(driven: DrivenAxis) -> dict[str, Any]:
     """Return a transmission with losses."""
     axis = driven.axis
-    model = driven.model
     if axis.efficiency == 1:
         return {}
+    # a copy, of a perturbed machine
+    model = driven.model
     turn = _PRESLIDING_TURN / float(model.actuator_gear[driven.number, 0])
     return {
         "loss": 1 / axis.efficiency - 1,
