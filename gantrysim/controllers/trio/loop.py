@@ -328,7 +328,7 @@ class Loop:
             float(self.servo_period),
             self.guarded,
         )
-        end, passes, phases, last = _run(limits, float(self.speed), float(self.change), waits)
+        end, passes, phases, last = _run(limits, float(self.speed), float(self.change), waits, MAX_PASSES)
         if end == _TOO_SMALL:
             number = passes.shape[1] + 1
             raise RatioTooSmallError(number, 1 - self.change * number)
@@ -370,9 +370,9 @@ _DONE, _HALTED, _TOO_SMALL, _ENDLESS = range(4)
 
 @jit
 def _run(
-    limits: _Limits, speed: float, change: float, waits: _Waits
+    limits: _Limits, speed: float, change: float, waits: _Waits, most: int
 ) -> tuple[int, Floats, Floats, tuple[float, float]]:
-    """Return how a loop ends, its passes, the phases of the virtual axis, and its last time [s] and distance [mm].
+    """Return how a loop of `most` passes ends, the passes, the axis' phases, and its last time [s] and distance [mm].
 
     Passes are ratio, time [s] and distance [mm], (3, p); phases as of `_Phase`, (4, m).
     """
@@ -397,7 +397,7 @@ def _run(
                 end = _HALTED
             axis = _advanced(axis, limits, math.inf, speed / abs(passes[-1][0]), phases)
             break
-        if len(passes) == MAX_PASSES:
+        if len(passes) == most:
             end = _ENDLESS
             break
         passes.append((x, axis.time, axis.distance))

@@ -23,9 +23,9 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.extras import extra
 from gantrysim.engine.native import plant, tick
 from gantrysim.engine.native.laws import take
-from gantrysim.engine.native.pointers import gains_of
 from gantrysim.engine.native.stages import Body
 from gantrysim.machine.row import POINTS, Log
+from gantrysim.servo.gains import GAIN_NAMES, Gains
 
 with extra("cuda", 'device "cuda"'):
     from numba import cuda
@@ -88,7 +88,7 @@ def kernel(bodies: tuple[tuple[str, Body], ...]) -> Any:
     torques, laws and drives; then the number of physics steps.
 
     """
-    others: dict[str, Any] = {"call": _function(_call_nothing, {})}
+    others: dict[str, Any] = {"call": _function(_call_nothing, {}), "gains_of": _gains()}
     others["run_stages"] = _composed(bodies, others)
     sense, move, sample, apply_law, command, output, is_lost = (
         _function(function, others)
@@ -188,8 +188,27 @@ def _after(before: Any, number: np.int64, act: Any) -> Any:
     return cuda.jit(device=True)(stages)
 
 
+def _leading(count: int) -> Any:
+    """Return a function of an array that returns its first numbers as a tuple."""
+    if count == 1:
+        return cuda.jit(device=True)(lambda array: (array[0],))
+    before = _leading(count - 1)
+    last = count - 1
+    return cuda.jit(device=True)(lambda array: (*before(array), array[last]))
+
+
+def _gains() -> Any:
+    """Return `gains_of` for a device, which does not have the intrinsic that makes a tuple of an array."""
+    leading = _leading(len(GAIN_NAMES))
+
+    def gains_of(row, axis):
+        return Gains(*leading(row.gains[axis]))
+
+    return cuda.jit(device=True)(gains_of)
+
+
 def _base(function: Any) -> Callable[..., None]:
-    gains = _function(gains_of, {})
+    gains = _gains()
     taken = _function(take, {})
 
     def act(row, tape):

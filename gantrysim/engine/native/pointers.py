@@ -12,14 +12,15 @@ from typing import Any
 
 import numba
 from llvmlite import ir
-from numba import types
+from numba import RequireLiteralValue, types
 from numba.extending import intrinsic
 
 from gantrysim.base.jit import jit
 from gantrysim.machine.row import LOG_AXIS, LOG_TICK, ROW, STAGE, Log, Tape
-from gantrysim.servo.gains import Gains
+from gantrysim.servo.gains import GAIN_NAMES, Gains
 
 _MANY = 2**31  # nothing is checked against it
+_GAINS = len(GAIN_NAMES)
 _INTEGER = types.int64
 _FLOAT = types.float64
 _ROW = numba.from_dtype(ROW)
@@ -50,6 +51,22 @@ def call(context: Any, address: Any, row: Any, argument: Any) -> Any:
         return context.get_dummy_value()
 
     return types.void(types.int64, types.int64, types.int64), codegen
+
+
+@intrinsic
+def leading(context: Any, array: Any, count: Any) -> Any:
+    """Return the first numbers of a contiguous array as a tuple, as many as a constant tells."""
+    if not isinstance(count, types.IntegerLiteral):
+        raise RequireLiteralValue("count")
+    size = count.literal_value
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        data = context.make_array(array)(context, builder, args[0]).data
+        places = [ir.Constant(ir.IntType(64), k) for k in range(size)]
+        numbers = [builder.load(builder.gep(data, [place])) for place in places]
+        return context.make_tuple(builder, signature.return_type, numbers)
+
+    return types.UniTuple(array.dtype, size)(array, count), codegen
 
 
 @jit
@@ -97,6 +114,4 @@ def stages_of(row):
 @jit
 def gains_of(row, axis):
     """Return the gains of an axis, a copy."""
-    gains = row.gains[axis]
-    # numba makes a tuple of as many numbers as stand here alone
-    return Gains(gains[0], gains[1], gains[2], gains[3], gains[4], gains[5])
+    return Gains(*leading(row.gains[axis], _GAINS))
