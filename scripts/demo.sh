@@ -4,7 +4,7 @@ set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/setup.sh" drawings,film
 
 if [ -n "$installed" ]; then
-    echo "compiling the functions of a run, once for this machine (some 15 s)"
+    echo "compiling the functions of a run, once for this machine (some 25 s)"
     gantrysim compile >/dev/null
 fi
 gantrysim run an225 --out "$root/out/an225"

@@ -12,7 +12,7 @@ from gantrysim.base.errors import InputError, shown
 
 Progress = Callable[[float], None] | bool | None  # what callers give
 
-COMPILING = "compiling what it computes with, once for this machine: some 15 s for a run"
+COMPILING = "compiling what it computes with, once for this machine: some 25 s for a run"
 
 _listeners: list[Callable[[str], None]] = []
 _sentences: list[str] = []

@@ -54,9 +54,13 @@ class Job(LoadedJob):
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
-        """Notes on the defaults used, the program, the machine at rest, low stability margins, and the syringe."""
+        """Notes on the defaults used, the program, the machine at rest, low stability margins, engine and syringe."""
         servo = self.built_servo
         notes = (*self._choice, *self.controller.notes, *machine_notes(self.built_machine, self.margins, servo))
+        if self.simulation.engine == "loop":
+            hindrance = self._simulation().hindrance
+            by = "the compiled loop makes the physics steps" if hindrance is None else f"MuJoCo makes them: {hindrance}"
+            notes = (*notes, f'simulation.engine = "loop": {by}')
         if self.dispenser.syringe is None:
             return notes
         return notes + self.dispenser.notes(self.follow().flow, servo.period)
@@ -171,14 +175,17 @@ class Job(LoadedJob):
     def check_faults(self) -> None:
         """Raise InputError for deliberate faults that the machine cannot have, or that begin after its end."""
         if self.faults:
-            Simulation.of(
-                self.built_machine,
-                self.built_servo,
-                self.setpoints,
-                physics_step=self.simulation.physics_step,
-                dispenser=self.dispenser,
-                faults=self.faults,
-            )
+            self._simulation()
+
+    def _simulation(self) -> Simulation:
+        return Simulation.of(
+            self.built_machine,
+            self.built_servo,
+            self.setpoints,
+            physics_step=self.simulation.physics_step,
+            dispenser=self.dispenser,
+            faults=self.faults,
+        )
 
     def follow(self) -> Run:
         """Return the record of a machine that follows the program exactly, see `perfect_follower`."""

@@ -162,7 +162,7 @@ def test_random_machines_run_as_in_mujoco(tmp_path):
 
 @pytest.mark.soak
 def test_many_random_machines_run_as_in_mujoco(tmp_path):
-    compared = [compare_random(seed, tmp_path) for seed in range(1000, 1500)]
+    compared = [compare_random(seed, tmp_path) for seed in range(1000, 1800)]
     assert sum(map(bool, compared)) > 200
 
 
@@ -286,3 +286,11 @@ def test_a_note_tells_how_far_the_search_was_from_what_is_shown(xy, servo):
     assert difference_note(run, shorter) == (
         f"MuJoCo's run, which is shown, has {len(run.time)} servo ticks, the compiled loop's {len(shorter.time)}."
     )
+
+
+def test_a_job_says_what_makes_its_steps():
+    assert not [note for note in Job.load("an225").notes if "engine" in note]
+    loop, turning = (Job.load(name, ["simulation.engine=loop"]) for name in ("an225", "stage-outline"))
+    assert loop.notes[-1] == 'simulation.engine = "loop": the compiled loop makes the physics steps'
+    assert turning.notes[-1] == f'simulation.engine = "loop": MuJoCo makes them: {TURNING["stage-outline"]}'
+    np.testing.assert_array_equal(loop.run().motor, Job.load("an225").run(engine="loop").motor)

@@ -203,7 +203,7 @@ def test_compiling_is_announced_once(monkeypatch):
             pass
     bars.tell_compiling(bars.COMPILING)
     assert terminal.getvalue().endswith(
-        "\rcompiling what it computes with, once for this machine: some 15 s for a run\n"
+        "\rcompiling what it computes with, once for this machine: some 25 s for a run\n"
     )
     assert terminal.getvalue().count("compiling") == 1
 
