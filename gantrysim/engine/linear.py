@@ -43,6 +43,7 @@ _FORCE = 2.0**10  # [N]
 _STATES = 2
 _ROUNDING = 1e-11
 _FASTEST = 2.0  # of an axis without a limit [m/s]
+_FARTHEST = 1e3  # of such an axis [mm]
 
 # other parameters of MuJoCo's dcmotor that must be 0: of temperature and slew rate, and gains of a controller
 _UNKNOWN_DYNAMICS = (2, 7)
@@ -226,11 +227,14 @@ def _agrees(machine: Machine, model: mujoco.MjModel, data: mujoco.MjData, linear
     ours, theirs = np.zeros(2, STATE)
     step: Any = move
     joints = model.jnt_dofadr[driven_joints(model)]
+    low, high = np.array([axis.travel for axis in machine.plain_axes]).clip(-_FARTHEST, _FARTHEST).T / PER_SI["mm"]
     fastest = np.array([axis.speed_limit / PER_SI[axis.unit] for axis in machine.plain_axes])
     peak = np.array([axis.peak_torque for axis in machine.plain_axes])
     for _ in range(_STATES):
         mujoco.mj_resetData(model, data)
         data.qpos[:] += 1e-4 * random.standard_normal(model.nv)
+        # anywhere on the axes: a spring may begin to act away from the middle
+        data.qpos[joints] = random.uniform(low, high)
         data.qvel[:] = 1e-2 * random.standard_normal(model.nv)
         data.qvel[joints] = random.uniform(-1.5, 1.5, model.nactuator) * np.minimum(fastest, _FASTEST)
         data.ctrl[:] = random.uniform(-2, 2, model.nactuator) * np.where(np.isfinite(peak), peak, 1.0)

@@ -178,6 +178,17 @@ def test_a_step_that_is_not_linear_is_found_by_the_check(tmp_path):
         assert (linear_machine(each, each.stepping(PERIOD / 4, stops=False)) is not None) == found
 
 
+def test_a_spring_that_begins_to_act_away_from_the_middle_is_found_by_the_check(tmp_path):
+    text = mujoco.MjSpec.from_file(str(Machine("xy").source)).to_xml()
+    spring = '<fixed springlength="-0.01 0.01" stiffness="{}"><joint joint="x" coef="1"/></fixed>'
+    for stiffness, found in ((0, True), (1e4, False)):
+        file = tmp_path / "machine.xml"
+        tendon = f"<tendon>{spring.format(stiffness)}</tendon></mujoco>"
+        file.write_text(text.replace("</mujoco>", tendon), encoding="utf-8")
+        machine = Machine(file)
+        assert (linear_machine(machine, machine.stepping(PERIOD / 4, stops=False)) is not None) == found
+
+
 @pytest.fixture(scope="module")
 def servo(xy):
     return Servo.derive(xy.axes, PERIOD)
