@@ -82,9 +82,7 @@ def _or_none(array: NDArray[Any] | None, shape: tuple[int, ...], kind: Any) -> N
 
 
 def _stacked(arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Return arrays as one, (arrays, longest, ...); where all are one and the same, a view of it."""
-    if all(array is arrays[0] for array in arrays):
-        return np.broadcast_to(arrays[0], (len(arrays), *arrays[0].shape)).copy()
+    """Return arrays as one, (arrays, longest, ...); shorter ones with zeros behind them."""
     longest = max(len(array) for array in arrays)
     stacked = np.zeros((len(arrays), longest, *arrays[0].shape[1:]), arrays[0].dtype)
     for k, array in enumerate(arrays):

@@ -187,7 +187,7 @@ class Places(ABC):
 
         Args:
             place: of a simulation that is loaded; the next one there is not observed.
-            observer: address of the function, of mjData, the servo's row and the argument.
+            observer: address of the function, of the servo's row and the argument.
             argument: for the function.
         """
         row = self.runs[place].row
@@ -282,15 +282,8 @@ _WORTH_A_THREAD = 20_000  # physics steps of the loop
 class LoopPlaces(Places):
     """Places that the compiled loop steps, of machines for which `gantrysim.engine.linear` has one.
 
-    It steps models without stops. A simulation that has reached one goes on in MuJoCo.
-
-    Args:
-        machine: machine whose MJCF file all simulations share.
-        places: number of simulations.
-        threads: number of threads; by default all cores.
-
-    Raises:
-        InputError: a number of places or threads below one.
+    It steps models without stops. A simulation that has reached one goes on in MuJoCo. Arguments and errors are those
+    of `MuJoCoPlaces`.
     """
 
     most_steps = 10 * MOST_STEPS

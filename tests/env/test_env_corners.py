@@ -58,7 +58,8 @@ def test_a_job_is_followed_exactly_and_rests_at_its_corners(name):
     env.reset(seed=1)
     run, _ = still(env)
     job = Job.load(name)
-    path, asked = run.requested, job.setpoints
+    path = run.requested
+    asked = job.setpoints
     away = run.commanded_tip - path.position(run.progress)
     assert np.abs(away).max() < 1e-9
     assert run.progress[-1] == path.length

@@ -43,7 +43,8 @@ def test_foot_is_where_bisection_finds_the_path_square_to_the_way_from_it(name, 
     tangent, normal = path.tangent(s), path.normal(s)
     around = np.linspace(0, 40, s.size)[:, None]
     points = path.position(s) + off * (np.cos(around) * normal + np.sin(around) * np.cross(tangent, normal))
-    low, high = s - 0.3, s + 0.3
+    low = s - 0.3
+    high = s + 0.3
     for _ in range(60):
         middle = 0.5 * (low + high)
         is_behind = np.einsum("ij,ij->i", points - path.position(middle), path.tangent(middle)) > 0

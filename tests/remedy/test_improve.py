@@ -19,7 +19,7 @@ from gantrysim.remedy.combination import Pick
 from gantrysim.remedy.fastest import FastestProgram
 from gantrysim.remedy.improve import Search, another_part, improve, worst_rows
 from gantrysim.remedy.lever import Lever, Setting
-from gantrysim.remedy.outcome import Outcome, measured_outcome, measured_together, motion_key
+from gantrysim.remedy.outcome import Motion, Outcome, measured_outcome, measured_together, motion_key
 from gantrysim.remedy.report import TITLE, change_section, comparison_of
 from gantrysim.results.checks import Check
 from gantrysim.results.row import Row
@@ -316,6 +316,19 @@ def test_the_fastest_program_is_that_of_the_speed_study():
     assert fastest.other.fastest == pytest.approx(400, rel=0.06)
     fixed = lines_job(LINE, dispenser={"flow": FLOW})
     assert SpeedStudy(fixed).overrides(150.0) == {"program.feed_override": 1.5, "dispenser.flow": 1.5 * FLOW}
+
+
+def test_what_is_recommended_is_mujocos_run_and_not_the_searchs(monkeypatch):
+    """They differ in the last digits; where they differ by more, a note says so."""
+    found = improve(fixed_flow(), levers=GLUE_LEVERS, workers=1)
+    assert found.changes_anything
+    assert found.note == ""
+    shown, searched = (Motion.of(found.job, engine).outcome(found.job) for engine in ("mujoco", "loop"))
+    assert found.after == shown != searched
+    before = Motion.of(found.base, "mujoco").outcome(found.base)
+    assert found.before == before
+    monkeypatch.setattr("gantrysim.remedy.bench.difference_note", lambda *runs: "They differ.")
+    assert "They differ." in str(improve(fixed_flow(), levers=GLUE_LEVERS, workers=1))
 
 
 def test_progress_counts_the_runs():

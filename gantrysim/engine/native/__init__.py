@@ -1,4 +1,4 @@
-"""The servo tick as native code inside MuJoCo's step.
+"""The servo tick as native code: inside MuJoCo's step, in a loop of its own, and on a GPU.
 
 MuJoCo lets its user register one function for the whole process, the control callback `(mjModel *, mjData *)`, which it
 calls in every physics step to set the actuators' controls. Numba compiles the servo tick to such a C function, so that
@@ -14,6 +14,7 @@ One field is `userdata`, an array of doubles that MuJoCo leaves to its user. It 
 carries its own servo, and any number of them can be stepped by any number of threads. A row begins with a magic number,
 by which the callback leaves all other models alone.
 
+`plant` makes the steps itself where all joints slide, with the same tick; `device` compiles both for a GPU.
 `pointers` turns addresses into arrays inside compiled code, `tick` is the tick, `supervision` a part of it, and
 `callback` makes it a callback. `parts` compiles functions of laws and faults. `hook` registers the callback only while
 gantrysim steps.

@@ -86,24 +86,14 @@ def kernel(bodies: tuple[tuple[str, Body], ...]) -> Any:
 
     Its arguments are, for each simulation: plants, states, rows, setpoints, gates, log of the machine, log of the axes,
     torques, laws and drives; then the number of physics steps.
-
     """
     others: dict[str, Any] = {"call": _function(_call_nothing, {}), "gains_of": _gains()}
     others["run_stages"] = _composed(bodies, others)
-    sense, move, sample, apply_law, command, output, is_lost = (
+    sense, sample, apply_law, command, output, follow = (
         _function(function, others)
-        for function in (
-            plant.sense,
-            plant.move,
-            tick.sample,
-            tick.apply_law,
-            tick.command,
-            tick.output,
-            plant.is_lost,
-        )
+        for function in (plant.sense, tick.sample, tick.apply_law, tick.command, tick.output, plant.follow)
     )
     missed = plant.MISSED
-    wound = plant.WOUND
 
     def run(plants, states, rows, setpoints, gates, log, axis_log, torque, laws, drives, steps):
         number = cuda.grid(1)
@@ -128,13 +118,7 @@ def kernel(bodies: tuple[tuple[str, Body], ...]) -> Any:
                 apply_law(row, tape)
                 command(row, tape)
             output(row, tape)
-            if row.stages != 0:
-                for a in range(machine.axes):
-                    if machine.kind[a] == wound:
-                        state.current[a] = row.winding_current[a]
-            move(machine, state, row.control_torque, row.applied)
-            if is_lost(machine, state):
-                row.lost = 1
+            follow(machine, state, row)
 
     return cuda.jit(run)
 

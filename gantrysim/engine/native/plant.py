@@ -192,7 +192,19 @@ def _passive(plant, state, line):
 
 
 @jit
-def is_lost(plant, state):
+def follow(plant, state, row):
+    """Make the physics step that follows a step of the servo, with what its row has act on the machine."""
+    if row.stages != 0:
+        for a in range(plant.axes):
+            if plant.kind[a] == WOUND:
+                state.current[a] = row.winding_current[a]
+    move(plant, state, row.control_torque, row.applied)
+    if _is_lost(plant, state):
+        row.lost = 1
+
+
+@jit
+def _is_lost(plant, state):
     """Return whether the state is one that MuJoCo would warn of: no number, or too large a one."""
     for i in range(plant.dofs):
         largest = max(abs(state.place[i]), abs(state.speed[i]), abs(state.change[i]) / plant.step)
@@ -223,13 +235,7 @@ def run(plant, state, row, steps):
             return
         sense(plant, state, row)
         step(row)
-        if row.stages != 0:
-            for a in range(plant.axes):
-                if plant.kind[a] == WOUND:
-                    state.current[a] = row.winding_current[a]
-        move(plant, state, row.control_torque, row.applied)
-        if is_lost(plant, state):
-            row.lost = 1
+        follow(plant, state, row)
 
 
 # addresses of what a batch has at a place

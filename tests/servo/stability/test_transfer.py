@@ -23,7 +23,10 @@ def test_integrators_and_a_delay_in_closed_form():
 
 
 def test_a_pid_law_in_closed_form():
-    kp, ki, kd, period = 3.0, 40.0, 0.02, 1e-3
+    kp = 3.0
+    ki = 40.0
+    kd = 0.02
+    period = 1e-3
     expected = kp + ki * period / (1 - 1 / Z) + kd / period * (1 - 1 / Z)
     assert Compensator.pid(kp, ki, kd, period).response(Z) == pytest.approx(expected, rel=1e-12)
 

@@ -495,7 +495,8 @@ def test_the_tuned_servo_is_written_exactly(outcome):
 def test_the_results_name_the_gains_that_changed_from_and_to(outcome):
     study, done, _ = outcome
     history = study.history(done.rows)
-    start, best = history.start.servo, history.best.servo
+    start = history.start.servo
+    best = history.best.servo
     table = results(study, done.rows)
     units = {"kp": "N·m/mm", "ki": "N·m/(mm·s)", "kd": "N·m·s/mm", "velocity_ff": "N·m·s/mm"}
     units["acceleration_ff"] = "N·m·s²/mm"
