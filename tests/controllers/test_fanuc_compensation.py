@@ -246,9 +246,9 @@ def test_the_time_to_offset_grows_with_the_program_alone():
     def seconds(n):
         angle = np.linspace(0, 6, n)
         words = "\n".join(f"G01 X{100 * math.cos(a):.4f} Y{100 * math.sin(a):.4f}" for a in angle)
-        begun = time.perf_counter()
+        begun = time.process_time()
         made(f"F600 G41 D1\n{words}", 1.0)
-        return time.perf_counter() - begun
+        return time.process_time() - begun
 
     seconds(50)
-    assert seconds(3200) < 0.5 * 8**2 * seconds(400)
+    assert min(seconds(3200) for _ in range(2)) < 0.5 * 8**2 * min(seconds(400) for _ in range(3))

@@ -328,12 +328,12 @@ def test_the_rotary_axis_alone_turns_at_the_feed():
 def test_the_time_to_make_setpoints_grows_with_the_program_alone():
     def seconds(n):
         text = "F6000\n" + "\n".join(f"G01 X{k % 7} Y{k % 5}" for k in range(1, n + 1))
-        begun = time.perf_counter()
+        begun = time.process_time()
         Program(text).setpoints(0.01)
-        return time.perf_counter() - begun
+        return time.process_time() - begun
 
     seconds(100)
-    assert seconds(8000) < 0.5 * 8**2 * seconds(1000)
+    assert min(seconds(8000) for _ in range(2)) < 0.5 * 8**2 * min(seconds(1000) for _ in range(3))
 
 
 @pytest.mark.parametrize(
