@@ -169,6 +169,9 @@ def _scale_friction(model: mujoco.MjModel, friction: Floats, viscous: Floats) ->
     model.dof_dampingpoly[dofs] *= viscous[:, None]
     model.actuator_damping[:] *= viscous
     model.actuator_dampingpoly[:] *= viscous[:, None]
+    difference = facts(model, VISCOUS_DIFFERENCE)
+    if difference is not None:
+        difference *= viscous
 
 
 def _scale_stiffness(model: mujoco.MjModel, stiffness: Floats) -> None:
