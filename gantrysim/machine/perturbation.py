@@ -18,6 +18,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, finite, positive, unknown_text
 from gantrysim.machine.axis import PER_SI, Axis
+from gantrysim.machine.axis_reading import VISCOUS_DIFFERENCE, facts
 from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, MOTOR_CONSTANT, STATIC, dcmotors
 from gantrysim.machine.quiet import quiet
 from gantrysim.machine.springs import (
