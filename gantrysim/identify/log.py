@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +34,9 @@ _JUMP = 1.5  # between two stamps, from which samples are missing, of the usual 
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """Torque and position of axes at even instants.
+    """Torque and position of axes at even instants, in one piece or several.
+
+    Rows are missing between two pieces: how long, and where the axes went meanwhile, is not known.
 
     Attributes:
         axes: their names.
@@ -43,6 +45,7 @@ class Log:
         torque: at the motor shafts, (n, axes) [N·m].
         held: whether `torque` is the demand, held from its sample to the next; else it is the motor's.
         notes: what of the log was left out.
+        starts: the rows at which a piece begins, rising from 0.
     """
 
     axes: tuple[str, ...]
@@ -51,6 +54,27 @@ class Log:
     torque: Floats
     held: bool
     notes: tuple[str, ...] = ()
+    starts: tuple[int, ...] = (0,)
+
+    @property
+    def pieces(self) -> tuple[slice, ...]:
+        """The rows of each piece, in their order."""
+        ends = (*self.starts[1:], len(self.position))
+        return tuple(slice(start, end) for start, end in zip(self.starts, ends, strict=True))
+
+    @property
+    def longest(self) -> Log:
+        """The longest piece alone, with a note if there are others."""
+        if len(self.starts) == 1:
+            return self
+        rows = max(self.pieces, key=lambda piece: piece.stop - piece.start)
+        note = (
+            f"log: of {len(self.position)} rows in {len(self.starts)} pieces, the {rows.stop - rows.start} of the "
+            "longest are used"
+        )
+        return replace(
+            self, position=self.position[rows], torque=self.torque[rows], notes=(*self.notes, note), starts=(0,)
+        )
 
     @classmethod
     def of(cls, run: Run) -> Log:

@@ -164,3 +164,15 @@ def test_torque_from_a_current_or_a_share_of_the_rated_one(tmp_path):
 def test_no_such_file(tmp_path):
     with pytest.raises(InputError, match=r"missing\.csv: cannot be read: No such file"):
         read_log(tmp_path / "missing.csv", MACHINE)
+
+
+def test_a_log_of_several_pieces():
+    position, torque = np.arange(8.0)[:, None], -np.arange(8.0)[:, None]
+    log = Log(("x",), 1e-3, position, torque, held=True, starts=(0, 2, 6))
+    assert log.pieces == (slice(0, 2), slice(2, 6), slice(6, 8))
+    longest = log.longest
+    assert longest.position[:, 0].tolist() == [2, 3, 4, 5]
+    assert longest.torque[:, 0].tolist() == [-2, -3, -4, -5]
+    assert longest.starts == (0,)
+    assert longest.notes == ("log: of 8 rows in 3 pieces, the 4 of the longest are used",)
+    assert longest.longest is longest
