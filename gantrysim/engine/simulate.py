@@ -72,7 +72,8 @@ def simulate(
     """
     check_engine(engine)
     simulation = Simulation.of(machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser, faults=faults)
-    simulation = replace(simulation, begin=start)
+    if start is not None:
+        simulation = replace(simulation, begin=start)
     return stepped_simulation(simulation, law, engine, progress).record()
 
 

@@ -91,7 +91,7 @@ def read_commanded_log(file: str | Path, machine: Machine, columns: Mapping[str,
     def read_as(quantity: str, sources: Mapping[str, str]) -> Log:
         named = {f"{axis} {quantity}": source for axis, source in sources.items()}
         other = read_log(file, machine, given | named)
-        if other.position.shape != log.position.shape:
+        if other.position.shape != log.position.shape or other.starts != log.starts:
             raise InputError(
                 f"log {file}: its columns of {', '.join(sources.values())} have gaps where others have none"
             )
@@ -107,7 +107,8 @@ def read_commanded_log(file: str | Path, machine: Machine, columns: Mapping[str,
             axis=1,
         )
     commanded = replace(log, axes=tuple(commands), position=log.position[:, of_axes], torque=log.torque[:, of_axes])
-    return CommandedLog(commanded, command, disturbance)
+    rows = max(log.pieces, key=lambda piece: piece.stop - piece.start)
+    return CommandedLog(commanded.longest, command[rows], None if disturbance is None else disturbance[rows])
 
 
 def _further_columns(names: tuple[str, ...], machine: Machine) -> dict[str, str]:

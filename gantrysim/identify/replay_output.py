@@ -174,12 +174,11 @@ def _draw(figure: Figure | SubFigure, result: Replay, axis: str, quantity: str) 
     """Draw a quantity over time, measured and simulated, and below their difference; return the axes."""
     described = described_quantity(result, axis, quantity)
     values = result.following if quantity == "following" else result.torque
-    time = result.run.period * np.arange(len(result.run))
+    time = result.run.period * np.arange(len(result.run), dtype=np.float64)
     over, below = figure.subplots(2, sharex=True)
 
     def line(panel: Axes, shown: Floats, label: str, colour: str) -> None:
-        scaled: Floats = np.multiply(described.factor, shown)
-        panel.plot(*thinned_line(time, scaled), lw=0.8, color=colour, label=label)
+        panel.plot(*thinned_line(time, described.factor * shown), lw=0.8, color=colour, label=label)
 
     line(over, values(axis), "measured", COLOURS["contour"])
     line(over, values(axis, result.run), "simulated", COLOURS["servo"])
