@@ -44,7 +44,7 @@ class Alignment:
 
     Attributes:
         by: link that gives it: commanded, encoder or nozzle.
-        at: what is equal: "path" or "time".
+        criterion: what is equal: "path" or "time".
         instants: of the run, for each sample of the trace; outside of the run or nan where it has none, (n,) [s].
         shift: the trace's time less the run's; where their speeds differ, its mean [s].
         offsets: the trace's position less the run's, by frame: "axes" (axes,) and "nozzle" (3,); zero where none is
@@ -60,7 +60,7 @@ class Alignment:
     """
 
     by: str
-    at: str
+    criterion: str
     instants: Floats
     shift: float
     offsets: Mapping[str, Floats]
@@ -92,9 +92,9 @@ def aligned_trace(trace: Trace, run: Run, what: tuple[str, ...] = DEFAULT) -> Al
         check_duration(trace.time, run)
     if "path" not in what:
         return _aligned_in_time(trace, run, what)
-    found = _aligned_by_place(trace, run, what)
-    if found is not None:
-        return found
+    by_place = _aligned_by_place(trace, run, what)
+    if by_place is not None:
+        return by_place
     in_time = tuple("time" if quantity == "path" else quantity for quantity in what)
     note = "the trace is aligned in time: its samples do not show where on the path they are"
     return replace(_aligned_in_time(trace, run, in_time), notes=(note,))
@@ -130,7 +130,7 @@ def _aligned_by_place(trace: Trace, run: Run, what: tuple[str, ...]) -> Alignmen
     ]
     return Alignment(
         by=by,
-        at="path",
+        criterion="path",
         instants=timing.instants(trace.time) if same else best.instants,
         shift=timing.shift.value,
         offsets=offsets,
@@ -166,7 +166,7 @@ def _motion(trace: Trace, run: Run, link: str, laid: Placed) -> Motion:
     rate = spline(instants, 1)
     speed = np.linalg.norm(rate, axis=1)
     acceleration = np.sum(rate * spline(instants, 2), axis=1) / np.maximum(speed, 1e-12)
-    return Motion(trace.time[rows], instants, speed, acceleration, laid.rest[rows])
+    return Motion(trace.time[rows], instants, speed, acceleration, laid.still[rows])
 
 
 def _whole_offset(trace: Trace, link: str, laid: Placed) -> Floats:
@@ -210,7 +210,7 @@ def _aligned_in_time(trace: Trace, run: Run, what: tuple[str, ...]) -> Alignment
         offsets["nozzle"] = fit.offset
     return Alignment(
         by=by,
-        at="time",
+        criterion="time",
         instants=trace.time - fit.shift,
         shift=fit.shift,
         offsets=offsets,

@@ -20,7 +20,7 @@ _LEAST_NOISE = 1e-5  # that is named [mm or deg]
 
 def alignment_words(alignment: Alignment, run: Run) -> str:
     """Return how a trace was aligned with a run, in some sentences."""
-    sentences = [f"Aligned {_WHERE[alignment.at]}, by {alignment.by}: {_time_words(alignment)}."]
+    sentences = [f"Aligned {_WHERE[alignment.criterion]}, by {alignment.by}: {_time_words(alignment)}."]
     names = [name for name in alignment.estimates if name not in (TIME, CLOCK)]
     claimed = [name for name in names if alignment.estimates[name].distinguished]
     if claimed:
@@ -31,12 +31,12 @@ def alignment_words(alignment: Alignment, run: Run) -> str:
         listed = "; ".join(_words(name, alignment.estimates[name], run) for name in others)
         sentences.append(f"Not distinguished from zero, and left: {listed}.")
     unit = _small_unit(alignment, run)
-    left = f"rms left across the path: {DIFFERENCE.number(alignment.residual)} {unit}"
-    if alignment.at == "time":
-        left = f"residual {DIFFERENCE.number(alignment.residual)} {unit} rms"
+    remainder = f"rms left across the path: {DIFFERENCE.number(alignment.residual)} {unit}"
+    if alignment.criterion == "time":
+        remainder = f"residual {DIFFERENCE.number(alignment.residual)} {unit} rms"
     if alignment.noise > _LEAST_NOISE:
-        left += f"; noise of the samples: {DIFFERENCE.number(alignment.noise)} {unit}"
-    return " ".join([*sentences, f"{left[0].upper()}{left[1:]}."])
+        remainder += f"; noise of the samples: {DIFFERENCE.number(alignment.noise)} {unit}"
+    return " ".join([*sentences, f"{remainder[0].upper()}{remainder[1:]}."])
 
 
 def _small_unit(alignment: Alignment, run: Run) -> str:
@@ -103,7 +103,7 @@ def alignment_content(alignment: Alignment) -> dict[str, Any]:
     timing = alignment.timing
     return {
         "by": alignment.by,
-        "at": alignment.at,
+        "at": alignment.criterion,
         SHIFT.key: alignment.shift,
         ROTATION.key: alignment.rotation,
         "offsets": {name: values.tolist() for name, values in alignment.offsets.items()},

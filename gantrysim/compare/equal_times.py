@@ -286,14 +286,14 @@ class _TimeFit:
         """Return the values named with their intervals."""
         residual, slopes = self.equations(names)
         intervals = clustered_intervals(residual, slopes).tolist()
-        found = {}
+        estimates = {}
         for name, interval in zip(names, intervals, strict=True):
             if name == ROTATION:
-                found[name] = Estimate(float(np.degrees(self.turn)), float(np.degrees(interval)))
+                estimates[name] = Estimate(float(np.degrees(self.turn)), float(np.degrees(interval)))
             else:
                 value = self.shift if name == TIME else float(self.offset[self._place(name)])
-                found[name] = Estimate(value, interval)
-        return found
+                estimates[name] = Estimate(value, interval)
+        return estimates
 
     @property
     def residual(self) -> float:

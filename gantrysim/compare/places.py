@@ -54,11 +54,11 @@ class Curve:
         length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
         step = chord / _FINE
         # the first point in each step, and the last of all
-        kept = np.union1d(np.unique(np.floor(length / step), return_index=True)[1], [len(points) - 1])
-        self.row = kept.astype(np.float64)
-        self.time = time[kept]
-        self.points = points[kept]
-        self.length = length[kept]
+        rows = np.union1d(np.unique(np.floor(length / step), return_index=True)[1], [len(points) - 1])
+        self.row = rows.astype(np.float64)
+        self.time = time[rows]
+        self.points = points[rows]
+        self.length = length[rows]
         self.chord = chord
         self.fastest = float(np.linalg.norm(self.rate(time), axis=1).max())
 
@@ -168,7 +168,7 @@ class Placed:
         turn: about z [rad].
         estimates: of what was fitted, zero or not: of the offsets by number of the axis, and of the turn as "turn".
         residual: rms of what is left across the path [mm or deg].
-        rest: whether a sample stands still, (n,).
+        still: whether a sample stands still, (n,).
     """
 
     instants: Floats
@@ -176,7 +176,7 @@ class Placed:
     turn: float
     estimates: dict[int | str, Estimate]
     residual: float
-    rest: Rows
+    still: Rows
 
 
 class _Rest(NamedTuple):
@@ -263,23 +263,23 @@ class _Fit:
 
     def _paired_rests(self) -> list[_Paired]:
         pairs = []
-        ends = np.array([rest[2] for rest in self.rests_of_run])
+        ends = np.array([standstill[2] for standstill in self.rests_of_run])
         if not ends.size:
             return []
-        for rest in self.rests:
-            length = float(np.median(self.length[rest.first : rest.last + 1]))
+        for standstill in self.rests:
+            length = float(np.median(self.length[standstill.first : standstill.last + 1]))
             nearest = int(np.argmin(np.abs(ends - length)))
             if abs(ends[nearest] - length) > 2 * _WINDOW * self.curve.chord:
                 continue
             begin, end, _ = self.rests_of_run[nearest]
-            time = self.time[rest.first : rest.last + 1]
-            if rest.first == 0:
+            time = self.time[standstill.first : standstill.last + 1]
+            if standstill.first == 0:
                 instants = end - (time[-1] - time)
-            elif rest.last == len(self.time) - 1:
+            elif standstill.last == len(self.time) - 1:
                 instants = begin + (time - time[0])
             else:
                 instants = begin + (end - begin) * (time - time[0]) / max(time[-1] - time[0], 1e-12)
-            pairs.append(_Paired(slice(rest.first, rest.last + 1), instants))
+            pairs.append(_Paired(slice(standstill.first, standstill.last + 1), instants))
         return pairs
 
     def equations(self) -> tuple[Floats, Floats, NDArray[np.intp]]:
@@ -417,10 +417,10 @@ def laid_on_run(
     theirs = vertices(positions, chord)
     if min(len(ours.row), len(theirs.row)) < FEWEST_CHORDS:
         return []
-    rests_of_run = [
-        (float(run_time[rest.first]), float(run_time[rest.last]), _length_at(curve, run_time[rest.first]))
-        for rest in _rests(run_time, positions, 0.0)
-    ]
+    rests_of_run = []
+    for standstill in _rests(run_time, positions, 0.0):
+        begin = float(run_time[standstill.first])
+        rests_of_run.append((begin, float(run_time[standstill.last]), _length_at(curve, begin)))
     rows = np.arange(0, len(time), max(1, len(time) // MOST_ROWS))
     coarse = (time[rows], measured[rows])
     rests = (_rests(*coarse, noise), rests_of_run)

@@ -34,14 +34,14 @@ class Motion(NamedTuple):
         instants: of the run, (n,) [s].
         speed: of the run along its path there, (n,) [mm/s].
         acceleration: likewise, (n,) [mm/s²].
-        rest: whether the trace stands still, (n,).
+        still: whether the trace stands still, (n,).
     """
 
     time: Floats
     instants: Floats
     speed: Floats
     acceleration: Floats
-    rest: Rows
+    still: Rows
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def timing_of(motion: Motion, across: float) -> Timing | None:
         motion: the instants of the run at its samples.
         across: rms of what is left across the path [mm or deg].
     """
-    moving = ~motion.rest & (motion.speed > _MOVING * motion.speed.max())
+    moving = ~motion.still & (motion.speed > _MOVING * motion.speed.max())
     if np.count_nonzero(moving) < _FEWEST:
         return None
     time, instants, speed = (values[moving] for values in (motion.time, motion.instants, motion.speed))
@@ -106,7 +106,7 @@ _ROUNDING = 1e-9  # rate of a clock
 def _steady_ratio(motion: Motion) -> Estimate | None:
     """Return the ratio of the speeds where that of the run is steady."""
     is_steady = np.abs(motion.acceleration) <= _STEADY * float(np.abs(motion.acceleration).max())
-    is_steady &= ~motion.rest & (motion.speed > 0.5 * motion.speed.max())
+    is_steady &= ~motion.still & (motion.speed > 0.5 * motion.speed.max())
     times = []
     instants = []
     for first, after in spans(is_steady):

@@ -156,10 +156,10 @@ def scale_and_clock(trace: Trace, run: Run, alignment: Alignment) -> list[str]:
     since = (time[inside] - time[inside].mean())[:, None]
     units = np.eye(columns.size)
     slopes = [(s - s.mean(axis=0)) * unit for unit in units]
-    if alignment.at == "time":
+    if alignment.criterion == "time":
         slopes += [rate * since, rate]
     slopes += [np.broadcast_to(unit, s.shape) for unit in units]
-    if alignment.at == "path":
+    if alignment.criterion == "path":
         tangent = rate / np.maximum(np.linalg.norm(rate, axis=1), 1e-12)[:, None]
         residual, *slopes = (part - tangent * np.sum(tangent * part, axis=1)[:, None] for part in (residual, *slopes))
     matrix = np.stack([slope.ravel() for slope in slopes], axis=1)
@@ -174,7 +174,7 @@ def scale_and_clock(trace: Trace, run: Run, alignment: Alignment) -> list[str]:
         if effects[k] >= _NAMED * before:
             notes.append(_scale_note(names[column], float(fitted[k])))
     clock = columns.size
-    if alignment.at == "time" and effects[clock] >= _NAMED * before:
+    if alignment.criterion == "time" and effects[clock] >= _NAMED * before:
         way = "slow" if fitted[clock] > 0 else "fast"
         notes.append(f"the trace's clock runs {way} by {1e6 * abs(fitted[clock]):.0f} ppm against the run's")
     return [f"{note}; that is most of the difference" for note in notes]
