@@ -17,10 +17,12 @@ from scipy.optimize import least_squares, minimize
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.identify.friction_law import FrictionLaw, friction_law
+from gantrysim.identify.friction_terms import CONFIDENCE
 from gantrysim.identify.model import AxisModel
+from gantrysim.identify.pieces import WHOLE, Starts
 from gantrysim.identify.prediction import Course, Samples, innovations
 from gantrysim.identify.regression import in_motion, regression
-from gantrysim.identify.result import CONFIDENCE, MODE, PARAMETERS, SYSTEMATIC, WHITE, AxisFit, Estimate, Sensitivity
+from gantrysim.identify.result import MODE, PARAMETERS, SYSTEMATIC, WHITE, AxisFit, Estimate, Sensitivity
 from gantrysim.identify.torque_regression import TorqueRegression
 from gantrysim.identify.whiteness import LAGS, correlation, covariance_of
 
@@ -48,6 +50,7 @@ class PredictionError:
         size: standard deviation of the position noise that the encoder's counts explain [u].
         progress: called with every evaluation.
         course: of friction beside that of the model.
+        starts: of the log's pieces.
     """
 
     period: float
@@ -58,10 +61,11 @@ class PredictionError:
     size: float
     progress: Callable[[], None]
     course: Course | None = None
+    starts: Starts = WHOLE
 
     def innovations(self, model: AxisModel, noise: float) -> Floats:
         """Return the innovations of all samples, (n,) [u]."""
-        samples = Samples(self.period, self.position, self.torque, self.held, self.course)
+        samples = Samples(self.period, self.position, self.torque, self.held, self.course, self.starts)
         return innovations(model, noise / self.size, samples)
 
     def residual(self, model: AxisModel, noise: float) -> Floats:
@@ -277,6 +281,7 @@ class AxisLog:
         position: (n,) [u].
         torque: (n,) [N·m].
         held: whether the torque is a demand, held from sample to sample.
+        starts: of the pieces.
     """
 
     axis: str
@@ -286,6 +291,7 @@ class AxisLog:
     position: Floats
     torque: Floats
     held: bool
+    starts: Starts = WHOLE
 
 
 def fit_axis(nominal: AxisModel, log: AxisLog, progress: Callable[[], None] = lambda: None) -> AxisFit:
@@ -299,14 +305,14 @@ def fit_axis(nominal: AxisModel, log: AxisLog, progress: Callable[[], None] = la
     Raises:
         InputError: a log without motion, or one whose inertia is not positive or far from the machine's.
     """
-    inertia, viscous, coulomb, _ = regression(log.position, log.torque, log.period)
+    inertia, viscous, coulomb, _ = regression(log.position, log.torque, log.period, log.starts)
     if not inertia > 0:
         raise InputError(
             f"axis {log.axis}: inertia = {inertia:.3g} N·m·s²/{log.unit} by the log: must be greater than 0; check "
             "the columns of torque and position and their signs"
         )
     error = _error(log, progress)
-    sliding = TorqueRegression.of(nominal, log.period, error.position, error.torque, log.held)
+    sliding = TorqueRegression.of(nominal, log.period, error.position, error.torque, log.held, error.starts)
     law = friction_law(sliding, error.used, nominal.scale * nominal.stribeck, log.unit)
     error = replace(error, course=Course(law.level, law.ripple))
     scale = inertia / nominal.inertia
@@ -318,6 +324,7 @@ def fit_axis(nominal: AxisModel, log: AxisLog, progress: Callable[[], None] = la
         coulomb=friction,
         excess=friction * (nominal.excess / nominal.coulomb if nominal.coulomb > 0 else 0.0),
         offset=law.estimates["offset"].value,
+        difference=0.0,
         stiffness=nominal.stiffness * scale,
         damping=nominal.damping * scale,
     )
@@ -342,6 +349,7 @@ def fit_axis(nominal: AxisModel, log: AxisLog, progress: Callable[[], None] = la
         position=error.position,
         torque=error.torque,
         held=log.held,
+        starts=error.starts,
         sensitivity=best.sensitivity,
         predicted=best.model,
         law=law,
@@ -358,12 +366,16 @@ def _with_law(best: Minimum, law: FrictionLaw) -> tuple[AxisModel, dict[str, Est
     coulomb = max(estimates["coulomb"].value, 0.0)
     excess = max(best.model.static - coulomb, 0.0)
     estimates["excess"] = replace(estimates["excess"], value=excess)
+    difference = 0.0
+    if "viscous_forward" in estimates:
+        difference = 0.5 * (estimates["viscous_forward"].value - estimates["viscous_back"].value)
     model = replace(
         best.model,
         viscous=max(estimates["viscous"].value, 0.0),
         coulomb=coulomb,
         excess=excess,
         offset=estimates["offset"].value,
+        difference=difference,
     )
     return model, {name: estimates[name] for name in PARAMETERS if name in estimates}
 
@@ -372,10 +384,18 @@ def _error(log: AxisLog, progress: Callable[[], None]) -> PredictionError:
     """Return the prediction error over the moves of a log, from some samples before the first to the last."""
     # counts are uniformly distributed, of variance resolution² / 12; a log may be rounded further
     size = max(log.resolution / math.sqrt(12), 1e-3 * float(np.std(np.diff(log.position))), 1e-12)
-    used = in_motion(log.position, log.period, log.resolution)
+    used = in_motion(log.position, log.period, log.resolution, log.starts)
     first, last = np.flatnonzero(used)[[0, -1]]
-    moves = slice(max(first - LAGS, 0), last + 1)
-    return PredictionError(log.period, log.position[moves], log.torque[moves], log.held, used[moves], size, progress)
+    begin = max(int(first) - LAGS, 0)
+    moves = slice(begin, int(last) + 1)
+    starts = (0, *(start - begin for start in log.starts if begin < start <= last))
+    # the predictor takes some samples to find the state of a piece that begins in motion
+    used = used[moves]
+    for start in starts:
+        used[start : start + LAGS] = False
+    return PredictionError(
+        log.period, log.position[moves], log.torque[moves], log.held, used, size, progress, starts=starts
+    )
 
 
 def _fitted_model(error: PredictionError, start: AxisModel) -> tuple[Minimum, AxisModel]:
@@ -388,7 +408,12 @@ def _fitted_model(error: PredictionError, start: AxisModel) -> tuple[Minimum, Ax
     rigid = refined_minimum(error, nearest, noise, list(_RIGID), _FIRST_EVALUATIONS)
     # beyond half the rate, samples do not show the table's mode
     if not start.resonance < _HELD / error.period:
-        return refined_minimum(error, rigid.model, rigid.noise, list(_RIGID)), rigid.model
+        fits = [refined_minimum(error, rigid.model, rigid.noise, list(_RIGID))]
+        # nothing says that the table's mode is right either
+        if start.share:
+            fits.append(refined_minimum(error, replace(rigid.model, share=0.0), rigid.noise, list(_RIGID)))
+        best = min(fits, key=lambda fit: fit.cost)
+        return best, best.model
     grid = [
         replace(rigid.model, share=share * start.share, stiffness=factor * start.stiffness)
         for share in _SHARES

@@ -13,7 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.identify.friction_terms import COGGING, LOAD, POSITION, POSITIVE, SQUARE, STRIBECK, Term
+from gantrysim.identify.friction_terms import (
+    DIRECTION,
+    LOAD,
+    OWN,
+    PERIODIC,
+    POSITION,
+    POSITIVE,
+    SQUARE,
+    STRIBECK,
+    Term,
+)
 from gantrysim.identify.parts import partitions
 from gantrysim.identify.result import Estimate, FrictionLaw
 from gantrysim.identify.torque_regression import NAMES, Solution, TorqueRegression
@@ -24,8 +34,10 @@ _MOST_TERMS = 4  # terms
 _GAIN = 0.05  # least share of the remaining torque's variance that a term explains
 _SIGNIFICANT_TERM = 16.0  # least squared coefficient over its variance, per coefficient
 _STRIBECK_SPEEDS = (0.45, 1.5, 4.5, 15.0)  # that are tried, times the table's
-_LONGEST = 0.75  # period over the travel, of the log's travel: a longer one is a slope, which other terms have too
+_LONGEST = 1 / 3  # period over the travel, of the log's travel: of a longer one nothing shows that it repeats
 _SHORTEST = 1 / 80  # the same
+_TIMES = 3  # parts of the time, of which one at a time is left out
+_PLACES = 4  # of the travel
 _STEP = 0.25  # of the scan, in periods over the whole travel
 _PEAKS = 3  # of the scan that are tried
 _FINE_SCAN = (-0.25, -0.125, 0.0, 0.125, 0.25)  # around a peak, in periods over the whole travel
@@ -50,6 +62,8 @@ class Candidate(NamedTuple):
 def chosen_terms(regression: TorqueRegression, stribeck: float) -> tuple[tuple[Term, ...], Solution, list[Candidate]]:
     """Return the terms that a log needs, the regression with them, and the candidates that were not taken.
 
+    A periodic term comes after all others, as waves over the travel imitate them.
+
     Args:
         regression: of the log.
         stribeck: Stribeck speed of the machine's table [u/s].
@@ -57,8 +71,13 @@ def chosen_terms(regression: TorqueRegression, stribeck: float) -> tuple[tuple[T
     terms: tuple[Term, ...] = ()
     solution = regression.solved(terms)
     while True:
-        others = list(_candidates(regression, terms, solution, stribeck))
-        worthy = [other for other in others if other.gain > _GAIN and other.evidence > _SIGNIFICANT_TERM]
+        plain = list(_candidates(regression, terms, solution, _plain_terms(terms, stribeck)))
+        worthy = [other for other in plain if _is_worthy(other)]
+        others = plain
+        if not worthy:
+            waves = list(_candidates(regression, terms, solution, _waves(regression, solution)))
+            worthy = [other for other in waves if _is_worthy(other) and _repeats(regression, solution, other)]
+            others = plain + waves
         if not worthy or len(terms) == _MOST_TERMS:
             return terms, solution, others
         best = max(worthy, key=lambda other: other.gain)
@@ -66,28 +85,70 @@ def chosen_terms(regression: TorqueRegression, stribeck: float) -> tuple[tuple[T
         solution = best.solution
 
 
-def _candidates(
-    regression: TorqueRegression, terms: tuple[Term, ...], solution: Solution, stribeck: float
-) -> Iterator[Candidate]:
-    """Yield what one more term would explain; a coefficient of the wrong sign is none."""
+def _is_worthy(candidate: Candidate) -> bool:
+    return candidate.gain > _GAIN and candidate.evidence > _SIGNIFICANT_TERM
+
+
+def _plain_terms(terms: tuple[Term, ...], stribeck: float) -> list[Term]:
+    """Return the terms that do not repeat over the travel and are not among the chosen ones."""
     kinds = {term.kind for term in terms}
-    tried = [Term(kind) for kind in (SQUARE, LOAD) if kind not in kinds]
+    tried = [Term(kind) for kind in (DIRECTION, SQUARE, LOAD) if kind not in kinds]
     if STRIBECK not in kinds:
         tried += [Term(STRIBECK, factor * stribeck) for factor in _STRIBECK_SPEEDS]
-    for kind in (POSITION, COGGING):
-        periodic = _periodic(regression, solution, kind)
-        if periodic is not None:
-            tried.append(periodic)
+    return tried
+
+
+def _waves(regression: TorqueRegression, solution: Solution) -> list[Term]:
+    """Return the best term of each kind that repeats over the travel."""
+    waves = (_periodic(regression, solution, kind) for kind in PERIODIC)
+    return [wave for wave in waves if wave is not None]
+
+
+def _candidates(
+    regression: TorqueRegression, terms: tuple[Term, ...], solution: Solution, tried: list[Term]
+) -> Iterator[Candidate]:
+    """Yield what one more term would explain; a coefficient of the wrong sign is none."""
     before = float(solution.remainder @ solution.remainder)
+    first = len(solution.values)
     for term in tried:
         extended = regression.solved((*terms, term))
-        first = len(NAMES) + sum(regression.columns_of(other).shape[1] for other in terms)
         values = extended.values[first:]
         if term.kind in POSITIVE and values[0] < 0:
             continue
         gain = 1 - float(extended.remainder @ extended.remainder) / max(before, 1e-300)
         weight = np.linalg.pinv(extended.covariance[first:, first:])
         yield Candidate(term, extended, gain, float(values @ weight @ values) / values.size)
+
+
+def _repeats(regression: TorqueRegression, without: Solution, candidate: Candidate) -> bool:
+    """Whether a wave explains the torque of parts of the log that its coefficients were not fitted to.
+
+    Thirds of the time and quarters of the travel are left out in turn: what is there by chance at some time or place,
+    or is no wave, does not repeat there.
+    """
+    position = regression.motion.position[regression.slides]
+    for values, count in ((np.arange(position.size, dtype=np.float64), _TIMES), (position, _PLACES)):
+        edges = np.linspace(values.min(), values.max(), count + 1)[1:-1]
+        part = np.searchsorted(edges, values)
+        before = _held_out(without, part, count)
+        after = _held_out(candidate.solution, part, count)
+        if not after < (1 - 0.5 * _GAIN) * before:
+            return False
+    return True
+
+
+def _held_out(solution: Solution, part: NDArray[np.int64], count: int) -> float:
+    """Return the sum of squares of what a regression leaves in each part when fitted to all others."""
+    matrix = solution.matrix
+    whole = matrix.T @ matrix
+    total = 0.0
+    for k in range(count):
+        inside = part == k
+        inner = matrix[inside]
+        # the normal equations without the part; the remainder is orthogonal to the whole matrix
+        change = -np.linalg.pinv(whole - inner.T @ inner) @ (inner.T @ solution.remainder[inside])
+        total += float(np.sum((solution.remainder[inside] - inner @ change) ** 2))
+    return total
 
 
 def _periodic(regression: TorqueRegression, solution: Solution, kind: str) -> Term | None:
@@ -133,10 +194,9 @@ def _peaks(waves: Floats, power: Floats, apart: float) -> list[float]:
     return peaks
 
 
-FRICTION = ("viscous", "coulomb", "offset")
-_SIGNS = {"viscous": 1.0, "coulomb": 1.0, "offset": -1.0}  # the model's constant torque drives, the regression's brakes
 _SCATTER = 2.0  # factor on deviations of the regression: blocks of a log are not as independent as a formula has it
-_LEAST_DEVIATION = {"viscous": 0.015, "coulomb": 0.01}  # deviation that no log undercuts, of the value
+# deviation that no log undercuts, of the value
+_LEAST_DEVIATION = {"viscous": 0.015, "viscous_forward": 0.015, "viscous_back": 0.015, "coulomb": 0.01}
 _OFFSET = 0.01  # the same of the constant torque, of the Coulomb friction
 _LOAD = 0.03  # deviation of Coulomb friction beside a friction by load, which it resembles, of its value
 _SIGNIFICANT = 3.0  # standard deviations from which a change without a part of the log counts
@@ -154,7 +214,8 @@ def friction_law(regression: TorqueRegression, used: NDArray[np.bool_], stribeck
     """
     terms, solution, others = chosen_terms(regression, stribeck)
     level, ripple, words = _course(regression, terms, solution, unit)
-    masks = partitions(regression.motion.position, regression.motion.torque, used, regression.period)
+    motion = regression.motion
+    masks = partitions(motion.position, motion.torque, used, regression.period, regression.starts)
     unevenness = _unevenness(regression, solution, masks)
     return FrictionLaw(
         estimates=_estimates(terms, solution, others, _without_parts(regression, solution, masks)),
@@ -181,54 +242,86 @@ def _course(
     first = len(NAMES)
     for term in terms:
         shapes = np.stack(term.levels(motion))
-        values = solution.values[first : first + len(shapes)]
-        first += len(shapes)
-        if term.kind == COGGING:
+        mine = slice(first, first + len(shapes))
+        values = solution.values[mine]
+        first = mine.stop
+        if term.kind in OWN:
             ripple += values @ shapes
         else:
             level += values @ shapes
-        words.append(term.words(values, coulomb, fastest, unit))
+        words.append(term.words(values, solution.covariance[mine, mine], coulomb, fastest, unit))
     return level, ripple, tuple(words)
 
 
+def _quantities(terms: tuple[Term, ...], solution: Solution) -> dict[str, Floats]:
+    """Return the friction's values as sums of the regression's coefficients, (p,) each."""
+    unit = np.eye(solution.values.size)
+    viscous = unit[NAMES.index("viscous")]
+    # the model's constant torque drives, the regression's brakes
+    quantities = {"viscous": viscous, "coulomb": unit[NAMES.index("coulomb")], "offset": -unit[NAMES.index("offset")]}
+    if any(term.kind == DIRECTION for term in terms):
+        difference = unit[_column(terms, DIRECTION)]
+        quantities |= {"viscous_forward": viscous + difference, "viscous_back": viscous - difference}
+    return quantities
+
+
+def _column(terms: tuple[Term, ...], kind: str) -> int:
+    """Return the first column of a term."""
+    kinds = [term.kind for term in terms]
+    return len(NAMES) + sum(2 if term.kind in PERIODIC else 1 for term in terms[: kinds.index(kind)])
+
+
 def _estimates(
-    terms: tuple[Term, ...], solution: Solution, others: list[Candidate], without_parts: Floats
+    terms: tuple[Term, ...], solution: Solution, others: list[Candidate], without: list[_WithoutPart]
 ) -> dict[str, Estimate]:
     """Return viscous and Coulomb friction and the constant torque with their deviations."""
     coulomb = abs(float(solution.values[NAMES.index("coulomb")]))
     estimates = {}
-    for name in FRICTION:
-        k = NAMES.index(name)
-        value = _SIGNS[name] * float(solution.values[k])
-        variance = float(solution.covariance[k, k])
-        with_others = [_moved_by_term(solution, other.solution, k) for other in others]
+    for name, quantity in _quantities(terms, solution).items():
+        value = float(quantity @ solution.values)
+        variance = float(quantity @ solution.covariance @ quantity)
+        with_others = [_moved_by_term(solution, other.solution, quantity) for other in others]
         floor = _OFFSET * coulomb if name == "offset" else _LEAST_DEVIATION[name] * abs(value)
         if name == "coulomb" and any(term.kind == LOAD for term in terms):
             floor = _LOAD * abs(value)
         scatter = _SCATTER * float(np.sqrt(max(variance, 0.0)))
-        deviation = float(np.linalg.norm([scatter, max(with_others, default=0.0), without_parts[k], floor]))
+        with_part = _moved_by_part(solution, without, quantity)
+        deviation = float(np.linalg.norm([scatter, max(with_others, default=0.0), with_part, floor]))
         estimates[name] = Estimate(value, deviation)
     return estimates
 
 
-def _moved_by_term(solution: Solution, extended: Solution, k: int) -> float:
-    """Return how far a coefficient moves with one more term, beyond the scatter of that move.
+def _moved_by_term(solution: Solution, extended: Solution, quantity: Floats) -> float:
+    """Return how far a quantity moves with one more term, beyond the scatter of that move.
 
     The difference of the variances is the move's own (J. Hausman, Econometrica 46, 1978).
     """
-    change = float(extended.values[k] - solution.values[k])
-    scatter = float(extended.covariance[k, k] - solution.covariance[k, k])
+    count = quantity.size
+    change = float(quantity @ (extended.values[:count] - solution.values))
+    scatter = float(quantity @ (extended.covariance[:count, :count] - solution.covariance) @ quantity)
     return float(np.sqrt(max(change**2 - max(scatter, 0.0), 0.0)))
+
+
+class _WithoutPart(NamedTuple):
+    """A regression without a part of the log.
+
+    Attributes:
+        change: of the coefficients, (p,).
+        inverse: of its normal matrix, (p, p).
+    """
+
+    change: Floats
+    inverse: Floats
 
 
 def _without_parts(
     regression: TorqueRegression, solution: Solution, masks: dict[str, list[NDArray[np.bool_]]]
-) -> Floats:
-    """Return the largest significant change of each coefficient of `NAMES` with a part of the log left out, (6,)."""
-    largest = np.zeros(len(NAMES))
+) -> list[_WithoutPart]:
+    """Return what the regression becomes with each part of the log left out."""
+    without = []
     matrix = solution.matrix
     whole = matrix.T @ matrix
-    deviation = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))
+    sizes = np.outer(solution.sizes, solution.sizes)
     for parts in masks.values():
         for part in parts:
             inside = part[regression.slides]
@@ -236,12 +329,27 @@ def _without_parts(
                 continue
             # the normal equations without the part; the remainder is orthogonal to the whole matrix
             inner = matrix[inside]
-            remaining = whole - inner.T @ inner
-            change = -np.linalg.pinv(remaining) @ (inner.T @ solution.remainder[inside]) / solution.sizes
-            share = np.sqrt(np.diag(np.linalg.pinv(whole)) / np.maximum(np.diag(np.linalg.pinv(remaining)), 1e-300))
-            counted = np.abs(change) * np.minimum(share, 1.0)
-            counted = np.where(counted > _SIGNIFICANT * deviation, counted, 0.0)
-            largest = np.maximum(largest, counted[: len(NAMES)])
+            inverse = np.linalg.pinv(whole - inner.T @ inner)
+            change = -inverse @ (inner.T @ solution.remainder[inside]) / solution.sizes
+            without.append(_WithoutPart(change, inverse / sizes))
+    return without
+
+
+def _moved_by_part(solution: Solution, without: list[_WithoutPart], quantity: Floats) -> float:
+    """Return the largest significant change of a quantity with a part of the log left out.
+
+    Where the rest of the log tells less of the quantity than the whole, its change counts in proportion.
+    """
+    deviation = float(np.sqrt(max(quantity @ solution.covariance @ quantity, 0.0)))
+    matrix = solution.matrix
+    inverse = np.linalg.pinv(matrix.T @ matrix) / np.outer(solution.sizes, solution.sizes)
+    known = float(quantity @ inverse @ quantity)
+    largest = 0.0
+    for part in without:
+        share = float(np.sqrt(known / max(quantity @ part.inverse @ quantity, 1e-300)))
+        change = abs(float(quantity @ part.change)) * min(share, 1.0)
+        if change > _SIGNIFICANT * deviation:
+            largest = max(largest, change)
     return largest
 
 

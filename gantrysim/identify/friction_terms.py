@@ -2,28 +2,36 @@
 
 With w the motor's speed, s its direction, x the position and T the torque at the motor:
 
+    direction              |w|
     square of the speed    w |w|
     load                   |T| s
     Stribeck               exp(-|w| / ws) s
     position               sin(2 pi x / L) s, cos(2 pi x / L) s
     cogging                sin(2 pi x / L), cos(2 pi x / L)
 
-All but the last scale the level of the friction; cogging is a torque of its own.
+Viscous friction that differs by direction, and cogging, are torques of their own; all others scale the level of the
+friction.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from gantrysim.base.arrays import Floats
 
+CONFIDENCE = 1.96  # standard deviations of a 95 % interval
+
+DIRECTION = "direction"
 SQUARE = "square"
 LOAD = "load"
 STRIBECK = "Stribeck"
 POSITION = "position"
 COGGING = "cogging"
+OWN = (DIRECTION, COGGING)  # whose torque does not turn with the motion
+PERIODIC = (POSITION, COGGING)
 POSITIVE = (SQUARE, LOAD, STRIBECK)  # negative, they would drive the axis, or be another term
 
 
@@ -58,6 +66,8 @@ class Term(NamedTuple):
 
     def levels(self, motion: Motion) -> list[Floats]:
         """Return what the term's coefficients multiply: levels of friction without their direction, or torques."""
+        if self.kind == DIRECTION:
+            return [np.abs(motion.speed)]
         if self.kind == SQUARE:
             return [motion.speed**2]
         if self.kind == LOAD:
@@ -69,27 +79,34 @@ class Term(NamedTuple):
 
     def torques(self, motion: Motion) -> list[Floats]:
         """Return the torques against the motion that the term's coefficients multiply."""
-        if self.kind == COGGING:
+        if self.kind in OWN:
             return self.levels(motion)
         return [motion.direction * level for level in self.levels(motion)]
 
-    def words(self, coefficients: Floats, coulomb: float, fastest: float, unit: str) -> str:
+    def words(self, coefficients: Floats, covariance: Floats, coulomb: float, fastest: float, unit: str) -> str:
         """Return the term in words.
 
         Args:
-            coefficients: of the term.
+            coefficients: of the term, (k,).
+            covariance: of these, (k, k).
             coulomb: Coulomb friction beside it [N·m].
             fastest: speed of the log's fast moves [u/s].
             unit: of the position, u.
         """
+        first = float(coefficients[0])
+        if self.kind == DIRECTION:
+            way = "forwards" if first > 0 else "back"
+            share = 2 * abs(first) * fastest
+            return f"viscous friction by direction, {share:.2g} N·m more {way} at {fastest:.3g} {unit}/s"
         if self.kind == SQUARE:
-            share = coefficients[0] * fastest**2
-            return f"drag by the square of the speed, {share:.2g} N·m at {fastest:.3g} {unit}/s"
+            return f"drag by the square of the speed, {first * fastest**2:.2g} N·m at {fastest:.3g} {unit}/s"
         if self.kind == LOAD:
-            return f"friction by load, {100 * coefficients[0]:.2g} % of the motor's torque"
+            return f"friction by load, {100 * first:.2g} % of the motor's torque"
         if self.kind == STRIBECK:
-            return f"Stribeck friction, {coefficients[0]:.2g} N·m more at rest, gone beyond {self.size:.2g} {unit}/s"
+            return f"Stribeck friction, {first:.2g} N·m more at rest, gone beyond {self.size:.2g} {unit}/s"
         size = float(np.hypot(*coefficients))
+        half = CONFIDENCE * math.sqrt(float(coefficients @ covariance @ coefficients)) / max(size, 1e-300)
         if self.kind == COGGING:
-            return f"cogging of ± {size:.2g} N·m over every {self.size:.3g} {unit}"
-        return f"friction over the travel, ± {100 * size / max(coulomb, 1e-300):.2g} % every {self.size:.3g} {unit}"
+            return f"cogging of {size:.2g} (± {half:.1g}) N·m over every {self.size:.3g} {unit}"
+        share = 100 / max(coulomb, 1e-300)
+        return f"friction over the travel, {share * size:.2g} (± {share * half:.1g}) % every {self.size:.3g} {unit}"

@@ -33,6 +33,8 @@ _PEAK = 8.0  # of a residual's spectrum over its median, from which it is a mode
 REPORTED = {
     "inertia": ("kg", "kg·m²"),
     "viscous": ("N·s/m", "N·m·s/rad"),
+    "viscous_forward": ("N·s/m", "N·m·s/rad"),
+    "viscous_back": ("N·s/m", "N·m·s/rad"),
     "coulomb": ("N·m", "N·m"),
     "static": ("N·m", "N·m"),
     "offset": ("N·m", "N·m"),
@@ -42,7 +44,14 @@ REPORTED = {
     "damping": ("N·s/m", "N·m·s/rad"),
     "gap": ("mm", "deg"),
 }
-_OF_THE_AXIS = ("inertia", "viscous", "stiffness", "damping")  # reported at the axis, not at the motor
+_OF_THE_AXIS = (
+    "inertia",
+    "viscous",
+    "viscous_forward",
+    "viscous_back",
+    "stiffness",
+    "damping",
+)  # reported at the axis, not at the motor
 
 
 @dataclass(frozen=True)
@@ -159,14 +168,25 @@ class Identification:
     def _accepted(self, fit: AxisFit, judgement: Judgement) -> AxisFit:
         model = fit.model
         table = fit.nominal
-        names = {name for name in judgement.estimates if not judgement.reason(name)}
-        values = {name: getattr(model, name) for name in ("inertia", "viscous", "coulomb") if name in names}
-        accepted = replace(table, **values)
-        if "static" in names:
-            accepted = replace(accepted, excess=max(model.static - accepted.coulomb, 0.0))
+        adopted = judgement.adopted(fit)
+        accepted = table
+        if "inertia" in adopted:
+            accepted = replace(accepted, inertia=model.inertia)
+        if "coulomb" in adopted:
+            # static friction keeps its ratio where the log does not show it
+            ratio = table.excess / table.coulomb if table.coulomb > 0 else 0.0
+            excess = max(model.static - model.coulomb, 0.0) if "static" in adopted else ratio * model.coulomb
+            accepted = replace(
+                accepted,
+                viscous=model.viscous,
+                difference=model.difference,
+                coulomb=model.coulomb,
+                offset=model.offset,
+                excess=excess,
+            )
         estimates = fit.estimates
-        if {"share", "stiffness"} <= names and fit.shows_mode:
-            damping = model.damping if "damping" in names else table.damping
+        if "stiffness" in adopted:
+            damping = model.damping if "damping" in adopted else table.damping
             accepted = replace(accepted, share=model.share, stiffness=model.stiffness, damping=damping)
         else:
             estimates = {name: estimate for name, estimate in estimates.items() if name not in MODE}
@@ -218,6 +238,7 @@ def identify(machine: Machine, log: Log, progress: Callable[[float], None] = lam
             position=log.position[:, column],
             torque=log.torque[:, column],
             held=log.held,
+            starts=log.starts,
         )
         _check_log(axis, nominal, axis_log)
         # a measured torque has the winding's lag behind it
@@ -237,15 +258,15 @@ def identify(machine: Machine, log: Log, progress: Callable[[float], None] = lam
 def _check_log(axis: Axis, table: AxisModel, log: AxisLog) -> None:
     position = log.position
     torque = log.torque
-    ratio = inertia_ratio(table, position, torque, log.period)
-    check_swapped(axis.name, position, torque, log.period)
+    ratio = inertia_ratio(table, position, torque, log.period, log.starts)
+    check_swapped(axis.name, position, torque, log.period, log.starts)
     check_travel(axis, position, ratio)
     check_excitation(axis, position, torque, ratio)
     check_sampling(axis, position, log.period)
-    check_columns(axis.name, position, torque, log.period)
+    check_columns(axis.name, position, torque, log.period, log.starts)
     check_torque(axis, torque, ratio)
     check_inertia(axis, ratio)
-    check_encoder(axis, table, position, torque, log.period)
+    check_encoder(axis, table, position, torque, log.period, log.starts)
 
 
 def friction_words(fit: AxisFit) -> str:

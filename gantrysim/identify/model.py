@@ -50,6 +50,8 @@ class AxisModel:
         deflection: Fc / s0: of the bristles in sliding, at slow speed [rad].
         bristle_time: s1 / s0 [s].
         lag: electrical time constant between torque demand and torque; 0 for a log of the torque itself [s].
+        difference: half the difference of viscous friction, forwards less back, of which b is the mean; no part of the
+            prediction, which has it as a `Course` [N·m·s/u].
     """
 
     inertia: float
@@ -68,6 +70,17 @@ class AxisModel:
     deflection: float
     bristle_time: float
     lag: float
+    difference: float = 0.0
+
+    @property
+    def viscous_forward(self) -> float:
+        """Viscous friction in forward motion [N·m·s/u]."""
+        return self.viscous + self.difference
+
+    @property
+    def viscous_back(self) -> float:
+        """Viscous friction in backward motion [N·m·s/u]."""
+        return self.viscous - self.difference
 
     @property
     def static(self) -> float:
@@ -162,7 +175,7 @@ def model_of(machine: Machine, axis: int) -> AxisModel:
         viscous=driven.viscous,
         coulomb=coulomb,
         excess=excess,
-        offset=0.0,
+        offset=driven.constant_torque,
         delay=0.0,
         gap=0.0,
         filled=False,
@@ -171,6 +184,7 @@ def model_of(machine: Machine, axis: int) -> AxisModel:
         deflection=deflection,
         bristle_time=bristle_time,
         lag=driven.lag,
+        difference=driven.viscous_difference,
     )
 
 

@@ -24,6 +24,8 @@ OUTPUT = Output("identification", VALUES, (VALUES, MACHINE, *(f"{name}.png" for 
 _NAMES = {
     "inertia": "inertia, whole",
     "viscous": "viscous friction",
+    "viscous_forward": "viscous friction forwards",
+    "viscous_back": "viscous friction back",
     "coulomb": "Coulomb friction",
     "static": "static friction",
     "offset": "constant torque",

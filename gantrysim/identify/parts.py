@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from gantrysim.base.arrays import Floats
+from gantrysim.identify.pieces import WHOLE, Starts, gradient, smoothed
 
 _SMOOTH = 0.004  # standard deviation of the filter of speed and torque that sort samples [s]
 
 
 def partitions(
-    position: Floats, torque: Floats, used: NDArray[np.bool_], period: float
+    position: Floats, torque: Floats, used: NDArray[np.bool_], period: float, starts: Starts = WHOLE
 ) -> dict[str, list[NDArray[np.bool_]]]:
     """Return masks over all samples, (n,) each, by the quantity in which parts differ; samples at rest are in none.
 
@@ -21,10 +21,11 @@ def partitions(
         torque: (n,) [N·m].
         used: whether a sample is in motion, (n,) bool.
         period: of the samples [s].
+        starts: of the pieces.
     """
     width = max(_SMOOTH / period, 1.0)
-    speed = gaussian_filter1d(np.gradient(position, period), width)
-    size = np.abs(gaussian_filter1d(torque, width))
+    speed = smoothed(gradient(position, period, starts), width, starts)
+    size = np.abs(smoothed(torque, width, starts))
     time = np.arange(used.size, dtype=np.float64)
     return {
         "time": _as_many(time, used, 3),

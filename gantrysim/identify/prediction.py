@@ -14,15 +14,19 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.jit import jit
 from gantrysim.identify.model import AxisModel
+from gantrysim.identify.pieces import WHOLE, Starts, by_piece
 from gantrysim.identify.small import kalman_gain, sampled_system
 
 _SUBSTEP = 1.25e-4  # longest step of the friction [s]
 _MOST_SUBSTEPS = 16
 _LEAST_TORQUE = 1e-9  # of a friction, so that nothing divides by zero [N·m]
+_FIRST = 0.008  # time at the start of a piece from which its first speed is found [s]
+_FEWEST = 6  # samples of it
 _LEAST_SHARE = 0.05  # of Coulomb friction that a varying level leaves: no friction drives an axis
 
 
@@ -95,6 +99,7 @@ class Samples(NamedTuple):
         torque: (n,) [N·m].
         held: whether a torque is held until the next sample, as a demand is; else it is linear in between.
         course: of friction beside the model's; None without.
+        starts: of the pieces; each may begin in motion.
     """
 
     period: float
@@ -102,6 +107,16 @@ class Samples(NamedTuple):
     torque: Floats
     held: bool
     course: Course | None = None
+    starts: Starts = WHOLE
+
+    def speeds(self) -> Floats:
+        """Return the speed at the start of each piece, by a parabola through its first samples, (pieces,) [u/s]."""
+        count = max(round(_FIRST / self.period), _FEWEST)
+        speeds = []
+        for piece in np.split(self.position, self.starts[1:]):
+            first = piece[:count]
+            speeds.append(np.polynomial.Polynomial.fit(np.arange(first.size), first, 2).deriv()(0.0) / self.period)
+        return np.array(speeds)
 
 
 def innovations(model: AxisModel, noise: float, samples: Samples) -> Floats:
@@ -129,13 +144,16 @@ def innovations(model: AxisModel, noise: float, samples: Samples) -> Floats:
         free_gain = np.concatenate([kalman_gain(*sampled_system(A, inputs, period), noise), np.zeros(2)])
     predictor = Predictor(period / count, F, G, gain, free_gain)
     friction = Friction(model.coulomb, model.excess, model.stribeck, model.deflection, model.bristle_time, model.scale)
-    means = effective_torque(model, period, samples.torque, count, samples.held)
+    means = by_piece(
+        lambda torque: effective_torque(model, period, torque, count, samples.held), samples.torque, samples.starts
+    )
     level = np.zeros(position.size)
     if course is not None:
         means = means - course.ripple[:, None]
         level = course.level
     spring = Spring(model.stiffness, 0.0 if model.filled else model.damping, model.gap)
-    return _predict(position, means, predictor, friction, spring, level)
+    starts = np.array(samples.starts, np.int64)
+    return _predict(position, means, predictor, friction, spring, level, starts, samples.speeds())
 
 
 def error_variance(model: AxisModel, noise: float, period: float) -> float:
@@ -195,7 +213,14 @@ def _lagged_means(means: Floats, decay: float, steps: float) -> Floats:
 
 @jit
 def _predict(
-    position: Floats, torque: Floats, predictor: Predictor, friction: Friction, spring: Spring, level: Floats
+    position: Floats,
+    torque: Floats,
+    predictor: Predictor,
+    friction: Friction,
+    spring: Spring,
+    level: Floats,
+    starts: NDArray[np.int64],
+    speeds: Floats,
 ) -> Floats:
     """Return the innovations, (n,) [u].
 
@@ -208,6 +233,8 @@ def _predict(
         friction: of the motor.
         spring: between motor and load.
         level: of friction added to Coulomb friction, (n,) [N·m].
+        starts: of the pieces, (k,).
+        speeds: at these, (k,) [u/s].
     """
     step, F, G, gain, free_gain = predictor
     _, excess, stribeck, deflection, bristle_time, scale = friction
@@ -221,9 +248,15 @@ def _predict(
     # stiffness of the bristles [N·m/rad]
     bristles = constant / deflection
     z = 0.0
-    for i in range(0, n, 2):
-        x[i] = position[0]
+    piece = 0
     for tick in range(position.size):
+        if piece < starts.size and tick == starts[piece]:
+            # motor and load move together; bristles are stretched as far as they are in sliding, less near rest
+            for i in range(0, n, 2):
+                x[i] = position[tick]
+                x[i + 1] = speeds[piece]
+            z = constant / bristles * math.tanh(speeds[piece] / (scale * stribeck))
+            piece += 1
         error = position[tick] - x[0]
         out[tick] = error
         coulomb = max(constant + level[tick], _LEAST_SHARE * constant)

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
-from gantrysim.identify.friction_terms import Term
+from gantrysim.identify.friction_terms import CONFIDENCE, Term
 from gantrysim.identify.model import AxisModel
+from gantrysim.identify.pieces import WHOLE, Starts
 from gantrysim.identify.whiteness import correlation
 
-CONFIDENCE = 1.96  # standard deviations of a 95 % interval
 KNOWN = 0.15  # largest half interval of an identified parameter, of its value
 # the same of the damping, which answers to a hundredth of the period between spring and damper: the engine's own step
 # of 0.25 ms takes a quarter of it from a mode at 324 Hz
@@ -37,6 +37,8 @@ MODE = ("share", "stiffness", "damping")
 PARAMETERS = {
     "inertia": "N·m·s²/u",
     "viscous": "N·m·s/u",
+    "viscous_forward": "N·m·s/u",
+    "viscous_back": "N·m·s/u",
     "coulomb": "N·m",
     "excess": "N·m",
     "static": "N·m",
@@ -131,6 +133,7 @@ class AxisFit:
         position: fitted part of the log, (n,) [u].
         torque: likewise, (n,) [N·m].
         held: whether the torque is a demand, held until the next sample.
+        starts: of the pieces.
         sensitivity: of the residual of the samples in motion to the parameters.
         predicted: the model whose predictions the innovations are of; its friction is that of the predictions alone.
         law: friction by the torque of the sliding axis.
@@ -153,6 +156,7 @@ class AxisFit:
     sensitivity: Sensitivity
     predicted: AxisModel
     law: FrictionLaw
+    starts: Starts = WHOLE
 
     @property
     def residual(self) -> Floats:

@@ -17,11 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from gantrysim.base.arrays import Floats
 from gantrysim.identify.friction_terms import Motion, Term
 from gantrysim.identify.model import AxisModel
+from gantrysim.identify.pieces import WHOLE, Starts, by_piece, gradient, inside, smoothed
 from gantrysim.identify.prediction import effective_torque
 
 WIDTH = 0.004  # standard deviation of the low-pass [s]
@@ -61,14 +61,24 @@ class TorqueRegression:
         period: of the samples [s].
         motion: at each sample, (n,).
         slides: whether a sample counts, (n,) bool.
+        starts: of the log's pieces.
     """
 
     period: float
     motion: Motion
     slides: NDArray[np.bool_]
+    starts: Starts = WHOLE
 
     @classmethod
-    def of(cls, model: AxisModel, period: float, position: Floats, torque: Floats, held: bool) -> TorqueRegression:
+    def of(
+        cls,
+        model: AxisModel,
+        period: float,
+        position: Floats,
+        torque: Floats,
+        held: bool,
+        starts: Starts = WHOLE,
+    ) -> TorqueRegression:
         """Return the regression of a log.
 
         Args:
@@ -77,29 +87,30 @@ class TorqueRegression:
             position: (n,) [u].
             torque: (n,) [N·m].
             held: whether the torque is a demand, held from sample to sample.
+            starts: of the pieces.
         """
         width = WIDTH / period
-        after = effective_torque(model, period, torque, _STEPS, held).mean(axis=1)
-        before = np.concatenate([after[:1], after[:-1]])
-        speed = np.gradient(position, period)
+        after = by_piece(
+            lambda piece: effective_torque(model, period, piece, _STEPS, held).mean(axis=1), torque, starts
+        )
+        before = by_piece(lambda piece: np.concatenate([piece[:1], piece[:-1]]), after, starts)
+        speed = gradient(position, period, starts)
         motion = Motion(
             position=position,
             speed=speed,
-            calm=gaussian_filter1d(speed, max(_CALM / period, 0.5)),
-            direction=_direction(position),
+            calm=smoothed(speed, max(_CALM / period, 0.5), starts),
+            direction=by_piece(_direction, position, starts),
             torque=0.5 * (before + after),
         )
-        slow = np.abs(gaussian_filter1d(speed, width))
-        slides = gaussian_filter1d(1.0 * (slow > _MOVING * float(np.quantile(slow, 0.99))), width) > _SLIDING
+        slow = np.abs(smoothed(speed, width, starts))
+        slides = smoothed(1.0 * (slow > _MOVING * float(np.quantile(slow, 0.99))), width, starts) > _SLIDING
         # where the filter reaches beyond the log
-        edge = round(4 * width)
-        slides[:edge] = False
-        slides[-edge:] = False
-        return cls(period, motion, slides)
+        slides &= inside(position.size, starts, round(4 * width))
+        return cls(period, motion, slides, starts)
 
     def low_passed(self, values: Floats) -> Floats:
         """Return values at all samples low-passed, where the axis slides, (k,)."""
-        return np.asarray(gaussian_filter1d(values, WIDTH / self.period)[self.slides])
+        return np.asarray(smoothed(values, WIDTH / self.period, self.starts)[self.slides])
 
     @cached_property
     def torque(self) -> Floats:
@@ -109,10 +120,10 @@ class TorqueRegression:
     @cached_property
     def columns(self) -> Floats:
         """Low-passed columns of `NAMES`, (k, 6)."""
-        speed = gaussian_filter1d(self.motion.speed, WIDTH / self.period)
-        acceleration = np.gradient(speed, self.period)
-        jerk = np.gradient(acceleration, self.period)
-        snap = np.gradient(jerk, self.period)
+        speed = smoothed(self.motion.speed, WIDTH / self.period, self.starts)
+        acceleration = gradient(speed, self.period, self.starts)
+        jerk = gradient(acceleration, self.period, self.starts)
+        snap = gradient(jerk, self.period, self.starts)
         direction = self.low_passed(self.motion.direction)
         derivatives = [values[self.slides] for values in (acceleration, jerk, snap, speed)]
         return np.stack([*derivatives, direction, np.ones_like(direction)], axis=1)

@@ -20,11 +20,13 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.base.files import replaced_file
 from gantrysim.engine.simulate import simulate
+from gantrysim.identify.friction_terms import DIRECTION
 from gantrysim.identify.identification import Identification
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import AxisModel, model_of
 from gantrysim.identify.result import AxisFit
 from gantrysim.machine.axis import PER_SI
+from gantrysim.machine.axis_reading import CONSTANT_TORQUE, VISCOUS_DIFFERENCE
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, STATIC
 from gantrysim.machine.springs import spring_of
@@ -45,8 +47,9 @@ def fitted_machine(identification: Identification) -> Machine:
     """Return the machine with the identified values in its MJCF; all other values stay.
 
     Friction goes to motor and joint, inertia to the load's body and the motor's armature, the mode to the spring's
-    joint. Torques are those of the log: a motor constant other than the nominal is part of all values. Delay, offset
-    and gap are no part of the MJCF; what the log does not show stays.
+    joint. Torques are those of the log: a motor constant other than the nominal is part of all values. Constant
+    torque and viscous friction by direction are custom numerics. Delay and gap are no part of the MJCF; what the log
+    does not show stays.
 
     Raises:
         InputError: the fitted inertia leaves a body or a motor none.
@@ -74,6 +77,9 @@ def _edit(machine: Machine, fits: Sequence[AxisFit], *, first: bool) -> Callable
             now = model_of(machine, index)
             if first:
                 _set_friction(spec.actuators[index], spec.joint(fit.axis), fit)
+                _set_fact(spec, CONSTANT_TORQUE, index, fit.model.offset)
+                per_joint = PER_SI[fit.unit] ** 2 / fit.model.scale
+                _set_fact(spec, VISCOUS_DIFFERENCE, index, per_joint * fit.model.difference)
             armature = fit.model.inertia - now.inertia
             spring = spring_of(machine.layout, index)
             if fit.shows_mode and spring is not None:
@@ -89,6 +95,18 @@ def _edit(machine: Machine, fits: Sequence[AxisFit], *, first: bool) -> Callable
                 )
 
     return edit
+
+
+def _set_fact(spec: mujoco.MjSpec, name: str, actuator: int, value: float) -> None:
+    """Set the value of an actuator in a custom numeric."""
+    numeric = spec.numeric(name)
+    if numeric is None:
+        if not value:
+            return
+        numeric = spec.add_numeric(name=name, size=len(spec.actuators), data=np.zeros(len(spec.actuators)))
+    data = np.array(numeric.data, dtype=np.float64)
+    data[actuator] = value
+    numeric.data = data
 
 
 def _set_mode(spring: mujoco.MjsJoint, fit: AxisFit, present: AxisModel, load: float) -> None:
@@ -140,6 +158,7 @@ LARGEST_ADDED_TORQUE = 0.1
 _FREQUENCY = 8.0  # natural frequency of the loop, below the strokes [Hz]
 _LARGEST_FOLLOWING_ERROR = 1e3  # following error up to which the loop goes on [mm or deg]
 _WIDTH = 0.004  # standard deviation of the low-pass of the torques [s]
+_SETTLED = 0.3  # beginning of a run that is not compared [s]
 _MOVING = 0.02  # share of the highest speed from which an axis moves
 _NO_PATH = Chain([Line((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))])  # nothing is laid, so no path is compared
 
@@ -199,6 +218,7 @@ def whole_run(identification: Identification, log: Log) -> list[WholeRun]:
         log: of its axes.
     """
     fits = identification.fits
+    log = log.longest
     try:
         fitted = _simulated_run(fitted_machine(identification), identification, log)
     except InputError as error:
@@ -238,14 +258,14 @@ def _simulated_run(machine: Machine, identification: Identification, log: Log) -
 
 
 def _effective(identification: Identification, log: Log) -> Floats:
-    """Return the torque demands of a log with their delay, and constant torque that no MJCF holds, (n, axes) [N·m]."""
+    """Return the torque demands of a log with their delay, (n, axes) [N·m]."""
     torques = []
     index = np.arange(len(log.torque), dtype=np.float64)
     for column, fit in enumerate(identification.fits):
         # the engine's winding has a lag, which the measured torque of a motor has behind it
         axis = identification.machine.axes[identification.machine.axis_names.index(fit.axis)]
         late = fit.model.delay - (0.0 if log.held else axis.lag)
-        torques.append(np.interp(index - late / log.period, index, log.torque[:, column]) + fit.model.offset)
+        torques.append(np.interp(index - late / log.period, index, log.torque[:, column]))
     return np.stack(torques, axis=1)
 
 
@@ -256,6 +276,8 @@ def _compared_runs(identification: Identification, log: Log, column: int, fitted
     width = _WIDTH / log.period
     speed = np.abs(gaussian_filter1d(np.gradient(measured), width))
     moving = speed > _MOVING * float(np.quantile(speed, 0.99))
+    # the simulated axis starts at rest, and the loop takes a while to bring it to a log's speed
+    moving[: round(_SETTLED / log.period)] = False
     effective = _effective(identification, log)[:, column]
 
     def added(run: Run) -> float:
@@ -270,7 +292,9 @@ def _compared_runs(identification: Identification, log: Log, column: int, fitted
         fitted=added(fitted),
         nominal=math.nan if nominal is None else added(nominal),
         counts=distance / resolution if resolution > 0 else math.nan,
-        lacking=fit.law.words,
+        lacking=tuple(
+            words for term, words in zip(fit.law.terms, fit.law.words, strict=True) if term.kind != DIRECTION
+        ),
     )
 
 

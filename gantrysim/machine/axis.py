@@ -55,6 +55,9 @@ class Axis:
         coupled: linear dynamics of this axis and the axes coupled with it, in their order; None for an uncoupled axis.
             In a closed chain these are all axes.
         efficiency: fraction of the work that the transmission passes on.
+        constant_torque: that acts on the motor besides, such as a weight, positive forwards [N·m].
+        viscous_difference: half the difference of viscous friction, forwards less back; `viscous` is the mean
+            [N·m·s/u].
         mode: command mode of the drive, see `gantrysim.Servo`.
         phases: phases of a motor whose custom numerics state them, otherwise None.
     """
@@ -78,6 +81,8 @@ class Axis:
     chain: Motion | None = field(default=None, repr=False)
     coupled: Motion | None = field(default=None, repr=False)
     efficiency: float = 1.0
+    constant_torque: float = 0.0
+    viscous_difference: float = 0.0
     mode: str = "torque"
     phases: Phases | None = None
 

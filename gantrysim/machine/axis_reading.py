@@ -27,7 +27,10 @@ from gantrysim.machine.motors import (
 from gantrysim.servo.axis_dynamics import Friction
 from gantrysim.servo.stability.motion import MODES
 
-EFFICIENCY = "efficiency"  # custom numeric
+# custom numerics, with a value per actuator
+EFFICIENCY = "efficiency"
+CONSTANT_TORQUE = "constant_torque"  # at the motor, positive forwards [N·m]
+VISCOUS_DIFFERENCE = "viscous_difference"  # at the axis, half of forwards less back [N·s/m or N·m·s/rad]
 _PARALLEL = 1 - 1e-6  # cosine of the angle between an axis and the spring of its load
 _GEARS = 1e-6, 1e9  # from a lead of 6,000 km to one of 6 nm
 _UM = 1e-3  # mm per um
@@ -89,6 +92,7 @@ def _read_axis(model: mujoco.MjModel, actuator: int) -> tuple[Axis, AxisAddress]
         declared_speed=_declared_speed(model, joint, unit),
         resolution=_resolution(model, name, actuator, scale),
         efficiency=_efficiency(model, actuator),
+        constant_torque=_finite(model, CONSTANT_TORQUE, actuator),
         mode=MODES[int(fact(model, "drive_mode", actuator, 0.0)) % len(MODES)],
         phases=_phases(model, actuator),
         **_drive_and_friction(model, actuator, name, unit, scale),
@@ -144,6 +148,7 @@ def _drive_and_friction(model: mujoco.MjModel, actuator: int, name: str, unit: s
     return {
         **drive,
         "viscous": damping / (gear * PER_SI[unit]),
+        "viscous_difference": _finite(model, VISCOUS_DIFFERENCE, actuator) / (gear * PER_SI[unit]),
         "friction": Friction(drive["coulomb"], static, stribeck_speed * scale, bristle_stiffness / scale),
     }
 
@@ -243,12 +248,19 @@ def _torque_limit(model: mujoco.MjModel, actuator: int, name: str) -> float:
     return limit
 
 
-def fact(model: mujoco.MjModel, name: str, actuator: int, default: float = math.nan) -> float:
-    """Return a value of a custom numeric of the MJCF that has one per actuator."""
+def facts(model: mujoco.MjModel, name: str) -> Floats | None:
+    """Return a custom numeric of the MJCF that has a value per actuator, as a view of the model's; None without one."""
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
     if index < 0 or model.numeric_size[index] != model.nactuator:
-        return default
-    return float(model.numeric_data[model.numeric_adr[index] + actuator])
+        return None
+    first = int(model.numeric_adr[index])
+    return np.asarray(model.numeric_data[first : first + model.nactuator])
+
+
+def fact(model: mujoco.MjModel, name: str, actuator: int, default: float = math.nan) -> float:
+    """Return a value of a custom numeric of the MJCF that has one per actuator."""
+    values = facts(model, name)
+    return default if values is None else float(values[actuator])
 
 
 def stated_geometry(model: mujoco.MjModel) -> Geometry | None:
@@ -265,6 +277,13 @@ def _efficiency(model: mujoco.MjModel, actuator: int) -> float:
     value = fact(model, EFFICIENCY, actuator, 1.0)
     if not 0 < value <= 1:
         raise InputError(f"custom numeric {EFFICIENCY} = {value:g}: must be above 0 and at most 1")
+    return value
+
+
+def _finite(model: mujoco.MjModel, name: str, actuator: int) -> float:
+    value = fact(model, name, actuator, 0.0)
+    if not math.isfinite(value):
+        raise InputError(f"custom numeric {name} = {value:g}: must be finite")
     return value
 
 

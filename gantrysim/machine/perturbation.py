@@ -18,6 +18,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, finite, positive, unknown_text
 from gantrysim.machine.axis import PER_SI, Axis
+from gantrysim.machine.axis_reading import VISCOUS_DIFFERENCE, facts
 from gantrysim.machine.motors import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB, MOTOR_CONSTANT, STATIC, dcmotors
 from gantrysim.machine.quiet import quiet
 from gantrysim.machine.springs import (
@@ -169,6 +170,9 @@ def _scale_friction(model: mujoco.MjModel, friction: Floats, viscous: Floats) ->
     model.dof_dampingpoly[dofs] *= viscous[:, None]
     model.actuator_damping[:] *= viscous
     model.actuator_dampingpoly[:] *= viscous[:, None]
+    difference = facts(model, VISCOUS_DIFFERENCE)
+    if difference is not None:
+        difference *= viscous
 
 
 def _scale_stiffness(model: mujoco.MjModel, stiffness: Floats) -> None:

@@ -48,7 +48,7 @@ class AxisSizing:
         peak_force: at rest, with the transmission's efficiency.
         continuous_force: at the motor's continuous torque, with the same efficiency.
         torque_at_speed: largest torque that bus, winding and current leave at the speed limit [N·m].
-        friction_at_speed: torque that friction takes there [N·m].
+        friction_at_speed: torque that friction and a constant torque take there, in the worse direction [N·m].
         inertia_ratio: of load, transmission and coupling to the rotor, at its shaft; where the MJCF states no rotor
             inertia, of the load to rotor, transmission and coupling together.
         acceleration: from rest with the peak torque [u/s²].
@@ -183,9 +183,9 @@ def _axis_sizing(machine: Machine, a: int, frequency: float, margin: float, torq
         peak_force=efficiency * axis.peak_torque / per_motor,
         continuous_force=efficiency * continuous / per_motor,
         torque_at_speed=at_speed,
-        friction_at_speed=axis.coulomb + (axis.viscous * axis.speed_limit if math.isfinite(speed) else 0.0),
+        friction_at_speed=_drag_at_speed(axis),
         inertia_ratio=(inertia - rotor_inertia) / rotor_inertia if rotor_inertia > 0 else math.inf,
-        acceleration=(axis.peak_torque - axis.coulomb) / axis.inertia,
+        acceleration=(axis.peak_torque - axis.coulomb - abs(axis.constant_torque)) / axis.inertia,
         frequency=frequency,
         gain_margin=margin,
         travel_error=fact(model, "travel_error", a) * length / 300 if axis.unit == "mm" else math.nan,
@@ -193,6 +193,11 @@ def _axis_sizing(machine: Machine, a: int, frequency: float, margin: float, torq
         peak=math.nan if torque is None else float(np.abs(torque).max()),
         continuous_torque=continuous,
     )
+
+
+def _drag_at_speed(axis: Axis) -> float:
+    speed = axis.speed_limit if math.isfinite(axis.speed_limit) else 0.0
+    return axis.coulomb + axis.viscous * speed + abs(axis.constant_torque - axis.viscous_difference * speed)
 
 
 def _frequency(axis: Axis, mode: str, kp: float) -> float:

@@ -37,6 +37,7 @@ class FrictionPlant(NamedTuple):
         lag: electrical time constant [s].
         weight: constant torque [N·m].
         gap: backlash between motor and load [m].
+        uneven: viscous friction is (1 ± uneven) times as high by direction.
     """
 
     motor: float
@@ -57,6 +58,7 @@ class FrictionPlant(NamedTuple):
     lag: float = 2.75e-4
     weight: float = 0.0
     gap: float = 0.0
+    uneven: float = 0.0
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -104,6 +106,7 @@ def drive(p, gains, commands, period, delay, count, limit, steps):
         rows[tick, 1] = demand
         rows[tick, 2] = torque
         for step in range(steps):
+            viscous = p.b * (1.0 + p.uneven if v > 0 else 1.0 - p.uneven)
             asked = held if step < late else demand
             torque += h * (asked - torque) / p.lag
             stretch = x - y
@@ -118,9 +121,9 @@ def drive(p, gains, commands, period, delay, count, limit, steps):
                 slip = w - p.s0 * abs(w) * z / level
                 z += h * slip
                 friction = p.s0 * z + p.s1 * slip
-                v += h * (p.gear * (torque + p.weight - friction) - p.b * v - spring) / p.motor
+                v += h * (p.gear * (torque + p.weight - friction) - viscous * v - spring) / p.motor
             else:
-                pushed = v + h * (p.gear * (torque + p.weight - ripple) - p.b * v - spring) / p.motor
+                pushed = v + h * (p.gear * (torque + p.weight - ripple) - viscous * v - spring) / p.motor
                 way = 1.0 if pushed > 0 else -1.0
                 most = h * p.gear * _level(p, p.gear * v, x, torque, way) / p.motor
                 v = 0.0 if abs(pushed) <= most else pushed - way * most

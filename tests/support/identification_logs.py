@@ -59,8 +59,15 @@ def commands(period):
     return _COMMANDS[period]
 
 
-def random_log(seed, law=None, slip=None, noise=None, period=None):
-    """Return a log of a random axis; what is None is drawn, slip "" is a log without an error."""
+def random_log(seed, law=None, slip=None, noise=None, period=None, *, by_direction=False, in_motion=False):
+    """Return a log of a random axis; what is None is drawn, slip "" is a log without an error.
+
+    Args:
+        seed: of the axis.
+        law, slip, noise, period: see `TrueLog`.
+        by_direction: viscous friction is up to 30 % higher in one direction and as much lower in the other.
+        in_motion: the log begins at a speed, up to 4 s after the first move.
+    """
     random = np.random.default_rng(seed)
     axis, table = MACHINE.axes[AXIS], model_of(MACHINE, AXIS)
     si = 1e6 / axis.scale
@@ -112,6 +119,8 @@ def random_log(seed, law=None, slip=None, noise=None, period=None):
         plant = plant._replace(strength=random.uniform(0.05, 0.6), length=pitch)
     if law == "backlash":
         plant = plant._replace(gap=random.uniform(1e-5, 2e-5))
+    if by_direction:
+        plant = plant._replace(uneven=random.uniform(-0.3, 0.3))
     servo = Servo.derive(MACHINE.axes, period)
     gains = tuple(
         1e3 * gain[AXIS]
@@ -123,12 +132,16 @@ def random_log(seed, law=None, slip=None, noise=None, period=None):
         )
     )
     rows = drive(plant, gains, commands(period), period, delay, count, limit, round(period / STEP))
+    if in_motion:
+        rows = rows[_moving_sample(rows[:, 0], period, random) :]
     torque = rows[:, 1] + noise * random.standard_normal(len(rows))
     period, position, torque = _with(slip, random, period, 1e3 * rows[:, 0], torque)
     bias = -plant.fc * plant.strength if law == "asymmetric" else 0.0
     truth = {
         "inertia": mass,
         "viscous": plant.b,
+        "viscous_forward": plant.b * (1 + plant.uneven),
+        "viscous_back": plant.b * (1 - plant.uneven),
         "coulomb": plant.fc,
         "static": plant.fs,
         "offset": plant.weight + bias,
@@ -139,6 +152,14 @@ def random_log(seed, law=None, slip=None, noise=None, period=None):
         "gap": 1e3 * plant.gap,
     }
     return TrueLog(Log(("y",), period, position[:, None], torque[:, None], held=True), truth, law, slip)
+
+
+def _moving_sample(position, period, random):
+    """Return a sample in the first 4 s of motion at which an axis is at half its highest speed or more."""
+    speed = np.abs(np.gradient(position, period))
+    first = int(np.argmax(speed > 0.01 * speed.max()))
+    window = np.arange(first, min(first + int(4 / period), len(position)))
+    return int(random.choice(window[speed[window] > 0.5 * speed[window].max()]))
 
 
 def _with(slip, random, period, position, torque):

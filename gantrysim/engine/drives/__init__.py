@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from gantrysim.engine.drives.closed_loop import LOOP
 from gantrysim.engine.drives.current_loop import CURRENT
+from gantrysim.engine.drives.drag import DRAG
 from gantrysim.engine.drives.encoder import ENCODER, FEEDBACK
 from gantrysim.engine.drives.field import FIELD
 from gantrysim.engine.drives.part import MODE_NUMBERS, DrivenAxis, DrivePart
@@ -30,7 +31,7 @@ from gantrysim.machine.machine import Machine
 from gantrysim.servo.servo import Servo
 
 # those that act at one point of the tick do so in this order
-PARTS: tuple[DrivePart, ...] = (ENCODER, FEEDBACK, FIELD, TRANSMISSION, LOOP, STEPPING, CURRENT)
+PARTS: tuple[DrivePart, ...] = (ENCODER, FEEDBACK, FIELD, TRANSMISSION, DRAG, LOOP, STEPPING, CURRENT)
 
 DRIVE = np.dtype(
     [

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 from gantrysim.base.errors import InputError
 
-FRICTION = ("viscous", "coulomb", "static")
+VISCOUS = ("viscous", "viscous_forward", "viscous_back")
+FRICTION = (*VISCOUS, "coulomb", "static")
 
 
 class NotIdentifiedError(InputError):

@@ -10,8 +10,14 @@ from gantrysim.identify.checks.parameters import check_balance, check_plausible,
 from gantrysim.identify.checks.residual import RESIDUAL, check_clipping, check_counts, check_residual, check_smoothing
 from gantrysim.identify.checks.sampling import check_rate
 from gantrysim.identify.friction_terms import LOAD
-from gantrysim.identify.result import KNOWN, KNOWN_DAMPING, AxisFit, Estimate
+from gantrysim.identify.result import KNOWN, KNOWN_DAMPING, MODE, AxisFit, Estimate
 
+INTERVAL = "interval"  # reason of a value whose interval is too wide
+# half intervals that are narrow enough of any constant torque, of the Coulomb friction, and any delay, of the period
+_FRICTION = ("coulomb", "viscous", "viscous_forward", "viscous_back", "offset")
+_MODE_PAIR = ("share", "stiffness")
+_NO_OFFSET = 0.05
+_NO_DELAY = 0.1
 # standard deviations that no log undercuts
 _DELAY = 0.015  # of the period
 _OFFSET = 0.01  # of the Coulomb friction
@@ -31,10 +37,12 @@ class Judgement:
     Attributes:
         estimates: with deviations that hold the disagreements which the checks found.
         findings: checks that failed.
+        period: of the log [s].
     """
 
     estimates: dict[str, Estimate]
     findings: tuple[Finding, ...]
+    period: float
 
     def reason(self, name: str) -> str:
         """Return why a value is not identified: the checks that forbid it, or its interval; empty if it is."""
@@ -42,9 +50,30 @@ class Judgement:
         if checks:
             return ", ".join(dict.fromkeys(checks))
         low, high = self.estimates[name].interval
-        bound = KNOWN_DAMPING if name == "damping" else KNOWN
-        wide = 0.5 * (high - low) > bound * abs(self.estimates[name].value)
-        return "interval" if wide else ""
+        bound = (KNOWN_DAMPING if name == "damping" else KNOWN) * abs(self.estimates[name].value)
+        # that there is none, or next to none, is known too
+        if name == "offset":
+            bound = max(bound, _NO_OFFSET * self.estimates["coulomb"].value)
+        if name == "delay":
+            bound = max(bound, _NO_DELAY * self.period)
+        return INTERVAL if 0.5 * (high - low) > bound else ""
+
+    def adopted(self, fit: AxisFit) -> frozenset[str]:
+        """Return the values that a machine takes from the log.
+
+        Correlated values are adopted together or not at all: of a pair that repeats the log, one value beside the
+        table's other one does not. They are if one of them is identified, and no check forbids the others.
+        """
+        names = {name for name in self.estimates if not self.reason(name)}
+        adopted = names & {"inertia"}
+        for group in (_FRICTION, _MODE_PAIR):
+            reasons = [self.reason(name) for name in group if name in self.estimates]
+            known = [not reason for reason in reasons]
+            if any(known) and all(reason in ("", INTERVAL) for reason in reasons):
+                adopted |= {*group, *(names & {"static", "damping"})}
+        if not fit.shows_mode:
+            adopted -= set(MODE)
+        return frozenset(adopted)
 
     def notes(self, axis: str) -> list[str]:
         """Return the failed checks of an axis in sentences."""
@@ -73,7 +102,6 @@ def judged_fit(fit: AxisFit, period: float) -> Judgement:
     """
     doubts = [
         check_counts(fit, period),
-        check_plausible(fit, period),
         check_residual(fit, period),
         check_segments(fit, period),
         check_balance(fit, period),
@@ -102,4 +130,6 @@ def judged_fit(fit: AxisFit, period: float) -> Judgement:
     for name, estimate in fit.estimates.items():
         added = [doubt.deviations.get(name, 0.0) for doubt in (*doubts, floors)]
         estimates[name] = replace(estimate, deviation=math.hypot(estimate.deviation, *added))
-    return Judgement(estimates, tuple(finding for doubt in doubts for finding in doubt.findings))
+    findings = [finding for doubt in doubts for finding in doubt.findings]
+    findings += check_plausible(fit, period, estimates)
+    return Judgement(estimates, tuple(findings), period)

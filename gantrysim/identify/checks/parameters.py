@@ -8,14 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from gantrysim.base.arrays import Floats
-from gantrysim.identify.checks.finding import FRICTION, Doubt, Finding
+from gantrysim.identify.checks.finding import FRICTION, VISCOUS, Doubt, Finding
+from gantrysim.identify.friction_terms import CONFIDENCE
 from gantrysim.identify.model import AxisModel
 from gantrysim.identify.parts import partitions
+from gantrysim.identify.pieces import Starts, by_piece, gradient, inside, smoothed
 from gantrysim.identify.prediction import effective_torque
-from gantrysim.identify.result import CONFIDENCE, MODE, AxisFit, Sensitivity
+from gantrysim.identify.result import MODE, AxisFit, Estimate, Sensitivity
 from gantrysim.identify.whiteness import covariance_of, long_run_covariance
 
 # Check: torque must balance inertia and friction at low frequency too.
@@ -82,21 +83,20 @@ def torque_balance(fit: AxisFit, period: float) -> Balance | None:
     model = fit.model
     width = _WIDTH / period
     torque = _torque(fit, period)
-    acceleration = np.diff(fit.position, 2) / period**2
-    speed = (fit.position[2:] - fit.position[:-2]) / (2 * period)
-    slow = gaussian_filter1d(speed, width)
-    direction = _direction(speed)
-    friction = model.viscous * speed + (model.coulomb + fit.law.level[1:-1]) * direction + fit.law.ripple[1:-1]
-    smooth = _of_both_masses(model, gaussian_filter1d(acceleration, width), period)
-    remains = gaussian_filter1d(torque - friction, width) - model.inertia * smooth
-    chosen = gaussian_filter1d(1.0 * (np.abs(slow) > _MOVING * float(np.quantile(np.abs(slow), 0.99))), width)
-    slides = chosen > _SLIDING
-    # where the filter reaches beyond the log
-    edge = round(4 * width)
-    slides[:edge] = slides[-edge:] = False
+    starts = fit.starts
+    acceleration = by_piece(_second_difference, fit.position, starts) / period**2
+    speed = gradient(fit.position, period, starts)
+    slow = smoothed(speed, width, starts)
+    direction = by_piece(_direction, speed, starts)
+    friction = model.viscous * speed + (model.coulomb + fit.law.level) * direction + fit.law.ripple
+    smooth = _of_both_masses(model, smoothed(acceleration, width, starts), period, starts)
+    remains = smoothed(torque - friction, width, starts) - model.inertia * smooth
+    chosen = smoothed(1.0 * (np.abs(slow) > _MOVING * float(np.quantile(np.abs(slow), 0.99))), width, starts)
+    # where the filter reaches beyond the piece
+    slides = (chosen > _SLIDING) & inside(slow.size, starts, round(4 * width) + 1)
     if slides.sum() < _FEWEST:
         return None
-    columns = [smooth, slow, gaussian_filter1d(direction, width), np.ones_like(slow)]
+    columns = [smooth, slow, smoothed(direction, width, starts), np.ones_like(slow)]
     memory = round(_MEMORY * width)
     return _inertia(np.stack(columns, axis=1)[slides], remains[slides], memory)
 
@@ -111,14 +111,23 @@ def _inertia(A: Floats, torque: Floats, memory: int) -> Balance:
 
 
 def _torque(fit: AxisFit, period: float) -> Floats:
-    """Return the effective torque over the two steps around each sample but the ends, (n - 2,) [N·m].
+    """Return the effective torque over the two steps around each sample, at the ends of a piece its neighbour's, (n,).
 
-    A second difference of the position is the acceleration's mean with triangular weights: so is this torque.
+    A second difference of the position is the acceleration's mean with triangular weights: so is this torque [N·m].
     """
-    means = effective_torque(fit.model, period, fit.torque, _STEPS, fit.held).ravel()
     rise = np.arange(_STEPS) + 0.5
     weights = np.concatenate([rise, rise[::-1]]) / _STEPS**2
-    return np.asarray(np.convolve(means, weights, "valid")[::_STEPS][: fit.position.size - 2])
+
+    def around(torque: Floats) -> Floats:
+        means = effective_torque(fit.model, period, torque, _STEPS, fit.held).ravel()
+        return np.pad(np.convolve(means, weights, "valid")[::_STEPS][: torque.size - 2], 1, "edge")
+
+    return by_piece(around, fit.torque, fit.starts)
+
+
+def _second_difference(position: Floats) -> Floats:
+    """Return the second difference around each sample, at the ends its neighbour's, (n,)."""
+    return np.pad(np.diff(position, 2), 1, "edge")
 
 
 def _direction(speed: Floats) -> Floats:
@@ -127,7 +136,7 @@ def _direction(speed: Floats) -> Floats:
     return np.asarray(np.sign(speed[last]))
 
 
-def _of_both_masses(model: AxisModel, acceleration: Floats, period: float) -> Floats:
+def _of_both_masses(model: AxisModel, acceleration: Floats, period: float, starts: Starts) -> Floats:
     """Return the mean acceleration of motor and load by mass; below resonance the load's exceeds the motor's by a''/w².
 
     w is the natural frequency of the load with the motor held.
@@ -135,14 +144,14 @@ def _of_both_masses(model: AxisModel, acceleration: Floats, period: float) -> Fl
     if not model.share:
         return acceleration
     flexibility = model.inertia * model.share / model.stiffness
-    return acceleration - model.share * flexibility * np.gradient(np.gradient(acceleration, period), period)
+    return acceleration - model.share * flexibility * gradient(gradient(acceleration, period, starts), period, starts)
 
 
 # Check: inertia, friction and delay must be within reason of the machine's table.
 #
 # A fit scales with the log: a torque in mN·m gives a thousand times the inertia, with narrow intervals. The table knows
 # the machine to some tens of per cent, a payload included, so that a factor is a unit or a gear, not a finding. A delay
-# below zero would be a motion ahead of its torque.
+# below zero would be a motion ahead of its torque. A value whose interval reaches into reason is only not known.
 
 PLAUSIBILITY = "plausibility"
 FAR_INERTIA = 2.0  # ratio of the inertia to the table's, or its inverse, from which nothing is identified
@@ -154,34 +163,39 @@ WIDEST = 2.0  # deflection of the bristles that a gap must exceed, times: presli
 EARLY = 0.1  # delay below zero that the torque between samples explains, of a period
 
 
-def check_plausible(fit: AxisFit, period: float) -> Doubt:
-    """Return which values are beyond reason."""
+def check_plausible(fit: AxisFit, period: float, estimates: dict[str, Estimate]) -> list[Finding]:
+    """Return which values are beyond reason, with the whole of their intervals.
+
+    Args:
+        fit: of an axis.
+        period: of the log [s].
+        estimates: of its parameters, with what the other checks add to their intervals.
+    """
     model = fit.model
     table = fit.nominal
     findings = []
-    ratio = model.inertia / table.inertia
-    if not 1 / FAR_INERTIA <= ratio <= FAR_INERTIA:
+    if _beyond(estimates["inertia"], table.inertia / FAR_INERTIA, table.inertia * FAR_INERTIA):
         reason = (
-            f"inertia is {ratio:.2g} times that of the machine's table: must be {1 / FAR_INERTIA:g} to {FAR_INERTIA:g} "
-            "times; check units, gear and payload"
+            f"inertia is {model.inertia / table.inertia:.2g} times that of the machine's table: must be "
+            f"{1 / FAR_INERTIA:g} to {FAR_INERTIA:g} times; check units, gear and payload"
         )
         findings.append(Finding(PLAUSIBILITY, (), reason))
-    delay = fit.estimates["delay"]
+    delay = estimates["delay"]
     if delay.value < -EARLY * period and delay.interval[1] < 0:
         reason = (
             f"delay = {1e3 * delay.value:.3g} ms: must be at least 0; the motion is "
             "ahead of its torque: the torque was logged later than the position, or filtered"
         )
         findings.append(Finding(PLAUSIBILITY, (), reason))
-    if delay.value > LATEST * period:
+    if delay.interval[0] > LATEST * period:
         reason = f"delay = {1e3 * delay.value:.3g} ms: must be at most {LATEST:g} periods of the log"
         findings.append(Finding(PLAUSIBILITY, (), reason))
-    for name in ("viscous", "coulomb"):
-        value = float(getattr(model, name))
-        if value <= 1e-6 * float(getattr(table, name)):
-            reason = f"{name} friction is at its bound, 0: without it the fit would be below zero"
-            findings.append(Finding(PLAUSIBILITY, FRICTION, reason))
-    excess = fit.estimates["excess"]
+    for name, values in (("viscous", VISCOUS), ("coulomb", ("coulomb", "static"))):
+        low, high = estimates[name].interval
+        if float(getattr(model, name)) <= 1e-6 * float(getattr(table, name)):
+            reason = f"{name} friction is at its bound, 0: by the log it is from {low:.2g} to {high:.2g}"
+            findings.append(Finding(PLAUSIBILITY, FRICTION if high < 0 else values, reason))
+    excess = estimates["excess"]
     half = CONFIDENCE * excess.deviation
     if half > EXCESS_SEEN * excess.value:
         reason = (
@@ -190,19 +204,24 @@ def check_plausible(fit: AxisFit, period: float) -> Doubt:
         )
         findings.append(Finding(PLAUSIBILITY, ("static",), reason))
     travel = model.deflection * model.scale
-    if "gap" in fit.estimates and model.gap < WIDEST * travel:
+    if "gap" in estimates and model.gap < WIDEST * travel:
         reason = (
             f"backlash is {model.gap:.2g} {fit.unit}, presliding of the friction {travel:.2g} {fit.unit}: must be at "
             f"least {WIDEST:g} times as wide to be told from it"
         )
         findings.append(Finding(PLAUSIBILITY, ("gap",), reason))
-    if table.coulomb > 0 and not 1 / FRICTION_FAR <= model.coulomb / table.coulomb <= FRICTION_FAR:
+    if table.coulomb > 0 and _beyond(estimates["coulomb"], table.coulomb / FRICTION_FAR, table.coulomb * FRICTION_FAR):
         reason = (
             f"Coulomb friction is {model.coulomb / table.coulomb:.2g} times that of the machine's table: must be "
             f"{1 / FRICTION_FAR:g} to {FRICTION_FAR:g} times"
         )
         findings.append(Finding(PLAUSIBILITY, FRICTION, reason))
-    return Doubt({}, findings)
+    return findings
+
+
+def _beyond(estimate: Estimate, low: float, high: float) -> bool:
+    """Whether a value is outside bounds with the whole of its interval."""
+    return estimate.interval[1] < low or estimate.interval[0] > high
 
 
 # Check: the parameters must not depend on any one part of the log.
@@ -251,7 +270,7 @@ def changes_without_a_part(fit: AxisFit, period: float) -> dict[str, tuple[float
     names = (*sensitivity.names, "static")
     whole = _deviations(parameters, sensitivity.jacobian, sensitivity.residual)
     moved = dict.fromkeys(names, (0.0, ""))
-    for partition, masks in partitions(fit.position, fit.torque, fit.used, period).items():
+    for partition, masks in partitions(fit.position, fit.torque, fit.used, period, fit.starts).items():
         for mask in masks:
             others = ~mask[fit.used]
             if min(others.sum(), (~others).sum()) < _FEWEST:

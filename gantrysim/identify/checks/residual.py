@@ -18,8 +18,9 @@ from scipy.signal import welch
 
 from gantrysim.identify.checks.finding import Doubt, Finding, NotIdentifiedError
 from gantrysim.identify.explained import explained_residual
+from gantrysim.identify.pieces import longest_piece
 from gantrysim.identify.result import MODE, WHITE, AxisFit
-from gantrysim.identify.whiteness import correlation
+from gantrysim.identify.whiteness import LAGS, correlation
 
 # Check: no prediction of the position may be wrong at once by many times its usual error.
 #
@@ -37,6 +38,9 @@ _APART = 0.02  # time between two losses: the predictor needs some samples to fo
 def check_counts(fit: AxisFit, period: float) -> Doubt:
     """Return where the position jumps by more than its prediction is ever wrong."""
     error = np.abs(fit.innovations)
+    for start in fit.starts:
+        # the predictor finds the state of a piece that begins in motion
+        error[start : start + LAGS] = 0.0
     usual = float(np.median(error[fit.used])) / _MEDIAN
     count = math.sqrt(12) * fit.expected
     bound = max(LARGEST_JUMP * usual, _COUNTS * count)
@@ -94,10 +98,12 @@ _SEGMENT = 256  # samples of a spectrum's segment
 
 def check_smoothing(fit: AxisFit, period: float) -> Doubt:
     """Return whether the position lacks the fast motion that the torque makes."""
-    acceleration = np.diff(fit.position, 2) / period**2
+    # within the longest piece, as a spectrum knows no gaps
+    piece = longest_piece(fit.position.size, fit.starts)
+    acceleration = np.diff(fit.position[piece], 2) / period**2
     segment = min(_SEGMENT, acceleration.size)
     frequency, power = welch(acceleration, 1 / period, nperseg=segment)
-    torque_power = welch(fit.torque, 1 / period, nperseg=segment)[1]
+    torque_power = welch(fit.torque[piece], 1 / period, nperseg=segment)[1]
     band = (frequency > _BAND[0] / period) & (frequency < _BAND[1] / period)
     expected = float(torque_power[band].sum()) / fit.start[0] ** 2
     if not expected > 0:

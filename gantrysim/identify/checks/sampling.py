@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -10,7 +11,8 @@ from gantrysim.base.arrays import Floats
 from gantrysim.identify.checks.finding import Doubt, Finding, NotIdentifiedError
 from gantrysim.identify.checks.units import position_slips, torque_slips
 from gantrysim.identify.model import AxisModel
-from gantrysim.identify.result import AxisFit
+from gantrysim.identify.pieces import WHOLE, Starts, by_piece
+from gantrysim.identify.result import MODE, AxisFit
 from gantrysim.machine.axis import Axis
 
 # Check of the log: its torque must be one that the drive can deliver.
@@ -60,7 +62,9 @@ _SETTLING = 2  # first samples of it, whose torque answers to the last count
 _MEAN = 3  # samples of the moving mean of the torque, against its noise
 
 
-def check_encoder(axis: Axis, table: AxisModel, position: Floats, torque: Floats, period: float) -> None:
+def check_encoder(
+    axis: Axis, table: AxisModel, position: Floats, torque: Floats, period: float, starts: Starts = WHOLE
+) -> None:
     """Refuse a position that stands still under torque, or jumps.
 
     Args:
@@ -69,17 +73,17 @@ def check_encoder(axis: Axis, table: AxisModel, position: Floats, torque: Floats
         position: (n,) [u].
         torque: (n,) [N·m].
         period: of the samples [s].
+        starts: of the pieces.
 
     Raises:
         NotIdentifiedError: with the time and the bound.
     """
     bound = max(HOLD * table.static, FRICTIONLESS_TORQUE * axis.peak_torque if np.isfinite(axis.peak_torque) else 0.0)
     calm = np.convolve(torque, np.ones(_MEAN) / _MEAN, "same")
-    changes = np.flatnonzero(np.diff(position) != 0)
-    starts = np.concatenate([[0], changes + 1])
-    ends = np.concatenate([changes + 1, [position.size]])
+    changes = np.flatnonzero(np.diff(position) != 0) + 1
+    edges = np.unique([0, *changes, *starts, position.size])
     fewest = max(_FEWEST, round(_STILL / period))
-    for start, end in zip(starts, ends, strict=True):
+    for start, end in pairwise(edges.tolist()):
         if end - start < fewest:
             continue
         swing = float(np.ptp(calm[start + _SETTLING : end - 1]))
@@ -89,12 +93,12 @@ def check_encoder(axis: Axis, table: AxisModel, position: Floats, torque: Floats
                 f"log while the torque swings by {swing:.3g} N·m, friction holds at most {bound:.3g} N·m: the encoder "
                 "is frozen, or the log repeats samples"
             )
-    turns = np.abs(np.diff(position, 2))
+    turns = np.abs(by_piece(lambda piece: np.pad(np.diff(piece, 2), 1), position, starts))
     strongest = axis.peak_torque if np.isfinite(axis.peak_torque) else 2 * float(np.abs(torque).max())
     most = JUMP * strongest / table.inertia * period**2 + _COUNTS * axis.resolution
     worst = int(np.argmax(turns))
     if turns[worst] > most:
-        time = (worst + 1) * period
+        time = worst * period
         raise NotIdentifiedError(
             f"axis {axis.name}: its position jumps by {turns[worst]:.3g} {axis.unit} at {time:.4g} s of the log, the "
             f"drive's peak torque moves it by {most:.3g} {axis.unit} in a sample: the encoder skips, or "
@@ -197,4 +201,4 @@ def check_rate(fit: AxisFit, period: float) -> Doubt:
         f"samples of {1e3 * period:g} ms show {fit.highest:.0f} Hz at most, the mode of the machine's table is at "
         f"{fit.nominal.resonance:.0f} Hz: log faster, at every servo tick"
     )
-    return Doubt({}, [Finding(CHECK, (), reason)])
+    return Doubt({}, [Finding(CHECK, (*MODE, "gap"), reason)])

@@ -8,12 +8,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 from scipy.signal import correlate
 
 from gantrysim.base.arrays import Floats
 from gantrysim.identify.checks.finding import NotIdentifiedError
 from gantrysim.identify.model import AxisModel
+from gantrysim.identify.pieces import WHOLE, Starts, gradient, smoothed
 from gantrysim.machine.axis import Axis
 
 # Relation of the torque to the motion beside it: torque = J a + b v + Fc sign v + constant, low-passed.
@@ -38,22 +38,22 @@ class Relation(NamedTuple):
     inertia: float
 
 
-def relation_of(position: Floats, torque: Floats, period: float) -> Relation | None:
+def relation_of(position: Floats, torque: Floats, period: float, starts: Starts = WHOLE) -> Relation | None:
     """Return the regression of the torque where the axis slides; None of an axis that hardly does."""
     width = WIDTH / period
     if position.size < _FEWEST:
         return None
-    speed = np.gradient(gaussian_filter1d(position, width), period)
+    speed = gradient(smoothed(position, width, starts), period, starts)
     least = _MOVING * float(np.quantile(np.abs(speed), 0.99))
-    slides = gaussian_filter1d(1.0 * (np.abs(speed) > least), width) > _SLIDING
+    slides = smoothed(1.0 * (np.abs(speed) > least), width, starts) > _SLIDING
     if not least > 0 or slides.sum() < _FEWEST:
         return None
-    acceleration = np.gradient(speed, period)
+    acceleration = gradient(speed, period, starts)
     # jumps of the position are the matter of another check
     slides &= np.abs(acceleration) < _JUMP * float(np.quantile(np.abs(acceleration[slides]), 0.98))
-    direction = gaussian_filter1d(np.sign(np.gradient(position)), width)
+    direction = smoothed(np.sign(gradient(position, 1.0, starts)), width, starts)
     A = np.stack([acceleration, speed, direction, np.ones_like(speed)], axis=1)[slides]
-    smooth = gaussian_filter1d(torque, width)[slides]
+    smooth = smoothed(torque, width, starts)[slides]
     size = np.maximum(np.abs(A).max(axis=0), 1e-300)
     coefficients = np.linalg.lstsq(A / size, smooth, rcond=None)[0]
     variance = float(np.var(smooth))
@@ -137,9 +137,9 @@ def check_travel(axis: Axis, position: Floats, ratio: float) -> None:
     )
 
 
-def inertia_ratio(table: AxisModel, position: Floats, torque: Floats, period: float) -> float:
+def inertia_ratio(table: AxisModel, position: Floats, torque: Floats, period: float, starts: Starts = WHOLE) -> float:
     """Return the log's inertia over that of the table; nan where the motion does not explain the torque."""
-    relation = relation_of(position, torque, period)
+    relation = relation_of(position, torque, period, starts)
     if relation is None or relation.explained < EXPLAINED:
         return math.nan
     return relation.inertia / table.inertia
@@ -179,7 +179,7 @@ _RELATED = 0.8  # share of the torque that is explained, from which another read
 _LATEST = 0.5  # longest shift between the columns that is searched [s]
 
 
-def check_columns(axis: str, position: Floats, torque: Floats, period: float) -> None:
+def check_columns(axis: str, position: Floats, torque: Floats, period: float, starts: Starts = WHOLE) -> None:
     """Refuse a torque that has not made the motion beside it, and name the confusion where another reading fits.
 
     Args:
@@ -187,11 +187,12 @@ def check_columns(axis: str, position: Floats, torque: Floats, period: float) ->
         position: (n,) [u].
         torque: (n,) [N·m].
         period: of the samples [s].
+        starts: of the pieces.
 
     Raises:
         NotIdentifiedError: with the share of the torque that is explained.
     """
-    relation = relation_of(position, torque, period)
+    relation = relation_of(position, torque, period, starts)
     if relation is None:
         return
     percent = 100 * relation.explained
@@ -203,9 +204,9 @@ def check_columns(axis: str, position: Floats, torque: Floats, period: float) ->
             f"axis {axis}: its torque accelerates it backwards, with an inertia of {relation.inertia:.3g} N·m·s²: must "
             "be greater than 0; the torque or the position has the wrong sign"
         )
-    shift = _shift(position, torque, period)
+    shift = _shift(position, torque, period, starts)
     later = np.roll(torque, -shift)
-    shifted = relation_of(position, later, period)
+    shifted = relation_of(position, later, period, starts)
     if shift and shifted is not None and shifted.explained >= _RELATED and shifted.inertia > 0:
         side = "late" if shift > 0 else "early"
         raise NotIdentifiedError(
@@ -219,14 +220,14 @@ def check_columns(axis: str, position: Floats, torque: Floats, period: float) ->
     )
 
 
-def check_swapped(axis: str, position: Floats, torque: Floats, period: float) -> None:
+def check_swapped(axis: str, position: Floats, torque: Floats, period: float, starts: Starts = WHOLE) -> None:
     """Refuse columns of which each is the other's.
 
     Raises:
         NotIdentifiedError: the position makes a torque of the torque's motion, and the reverse does not hold.
     """
-    relation = relation_of(position, torque, period)
-    swapped = relation_of(torque, position, period)
+    relation = relation_of(position, torque, period, starts)
+    swapped = relation_of(torque, position, period, starts)
     if swapped is None or (relation is not None and relation.explained >= EXPLAINED):
         return
     if swapped.explained >= _RELATED and swapped.inertia > 0:
@@ -236,12 +237,12 @@ def check_swapped(axis: str, position: Floats, torque: Floats, period: float) ->
         )
 
 
-def _shift(position: Floats, torque: Floats, period: float) -> int:
+def _shift(position: Floats, torque: Floats, period: float, starts: Starts) -> int:
     """Return the samples by which the torque follows the acceleration that correlates with it most."""
     width = WIDTH / period
-    speed = np.gradient(gaussian_filter1d(position, width), period)
-    acceleration = np.gradient(speed, period)
-    smooth = gaussian_filter1d(torque - torque.mean(), width)
+    speed = gradient(smoothed(position, width, starts), period, starts)
+    acceleration = gradient(speed, period, starts)
+    smooth = smoothed(torque - torque.mean(), width, starts)
     correlation = correlate(smooth, acceleration - acceleration.mean(), "full", "fft")
     lags = np.arange(correlation.size) - (position.size - 1)
     near = np.abs(lags) <= round(_LATEST / period)
