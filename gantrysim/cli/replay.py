@@ -66,14 +66,14 @@ def replay(
     chosen = servo_of_file(servo, machine, recorded.log.period, allow_code=allow_code)
     with interruptible() as go_on:
         with share_bar("replay", go_on) as advance:
-            found = replayed(machine, recorded, chosen, fitted=_rows(fitted), progress=advance)
-        names = write_all(found, log.name, out)
-    for axis in found.axes:
+            result = replayed(machine, recorded, chosen, fitted=_rows(fitted), progress=advance)
+        names = write_all(result, log.name, out)
+    for axis in result.axes:
         for quantity in QUANTITIES:
-            show(_table(table_of(found, axis, quantity)))
-    for line in sentences(found):
+            show(_table(table_of(result, axis, quantity)))
+    for line in sentences(result):
         say(line, wrap=True)
-    for note in found.notes:
+    for note in result.notes:
         say(f"note: {note}", wrap=True)
     say(f"written to {out}/: {', '.join(names)}")
 

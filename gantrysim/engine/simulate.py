@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from gantrysim.base.errors import InputError
 from gantrysim.base.progress import Progress, shown_progress
@@ -70,9 +71,9 @@ def simulate(
             deliberate fault that the machine cannot have.
     """
     check_engine(engine)
-    simulation = Simulation.of(
-        machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser, faults=faults, begin=start
-    )
+    simulation = Simulation.of(machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser, faults=faults)
+    if start is not None:
+        simulation = replace(simulation, begin=start)
     return stepped_simulation(simulation, law, engine, progress).record()
 
 

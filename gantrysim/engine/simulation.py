@@ -211,7 +211,6 @@ class Simulation:
         physics_step: float | None = None,
         dispenser: Dispenser | None = None,
         faults: Sequence[InjectedFault] = (),
-        begin: Start | None = None,
     ) -> Simulation:
         """Return the simulation; arguments and errors as of `gantrysim.simulate`."""
         given = {"machine": machine, "servo": servo, "setpoints": setpoints, "dispenser": dispenser, "faults": faults}
@@ -262,7 +261,6 @@ class Simulation:
             drives,
             law_entries(servo),
             torque,
-            begin,
         )
 
     def with_torque(self, torque: Floats) -> Simulation:

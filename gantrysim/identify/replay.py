@@ -91,7 +91,7 @@ def read_commanded_log(file: str | Path, machine: Machine, columns: Mapping[str,
     def read_as(quantity: str, sources: Mapping[str, str]) -> Log:
         named = {f"{axis} {quantity}": source for axis, source in sources.items()}
         other = read_log(file, machine, given | named)
-        if other.position.shape != log.position.shape:
+        if other.position.shape != log.position.shape or other.starts != log.starts:
             raise InputError(
                 f"log {file}: its columns of {', '.join(sources.values())} have gaps where others have none"
             )
@@ -106,8 +106,9 @@ def read_commanded_log(file: str | Path, machine: Machine, columns: Mapping[str,
             [read[:, k] if axis in torques else np.zeros(len(read)) for k, axis in zip(of_axes, commands, strict=True)],
             axis=1,
         )
-    kept = replace(log, axes=tuple(commands), position=log.position[:, of_axes], torque=log.torque[:, of_axes])
-    return CommandedLog(kept, command, disturbance)
+    commanded = replace(log, axes=tuple(commands), position=log.position[:, of_axes], torque=log.torque[:, of_axes])
+    rows = max(log.pieces, key=lambda piece: piece.stop - piece.start)
+    return CommandedLog(commanded.longest, command[rows], None if disturbance is None else disturbance[rows])
 
 
 def _further_columns(names: tuple[str, ...], machine: Machine) -> dict[str, str]:
@@ -117,12 +118,12 @@ def _further_columns(names: tuple[str, ...], machine: Machine) -> dict[str, str]
         for text in (f"{axis.name} command", f"{axis.name} commanded", f"commanded {axis.name}"):
             words[text] = words[f"{text} {axis.unit}"] = f"{axis.name} {COMMAND}"
         words[f"{axis.name} {DISTURBANCE}"] = words[f"{axis.name} {DISTURBANCE} Nm"] = f"{axis.name} {DISTURBANCE}"
-    found: dict[str, str] = {}
+    columns: dict[str, str] = {}
     for column in names:
         name = words.get(" ".join(re.split(r"[\s_.]+", column.strip())))
         if name is not None:
-            found.setdefault(name, column)
-    return found
+            columns.setdefault(name, column)
+    return columns
 
 
 def _unit(machine: Machine, axis: str) -> str:
@@ -360,13 +361,13 @@ def _start(machine: Machine, recorded: CommandedLog) -> Start:
     log = recorded.log
     position, velocity, commanded, torque = np.zeros((4, len(machine.plain_axes)))
     for k, name in enumerate(log.axes):
-        at = machine.axis_names.index(name)
-        position[at], velocity[at] = _first_motion(log.position[:, k], log.period, machine.axes[at].resolution)
-        torque[at] = log.torque[0, k]
-        if velocity[at]:
+        a = machine.axis_names.index(name)
+        position[a], velocity[a] = _first_motion(log.position[:, k], log.period, machine.axes[a].resolution)
+        torque[a] = log.torque[0, k]
+        if velocity[a]:
             before, here, after = recorded.command[:3, k]
             # the velocity over the period before the first row, at the acceleration of those behind it
-            commanded[at] = ((here - before) - (after - 2 * here + before)) / log.period
+            commanded[a] = ((here - before) - (after - 2 * here + before)) / log.period
     return Start(position, velocity, commanded, torque)
 
 
@@ -379,12 +380,13 @@ def _first_motion(position: Floats, period: float, count: float) -> tuple[float,
     first = position[: max(_FEWEST, round(_FIRST / period))]
     time = period * np.arange(first.size)
     terms = np.stack([np.ones(first.size), time, time**2], axis=1)
-    place, velocity, _ = solution = np.linalg.lstsq(terms, first, rcond=None)[0]
-    off = float(np.std(first - terms @ solution))
+    parabola = np.linalg.lstsq(terms, first, rcond=None)[0]
+    place, velocity, _ = parabola.tolist()
+    off = float(np.std(first - terms @ parabola))
     if off <= max(count, _STEADY * float(np.ptp(first))):
         deviation = max(off, count / math.sqrt(12)) * math.sqrt(np.linalg.inv(terms.T @ terms)[1, 1])
         if abs(velocity) > _SURE * deviation:
-            return float(place), float(velocity)
+            return place, velocity
         return float(first[0]), 0.0
     step = float(first[1] - first[0])
     return float(first[0]), step / period if abs(step) > _RESTING * count else 0.0

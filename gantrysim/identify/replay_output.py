@@ -35,21 +35,21 @@ _AS_GOOD = 0.5  # difference, of that without friction, from which the log does 
 _WIDTH = 10.7  # of a plot across the page [inch]
 
 
-def described_quantity(found: Replay, axis: str, quantity: str) -> Quantity[Any]:
+def described_quantity(result: Replay, axis: str, quantity: str) -> Quantity[Any]:
     """Return unit and format of the following error or torque of an axis."""
-    unit = THOUSANDTH[found.run.units[found.run.axes.index(axis)]] if quantity == "following" else "mN·m"
+    unit = THOUSANDTH[result.run.units[result.run.axes.index(axis)]] if quantity == "following" else "mN·m"
     name = "following_error" if quantity == "following" else "torque"
     meaning = "Commanded less encoder position" if quantity == "following" else "Torque at the motor shaft"
     return Quantity(name, label=_LABELS[quantity], unit=unit, form=".3g", meaning=meaning, path=(), factor=1e3)
 
 
-def table_of(found: Replay, axis: str, quantity: str) -> Table:
+def table_of(result: Replay, axis: str, quantity: str) -> Table:
     """Return the sizes of a quantity of an axis by part of the log."""
-    described = described_quantity(found, axis, quantity)
+    described = described_quantity(result, axis, quantity)
     heads: list[str | Column] = ["part of the log", "rows"]
     heads += [Column(f"{_LABELS.get(side, side)}, {size}", ".4g") for side in SIDES for size in ("rms", "max")]
     rows: list[list[Any]] = []
-    for name, sizes in found.compared(axis, quantity).items():
+    for name, sizes in result.compared(axis, quantity).items():
         cells: list[Any] = [name, sizes.rows]
         for side in SIDES:
             size: ErrorSize | None = getattr(sizes, side)
@@ -58,24 +58,24 @@ def table_of(found: Replay, axis: str, quantity: str) -> Table:
     return Table(heads, rows, f"{axis}: {described.head}, measured and simulated")
 
 
-def sentences(found: Replay) -> Iterator[str]:
+def sentences(result: Replay) -> Iterator[str]:
     """Yield what the replay shows: for each axis, and which rows are held out."""
-    for axis in found.axes:
+    for axis in result.axes:
         for quantity in QUANTITIES:
-            yield _sentence(found, axis, quantity)
-    if found.fitted is None:
+            yield _sentence(result, axis, quantity)
+    if result.fitted is None:
         yield "No rows are named to which the machine was fitted (--fitted FROM:TO), so none are known to be held out."
     else:
         yield (
-            f"Rows {found.fitted.start} to {found.fitted.stop} are those to which the machine was fitted; all others "
+            f"Rows {result.fitted.start} to {result.fitted.stop} are those to which the machine was fitted; all others "
             "are held out."
         )
 
 
-def _sentence(found: Replay, axis: str, quantity: str) -> str:
-    described = described_quantity(found, axis, quantity)
-    parts = found.compared(axis, quantity)
-    judged = "all" if found.fitted is None else "held out"
+def _sentence(result: Replay, axis: str, quantity: str) -> str:
+    described = described_quantity(result, axis, quantity)
+    parts = result.compared(axis, quantity)
+    judged = "all" if result.fitted is None else "held out"
     sizes = parts[judged]
     where = "" if judged == "all" else " in the rows held out"
     text = (
@@ -99,25 +99,25 @@ def _beside_wrong(sizes: Compared, described: Quantity[Any]) -> str:
     return f"{text}, {wrong.rms / max(sizes.difference.rms, 1e-12):.3g} times as much."
 
 
-def content(found: Replay) -> dict[str, Any]:
+def content(result: Replay) -> dict[str, Any]:
     """Return all values for JSON; a key ends in its unit."""
     axes: dict[str, Any] = {}
-    for axis in found.axes:
+    for axis in result.axes:
         axes[axis] = {}
         for quantity in QUANTITIES:
-            described = described_quantity(found, axis, quantity)
+            described = described_quantity(result, axis, quantity)
             axes[axis][described.name] = {
-                name: _part_content(sizes, described) for name, sizes in found.compared(axis, quantity).items()
+                name: _part_content(sizes, described) for name, sizes in result.compared(axis, quantity).items()
             }
-    fitted = None if found.fitted is None else [found.fitted.start, found.fitted.stop]
+    fitted = None if result.fitted is None else [result.fitted.start, result.fitted.stop]
     return {
-        "machine": str(found.machine.source),
-        "rows": len(found.recorded.command),
-        "period_s": found.recorded.log.period,
+        "machine": str(result.machine.source),
+        "rows": len(result.recorded.command),
+        "period_s": result.recorded.log.period,
         "fitted_rows": fitted,
         "axes": axes,
-        "sentences": list(sentences(found)),
-        "notes": list(found.notes),
+        "sentences": list(sentences(result)),
+        "notes": list(result.notes),
     }
 
 
@@ -134,11 +134,11 @@ def _part_content(sizes: Compared, described: Quantity[Any]) -> dict[str, Any]:
     return values
 
 
-def write_all(found: Replay, log: str, folder: Path) -> list[str]:
+def write_all(result: Replay, log: str, folder: Path) -> list[str]:
     """Write values and report to a folder, replaced as a whole; return their names.
 
     Args:
-        found: the replay.
+        result: the replay.
         log: name of the log.
         folder: to write to.
 
@@ -147,43 +147,44 @@ def write_all(found: Replay, log: str, folder: Path) -> list[str]:
     """
     with output_folder(folder, OUTPUT) as scratch:
         (scratch / SUMMARY).write_text(
-            json.dumps({"log": log, **content(found)}, indent=2, allow_nan=False) + "\n", encoding="utf-8"
+            json.dumps({"log": log, **content(result)}, indent=2, allow_nan=False) + "\n", encoding="utf-8"
         )
-        title = f"{log} replayed on {found.machine.name}"
-        write_page(scratch / REPORT, title, "A recorded command, sent to the simulated machine", list(_sections(found)))
+        title = f"{log} replayed on {result.machine.name}"
+        write_page(
+            scratch / REPORT, title, "A recorded command, sent to the simulated machine", list(_sections(result))
+        )
     return list(OUTPUT.files)
 
 
-def _sections(found: Replay) -> Iterator[Section]:
-    yield Section("Summary", list(sentences(found)))
-    for axis in found.axes:
+def _sections(result: Replay) -> Iterator[Section]:
+    yield Section("Summary", list(sentences(result)))
+    for axis in result.axes:
         for quantity in QUANTITIES:
             yield Section(
                 f"{axis}: {_LABELS[quantity]}",
-                figure=drawn_plot(partial(_draw, axis=axis, quantity=quantity), found, _WIDTH, 5.2),
-                table=table_of(found, axis, quantity),
+                figure=drawn_plot(partial(_draw, axis=axis, quantity=quantity), result, _WIDTH, 5.2),
+                table=table_of(result, axis, quantity),
             )
-    if found.notes:
-        yield Section("Notes", list(found.notes))
-    yield Section("Versions", table=Table(["", "version"], [list(item) for item in versions(found.machine).items()]))
+    if result.notes:
+        yield Section("Notes", list(result.notes))
+    yield Section("Versions", table=Table(["", "version"], [list(item) for item in versions(result.machine).items()]))
 
 
-def _draw(figure: Figure | SubFigure, found: Replay, axis: str, quantity: str) -> tuple[Axes, ...]:
+def _draw(figure: Figure | SubFigure, result: Replay, axis: str, quantity: str) -> tuple[Axes, ...]:
     """Draw a quantity over time, measured and simulated, and below their difference; return the axes."""
-    described = described_quantity(found, axis, quantity)
-    values = found.following if quantity == "following" else found.torque
-    time = found.run.period * np.arange(len(found.run))
+    described = described_quantity(result, axis, quantity)
+    values = result.following if quantity == "following" else result.torque
+    time = result.run.period * np.arange(len(result.run), dtype=np.float64)
     over, below = figure.subplots(2, sharex=True)
 
     def line(panel: Axes, shown: Floats, label: str, colour: str) -> None:
-        scaled = np.asarray(described.factor * shown, np.float64)
-        panel.plot(*thinned_line(time, scaled), lw=0.8, color=colour, label=label)
+        panel.plot(*thinned_line(time, described.factor * shown), lw=0.8, color=colour, label=label)
 
     line(over, values(axis), "measured", COLOURS["contour"])
-    line(over, values(axis, found.run), "simulated", COLOURS["servo"])
-    if found.frictionless is not None:
-        line(below, values(axis) - values(axis, found.frictionless), "without friction", COLOURS["requested"])
-    line(below, values(axis) - values(axis, found.run), "measured less simulated", COLOURS["structure"])
+    line(over, values(axis, result.run), "simulated", COLOURS["servo"])
+    if result.frictionless is not None:
+        line(below, values(axis) - values(axis, result.frictionless), "without friction", COLOURS["requested"])
+    line(below, values(axis) - values(axis, result.run), "measured less simulated", COLOURS["structure"])
     for panel, label in ((over, described.head), (below, f"difference [{described.unit}]")):
         panel.set_ylabel(label)
         panel.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)

@@ -13,7 +13,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.base.heads import NUMBER, name_and_unit
 from gantrysim.tables.text_table import GAPS, Dialect, TextTable
-from gantrysim.tables.units import SUFFIXES, TIME, factor
+from gantrysim.tables.units import SUFFIXES, TIME, factor, is_unit
 
 # Where a quantity stands in a table, as a user writes it: COLUMN, COLUMN[UNIT], COLUMN*FACTOR UNIT.
 
@@ -85,6 +85,7 @@ class ColumnTable:
         lost: whether samples are missing, so that its rows are no time.
         remarks: lines of text besides its rows.
         order: names of all columns as the table has them; by default those of numbers first.
+        aliases: names by further names of the same columns.
     """
 
     label: str
@@ -95,17 +96,23 @@ class ColumnTable:
     lost: bool = False
     remarks: tuple[str, ...] = ()
     order: tuple[str, ...] = ()
+    aliases: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.order:
             object.__setattr__(self, "order", (*self.columns, *self.texts))
+
+    @property
+    def rows(self) -> int:
+        """Number of its rows."""
+        return len(next(iter((*self.columns.values(), *self.texts.values()))))
 
     def values(self, source: Source, kind: str, further: Mapping[str, float] | None = None) -> Floats:
         """Return a quantity in the unit of the package, (n,); nan in gaps.
 
         Args:
             source: where it stands.
-            kind: unit that the quantity has: "s", "mm", "deg" or "N·m".
+            kind: unit that the quantity has, one of `KINDS`.
             further: factors of units that depend on the machine or the log, as counts, samples or "‰".
 
         Raises:
@@ -135,15 +142,18 @@ class ColumnTable:
             raise InputError(f"{self.label}: two columns are named {column}: name it by its number, from 1")
         if column in known:
             return column
+        if column in self.aliases:
+            return self.aliases[column]
         if column.isdecimal() and 0 < int(column) <= len(self.order):
             return self.order[int(column) - 1]
-        folded = [name for name in known if name.casefold() == column.casefold()]
+        names = dict(zip(known, known, strict=True)) | dict(self.aliases)
+        folded = {names[name] for name in names if name.casefold() == column.casefold()}
         if len(folded) == 1:
-            return folded[0]
+            return folded.pop()
         bare = name_and_unit(column)[0]
         if bare in known:
             return bare
-        raise unknown(f"column of {self.label}", column, known)
+        raise unknown(f"column of {self.label}", column, names)
 
 
 def numbered_columns(label: str, table: TextTable) -> ColumnTable:
@@ -175,6 +185,7 @@ def numbered_columns(label: str, table: TextTable) -> ColumnTable:
         {names[k]: cells for k, cells in texts.items()},
         remarks=table.remarks,
         order=tuple(names),
+        aliases={alias: name for alias, name in zip(table.aliases, names, strict=False) if alias not in names},
     )
 
 
@@ -241,8 +252,8 @@ def _named_columns(table: TextTable, width: int) -> tuple[list[str], dict[int, s
     units: dict[int, str] = {}
     for k, head in enumerate(heads):
         name, unit = name_and_unit(head)
-        # the number of an axis, as in MPOS AXIS(0)
-        if unit.isdecimal():
+        # the number of an axis, as in MPOS AXIS(0), or words, as in Position (actual)
+        if unit.isdecimal() or (head.rstrip().endswith(")") and not is_unit(unit)):
             name = head.strip()
             unit = ""
         if not unit:

@@ -110,13 +110,31 @@ def test_a_log_is_read_as_it_was_saved(tmp_path_factory, period, size, held):
 @pytest.mark.parametrize(
     ("heads", "change", "text"),
     [
-        (("t", "x torque", "x position"), None, "has no column time; it has: t, x torque, x position"),
-        (("time", "a torque", "x position"), None, "has no axis with position and torque"),
+        (
+            ("t", "x torque", "x position"),
+            None,
+            r"has no column time: name it, as in --column 'time=t \[ms\]', or give --period; it has: t, x torque, x pos",
+        ),
+        (
+            ("time", "a torque", "x position"),
+            None,
+            "x has motion and no torque; it must have columns such as x position",
+        ),
+        (("time", "x torque", "a position"), None, "has no axis with position or velocity, and torque; it must have"),
         (("time", "x torque [V]", "x position"), None, r"column x torque is in 'V': must be in N·m"),
         (("time [h]", "x torque", "x position"), None, "column time is in 'h': must be in s"),
-        (("time", "x torque", "x position [deg]"), None, "column x position is in 'deg': must be in mm"),
-        (("time", "x torque", "x position"), "gaps", "has 90 samples without a gap, must have at least 100"),
-        (("time", "x torque", "x position"), "back", "time does not rise"),
+        (("time", "x torque", "x position [N]"), None, "column x position is in 'N': must be in mm"),
+        (
+            ("time", "x torque", "x position"),
+            "gaps",
+            "has 90 samples in pieces of at least 20 without a gap, must have at least 100",
+        ),
+        (
+            ("time", "x torque", "x position"),
+            "twice",
+            r"time does not rise: rows 100 and 101 both have 0\.099 s; log at every servo tick, with all digits; if only "
+            r"the stamps are rounded, give the period by --period$",
+        ),
         (("time", "x torque", "x position"), "text", "line 12: x torque = 'abc' is not a finite number"),
         (("time", "x torque", "x position"), "short", "has 49 samples, must have at least 100"),
     ],
@@ -124,10 +142,10 @@ def test_a_log_is_read_as_it_was_saved(tmp_path_factory, period, size, held):
 def test_a_bad_log_is_refused(tmp_path, heads, change, text):
     k, torque, position = columns()
     if change == "gaps":
-        k = np.where(k > 99, k + 5, k)
-        torque[[9, 110]] = np.nan
-    if change == "back":
-        k = np.where(k > 99, k - 50, k)
+        k = np.where(k > 89, k + 5, k)
+        torque[np.arange(109, 200, 20)] = np.nan
+    if change == "twice":
+        k = np.where(k > 99, k - 1, k)
     file = written(tmp_path, heads, 1e-3 * k, torque, position)
     lines = file.read_text(encoding="utf-8").splitlines()
     if change == "text":
@@ -137,13 +155,26 @@ def test_a_bad_log_is_refused(tmp_path, heads, change, text):
         read_log(file, MACHINE)
 
 
-def test_gaps_are_cut_out_and_said(tmp_path):
+def test_gaps_end_a_piece_and_are_said(tmp_path):
     k, torque, position = columns()
-    k = np.where(k > 149, k + 7, k)  # seven samples are missing
+    heads = ("time", "x torque", "x position [mm]")
+    later = np.where(k > 149, k + 7, k)  # seven samples are missing
     torque[20] = np.nan
-    log = read_log(written(tmp_path, ("time", "x torque", "x position [mm]"), 1e-3 * k, torque, position), MACHINE)
-    assert np.allclose(log.position[:, 0], position[21:150], atol=1e-9)
-    assert log.notes == ("log: of 200 rows, 129 are used, the longest stretch without a gap, from 0.021 s to 0.149 s",)
+    log = read_log(written(tmp_path, heads, 1e-3 * later, torque, position), MACHINE)
+    assert log.starts == (0, 20, 149)
+    assert np.allclose(log.position[:, 0], np.delete(position, 20), atol=1e-9)
+    assert np.allclose(log.torque[:, 0], np.delete(torque, 20), atol=1e-12)
+    assert np.allclose(log.time, 1e-3 * np.delete(later, 20))
+    assert log.notes == (
+        "log: of 200 rows, 199 are used, in 3 pieces, as rows or values are missing after 0.019 s, 0.149 s",
+    )
+    # a piece of nine rows shows nothing
+    torque[10] = np.nan
+    log = read_log(written(tmp_path, heads, 1e-3 * k, torque, position), MACHINE)
+    assert log.starts == (0,)
+    assert log.begins == (0.021,)
+    assert np.allclose(log.position[:, 0], position[21:], atol=1e-9)
+    assert log.notes == ("log: of 200 rows, 179 are used, those without a gap from 0.021 s to 0.199 s",)
 
 
 def test_torque_from_a_current_or_a_share_of_the_rated_one(tmp_path):
