@@ -90,6 +90,18 @@ def substeps(period: float) -> int:
     return min(max(math.ceil(period / _SUBSTEP - 1e-9), 2), _MOST_SUBSTEPS)
 
 
+class Beginnings(NamedTuple):
+    """Where the pieces of a log begin.
+
+    Attributes:
+        rows: first of each, (k,).
+        speeds: there, (k,) [u/s].
+    """
+
+    rows: NDArray[np.int64]
+    speeds: Floats
+
+
 class Samples(NamedTuple):
     """The samples of a log.
 
@@ -152,8 +164,8 @@ def innovations(model: AxisModel, noise: float, samples: Samples) -> Floats:
         means = means - course.ripple[:, None]
         level = course.level
     spring = Spring(model.stiffness, 0.0 if model.filled else model.damping, model.gap)
-    starts = np.array(samples.starts, np.int64)
-    return _predict(position, means, predictor, friction, spring, level, starts, np.array(samples.speeds))
+    begin = Beginnings(np.array(samples.starts, np.int64), np.array(samples.speeds))
+    return _predict(position, means, predictor, friction, spring, level, begin)
 
 
 def error_variance(model: AxisModel, noise: float, period: float) -> float:
@@ -219,8 +231,7 @@ def _predict(
     friction: Friction,
     spring: Spring,
     level: Floats,
-    starts: NDArray[np.int64],
-    speeds: Floats,
+    begin: Beginnings,
 ) -> Floats:
     """Return the innovations, (n,) [u].
 
@@ -233,8 +244,7 @@ def _predict(
         friction: of the motor.
         spring: between motor and load.
         level: of friction added to Coulomb friction, (n,) [N·m].
-        starts: of the pieces, (k,).
-        speeds: at these, (k,) [u/s].
+        begin: where pieces begin, motor and load at one speed.
     """
     step, F, G, gain, free_gain = predictor
     _, excess, stribeck, deflection, bristle_time, scale = friction
@@ -250,12 +260,11 @@ def _predict(
     z = 0.0
     piece = 0
     for tick in range(position.size):
-        if piece < starts.size and tick == starts[piece]:
-            # motor and load move together; bristles are stretched as far as they are in sliding, less near rest
-            for i in range(0, n, 2):
-                x[i] = position[tick]
-                x[i + 1] = speeds[piece]
-            z = constant / bristles * math.tanh(speeds[piece] / (scale * stribeck))
+        if piece < begin.rows.size and tick == begin.rows[piece]:
+            x[::2] = position[tick]
+            x[1::2] = begin.speeds[piece]
+            # as far as they are stretched in sliding, less near rest
+            z = deflection * math.tanh(begin.speeds[piece] / (scale * stribeck))
             piece += 1
         error = position[tick] - x[0]
         out[tick] = error
