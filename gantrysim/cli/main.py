@@ -25,6 +25,7 @@ from gantrysim.cli.improve import improve
 from gantrysim.cli.machine import ForJob, describe, machine_app
 from gantrysim.cli.options import AllowCode
 from gantrysim.cli.render import render as render_command
+from gantrysim.cli.replay import replay
 from gantrysim.cli.run import run
 from gantrysim.cli.study import study_app
 from gantrysim.cli.terminal import INPUT_ERROR, interruptible, show, spell_out, tell_compiling, warn
@@ -84,6 +85,7 @@ app.command()(gains)
 app.command()(export)
 app.command()(compare)
 app.command()(identify)
+app.command()(replay)
 app.command("render")(render_command)
 app.command()(view)
 app.command("compile")(compile_ahead)

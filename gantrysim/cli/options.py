@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from gantrysim.base.errors import expanded, place, point
+from gantrysim.base.errors import InputError, expanded, place, point
 from gantrysim.base.files import complete, pending
 
 Model = Annotated[
@@ -72,6 +73,21 @@ Colour = Annotated[
     str | None,
     typer.Option(help="Colour the bead by: verdict (in tolerances), width, error (the contour error), or plain."),
 ]
+
+
+def named_columns(columns: Sequence[str]) -> dict[str, str]:
+    """Return the columns of a log by quantity, from options such as 'x position=MPOS AXIS(0) [mm]'.
+
+    Raises:
+        InputError: a text without a quantity or a column.
+    """
+    named = {}
+    for column in columns:
+        name, equals, head = column.partition("=")
+        if not equals or not head.strip():
+            raise InputError(f"--column {column!r}: must be NAME=COLUMN, as in 'x position=MPOS AXIS(0) [mm]'")
+        named[" ".join(name.split())] = head
+    return named
 
 
 def to_write(context: typer.Context, folder: Path | None) -> Path | None:

@@ -131,7 +131,7 @@ def advance(
 
 
 class Stepper:
-    """One simulation with a state of its own, at rest at its first setpoint.
+    """One simulation with a state of its own, at its start.
 
     Attributes:
         data: the state.
@@ -142,6 +142,8 @@ class Stepper:
         self._law: PlainLaw | None = None
         self.data = mujoco.MjData(simulation.model)
         self.run = Started.of(simulation, self.data.qpos, self.data.userdata)
+        if simulation.begin is not None:
+            simulation.begin.write(simulation.machine, self.data)
 
     def advance(
         self, steps: int | None = None, law: PlainLaw | None = None, progress: Callable[[int], None] | None = None

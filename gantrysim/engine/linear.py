@@ -29,6 +29,7 @@ from gantrysim.machine.motors import (
     STATIC,
     STRIBECK,
     TIME_CONSTANT,
+    activation_slots,
 )
 from gantrysim.machine.springs import driven_joints
 from gantrysim.record.run import Run
@@ -167,7 +168,7 @@ def _read(machine: Machine, model: mujoco.MjModel, data: mujoco.MjData) -> Linea
     for a in range(m):
         for name, value in _motor(model, a).items():
             plant[name][a] = value
-    return Linear(plants, np.array([_slots(model, a) for a in range(m)]).reshape(m, 2))
+    return Linear(plants, np.array([activation_slots(model, a) for a in range(m)]).reshape(m, 2))
 
 
 def _motor(model: mujoco.MjModel, a: int) -> dict[str, float]:
@@ -209,16 +210,6 @@ def _motor(model: mujoco.MjModel, a: int) -> dict[str, float]:
         "static": bias[STATIC],
         "stribeck": bias[STRIBECK],
     }
-
-
-def _slots(model: mujoco.MjModel, a: int) -> tuple[int, int]:
-    """Return where an actuator's bristle and its current are among the activations, -1 for none."""
-    if model.actuator_gaintype[a] != mujoco.mjtGain.mjGAIN_DCMOTOR:
-        return -1, -1
-    first = int(model.actuator_actadr[a])
-    bristle = model.actuator_dynprm[a, BRISTLE_STIFFNESS] > 0
-    wound = model.actuator_dynprm[a, TIME_CONSTANT] > 0
-    return (first if bristle else -1), (first + int(bristle) if wound else -1)
 
 
 def _agrees(machine: Machine, model: mujoco.MjModel, data: mujoco.MjData, linear: Linear) -> bool:

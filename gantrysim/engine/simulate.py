@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from gantrysim.base.errors import InputError
 from gantrysim.base.progress import Progress, shown_progress
@@ -14,7 +15,7 @@ from gantrysim.engine.linear import Engine, check_engine
 from gantrysim.engine.places import LoopPlaces
 from gantrysim.engine.positions import axis_positions
 from gantrysim.engine.recording import perfect_record
-from gantrysim.engine.simulation import Simulation, checked_dispenser
+from gantrysim.engine.simulation import Simulation, Start, checked_dispenser
 from gantrysim.engine.started import Started
 from gantrysim.faults import InjectedFault
 from gantrysim.glue.dispenser.dispenser import Dispenser
@@ -36,11 +37,12 @@ def simulate(
     faults: Sequence[InjectedFault] = (),
     engine: Engine = "mujoco",
     progress: Progress = None,
+    start: Start | None = None,
 ) -> Run:
     """Run setpoints on a machine and return the record.
 
-    The machine starts at rest at the first setpoint. Once per servo period the encoders are sampled and the torque
-    demands updated; the physics makes a whole number of steps per period.
+    The machine starts at rest at the first setpoint, or in a given state. Once per servo period the encoders are
+    sampled and the torque demands updated; the physics makes a whole number of steps per period.
 
     Args:
         machine: the machine.
@@ -57,6 +59,8 @@ def simulate(
             axis asks for more; all other runs are MuJoCo's.
         progress: function called from time to time with the completed share, 0 to 1; True for a progress bar in a
             terminal or a notebook.
+        start: state of the axes at the first setpoint, for a run that begins in motion or off it; MuJoCo makes its
+            steps. What a servo or a motor remembers besides, such as an integral, is zero.
 
     Returns:
         The record, longer than the setpoints by the waits at their gates; a fault ends it early.
@@ -68,6 +72,8 @@ def simulate(
     """
     check_engine(engine)
     simulation = Simulation.of(machine, servo, setpoints, physics_step=physics_step, dispenser=dispenser, faults=faults)
+    if start is not None:
+        simulation = replace(simulation, begin=start)
     return stepped_simulation(simulation, law, engine, progress).record()
 
 

@@ -25,6 +25,7 @@ from gantrysim.faults import InjectedFault
 from gantrysim.faults.checks import check_faults
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.machine.machine import Machine
+from gantrysim.machine.motors import BRISTLE_STIFFNESS, MOTOR_CONSTANT, STRIBECK, activation_slots
 from gantrysim.machine.row import OVERSPEED, ROW, ROW_NUMBERS, Log
 from gantrysim.machine.springs import driven_joints
 from gantrysim.machine.timing import delay_steps, substeps_of
@@ -36,10 +37,52 @@ from gantrysim.servo.servo import Servo
 # The start of a run: the machine's position, and the servo's row with its parameters, before it is armed.
 
 
+_NEAR = 1e-3  # time over which a velocity is a difference of positions [s]
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """State of the axes at the first setpoint of a run that does not begin at rest there.
+
+    Attributes:
+        position: of the motors, (axes,) [mm or deg].
+        velocity: of the motors, (axes,) [mm/s or deg/s].
+        commanded_velocity: of the setpoints, (axes,) [mm/s or deg/s].
+        torque: of the motors, (axes,) [N·m].
+    """
+
+    position: Floats
+    velocity: Floats
+    commanded_velocity: Floats
+    torque: Floats
+
+    def write(self, machine: Machine, data: mujoco.MjData) -> None:
+        """Write velocities, and the activations of the motors, into a state at the first setpoint.
+
+        Bristles are bent as in steady motion; those of an axis at rest are not, as what bent them is not known.
+        """
+        data.qvel[:] = self._qvel(machine)
+        model = machine.physics
+        for a, axis in enumerate(machine.plain_axes):
+            bristle, current = activation_slots(model, a)
+            speed = self.velocity[a] / axis.scale
+            if bristle >= 0:
+                _, _, _, coulomb, static, stribeck = model.actuator_biasprm[a, : STRIBECK + 1]
+                friction = coulomb + (static - coulomb) * np.exp(-((speed / stribeck) ** 2))
+                data.act[bristle] = np.sign(speed) * friction / model.actuator_dynprm[a, BRISTLE_STIFFNESS]
+            if current >= 0:
+                data.act[current] = self.torque[a] / model.actuator_gainprm[a, MOTOR_CONSTANT]
+
+    def _qvel(self, machine: Machine) -> Floats:
+        """Return MuJoCo's qvel for the velocities, (nv,)."""
+        ahead, behind = (machine.to_qpos(self.position + time * self.velocity) for time in (_NEAR, -_NEAR))
+        return (ahead - behind) / (2 * _NEAR)
+
+
 def start_of(
-    machine: Machine, servo: Servo, setpoints: Setpoints, position: Floats, substeps: int
+    machine: Machine, servo: Servo, setpoints: Setpoints, position: Floats, substeps: int, begin: Start | None = None
 ) -> tuple[Floats, Floats]:
-    """Return qpos at rest at the first setpoint, (nq,), and the servo's row as numbers, (ROW_NUMBERS,).
+    """Return qpos at the first setpoint, (nq,), and the servo's row as numbers, (ROW_NUMBERS,).
 
     Args:
         machine: the machine.
@@ -47,6 +90,7 @@ def start_of(
         setpoints: the setpoints.
         position: the same for all the machine's axes, kept alive by the caller, (n, axes) [mm or deg].
         substeps: physics steps per servo period.
+        begin: state of the axes; None for rest at the first setpoint.
     """
     numbers = np.zeros(ROW_NUMBERS)
     row = numbers.view(ROW)[0]
@@ -56,7 +100,13 @@ def start_of(
     row["delay"] = delay_steps(servo.delay, servo.period, substeps)
     _fill(machine, servo, row)
     _supervise(machine, setpoints, row)
-    return machine.to_qpos(position[0]), numbers
+    if begin is None:
+        return machine.to_qpos(position[0]), numbers
+    row["demand_velocity"][: servo.axes] = begin.commanded_velocity
+    row["measured_velocity"][: servo.axes] = begin.velocity
+    row["held"][: servo.axes] = row["pending"][: servo.axes] = begin.torque / machine.drive_gain
+    row["error_change"][: servo.axes] = begin.commanded_velocity - begin.velocity
+    return machine.to_qpos(begin.position), numbers
 
 
 def _fill(machine: Machine, servo: Servo, row: np.void) -> None:
@@ -131,6 +181,7 @@ class Simulation:
         drives: at their start, (axes,) of `DRIVE`; None where all are plain ones.
         laws: at their start, (axes,) of `LAW`; None where none acts in the tick.
         torque: sent with the setpoints, (n, axes) [N·m]; None for none.
+        begin: state of the axes at the first setpoint; None for rest there.
     """
 
     machine: Machine
@@ -148,6 +199,7 @@ class Simulation:
     drives: NDArray[np.void] | None = None
     laws: NDArray[np.void] | None = None
     torque: Floats | None = None
+    begin: Start | None = None
 
     @classmethod
     def of(
@@ -221,8 +273,8 @@ class Simulation:
 
     @cached_property
     def start(self) -> tuple[Floats, Floats]:
-        """The machine's qpos at rest at the first setpoint, and the servo's row before it is armed."""
-        return start_of(self.machine, self.servo, self.setpoints, self.position, self.substeps)
+        """The machine's qpos at the first setpoint, and the servo's row before it is armed."""
+        return start_of(self.machine, self.servo, self.setpoints, self.position, self.substeps, self.begin)
 
     @cached_property
     def linear(self) -> tuple[Linear | None, ...]:
@@ -233,6 +285,8 @@ class Simulation:
     @cached_property
     def hindrance(self) -> str | None:
         """Why the compiled loop cannot step it, so that MuJoCo does; None where it can."""
+        if self.begin is not None:
+            return "a run that does not begin at rest is MuJoCo's"
         if self.faults:
             return "a run with deliberate faults is MuJoCo's"
         if self.servo.laws.user is not None:

@@ -56,7 +56,7 @@ class Started:
 
     @classmethod
     def of(cls, simulation: Simulation, qpos: Floats, userdata: Floats) -> Started:
-        """Write the start, at rest at the first setpoint, into a fresh state's qpos and userdata; arm the servo."""
+        """Write the start, at the first setpoint, into a fresh state's qpos and userdata; arm the servo."""
         start, prepared = simulation.start
         qpos[:] = start
         userdata[:ROW_NUMBERS] = prepared

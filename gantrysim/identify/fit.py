@@ -19,8 +19,8 @@ from gantrysim.base.errors import InputError
 from gantrysim.identify.friction_law import FrictionLaw, friction_law
 from gantrysim.identify.friction_terms import CONFIDENCE
 from gantrysim.identify.model import AxisModel
-from gantrysim.identify.pieces import WHOLE, Starts
-from gantrysim.identify.prediction import Course, Samples, innovations
+from gantrysim.identify.pieces import WHOLE, Starts, bounds
+from gantrysim.identify.prediction import Course, Samples, first_speed, innovations
 from gantrysim.identify.regression import in_motion, regression
 from gantrysim.identify.result import MODE, PARAMETERS, SYSTEMATIC, WHITE, AxisFit, Estimate, Sensitivity
 from gantrysim.identify.torque_regression import TorqueRegression
@@ -51,6 +51,7 @@ class PredictionError:
         progress: called with every evaluation.
         course: of friction beside that of the model.
         starts: of the log's pieces.
+        speeds: at the start of each [u/s].
     """
 
     period: float
@@ -62,10 +63,11 @@ class PredictionError:
     progress: Callable[[], None]
     course: Course | None = None
     starts: Starts = WHOLE
+    speeds: tuple[float, ...] = (0.0,)
 
     def innovations(self, model: AxisModel, noise: float) -> Floats:
         """Return the innovations of all samples, (n,) [u]."""
-        samples = Samples(self.period, self.position, self.torque, self.held, self.course, self.starts)
+        samples = Samples(self.period, self.position, self.torque, self.held, self.course, self.starts, self.speeds)
         return innovations(model, noise / self.size, samples)
 
     def residual(self, model: AxisModel, noise: float) -> Floats:
@@ -389,12 +391,24 @@ def _error(log: AxisLog, progress: Callable[[], None]) -> PredictionError:
     begin = max(int(first) - LAGS, 0)
     moves = slice(begin, int(last) + 1)
     starts = (0, *(start - begin for start in log.starts if begin < start <= last))
-    # the predictor takes some samples to find the state of a piece that begins in motion
     used = used[moves]
-    for start in starts:
-        used[start : start + LAGS] = False
+    position = log.position[moves]
+    speeds = []
+    for piece in bounds(position.size, starts):
+        in_motion_at_once = bool(used[piece.start])
+        speeds.append(first_speed(position[piece], log.period) if in_motion_at_once else 0.0)
+        # the predictor takes some samples to find the state of a piece that begins in motion
+        used[piece.start : piece.start + LAGS] = False
     return PredictionError(
-        log.period, log.position[moves], log.torque[moves], log.held, used, size, progress, starts=starts
+        period=log.period,
+        position=position,
+        torque=log.torque[moves],
+        held=log.held,
+        used=used,
+        size=size,
+        progress=progress,
+        starts=starts,
+        speeds=tuple(speeds),
     )
 
 

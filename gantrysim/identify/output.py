@@ -87,7 +87,13 @@ def content(identification: Identification, runs: Sequence[WholeRun] = ()) -> di
             axes[fit.axis]["mode"] = {"frequency": fit.model.resonance, "damping_ratio": fit.model.damping_ratio}
     whole: dict[str, Any] = {}
     for run in runs:
-        sizes = {"torque": run.torque, "fitted": run.fitted, "nominal": run.nominal, "counts": run.counts}
+        sizes = {
+            "torque": run.torque,
+            "written": run.written,
+            "fitted": run.fitted,
+            "nominal": run.nominal,
+            "counts": run.counts,
+        }
         table = {name: size for name, size in sizes.items() if math.isfinite(size)}
         whole[run.axis] = {"missing": run.missing} if run.missing else {**table, "repeats": run.repeats}
     shown = {"machine": str(identification.machine.source), "notes": identification.notes, "axes": axes}

@@ -99,7 +99,8 @@ class Samples(NamedTuple):
         torque: (n,) [N·m].
         held: whether a torque is held until the next sample, as a demand is; else it is linear in between.
         course: of friction beside the model's; None without.
-        starts: of the pieces; each may begin in motion.
+        starts: of the pieces.
+        speeds: at the start of each [u/s].
     """
 
     period: float
@@ -108,15 +109,14 @@ class Samples(NamedTuple):
     held: bool
     course: Course | None = None
     starts: Starts = WHOLE
+    speeds: tuple[float, ...] = (0.0,)
 
-    def speeds(self) -> Floats:
-        """Return the speed at the start of each piece, by a parabola through its first samples, (pieces,) [u/s]."""
-        count = max(round(_FIRST / self.period), _FEWEST)
-        speeds = []
-        for piece in np.split(self.position, self.starts[1:]):
-            first = piece[:count]
-            speeds.append(np.polynomial.Polynomial.fit(np.arange(first.size), first, 2).deriv()(0.0) / self.period)
-        return np.array(speeds)
+
+def first_speed(piece: Floats, period: float) -> float:
+    """Return the speed at the start of a piece that begins in motion, by a parabola through its first samples [u/s]."""
+    first = piece[: max(round(_FIRST / period), _FEWEST)]
+    course = np.polynomial.Polynomial.fit(np.arange(first.size), first, 2)
+    return float(course.deriv()(0.0)) / period
 
 
 def innovations(model: AxisModel, noise: float, samples: Samples) -> Floats:
@@ -153,7 +153,7 @@ def innovations(model: AxisModel, noise: float, samples: Samples) -> Floats:
         level = course.level
     spring = Spring(model.stiffness, 0.0 if model.filled else model.damping, model.gap)
     starts = np.array(samples.starts, np.int64)
-    return _predict(position, means, predictor, friction, spring, level, starts, samples.speeds())
+    return _predict(position, means, predictor, friction, spring, level, starts, np.array(samples.speeds))
 
 
 def error_variance(model: AxisModel, noise: float, period: float) -> float:

@@ -57,6 +57,16 @@ def dcmotors(model: mujoco.MjModel) -> Floats:
     return (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_DCMOTOR).astype(float)[:, None]
 
 
+def activation_slots(model: mujoco.MjModel, a: int) -> tuple[int, int]:
+    """Return where an actuator's bristle and its current are among the activations, -1 for none."""
+    if model.actuator_gaintype[a] != mujoco.mjtGain.mjGAIN_DCMOTOR:
+        return -1, -1
+    first = int(model.actuator_actadr[a])
+    bristle = model.actuator_dynprm[a, BRISTLE_STIFFNESS] > 0
+    wound = model.actuator_dynprm[a, TIME_CONSTANT] > 0
+    return (first if bristle else -1), (first + int(bristle) if wound else -1)
+
+
 def smooth_model(model: mujoco.MjModel) -> mujoco.MjModel:
     """Return a copy of a compiled model without LuGre friction, frictionloss and cogging; viscous friction stays."""
     smooth = copy.copy(model)

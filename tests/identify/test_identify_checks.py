@@ -75,12 +75,14 @@ def test_the_rehearsal_on_the_default_step_finds_its_own_machine():
     assert values["viscous"].value == pytest.approx(truth["viscous"], rel=0.03)
     # what is not identified stays that of the table in the machine that is written
     written = model_of(fitted_machine(found), AXIS)
-    assert not values["offset"].identified
+    assert values["offset"].identified
+    assert not values["static"].identified
     assert written.inertia == pytest.approx(found.fits[0].model.inertia, rel=1e-3)
-    toml = content(found)["axes"]["y"]["offset"]
-    assert (toml["identified"], toml["reason"]) == (False, values["offset"].reason)
+    toml = content(found)["axes"]["y"]["static"]
+    assert (toml["identified"], toml["reason"]) == (False, values["static"].reason)
     verdicts = dict(zip(values_table(found).columns[1].cells, values_table(found).columns[6].cells, strict=True))
-    assert verdicts["constant torque"] == f"not identified ({values['offset'].reason})"
+    assert verdicts["static friction"] == f"not identified ({values['static'].reason})"
+    assert verdicts["constant torque"] == "identified"
     assert verdicts["inertia, whole"] == "identified"
 
 
@@ -162,7 +164,7 @@ def test_the_balance_of_the_torque_is_what_a_wrong_inertia_leaves(share, wrong, 
     torque = (model.inertia - load) * acceleration + load * derivative(2)
     law = SimpleNamespace(level=np.zeros(time.size), ripple=np.zeros(time.size))
     stated = replace(model, inertia=wrong * model.inertia, stiffness=wrong * stiffness)
-    fit = SimpleNamespace(model=stated, position=position, torque=torque, law=law, held=False)
+    fit = SimpleNamespace(model=stated, position=position, torque=torque, law=law, held=False, starts=(0,))
     assert torque_balance(fit, PERIOD).change == pytest.approx((1 - wrong) * model.inertia, abs=1e-3 * model.inertia)
 
 

@@ -64,7 +64,10 @@ def random_log(seed, law=None, slip=None, noise=None, period=None, *, by_directi
 
     Args:
         seed: of the axis.
-        law, slip, noise, period: see `TrueLog`.
+        law: of the friction.
+        slip: error of the log.
+        noise: of the torque [N·m].
+        period: of the samples [s].
         by_direction: viscous friction is up to 30 % higher in one direction and as much lower in the other.
         in_motion: the log begins at a speed, up to 4 s after the first move.
     """

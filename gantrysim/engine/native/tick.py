@@ -95,10 +95,10 @@ def _take_errors(row, tape):
         commanded = row.setpoint[a]
         measured = row.seen[a]
         error = commanded - measured
-        if row.tick == 0:  # nothing moved before
-            row.commanded[a] = commanded
-            row.measured[a] = measured
-            row.error[a] = error
+        if row.tick == 0:  # before, it moved at the speeds of the start, which are mostly zero
+            row.commanded[a] = commanded - row.period * row.demand_velocity[a]
+            row.measured[a] = measured - row.period * row.measured_velocity[a]
+            row.error[a] = error - row.period * row.error_change[a]
         demand_velocity = (commanded - row.commanded[a]) / row.period
         row.demand_acceleration[a] = (demand_velocity - row.demand_velocity[a]) / row.period
         row.demand_velocity[a] = demand_velocity

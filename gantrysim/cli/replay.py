@@ -1,0 +1,100 @@
+"""The command `gantrysim replay`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gantrysim.base.errors import InputError
+from gantrysim.cli.options import AllowCode, named_columns
+from gantrysim.cli.terminal import interruptible, say, share_bar, show
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from gantrysim.report.document import Table as PageTable
+
+
+def replay(
+    log: Annotated[
+        Path, typer.Argument(help="Log of command, position and torque: CSV, Parquet, MAT or MCAP.", show_default=False)
+    ],
+    model: Annotated[
+        str,
+        typer.Option("--machine", "--model", help="Simulated machine: built-in, an MJCF file or a machine table."),
+    ] = "xyz",
+    servo: Annotated[
+        Path | None,
+        typer.Option(help="TOML file with a table \\[servo]; by default the servo of a job, derived from the machine."),
+    ] = None,
+    columns: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--column",
+            metavar="NAME=COLUMN",
+            help="Column of the log for a quantity: 'x command=DPOS AXIS(0) \\[mm]', 'x position=MPOS AXIS(0) \\[mm]', "
+            "'x torque=I*0.0302 N·m', 'x disturbance=PULSE \\[N·m]'.",
+        ),
+    ] = None,
+    fitted: Annotated[
+        str | None,
+        typer.Option(metavar="FROM:TO", help="Rows to which the machine was fitted, from 0; all others are held out."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Output folder.")] = Path("replayed"),
+    allow_code: AllowCode = False,
+) -> None:
+    """Send the command in a log to the simulated axes, and compare following error and torque with the log's.
+
+    Needs no program, path or glue. The axes begin in the log's first position and velocity. A table shows the following
+    error and the torque of each axis, measured and simulated, around reversals and elsewhere; beside them stands the
+    same machine without friction, which a machine worth its name must be far better than.
+
+    The output folder holds replay.json and report.html.
+
+    Exit status: 0, 2 for bad input, 130 after Ctrl-C.
+    """
+    from gantrysim.identify.replay import read_commanded_log
+    from gantrysim.identify.replay import replay as replayed
+    from gantrysim.identify.replay_output import QUANTITIES, sentences, table_of, write_all
+    from gantrysim.job.servo_file import servo_of_file
+    from gantrysim.machine.machine import Machine
+
+    machine = Machine(model)
+    recorded = read_commanded_log(log, machine, named_columns(columns or ()))
+    chosen = servo_of_file(servo, machine, recorded.log.period, allow_code=allow_code)
+    with interruptible() as go_on:
+        with share_bar("replay", go_on) as advance:
+            result = replayed(machine, recorded, chosen, fitted=_rows(fitted), progress=advance)
+        names = write_all(result, log.name, out)
+    for axis in result.axes:
+        for quantity in QUANTITIES:
+            show(_table(table_of(result, axis, quantity)))
+    for line in sentences(result):
+        say(line, wrap=True)
+    for note in result.notes:
+        say(f"note: {note}", wrap=True)
+    say(f"written to {out}/: {', '.join(names)}")
+
+
+def _rows(text: str | None) -> slice | None:
+    if text is None:
+        return None
+    first, colon, after = text.partition(":")
+    try:
+        return slice(int(first), int(after)) if colon else slice(int(""))
+    except ValueError:
+        raise InputError(f"--fitted {text}: must be FROM:TO, as in 0:6000") from None
+
+
+def _table(content: PageTable) -> Table:
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title=escape(content.caption or ""), title_justify="left", box=None, padding=(0, 1, 0, 0))
+    for head, numeric in zip(content.heads, content.numeric, strict=True):
+        table.add_column(head.replace(", ", "\n"), justify="right" if numeric else "left", no_wrap=True)
+    for row in content.cells:
+        table.add_row(*map(escape, row))
+    return table

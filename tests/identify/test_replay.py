@@ -1,0 +1,206 @@
+"""A recorded command sent to the simulated machine again: a run repeats itself."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gantrysim import InputError, Machine, Perturbation, Servo, simulate
+from gantrysim.controllers.trio import MoveSpiral
+from gantrysim.engine.simulation import Start
+from gantrysim.exchange.tables import export
+from gantrysim.identify.log import Log
+from gantrysim.identify.replay import CommandedLog, near_reversals, read_commanded_log, replay
+from gantrysim.machine.ideal import without_friction
+from gantrysim.paths.chain import Chain
+from gantrysim.paths.pieces import Line
+from gantrysim.record.setpoints import Setpoints
+
+MACHINE = Machine("xy")
+NO_PATH = Chain([Line((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))])
+SERVO = Servo.derive(MACHINE.axes)
+
+
+@pytest.fixture(scope="module")
+def spiral():
+    return simulate(MACHINE, SERVO, MoveSpiral(24, 1, 5, 80))
+
+
+def part(recorded, rows):
+    """A stretch of a log, with nothing of what was before it."""
+    log = recorded.log
+    return CommandedLog(
+        Log(log.axes, log.period, log.position[rows], log.torque[rows], log.held), recorded.command[rows]
+    )
+
+
+def test_a_run_repeats_itself_to_the_last_digit(spiral):
+    found = replay(MACHINE, CommandedLog.of(spiral), SERVO)
+    assert found.notes == ()
+    assert np.array_equal(found.run.encoder, spiral.encoder)
+    for axis in "xy":
+        for quantity in ("following", "torque"):
+            sizes = found.compared(axis, quantity)
+            assert sizes["all"].difference.max == 0
+            assert sizes["all"].frictionless.rms > 0.3 * sizes["all"].measured.rms
+            assert sizes["all"].rows == sizes["reversals"].rows + sizes["elsewhere"].rows
+
+
+def test_a_log_that_begins_in_motion_is_followed_from_its_first_velocity(spiral):
+    """Without it, the axes would start at rest, far behind the command."""
+    begin = len(spiral) // 2
+    speed = np.abs(np.gradient(spiral.encoder[:, 0], spiral.period))[begin]
+    assert speed > 20
+    found = replay(MACHINE, part(CommandedLog.of(spiral), slice(begin, None)), SERVO)
+    for axis in "xy":
+        assert found.compared(axis, "following")["all"].difference.max < 0.0031
+        late = np.abs(found.following(axis) - found.following(axis, found.run))[200:]
+        assert late.max() <= 0.0021
+
+
+def test_the_axes_start_where_and_as_fast_as_they_are_told():
+    """With a servo that does nothing, an axis without friction goes on at its first velocity."""
+    machine = without_friction(MACHINE).perturbed(Perturbation(viscous=1e-9))
+    idle = SERVO.with_values(kp=0.0, ki=0.0, kd=0.0, velocity_ff=0.0, acceleration_ff=0.0, notch_frequency=0.0)
+    idle = idle.with_values(following_error_limit=1e3)
+    resting = Setpoints(1e-3, ("x", "y"), np.zeros((201, 2)), np.zeros(201, bool), NO_PATH)
+    start = Start(np.array([-7.0, 3.0]), np.array([40.0, -25.0]), np.zeros(2), np.zeros(2))
+    run = simulate(machine, idle, resting, start=start)
+    expected = start.position + run.time[:, None] * start.velocity
+    # the motors' back-EMF is compensated, the load swings on its spring
+    assert np.abs(run.motor - expected).max() < 0.05
+
+
+def test_a_command_that_moves_at_the_first_row_has_no_jump_of_velocity():
+    """Feed-forward alone on exact gains: torque of the first tick is that of the velocity, none of an acceleration."""
+    servo = SERVO.with_values(kp=0.0, ki=0.0, kd=0.0, notch_frequency=0.0, following_error_limit=1e3)
+    time = 1e-3 * np.arange(50)
+    command = np.stack([40.0 * time, -25.0 * time], axis=1)
+    setpoints = Setpoints(1e-3, ("x", "y"), command, np.zeros(50, bool), NO_PATH)
+    speed = np.array([40.0, -25.0])
+    run = simulate(MACHINE, servo, setpoints, start=Start(np.zeros(2), speed, speed, np.zeros(2)))
+    expected = speed * np.array(servo.per_axis("velocity_ff"))
+    np.testing.assert_allclose(run.demand, np.tile(expected, (50, 1)), rtol=1e-6)
+
+
+def test_a_known_disturbance_is_added_to_the_motor_s_torque():
+    """A constant one on a stiff loop without an integral is answered by kp times the error that it makes."""
+    count = 400
+    servo = SERVO.with_values(ki=0.0)
+    still = Log(("x",), 1e-3, np.zeros((count, 1)), np.zeros((count, 1)), held=True)
+    pushed = np.full((count, 1), 0.2)
+    found = replay(MACHINE, CommandedLog(still, np.zeros((count, 1)), pushed), servo)
+    # what friction holds, at most 0.0208 N·m, the error need not
+    assert abs(-servo.per_axis("kp")[0] * found.following("x", found.run)[-1] - 0.2) < 0.0209
+    assert found.torque("x", found.run)[0] == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(("dwell", "noise"), [(0, 0.0), (40, 0.0), (40, 0.002)])
+def test_reversals_are_where_the_command_turns_back(dwell, noise):
+    ramp = np.linspace(0, 20, 1001)
+    command = np.concatenate([ramp, np.full(dwell, 20.0), ramp[::-1], ramp])
+    command += noise * np.random.default_rng(1).standard_normal(command.size)
+    near = near_reversals(command, 1e-3, 0.05)
+    edges = np.flatnonzero(np.diff(near.astype(int)))
+    turns = np.array([1000 + dwell, 2001 + dwell])
+    expected = np.stack([turns - 21, turns + 100], axis=1).ravel()
+    assert np.abs(edges - expected).max() <= (42 if noise else 2)
+
+
+def table(tmp_path, heads, *columns):
+    file = tmp_path / "log.csv"
+    np.savetxt(file, np.column_stack(columns), delimiter=",", header=heads, comments="", fmt="%.9g")
+    return file
+
+
+def test_command_and_disturbance_are_read_by_their_names_or_as_told(tmp_path):
+    k = np.arange(200.0)
+    position, command, torque, pulse = np.sin(k / 30), np.sin(k / 30) + 0.01, 0.1 * np.cos(k / 30), 0.05 * (k > 100)
+    file = table(
+        tmp_path,
+        "time [ms],x position [um],x command [um],x torque [N·m],x disturbance [mN·m]",
+        k,
+        1e3 * position,
+        1e3 * command,
+        torque,
+        1e3 * pulse,
+    )
+    found = read_commanded_log(file, MACHINE)
+    assert found.log.axes == ("x",)
+    assert not found.log.held
+    np.testing.assert_allclose(found.log.position[:, 0], position, atol=1e-8)
+    np.testing.assert_allclose(found.command[:, 0], command, atol=1e-8)
+    np.testing.assert_allclose(found.log.torque[:, 0], torque, atol=1e-8)
+    np.testing.assert_allclose(found.disturbance[:, 0], pulse, atol=1e-8)
+    file = table(tmp_path, "t,q,r,u", k, position / 1e3, command / 1e3, torque)
+    told = {"time": "t [ms]", "x position": "q [m]", "x demand": "u*2 N·m", "x command": "r [m]"}
+    found = read_commanded_log(file, MACHINE, told)
+    assert found.log.held
+    np.testing.assert_allclose(found.command[:, 0], command, atol=1e-8)
+    np.testing.assert_allclose(found.log.torque[:, 0], 2 * torque, atol=1e-8)
+    assert found.disturbance is None
+    del told["x command"]
+    with pytest.raises(InputError, match="has the command of no axis with position and torque: must have a column"):
+        read_commanded_log(file, MACHINE, told)
+
+
+def test_a_table_that_export_writes_can_be_replayed(tmp_path, spiral):
+    export(spiral, tmp_path / "run.csv", "csv")
+    found = replay(MACHINE, read_commanded_log(tmp_path / "run.csv", MACHINE), SERVO)
+    assert max(found.compared(axis, "following")["all"].difference.max for axis in "xy") < 1e-9
+
+
+def test_held_out_rows_are_those_to_which_nothing_was_fitted(spiral):
+    recorded = CommandedLog.of(spiral)
+    found = replay(MACHINE, recorded, SERVO, fitted=slice(0, 300))
+    sizes = found.compared("x", "following")
+    assert (sizes["held out"].rows, sizes["fitted"].rows) == (len(spiral) - 300, 300)
+    measured = spiral.commanded[300:, 0] - spiral.encoder[300:, 0]
+    assert sizes["held out"].measured.rms == pytest.approx(np.sqrt(np.mean(measured**2)))
+    with pytest.raises(InputError, match="must be some, but not all, of the log's"):
+        replay(MACHINE, recorded, SERVO, fitted=slice(0, len(spiral)))
+
+
+def test_a_log_that_counts_from_another_zero_is_moved_into_the_travel(spiral):
+    recorded = CommandedLog.of(spiral)
+    far = CommandedLog(replace(recorded.log, position=recorded.log.position + 5000), recorded.command + 5000)
+    found = replay(MACHINE, far, SERVO)
+    assert "lies outside of the travel" in found.notes[0]
+    assert found.compared("x", "following")["all"].difference.max < 0.005
+
+
+def test_a_servo_of_another_period_and_a_fault_are_refused(spiral):
+    recorded = CommandedLog.of(spiral)
+    with pytest.raises(InputError, match=r"servo period = 0\.002 s: must be the period of the log, 0\.001 s"):
+        replay(MACHINE, recorded, Servo.derive(MACHINE.axes, 2e-3))
+    with pytest.raises(InputError, match="does not follow the log to its end: following error"):
+        replay(MACHINE, recorded, SERVO.with_values(following_error_limit=0.05))
+
+
+def test_the_command_prints_and_writes_all(tmp_path, spiral, gantrysim_command, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    export(spiral, tmp_path / "run.csv", "csv")
+    (tmp_path / "servo.toml").write_text("[servo]\nintegral_time = 0.02\n")
+    status, out, err = gantrysim_command(
+        "replay", "run.csv", "--machine", "xy", "--servo", "servo.toml", "--fitted", "0:400"
+    )
+    assert (status, err) == (0, "")
+    assert "following error [µm], measured and simulated" in out
+    words = " ".join(out.split())
+    assert "Without friction the same machine differs by" in words
+    assert "Rows 0 to 400 are those to which the machine was fitted" in words
+    content = json.loads((tmp_path / "replayed" / "replay.json").read_text())
+    found = content["axes"]["x"]["following_error"]["held out"]
+    assert found["rows"] == len(spiral) - 400
+    assert found["difference_rms_um"] > 0
+    assert found["explained_percent"] > found["explained_frictionless_percent"]
+    assert "measured less simulated" in (tmp_path / "replayed" / "report.html").read_text()
+    for arguments, message in (
+        (("--fitted", "4"), "must be FROM:TO"),
+        (("--column", "x command"), "must be NAME=COLUMN"),
+        (("--servo", "missing.toml"), "missing.toml"),
+    ):
+        status, _, err = gantrysim_command("replay", "run.csv", "--machine", "xy", *arguments)
+        assert status == 2
+        assert message in " ".join(err.split())
