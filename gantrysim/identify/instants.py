@@ -146,7 +146,7 @@ def _rounded_stamps(time: Floats, pieces: Sequence[slice], period: float) -> str
                 f"{lasting / (stamps.size - 1):.4g} s each: must agree within {share_words(_AGREEING)} it"
             )
         late = stamps - np.linspace(stamps[0], stamps[-1], stamps.size)
-        worst = max(worst, float(np.abs(late).max()))
+        worst = max(worst, 0.5 * float(np.ptp(late)))
     if worst <= EVEN * period:
         return ""
     return (
@@ -164,10 +164,10 @@ def _with_notes(
     if len(pieces) > 1:
         ends = [begin + period * (_size(piece) - 1) for begin, piece in zip(begins, pieces, strict=True)][:-1]
         places = ", ".join(f"{end:g} s" for end in ends[:_NAMED])
-        more = f" and {len(ends) - _NAMED} times more" if len(ends) > _NAMED else ""
+        further = f" and {len(ends) - _NAMED} times more" if len(ends) > _NAMED else ""
         notes.append(
             f"log: of {rows} rows, {samples} are used, in {len(pieces)} pieces, as rows or values are missing after "
-            f"{places}{more}"
+            f"{places}{further}"
         )
     elif samples < rows:
         end = begins[0] + period * (samples - 1)

@@ -279,7 +279,7 @@ def _logged_axes(
     motion = [
         reading.position(axis) if reading.has(f"{axis.name} {POSITION}") else reading.velocity(axis) for axis in logged
     ]
-    whole = np.isfinite(np.column_stack([torque, *motion])).all(axis=1)
+    whole = np.isfinite(np.column_stack([torque, *motion])).all(axis=1).astype(bool)
     try:
         instants = instants_of(whole, time, period, reading.rows.start + 1)
     except InputError as error:
@@ -297,9 +297,9 @@ def _logged_axes(
                 f"{axis.name}: its position is integrated from its velocity: where in the travel it moves is not known"
             )
         elif reading.has(f"{axis.name} {VELOCITY}"):
-            found = _agreement(moved, reading.velocity(axis)[used], starts, instants.period)
+            agreement = _agreement(moved, reading.velocity(axis)[used], starts, instants.period)
             try:
-                notes.append(_agreement_words(axis, found, reading.in_si(VELOCITY, axis).unit))
+                notes.append(_agreement_words(axis, agreement, reading.in_si(VELOCITY, axis).unit))
             except InputError as error:
                 raise InputError(f"{table.label}: {error}") from None
         position.append(moved)
@@ -335,11 +335,11 @@ def _sources(table: ColumnTable, machine: Machine, columns: Mapping[str, str]) -
         if name and name not in sources:
             sources[name] = Source(column)
     for axis in machine.axis_names:
-        for one, other in ((POSITION, VELOCITY), (DEMAND, TORQUE)):
+        for pair in ((POSITION, VELOCITY), (DEMAND, TORQUE)):
             # what the user gives stands alone: a head neither replaces it nor contradicts it
-            for named, unnamed in ((one, other), (other, one)):
-                if f"{axis} {named}" in columns and f"{axis} {unnamed}" not in columns:
-                    sources.pop(f"{axis} {unnamed}", None)
+            unnamed = [quantity for quantity in pair if f"{axis} {quantity}" not in columns]
+            if len(unnamed) == 1:
+                sources.pop(f"{axis} {unnamed[0]}", None)
     return sources
 
 
@@ -429,7 +429,8 @@ def _agreement(position: Floats, velocity: Floats, starts: Sequence[int], period
         changes.append(np.diff(np.column_stack([position[ends], integral]), axis=0))
     moved, integrated = np.concatenate(changes).T
     known = np.isfinite(integrated)
-    moved, integrated = moved[known], integrated[known]
+    moved = moved[known]
+    integrated = integrated[known]
     size = float(moved @ moved)
     if moved.size < _FEWEST_WINDOWS or not (size or integrated.any()):
         return None
@@ -439,32 +440,33 @@ def _agreement(position: Floats, velocity: Floats, starts: Sequence[int], period
     return _Agreement(common / size, common / math.sqrt(size * float(integrated @ integrated)))
 
 
-def _agreement_words(axis: Axis, found: _Agreement | None, unit: str) -> str:
+def _agreement_words(axis: Axis, agreement: _Agreement | None, unit: str) -> str:
     """Return that a velocity agrees with the position, in words.
 
     Args:
         axis: of both.
-        found: how they agree.
+        agreement: how they agree.
         unit: in which the velocity was read.
 
     Raises:
         InputError: they do not agree.
     """
-    if found is None:
+    if agreement is None:
         return f"{axis.name}: its position is used; its velocity is not compared with it, as too little moves"
-    if found.holds:
-        return f"{axis.name}: its position is used; its velocity agrees within {100 * abs(found.size - 1):.1g} %"
-    if abs(found.correlation) < _LEAST_CORRELATION:
+    if agreement.holds:
+        return f"{axis.name}: its position is used; its velocity agrees within {100 * abs(agreement.size - 1):.1g} %"
+    if abs(agreement.correlation) < _LEAST_CORRELATION:
         words = (
-            f"its velocity is not that of its position: their changes correlate by {found.correlation:.2g}, must be at "
-            f"least {_LEAST_CORRELATION:g}"
+            f"its velocity is not that of its position: their changes correlate by {agreement.correlation:.2g}, must "
+            f"be at least {_LEAST_CORRELATION:g}"
         )
     else:
         known = KINDS[_SPEEDS[axis.unit]]
-        meant = [name for name, factor in known.items() if abs(found.size * factor / known.get(unit, 1.0) - 1) < 0.05]
+        size = agreement.size / known.get(unit, 1.0)
+        meant = [name for name, factor in known.items() if abs(size * factor - 1) < _AGREEING / 2]
         hint = f" ({' or '.join(meant)} read as {unit}?)" if meant else ""
         words = (
-            f"its velocity is {times_words(found.size)} the change of its position per time{hint}, must be "
+            f"its velocity is {times_words(agreement.size)} the change of its position per time{hint}, must be "
             f"{1 - _AGREEING:g} to {1 + _AGREEING:g} times"
         )
     raise InputError(
