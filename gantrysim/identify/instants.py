@@ -145,7 +145,8 @@ def _rounded_stamps(time: Floats, pieces: Sequence[slice], period: float) -> str
                 f"period = {period:g} s is given, but {stamps.size} rows last {lasting:.4g} s by their time, "
                 f"{lasting / (stamps.size - 1):.4g} s each: must agree within {share_words(_AGREEING)} it"
             )
-        late = stamps - np.linspace(stamps[0], stamps[-1], stamps.size)
+        ticks = np.arange(stamps.size)
+        late = stamps - np.polyval(np.polyfit(ticks, stamps, 1), ticks)
         worst = max(worst, 0.5 * float(np.ptp(late)))
     if worst <= EVEN * period:
         return ""
