@@ -179,9 +179,9 @@ def _periodic(regression: TorqueRegression, solution: Solution, kind: str) -> Te
         return None
     best = min(inner, key=unexplained)
     half = _FINE_SCAN[-1] / 2 / travel
-    low, high = max(best - half, waves[0]), min(best + half, waves[-1])
-    found = minimize_scalar(unexplained, bounds=(low, high), method="bounded", options={"xatol": 0.02 * half})
-    return Term(kind, 1 / float(found.x))
+    near = (max(best - half, waves[0]), min(best + half, waves[-1]))
+    minimum = minimize_scalar(unexplained, bounds=near, method="bounded", options={"xatol": 0.02 * half})
+    return Term(kind, 1 / float(minimum.x))
 
 
 def _peaks(waves: Floats, power: Floats, apart: float) -> list[float]:

@@ -157,7 +157,8 @@ class Identification:
             if any(value.identified for value in self._values_of(fit, judgement)):
                 continue
             # a cause comes before what it makes
-            reasons = [one.reason for one in judgement.findings if not one.values or one.check == SAMPLING]
+            findings = judgement.findings
+            reasons = [finding.reason for finding in findings if not finding.values or finding.check == SAMPLING]
             reasons.append("no value is known within 15 %, or passes its checks; see the notes")
             lines.append(f"axis {fit.axis}: {reasons[0]}")
         return lines

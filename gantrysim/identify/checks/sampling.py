@@ -176,23 +176,27 @@ def strokes(position: Floats, resolution: float) -> Floats:
 # of +45 % and a delay of -3.7 ms.
 
 CHECK = "sampling"
-FEWEST = 3.0  # samples of the median stroke
+FEWEST = 3.0  # samples of a stroke
+SHORT = (
+    0.25  # largest share of the moving samples in shorter strokes: a loop that swings at rest has 0.16, and is fitted
+)
 
 
 def check_sampling(axis: Axis, position: Floats, period: float) -> None:
     """Refuse a log too slow for its strokes.
 
     Raises:
-        NotIdentifiedError: with the strokes' length and the period that does.
+        NotIdentifiedError: with the share of short strokes and what does.
     """
     lengths = strokes(position, axis.resolution)
     if not lengths.size:
         return
-    median = float(np.median(lengths))
-    if median < FEWEST:
+    share = float(lengths[lengths < FEWEST].sum() / lengths.sum())
+    if share > SHORT:
         raise NotIdentifiedError(
-            f"axis {axis.name}: half its strokes last at most {median:.0f} samples of {1e3 * period:g} ms: must "
-            f"be at least {FEWEST:.0f}; log every servo tick, with a loop that does not oscillate"
+            f"axis {axis.name}: in {100 * share:.0f} % of its motion it reverses within {FEWEST - 1:.0f} samples of "
+            f"{1e3 * period:g} ms: must be at most {100 * SHORT:.0f} %; log every servo tick, with a loop that does "
+            "not oscillate"
         )
 
 
