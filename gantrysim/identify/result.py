@@ -51,6 +51,20 @@ PARAMETERS = {
 }
 
 
+# the same in words, where the name alone is none
+LABELS = {
+    "inertia": "inertia, whole",
+    "viscous": "viscous friction",
+    "viscous_forward": "viscous friction forwards",
+    "viscous_back": "viscous friction back",
+    "coulomb": "Coulomb friction",
+    "static": "static friction",
+    "offset": "constant torque",
+    "share": "load's share of the inertia",
+    "gap": "backlash",
+}
+
+
 @dataclass(frozen=True)
 class Estimate:
     """A fitted parameter.
@@ -130,10 +144,11 @@ class AxisFit:
         innovations: of all samples, (n,) [u].
         start: inertia, viscous and Coulomb friction of the linear regression.
         highest: frequency up to which the log shows a mode [Hz].
-        position: fitted part of the log, (n,) [u].
+        position: fitted part of the log, its moves, (n,) [u].
         torque: likewise, (n,) [N·m].
         held: whether the torque is a demand, held until the next sample.
         starts: of the pieces.
+        first: row of the log at which the fitted part begins.
         sensitivity: of the residual of the samples in motion to the parameters.
         predicted: the model whose predictions the innovations are of; its friction is that of the predictions alone.
         law: friction by the torque of the sliding axis.
@@ -157,6 +172,7 @@ class AxisFit:
     predicted: AxisModel
     law: FrictionLaw
     starts: Starts = WHOLE
+    first: int = 0
 
     @property
     def residual(self) -> Floats:

@@ -13,7 +13,6 @@ import pytest
 from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import Basic
 from gantrysim.identify.checks.parameters import torque_balance
-from gantrysim.identify.checks.sampling import even_period
 from gantrysim.identify.explained import explained_residual
 from gantrysim.identify.identification import identify
 from gantrysim.identify.log import Log
@@ -204,19 +203,6 @@ def test_a_log_that_excites_too_little_is_refused():
     sawtooth = np.abs(np.mod(time, 0.4) - 0.2)
     with pytest.raises(InputError, match=r"^axis y: its fast moves are 1 times as fast as its slow ones: must be at"):
         identify(MACHINE, replace(log, position=30 * sawtooth))
-
-
-def test_time_stamps_must_be_even():
-    time = PERIOD * np.arange(500)
-    assert even_period(time) == pytest.approx(PERIOD)
-    assert even_period(np.round(time, 4)) == pytest.approx(PERIOD)
-    late = time + np.where(np.arange(500) == 200, 0.3 * PERIOD, 0.0)
-    with pytest.raises(
-        InputError, match=r"at t = 0\.2003 s one is off by 30 % of the period, 1 ms: must be within 10 %"
-    ):
-        even_period(late)
-    with pytest.raises(InputError, match="are not even"):  # a clock that runs 1 % faster in the end than at the start
-        even_period(time + 0.01 * time**2 / time[-1])
 
 
 def test_a_drive_of_another_machine_is_told_by_the_ratio():

@@ -20,6 +20,7 @@ from gantrysim.identify.checks.finding import Doubt, Finding, NotIdentifiedError
 from gantrysim.identify.explained import explained_residual
 from gantrysim.identify.pieces import longest_piece
 from gantrysim.identify.result import MODE, WHITE, AxisFit
+from gantrysim.identify.sizes import share_words, times_words
 from gantrysim.identify.whiteness import LAGS, correlation
 
 # Check: no prediction of the position may be wrong at once by many times its usual error.
@@ -148,18 +149,18 @@ def check_residual(fit: AxisFit, period: float) -> Doubt:
     size = times / np.sqrt(12)
     if times > UNUSABLE:
         raise NotIdentifiedError(
-            f"axis {fit.axis}: the prediction of the position is wrong by {times:.0f} times the encoder's counts, must "
-            f"be at most {UNUSABLE:.0f}: the torque did not cause this motion; check for a frozen or skipping encoder, "
-            "columns of two axes, and a log of fewer samples than the servo's"
+            f"axis {fit.axis}: the prediction of the position is wrong by {times_words(times, 2)} the encoder's "
+            f"counts, must be at most {UNUSABLE:.0f}: the torque did not cause this motion; check for a frozen or "
+            "skipping encoder, columns of two axes, and a log of fewer samples than the servo's"
         )
     if times > LARGEST_RESIDUAL:
-        reason = f"the residual is {times:.0f} times the encoder's counts: must be at most {LARGEST_RESIDUAL:.0f}"
+        reason = f"the residual is {times_words(times, 2)} the encoder's counts: must be at most {LARGEST_RESIDUAL:.0f}"
         findings.append(Finding(RESIDUAL, (), reason))
     balanced = fit.law.remainder < BALANCED * fit.law.size
     share = fit.noise / float(np.std(fit.torque))
     if share > NOISE:
         reason = (
-            f"torque noise of {100 * share:.0f} % of the torque would explain it: must be at most {100 * NOISE:.0f} %"
+            f"torque noise of {share_words(share)} the torque would explain it: must be at most {100 * NOISE:.0f} %"
         )
         findings.append(Finding(RESIDUAL, PREDICTED if balanced and share < NOISY else (), reason))
     explained = explained_residual(fit, period) / count

@@ -13,6 +13,7 @@ from gantrysim.identify.checks.units import position_slips, torque_slips
 from gantrysim.identify.model import AxisModel
 from gantrysim.identify.pieces import WHOLE, Starts, by_piece
 from gantrysim.identify.result import MODE, AxisFit
+from gantrysim.identify.sizes import times_words
 from gantrysim.machine.axis import Axis
 
 # Check of the log: its torque must be one that the drive can deliver.
@@ -39,9 +40,11 @@ def check_torque(axis: Axis, torque: Floats, ratio: float) -> None:
     slips = torque_slips(axis, ratio) if ratio > 0 else []
     hint = "check its unit, and that it is the torque at the motor shaft"
     if slips:
-        hint = f"the log's inertia is {ratio:.3g} times that of the table: torque in {' or '.join(slips)} read as N·m?"
+        hint = (
+            f"the log's inertia is {times_words(ratio)} that of the table: torque in {' or '.join(slips)} read as N·m?"
+        )
     raise NotIdentifiedError(
-        f"axis {axis.name}: its largest torque is {largest:.4g} N·m, {excess:.3g} times the drive's peak of "
+        f"axis {axis.name}: its largest torque is {largest:.4g} N·m, {times_words(excess)} the drive's peak of "
         f"{axis.peak_torque:.4g} N·m: must be at most {LARGEST_TORQUE:g} times; {hint}"
     )
 
