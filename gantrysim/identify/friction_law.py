@@ -38,7 +38,7 @@ _SIGNIFICANT_TERM = 16.0  # least squared coefficient over its variance, per coe
 _STRIBECK_SPEEDS = (0.45, 1.5, 4.5, 15.0)  # that are tried, times the table's
 _LONGEST = 1 / 3  # period over the travel, of the log's travel: of a longer one nothing shows that it repeats
 _SHORTEST = 1 / 80  # the same
-_HELD_OUT_GAIN = 0.02  # least share of a part's variance that a wave explains which was fitted to all else
+_HELD_OUT = 0.5  # least gain of a wave in parts that it was not fitted to, of its gain where it was
 _TIMES = 3  # parts of the time, of which one at a time is left out
 _PLACES = 4  # of the travel
 _STEP = 0.25  # of the scan, in periods over the whole travel
@@ -136,10 +136,10 @@ def _repeats(regression: TorqueRegression, without: Solution, candidate: Candida
     for values, count in ((np.arange(position.size, dtype=np.float64), _TIMES), (position, _PLACES)):
         edges = np.linspace(values.min(), values.max(), count + 1)[1:-1]
         part = np.searchsorted(edges, values)
-        for k in range(count):
-            inside = part == k
-            if _held_out(candidate.solution, inside) > (1 - _HELD_OUT_GAIN) * _held_out(without, inside):
-                return False
+        before = sum(_held_out(without, part == k) for k in range(count))
+        after = sum(_held_out(candidate.solution, part == k) for k in range(count))
+        if 1 - after / before < _HELD_OUT * candidate.gain:
+            return False
     return True
 
 
