@@ -147,10 +147,10 @@ class _Shown(NamedTuple):
     @classmethod
     def of(cls, value: IdentifiedValue) -> _Shown:
         """Return torques below 0.1 N·m in mN·m, delays in ms, backlash in µm or mdeg, and stiffness in N/µm."""
-        unit, factor = _SMALLER.get(value.unit, (value.unit, 1.0))
-        if value.unit == TORQUE and max(map(abs, (value.nominal, value.value, value.low, value.high))) >= _SMALL_TORQUE:
-            unit, factor = value.unit, 1.0
-        return cls(unit, *(factor * number for number in (value.nominal, value.value, value.low, value.high)))
+        numbers = (value.nominal, value.value, value.low, value.high)
+        large = value.unit == TORQUE and max(map(abs, numbers)) >= _SMALL_TORQUE
+        unit, factor = (value.unit, 1.0) if large else _SMALLER.get(value.unit, (value.unit, 1.0))
+        return cls(unit, *(factor * number for number in numbers))
 
     @property
     def text(self) -> str:

@@ -25,6 +25,11 @@ def count_words(counts: float) -> str:
     return f"{_plain(counts, 2)} counts"
 
 
+def number_words(value: float) -> str:
+    """Return a number of four digits, a larger one as "80,070"."""
+    return _plain(value, 4)
+
+
 def _plain(value: float, digits: int) -> str:
     """Return a number of some digits, a larger one as a whole number."""
     return f"{value:,.0f}" if abs(value) >= 10**digits - 0.5 else f"{value:.{digits}g}"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gantrysim.identify.sizes import change_words, count_words, share_words, times_words
+from gantrysim.identify.sizes import change_words, count_words, number_words, share_words, times_words
 
 
 @pytest.mark.parametrize(
@@ -22,6 +22,8 @@ from gantrysim.identify.sizes import change_words, count_words, share_words, tim
         (times_words, 2940.2, "2,940 times"),
         (times_words, 0.000873, "0.000873 times"),
         (times_words, -1.0, "-1 times"),
+        (number_words, 80.0712, "80.07"),
+        (number_words, 80071.2, "80,071"),
     ],
 )
 def test_sizes_in_words(function, value, text):
