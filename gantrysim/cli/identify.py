@@ -11,6 +11,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.cli.terminal import NOT_IDENTIFIED, interruptible, say, share_bar, show, warn
 
 if TYPE_CHECKING:
+    from gantrysim.identify.log import Log
     from gantrysim.machine.machine import Machine
 
 
@@ -30,8 +31,19 @@ def identify(
         typer.Option(
             "--column",
             metavar="NAME=COLUMN",
-            help="Column of the log for a quantity: 'x position=MPOS AXIS(0) \\[mm]', 'x torque=I*0.0302 N·m'.",
+            help="Column of the log for a quantity: 'x position=MPOS AXIS(0) \\[mm]', 'x torque=I*0.0302 N·m'. "
+            "Quantities: time; position, velocity, demand and torque of an axis.",
         ),
+    ] = None,
+    period: Annotated[
+        float | None,
+        typer.Option(
+            help="Sampling period, for a log without time or with rounded time stamps \\[s].", show_default=False
+        ),
+    ] = None,
+    rows: Annotated[
+        str | None,
+        typer.Option(metavar="FIRST:LAST", help="Rows of the log to read, counted from 1 without its headings."),
     ] = None,
     plan: Annotated[bool, typer.Option("--plan", help="Write the program that excites the machine; takes no log.")] = (
         False
@@ -56,11 +68,18 @@ def identify(
     if plan:
         if log is not None:
             raise InputError(f"--plan takes no log, got {log}")
+        for option, value in {"--column": columns, "--period": period, "--rows": rows}.items():
+            if value is not None:
+                raise InputError(f"{option}: describes a log, and --plan takes none")
         _write_plan(machine, controller, out)
         return
     if log is None:
         raise InputError("a log is missing; gantrysim identify --plan writes the program of the moves to log")
-    _identify(machine, log, _named_columns(columns or ()), Path("identified") if out is None else out)
+    from gantrysim.identify.log import Rows, read_log
+
+    chosen = None if rows is None else Rows.parse(rows)
+    read = read_log(log, machine, _named_columns(columns or ()), period, chosen)
+    _identify(machine, read, Path("identified") if out is None else out)
 
 
 def _write_plan(machine: Machine, controller: str, out: Path | None) -> None:
@@ -84,14 +103,12 @@ def _named_columns(columns: list[str] | tuple[str, ...]) -> dict[str, str]:
     return named
 
 
-def _identify(machine: Machine, file: Path, columns: dict[str, str], folder: Path) -> None:
+def _identify(machine: Machine, log: Log, folder: Path) -> None:
     from gantrysim.identify.checks.finding import NotIdentifiedError
     from gantrysim.identify.identification import identify as identified
-    from gantrysim.identify.log import read_log
     from gantrysim.identify.output import values_table, write_all
     from gantrysim.identify.whole_run import whole_run
 
-    log = read_log(file, machine, columns)
     with interruptible() as go_on:
         try:
             with share_bar("identify", go_on) as advance:

@@ -6,11 +6,13 @@ part of the log left out.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from gantrysim.base.arrays import Floats
 from gantrysim.identify.friction_terms import (
@@ -31,11 +33,13 @@ from gantrysim.identify.torque_regression import NAMES, Solution, TorqueRegressi
 # Chooses the terms of friction that a log needs, one by one, by the share of the remaining torque they explain.
 
 _MOST_TERMS = 4  # terms
+_MOST_LOAD = 0.5  # friction by load, of the motor's torque
 _GAIN = 0.05  # least share of the remaining torque's variance that a term explains
 _SIGNIFICANT_TERM = 16.0  # least squared coefficient over its variance, per coefficient
-_STRIBECK_SPEEDS = (0.45, 1.5, 4.5, 15.0)  # that are tried, times the table's
+_STRIBECK_SPEEDS = (0.45, 1.5, 4.5)  # that are tried, times the table's
 _LONGEST = 1 / 3  # period over the travel, of the log's travel: of a longer one nothing shows that it repeats
 _SHORTEST = 1 / 80  # the same
+_HELD_OUT = 0.5  # least gain of a wave in parts that it was not fitted to, of its gain where it was
 _TIMES = 3  # parts of the time, of which one at a time is left out
 _PLACES = 4  # of the travel
 _STEP = 0.25  # of the scan, in periods over the whole travel
@@ -115,6 +119,9 @@ def _candidates(
         values = extended.values[first:]
         if term.kind in POSITIVE and values[0] < 0:
             continue
+        # where the torque never brakes, its size in the direction of motion is the torque itself
+        if term.kind == LOAD and values[0] > _MOST_LOAD:
+            continue
         gain = 1 - float(extended.remainder @ extended.remainder) / max(before, 1e-300)
         weight = np.linalg.pinv(extended.covariance[first:, first:])
         yield Candidate(term, extended, gain, float(values @ weight @ values) / values.size)
@@ -130,25 +137,20 @@ def _repeats(regression: TorqueRegression, without: Solution, candidate: Candida
     for values, count in ((np.arange(position.size, dtype=np.float64), _TIMES), (position, _PLACES)):
         edges = np.linspace(values.min(), values.max(), count + 1)[1:-1]
         part = np.searchsorted(edges, values)
-        before = _held_out(without, part, count)
-        after = _held_out(candidate.solution, part, count)
-        if not after < (1 - 0.5 * _GAIN) * before:
+        before = sum(_held_out(without, part == k) for k in range(count))
+        after = sum(_held_out(candidate.solution, part == k) for k in range(count))
+        if 1 - after / before < _HELD_OUT * candidate.gain:
             return False
     return True
 
 
-def _held_out(solution: Solution, part: NDArray[np.int64], count: int) -> float:
-    """Return the sum of squares of what a regression leaves in each part when fitted to all others."""
+def _held_out(solution: Solution, inside: NDArray[np.bool_]) -> float:
+    """Return the sum of squares of what a regression leaves in a part when fitted to all else."""
     matrix = solution.matrix
-    whole = matrix.T @ matrix
-    total = 0.0
-    for k in range(count):
-        inside = part == k
-        inner = matrix[inside]
-        # the normal equations without the part; the remainder is orthogonal to the whole matrix
-        change = -np.linalg.pinv(whole - inner.T @ inner) @ (inner.T @ solution.remainder[inside])
-        total += float(np.sum((solution.remainder[inside] - inner @ change) ** 2))
-    return total
+    inner = matrix[inside]
+    # the normal equations without the part; the remainder is orthogonal to the whole matrix
+    change = -np.linalg.pinv(matrix.T @ matrix - inner.T @ inner) @ (inner.T @ solution.remainder[inside])
+    return float(np.sum((solution.remainder[inside] - inner @ change) ** 2))
 
 
 def _periodic(regression: TorqueRegression, solution: Solution, kind: str) -> Term | None:
@@ -165,22 +167,22 @@ def _periodic(regression: TorqueRegression, solution: Solution, kind: str) -> Te
     weighted = solution.remainder * direction
     phases = 2j * np.pi * position
     power = np.array([abs(np.sum(weighted * np.exp(wave * phases))) for wave in waves])
-    best = 0.0
-    term = None
-    for peak in _peaks(waves, power, 1 / travel):
-        for shift in _FINE_SCAN:
-            wave = peak + shift / travel
-            if not waves[0] <= wave <= waves[-1]:
-                continue
-            trial = Term(kind, 1 / float(wave))
-            columns = regression.columns_of(trial)
-            columns = columns - solution.basis @ (solution.basis.T @ columns)
-            fitted = columns @ np.linalg.lstsq(columns, solution.remainder, rcond=None)[0]
-            explained = float(fitted @ fitted)
-            if explained > best:
-                best = explained
-                term = trial
-    return term
+
+    def unexplained(wave: float) -> float:
+        columns = regression.columns_of(Term(kind, 1 / wave))
+        columns = columns - solution.basis @ (solution.basis.T @ columns)
+        fitted = columns @ np.linalg.lstsq(columns, solution.remainder, rcond=None)[0]
+        return -float(fitted @ fitted)
+
+    trials = [peak + shift / travel for peak in _peaks(waves, power, 1 / travel) for shift in _FINE_SCAN]
+    inner = [wave for wave in trials if waves[0] <= wave <= waves[-1]]
+    if not inner:
+        return None
+    best = min(inner, key=unexplained)
+    half = _FINE_SCAN[-1] / 2 / travel
+    near = (max(best - half, waves[0]), min(best + half, waves[-1]))
+    minimum = minimize_scalar(unexplained, bounds=near, method="bounded", options={"xatol": 0.02 * half})
+    return Term(kind, 1 / float(minimum.x))
 
 
 def _peaks(waves: Floats, power: Floats, apart: float) -> list[float]:
@@ -285,7 +287,8 @@ def _estimates(
         if name == "coulomb" and any(term.kind == LOAD for term in terms):
             floor = _LOAD * abs(value)
         scatter = _SCATTER * float(np.sqrt(max(variance, 0.0)))
-        with_part = _moved_by_part(solution, without, quantity)
+        # somewhere within the largest change, all values alike: a standard deviation of 1/√3 of it
+        with_part = _moved_by_part(solution, without, quantity) / math.sqrt(3)
         deviation = float(np.linalg.norm([scatter, max(with_others, default=0.0), with_part, floor]))
         estimates[name] = Estimate(value, deviation)
     return estimates

@@ -14,6 +14,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
 from gantrysim.identify.checks.finding import NotIdentifiedError
 from gantrysim.identify.checks.judgement import Judgement, judged_fit
+from gantrysim.identify.checks.sampling import CHECK as SAMPLING
 from gantrysim.identify.checks.sampling import check_encoder, check_excitation, check_sampling, check_torque
 from gantrysim.identify.checks.units import check_columns, check_inertia, check_swapped, check_travel, inertia_ratio
 from gantrysim.identify.explained import explained_residual
@@ -155,50 +156,33 @@ class Identification:
         for fit, judgement in zip(self.fits, self.judgements, strict=True):
             if any(value.identified for value in self._values_of(fit, judgement)):
                 continue
-            reasons = [finding.reason for finding in judgement.findings if not finding.values]
+            # a cause comes before what it makes
+            findings = judgement.findings
+            reasons = [finding.reason for finding in findings if not finding.values or finding.check == SAMPLING]
             reasons.append("no value is known within 15 %, or passes its checks; see the notes")
             lines.append(f"axis {fit.axis}: {reasons[0]}")
         return lines
 
     @property
-    def accepted(self) -> tuple[AxisFit, ...]:
-        """The fits with the identified values; all other values are the MJCF's."""
-        return tuple(self._accepted(fit, judged) for fit, judged in zip(self.fits, self.judgements, strict=True))
+    def adopted(self) -> tuple[frozenset[str], ...]:
+        """By axis the names of the values that the fitted machine takes from the log."""
+        return tuple(judged.adopted(fit) for fit, judged in zip(self.fits, self.judgements, strict=True))
 
-    def _accepted(self, fit: AxisFit, judgement: Judgement) -> AxisFit:
-        model = fit.model
-        table = fit.nominal
-        adopted = judgement.adopted(fit)
-        accepted = table
-        if "inertia" in adopted:
-            accepted = replace(accepted, inertia=model.inertia)
-        if "coulomb" in adopted:
-            # static friction keeps its ratio where the log does not show it
-            ratio = table.excess / table.coulomb if table.coulomb > 0 else 0.0
-            excess = max(model.static - model.coulomb, 0.0) if "static" in adopted else ratio * model.coulomb
-            accepted = replace(
-                accepted,
-                viscous=model.viscous,
-                difference=model.difference,
-                coulomb=model.coulomb,
-                offset=model.offset,
-                excess=excess,
-            )
-        estimates = fit.estimates
-        if "stiffness" in adopted:
-            damping = model.damping if "damping" in adopted else table.damping
-            accepted = replace(accepted, share=model.share, stiffness=model.stiffness, damping=damping)
-        else:
-            estimates = {name: estimate for name, estimate in estimates.items() if name not in MODE}
-        return replace(fit, model=accepted, estimates=estimates)
+    @property
+    def accepted(self) -> tuple[AxisFit, ...]:
+        """The fits with the adopted values; all other values are the MJCF's."""
+        return tuple(_with_adopted(fit, names) for fit, names in zip(self.fits, self.adopted, strict=True))
 
     def _unseen(self, fit: AxisFit) -> list[str]:
-        if fit.nominal.share and not fit.shows_mode:
-            why = "does not show in the log"
-            if "stiffness" in fit.estimates or fit.nominal.resonance >= fit.highest:
-                why = f"is beyond the {fit.highest:g} Hz that this log shows (half its rate; a tenth of torques)"
-            return [f"{fit.axis}: its mode at {fit.nominal.resonance:.0f} Hz {why}; that of the MJCF stays"]
-        return []
+        if not fit.nominal.share or fit.shows_mode:
+            return []
+        reach = f"the {fit.highest:g} Hz that this log shows (half its rate; a tenth of torques)"
+        why = "does not show in the log"
+        if fit.nominal.resonance >= fit.highest:
+            why = f"is beyond {reach}"
+        elif "stiffness" in fit.estimates:
+            why = f"is fitted at {fit.model.resonance:.0f} Hz, too near {reach}"
+        return [f"{fit.axis}: its mode, at {fit.nominal.resonance:.0f} Hz by the MJCF, {why}; the MJCF's stays"]
 
 
 def identify(machine: Machine, log: Log, progress: Callable[[float], None] = lambda _: None) -> Identification:
@@ -267,6 +251,34 @@ def _check_log(axis: Axis, table: AxisModel, log: AxisLog) -> None:
     check_torque(axis, torque, ratio)
     check_inertia(axis, ratio)
     check_encoder(axis, table, position, torque, log.period, log.starts)
+
+
+def _with_adopted(fit: AxisFit, adopted: frozenset[str]) -> AxisFit:
+    """Return a fit whose model has the adopted values, and else those of the MJCF."""
+    model = fit.model
+    table = fit.nominal
+    accepted = table
+    if "inertia" in adopted:
+        accepted = replace(accepted, inertia=model.inertia)
+    if "coulomb" in adopted:
+        # static friction keeps its ratio where the log does not show it
+        ratio = table.excess / table.coulomb if table.coulomb > 0 else 0.0
+        excess = max(model.static - model.coulomb, 0.0) if "static" in adopted else ratio * model.coulomb
+        accepted = replace(
+            accepted,
+            viscous=model.viscous,
+            difference=model.difference,
+            coulomb=model.coulomb,
+            offset=model.offset,
+            excess=excess,
+        )
+    estimates = fit.estimates
+    if "stiffness" in adopted:
+        damping = model.damping if "damping" in adopted else table.damping
+        accepted = replace(accepted, share=model.share, stiffness=model.stiffness, damping=damping)
+    else:
+        estimates = {name: estimate for name, estimate in estimates.items() if name not in MODE}
+    return replace(fit, model=accepted, estimates=estimates)
 
 
 def friction_words(fit: AxisFit) -> str:

@@ -10,28 +10,18 @@ from typing import Any
 import tomli_w
 from rich.table import Table
 
-from gantrysim.base.arrays import Floats
 from gantrysim.identify.identification import Identification
 from gantrysim.identify.log import Log
-from gantrysim.identify.plots import draw_friction, draw_residuals, draw_response
+from gantrysim.identify.page import REPORT, identification_page
+from gantrysim.identify.plots import save_plots
+from gantrysim.identify.result import LABELS
 from gantrysim.identify.whole_run import WholeRun, fitted_machine, write_machine
 from gantrysim.report.folder import Output, output_folder
 
 VALUES = "identified.toml"
 MACHINE = "machine.xml"
 _PLOTS = ("residuals", "friction", "response")
-OUTPUT = Output("identification", VALUES, (VALUES, MACHINE, *(f"{name}.png" for name in _PLOTS)))
-_NAMES = {
-    "inertia": "inertia, whole",
-    "viscous": "viscous friction",
-    "viscous_forward": "viscous friction forwards",
-    "viscous_back": "viscous friction back",
-    "coulomb": "Coulomb friction",
-    "static": "static friction",
-    "offset": "constant torque",
-    "share": "load's share of the inertia",
-    "gap": "backlash",
-}
+OUTPUT = Output("identification", VALUES, (REPORT, VALUES, MACHINE, *(f"{name}.png" for name in _PLOTS)))
 
 
 def values_table(identification: Identification) -> Table:
@@ -54,7 +44,7 @@ def values_table(identification: Identification) -> Table:
             table.add_section()
         table.add_row(
             value.axis if value.axis != last else "",
-            _NAMES.get(value.name, value.name),
+            LABELS.get(value.name, value.name),
             f"{value.nominal:.4g}",
             f"{value.value:.4g}",
             f"{0.5 * (value.high - value.low):.2g}",
@@ -87,7 +77,13 @@ def content(identification: Identification, runs: Sequence[WholeRun] = ()) -> di
             axes[fit.axis]["mode"] = {"frequency": fit.model.resonance, "damping_ratio": fit.model.damping_ratio}
     whole: dict[str, Any] = {}
     for run in runs:
-        sizes = {"torque": run.torque, "fitted": run.fitted, "nominal": run.nominal, "counts": run.counts}
+        sizes = {
+            "torque": run.torque,
+            "written": run.written,
+            "fitted": run.fitted,
+            "nominal": run.nominal,
+            "counts": run.counts,
+        }
         table = {name: size for name, size in sizes.items() if math.isfinite(size)}
         whole[run.axis] = {"missing": run.missing} if run.missing else {**table, "repeats": run.repeats}
     shown = {"machine": str(identification.machine.source), "notes": identification.notes, "axes": axes}
@@ -95,29 +91,22 @@ def content(identification: Identification, runs: Sequence[WholeRun] = ()) -> di
 
 
 def write_all(identification: Identification, log: Log, folder: Path, runs: Sequence[WholeRun] = ()) -> list[str]:
-    """Write values, fitted machine and plots to a folder, replaced as a whole; return their names.
+    """Write page, values, fitted machine and plots to a folder, replaced as a whole; return their names.
+
+    Args:
+        identification: of the log.
+        log: of the axes.
+        folder: to write to.
+        runs: of the fitted machine under the log's torque, by axis.
 
     Raises:
         InputError: the folder holds other files of these names or cannot be written, or no machine has the values.
     """
     machine = fitted_machine(identification)
-
-    def column(values: Floats, axis: str) -> Floats:
-        return values[:, log.axes.index(axis)]
-
-    drawings = {
-        "residuals": draw_residuals(identification.fits, identification.period),
-        "friction": draw_friction(identification.fits),
-        "response": draw_response(
-            identification.fits,
-            identification.period,
-            lambda axis: column(log.torque, axis),
-            lambda axis: column(log.position, axis),
-        ),
-    }
+    page = identification_page(identification, log, runs)
     with output_folder(folder, OUTPUT) as scratch:
         (scratch / VALUES).write_text(tomli_w.dumps(content(identification, runs)), encoding="utf-8")
         write_machine(machine, scratch / MACHINE)
-        for name, drawing in drawings.items():
-            drawing.savefig(scratch / f"{name}.png")
+        save_plots(identification.fits, log, scratch)
+        page.write(scratch / REPORT)
     return list(OUTPUT.files)

@@ -90,6 +90,24 @@ def substeps(period: float) -> int:
     return min(max(math.ceil(period / _SUBSTEP - 1e-9), 2), _MOST_SUBSTEPS)
 
 
+class Record(NamedTuple):
+    """What a log tells the predictor.
+
+    Attributes:
+        position: measured, (n,) [u].
+        torque: means over the steps between samples, (n, steps) [N·m].
+        level: of friction added to Coulomb friction, (n,) [N·m].
+        rows: at which pieces begin, (k,).
+        speeds: there, of motor and load, (k,) [u/s].
+    """
+
+    position: Floats
+    torque: Floats
+    level: Floats
+    rows: NDArray[np.int64]
+    speeds: Floats
+
+
 class Samples(NamedTuple):
     """The samples of a log.
 
@@ -99,7 +117,8 @@ class Samples(NamedTuple):
         torque: (n,) [N·m].
         held: whether a torque is held until the next sample, as a demand is; else it is linear in between.
         course: of friction beside the model's; None without.
-        starts: of the pieces; each may begin in motion.
+        starts: of the pieces.
+        speeds: at the start of each [u/s].
     """
 
     period: float
@@ -108,15 +127,14 @@ class Samples(NamedTuple):
     held: bool
     course: Course | None = None
     starts: Starts = WHOLE
+    speeds: tuple[float, ...] = (0.0,)
 
-    def speeds(self) -> Floats:
-        """Return the speed at the start of each piece, by a parabola through its first samples, (pieces,) [u/s]."""
-        count = max(round(_FIRST / self.period), _FEWEST)
-        speeds = []
-        for piece in np.split(self.position, self.starts[1:]):
-            first = piece[:count]
-            speeds.append(np.polynomial.Polynomial.fit(np.arange(first.size), first, 2).deriv()(0.0) / self.period)
-        return np.array(speeds)
+
+def first_speed(piece: Floats, period: float) -> float:
+    """Return the speed at the start of a piece that begins in motion, by a parabola through its first samples [u/s]."""
+    first = piece[: max(round(_FIRST / period), _FEWEST)]
+    course = np.polynomial.Polynomial.fit(np.arange(first.size), first, 2)
+    return float(course.deriv()(0.0)) / period
 
 
 def innovations(model: AxisModel, noise: float, samples: Samples) -> Floats:
@@ -152,8 +170,8 @@ def innovations(model: AxisModel, noise: float, samples: Samples) -> Floats:
         means = means - course.ripple[:, None]
         level = course.level
     spring = Spring(model.stiffness, 0.0 if model.filled else model.damping, model.gap)
-    starts = np.array(samples.starts, np.int64)
-    return _predict(position, means, predictor, friction, spring, level, starts, samples.speeds())
+    record = Record(position, means, level, np.array(samples.starts, np.int64), np.array(samples.speeds))
+    return _predict(record, predictor, friction, spring)
 
 
 def error_variance(model: AxisModel, noise: float, period: float) -> float:
@@ -212,30 +230,18 @@ def _lagged_means(means: Floats, decay: float, steps: float) -> Floats:
 
 
 @jit
-def _predict(
-    position: Floats,
-    torque: Floats,
-    predictor: Predictor,
-    friction: Friction,
-    spring: Spring,
-    level: Floats,
-    starts: NDArray[np.int64],
-    speeds: Floats,
-) -> Floats:
+def _predict(record: Record, predictor: Predictor, friction: Friction, spring: Spring) -> Floats:
     """Return the innovations, (n,) [u].
 
     Bristles and linear motion take turns, the bristles half a step ahead.
 
     Args:
-        position: measured, (n,) [u].
-        torque: means over the steps between samples, (n, steps) [N·m].
+        record: of the log.
         predictor: of the linear motion.
         friction: of the motor.
         spring: between motor and load.
-        level: of friction added to Coulomb friction, (n,) [N·m].
-        starts: of the pieces, (k,).
-        speeds: at these, (k,) [u/s].
     """
+    position, torque, level, rows, speeds = record
     step, F, G, gain, free_gain = predictor
     _, excess, stribeck, deflection, bristle_time, scale = friction
     constant = max(friction.coulomb, _LEAST_TORQUE)
@@ -250,12 +256,11 @@ def _predict(
     z = 0.0
     piece = 0
     for tick in range(position.size):
-        if piece < starts.size and tick == starts[piece]:
-            # motor and load move together; bristles are stretched as far as they are in sliding, less near rest
-            for i in range(0, n, 2):
-                x[i] = position[tick]
-                x[i + 1] = speeds[piece]
-            z = constant / bristles * math.tanh(speeds[piece] / (scale * stribeck))
+        if piece < rows.size and tick == rows[piece]:
+            x[::2] = position[tick]
+            x[1::2] = speeds[piece]
+            # as far as they are stretched in sliding, less near rest
+            z = deflection * math.tanh(speeds[piece] / (scale * stribeck))
             piece += 1
         error = position[tick] - x[0]
         out[tick] = error

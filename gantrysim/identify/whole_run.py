@@ -1,8 +1,8 @@
 """Check of the whole run: the fitted machine is simulated under the log's torque, and compared with the log.
 
-The engine drives the machine that is written by the torque of the log. A soft loop holds it to the measured positions,
-as an open one would drift away; the torque that the loop has to add is what the machine lacks. The nominal machine
-stands beside it.
+The engine drives a machine by the torque of the log: the one that is written, one with every fitted value, and the
+nominal one. A soft loop holds it to the measured positions, as an open one would drift away; the torque that the loop
+has to add is what the machine lacks.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from gantrysim.identify.identification import Identification
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import AxisModel, model_of
 from gantrysim.identify.result import AxisFit
+from gantrysim.identify.sizes import count_words, times_words
 from gantrysim.machine.axis import PER_SI
 from gantrysim.machine.axis_reading import CONSTANT_TORQUE, VISCOUS_DIFFERENCE
 from gantrysim.machine.machine import Machine
@@ -43,20 +44,25 @@ _LEAST_INERTIA = 1e-12  # inertia of a body [kg·m²]
 _ROUNDING = 1e-9  # by which moments of inertia keep from the limits of a body, relative
 
 
-def fitted_machine(identification: Identification) -> Machine:
-    """Return the machine with the identified values in its MJCF; all other values stay.
+def fitted_machine(identification: Identification, fits: Sequence[AxisFit] | None = None) -> Machine:
+    """Return the machine with the adopted values in its MJCF; all other values stay.
 
     Friction goes to motor and joint, inertia to the load's body and the motor's armature, the mode to the spring's
     joint. Torques are those of the log: a motor constant other than the nominal is part of all values. Constant
     torque and viscous friction by direction are custom numerics. Delay and gap are no part of the MJCF; what the log
     does not show stays.
 
+    Args:
+        identification: of a log.
+        fits: with the values that the machine gets, by default the adopted ones.
+
     Raises:
         InputError: the fitted inertia leaves a body or a motor none.
     """
     machine = identification.machine
+    fits = identification.accepted if fits is None else fits
     for attempt in range(_ROUNDS):
-        machine = machine.edited(_edit(machine, identification.accepted, first=attempt == 0))
+        machine = machine.edited(_edit(machine, fits, first=attempt == 0))
     return machine
 
 
@@ -88,7 +94,8 @@ def _edit(machine: Machine, fits: Sequence[AxisFit], *, first: bool) -> Callable
                 _set_mode(spec.joint(spring), fit, now, load)
             motor = spec.actuators[index]
             motor.armature += armature * fit.model.scale
-            if not motor.armature > 0:
+            # one without inertia of its own may stay so
+            if motor.armature < 0:
                 raise InputError(
                     f"axis {fit.axis}: the fitted inertia leaves the motor {motor.armature:.3g} kg·m²; the masses of "
                     "the MJCF are too large"
@@ -157,6 +164,7 @@ def _set_friction(motor: mujoco.MjsActuator, joint: mujoco.MjsJoint, fit: AxisFi
 LARGEST_ADDED_TORQUE = 0.1
 _FREQUENCY = 8.0  # natural frequency of the loop, below the strokes [Hz]
 _LARGEST_FOLLOWING_ERROR = 1e3  # following error up to which the loop goes on [mm or deg]
+_MANY = 10.0  # share of the torque from which it is said in multiples
 _WIDTH = 0.004  # standard deviation of the low-pass of the torques [s]
 _SETTLED = 0.3  # beginning of a run that is not compared [s]
 _MOVING = 0.02  # share of the highest speed from which an axis moves
@@ -170,48 +178,61 @@ class WholeRun:
     Attributes:
         axis: its name.
         torque: rms of the log's low-passed torque [N·m].
-        fitted: rms of the torque that the fitted machine takes beside it [N·m].
+        written: rms of the torque that the machine written takes beside it [N·m].
+        fitted: the same with every fitted value, identified or not [N·m]; nan where it could not follow.
         nominal: the same of the nominal machine [N·m]; nan where it could not follow.
-        counts: rms of the fitted machine's distance from the measured positions [counts of the encoder].
+        counts: rms of the written machine's distance from the measured positions [counts of the encoder].
         missing: why it could not be simulated, empty where it was.
-        lacking: terms of the friction that no MJCF holds.
+        lacking: terms of the friction that no machine holds.
+        adopted: what the machine written takes from the log, in words; empty where that is nothing.
     """
 
     axis: str
     torque: float = math.nan
+    written: float = math.nan
     fitted: float = math.nan
     nominal: float = math.nan
     counts: float = math.nan
     missing: str = ""
     lacking: tuple[str, ...] = ()
+    adopted: str = ""
 
     @property
     def repeats(self) -> bool:
-        """Whether the fitted machine repeats the run."""
-        return self.fitted <= LARGEST_ADDED_TORQUE * self.torque
+        """Whether the machine written repeats the run."""
+        return self.written <= LARGEST_ADDED_TORQUE * self.torque
 
     @property
     def sentence(self) -> str:
         """Result in words."""
         if self.missing:
             return f"{self.axis}: whole run not simulated: {self.missing}"
-        share = 100 * self.fitted / self.torque
+        machine = f"the machine written, with {self.adopted} of this log," if self.adopted else "the nominal machine"
         text = (
-            f"{self.axis}: simulated over the whole run under the log's torque of {self.torque:.3g} N·m rms, the "
-            f"fitted machine takes {share:.2g} % more or less, {1e3 * self.fitted:.2g} mN·m rms, to stay within "
-            f"{self.counts:.2g} counts rms of the log"
+            f"{self.axis}: simulated over the whole run under the log's torque of {self.torque:.3g} N·m rms, {machine} "
+            f"takes {self._share(self.written)} more or less, {1e3 * self.written:.2g} mN·m rms, to stay within "
+            f"{count_words(self.counts)} rms of the log"
         )
-        if math.isfinite(self.nominal):
-            text += f"; the nominal machine takes {100 * self.nominal / self.torque:.2g} %"
+        if math.isfinite(self.fitted):
+            text += f"; with every fitted value, identified or not, {self._share(self.fitted)}"
+        if self.adopted and math.isfinite(self.nominal):
+            text += f"; the nominal machine takes {self._share(self.nominal)}"
         if not self.repeats:
-            text += f"; must be at most {100 * LARGEST_ADDED_TORQUE:.0f} %: the fitted machine does not repeat the run"
+            text += (
+                f"; must be at most {100 * LARGEST_ADDED_TORQUE:.0f} %: the "
+                f"{'machine written' if self.adopted else 'nominal machine'} does not repeat the run"
+            )
         if self.lacking:
-            text += f"; the machine written does not have: {', '.join(self.lacking)}"
+            text += f"; no machine holds: {', '.join(self.lacking)}"
         return text
+
+    def _share(self, torque: float) -> str:
+        share = torque / self.torque
+        return f"{times_words(share)} the torque" if share > _MANY else f"{100 * share:.2g} %"
 
 
 def whole_run(identification: Identification, log: Log) -> list[WholeRun]:
-    """Return how well the fitted machine repeats a log, by axis.
+    """Return how well the machine written, every fitted value and the nominal machine repeat a log, by axis.
 
     Args:
         identification: of the log.
@@ -220,14 +241,20 @@ def whole_run(identification: Identification, log: Log) -> list[WholeRun]:
     fits = identification.fits
     log = log.longest
     try:
-        fitted = _simulated_run(fitted_machine(identification), identification, log)
+        written = _simulated_run(fitted_machine(identification), identification, log)
     except InputError as error:
         return [WholeRun(fit.axis, missing=str(error)) for fit in fits]
-    try:
-        nominal = _simulated_run(identification.machine, identification, log)
-    except InputError:  # a machine far from the log may not be able to follow it
-        nominal = None
-    return [_compared_runs(identification, log, column, fitted, nominal) for column in range(len(fits))]
+
+    def run_of(values: Sequence[AxisFit]) -> Run | None:
+        # a machine far from the log may not exist, or not be able to follow it
+        try:
+            return _simulated_run(fitted_machine(identification, values), identification, log)
+        except InputError:
+            return None
+
+    fitted = run_of(fits)
+    nominal = run_of(()) if any(identification.adopted) else written
+    return [_compared_runs(identification, log, column, written, fitted, nominal) for column in range(len(fits))]
 
 
 def _simulated_run(machine: Machine, identification: Identification, log: Log) -> Run:
@@ -269,7 +296,9 @@ def _effective(identification: Identification, log: Log) -> Floats:
     return np.stack(torques, axis=1)
 
 
-def _compared_runs(identification: Identification, log: Log, column: int, fitted: Run, nominal: Run | None) -> WholeRun:
+def _compared_runs(
+    identification: Identification, log: Log, column: int, written: Run, fitted: Run | None, nominal: Run | None
+) -> WholeRun:
     fit = identification.fits[column]
     index = identification.machine.axis_names.index(fit.axis)
     measured = log.position[:, column]
@@ -280,22 +309,32 @@ def _compared_runs(identification: Identification, log: Log, column: int, fitted
     moving[: round(_SETTLED / log.period)] = False
     effective = _effective(identification, log)[:, column]
 
-    def added(run: Run) -> float:
+    def added(run: Run | None) -> float:
+        if run is None:
+            return math.nan
         torque = np.asarray(run.demand)[:, index] - effective
         return _rms(gaussian_filter1d(torque, width)[moving])
 
     resolution = identification.machine.axes[index].resolution
-    distance = _rms((np.asarray(fitted.encoder)[:, index] - measured)[moving])
+    distance = _rms((np.asarray(written.encoder)[:, index] - measured)[moving])
     return WholeRun(
         axis=fit.axis,
         torque=_rms(gaussian_filter1d(log.torque[:, column], width)[moving]),
+        written=added(written),
         fitted=added(fitted),
-        nominal=math.nan if nominal is None else added(nominal),
+        nominal=added(nominal),
         counts=distance / resolution if resolution > 0 else math.nan,
         lacking=tuple(
             words for term, words in zip(fit.law.terms, fit.law.words, strict=True) if term.kind != DIRECTION
         ),
+        adopted=_adopted_words(identification.adopted[column]),
     )
+
+
+def _adopted_words(names: frozenset[str]) -> str:
+    words = {"inertia": "inertia", "coulomb": "friction", "offset": "constant torque", "stiffness": "mode"}
+    parts = [word for name, word in words.items() if name in names]
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
 def _rms(values: Floats) -> float:

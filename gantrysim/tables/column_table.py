@@ -13,7 +13,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, unknown
 from gantrysim.base.heads import NUMBER, name_and_unit
 from gantrysim.tables.text_table import GAPS, Dialect, TextTable
-from gantrysim.tables.units import SUFFIXES, TIME, factor
+from gantrysim.tables.units import SUFFIXES, TIME, factor, is_unit
 
 # Where a quantity stands in a table, as a user writes it: COLUMN, COLUMN[UNIT], COLUMN*FACTOR UNIT.
 
@@ -85,6 +85,7 @@ class ColumnTable:
         lost: whether samples are missing, so that its rows are no time.
         remarks: lines of text besides its rows.
         order: names of all columns as the table has them; by default those of numbers first.
+        aliases: names by further names of the same columns.
     """
 
     label: str
@@ -95,17 +96,23 @@ class ColumnTable:
     lost: bool = False
     remarks: tuple[str, ...] = ()
     order: tuple[str, ...] = ()
+    aliases: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.order:
             object.__setattr__(self, "order", (*self.columns, *self.texts))
+
+    @property
+    def rows(self) -> int:
+        """Number of its rows."""
+        return len(next(iter((*self.columns.values(), *self.texts.values()))))
 
     def values(self, source: Source, kind: str, further: Mapping[str, float] | None = None) -> Floats:
         """Return a quantity in the unit of the package, (n,); nan in gaps.
 
         Args:
             source: where it stands.
-            kind: unit that the quantity has: "s", "mm", "deg" or "N·m".
+            kind: unit that the quantity has, one of `KINDS`.
             further: factors of units that depend on the machine or the log, as counts, samples or "‰".
 
         Raises:
@@ -135,21 +142,25 @@ class ColumnTable:
             raise InputError(f"{self.label}: two columns are named {column}: name it by its number, from 1")
         if column in known:
             return column
+        if column in self.aliases:
+            return self.aliases[column]
         if column.isdecimal() and 0 < int(column) <= len(self.order):
             return self.order[int(column) - 1]
-        folded = [name for name in known if name.casefold() == column.casefold()]
+        names = dict(zip(known, known, strict=True)) | dict(self.aliases)
+        folded = {names[name] for name in names if name.casefold() == column.casefold()}
         if len(folded) == 1:
-            return folded[0]
+            return folded.pop()
         bare = name_and_unit(column)[0]
         if bare in known:
             return bare
-        raise unknown(f"column of {self.label}", column, known)
+        raise unknown(f"column of {self.label}", column, names)
 
 
 def numbered_columns(label: str, table: TextTable) -> ColumnTable:
     """Return the columns of a table in text; without heads they are named 1, 2, ...
 
-    A column is one of numbers if more of its cells are numbers than not; another cell in it is refused.
+    A column is one of text if most of its cells are, or if it has no number; else another cell than a number or a gap
+    is refused.
 
     Args:
         label: names the table in errors.
@@ -175,6 +186,7 @@ def numbered_columns(label: str, table: TextTable) -> ColumnTable:
         {names[k]: cells for k, cells in texts.items()},
         remarks=table.remarks,
         order=tuple(names),
+        aliases={alias: name for alias, name in zip(table.aliases, names, strict=False) if alias not in names},
     )
 
 
@@ -203,7 +215,9 @@ def _mixed_columns(label: str, table: TextTable, width: int) -> tuple[dict[int, 
             raise InputError(f"{label}: line {row.line} has {len(row.cells)} columns, must have {width}")
         if len(row.cells) < width:
             missing = width - len(row.cells)
-            if missing > 1 or len(rows) == 1 or not _ends_in_gaps(table, width):
+            # rows of LabVIEW end before the comment
+            comments = bool(table.heads) and table.heads[-1] == "Comment"
+            if missing > 1 or len(rows) == 1 or not (comments or _ends_in_gaps(table, width)):
                 raise InputError(f"{label}: line {row.line} has {len(row.cells)} columns, must have {width}")
             row.cells.extend([""] * missing)
     columns: dict[int, Floats] = {}
@@ -211,7 +225,9 @@ def _mixed_columns(label: str, table: TextTable, width: int) -> tuple[dict[int, 
     for k in range(width):
         cells = [row.cells[k] for row in rows]
         parsed = [_value(table.dialect, cell) for cell in cells]
-        if 2 * sum(value is None for value in parsed) > len(cells):
+        words = sum(value is None for value in parsed)
+        numbers = sum(value is not None and not np.isnan(value) for value in parsed)
+        if words > numbers and (2 * words > len(cells) or not numbers):
             texts[k] = cells
             continue
         for row, value in zip(rows, parsed, strict=True):
@@ -241,8 +257,8 @@ def _named_columns(table: TextTable, width: int) -> tuple[list[str], dict[int, s
     units: dict[int, str] = {}
     for k, head in enumerate(heads):
         name, unit = name_and_unit(head)
-        # the number of an axis, as in MPOS AXIS(0)
-        if unit.isdecimal():
+        # the number of an axis, as in MPOS AXIS(0), or words, as in Position (actual)
+        if unit.isdecimal() or (head.rstrip().endswith(")") and not is_unit(unit)):
             name = head.strip()
             unit = ""
         if not unit:

@@ -106,6 +106,7 @@ def _share_of_numbers(lines: Sequence[str], dialect: Dialect) -> float:
 
 _HEAD_LINES = 100  # in which the rows may begin: programs of oscilloscopes write a long preamble
 _REMARK = "#"
+_LONGEST_UNIT = 10  # characters of one that is not known
 
 
 class Row(NamedTuple):
@@ -131,6 +132,7 @@ class TextTable:
         rows: its lines (number, text) from the first with values.
         remarks: lines beginning with #, without it, and the lines before the heads.
         breaks: numbers of its empty lines.
+        aliases: other names of the columns, from a second line of heads; empty without one.
     """
 
     dialect: Dialect
@@ -139,6 +141,7 @@ class TextTable:
     rows: Sequence[tuple[int, str]]
     remarks: tuple[str, ...]
     breaks: tuple[int, ...]
+    aliases: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, text: str) -> TextTable:
@@ -146,7 +149,7 @@ class TextTable:
 
         Lines that begin with # are remarks; the last of them before the rows may hold the heads, as NumPy and KiCad
         write them. Lines before the heads are remarks too. The heads are the last line before the first in which all
-        columns of numbers hold numbers; a line of units may follow them.
+        columns of numbers hold numbers; a line of units may follow them, and after it a line of short names.
         """
         lines: list[tuple[int, str]] = []
         remarks: list[tuple[int, str]] = []
@@ -164,14 +167,14 @@ class TextTable:
             del lines[0]
         begin = _first_row(lines, dialect)
         preamble = lines[:begin]
-        heads, units = _heads(preamble, lines[begin:], dialect)
+        heads, units, aliases = _heads(preamble, lines[begin:], dialect)
         if not preamble and lines[begin:]:
             before = [remark for number, remark in remarks if number < lines[begin][0]]
             heads = _heads_in_remark(before, dialect.cells(lines[begin][1]), dialect)
-        used = (1 if preamble else 0) + (1 if units else 0)
+        used = sum(map(bool, (preamble, units, aliases)))
         unread = [line for _, line in preamble[: len(preamble) - used]]
         notes = (*(remark for _, remark in remarks), *unread)
-        return cls(dialect, heads, units, lines[begin:], notes, tuple(breaks))
+        return cls(dialect, heads, units, lines[begin:], notes, tuple(breaks), aliases)
 
     def split(self) -> list[Row]:
         """Return the rows, divided into cells."""
@@ -211,17 +214,48 @@ def _is_value(cell: str, dialect: Dialect) -> bool:
 
 def _heads(
     preamble: Sequence[tuple[int, str]], rows: Sequence[tuple[int, str]], dialect: Dialect
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return heads and units from the lines before the rows."""
-    if not preamble:
-        return (), ()
-    last = tuple(dialect.cells(preamble[-1][1]))
+) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+    """Return heads, units and further names from the lines before the rows."""
+    lines = [line for _, line in preamble[-3:]]
+    if not lines:
+        return (), (), ()
+    last = tuple(dialect.cells(lines[-1]))
     width = len(dialect.cells(rows[0][1])) if rows else len(last)
-    if len(preamble) > 1:
-        above = tuple(dialect.cells(preamble[-2][1]))
-        if len(above) == len(last) >= width and all(map(is_unit, last)) and not all(map(is_unit, above)):
-            return above, last
-    return last, ()
+    if len(lines) > 1:
+        above = tuple(dialect.cells(lines[-2]))
+        units = _units_below(above, lines[-1], dialect)
+        if units and len(above) >= width:
+            return above, units, ()
+    if len(lines) > 2:
+        names = tuple(dialect.cells(lines[-3]))
+        units = _units_below(names, lines[-2], dialect)
+        if units and len(names) == len(last) >= width:
+            return names, units, last
+    return last, (), ()
+
+
+def _units_below(names: Sequence[str], line: str, dialect: Dialect) -> tuple[str, ...]:
+    """Return the units in the line below names, one for each of them; () where the line is none of units.
+
+    Programs write units that no list has, as "0.1%" or "kpulse": more than half of them must be known.
+    """
+    units = dialect.cells(line)
+    missing = len(names) - len(units)
+    # empty cells at the end of the line
+    if missing > 0 and dialect.separator != BLANKS and line.count(dialect.separator) >= len(names) - 1:
+        units += [""] * missing
+    if len(units) != len(names) or _are_units(names):
+        return ()
+    return tuple(units) if _are_units(units) else ()
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    given = [cell for cell in cells if cell]
+    known = sum(is_unit(cell) for cell in given)
+    others = [cell for cell in given if not is_unit(cell)]
+    bracketed = all(cell[0] + cell[-1] in ("[]", "()") for cell in given)
+    short = all(len(cell) <= _LONGEST_UNIT and BLANKS not in cell for cell in others)
+    return bool(given) and (bracketed or (short and 2 * known > len(given)))
 
 
 def _heads_in_remark(remarks: Sequence[str], cells: Sequence[str], dialect: Dialect) -> tuple[str, ...]:

@@ -13,8 +13,10 @@ TIME = "s"
 LENGTH = "mm"
 ANGLE = "deg"
 TORQUE = "N·m"
+SPEED = "mm/s"
+TURNING = "deg/s"
 
-# factors to s, mm, deg and N·m; µ has two code points, of the micro sign and of the Greek letter
+# factors to s, mm, deg, N·m, mm/s and deg/s; µ has two code points, of the micro sign and of the Greek letter
 KINDS: dict[str, dict[str, float]] = {
     TIME: {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0},
     LENGTH: {
@@ -29,10 +31,21 @@ KINDS: dict[str, dict[str, float]] = {
         "N·m": 1.0, "Nm": 1.0, "N*m": 1.0, "N.m": 1.0, "N m": 1.0, "mN·m": 1e-3, "mNm": 1e-3, "mN*m": 1e-3,
         "N·cm": 1e-2, "Ncm": 1e-2, "kN·m": 1e3, "kNm": 1e3, "lbf·in": 0.112984829, "ozf·in": 0.00706155181,
     },
+    SPEED: {
+        "mm/s": 1.0, "um/s": 1e-3, "µm/s": 1e-3, "μm/s": 1e-3, "cm/s": 10.0, "m/s": 1e3,
+        "mm/min": 1 / 60, "m/min": 1e3 / 60, "in/s": 25.4, "in/min": 25.4 / 60,
+    },
+    TURNING: {
+        "deg/s": 1.0, "°/s": 1.0, "rad/s": 180 / math.pi, "mrad/s": 0.18 / math.pi, "rev/s": 360.0,
+        "rpm": 6.0, "r/min": 6.0, "1/min": 6.0, "min-1": 6.0, "rev/min": 6.0, "U/min": 6.0,
+    },
 }  # fmt: skip
 
 _SHARES = {"‰": 1e-3, "per mille": 1e-3, "%": 1e-2, "per cent": 1e-2, "percent": 1e-2}
 _RATED = re.compile(rf"({'|'.join(_SHARES)})(?:\s+of\s+({NUMBER})\s*(\S.*))?")
+
+# names of an encoder's counts, which the machine's table gives a size
+COUNTS = ("counts", "count", "cts", "edges", "pulses", "pulse", "ticks", "tick", "increments", "incr", "inc", "Inkr")
 
 # units that may end a column's name without brackets, as in "time_ms"
 SUFFIXES = ("s", "ms", "us", "mm", "um", "deg", "Nm")
@@ -43,7 +56,7 @@ def factor(unit: str, kind: str, label: str, further: Mapping[str, float] | None
 
     Args:
         unit: of the values; a share as "‰ of 1.27 N·m", as drives log torque by that which is rated.
-        kind: "s", "mm", "deg" or "N·m".
+        kind: one of `KINDS`.
         label: names the column in errors.
         further: units that are known besides, as counts of an encoder.
 
@@ -62,10 +75,22 @@ def factor(unit: str, kind: str, label: str, further: Mapping[str, float] | None
     return known[unit]
 
 
+# what no quantity of the package is in, but columns beside it are, and parts of units
+_OTHERS = frozenset(
+    (
+        "-", "%", "‰", "1", "A", "mA", "Arms", "V", "mV", "W", "kW", "J", "N", "kN", "Ω", "ohm", "Hz", "kHz", "K", "C",
+        "°C", "°F", "bar", "Pa", "kPa", "MPa", "g", "kg", "bit", "bool", "r", "U", "turns", "samples", "kpulse",
+        *COUNTS,
+    )
+)  # fmt: skip
+_POWER = re.compile(r"(?:\^?-?\d|[⁻²³]+)$")
+_SIZE = re.compile(r"(?:x\s*)?\d+(?:\.\d+)?\s*(?=[^\d\s/])")
+
+
 def is_unit(text: str) -> bool:
-    """Return whether a cell is a unit, as below the names of a table's columns."""
-    bare = text.strip().strip("[]()")
-    return bare == "" or bare in _OTHERS or any(bare in units for units in KINDS.values())
-
-
-_OTHERS = frozenset(("-", "%", "‰", "A", "V", "W", "N", "rpm", "1/min", "counts", "mm/s", "deg/s", "m/s", "°C", "bool"))
+    """Return whether a cell is a unit, as below the names of a table's columns: mm, [µm/s²], 0.1%, or none."""
+    bare = text.strip().strip("[]()").strip()
+    if not bare or bare in _OTHERS or _RATED.fullmatch(bare) or any(bare in units for units in KINDS.values()):
+        return True
+    parts = [_POWER.sub("", part.strip()) for part in re.split(r"[/·*⋅]", _SIZE.sub("", bare, count=1))]
+    return all(part in _OTHERS or any(part in units for units in KINDS.values()) for part in parts)

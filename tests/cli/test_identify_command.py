@@ -66,7 +66,7 @@ def test_a_log_gives_values_plots_and_a_machine(gantrysim_command, tmp_path):
     words = " ".join(output.split())
     assert "x: friction by the log: Coulomb and viscous" in words
     assert "x: simulated over the whole run under the log's torque" in words
-    names = ["friction.png", "identified.toml", "machine.xml", "residuals.png", "response.png"]
+    names = ["friction.png", "identified.toml", "machine.xml", "report.html", "residuals.png", "response.png"]
     assert sorted(item.name for item in folder.iterdir()) == names
     found = tomllib.loads((folder / "identified.toml").read_text(encoding="utf-8"))
     friction = found["axes"]["x"]["coulomb"]

@@ -57,7 +57,7 @@ def fit_of(axis="y", unit="mm", highest=500.0, residual=None, words=(), **change
 
 def identification(fit, *findings, estimates=None):
     found = Identification(MACHINE, PERIOD, (fit,))
-    found.__dict__["judgements"] = (Judgement(estimates or fit.estimates, findings),)
+    found.__dict__["judgements"] = (Judgement(estimates or fit.estimates, findings, PERIOD),)
     return found
 
 
@@ -116,16 +116,34 @@ def test_the_machine_written_has_what_is_identified():
     for name in ("inertia", "viscous", "coulomb", "stiffness", "damping", "share"):
         assert getattr(accepted.model, name) == getattr(fit.model, name)
     assert accepted.model.static == pytest.approx(fit.model.static)
-    assert accepted.model.offset == TABLE.offset
+    assert accepted.model.offset == fit.model.offset
     (without_mode,) = identification(fit, Finding("m", ("share",), "")).accepted
     assert (without_mode.model.stiffness, without_mode.model.share) == (TABLE.stiffness, TABLE.share)
     assert without_mode.model.inertia == fit.model.inertia
     assert not {"share", "stiffness", "damping"} & set(without_mode.estimates)
     (undamped,) = identification(fit, Finding("m", ("damping",), "")).accepted
     assert (undamped.model.stiffness, undamped.model.damping) == (fit.model.stiffness, TABLE.damping)
+    # correlated values are adopted together or not at all
     (no_friction,) = identification(fit, Finding("m", ("coulomb",), "")).accepted
-    assert no_friction.model.coulomb == TABLE.coulomb
-    assert no_friction.model.static == pytest.approx(max(fit.model.static, TABLE.coulomb))
+    for name in ("coulomb", "static", "viscous", "offset"):
+        assert getattr(no_friction.model, name) == getattr(TABLE, name), name
+    wide = {**estimates_of(fit.model), "viscous": Estimate(fit.model.viscous, 0.3 * fit.model.viscous)}
+    (wider,) = identification(fit, estimates=wide).accepted
+    assert wider.model.viscous == fit.model.viscous
+    # static friction that the log does not show keeps its ratio
+    (no_static,) = identification(fit, Finding("m", ("static",), "")).accepted
+    assert no_static.model.static / no_static.model.coulomb == pytest.approx(TABLE.static / TABLE.coulomb)
+
+
+def test_no_constant_torque_and_no_delay_are_known_too():
+    """Zero, known to 5 % of the Coulomb friction and to a tenth of the period."""
+    model = replace(fit_of().model, offset=0.0, delay=0.0)
+    fit = replace(fit_of(), model=model)
+    for share, known in ((0.95, True), (1.05, False)):
+        half = {"offset": 0.05 * model.coulomb * share / 1.96, "delay": 0.1 * PERIOD * share / 1.96}
+        estimates = estimates_of(model) | {name: Estimate(0.0, deviation) for name, deviation in half.items()}
+        values = {value.name: value for value in identification(fit, estimates=estimates).values}
+        assert (values["offset"].identified, values["delay"].identified) == (known, known)
 
 
 @pytest.mark.parametrize(("reach", "shows"), [(0.86, False), (0.84, True)])
@@ -134,22 +152,22 @@ def test_a_mode_shows_up_to_85_percent_of_the_log_s_reach(reach, shows):
     values = {value.name: value for value in found.values}
     assert values["stiffness"].identified == shows
     assert values["stiffness"].reason == ("" if shows else "beyond the log's rate")
-    assert any("that of the MJCF stays" in note for note in found.notes) != shows
+    assert any("the MJCF's stays" in note for note in found.notes) != shows
 
 
 def test_the_file_of_values_holds_all_that_is_told():
     fit = fit_of()
     found = identification(fit, Finding("drag", ("viscous",), "it varies"))
     runs = [
-        WholeRun("y", torque=0.2, fitted=0.01, nominal=math.nan, counts=3.0),
+        WholeRun("y", torque=0.2, written=0.01, nominal=math.nan, counts=3.0),
         WholeRun("x", missing="x jammed"),
-        WholeRun("z", torque=0.2, fitted=0.03, nominal=0.1, counts=3.0),
+        WholeRun("z", torque=0.2, written=0.03, fitted=0.02, nominal=0.1, counts=3.0),
     ]
     written = content(found, runs)
     assert written["whole_run"] == {
-        "y": {"torque": 0.2, "fitted": 0.01, "counts": 3.0, "repeats": True},
+        "y": {"torque": 0.2, "written": 0.01, "counts": 3.0, "repeats": True},
         "x": {"missing": "x jammed"},
-        "z": {"torque": 0.2, "fitted": 0.03, "nominal": 0.1, "counts": 3.0, "repeats": False},
+        "z": {"torque": 0.2, "written": 0.03, "fitted": 0.02, "nominal": 0.1, "counts": 3.0, "repeats": False},
     }
     assert "whole_run" not in content(found)
     axis = written["axes"]["y"]
@@ -168,7 +186,7 @@ def test_the_file_of_values_holds_all_that_is_told():
 
 def test_the_table_of_values_names_each_axis_once():
     found = Identification(MACHINE, PERIOD, (fit_of("x"), fit_of("y")))
-    found.__dict__["judgements"] = tuple(Judgement(fit.estimates, ()) for fit in found.fits)
+    found.__dict__["judgements"] = tuple(Judgement(fit.estimates, (), PERIOD) for fit in found.fits)
     table = values_table(found)
     axes, quantities, nominal, fitted, half, units, words = (list(column.cells) for column in table.columns)
     assert [axis for axis in axes if axis] == ["x", "y"]
@@ -180,18 +198,28 @@ def test_the_table_of_values_names_each_axis_once():
 
 
 def test_a_run_is_told_in_a_sentence():
-    run = WholeRun("y", torque=0.2, fitted=0.01, nominal=0.05, counts=3.21)
+    run = WholeRun(
+        "y", torque=0.2, written=0.01, fitted=0.008, nominal=0.05, counts=3.21, adopted="inertia and friction"
+    )
     assert run.repeats
     assert run.sentence == (
-        "y: simulated over the whole run under the log's torque of 0.2 N·m rms, the fitted machine takes 5 % more or "
-        "less, 10 mN·m rms, to stay within 3.2 counts rms of the log; the nominal machine takes 25 %"
+        "y: simulated over the whole run under the log's torque of 0.2 N·m rms, the machine written, with inertia and "
+        "friction of this log, takes 5 % more or less, 10 mN·m rms, to stay within 3.2 counts rms of the log; with "
+        "every fitted value, identified or not, 4 %; the nominal machine takes 25 %"
     )
-    assert replace(run, fitted=0.02).repeats
-    poor = replace(run, fitted=0.0201, nominal=math.nan, lacking=("cogging", "drag"))
+    assert replace(run, written=0.02).repeats
+    poor = replace(run, written=0.0201, nominal=math.nan, lacking=("cogging", "drag"))
     assert not poor.repeats
     assert poor.sentence.endswith(
-        "of the log; must be at most 10 %: the fitted machine does not repeat the run; the machine written does not "
-        "have: cogging, drag"
+        "identified or not, 4 %; must be at most 10 %: the machine written does not repeat the run; no machine holds: "
+        "cogging, drag"
+    )
+    # where nothing is taken from the log, the nominal machine is not called another one
+    nothing = replace(run, adopted="", written=0.05, fitted=3.0)
+    assert nothing.sentence.endswith(
+        "the nominal machine takes 25 % more or less, 50 mN·m rms, to stay within 3.2 counts rms of the log; with "
+        "every fitted value, identified or not, 15 times the torque; must be at most 10 %: the nominal machine does "
+        "not repeat the run"
     )
     assert WholeRun("y", missing="x jammed").sentence == "y: whole run not simulated: x jammed"
 

@@ -20,7 +20,7 @@ REFUSED = {
     "torque late by 15 samples": r"explains 29 % of its torque, must explain at least 50 %: the torque is 15 ms late",
     "torque early by 15 samples": r"the torque is 15 ms early against the position, shifted by which 99 % are explain",
     "machine of 2.6 times the inertia": r"2\.12 times the drive's peak of 0\.906 N·m: must be at most 1\.2 times;",
-    "every tenth row": r"half its strokes last at most 2 samples of 10 ms: must be at least 3",
+    "every tenth row": r"in 3\d % of its motion it reverses within 2 samples of 10 ms: must be at most 25 %",
     "frozen encoder": r"stands still from 2\.012 to 3\.018 s of the log while the torque swings by .* is frozen",
     "position constant throughout": r"the axis hardly moves, by 0 mm: must be at least 0\.2 mm, 200 encoder counts",
     "torque in A": r"must be at most 1\.2 times; .* torque in A \(0\.0302 N·m/A\) read as N·m\?",

@@ -59,13 +59,17 @@ def commands(period):
     return _COMMANDS[period]
 
 
-def random_log(seed, law=None, slip=None, noise=None, period=None, *, by_direction=False, in_motion=False):
+def random_log(seed, law=None, slip=None, noise=None, period=None, *, by_direction=False, in_motion=False, uneven=None):
     """Return a log of a random axis; what is None is drawn, slip "" is a log without an error.
 
     Args:
         seed: of the axis.
-        law, slip, noise, period: see `TrueLog`.
+        law: of the friction.
+        slip: error of the log.
+        noise: of the torque [N·m].
+        period: of the samples [s].
         by_direction: viscous friction is up to 30 % higher in one direction and as much lower in the other.
+        uneven: share by which it is higher forwards and lower back, instead.
         in_motion: the log begins at a speed, up to 4 s after the first move.
     """
     random = np.random.default_rng(seed)
@@ -121,6 +125,8 @@ def random_log(seed, law=None, slip=None, noise=None, period=None, *, by_directi
         plant = plant._replace(gap=random.uniform(1e-5, 2e-5))
     if by_direction:
         plant = plant._replace(uneven=random.uniform(-0.3, 0.3))
+    if uneven is not None:
+        plant = plant._replace(uneven=uneven)
     servo = Servo.derive(MACHINE.axes, period)
     gains = tuple(
         1e3 * gain[AXIS]

@@ -55,6 +55,48 @@ def test_a_comma_is_decimal_only_where_no_number_has_a_point(log):
     assert with_points.texts["axes"] == ["1,5"] * 9
 
 
+ROWS = "".join(f"{k},{k}.5,-{k}\n" for k in range(9))
+
+
+@pytest.mark.parametrize(
+    ("heads", "names", "units", "aliases"),
+    [
+        ("Time,Motor speed,Torque\nms,r/min,%", ("Time", "Motor speed", "Torque"), ("ms", "r/min", "%"), {}),
+        ("Time,Position,Torque\n[ms],[kpulse],[0.1%]", ("Time", "Position", "Torque"), ("ms", "kpulse", "0.1%"), {}),
+        ("Time,Droop pulses,Torque\nms,pls.,0.1%", ("Time", "Droop pulses", "Torque"), ("ms", "pls.", "0.1%"), {}),
+        ("Model,MR-X\nTime,a,b\ns,m/s²,", ("Time", "a", "b"), ("s", "m/s²", ""), {}),
+        ("long time,long a,long b\ns,mm,A\nt,a,b", ("long time", "long a", "long b"), ("s", "mm", "A"),
+         {"t": "long time", "a": "long a", "b": "long b"}),
+        ("Device,of,axis 1\nt,a,b\ns,mm,A", ("t", "a", "b"), ("s", "mm", "A"), {}),
+        # names alone, which are symbols of units too
+        ("s,m,V", ("s", "m", "V"), ("", "", ""), {}),
+    ],
+)  # fmt: skip
+def test_heads_of_several_lines(log, heads, names, units, aliases):
+    found = log(f"{heads}\n{ROWS}")
+    assert found.order == names
+    assert tuple(found.units.get(name, "") for name in names) == units
+    assert dict(found.aliases) == aliases
+    assert found.columns[names[1]].tolist() == [k + 0.5 for k in range(9)]
+    for short, name in aliases.items():
+        assert np.array_equal(found.values(Source(short, unit="s"), "s"), found.columns[name])
+
+
+def test_words_in_round_brackets_are_part_of_the_name(log):
+    found = log(f"Time (s),Position (set),Position (actual)\n{ROWS}")
+    assert found.order == ("Time", "Position (set)", "Position (actual)")
+    assert found.units == {"Time": "s"}
+    assert found.values(Source("Position (actual)", unit="mm"), "mm").tolist() == [-k for k in range(9)]
+
+
+def test_labview_leaves_out_the_comment_at_the_end_of_a_row(log):
+    heads = "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\n\nChannels\t2\t\n***End_of_Header***\t\t\n"
+    rows = "".join(f"{0.001 * k:.3f}\t{k}.5\t-{k}\n" for k in range(1, 9))
+    found = log(f"{heads}X_Value\tForce\tWay\tComment\n0.000\t0.5\t0\tbegun\n{rows}")
+    assert found.order == ("X_Value", "Force", "Way", "Comment")
+    assert found.columns["Way"].tolist() == [-k for k in range(9)]
+
+
 def test_units_in_names_and_factors_are_applied(log):
     found = log("time [ms],x [um],angle (rad),y_mm,raw\n1,2000,3.141592653589793,4,5\n")
     assert found.values(Source("time"), "s").tolist() == [1e-3]

@@ -17,6 +17,7 @@ from gantrysim.identify.parts import partitions
 from gantrysim.identify.pieces import Starts, by_piece, gradient, inside, smoothed
 from gantrysim.identify.prediction import effective_torque
 from gantrysim.identify.result import MODE, AxisFit, Estimate, Sensitivity
+from gantrysim.identify.sizes import change_words, times_words
 from gantrysim.identify.whiteness import covariance_of, long_run_covariance
 
 # Check: torque must balance inertia and friction at low frequency too.
@@ -176,7 +177,7 @@ def check_plausible(fit: AxisFit, period: float, estimates: dict[str, Estimate])
     findings = []
     if _beyond(estimates["inertia"], table.inertia / FAR_INERTIA, table.inertia * FAR_INERTIA):
         reason = (
-            f"inertia is {model.inertia / table.inertia:.2g} times that of the machine's table: must be "
+            f"inertia is {times_words(model.inertia / table.inertia, 2)} that of the machine's table: must be "
             f"{1 / FAR_INERTIA:g} to {FAR_INERTIA:g} times; check units, gear and payload"
         )
         findings.append(Finding(PLAUSIBILITY, (), reason))
@@ -212,7 +213,7 @@ def check_plausible(fit: AxisFit, period: float, estimates: dict[str, Estimate])
         findings.append(Finding(PLAUSIBILITY, ("gap",), reason))
     if table.coulomb > 0 and _beyond(estimates["coulomb"], table.coulomb / FRICTION_FAR, table.coulomb * FRICTION_FAR):
         reason = (
-            f"Coulomb friction is {model.coulomb / table.coulomb:.2g} times that of the machine's table: must be "
+            f"Coulomb friction is {times_words(model.coulomb / table.coulomb, 2)} that of the machine's table: must be "
             f"{1 / FRICTION_FAR:g} to {FRICTION_FAR:g} times"
         )
         findings.append(Finding(PLAUSIBILITY, FRICTION, reason))
@@ -250,7 +251,7 @@ def check_segments(fit: AxisFit, period: float) -> Doubt:
             # of a delay of zero, every change is large
             value = max(value, period)
         if change > LARGEST_CHANGE * value:
-            share = f"{100 * change / value:.0f} %" if value else "all of its value"
+            share = change_words(change / value) if value else "all of its value"
             reason = (
                 f"{name} changes by {share} with a part of the log ({partition}) left out: must be within "
                 f"{100 * LARGEST_CHANGE:.0f} %"

@@ -1,4 +1,4 @@
-"""Checks of the log: even times, samples fast enough, an encoder that counts, enough motion, a torque in reach."""
+"""Checks of the log: samples fast enough, an encoder that counts, enough motion, a torque in reach."""
 
 from __future__ import annotations
 
@@ -8,45 +8,13 @@ from itertools import pairwise
 import numpy as np
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError
 from gantrysim.identify.checks.finding import Doubt, Finding, NotIdentifiedError
 from gantrysim.identify.checks.units import position_slips, torque_slips
 from gantrysim.identify.model import AxisModel
 from gantrysim.identify.pieces import WHOLE, Starts, by_piece
 from gantrysim.identify.result import MODE, AxisFit
+from gantrysim.identify.sizes import times_words
 from gantrysim.machine.axis import Axis
-
-# Check of the log: its time stamps must be even.
-#
-# A model of a sampled servo has one period. A stamp that is off by a tenth of it shifts a position by a tenth of a
-# step, more than any delay that a log shows.
-
-EVEN = 0.1  # largest deviation of a time stamp from an even one, of the period
-_MISSING = 0.5  # the same, from which samples are missing
-
-
-def even_period(time: Floats) -> float:
-    """Return the period of time stamps [s].
-
-    Raises:
-        InputError: stamps that do not rise, are missing or uneven.
-    """
-    steps = np.diff(time)
-    period = float(np.mean(steps))
-    if not period > 0 or not (steps > 0).all():
-        raise InputError("time does not rise")
-    late = np.abs(time - time[0] - period * np.arange(time.size))
-    worst = int(np.argmax(late))
-    if abs(steps - period).max() > _MISSING * period or late[worst] > _MISSING * period:
-        raise InputError(f"its samples are not even: near t = {time[worst]:g} s some are missing")
-    if late[worst] > EVEN * period:
-        share = late[worst] / period
-        raise InputError(
-            f"its samples are not even: at t = {time[worst]:g} s one is off by {100 * share:.0f} % of the period, "
-            f"{1e3 * period:g} ms: must be within {100 * EVEN:.0f} %; log at every servo tick, with all digits"
-        )
-    return period
-
 
 # Check of the log: its torque must be one that the drive can deliver.
 
@@ -72,9 +40,11 @@ def check_torque(axis: Axis, torque: Floats, ratio: float) -> None:
     slips = torque_slips(axis, ratio) if ratio > 0 else []
     hint = "check its unit, and that it is the torque at the motor shaft"
     if slips:
-        hint = f"the log's inertia is {ratio:.3g} times that of the table: torque in {' or '.join(slips)} read as N·m?"
+        hint = (
+            f"the log's inertia is {times_words(ratio)} that of the table: torque in {' or '.join(slips)} read as N·m?"
+        )
     raise NotIdentifiedError(
-        f"axis {axis.name}: its largest torque is {largest:.4g} N·m, {excess:.3g} times the drive's peak of "
+        f"axis {axis.name}: its largest torque is {largest:.4g} N·m, {times_words(excess)} the drive's peak of "
         f"{axis.peak_torque:.4g} N·m: must be at most {LARGEST_TORQUE:g} times; {hint}"
     )
 
@@ -86,8 +56,8 @@ def check_torque(axis: Axis, torque: Floats, ratio: float) -> None:
 
 HOLD = 6.0  # swing of the torque at rest, times the static friction: friction thrice the table's holds ± 3
 FRICTIONLESS_TORQUE = 0.1  # the same of a machine without friction, of the peak torque
-JUMP = 5.0  # change of the speed in a sample, times what the drive's peak torque gives the table's inertia: the motor
-# without its load, a lighter machine and a loop at its limit reach thrice
+JUMP = 8.0  # change of the speed in a sample, times what the drive's peak torque gives the table's inertia: the motor
+# without its load, a lighter machine and a loop that swings between its limits reach five times
 _COUNTS = 5.0  # of the encoder that a change of speed may show beside
 _STILL = 0.005  # shortest standstill that counts [s]
 _FEWEST = 5  # samples of it
@@ -206,23 +176,27 @@ def strokes(position: Floats, resolution: float) -> Floats:
 # of +45 % and a delay of -3.7 ms.
 
 CHECK = "sampling"
-FEWEST = 3.0  # samples of the median stroke
+FEWEST = 3.0  # samples of a stroke
+SHORT = (
+    0.25  # largest share of the moving samples in shorter strokes: a loop that swings at rest has 0.16, and is fitted
+)
 
 
 def check_sampling(axis: Axis, position: Floats, period: float) -> None:
     """Refuse a log too slow for its strokes.
 
     Raises:
-        NotIdentifiedError: with the strokes' length and the period that does.
+        NotIdentifiedError: with the share of short strokes and what does.
     """
     lengths = strokes(position, axis.resolution)
     if not lengths.size:
         return
-    median = float(np.median(lengths))
-    if median < FEWEST:
+    share = float(lengths[lengths < FEWEST].sum() / lengths.sum())
+    if share > SHORT:
         raise NotIdentifiedError(
-            f"axis {axis.name}: half its strokes last at most {median:.0f} samples of {1e3 * period:g} ms: must "
-            f"be at least {FEWEST:.0f}; log every servo tick, with a loop that does not oscillate"
+            f"axis {axis.name}: in {100 * share:.0f} % of its motion it reverses within {FEWEST - 1:.0f} samples of "
+            f"{1e3 * period:g} ms: must be at most {100 * SHORT:.0f} %; log every servo tick, with a loop that does "
+            "not oscillate"
         )
 
 

@@ -14,6 +14,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.identify.checks.finding import NotIdentifiedError
 from gantrysim.identify.model import AxisModel
 from gantrysim.identify.pieces import WHOLE, Starts, gradient, smoothed
+from gantrysim.identify.sizes import number_words, times_words
 from gantrysim.machine.axis import Axis
 
 # Relation of the torque to the motion beside it: torque = J a + b v + Fc sign v + constant, low-passed.
@@ -132,8 +133,8 @@ def check_travel(axis: Axis, position: Floats, ratio: float) -> None:
     slips = position_slips(axis, 1 / ratio) if ratio > 0 else []
     hint = f"position in {' or '.join(slips)} read as {axis.unit}?" if slips else "check its unit"
     raise NotIdentifiedError(
-        f"axis {axis.name}: its position goes over {distance:.4g} {axis.unit}, the axis over {high - low:.4g} "
-        f"{axis.unit}: must be at most {TRAVEL:g} times as far; {hint}"
+        f"axis {axis.name}: its position goes over {number_words(distance)} {axis.unit}, the axis over "
+        f"{high - low:.4g} {axis.unit}: must be at most {TRAVEL:g} times as far; {hint}"
     )
 
 
@@ -165,7 +166,7 @@ def check_inertia(axis: Axis, ratio: float) -> None:
     if not ratio > 0 or 1 / UNUSABLE <= ratio <= UNUSABLE:
         return
     raise NotIdentifiedError(
-        f"axis {axis.name}: the log gives {ratio:.3g} times the inertia of the machine's table, must be "
+        f"axis {axis.name}: the log gives {times_words(ratio)} the inertia of the machine's table, must be "
         f"{1 / UNUSABLE:g} to {UNUSABLE:g} times; {inertia_hint(axis, ratio)}"
     )
 

@@ -158,8 +158,10 @@ class Mjcf:
         )
 
     def spring(self, body: Element, name: str, axis: Numbers, drive: Drive, load: float) -> None:
-        """Give a body its slide on the stiffness of a transmission, for a load [kg]."""
-        stiffness = 1e6 * drive.transmission.stiffness  # [N/m]
+        """Give a body its slide on the stiffness of a transmission, for a load [kg]; none where that is rigid."""
+        if drive.transmission.stiffness == "rigid":
+            return
+        stiffness = drive.transmission.spring
         add(
             body,
             "joint",

@@ -15,13 +15,27 @@ _STEEL = 7850.0  # density [kg/m³]
 
 
 class _Transmission(Table):
-    stiffness: Positive = key("stiffness of the drive train at the slide, motor locked; for CoreXY, of one belt [N/µm]")
+    stiffness: Positive | Literal["rigid"] = key(
+        "stiffness of the drive train at the slide, motor locked; for CoreXY, of one belt [N/µm]; or rigid, where its "
+        "mode is far beyond the servo's rate or not known"
+    )
     damping_ratio: NotNegative = key("damping ratio of the load on this stiffness, motor locked", 0.03)
     efficiency: Annotated[float, Field(gt=0, le=1)] = key(
         "fraction of the work that reaches the slide; the rest is friction proportional to the force", 1.0
     )
     friction: NotNegative = key("friction of bearings, seals and preload, at the motor [N·m]", 0.0)
     coupling_inertia: NotNegative = key("inertia of coupling and encoder disc, at the motor [kg·m²]", 0.0)
+
+    @property
+    def spring(self) -> float:
+        """Stiffness at the slide [N/m].
+
+        Raises:
+            InputError: it is rigid.
+        """
+        if self.stiffness == "rigid":
+            raise InputError("stiffness = 'rigid': belts or drives that couple axes need one, in N/µm")
+        return 1e6 * self.stiffness
 
     @property
     def travel_per_turn(self) -> float:

@@ -42,7 +42,7 @@ def corexy(table: MachineTable) -> TableMjcf:
     work(mjcf.frame, table, extent)
     on_x = carried_mass(table) + belts.nut_mass
     on_y = on_x + (table.masses.bridge or 0.0)
-    k = 1e6 * belts.transmission.stiffness  # [N/m]
+    k = belts.transmission.spring
     radius = M * belts.transmission.travel_per_turn * _ratio(belts) / (2 * math.pi)  # of the pulleys [m]
     for side, name in ((-1, "a"), (1, "b")):
         _add_pulley(mjcf, extent, side, name, radius)
@@ -95,7 +95,7 @@ def tandem(table: MachineTable) -> TableMjcf:
     bench(mjcf, extent)
     work(mjcf.frame, table, extent)
     load = on_bridge(table)
-    k = 1e6 * drive.transmission.stiffness
+    k = drive.transmission.spring
     gear = drive.transmission.gear
     for side, name in ((-1, "y1"), (1, "y2")):
         x = extent.x + 0.5 * side * span
