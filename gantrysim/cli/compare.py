@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from gantrysim.base.errors import InputError, expanded, finite
-from gantrysim.cli.terminal import plain_table, say, show, warn
+from gantrysim.cli.terminal import say, show, warn
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -204,7 +204,6 @@ def _compare_log(run: Path, measured: Path, options: Log, folder: Path) -> None:
         SPECTRUM,
         alignment_text,
         headline,
-        over_time_table,
         save_comparison,
         write_comparison_page,
     )
@@ -226,7 +225,7 @@ def _compare_log(run: Path, measured: Path, options: Log, folder: Path) -> None:
         write_comparison_page(scratch / REPORT, comparison, saved.job.name, measured.name, content.get("circle"))
     show(_table(comparison))
     if comparison.over_time:
-        show(plain_table(over_time_table(comparison)))
+        show(_over_time_table(comparison))
     if options.circle is not None:
         show(_circle_table(content["circle"]))
     say(headline(comparison), wrap=True)
@@ -308,6 +307,26 @@ def _table(comparison: Comparison) -> Table:
         table.add_row(name, *numbers, comparison.parts.get(name, "requested path to the last link measured"))
     table.caption = "difference: of the errors at the same place, lateral and vertical"
     table.caption_justify = "left"
+    return table
+
+
+def _over_time_table(comparison: Comparison) -> Table:
+    from rich.table import Table
+
+    from gantrysim.compare.page import thousandths
+
+    table = Table(title="over time, all samples", title_justify="left", box=None, padding=(0, 1, 0, 0))
+    table.add_column("", no_wrap=True)
+    for column in (*(head for head in _HEADS if "95 %" not in head), "no friction\nrms"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for row in comparison.over_time:
+        cells = [row.measured, row.simulated, row.difference]
+        numbers = [thousandths(value) for size in cells for value in (size.rms, size.max)]
+        wrong = "" if row.frictionless is None else thousandths(row.frictionless.rms)
+        table.add_row(f"{row.axis} {row.quantity} \\[{row.unit}]", *numbers, wrong)
+    if comparison.frictionless is not None:
+        table.caption = "no friction: difference between the trace and the same machine without friction"
+        table.caption_justify = "left"
     return table
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gantrysim.base.errors import InputError
+from gantrysim.cli.options import named_columns
 from gantrysim.cli.terminal import NOT_IDENTIFIED, interruptible, say, share_bar, show, warn
 
 if TYPE_CHECKING:
@@ -78,7 +79,7 @@ def identify(
     from gantrysim.identify.log import Rows, read_log
 
     chosen = None if rows is None else Rows.parse(rows)
-    read = read_log(log, machine, _named_columns(columns or ()), period, chosen)
+    read = read_log(log, machine, named_columns(columns or ()), period, chosen)
     _identify(machine, read, Path("identified") if out is None else out)
 
 
@@ -91,16 +92,6 @@ def _write_plan(machine: Machine, controller: str, out: Path | None) -> None:
     with replaced_file(file) as partial:
         partial.write_text(text, encoding="utf-8")
     say(f"written to {file}; log torque and position of the motors at every servo tick")
-
-
-def _named_columns(columns: list[str] | tuple[str, ...]) -> dict[str, str]:
-    named = {}
-    for column in columns:
-        name, equals, head = column.partition("=")
-        if not equals or not head.strip():
-            raise InputError(f"--column {column!r}: must be NAME=COLUMN, as in 'x position=MPOS AXIS(0) [mm]'")
-        named[" ".join(name.split())] = head
-    return named
 
 
 def _identify(machine: Machine, log: Log, folder: Path) -> None:

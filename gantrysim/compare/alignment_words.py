@@ -15,6 +15,7 @@ from gantrysim.metrics.analysis import THOUSANDTH
 from gantrysim.record.run import Run
 
 _WHERE = {"path": "at equal places of the path", "time": "at equal times"}
+_SMALLEST = 1e-6  # interval that is written, in its unit
 _LEAST_NOISE = 1e-5  # that is named [mm or deg]
 
 
@@ -29,7 +30,7 @@ def alignment_words(alignment: Alignment, run: Run) -> str:
     others = [name for name in names if name not in claimed]
     if others:
         listed = "; ".join(_words(name, alignment.estimates[name], run) for name in others)
-        sentences.append(f"Not distinguished from zero, and left: {listed}.")
+        sentences.append(f"Not distinguished from zero, so not taken out: {listed}.")
     unit = _small_unit(alignment, run)
     remainder = f"rms left across the path: {DIFFERENCE.number(alignment.residual)} {unit}"
     if alignment.criterion == "time":
@@ -48,15 +49,15 @@ def _time_words(alignment: Alignment) -> str:
     """Return how the trace's time goes with that of the run."""
     timing = alignment.timing
     shift = f"the trace's time is {SHIFT.text(alignment.shift)} against the run's"
-    if timing is None or timing.kind == "shift":
-        return shift if timing is None else f"{shift}, {_plus_minus(timing.shift.interval, 's', 1.0)}, at equal speeds"
+    if timing is None:
+        return shift
+    if timing.kind == "shift":
+        return f"{shift} ({_plus_minus(timing.shift.interval, 's', 1.0)}), at equal speeds"
     if timing.kind == "clock":
         rate = timing.clock
         way = "fast" if rate.value > 0 else "slow"
-        return (
-            f"{shift} at its middle, and its clock runs {way} by {1e6 * abs(rate.value):.1f} "
-            f"{_plus_minus(rate.interval, 'ppm', 1e6)}"
-        )
+        ppm = f"{1e6 * abs(rate.value):.1f} {_plus_minus(rate.interval, 'ppm', 1e6)}"
+        return f"{shift} at its middle, at equal speeds, and its clock runs {way} by {ppm}"
     text = f"the speeds differ, the trace takes {timing.duration:.4g} times as long for the same way"
     if timing.speed is not None:
         ratio = timing.speed
@@ -65,7 +66,9 @@ def _time_words(alignment: Alignment) -> str:
 
 
 def _plus_minus(interval: float, unit: str, factor: float) -> str:
-    return f"± {factor * interval:.2g} {unit}" if math.isfinite(interval) else "with no bound by the data"
+    if not math.isfinite(interval):
+        return "with no bound by the data"
+    return f"± {max(factor * interval, _SMALLEST):.2g} {unit}"
 
 
 def _words(name: str, estimate: Estimate, run: Run) -> str:
@@ -77,7 +80,7 @@ def _words(name: str, estimate: Estimate, run: Run) -> str:
     unit = THOUSANDTH["mm" if frame == "nozzle" else run.units[run.axes.index(axis)]]
     if not math.isfinite(estimate.interval):
         return f"{frame} offset {axis}, which the path does not show"
-    return f"{frame} offset {axis} {1e3 * estimate.value:+.1f} {_plus_minus(estimate.interval, unit, 1e3)}"
+    return f"{frame} offset {axis} {1e3 * estimate.value:+z.1f} {_plus_minus(estimate.interval, unit, 1e3)}"
 
 
 def estimate_rows(alignment: Alignment, run: Run) -> Iterator[list[Any]]:

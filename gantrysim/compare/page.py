@@ -169,7 +169,8 @@ def _sections(comparison: Comparison, circle: Mapping[str, Mapping[str, Any]] | 
     )
 
 
-AS_GOOD = 0.5  # difference, of that of the machine without friction, from which a trace does not tell them apart
+_SMALLEST = 1e-6  # of a difference that is not written as 0 [mm, deg or N·m]
+AS_GOOD = 0.8  # difference, of that of the machine without friction, from which a trace does not tell them apart
 
 
 def headline(comparison: Comparison) -> str:
@@ -227,8 +228,8 @@ def over_time_words(comparison: Comparison) -> list[str]:
             sentences.append(f"{quantity.capitalize()} over time is not measured, so not compared.")
             continue
         listed = "; ".join(
-            f"{row.axis} {_thousandths(row.measured.rms)} {row.unit} rms measured, {_thousandths(row.simulated.rms)} "
-            f"simulated, difference {_thousandths(row.difference.rms)}{_wrong_size(row)}"
+            f"{row.axis} {thousandths(row.measured.rms)} {row.unit} rms measured, {thousandths(row.simulated.rms)} "
+            f"simulated, difference {thousandths(row.difference.rms)}{_wrong_size(row)}"
             for row in rows
         )
         sentences.append(f"{quantity.capitalize()} over time: {listed}.")
@@ -241,11 +242,12 @@ def over_time_words(comparison: Comparison) -> list[str]:
 
 
 def _wrong_size(row: AxisDifference) -> str:
-    return "" if row.frictionless is None else f" (without friction {_thousandths(row.frictionless.rms)})"
+    return "" if row.frictionless is None else f" (without friction {thousandths(row.frictionless.rms)})"
 
 
-def _thousandths(value: float) -> str:
-    return f"{1e3 * value:.3g}"
+def thousandths(value: float) -> str:
+    """Return a size in a thousandth of its unit, as text."""
+    return f"{1e3 * value:.3g}" if value > _SMALLEST else "0"
 
 
 def _named_links(comparison: Comparison) -> list[str]:
