@@ -83,7 +83,7 @@ def _sections(identification: Identification, log: Log, runs: Sequence[WholeRun]
         "Identified values",
         "Inertia, viscous friction, stiffness and damping are those of the axis, other torques those at the motor "
         "shaft. The interval holds the value with 95 % confidence.",
-        table=_values(values),
+        table=_values(identification),
     )
     yield _not_identified(identification, values)
     yield Section("What to record next", table=_next_log(identification))
@@ -181,15 +181,25 @@ def _facts(values: Sequence[IdentifiedValue], runs: Sequence[WholeRun]) -> Itera
             yield f"{run.axis}: torque not explained", share_words(run.written / run.torque).removesuffix(" of"), remark
 
 
-def _values(values: Sequence[IdentifiedValue]) -> Table:
-    columns: list[str | Column] = ["axis", "quantity", *map(Column, ("nominal", "fitted", "from", "to"))]
+def _values(identification: Identification) -> Table:
+    heads: list[str | Column] = ["axis", "quantity", *map(Column, ("nominal", "fitted", "from", "to"))]
+    pairs = zip(identification.fits, identification.judgements, strict=True)
+    adopted = {fit.axis: judgement.adopted(fit) for fit, judgement in pairs}
     rows = []
-    for value in values:
+    for value in identification.values:
         shown = _Shown.of(value)
-        judgement = "identified" if value.identified else f"not identified: {value.reason}"
-        numbers = (shown.nominal, shown.value, shown.low, shown.high)
-        rows.append([value.axis, _label(value), *numbers, shown.unit, judgement])
-    return Table([*columns, "unit", ""], rows, "The machine written takes what is identified")
+        words = "identified" if value.identified else f"not identified: {value.reason}"
+        written = "fitted" if value.name in adopted[value.axis] else "nominal"
+        rows.append(
+            [
+                *(value.axis, _label(value), shown.nominal, shown.value, shown.low, shown.high, shown.unit, words),
+                "no part of it" if value.name in _OF_NO_MACHINE else written,
+            ]
+        )
+    return Table([*heads, "unit", "by the log", "in the machine written"], rows)
+
+
+_OF_NO_MACHINE = ("delay", "gap")
 
 
 def _not_identified(identification: Identification, values: Sequence[IdentifiedValue]) -> Section:

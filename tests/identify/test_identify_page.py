@@ -170,7 +170,11 @@ def test_the_page_holds_values_reasons_and_what_to_record(tmp_path):
     assert facts["x: Coulomb friction"] == ("20.00 ± 0.39 mN·m", "nominal 17.3 mN·m")
     assert facts["x: torque not explained"] == ("5 %", "of the log&#39;s torque is missing in the whole run")
     rows = page.rows()
-    assert ["x", "Coulomb friction", "17.3", "20", "19.61", "20.39", "mN·m", "identified"] in rows
+    assert ["x", "Coulomb friction", "17.3", "20", "19.61", "20.39", "mN·m", "identified", "fitted"] in rows
+    (static,) = [row for row in rows if row[:2] == ["x", "static friction"]]
+    assert static[-2:] == ["not identified: residual", "nominal"]
+    (delay,) = [row for row in rows if row[:2] == ["x", "delay"]]
+    assert delay[-2:] == ["not identified: residual", "no part of it"]
     assert ["x", "static friction, delay", "residual", "it is correlated by 0.4: must be at most 0.25"] in rows
     advice = {row[0]: row[1] for row in rows if len(row) == 2}
     assert advice["torque demand and encoder counts, unfiltered, at every servo tick, by one clock"] == (
