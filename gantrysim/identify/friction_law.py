@@ -6,6 +6,7 @@ part of the log left out.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -35,7 +36,7 @@ _MOST_TERMS = 4  # terms
 _MOST_LOAD = 0.5  # friction by load, of the motor's torque
 _GAIN = 0.05  # least share of the remaining torque's variance that a term explains
 _SIGNIFICANT_TERM = 16.0  # least squared coefficient over its variance, per coefficient
-_STRIBECK_SPEEDS = (0.45, 1.5, 4.5, 15.0)  # that are tried, times the table's
+_STRIBECK_SPEEDS = (0.45, 1.5, 4.5)  # that are tried, times the table's
 _LONGEST = 1 / 3  # period over the travel, of the log's travel: of a longer one nothing shows that it repeats
 _SHORTEST = 1 / 80  # the same
 _HELD_OUT = 0.5  # least gain of a wave in parts that it was not fitted to, of its gain where it was
@@ -286,7 +287,8 @@ def _estimates(
         if name == "coulomb" and any(term.kind == LOAD for term in terms):
             floor = _LOAD * abs(value)
         scatter = _SCATTER * float(np.sqrt(max(variance, 0.0)))
-        with_part = _moved_by_part(solution, without, quantity)
+        # somewhere within the largest change, all values alike: a standard deviation of 1/√3 of it
+        with_part = _moved_by_part(solution, without, quantity) / math.sqrt(3)
         deviation = float(np.linalg.norm([scatter, max(with_others, default=0.0), with_part, floor]))
         estimates[name] = Estimate(value, deviation)
     return estimates

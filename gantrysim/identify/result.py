@@ -20,7 +20,7 @@ KNOWN_DAMPING = 0.4
 WHITE = 0.25  # correlation of a residual from which the model's structure counts as wrong
 # standard deviation that counts of the encoder and steps of the predictor leave, of the value: round trips show it
 SYSTEMATIC = {
-    "inertia": 0.003,
+    "inertia": 0.005,
     "viscous": 0.015,
     "coulomb": 0.005,
     "static": 0.01,

@@ -119,9 +119,9 @@ def test_time_stamps_may_be_off_by_a_share_of_the_period():
 
 
 @pytest.mark.parametrize(("factor", "beyond"), [(0.98, False), (1.02, True), (-0.98, False), (-1.02, True)])
-def test_a_position_jumps_no_further_than_six_times_what_the_peak_torque_does(factor, beyond):
+def test_a_position_jumps_no_further_than_eight_times_what_the_peak_torque_does(factor, beyond):
     """In a sample, and by five counts; the time of the jump is that of the sample."""
-    most = 6 * AXIS.peak_torque / MODEL.inertia * PERIOD**2 + 5 * AXIS.resolution
+    most = 8 * AXIS.peak_torque / MODEL.inertia * PERIOD**2 + 5 * AXIS.resolution
     position = 0.01 * np.arange(400.0)
     position[250:] += factor * most
     torque = np.zeros(400)
@@ -349,10 +349,11 @@ def noisy_fit(times=5.0, noise=0.1, colour=0.0, remainder=0.001):
         (noisy_fit(noise=0.149), None),
         (noisy_fit(noise=0.151), PREDICTED),
         (noisy_fit(noise=0.151, remainder=0.9), ()),
-        (noisy_fit(noise=0.51), ()),
+        (noisy_fit(noise=0.51), PREDICTED),
         (noisy_fit(colour=0.23), None),
         (noisy_fit(colour=0.27), PREDICTED),
         (noisy_fit(colour=0.27, remainder=0.9), ()),
+        (noisy_fit(colour=0.49), PREDICTED),
     ],
 )
 def test_a_residual_is_noise_within_its_bounds(fit, values):

@@ -5,8 +5,7 @@ many times the encoder's counts, a torque noise that is a large share of the tor
 predicts, is motion which this torque has not made: another axis, another clock, a frozen encoder, a missing mode.
 
 Inertia and friction stand on the torque of the sliding axis too, which a wrong mode, a backlash or coarse counts do not
-touch. Where that torque is balanced, a residual that is somewhat correlated forbids only the values that rest on
-predictions.
+touch. Where that torque is balanced, a large or correlated residual forbids only the values that rest on predictions.
 """
 
 from __future__ import annotations
@@ -125,8 +124,6 @@ RESIDUAL = "residual"
 LARGEST_RESIDUAL = 15.0
 UNUSABLE = 100.0  # the same, from which the log is refused
 NOISE = 0.15  # largest fitted torque noise, of the torque's own deviation
-CORRELATED = 0.5  # correlation from which no value is identified
-NOISY = 0.5  # torque noise from which no value is identified, of the torque's own deviation
 EXPLAINED = 2.0  # size of the residual from which predictions are doubtful, of that which counts and noise explain
 # largest rms of the low-passed torque that the friction's law and the acceleration leave, of the torque
 BALANCED = 0.03
@@ -162,7 +159,7 @@ def check_residual(fit: AxisFit, period: float) -> Doubt:
         reason = (
             f"torque noise of {share_words(share)} the torque would explain it: must be at most {100 * NOISE:.0f} %"
         )
-        findings.append(Finding(RESIDUAL, PREDICTED if balanced and share < NOISY else (), reason))
+        findings.append(Finding(RESIDUAL, PREDICTED if balanced else (), reason))
     explained = explained_residual(fit, period) / count
     if size > EXPLAINED * explained:
         reason = (
@@ -173,5 +170,5 @@ def check_residual(fit: AxisFit, period: float) -> Doubt:
     colour = float(np.abs(correlation(fit.residual)).max())
     if colour > WHITE:
         reason = f"the residual is correlated by {colour:.2f}: must be at most {WHITE}"
-        findings.append(Finding(RESIDUAL, PREDICTED if balanced and colour < CORRELATED else (), reason))
+        findings.append(Finding(RESIDUAL, PREDICTED if balanced else (), reason))
     return Doubt({}, findings)

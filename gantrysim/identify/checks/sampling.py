@@ -56,7 +56,7 @@ def check_torque(axis: Axis, torque: Floats, ratio: float) -> None:
 
 HOLD = 6.0  # swing of the torque at rest, times the static friction: friction thrice the table's holds ± 3
 FRICTIONLESS_TORQUE = 0.1  # the same of a machine without friction, of the peak torque
-JUMP = 6.0  # change of the speed in a sample, times what the drive's peak torque gives the table's inertia: the motor
+JUMP = 8.0  # change of the speed in a sample, times what the drive's peak torque gives the table's inertia: the motor
 # without its load, a lighter machine and a loop that swings between its limits reach five times
 _COUNTS = 5.0  # of the encoder that a change of speed may show beside
 _STILL = 0.005  # shortest standstill that counts [s]
