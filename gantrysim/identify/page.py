@@ -13,7 +13,7 @@ from gantrysim.identify.checks.sampling import CHECK as SAMPLING
 from gantrysim.identify.identification import Identification, IdentifiedValue, friction_words, verdict
 from gantrysim.identify.log import Log
 from gantrysim.identify.plots import draw_course, draw_friction, draw_moves_response, draw_residuals
-from gantrysim.identify.result import LABELS, MODE, AxisFit
+from gantrysim.identify.result import EDGE, LABELS, MODE, AxisFit
 from gantrysim.identify.sizes import share_words
 from gantrysim.identify.whole_run import WholeRun
 from gantrysim.report.document import Column, Section, Table
@@ -247,11 +247,21 @@ def _next_log(identification: Identification) -> Table:
             if finding.check in (CLIPPED, SMOOTHED):
                 wanted.setdefault(_BY_CHECK[finding.check], []).append(f"{fit.axis}: all values")
         if fit.nominal.share and not fit.shows_mode:
-            wanted.setdefault(_BY_CHECK[SAMPLING], []).append(f"{fit.axis}: mode")
+            wanted.setdefault(_fast_log(fit), []).append(f"{fit.axis}: mode")
     rows = [[text, "; ".join(dict.fromkeys(names))] for text, names in wanted.items()]
     rows.append(["another log of other moves, for gantrysim replay", "a judgement of the machine written"])
     plan = "gantrysim identify --plan writes the program of moves that show every value"
     return Table(["record", "for"], rows, plan)
+
+
+def _fast_log(fit: AxisFit) -> str:
+    """Return what a log must have to show the mode of the machine's table: half the rate of torque demands is above."""
+    rate = 2 * fit.nominal.resonance / EDGE
+    rounded = math.ceil(rate / _ROUND_RATE) * _ROUND_RATE
+    return f"the torque demand, which is known between samples too, at {rounded:,} samples per second or more"
+
+
+_ROUND_RATE = 100  # [1/s]
 
 
 def _left(fits: Sequence[AxisFit]) -> Table:

@@ -180,7 +180,10 @@ def test_the_page_holds_values_reasons_and_what_to_record(tmp_path):
     assert advice["torque demand and encoder counts, unfiltered, at every servo tick, by one clock"] == (
         "x: static friction; x: delay"
     )
-    assert advice["samples at every servo tick, and the torque demand, which is known between samples too"] == "x: mode"
+    # half the rate is 15 % above the mode of x
+    assert model_of(MACHINE, 0).resonance == pytest.approx(604, abs=1)
+    fast = "the torque demand, which is known between samples too, at 1,500 samples per second or more"
+    assert advice[fast] == "x: mode"
     assert "log: a note." in page.section("notes")
     assert "fitted, forwards" in page.section("friction")
     assert not [one for one in page.all("p") if one.get("class") == "warning"]
