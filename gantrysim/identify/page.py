@@ -42,8 +42,9 @@ _BY_VALUE = {
     **dict.fromkeys((*MODE, "gap"), _QUICK),
 }
 _BY_CHECK = {
-    SAMPLING: "samples at every servo tick, and the torque demand, which is known between samples too",
-    RESIDUAL: "torque demand and encoder counts, unfiltered, at every servo tick, by one clock",
+    **dict.fromkeys(
+        (SAMPLING, RESIDUAL), "torque demand and encoder counts, unfiltered, at every servo tick, by one clock"
+    ),
     COUNTS: "a log without missing rows, once the encoder counts reliably",
     CLIPPED: "a wider range of the recorder, or weaker moves: the torque must not be cut",
     SMOOTHED: "the counts of the encoder, neither filtered nor interpolated",
@@ -207,7 +208,9 @@ def _not_identified(identification: Identification, values: Sequence[IdentifiedV
     if all(value.identified for value in values):
         return Section("Not identified", "Every value that is fitted is identified.")
     rows = []
+    judgements = {}
     for fit, judgement in zip(identification.fits, identification.judgements, strict=True):
+        judgements[fit.axis] = judgement
         for finding in judgement.findings:
             names = [LABELS.get(name, name) for name in finding.values if name in fit.estimates]
             if names or not finding.values:
@@ -216,7 +219,7 @@ def _not_identified(identification: Identification, values: Sequence[IdentifiedV
         if not value.identified and value.reason == INTERVAL:
             share = share_words(0.5 * (value.high - value.low) / max(abs(value.value), 1e-300))
             rows.append([value.axis, _label(value), INTERVAL, f"half the 95 % interval is {share} the value"])
-        elif not value.identified and not any(_is_named(value, judged) for judged in identification.judgements):
+        elif not value.identified and not _is_named(value, judgements[value.axis]):
             rows.append([value.axis, _label(value), value.reason, "the log does not reach it"])
     return Section(
         "Not identified",
@@ -240,7 +243,7 @@ def _next_log(identification: Identification) -> Table:
         # a check of one value alone has found that the log does not show it
         if value.name == _STATIC and PLAUSIBILITY in reasons:
             advice = [_BY_VALUE[_STATIC]]
-        for text in advice or [_BY_VALUE.get(value.name, _QUICK)]:
+        for text in dict.fromkeys(advice) or [_BY_VALUE.get(value.name, _QUICK)]:
             wanted.setdefault(text, []).append(f"{value.axis}: {_label(value)}")
     for fit, judgement in zip(identification.fits, identification.judgements, strict=True):
         for finding in judgement.findings:

@@ -198,6 +198,18 @@ def test_a_wide_interval_says_which_moves_show_the_value(tmp_path):
     assert [moves, "x: viscous friction"] in page.rows()
 
 
+def test_a_check_of_one_axis_is_none_of_another(tmp_path):
+    fit = fit_of()
+    moded = {**fit.estimates, "stiffness": Estimate(MODEL.inertia * 4e6, 1.0)}
+    found = Identification(MACHINE, PERIOD, (fit, replace(fit, axis="y", estimates=moded)))
+    refused = Judgement(fit.estimates, (Finding("residual", ("stiffness", "delay"), "of x alone"),), PERIOD)
+    found.__dict__["judgements"] = (refused, Judgement(moded, (), PERIOD))
+    both = replace(LOG, axes=("x", "y"), position=np.repeat(LOG.position, 2, 1), torque=np.repeat(LOG.torque, 2, 1))
+    rows = [row for row in page_of(tmp_path, found, both).rows() if len(row) == 4]
+    assert ["x", "delay", "residual", "of x alone"] in rows
+    assert ["y", "stiffness", "beyond the log&#39;s rate", "the log does not reach it"] in rows
+
+
 def test_nothing_identified_stands_above_all(tmp_path):
     page = page_of(tmp_path, identification(fit_of(), Finding("encoder counts", (), "it loses counts")))
     (warning,) = [one["text"] for one in page.all("p") if one.get("class") == "warning"]
