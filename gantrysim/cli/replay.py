@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from gantrysim.base.errors import InputError
 from gantrysim.cli.options import AllowCode, named_columns
-from gantrysim.cli.terminal import interruptible, say, share_bar, show
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from gantrysim.report.document import Table as PageTable
+from gantrysim.cli.terminal import interruptible, plain_table, say, share_bar, show
 
 
 def replay(
@@ -70,7 +65,7 @@ def replay(
         names = write_all(result, log.name, out)
     for axis in result.axes:
         for quantity in QUANTITIES:
-            show(_table(table_of(result, axis, quantity)))
+            show(plain_table(table_of(result, axis, quantity)))
     for line in sentences(result):
         say(line, wrap=True)
     for note in result.notes:
@@ -86,15 +81,3 @@ def _rows(text: str | None) -> slice | None:
         return slice(int(first), int(after)) if colon else slice(int(""))
     except ValueError:
         raise InputError(f"--fitted {text}: must be FROM:TO, as in 0:6000") from None
-
-
-def _table(content: PageTable) -> Table:
-    from rich.markup import escape
-    from rich.table import Table
-
-    table = Table(title=escape(content.caption or ""), title_justify="left", box=None, padding=(0, 1, 0, 0))
-    for head, numeric in zip(content.heads, content.numeric, strict=True):
-        table.add_column(head.replace(", ", "\n"), justify="right" if numeric else "left", no_wrap=True)
-    for row in content.cells:
-        table.add_row(*map(escape, row))
-    return table

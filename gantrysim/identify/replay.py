@@ -21,9 +21,8 @@ from gantrysim.base.progress import Progress
 from gantrysim.engine.simulate import simulate
 from gantrysim.engine.simulation import Start
 from gantrysim.identify.log import Log, read_log
-from gantrysim.machine.ideal import without_friction
+from gantrysim.machine.ideal import frictionless_machine
 from gantrysim.machine.machine import Machine
-from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import ErrorSize
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Line
@@ -138,7 +137,6 @@ _FEWEST = 5  # samples of that
 _RESTING = 1.5  # counts of the encoder by which an axis at rest moves
 _SURE = 4.0  # deviations by which a velocity must differ from zero
 _STEADY = 0.005  # of the way in that time, from a parabola, up to which an axis is in steady motion
-_VISCOUS = 1e-9  # factor on the viscous friction of a machine without friction, which must not be zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,7 +295,7 @@ def replay(
     run = _simulated(machine, servo, placed, law, progress)
     if run.fault is not None:
         raise InputError(f"the simulated machine {machine.name} does not follow the log to its end: {run.fault}")
-    wrong: Run | None = _simulated(_frictionless(machine), servo, placed, law, progress)
+    wrong: Run | None = _simulated(frictionless_machine(machine), servo, placed, law, progress)
     if wrong is not None and wrong.fault is not None:
         notes.append(f"without friction the simulated machine does not follow the log to its end: {wrong.fault}")
         wrong = None
@@ -312,11 +310,6 @@ def _check_rows(fitted: slice | None, count: int) -> None:
         raise InputError(
             f"fitted rows {fitted.start} to {fitted.stop}: must be some, but not all, of the log's {count} rows"
         )
-
-
-def _frictionless(machine: Machine) -> Machine:
-    """Return the machine with neither dry nor viscous friction at its axes."""
-    return without_friction(machine).perturbed(Perturbation(viscous=_VISCOUS))
 
 
 def _placed(machine: Machine, recorded: CommandedLog) -> tuple[CommandedLog, list[str]]:

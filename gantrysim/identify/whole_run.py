@@ -94,22 +94,14 @@ def _edit(machine: Machine, fits: Sequence[AxisFit], *, first: bool) -> Callable
                 _set_mode(spec.joint(spring), fit, now, load)
             motor = spec.actuators[index]
             motor.armature += armature * fit.model.scale
+            # one without inertia of its own may stay so
             if motor.armature < 0:
-                _take_from_body(spec.joint(fit.axis), motor, fit)
+                raise InputError(
+                    f"axis {fit.axis}: the fitted inertia leaves the motor {motor.armature:.3g} kg·m²; the masses of "
+                    "the MJCF are too large"
+                )
 
     return edit
-
-
-def _take_from_body(joint: mujoco.MjsJoint, motor: mujoco.MjsActuator, fit: AxisFit) -> None:
-    """Take the inertia that a motor lacks from the mass that it moves."""
-    mass = joint.parent.mass + motor.armature * motor.gear[0] ** 2
-    if joint.type != mujoco.mjtJoint.mjJNT_SLIDE or not mass > 0:
-        raise InputError(
-            f"axis {fit.axis}: the fitted inertia leaves the motor {motor.armature:.3g} kg·m²; the masses of "
-            "the MJCF are too large"
-        )
-    joint.parent.mass = mass
-    motor.armature = 0.0
 
 
 def _set_fact(spec: mujoco.MjSpec, name: str, actuator: int, value: float) -> None:

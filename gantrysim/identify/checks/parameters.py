@@ -92,7 +92,9 @@ def torque_balance(fit: AxisFit, period: float) -> Balance | None:
     friction = model.viscous * speed + (model.coulomb + fit.law.level) * direction + fit.law.ripple
     smooth = _of_both_masses(model, smoothed(acceleration, width, starts), period, starts)
     remains = smoothed(torque - friction, width, starts) - model.inertia * smooth
-    chosen = smoothed(1.0 * (np.abs(slow) > _MOVING * float(np.quantile(np.abs(slow), 0.99))), width, starts)
+    chosen = smoothed(
+        (np.abs(slow) > _MOVING * float(np.quantile(np.abs(slow), 0.99))).astype(np.float64), width, starts
+    )
     # where the filter reaches beyond the piece
     slides = (chosen > _SLIDING) & inside(slow.size, starts, round(4 * width) + 1)
     if slides.sum() < _FEWEST:
