@@ -57,7 +57,8 @@ def check_balance(fit: AxisFit, period: float) -> Doubt:
     largest = max(unevenness, key=lambda name: unevenness[name])
     uneven = unevenness[largest]
     # static friction stands on the same level as Coulomb friction
-    return Doubt({"inertia": inertia, "coulomb": uneven, "static": uneven}, _findings(fit, largest, uneven))
+    doubts = {"inertia": inertia, "coulomb": uneven, "static": uneven, "offset": uneven}
+    return Doubt(doubts, _findings(fit, largest, uneven))
 
 
 def _findings(fit: AxisFit, partition: str, uneven: float) -> list[Finding]:
