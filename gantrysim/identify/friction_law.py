@@ -343,13 +343,13 @@ def _moved_by_part(solution: Solution, without: list[_WithoutPart], quantity: Fl
 
     Where the rest of the log tells less of the quantity than the whole, its change counts in proportion.
     """
-    deviation = float(np.sqrt(max(quantity @ solution.covariance @ quantity, 0.0)))
+    deviation = math.sqrt(max(float(quantity @ solution.covariance @ quantity), 0.0))
     matrix = solution.matrix
     inverse = np.linalg.pinv(matrix.T @ matrix) / np.outer(solution.sizes, solution.sizes)
     known = float(quantity @ inverse @ quantity)
     largest = 0.0
     for part in without:
-        share = float(np.sqrt(known / max(quantity @ part.inverse @ quantity, 1e-300)))
+        share = math.sqrt(known / max(float(quantity @ part.inverse @ quantity), 1e-300))
         change = abs(float(quantity @ part.change)) * min(share, 1.0)
         if change > _SIGNIFICANT * deviation:
             largest = max(largest, change)

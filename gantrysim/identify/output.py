@@ -29,8 +29,8 @@ def values_table(identification: Identification) -> Table:
     caption = (
         "inertia, viscous friction, stiffness and damping at the axis, other torques at the motor shaft; 95 % "
         "confidence; not identified (interval): half the interval exceeds 15 % of the value, 40 % of a damping; not "
-        "identified otherwise: the check named, see the notes; the machine written keeps the nominal value of "
-        "what is not identified"
+        "identified otherwise: the check named, see the notes; the machine written takes what is identified, "
+        "friction and mode each as a whole; all else stays nominal"
     )
     table = Table(title="identified", title_justify="left", caption=caption, caption_justify="left")
     table.add_column("axis", no_wrap=True)

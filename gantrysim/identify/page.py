@@ -13,7 +13,7 @@ from gantrysim.identify.checks.sampling import CHECK as SAMPLING
 from gantrysim.identify.identification import Identification, IdentifiedValue, friction_words, verdict
 from gantrysim.identify.log import Log
 from gantrysim.identify.plots import draw_course, draw_friction, draw_moves_response, draw_residuals
-from gantrysim.identify.result import LABELS, MODE, AxisFit
+from gantrysim.identify.result import EDGE, LABELS, MODE, AxisFit
 from gantrysim.identify.sizes import share_words
 from gantrysim.identify.whole_run import WholeRun
 from gantrysim.report.document import Column, Section, Table
@@ -42,8 +42,9 @@ _BY_VALUE = {
     **dict.fromkeys((*MODE, "gap"), _QUICK),
 }
 _BY_CHECK = {
-    SAMPLING: "samples at every servo tick, and the torque demand, which is known between samples too",
-    RESIDUAL: "torque demand and encoder counts, unfiltered, at every servo tick, by one clock",
+    **dict.fromkeys(
+        (SAMPLING, RESIDUAL), "torque demand and encoder counts, unfiltered, at every servo tick, by one clock"
+    ),
     COUNTS: "a log without missing rows, once the encoder counts reliably",
     CLIPPED: "a wider range of the recorder, or weaker moves: the torque must not be cut",
     SMOOTHED: "the counts of the encoder, neither filtered nor interpolated",
@@ -83,7 +84,7 @@ def _sections(identification: Identification, log: Log, runs: Sequence[WholeRun]
         "Identified values",
         "Inertia, viscous friction, stiffness and damping are those of the axis, other torques those at the motor "
         "shaft. The interval holds the value with 95 % confidence.",
-        table=_values(values),
+        table=_values(identification),
     )
     yield _not_identified(identification, values)
     yield Section("What to record next", table=_next_log(identification))
@@ -181,15 +182,25 @@ def _facts(values: Sequence[IdentifiedValue], runs: Sequence[WholeRun]) -> Itera
             yield f"{run.axis}: torque not explained", share_words(run.written / run.torque).removesuffix(" of"), remark
 
 
-def _values(values: Sequence[IdentifiedValue]) -> Table:
-    columns: list[str | Column] = ["axis", "quantity", *map(Column, ("nominal", "fitted", "from", "to"))]
+def _values(identification: Identification) -> Table:
+    heads: list[str | Column] = ["axis", "quantity", *map(Column, ("nominal", "fitted", "from", "to"))]
+    pairs = zip(identification.fits, identification.judgements, strict=True)
+    adopted = {fit.axis: judgement.adopted(fit) for fit, judgement in pairs}
     rows = []
-    for value in values:
+    for value in identification.values:
         shown = _Shown.of(value)
-        judgement = "identified" if value.identified else f"not identified: {value.reason}"
-        numbers = (shown.nominal, shown.value, shown.low, shown.high)
-        rows.append([value.axis, _label(value), *numbers, shown.unit, judgement])
-    return Table([*columns, "unit", ""], rows, "The machine written takes what is identified")
+        words = "identified" if value.identified else f"not identified: {value.reason}"
+        written = "fitted" if value.name in adopted[value.axis] else "nominal"
+        rows.append(
+            [
+                *(value.axis, _label(value), shown.nominal, shown.value, shown.low, shown.high, shown.unit, words),
+                "no part of it" if value.name in _OF_NO_MACHINE else written,
+            ]
+        )
+    return Table([*heads, "unit", "by the log", "in the machine written"], rows)
+
+
+_OF_NO_MACHINE = ("delay", "gap")
 
 
 def _not_identified(identification: Identification, values: Sequence[IdentifiedValue]) -> Section:
@@ -197,7 +208,9 @@ def _not_identified(identification: Identification, values: Sequence[IdentifiedV
     if all(value.identified for value in values):
         return Section("Not identified", "Every value that is fitted is identified.")
     rows = []
+    judgements = {}
     for fit, judgement in zip(identification.fits, identification.judgements, strict=True):
+        judgements[fit.axis] = judgement
         for finding in judgement.findings:
             names = [LABELS.get(name, name) for name in finding.values if name in fit.estimates]
             if names or not finding.values:
@@ -206,7 +219,7 @@ def _not_identified(identification: Identification, values: Sequence[IdentifiedV
         if not value.identified and value.reason == INTERVAL:
             share = share_words(0.5 * (value.high - value.low) / max(abs(value.value), 1e-300))
             rows.append([value.axis, _label(value), INTERVAL, f"half the 95 % interval is {share} the value"])
-        elif not value.identified and not any(_is_named(value, judged) for judged in identification.judgements):
+        elif not value.identified and not _is_named(value, judgements[value.axis]):
             rows.append([value.axis, _label(value), value.reason, "the log does not reach it"])
     return Section(
         "Not identified",
@@ -230,18 +243,28 @@ def _next_log(identification: Identification) -> Table:
         # a check of one value alone has found that the log does not show it
         if value.name == _STATIC and PLAUSIBILITY in reasons:
             advice = [_BY_VALUE[_STATIC]]
-        for text in advice or [_BY_VALUE.get(value.name, _QUICK)]:
+        for text in dict.fromkeys(advice) or [_BY_VALUE.get(value.name, _QUICK)]:
             wanted.setdefault(text, []).append(f"{value.axis}: {_label(value)}")
     for fit, judgement in zip(identification.fits, identification.judgements, strict=True):
         for finding in judgement.findings:
             if finding.check in (CLIPPED, SMOOTHED):
                 wanted.setdefault(_BY_CHECK[finding.check], []).append(f"{fit.axis}: all values")
         if fit.nominal.share and not fit.shows_mode:
-            wanted.setdefault(_BY_CHECK[SAMPLING], []).append(f"{fit.axis}: mode")
+            wanted.setdefault(_fast_log(fit), []).append(f"{fit.axis}: mode")
     rows = [[text, "; ".join(dict.fromkeys(names))] for text, names in wanted.items()]
     rows.append(["another log of other moves, for gantrysim replay", "a judgement of the machine written"])
     plan = "gantrysim identify --plan writes the program of moves that show every value"
     return Table(["record", "for"], rows, plan)
+
+
+def _fast_log(fit: AxisFit) -> str:
+    """Return what a log must have to show the mode of the machine's table: half the rate of torque demands is above."""
+    rate = 2 * fit.nominal.resonance / EDGE
+    rounded = math.ceil(rate / _ROUND_RATE) * _ROUND_RATE
+    return f"the torque demand, which is known between samples too, at {rounded:,} samples per second or more"
+
+
+_ROUND_RATE = 100  # [1/s]
 
 
 def _left(fits: Sequence[AxisFit]) -> Table:

@@ -103,7 +103,9 @@ class TorqueRegression:
             torque=0.5 * (before + after),
         )
         slow = np.abs(smoothed(speed, width, starts))
-        slides = smoothed(1.0 * (slow > _MOVING * float(np.quantile(slow, 0.99))), width, starts) > _SLIDING
+        slides = (
+            smoothed((slow > _MOVING * float(np.quantile(slow, 0.99))).astype(np.float64), width, starts) > _SLIDING
+        )
         # where the filter reaches beyond the log
         slides &= inside(position.size, starts, round(4 * width))
         return cls(period, motion, slides, starts)

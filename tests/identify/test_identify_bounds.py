@@ -185,7 +185,7 @@ def swinging(reversals=8, ratio=4.0, size=1.0):
     ("position", "told"),
     [
         (swinging(), ""),
-        (swinging(reversals=5), "it reverses 5 times: must reverse at least 6"),
+        (swinging(reversals=5), "reversals = 5: must be at least 6"),
         (swinging(reversals=6), ""),
         (swinging(ratio=2.9), "2.9 times as fast as its slow ones: must be at least 3"),
         (swinging(ratio=3.1), ""),

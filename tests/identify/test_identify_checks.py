@@ -198,7 +198,7 @@ def test_a_log_that_excites_too_little_is_refused():
         identify(MACHINE, replace(log, position=0.05 * np.sin(20 * time)))
     with pytest.raises(InputError, match=r"^axis y: its torque is 0\.1 N·m throughout"):
         identify(MACHINE, replace(log, torque=still + 0.1))
-    with pytest.raises(InputError, match=r"^axis y: it reverses 0 times: must reverse at least 6 times"):
+    with pytest.raises(InputError, match=r"^axis y: reversals = 0: must be at least 6"):
         identify(MACHINE, replace(log, position=5 * time))
     sawtooth = np.abs(np.mod(time, 0.4) - 0.2)
     with pytest.raises(InputError, match=r"^axis y: its fast moves are 1 times as fast as its slow ones: must be at"):

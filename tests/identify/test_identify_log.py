@@ -370,6 +370,19 @@ def test_heads_in_any_case_with_units_below(tmp_path):
     assert (log.axes, log.held) == (("x",), False)
 
 
+def test_a_servo_tool_s_log_of_speed_and_share_of_the_rated_torque(tmp_path):
+    """At 600 rpm a screw moves 10 leads a second; 25 % of 1.27 N·m are 0.3175 N·m."""
+    lines = ["Model,SERVO-100", "Time,Motor speed,Torque", "ms,r/min,0.1%", *(f"{k},600,250" for k in range(N))]
+    file = tmp_path / "log.csv"
+    file.write_text("\n".join(lines), encoding="utf-8")
+    log = read_log(file, MACHINE, {"x velocity": "Motor speed", "x torque": "Torque*0.1[% of 1.27 N·m]"})
+    assert log.period == pytest.approx(1e-3)
+    assert np.allclose(log.torque[:, 0], 0.3175)
+    assert np.allclose(log.position[:, 0], 20 * math.pi * PITCH * 1e-3 * np.arange(N))
+    with pytest.raises(InputError, match=r"column Torque is in '0\.1%': must be in N·m"):
+        read_log(file, MACHINE, {"x velocity": "Motor speed", "x torque": "Torque"})
+
+
 @pytest.mark.parametrize("name", ["1st motor position", "m1pos", "M1POS"])
 def test_long_and_short_names(tmp_path, name):
     k, torque, position = columns()

@@ -170,13 +170,20 @@ def test_the_page_holds_values_reasons_and_what_to_record(tmp_path):
     assert facts["x: Coulomb friction"] == ("20.00 ± 0.39 mN·m", "nominal 17.3 mN·m")
     assert facts["x: torque not explained"] == ("5 %", "of the log&#39;s torque is missing in the whole run")
     rows = page.rows()
-    assert ["x", "Coulomb friction", "17.3", "20", "19.61", "20.39", "mN·m", "identified"] in rows
+    assert ["x", "Coulomb friction", "17.3", "20", "19.61", "20.39", "mN·m", "identified", "fitted"] in rows
+    (static,) = [row for row in rows if row[:2] == ["x", "static friction"]]
+    assert static[-2:] == ["not identified: residual", "nominal"]
+    (delay,) = [row for row in rows if row[:2] == ["x", "delay"]]
+    assert delay[-2:] == ["not identified: residual", "no part of it"]
     assert ["x", "static friction, delay", "residual", "it is correlated by 0.4: must be at most 0.25"] in rows
     advice = {row[0]: row[1] for row in rows if len(row) == 2}
     assert advice["torque demand and encoder counts, unfiltered, at every servo tick, by one clock"] == (
         "x: static friction; x: delay"
     )
-    assert advice["samples at every servo tick, and the torque demand, which is known between samples too"] == "x: mode"
+    # half the rate is 15 % above the mode of x
+    assert model_of(MACHINE, 0).resonance == pytest.approx(604, abs=1)
+    fast = "the torque demand, which is known between samples too, at 1,500 samples per second or more"
+    assert advice[fast] == "x: mode"
     assert "log: a note." in page.section("notes")
     assert "fitted, forwards" in page.section("friction")
     assert not [one for one in page.all("p") if one.get("class") == "warning"]
@@ -189,6 +196,18 @@ def test_a_wide_interval_says_which_moves_show_the_value(tmp_path):
     assert ["x", "viscous friction", "interval", "half the 95 % interval is 98 % of the value"] in page.rows()
     moves = "moves at constant speeds, slow ones and up to the speed limit, forwards and back alike"
     assert [moves, "x: viscous friction"] in page.rows()
+
+
+def test_a_check_of_one_axis_is_none_of_another(tmp_path):
+    fit = fit_of()
+    moded = {**fit.estimates, "stiffness": Estimate(MODEL.inertia * 4e6, 1.0)}
+    found = Identification(MACHINE, PERIOD, (fit, replace(fit, axis="y", estimates=moded)))
+    refused = Judgement(fit.estimates, (Finding("residual", ("stiffness", "delay"), "of x alone"),), PERIOD)
+    found.__dict__["judgements"] = (refused, Judgement(moded, (), PERIOD))
+    both = replace(LOG, axes=("x", "y"), position=np.repeat(LOG.position, 2, 1), torque=np.repeat(LOG.torque, 2, 1))
+    rows = [row for row in page_of(tmp_path, found, both).rows() if len(row) == 4]
+    assert ["x", "delay", "residual", "of x alone"] in rows
+    assert ["y", "stiffness", "beyond the log&#39;s rate", "the log does not reach it"] in rows
 
 
 def test_nothing_identified_stands_above_all(tmp_path):

@@ -12,6 +12,7 @@ from gantrysim.compare.measured import Assignment, Trace
 from gantrysim.controllers.softmc.record import Record
 from gantrysim.tables.column_table import Source
 from gantrysim.tables.reading import read_table
+from gantrysim.tables.units import is_unit
 
 from support.jobs import job_run
 
@@ -80,6 +81,19 @@ def test_heads_of_several_lines(log, heads, names, units, aliases):
     assert found.columns[names[1]].tolist() == [k + 0.5 for k in range(9)]
     for short, name in aliases.items():
         assert np.array_equal(found.values(Source(short, unit="s"), "s"), found.columns[name])
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("mm", True), ("[µm/s²]", True), ("0.1%", True), ("r/min", True), ("min-1", True), ("N·m", True),
+        ("(Nm/A)", True), ("kpulse", True), ("‰ of 1.27 N·m", True), ("", True), ("-", True), ("10 V", True),
+        ("Torque", False), ("x", False), ("m1pos", False), ("position mm", False), ("mm/x", False),
+        ("9" * 100_000 + "/", False),
+    ],
+)  # fmt: skip
+def test_a_unit_is_told_from_a_name(text, expected):
+    assert is_unit(text) == expected
 
 
 def test_words_in_round_brackets_are_part_of_the_name(log):

@@ -35,6 +35,7 @@ _EXCESS = 0.3  # of static over Coulomb friction: the Stribeck speed is that of 
 _STATIC = 0.12
 # the same of the mode beside a friction of further terms, which bend its torque
 _MODE = {"share": 0.03, "stiffness": 0.02}
+_MODE_IN_GAP = {"share": 0.05, "stiffness": 0.03}  # the same beside a backlash, which hides it
 _DAMPING = 0.15  # of the damping beside a friction by load
 
 
@@ -130,12 +131,13 @@ def judged_fit(fit: AxisFit, period: float) -> Judgement:
     model = fit.model
     static = math.hypot(_EXCESS * model.excess, _STATIC * model.coulomb)
     loaded = any(term.kind == LOAD for term in fit.law.terms)
+    mode = _MODE_IN_GAP if "gap" in fit.estimates else _MODE if fit.law.terms else {}
     floors = Doubt(
         {
             "delay": (_DELAY_IN_GAP if "gap" in fit.estimates else _DELAY) * period,
             "offset": _OFFSET * model.coulomb,
             "static": static,
-            **{name: part * getattr(model, name) for name, part in _MODE.items() if fit.law.terms},
+            **{name: part * getattr(model, name) for name, part in mode.items()},
             "damping": _DAMPING * model.damping if loaded else 0.0,
         },
         [],

@@ -57,7 +57,8 @@ def check_balance(fit: AxisFit, period: float) -> Doubt:
     largest = max(unevenness, key=lambda name: unevenness[name])
     uneven = unevenness[largest]
     # static friction stands on the same level as Coulomb friction
-    return Doubt({"inertia": inertia, "coulomb": uneven, "static": uneven}, _findings(fit, largest, uneven))
+    doubts = {"inertia": inertia, "coulomb": uneven, "static": uneven, "offset": uneven}
+    return Doubt(doubts, _findings(fit, largest, uneven))
 
 
 def _findings(fit: AxisFit, partition: str, uneven: float) -> list[Finding]:
@@ -92,7 +93,9 @@ def torque_balance(fit: AxisFit, period: float) -> Balance | None:
     friction = model.viscous * speed + (model.coulomb + fit.law.level) * direction + fit.law.ripple
     smooth = _of_both_masses(model, smoothed(acceleration, width, starts), period, starts)
     remains = smoothed(torque - friction, width, starts) - model.inertia * smooth
-    chosen = smoothed(1.0 * (np.abs(slow) > _MOVING * float(np.quantile(np.abs(slow), 0.99))), width, starts)
+    chosen = smoothed(
+        (np.abs(slow) > _MOVING * float(np.quantile(np.abs(slow), 0.99))).astype(np.float64), width, starts
+    )
     # where the filter reaches beyond the piece
     slides = (chosen > _SLIDING) & inside(slow.size, starts, round(4 * width) + 1)
     if slides.sum() < _FEWEST:

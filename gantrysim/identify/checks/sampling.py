@@ -146,8 +146,7 @@ def check_excitation(axis: Axis, position: Floats, torque: Floats, ratio: float 
     lengths = strokes(position, axis.resolution)
     if lengths.size <= REVERSALS:
         raise NotIdentifiedError(
-            f"axis {axis.name}: it reverses {max(lengths.size - 1, 0)} times: must reverse at least {REVERSALS} times; "
-            f"{cure}"
+            f"axis {axis.name}: reversals = {max(lengths.size - 1, 0)}: must be at least {REVERSALS}; {cure}"
         )
     steps = np.abs(np.diff(position))
     moving = steps[steps > axis.resolution]

@@ -46,7 +46,7 @@ def relation_of(position: Floats, torque: Floats, period: float, starts: Starts 
         return None
     speed = gradient(smoothed(position, width, starts), period, starts)
     least = _MOVING * float(np.quantile(np.abs(speed), 0.99))
-    slides = smoothed(1.0 * (np.abs(speed) > least), width, starts) > _SLIDING
+    slides = smoothed((np.abs(speed) > least).astype(np.float64), width, starts) > _SLIDING
     if not least > 0 or slides.sum() < _FEWEST:
         return None
     acceleration = gradient(speed, period, starts)
