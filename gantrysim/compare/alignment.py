@@ -108,7 +108,7 @@ def _aligned_by_place(trace: Trace, run: Run, what: tuple[str, ...]) -> Alignmen
     if not laid:
         return None
     best = laid[0]
-    timing = timing_of(_motion(trace, run, by, best), best.residual)
+    timing = timing_of(_motion(trace, run, best), best.residual)
     if timing is None or best.residual > DOUBTFUL_RESIDUAL * min(_spread(measured), _spread(simulated)):
         return None
     same = timing.kind != "speed"
@@ -158,15 +158,16 @@ def _spread(positions: Floats) -> float:
     return float(np.sqrt(np.mean((positions - positions.mean(axis=0)) ** 2)))
 
 
-def _motion(trace: Trace, run: Run, link: str, laid: Placed) -> Motion:
-    _, simulated, _ = link_positions(trace, run, link)
+def _motion(trace: Trace, run: Run, laid: Placed) -> Motion:
     rows = np.isfinite(laid.instants)
     instants = laid.instants[rows]
-    spline = CubicSpline(run.time, simulated, axis=0)
+    # of the command, which does not shake
+    spline = CubicSpline(run.time, run.commanded_tip, axis=0)
     rate = spline(instants, 1)
     speed = np.linalg.norm(rate, axis=1)
     acceleration = np.sum(rate * spline(instants, 2), axis=1) / np.maximum(speed, 1e-12)
-    return Motion(trace.time[rows], instants, speed, acceleration, laid.still[rows])
+    tick = np.clip(np.searchsorted(run.time, instants, side="right") - 1, 0, len(run.time) - 1)
+    return Motion(trace.time[rows], instants, speed, acceleration, laid.still[rows], run.dispense[tick])
 
 
 def _whole_offset(trace: Trace, link: str, laid: Placed) -> Floats:

@@ -61,7 +61,7 @@ def _time_words(alignment: Alignment) -> str:
     text = f"the speeds differ, the trace takes {timing.duration:.4g} times as long for the same way"
     if timing.speed is not None:
         ratio = timing.speed
-        text += f"; where the run's speed is steady, the trace has {ratio.value:.4f} ± {ratio.interval:.2g} of it"
+        text += f"; where glue flows at a steady speed, the trace has {ratio.value:.4f} ± {ratio.interval:.2g} of it"
     return text
 
 

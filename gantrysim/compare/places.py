@@ -129,6 +129,7 @@ def _tracked(curve: Curve, points: Floats, start: float, chord: float) -> Floats
 _SLOW = 0.02  # of the highest speed, below which an axis stands still
 _STILL = 0.02  # time for which it does [s]
 _ROUNDS = 30
+_LARGEST_STEP = 10.0  # of an offset, in lengths of the run, beyond which a trace has no place on it
 _SETTLED = 1e-8  # change of an offset that ends the search [mm or deg]
 _OUTSIDE = 5.0  # residuals beyond which a sample past an end of the run is no part of it
 _BLOCKS = 24  # of rows in their order, that count as independent
@@ -137,7 +138,9 @@ _LEAST_EFFECT = 2e-5  # rms effect on positions, below which a value is not know
 _CONFIDENCE = 0.95
 
 
-_CLAIMED = 1.5  # intervals from zero, some three deviations, as several values are judged in every trace
+_CLAIMED = (
+    2.0  # intervals from zero, some four deviations: several values are judged in every trace, and errors of a model
+)
 
 
 @dataclass(frozen=True)
@@ -233,6 +236,7 @@ class _Fit:
         self.free_offsets, self.free_turn = free
         self.rests, self.rests_of_run = rests
         self.known: dict[int | str, Estimate] = {}
+        self.lost = False
         self.offset = np.zeros(measured.shape[1])
         self.turn = 0.0
         self.length = np.zeros(len(time))
@@ -310,8 +314,11 @@ class _Fit:
             if not slopes.shape[2]:
                 break
             flat = slopes.reshape(-1, slopes.shape[2])
-            scale = np.maximum(np.linalg.norm(flat, axis=0), 1e-300)
+            scale = _scales(flat)
             step = np.linalg.lstsq(flat / scale, residual.ravel(), rcond=_RANK)[0] / scale
+            if not np.linalg.norm(step[: int(self.free_offsets.sum())]) < _LARGEST_STEP * self.curve.length[-1]:
+                self.lost = True
+                return
             steps = step.tolist()
             if self.free_turn:
                 self.turn += steps.pop()
@@ -344,6 +351,13 @@ class _Fit:
         return {name: Estimate(*both) for name, *both in zip(names, values, intervals, strict=True)}
 
 
+def _scales(slopes: Floats) -> Floats:
+    """Return the norms of slopes, (n, p), inf for a value on which nothing depends, (p,)."""
+    norms = np.linalg.norm(slopes, axis=0)
+    return np.where(norms > _NO_SLOPE, norms, np.inf)
+
+
+_NO_SLOPE = 1e-9  # norm that is rounding
 _RANK = 1e-6  # of the largest singular value, below which a combination of values is not in the data
 
 
@@ -358,7 +372,7 @@ def clustered_intervals(residual: Floats, slopes: Floats) -> Floats:
     if not count:
         return np.zeros(0)
     blocks = np.array_split(np.arange(len(residual)), min(_BLOCKS, len(residual)))
-    scale = np.maximum(np.sqrt(np.sum(slopes**2, axis=(0, 1))), 1e-300)
+    scale = _scales(slopes.reshape(-1, count))
     scaled = slopes / scale
     normal = np.einsum("nkp,nkq->pq", scaled, scaled)
     values, vectors = np.linalg.eigh(normal)
@@ -430,6 +444,7 @@ def laid_on_run(
         _begin(fit, (ours, theirs), (lag, turn), rows)
         fit.refine()
         results.append(_with_known_values(fit))
+    results = [fit for fit in results if not fit.lost]
     whole = [fit for fit in results if fit.covered.sum() >= _AS_LONG * results[0].covered.sum()]
     fine_rests = (_rests(time, measured, noise), rests_of_run)
     return [_placed(fit, (time, measured), fine_rests) for fit in sorted(whole, key=lambda fit: fit.residual)]
@@ -456,7 +471,7 @@ def _begin(fit: _Fit, traces: tuple[Vertices, Vertices], start: tuple[int, float
 
 def _with_known_values(fit: _Fit) -> _Fit:
     """Return a fit of which every offset and turn that the data do not distinguish from zero is zero."""
-    while True:
+    while not fit.lost:
         estimates = fit.estimates()
         fit.known |= estimates
         unknown = [name for name, estimate in estimates.items() if not estimate.distinguished]
@@ -471,6 +486,7 @@ def _with_known_values(fit: _Fit) -> _Fit:
             fit.free_turn = False
             fit.turn = 0.0
         fit.refine()
+    return fit
 
 
 def _placed(fit: _Fit, trace: tuple[Floats, Floats], rests: _Rests) -> Placed:

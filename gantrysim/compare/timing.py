@@ -17,8 +17,8 @@ from gantrysim.compare.places import Estimate, Rows, clustered_intervals
 
 _MOVING = 0.1  # of the highest speed, from which an instant is known by its place
 _STEADY = 0.02  # of the largest acceleration along the path, below which a speed is steady
-_LONG = 0.05  # time for which it is [s]
-_MIDDLE = 0.2  # of a steady stretch that is left out at each end, where the trace may still accelerate
+_LONG = 0.05  # of a window in which its ratio is taken [s]
+_FEWEST_WINDOWS = 4
 _LARGEST_CLOCK = 2e-3  # rate by which a log's clock may be wrong; beyond, it is another speed
 _SAME = 5.0  # residuals across the path by which places may differ at equal times
 _LAG = 5e-3  # time by which a real axis may lag more or less than the simulated one [s]
@@ -32,9 +32,10 @@ class Motion(NamedTuple):
     Attributes:
         time: of the trace, (n,) [s].
         instants: of the run, (n,) [s].
-        speed: of the run along its path there, (n,) [mm/s].
+        speed: of the run's command along its path there, (n,) [mm/s].
         acceleration: likewise, (n,) [mm/s²].
         still: whether the trace stands still, (n,).
+        dispense: whether glue flows there, whose speed is the feed, (n,).
     """
 
     time: Floats
@@ -42,6 +43,7 @@ class Motion(NamedTuple):
     speed: Floats
     acceleration: Floats
     still: Rows
+    dispense: Rows
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class Timing:
         shift: time of the trace less that of the run: its mean, weighted by speed [s].
         clock: rate of the trace's clock less 1, where the speeds are the same.
         middle: instant of the run about which the clock is faster [s].
-        speed: of the trace, over that of the run, where the run's is steady; None where it never is.
+        speed: of the trace, over that of the run, where glue flows and the run's is steady; None where it never is.
         duration: time of the trace in motion, over that of the run for the same way.
     """
 
@@ -105,20 +107,23 @@ _ROUNDING = 1e-9  # rate of a clock
 
 def _steady_ratio(motion: Motion) -> Estimate | None:
     """Return the ratio of the speeds where that of the run is steady."""
-    is_steady = np.abs(motion.acceleration) <= _STEADY * float(np.abs(motion.acceleration).max())
-    is_steady &= ~motion.still & (motion.speed > 0.5 * motion.speed.max())
-    times = []
-    instants = []
-    for first, after in spans(is_steady):
-        edge = round(_MIDDLE * (after - first))
-        rows = slice(first + edge, after - edge)
-        if motion.instants[after - 1] - motion.instants[first] < _LONG or rows.stop - rows.start < _FEWEST:
-            continue
-        times.append(motion.time[rows] - motion.time[rows].mean())
-        instants.append(motion.instants[rows] - motion.instants[rows].mean())
-    if not times:
+    feed = ~motion.still & motion.dispense
+    if not feed.any():
         return None
-    x = np.concatenate(times)
-    y = np.concatenate(instants)
-    ratio = float(np.sum(x * y) / np.sum(x * x))
-    return Estimate(ratio, float(clustered_intervals((y - ratio * x)[:, None], x[:, None, None])[0]))
+    is_steady = np.abs(motion.acceleration) <= _STEADY * float(np.abs(motion.acceleration).max())
+    is_steady &= feed & (motion.speed > 0.5 * motion.speed[feed].max())
+    ratios = []
+    for first, after in spans(is_steady):
+        # by windows: within one stretch of the run a trace may stop, as at a joint of two pieces
+        windows = max(int((motion.instants[after - 1] - motion.instants[first]) / _LONG), 1)
+        for rows in np.array_split(np.arange(first, after), windows):
+            time = motion.time[rows] - motion.time[rows].mean()
+            instants = motion.instants[rows] - motion.instants[rows].mean()
+            if rows.size >= _FEWEST and np.ptp(instants) > 0:
+                ratios.append(float(np.sum(time * instants) / np.sum(time**2)))
+    if len(ratios) < _FEWEST_WINDOWS:
+        return None
+    ratio = float(np.median(ratios))
+    # of a median of normal values, and their deviation from the median of its magnitudes
+    deviation = 1.2533 * 1.4826 * float(np.median(np.abs(np.array(ratios) - ratio))) / len(ratios) ** 0.5
+    return Estimate(ratio, 2 * deviation)

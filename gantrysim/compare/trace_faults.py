@@ -19,6 +19,7 @@ from gantrysim.compare.measured import Trace
 from gantrysim.record.run import Run
 
 _MUCH_BETTER = 0.2  # residual with other axes, of that without, from which these are the ones
+_MOST_SAMPLES = 0.5  # share of a trace within the run, from which other axes are believed
 _MOSTLY = 0.5  # residual with scale and clock, of that without, below which these are named
 _NAMED = 0.25  # effect of a scale or clock, of the residual, from which it is named
 _TOO_WIDE = 2.0  # span of a trace, of the run's, from which its unit must be another
@@ -85,10 +86,13 @@ def _check_axes(trace: Trace, run: Run, what: tuple[str, ...], residual: float) 
     words = ""
     for swapped, signs in _hypotheses():
         try:
-            fitted = aligned_trace(_with_axes(trace, swapped, signs), run, what).residual
+            alignment = aligned_trace(_with_axes(trace, swapped, signs), run, what)
         except InputError:  # it does not overlap the run this way either
             continue
-        if fitted < best:
+        inside = (alignment.instants >= run.time[0]) & (alignment.instants <= run.time[-1])
+        fitted = alignment.residual
+        # a few samples at rest fit any way
+        if np.mean(inside) >= _MOST_SAMPLES and fitted < best:
             best = fitted
             words = _words(names, swapped, signs)
     if best < _MUCH_BETTER * min(residual, _spread(trace, run)):

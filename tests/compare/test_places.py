@@ -4,19 +4,25 @@ The traces are made without gantrysim: three lines and a half circle, each from 
 with a known deviation to the left of the path.
 """
 
+import contextlib
 import json
 import math
+import re
+from functools import cache
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from gantrysim import Machine
+from gantrysim import Budget, InputError, Job, Machine
 from gantrysim.compare.comparison import Comparison
 from gantrysim.compare.measured import Trace
 from gantrysim.compare.page import headline
 from gantrysim.compare.vertices import noise_of
 
 from support.compared import circle_job
+from support.jobs import job_run
 
 MACHINE = Machine("xy")
 FEED = 50.0  # [mm/s]
@@ -221,3 +227,53 @@ def test_no_difference_is_left_only_where_everything_is_measured_and_agrees(run)
     other = Trace(whole.time, whole.axes, whole.nozzle, (), {"demand": 1.02 * whole.torques["demand"]})
     assert not Comparison.of(other, run, MACHINE).is_all_noise
     assert json.dumps(same.summary(), allow_nan=False)
+
+
+@pytest.mark.parametrize("link", ["nozzle", "encoder", "commanded"])
+def test_a_program_run_at_another_feed_has_its_own_contour_error(link):
+    """A simulated machine instead of a closed form: its error is that of its own budget."""
+    job = Job.load("fanuc-spiral")
+    run = job_run("fanuc-spiral")
+    text = re.sub(r"F(\d+)", lambda word: f"F{0.98 * float(word[1]):g}", job.program["program"])
+    slower = job.changed({"program.program": text}).run()
+    whole = Trace.of_run(slower, run)
+    trace = Trace(whole.time, {}, whole.nozzle + np.array([0.03, 0, 0]))
+    if link != "nozzle":
+        trace = Trace(whole.time, {name: whole.axes[name] for name in dict.fromkeys((link, "encoder"))}, None)
+    found = Comparison.of(trace, run, MACHINE)
+    assert found.alignment.timing.kind == "speed"
+    assert found.measured.values.contour.rms == pytest.approx(Budget(slower).values.contour.rms, abs=1e-3)
+    offset = next(iter(found.alignment.offsets.values()))
+    assert offset[0] == pytest.approx(0.03 if link == "nozzle" else 0.0, abs=1e-3)
+    assert offset[1] == pytest.approx(0.0, abs=1e-3)
+
+
+@settings(max_examples=40)
+@given(
+    st.integers(8, 400),
+    st.sampled_from(["constant", "noise", "walk", "two places", "spike", "line"]),
+    st.sampled_from([1e-6, 1.0, 1e3, 1e6]),
+    st.sampled_from([1e-4, 1e-2, 1.0]),
+    st.integers(0, 99),
+)
+def test_a_trace_of_anything_is_compared_or_refused(count, kind, scale, period, seed):
+    run = line_run()
+    rng = np.random.default_rng(seed)
+    points = {
+        "constant": lambda: np.zeros((count, 3)),
+        "noise": lambda: rng.standard_normal((count, 3)),
+        "walk": lambda: np.cumsum(rng.standard_normal((count, 3)), axis=0),
+        "two places": lambda: np.where(np.arange(count)[:, None] % 2, 1.0, 0.0) * np.ones(3),
+        "spike": lambda: np.where(np.arange(count)[:, None] == count // 2, 1.0, 0.0) * np.ones(3),
+        "line": lambda: np.linspace(0, 1, count)[:, None] * np.array([1.0, 0, 0]),
+    }[kind]()
+    time = np.cumsum(period * rng.uniform(0.1, 2, count))
+    with contextlib.suppress(InputError):
+        found = Comparison.of(Trace(time, {}, scale * points), run, MACHINE)
+        assert json.dumps(found.summary(), allow_nan=False)
+        assert "no difference is left" not in headline(found)
+
+
+@cache
+def line_run():
+    return circle_job(text="G21 G17 G90 G61\nF3000\nG0 X0 Y0\nM62 P0\nG1 X20\nG1 Y20\nM63 P0\nM2\n").run()
