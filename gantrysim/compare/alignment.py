@@ -26,8 +26,9 @@ from gantrysim.compare.equal_times import (
     estimate_name,
     link_positions,
 )
+from gantrysim.compare.estimates import Estimate
 from gantrysim.compare.measured import Trace
-from gantrysim.compare.places import Estimate, Placed, laid_on_run
+from gantrysim.compare.places import Placed, laid_on_run
 from gantrysim.compare.timing import Motion, Timing, timing_of
 from gantrysim.compare.vertices import noise_of
 from gantrysim.record.run import Run

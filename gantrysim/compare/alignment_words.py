@@ -10,7 +10,7 @@ from gantrysim.compare.alignment import CLOCK, Alignment
 from gantrysim.compare.compare_quantities import DIFFERENCE, ROTATION, SHIFT
 from gantrysim.compare.equal_times import ROTATION as TURN
 from gantrysim.compare.equal_times import TIME
-from gantrysim.compare.places import Estimate
+from gantrysim.compare.estimates import Estimate
 from gantrysim.metrics.analysis import THOUSANDTH
 from gantrysim.record.run import Run
 

@@ -20,8 +20,8 @@ from scipy.signal import correlate, correlation_lags, find_peaks
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
+from gantrysim.compare.estimates import Estimate, clustered_intervals
 from gantrysim.compare.measured import LEAST_SAMPLES, Trace
-from gantrysim.compare.places import Estimate, clustered_intervals
 from gantrysim.record.run import Run
 
 # Places where a measured trace may lie along a run: where their velocities differ least.

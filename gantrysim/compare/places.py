@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.stats import t as student
 
 from gantrysim.base.arrays import Floats, spans
+from gantrysim.compare.estimates import RANK, Estimate, clustered_intervals, scales_of
 from gantrysim.compare.vertices import (
     CHORDS,
     FEWEST_CHORDS,
@@ -132,33 +132,8 @@ _ROUNDS = 30
 _LARGEST_STEP = 10.0  # of an offset, in lengths of the run, beyond which a trace has no place on it
 _SETTLED = 1e-8  # change of an offset that ends the search [mm or deg]
 _OUTSIDE = 5.0  # residuals beyond which a sample past an end of the run is no part of it
-_BLOCKS = 24  # of rows in their order, that count as independent
 _SYSTEMATIC = 0.01  # of the residual, that no average takes away
 _LEAST_EFFECT = 2e-5  # rms effect on positions, below which a value is not known [mm or deg]
-_CONFIDENCE = 0.95
-
-
-_CLAIMED = (
-    2.0  # intervals from zero, some four deviations: several values are judged in every trace, and errors of a model
-)
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A value with its 95 % interval.
-
-    Attributes:
-        value: in the unit of what is estimated.
-        interval: half its width; inf where the data do not show it.
-    """
-
-    value: float
-    interval: float
-
-    @property
-    def distinguished(self) -> bool:
-        """Whether the data distinguish it from zero."""
-        return abs(self.value) > _CLAIMED * self.interval
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,8 +289,8 @@ class _Fit:
             if not slopes.shape[2]:
                 break
             flat = slopes.reshape(-1, slopes.shape[2])
-            scale = _scales(flat)
-            step = np.linalg.lstsq(flat / scale, residual.ravel(), rcond=_RANK)[0] / scale
+            scale = scales_of(flat)
+            step = np.linalg.lstsq(flat / scale, residual.ravel(), rcond=RANK)[0] / scale
             if not np.linalg.norm(step[: int(self.free_offsets.sum())]) < _LARGEST_STEP * self.curve.length[-1]:
                 self.lost = True
                 return
@@ -349,43 +324,6 @@ class _Fit:
         floor = max(2 * _SYSTEMATIC * self.residual, _LEAST_EFFECT) / np.maximum(sizes, 1e-300)
         intervals = np.hypot(clustered_intervals(residual, slopes), floor).tolist()
         return {name: Estimate(*both) for name, *both in zip(names, values, intervals, strict=True)}
-
-
-def _scales(slopes: Floats) -> Floats:
-    """Return the norms of slopes, (n, p), inf for a value on which nothing depends, (p,)."""
-    norms = np.linalg.norm(slopes, axis=0)
-    return np.where(norms > _NO_SLOPE, norms, np.inf)
-
-
-_NO_SLOPE = 1e-9  # norm that is rounding
-_RANK = 1e-6  # of the largest singular value, below which a combination of values is not in the data
-
-
-def clustered_intervals(residual: Floats, slopes: Floats) -> Floats:
-    """Return half the 95 % intervals of the values of a least-squares fit, (p,); inf where the data have none.
-
-    Args:
-        residual: (n, k).
-        slopes: by each value, (n, k, p).
-    """
-    count = slopes.shape[2]
-    if not count:
-        return np.zeros(0)
-    blocks = np.array_split(np.arange(len(residual)), min(_BLOCKS, len(residual)))
-    scale = _scales(slopes.reshape(-1, count))
-    scaled = slopes / scale
-    normal = np.einsum("nkp,nkq->pq", scaled, scaled)
-    values, vectors = np.linalg.eigh(normal)
-    shown = values > _RANK * values.max()
-    inverse = (vectors[:, shown] / values[shown]) @ vectors[:, shown].T
-    pulls = np.array([np.einsum("nkp,nk->p", scaled[rows], residual[rows]) for rows in blocks])
-    freedom = len(blocks) - count
-    if freedom < 1:
-        return np.full(count, np.inf)
-    covariance = inverse @ (pulls.T @ pulls) @ inverse * len(blocks) / freedom
-    wide = float(student.ppf(0.5 + 0.5 * _CONFIDENCE, freedom)) * np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale
-    hidden = np.sum(vectors[:, ~shown] ** 2, axis=1) > _RANK
-    return np.where(hidden, np.inf, wide)
 
 
 def _turned(points: Floats, turn: float) -> Floats:

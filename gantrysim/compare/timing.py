@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from gantrysim.base.arrays import Floats, spans
-from gantrysim.compare.places import Estimate, Rows, clustered_intervals
+from gantrysim.compare.estimates import Estimate, clustered_intervals
+from gantrysim.compare.places import Rows
 
 _MOVING = 0.1  # of the highest speed, from which an instant is known by its place
 _STEADY = 0.02  # of the largest acceleration along the path, below which a speed is steady
