@@ -271,8 +271,12 @@ def _trace(measured: Path, options: Log, run: Run) -> Trace:
 def _contrast(saved: SavedRun) -> tuple[Run | None, str]:
     """Return the run of the machine without friction, or why there is none."""
     from gantrysim.compare.contrast import frictionless_run
+    from gantrysim.job.code import named_code
 
     try:
+        if code := named_code({"servo": {"law": saved.job.servo.law}}):
+            # a folder may come from anyone: what it names is not run
+            raise InputError(f"its servo is code of its own, {', '.join(code)}")
         return frictionless_run(saved.run, saved.machine, saved.job.built_servo), ""
     except InputError as error:
         return None, f"the machine without friction is not simulated beside the run: {error}"

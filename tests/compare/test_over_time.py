@@ -130,6 +130,32 @@ def test_a_saved_record_is_compared_as_measured(tmp_path, gantrysim_command, rub
     assert "--period: describes a log" in " ".join(err.split())
 
 
+def test_a_law_of_the_run_s_own_is_not_run(tmp_path, gantrysim_command, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    law = "    torque[:] = 0.02 * tick.error + 5e-4 * (tick.demand_velocity - tick.measured_velocity)"
+    law = f"def law(tick, state, torque):\n{law}\n"
+    (tmp_path / "mine.py").write_text(law)
+    (tmp_path / "job.toml").write_text(circle_job(text=STROKES).toml())
+    options = ("--no-video", "--no-report", "--no-causes", "--no-improve")
+    status, _, err = gantrysim_command(
+        "run",
+        "job.toml",
+        "--out",
+        "out",
+        *options,
+        "--set",
+        'servo.law="mine.py:law"',
+        "--set",
+        "simulation.allow_unstable=true",
+    )
+    assert status == 0, err
+    (tmp_path / "mine.py").write_text("raise SystemExit('it has run')\n")
+    monkeypatch.chdir(tmp_path / "out")
+    status, out, err = gantrysim_command("compare", ".", "--measured", ".", "--out", tmp_path / "same")
+    assert (status, err) == (0, "")
+    assert "the machine without friction is not simulated beside the run: its servo is code" in " ".join(out.split())
+
+
 def test_a_record_of_other_axes_is_refused(run):
     other = Job.load("fanuc-conical").follow()
     with pytest.raises(InputError, match="must be those of the run, x, y"):
