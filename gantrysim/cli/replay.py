@@ -12,7 +12,7 @@ from gantrysim.cli.options import AllowCode, named_columns
 from gantrysim.cli.terminal import interruptible, plain_table, say, share_bar, show
 
 if TYPE_CHECKING:
-    from gantrysim.identify.replay import CommandedLog
+    from gantrysim.identify.replay import CommandedLog, Replay
 
 
 def replay(
@@ -68,7 +68,7 @@ def replay(
     from gantrysim.identify.log import Rows
     from gantrysim.identify.replay import read_commanded_log
     from gantrysim.identify.replay import replay as replayed
-    from gantrysim.identify.replay_output import QUANTITIES, sentences, table_of, write_all
+    from gantrysim.identify.replay_output import write_all
     from gantrysim.job.servo_file import servo_of_file
     from gantrysim.machine.machine import Machine
 
@@ -81,6 +81,14 @@ def replay(
         with share_bar("replay", go_on) as advance:
             result = replayed(machine, recorded, chosen, fitted=fitted_rows, progress=advance)
         names = write_all(result, log.name, out)
+    _show(result)
+    say(f"written to {out}/: {', '.join(names)}")
+
+
+def _show(result: Replay) -> None:
+    """Print tables, sentences and notes of a replay."""
+    from gantrysim.identify.replay_output import QUANTITIES, sentences, table_of
+
     for axis in result.axes:
         for quantity in QUANTITIES:
             show(plain_table(table_of(result, axis, quantity)))
@@ -88,7 +96,6 @@ def replay(
         say(line, wrap=True)
     for note in result.notes:
         say(f"note: {note}", wrap=True)
-    say(f"written to {out}/: {', '.join(names)}")
 
 
 def _fitted_rows(text: str | None, recorded: CommandedLog) -> slice | None:
