@@ -310,6 +310,9 @@ def replay(
             ends the run.
     """
     log = recorded.log
+    for name in log.axes:
+        if machine.axes[machine.axis_names.index(name)].mode == "stepper":
+            raise InputError(f"axis {name} is a stepper in open loop: only drives in a closed loop can be replayed")
     if servo is None:
         servo = Servo.derive(machine.axes, log.period)
     if not math.isclose(servo.period, log.period, rel_tol=1e-6):

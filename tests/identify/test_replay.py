@@ -6,17 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gantrysim import InputError, Machine, Perturbation, Servo, simulate
+from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.engine.simulation import Start
 from gantrysim.exchange.tables import export
 from gantrysim.identify.log import Log
 from gantrysim.identify.replay import CommandedLog, near_reversals, read_commanded_log, replay
 from gantrysim.identify.replay_output import sentences
-from gantrysim.machine.ideal import without_friction
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Line
-from gantrysim.record.setpoints import Setpoints
 
 MACHINE = Machine("xy")
 NO_PATH = Chain([Line((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))])
@@ -58,31 +55,6 @@ def test_a_log_that_begins_in_motion_is_followed_from_its_first_velocity(spiral)
         assert found.compared(axis, "following")["all"].difference.max < 0.0031
         late = np.abs(found.following(axis) - found.following(axis, found.run))[200:]
         assert late.max() <= 0.0021
-
-
-def test_the_axes_start_where_and_as_fast_as_they_are_told():
-    """With a servo that does nothing, an axis without friction goes on at its first velocity."""
-    machine = without_friction(MACHINE).perturbed(Perturbation(viscous=1e-9))
-    idle = SERVO.with_values(kp=0.0, ki=0.0, kd=0.0, velocity_ff=0.0, acceleration_ff=0.0, notch_frequency=0.0)
-    idle = idle.with_values(following_error_limit=1e3)
-    resting = Setpoints(1e-3, ("x", "y"), np.zeros((201, 2)), np.zeros(201, bool), NO_PATH)
-    start = Start(np.array([-7.0, 3.0]), np.array([40.0, -25.0]), np.zeros(2), np.zeros(2))
-    run = simulate(machine, idle, resting, start=start)
-    expected = start.position + run.time[:, None] * start.velocity
-    # the motors' back-EMF is compensated, the load swings on its spring
-    assert np.abs(run.motor - expected).max() < 0.05
-
-
-def test_a_command_that_moves_at_the_first_row_has_no_jump_of_velocity():
-    """Feed-forward alone on exact gains: torque of the first tick is that of the velocity, none of an acceleration."""
-    servo = SERVO.with_values(kp=0.0, ki=0.0, kd=0.0, notch_frequency=0.0, following_error_limit=1e3)
-    time = 1e-3 * np.arange(50)
-    command = np.stack([40.0 * time, -25.0 * time], axis=1)
-    setpoints = Setpoints(1e-3, ("x", "y"), command, np.zeros(50, bool), NO_PATH)
-    speed = np.array([40.0, -25.0])
-    run = simulate(MACHINE, servo, setpoints, start=Start(np.zeros(2), speed, speed, np.zeros(2)))
-    expected = speed * np.array(servo.per_axis("velocity_ff"))
-    np.testing.assert_allclose(run.demand, np.tile(expected, (50, 1)), rtol=1e-6)
 
 
 def test_a_known_disturbance_is_added_to_the_motor_s_torque():
