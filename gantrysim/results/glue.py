@@ -1,8 +1,9 @@
-"""The verdict on the bead: width, blobs, gaps, starts, stops, clearance of turns, and the needle in earlier glue."""
+"""The verdict on the glue: dots, and of a bead width, blobs, gaps, starts, stops, clearance of turns, and the needle in earlier glue."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,8 @@ from gantrysim.glue.bead import Bead, Ploughing
 from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.glue.bead.values import EXCESS_AT_STOP, MISSING_AT_START, excess_at_stop, missing_at_start
 from gantrysim.job.tolerance import Tolerance
-from gantrysim.results.checks import FAIL, UNJUDGED, WARN, Check, Place
+from gantrysim.results.checks import FAIL, UNJUDGED, WARN, Check, Place, worst
+from gantrysim.results.dots import dot_verdicts, dots_remark, worst_checks
 from gantrysim.results.row import Row
 from gantrysim.results.verdict_quantities import (
     BEAD_WIDTH_ERROR,
@@ -39,7 +41,26 @@ _TURNS_THAT_CLIMB = (
 
 
 def glue_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Row:
-    """Return the verdict on the bead of a complete run."""
+    """Return the verdict on the glue of a complete run: on its beads, and on each of its dots."""
+    if not bead.dots:
+        return _bead_row(bead, tolerance, place_at)
+    verdicts = dot_verdicts(bead, tolerance, place_at)
+    if not any(verdict.wanted for verdict in verdicts):
+        remark = (
+            f"{len(verdicts)} dots get no glue: it is requested in proportion to the speed, so that none flows at rest"
+        )
+        dots = Row(GLUE, remark=f"{remark} (dispenser.flow lays it there)", state=FAIL)
+    else:
+        dots = Row.of(GLUE, worst_checks(verdicts), dots_remark(verdicts))
+    values = {"dots": [verdict.content() for verdict in verdicts]}
+    if not len(bead.stretches):
+        return replace(dots, values=values)
+    row = _bead_row(bead, tolerance, place_at)
+    both = Row.of(GLUE, [*row.checks, *dots.checks], f"{row.remark}; {dots.remark}", {**row.values, **values})
+    return replace(both, state=worst([row.state, dots.state]))
+
+
+def _bead_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Row:
     run = bead.run
     if not run.flow_demand.any():
         return Row(GLUE, remark="nothing was laid: the job requests no glue", state=WARN)
