@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal
 
 from rich.markup import escape
@@ -20,9 +21,10 @@ from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import END_POINT, FOLLOWING
 from gantrysim.metrics.parts import CORNER, ERROR, PART_COLUMNS, PartValues
 from gantrysim.record.run import Run
-from gantrysim.report.rows import bead_notes, bead_rows, motion_rows
+from gantrysim.report.rows import bead_notes, bead_rows, dot_rows, motion_rows
 from gantrysim.report.scatter import HEADS, remark_of, rows_of
 from gantrysim.report.scatter import TITLE as SCATTER
+from gantrysim.results.dots import DotVerdict
 from gantrysim.results.verdict import Verdict
 from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, PHASE_MARGIN
 from gantrysim.servo.stability.margins import NO_LOOP, Margins
@@ -106,8 +108,10 @@ def causes_table(causes: Causes) -> Table:
     return table
 
 
-def outcome_table(analysis: Analysis, bead: BeadValues | None, margins: tuple[Margins, ...] | None) -> Table:
-    """Return the results of a run: following errors, stability, spacing, speed, and the bead where there is glue."""
+def outcome_table(
+    analysis: Analysis, bead: BeadValues | None, margins: tuple[Margins, ...] | None, dots: Sequence[DotVerdict] = ()
+) -> Table:
+    """Return the results of a run: following errors, stability, spacing, speed, and bead and dots where there are."""
     run = analysis.run
     values = analysis.values
     table = Table.grid(padding=(0, 2))
@@ -127,6 +131,8 @@ def outcome_table(analysis: Analysis, bead: BeadValues | None, margins: tuple[Ma
     if bead is not None:
         for row in (*bead_rows(bead), *bead_notes(bead)):
             table.add_row(*row)
+    for row in dot_rows(dots):
+        table.add_row(*row)
     return table
 
 

@@ -66,8 +66,8 @@ class Tolerance:
         stop_length: length at a stop of the bead over which any width is allowed, by default the bead's width [mm].
         dot_volume: deviation of a dot's volume from the requested one, by default 10 [%].
         dot_place: distance of a dot from its commanded place in plan view, by default `path_max` [mm].
-        dot_string: glue of a dot that flows while the needle is away, as it lifts before the valve has closed, by default
-            5 [%].
+        dot_string: glue of a dot that flows while the needle is away, as it lifts before the valve has closed, by
+            default 5 [%].
         gain_margin: smallest gain margin of an axis, by default 1.5.
         sensitivity: largest peak of |S| of an axis, by default 3, which guarantees a gain margin of 1.5.
         torque_reserve: percentage of an axis' torque limit that must remain unused, by default 10 [%].

@@ -1,4 +1,4 @@
-"""The verdict on the glue: dots, and of a bead width, blobs, gaps, starts, stops, clearance of turns, and the needle in earlier glue."""
+"""The verdict on the glue: beads with width, blobs, gaps, starts, stops, clearance, the needle in them; and dots."""
 
 from __future__ import annotations
 

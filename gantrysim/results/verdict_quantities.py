@@ -98,7 +98,7 @@ DOT_STRING = Quantity[Any](
     label="glue of a dot drawn into a string",
     unit="%",
     form=".1f",
-    meaning="Largest share of a dot's glue that flows while the needle is away, as it lifts before the valve has closed",
+    meaning="Largest share of a dot's glue that flows while the needle is away: it lifts before the valve has closed",
     path=(),
 )
 TORQUE_RESERVE = Quantity[Any](

@@ -70,7 +70,6 @@ class Bead(BeadTrace, Shown):
         Raises:
             InputError: no glue is requested while the nozzle moves, or a fault came before the speed was steady.
         """
-        run = self.run
         if self._no_values:
             raise InputError(self._no_values)
         on = self.dispensing

@@ -22,7 +22,7 @@ from gantrysim.base.columns import blocks
 from gantrysim.glue.bead.section import BeadSettings
 from gantrysim.record.run import Run
 
-_RESTING = 0.5  # least share of a dot's demand at rest; of its time, if nothing is demanded there
+_RESTING = 0.5  # share, which is exceeded, of a dot's demand at rest; of its time, if nothing is demanded there
 _STILL = 1e-9  # commanded way in a tick; more is motion [mm]
 _CLEAR = 0.1  # of a dot's height, by which a needle that has left it is above its top
 
@@ -110,7 +110,7 @@ class Dot:
 def dots_of(run: Run, settings: BeadSettings, gap: float) -> tuple[Dot, ...]:
     """Return the dots of a run, in their order.
 
-    A stretch of dispensing is a dot where at least half of its glue is requested at rest, and the commanded way does
+    A stretch of dispensing is a dot where more than half of its glue is requested at rest, and the commanded way does
     not leave the dot: in plan view it extends less than the dot is wide, or than the needle's face.
 
     Args:
@@ -152,7 +152,7 @@ def _rest_demand(run: Run, settings: BeadSettings, begin: int, after: int) -> fl
         at_rest += float(demand[still].sum())
         resting += int(np.count_nonzero(still))
     shares = (at_rest, total) if total > 0 and at_rest > 0 else (resting, after - begin)
-    if shares[0] < _RESTING * shares[1]:
+    if shares[0] <= _RESTING * shares[1]:
         return None
     # a flow in proportion to the speed is requested in the last tick of a motion alone
     return total if at_rest > 0 else 0.0

@@ -204,6 +204,11 @@ class BeadTrace:
         """The dots of the run."""
         return dots_of(self.run, self.settings, self.gap)
 
+    @property
+    def has_glue(self) -> bool:
+        """Whether any glue is laid, as a bead or in dots."""
+        return bool(self.volume[-1] > 0) or any(dot.volume > 0 for dot in self.dots)
+
     @cached_property
     def _dotted(self) -> NDArray[np.bool_]:
         """Ticks whose glue is that of dots, (n,)."""
