@@ -95,7 +95,7 @@ def test_a_bead_and_dots_have_each_their_own_glue(xyz):
         assert getattr(both.values, name) == pytest.approx(getattr(alone.values, name), rel=1e-4)
     for name in ("volume_error", "ramp_error", "start_error", "running_error", "stop_error"):
         assert getattr(both.values, name) == pytest.approx(getattr(alone.values, name), abs=1e-2)
-    assert both.values.width.max == pytest.approx(alone.values.width.max, rel=1e-3)
+    assert both.values.width.max == pytest.approx(alone.values.width.max, rel=3e-3)
 
 
 @pytest.mark.parametrize(
