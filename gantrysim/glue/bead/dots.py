@@ -74,6 +74,7 @@ class Dot:
         demand: that the program requests; 0 where it requests none at rest [mm³].
         string: that flows after the needle has left it, or before it comes, which draws a string [mm³].
         cap: its shape on the work.
+        foot: middle of the cap on the work, (x, y, z) [mm].
     """
 
     stretch: tuple[int, int]
@@ -84,6 +85,7 @@ class Dot:
     demand: float
     string: float
     cap: Cap
+    foot: tuple[float, float, float]
 
     @property
     def diameter(self) -> float:
@@ -193,6 +195,7 @@ def _dot(
         demand=demand,
         string=total - volume,
         cap=Cap.of(volume, settings),
+        foot=(x, y, asked_z - gap),
     )
 
 

@@ -255,8 +255,7 @@ class Sweep:
         cap = Cap.of(min(laid, dot.volume), trace.settings)
         angle = 2 * float(np.arctan2(cap.height, cap.radius))
         sphere = np.full(_END, cap.radius / np.sin(angle) if angle else 0.0)
-        surface = float(self.surface[dot.stretch[1] - 1])
-        point = np.tile([*dot.place[:2], surface], (_END, 1))
+        point = np.tile(dot.foot, (_END, 1))
         flat = np.zeros(_END)
         place = np.full(_END, trace.length[dot.stretch[0]])
         halves = [rings(point, flat, (sphere, flat, flat), sign * _TURNED, place, angle) for sign in (-1.0, 1.0)]
