@@ -5,7 +5,7 @@ valve: glue is laid in moves at feed, and in dwells, while the output is on. Of 
 switched on most often, since a spindle, a pump or a light is on from begin to end. A program that feeds material by E
 lays glue where it does.
 
-A spindle's codes have two meanings more. A dwell before the needle goes down is that in which a spindle gets up to
+A spindle's codes have two meanings more. In a dwell before the needle goes down with the output on, a spindle gets up to
 speed: nothing is laid in the air. M4 beside M3 reverses a paste pump, which sucks the paste back: the valve is closed,
 unless the program goes on to work with it, as one for a laser does.
 """
@@ -123,17 +123,19 @@ class Motions(NamedTuple):
     feeds: NDArray[np.bool_]
     is_on: Callable[[str], NDArray[np.bool_]]
 
-    @property
-    def in_the_air(self) -> NDArray[np.bool_]:
-        """Dwells before the needle goes straight down to work, or before it goes to any height, (m,)."""
+    def in_the_air(self, is_on: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return the dwells with an output that stays on while the needle then goes straight down, (m,).
+
+        Before the program has gone to any height, it may go straight up, too.
+        """
         landmarks = self.work | self.upright
         places = np.where(landmarks, np.arange(landmarks.size), landmarks.size)
         # of each, the next that tells where the needle was
         following = np.minimum.accumulate(places[::-1])[::-1]
         moved = np.logical_or.accumulate(self.work | (self.rise != 0))
-        lifted = np.append(self.upright, False)[following]
+        lifted = np.append(self.upright & is_on, False)[following]
         lowered = lifted & (np.append(self.rise, 0.0)[following] < 0)
-        return self.dwell & ~self.work & (lowered | (lifted & ~moved))
+        return is_on & self.dwell & ~self.work & (lowered | (lifted & ~moved))
 
     @property
     def reverse_sucks_back(self) -> bool:
@@ -257,7 +259,8 @@ class Outputs:
             opens = tuple(code for code in opens if code != _SUCKS)
             closes = (*closes, _SUCKS)
         at_work = by == "auto"
-        laid = is_on & ((moves.work | moves.dwell) & ~moves.in_the_air) if at_work else is_on
+        in_the_air = moves.in_the_air(is_on)
+        laid = is_on & (moves.work | moves.dwell) & ~in_the_air if at_work else is_on
         return Valve(
             by="codes",
             laid=laid,
@@ -267,7 +270,7 @@ class Outputs:
             others=tuple((tuple(self._met[name].on), tuple(self._met[name].off)) for name in others),
             at_work=at_work,
             sucks_back=sucks,
-            dry_dwells=int(np.count_nonzero(is_on & moves.in_the_air)) if at_work else 0,
+            dry_dwells=int(np.count_nonzero(in_the_air)) if at_work else 0,
             open_in_rapids=at_work and not (laid & moves.work).any() and bool((is_on & ~moves.dwell & ~laid).any()),
         )
 
@@ -315,7 +318,7 @@ class Valve:
         )
         if self.dry_dwells:
             plural = "a dwell" if self.dry_dwells == 1 else f"{self.dry_dwells} dwells"
-            sentence += f" None is laid in {plural} before the needle goes down."
+            sentence += f" None is laid in {plural} before the needle goes down to work."
         if self.open_in_rapids:
             sentence += " It is open in rapid moves alone; --set program.dispense.by=codes lays glue in them."
         for on, off in self.others:

@@ -118,8 +118,8 @@ TWO_AT_1 = [(5.0, 25.0, 1.0, 0.0), (40.0, 50.0, 1.0, 0.0)]
             "M3 opens the valve and M5 or M4 closes it, M4 by sucking back:",
         ),
         (mill, BACKWARDS, [(10, 14, 0.2, 0), (30, 34, 0.2, 0)], "M3 opens the valve and M5 or M4 closes it"),
-        (mill, ENGRAVED, TWO_AT_1, "None is laid in a dwell before the needle goes down."),
-        (mill, HIGH, TWO_AT_1, "None is laid in a dwell before the needle goes down."),
+        (mill, ENGRAVED, TWO_AT_1, "None is laid in a dwell before the needle goes down to work."),
+        (mill, HIGH, TWO_AT_1, "None is laid in a dwell before the needle goes down to work."),
         (printer, PADS, [(10, 10, 1.7, 0.1), (13, 13, 1.7, 0.1), (16, 16, 1.7, 0.2)], "M106 opens the valve and M107"),
         (printer, LASER, TWO, "M4 opens the valve and S0 or M5 closes it"),
         (mill, LASER, TWO, "M4 opens the valve and S0 or M5 closes it"),
@@ -152,6 +152,17 @@ def test_a_pump_open_in_rapid_moves_alone_lays_none_and_a_note_has_the_remedy():
         "It is open in rapid moves alone; --set program.dispense.by=codes lays glue in them." in n for n in made.notes
     )
     assert laid(printer(batter, dispense=Dispense("codes")))[0][1] == pytest.approx(30, abs=0.2)
+
+
+def test_a_dot_where_the_program_begins_is_laid():
+    """Its output is off before the needle rises."""
+    made = mill("G0 X0 Y0\nG0 Z0\nM3\nG4 P0.5\nM5\nG0 Z5\nG0 X10\nG0 Z0\nM3\nG4 P0.5\nM5\nG0 Z5")
+    assert [stretch[:2] for stretch in laid(made)] == [(0, 0), (10, 10)]
+
+
+def test_dots_on_steps_that_lead_down_are_laid():
+    made = mill("G0 Z5\nG0 X5\nM3\nG4 P0.5\nM5\nG0 Z3\nG0 X10\nM3\nG4 P0.5\nM5\nG0 Z1")
+    assert [stretch[::2] for stretch in laid(made)] == [(5, 5), (10, 3)]
 
 
 def test_depths_that_point_down_change_nothing_of_when_glue_is_laid():
