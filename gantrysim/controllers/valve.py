@@ -5,9 +5,9 @@ valve: glue is laid in moves at feed, and in dwells, while the output is on. Of 
 switched on most often, since a spindle, a pump or a light is on from begin to end. A program that feeds material by E
 lays glue where it does.
 
-A spindle's codes have two meanings more. In a dwell before the needle goes down with the output on, a spindle gets up to
-speed: nothing is laid in the air. M4 beside M3 reverses a paste pump, which sucks the paste back: the valve is closed,
-unless the program goes on to work with it, as one for a laser does.
+A spindle's codes have two meanings more. In a dwell before the needle goes down with the output on, a spindle gets up
+to speed: nothing is laid in the air. M4 beside M3 reverses a paste pump, which sucks the paste back: the valve is
+closed, unless the program goes on to work with it, as one for a laser does.
 """
 
 from __future__ import annotations

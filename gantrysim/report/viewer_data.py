@@ -235,6 +235,14 @@ class ViewerData:
         return rounded
 
     @property
+    def _width_tolerance(self) -> float | None:
+        """Tolerance of the bead's width; of the volume of dots where there is no bead, which is coloured then [%]."""
+        tolerance = self.results.verdict.tolerance
+        if tolerance is None:
+            return None
+        return tolerance.dot_volume if self._bead is None and self.results.dots else tolerance.bead_width
+
+    @property
     def _program_text(self) -> str:
         job = self.results.job
         text = job.program.get(job.controller.text_argument, "")
@@ -271,7 +279,7 @@ class ViewerData:
             "magnification": magnification(self.results.budget.analysis),
             "path_tolerance": None if tolerance is None else _UM * tolerance.path_max,
             "width": None if bead is None else float(bead.nominal_section.width[0]),
-            "width_tolerance": None if tolerance is None else tolerance.bead_width,
+            "width_tolerance": self._width_tolerance,
             "dots": [_dot_content(verdict, rows) for verdict in self.results.dots],
             "space": space_content(self.results) if self.in_space else None,
         }

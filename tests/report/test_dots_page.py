@@ -53,7 +53,7 @@ def test_a_page_of_dots_alone_draws_them_in_plan_view_and_in_3d(results, tmp_pat
         assert browser.run("return document.querySelector('.bead figcaption').textContent").startswith(
             "Dotsvolume of 3 dots"
         )
-        counts, _ = browser.run(COLOURS)
+        counts = browser.run(COLOURS)
         # three discs of the diameter of 4 mm³ in the colour of what is as requested, less their rims
         scale = browser.run("return document.querySelector('.bead .surface').clientWidth") / (16 + 2 * 3.2)
         assert counts[AS_REQUESTED] > 3 * 0.5 * (0.5 * results.bead.dots[0].diameter * scale / 2) ** 2

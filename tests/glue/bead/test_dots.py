@@ -125,10 +125,7 @@ def test_a_flow_in_proportion_to_the_speed_requests_nothing_of_a_dot(xyz):
 
 @pytest.mark.parametrize("wait", [0.0, 0.5])
 def test_glue_that_flows_after_the_lift_is_a_string(xyz, wait):
-    """After closing, q = Q exp(-t/T): what flows from when the needle is a tenth of the dot above its top is Q T exp(-t/T).
-
-    The needle leaves at 5 mm/s² up to 5 mm/s: it rises by a t^2 / 2.
-    """
+    """After closing, q = Q exp(-t/T): from when the needle is a tenth of the dot above its top, Q T exp(-t/T) flows."""
     lag = 0.1
     text = f"G0 X10 Y10\nG1 Z0 F300\nM3\nG4 P0.2\nM5\nG4 P{wait}\nG1 Z5 F300\nG4 P1"
     bead = followed(xyz, mill(text.replace("G4 P0.0\n", "")), flow=FLOW, opening=0.0, closing=lag)
@@ -147,7 +144,7 @@ def test_glue_that_flows_after_the_lift_is_a_string(xyz, wait):
 
 def test_the_place_of_a_dot_is_that_of_its_glue(xyz):
     bead = followed(xyz, mill(DOT.format(10)))
-    moved = Bead(replace(bead.run, nozzle=bead.run.nozzle + [0.3, -0.4, 0.0]))
+    moved = Bead(replace(bead.run, nozzle=bead.run.nozzle + np.array([0.3, -0.4, 0.0])))
     (dot,) = moved.dots
     assert dot.place_error == pytest.approx(0.5, rel=1e-9)
     assert dot.place[:2] == pytest.approx((10.3, 9.6), abs=1e-6)
