@@ -213,7 +213,7 @@ def dots_section(bead: Bead, dots: Sequence[DotVerdict]) -> Section:
         ]
         for verdict in dots[:_LISTED_DOTS]
     ]
-    more = f"; the first {_LISTED_DOTS} of {len(dots)}, summary.json has all" if len(dots) > _LISTED_DOTS else ""
+    remainder = f"; the first {_LISTED_DOTS} of {len(dots)}, summary.json has all" if len(dots) > _LISTED_DOTS else ""
     table = Table(
         [
             "dot",
@@ -224,7 +224,7 @@ def dots_section(bead: Bead, dots: Sequence[DotVerdict]) -> Section:
             "verdict",
         ],
         rows,
-        f"Dots as laid: caps on the work, and the share of their glue that the needle draws into a string{more}",
+        f"Dots as laid: caps on the work, and the share of their glue that the needle draws into a string{remainder}",
     )
     map_ = [] if bead.nominal > 0 else [height_plot(bead)]
     return Section("Dots", facts=facts_of(dot_rows(dots)), figure=map_, table=[table])
