@@ -322,7 +322,7 @@ def _dot_content(verdict: DotVerdict, rows: NDArray[np.intp]) -> dict[str, Any]:
         "height": round(dot.cap.height, _DOT_DECIMALS),
         "error": round(error, 1) if np.isfinite(error) else None,
         "failed": verdict.state == FAIL,
-        "row": int(min(np.searchsorted(rows, last), rows.size - 1)),
+        "row": min(int(np.searchsorted(rows, last)), int(rows.size) - 1),
     }
 
 

@@ -211,7 +211,7 @@ class Sweep:
         """Return the bead laid up to a tick, of the rings that this takes; one below the start if it is none."""
         laid = float(self.bead_trace.length[tick])
         volume = float(self.bead_trace.volume[tick])
-        begun = []
+        begun: list[tuple[bool, int]] = []
         complete = 0
         for _, is_dot, number in self._order:
             if is_dot:
