@@ -30,6 +30,7 @@ from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, PHASE_MARGI
 from gantrysim.servo.stability.margins import NO_LOOP, Margins
 
 _MB = 1e6
+_SHOWN_REST = 0.01  # time at rest with glue [s]; less is the begin of a bead
 
 
 def links_table(name: str, machine: Machine, budget: Budget) -> Table:
@@ -152,7 +153,8 @@ def plan_table(name: str, plan: Plan) -> Table:
     table.title = escape(f"{name}: {plan.controller} on {plan.machine}, not simulated")
     table.title_justify = "left"
     table.add_row("requested path", f"{plan.length:z.3f} mm", "")
-    table.add_row("commanded path length", f"{plan.way:z.3f} mm", f"{plan.glue:z.3f} mm with glue")
+    rest = f", and {plan.rest:z.2f} s at rest" if plan.rest > _SHOWN_REST else ""
+    table.add_row("commanded path length", f"{plan.way:z.3f} mm", f"{plan.glue:z.3f} mm with glue{rest}")
     table.add_row("time", f"{plan.duration:z.3f} s", f"at most {plan.speed:z.2f} mm/s")
     files = f", {plan.files / _MB:z.0f} MB of temporary files" if plan.files else ""
     table.add_row(

@@ -213,7 +213,9 @@ class Sweep:
         volume = float(self.bead_trace.volume[tick])
         begun: list[tuple[bool, int]] = []
         complete = 0
-        for _, is_dot, number in self._order:
+        for start_tick, is_dot, number in self._order:
+            if start_tick > tick:
+                break
             if is_dot:
                 dot = self.bead_trace.dots[number]
                 has_begun = dot.stretch[0] < tick and dot.volume > 0
