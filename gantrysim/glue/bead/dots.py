@@ -113,7 +113,8 @@ def dots_of(run: Run, settings: BeadSettings, gap: float) -> tuple[Dot, ...]:
     """Return the dots of a run, in their order.
 
     A stretch of dispensing is a dot where more than half of its glue is requested at rest, and the commanded way does
-    not leave the dot: in plan view it extends less than the dot is wide, or than the needle's face.
+    not leave the dot: in plan view it extends less than the dot is wide, or than the needle's face. It is none where a
+    bead begins or ends in it, as a pump gets going before the needle moves: it belongs to that bead.
 
     Args:
         run: the run.
@@ -124,11 +125,22 @@ def dots_of(run: Run, settings: BeadSettings, gap: float) -> tuple[Dot, ...]:
     last = len(run.time) - 1
     middles = [(before[1] + after[0]) // 2 for before, after in pairwise(stretches)]
     edges = [0, *middles, last]
+    demands = [_rest_demand(run, settings, begin, min(after, last)) for begin, after in stretches]
     dots = []
-    for (begin, after), share in zip(stretches, pairwise(edges), strict=True):
-        demand = _rest_demand(run, settings, begin, min(after, last))
-        if demand is not None:
-            dots.append(_dot(run, settings, gap, (begin, after), share, demand))
+    for number, (stretch, share, demand) in enumerate(zip(stretches, pairwise(edges), demands, strict=True)):
+        if demand is None:
+            continue
+        begin, after = stretch
+        dot = _dot(run, settings, gap, (begin, after), share, demand)
+        # where the beads beside it begin or end
+        ends = []
+        if number and demands[number - 1] is None:
+            ends.append(stretches[number - 1][1])
+        if number + 1 < len(stretches) and demands[number + 1] is None:
+            ends.append(stretches[number + 1][0])
+        reach = max(dot.cap.radius, 0.5 * run.face)
+        if all(math.dist(run.commanded_tip[min(tick, last), :2], dot.asked[:2]) > reach for tick in ends):
+            dots.append(dot)
     return tuple(dots)
 
 
