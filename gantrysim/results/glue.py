@@ -40,23 +40,30 @@ _TURNS_THAT_CLIMB = (
 )
 
 
-def glue_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Row:
-    """Return the verdict on the glue of a complete run: on its beads, and on each of its dots."""
-    if not bead.dots:
+def glue_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt, *, is_requested: bool = True) -> Row:
+    """Return the verdict on the glue of a complete run: on its beads, and on each of its dots.
+
+    Args:
+        bead: the bead, with the dots.
+        tolerance: of the run.
+        place_at: returns the place of a tick.
+        is_requested: whether the job's dispenser lays glue at all.
+    """
+    if not (bead.dots and is_requested):
         return _bead_row(bead, tolerance, place_at)
     verdicts = dot_verdicts(bead, tolerance, place_at)
     if not any(verdict.wanted for verdict in verdicts):
-        remark = (
-            f"{len(verdicts)} dots get no glue: it is requested in proportion to the speed, so that none flows at rest"
-        )
-        dots = Row(GLUE, remark=f"{remark} (dispenser.flow lays it there)", state=FAIL)
+        count = "1 dot gets" if len(verdicts) == 1 else f"{len(verdicts)} dots get"
+        remedy = "dispenser.flow lays it there, an area times the speed does not"
+        dots = Row(GLUE, remark=f"{count} no glue: none is requested at rest; {remedy}", state=FAIL)
     else:
         dots = Row.of(GLUE, worst_checks(verdicts), dots_remark(verdicts))
     values = {"dots": [verdict.content() for verdict in verdicts]}
     if not len(bead.stretches):
         return replace(dots, values=values)
     row = _bead_row(bead, tolerance, place_at)
-    both = Row.of(GLUE, [*row.checks, *dots.checks], f"{row.remark}; {dots.remark}", {**row.values, **values})
+    remark = "; ".join(filter(None, (row.remark, dots.remark)))
+    both = Row.of(GLUE, [*row.checks, *dots.checks], remark, {**row.values, **values})
     return replace(both, state=worst([row.state, dots.state]))
 
 

@@ -96,7 +96,7 @@ class Verdict(Shown):
         place_at = places_of(run, line_at)
         rows = (
             path_row(budget.contour_values, tolerance, line_at),
-            glue_row(bead, tolerance, place_at),
+            glue_row(bead, tolerance, place_at, is_requested=job.dispenser.flows_at_all),
             stability_row(job, job.margins if machine is None else margins_of(machine, job.built_servo), tolerance),
             machine_row(job, run, tolerance, place_at),
         )

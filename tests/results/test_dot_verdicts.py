@@ -105,7 +105,14 @@ def test_a_flow_in_proportion_to_the_speed_lays_no_dots():
     job = dots_job(dispenser={"flow": 0.0, "area": 1.0})
     row = glue(job, followed(job))
     assert row.state == "fail"
-    assert row.remark.startswith("3 dots get no glue: it is requested in proportion to the speed")
+    assert row.remark.startswith("3 dots get no glue: none is requested at rest; dispenser.flow lays it there")
+
+
+def test_a_job_without_glue_is_a_warning_with_dots_too():
+    job = dots_job(dispenser={"flow": 0.0})
+    row = glue(job, followed(job))
+    assert row.state == "warn"
+    assert row.remark == "nothing was laid: the job requests no glue"
 
 
 def test_dots_beside_a_bead_get_both_verdicts():
