@@ -12,6 +12,7 @@ from gantrysim.engine.simulation import Start
 from gantrysim.exchange.tables import export
 from gantrysim.identify.log import Log
 from gantrysim.identify.replay import CommandedLog, near_reversals, read_commanded_log, replay
+from gantrysim.identify.replay_output import sentences
 from gantrysim.machine.ideal import without_friction
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Line
@@ -158,8 +159,9 @@ def test_held_out_rows_are_those_to_which_nothing_was_fitted(spiral):
     assert (sizes["held out"].rows, sizes["fitted"].rows) == (len(spiral) - 300, 300)
     measured = spiral.commanded[300:, 0] - spiral.encoder[300:, 0]
     assert sizes["held out"].measured.rms == pytest.approx(np.sqrt(np.mean(measured**2)))
-    with pytest.raises(InputError, match="must be some, but not all, of the log's"):
-        replay(MACHINE, recorded, SERVO, fitted=slice(0, len(spiral)))
+    assert "Rows 1 to 300 are those to which the machine was fitted" in list(sentences(found))[-1]
+    for rows, words in ((slice(0, None), "No row is held out"), (slice(0, 0), "All rows are held out")):
+        assert words in list(sentences(replay(MACHINE, recorded, SERVO, fitted=rows)))[-1]
 
 
 def test_a_log_that_counts_from_another_zero_is_moved_into_the_travel(spiral):
@@ -183,13 +185,13 @@ def test_the_command_prints_and_writes_all(tmp_path, spiral, gantrysim_command, 
     export(spiral, tmp_path / "run.csv", "csv")
     (tmp_path / "servo.toml").write_text("[servo]\nintegral_time = 0.02\n")
     status, out, err = gantrysim_command(
-        "replay", "run.csv", "--machine", "xy", "--servo", "servo.toml", "--fitted", "0:400"
+        "replay", "run.csv", "--machine", "xy", "--servo", "servo.toml", "--rows", "101:", "--fitted", "1:400"
     )
     assert (status, err) == (0, "")
     assert "following error [µm], measured and simulated" in out
     words = " ".join(out.split())
     assert "Without friction the same machine differs by" in words
-    assert "Rows 0 to 400 are those to which the machine was fitted" in words
+    assert "Rows 101 to 400 are those to which the machine was fitted" in words
     content = json.loads((tmp_path / "replayed" / "replay.json").read_text())
     found = content["axes"]["x"]["following_error"]["held out"]
     assert found["rows"] == len(spiral) - 400
@@ -197,7 +199,7 @@ def test_the_command_prints_and_writes_all(tmp_path, spiral, gantrysim_command, 
     assert found["explained_percent"] > found["explained_frictionless_percent"]
     assert "measured less simulated" in (tmp_path / "replayed" / "report.html").read_text()
     for arguments, message in (
-        (("--fitted", "4"), "must be FROM:TO"),
+        (("--fitted", "4"), "--fitted 4: must be FIRST:LAST"),
         (("--column", "x command"), "must be NAME=COLUMN"),
         (("--servo", "missing.toml"), "missing.toml"),
     ):
