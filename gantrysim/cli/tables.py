@@ -153,8 +153,8 @@ def plan_table(name: str, plan: Plan) -> Table:
     table.title = escape(f"{name}: {plan.controller} on {plan.machine}, not simulated")
     table.title_justify = "left"
     table.add_row("requested path", f"{plan.length:z.3f} mm", "")
-    rest = f", and {plan.rest:z.2f} s at rest" if plan.rest > _SHOWN_REST else ""
-    table.add_row("commanded path length", f"{plan.way:z.3f} mm", f"{plan.glue:z.3f} mm with glue{rest}")
+    standing = f", and {plan.standing_time:z.2f} s at rest" if plan.standing_time > _SHOWN_REST else ""
+    table.add_row("commanded path length", f"{plan.way:z.3f} mm", f"{plan.glue:z.3f} mm with glue{standing}")
     table.add_row("time", f"{plan.duration:z.3f} s", f"at most {plan.speed:z.2f} mm/s")
     files = f", {plan.files / _MB:z.0f} MB of temporary files" if plan.files else ""
     table.add_row(

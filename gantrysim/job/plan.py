@@ -95,7 +95,7 @@ class Plan:
         length: of the requested path [mm].
         way: of the commanded tip, with all dry moves [mm].
         glue: way with the dispenser on [mm].
-        rest: time at rest with the dispenser on, in which dots are laid [s].
+        standing_time: at rest with the dispenser on, in which dots are laid [s].
         duration: of the program's motion [s].
         ticks: servo ticks of a run, see `Setpoints.run_ticks`.
         period: servo period [s].
@@ -114,7 +114,7 @@ class Plan:
     length: float
     way: float
     glue: float
-    rest: float
+    standing_time: float
     duration: float
     ticks: int
     period: float
@@ -152,7 +152,7 @@ def plan_of(
         length=controller.requested.length,
         way=sums.way,
         glue=sums.glue,
-        rest=sums.resting * setpoints.period,
+        standing_time=sums.resting * setpoints.period,
         duration=controller.duration,
         ticks=setpoints.run_ticks,
         period=setpoints.period,
@@ -254,7 +254,7 @@ def _checked_sums(machine: Machine, setpoints: Setpoints) -> _Sums:
 
 def glue_note(plan: Plan) -> str | None:
     """Return a note where a program lays no glue at all; None where it lays some."""
-    if plan.glue > 0 or plan.rest > 0:
+    if plan.glue > 0 or plan.standing_time > 0:
         return None
     return (
         "no glue is laid: the program has no moves at feed but those straight up or down, or nothing in it switches "
