@@ -22,7 +22,7 @@ from gantrysim.controllers.fanuc.legs import PathLeg, legs_of, placed_legs, swit
 from gantrysim.controllers.fanuc.program_text import SPEEDS, ProgramMotions, ProgramSource, SourceBlock, read
 from gantrysim.controllers.fanuc.speed import PER_MINUTE, Clamp, Feeding, Planner
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.valve import Dispense, Outputs
+from gantrysim.controllers.valve import Dispense, Outputs, Valve
 from gantrysim.paths.assignment import assigned_progress
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Vector, vector
@@ -315,6 +315,12 @@ class Program(Controller):
     @cached_property
     def legs(self) -> tuple[PathLeg, ...]:
         """The motions of the blocks."""
+        legs, _ = self._switched
+        return tuple(placed_legs(compensated_legs(cornered_legs(legs)), self.placement))
+
+    @cached_property
+    def _switched(self) -> tuple[list[PathLeg], Valve | None]:
+        """The motions as the text has them, with the glue that its valve lays, and the valve; None for blocks."""
         if isinstance(self.program, str):
             blocks = self._motions.blocks
         else:
@@ -322,8 +328,8 @@ class Program(Controller):
         legs = legs_of(blocks, self.start, self.rapid, self.end_point_tolerance, self.radius_tolerance)
         whole("max_steps", self.max_steps, 1)
         if isinstance(self.program, str):
-            legs = switched_legs(legs, self._outputs.valve())
-        return tuple(placed_legs(compensated_legs(cornered_legs(legs)), self.placement))
+            return switched_legs(legs, self._outputs, self.placement.upward)
+        return legs, None
 
     @cached_property
     def requested(self) -> Chain:
@@ -386,8 +392,8 @@ class Program(Controller):
     @property
     def notes(self) -> tuple[str, ...]:
         notes = notes_of(self.legs, self.requested, self.blend_time, self.acceleration)
-        valve = self._outputs.valve().note
-        return notes if valve is None else (valve, *notes)
+        _, valve = self._switched
+        return notes if valve is None or valve.note is None else (valve.note, *notes)
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
         """As the feed override on the operator's panel does: every F, and the feed of the dry run."""

@@ -185,6 +185,7 @@ class GCode(Controller):
             tools=library.tools,
             diameters=library.diameters,
             parameters=library.parameters,
+            upward=self.placement.upward,
         )
         return interpret(text, self.start, setup)
 

@@ -18,7 +18,7 @@ from gantrysim.controllers.gcode.motion_limits import MotionLimits
 from gantrysim.controllers.gcode.move_table import DWELL, END, FLOW, KIND, LINE, OUTPUTS, WORK, MoveTable
 from gantrysim.controllers.gcode.o_words import ProgramFlow, ProgramText
 from gantrysim.controllers.gcode.program_state import UNSTATED_FEED, ProgramSetup, ProgramState, WordBlock
-from gantrysim.controllers.valve import SAME_PLACE, SPEED_CODES, Outputs, Valve
+from gantrysim.controllers.valve import SAME_PLACE, SPEED_CODES, Motions, Outputs, Valve
 
 # The parameters that the controller provides: what a program reads of its own state.
 
@@ -117,7 +117,8 @@ class Interpreter:
             self._state.tools.selected = int(block.values["T"])
         if auxiliary or "S" in block.values:
             state = self._state
-            state.outputs.switch(auxiliary, block.values.get("P"), self._speed(block, codes, auxiliary))
+            speed = self._speed(block, codes, auxiliary)
+            state.outputs.switch(auxiliary, block.values.get("P"), speed, block.values.get("S"))
         if auxiliary:
             for number in auxiliary:
                 self._apply_auxiliary(number, block)
@@ -369,13 +370,25 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
     flow.lines.clear()
     table = moves.table
     fed = (table[:, FLOW] > 0) & (table[:, KIND] != DWELL)
-    valve = state.outputs.valve(feeds_material=bool(fed.any()))
+    places = np.concatenate([[start], table[:, END : END + 3]])
+    ways = np.diff(places, axis=0)
+    # lines that stand in plan view
+    stands = (table[:, KIND] == LINE) & (np.abs(ways[:, :2]).max(axis=1, initial=0.0) <= SAME_PLACE)
+    motions = Motions(
+        work=(table[:, WORK] != 0) & ~stands,
+        dwell=table[:, KIND] == DWELL,
+        rise=setup.upward * ways[:, 2],
+        upright=stands & (np.abs(ways[:, 2]) > SAME_PLACE),
+        feeds=fed,
+        is_on=lambda output: _is_on(table, state.outputs, output),
+    )
+    valve = state.outputs.valve(motions)
     for code in (*valve.on, *valve.off):
         state.ignored.pop(code.split()[0], None)
     return Interpreted(
         start=start,
         moves=table,
-        glue=valve.lays(_is_work(table, start), table[:, KIND] == DWELL, _is_on(table, state.outputs, valve), fed),
+        glue=valve.laid,
         valve=valve,
         ignored=state.ignored,
         without_feed=state.without_feed,
@@ -387,16 +400,7 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
     )
 
 
-def _is_work(table: Floats, start: tuple[float, float, float]) -> NDArray[np.bool_]:
-    """Whether moves and dwells are at work, but for those straight up or down, (m,)."""
-    work: NDArray[np.bool_] = table[:, WORK] != 0
-    plan = np.concatenate([[start[:2]], table[:, END : END + 2]])
-    stands = np.abs(np.diff(plan, axis=0)).max(axis=1, initial=0.0) <= SAME_PLACE
-    work[stands & (table[:, KIND] == LINE)] = False
-    return work
-
-
-def _is_on(table: Floats, outputs: Outputs, valve: Valve) -> NDArray[np.bool_]:
-    """Whether the output that opens the valve is on in moves and dwells, (m,)."""
-    on = np.array([valve.output in state for state in outputs.states])
+def _is_on(table: Floats, outputs: Outputs, output: str) -> NDArray[np.bool_]:
+    """Whether an output is on in moves and dwells, (m,)."""
+    on = np.array([output in state for state in outputs.states])
     return np.asarray(on[table[:, OUTPUTS].astype(np.intp)])

@@ -141,6 +141,7 @@ class ProgramSetup:
         tools: lengths of tools by number [mm].
         diameters: of tools by number [mm].
         parameters: values that the machine provides, by name.
+        upward: sign of the program's z on the work, -1 where it is a depth.
     """
 
     dialect: GCodeDialect
@@ -151,6 +152,7 @@ class ProgramSetup:
     tools: dict[int, float] = field(default_factory=dict)
     diameters: dict[int, float] = field(default_factory=dict)
     parameters: dict[str, float] = field(default_factory=dict)
+    upward: float = 1.0
 
 
 @dataclass
