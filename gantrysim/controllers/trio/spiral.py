@@ -13,6 +13,7 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, point, positive, whole
 from gantrysim.controllers.controller import Controller
+from gantrysim.controllers.stretches import Stretches
 from gantrysim.controllers.trio.loop import MAX_PASSES, RATIO_BITS, EndlessError, Loop, Passes, RatioTooSmallError
 from gantrysim.controllers.trio.theory import SpiralTheory
 from gantrysim.paths.lengths import arc_length
@@ -89,6 +90,7 @@ def for_late_axes(*, has_ramps: bool, rounds_waits: bool, speed_in_space: bool) 
 
 
 _ROUNDING = 1e-12
+_PARTS = 16  # of a turn, each of which may have a speed of its own
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,9 @@ class MoveSpiral(Controller):
         servo_period: SERVO_PERIOD, at whose ticks commands take effect: 0.0005, 0.001 or 0.002 on the controller; 0 for
             a program that acts between ticks [s].
         as_published: whether to run the published listing as it is, errors included; `notes` lists the differences.
+        speeds: path speeds by place, pairs of a number of turns and the path speed from there on, the turns ascending
+            [turns, mm/s]; `speed` holds before the first. The program looks up the speed of a pass by the ratio x with
+            which the pass begins, and lowers x by 2 thickness v T / (pi D^2) on a pass at v.
 
     Raises:
         InputError: a value out of bounds, a negative inner diameter, or a ratio x that would fall to zero or
@@ -157,6 +162,7 @@ class MoveSpiral(Controller):
     ratio_bits: int | None = None
     servo_period: float = 0.0
     as_published: bool = False
+    speeds: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         checked = {
@@ -177,6 +183,9 @@ class MoveSpiral(Controller):
                 checked[name] = positive(name, limit, "mm/s²")
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+        object.__setattr__(self, "speeds", self._checked_speeds())
+        if self.speeds and self.as_published:
+            raise InputError(f"speeds of {len(self.speeds)} places: must be none with as_published, whose listing has one")
         if self.mhelical_mode not in (0, 1):
             raise InputError(f"mhelical_mode = {self.mhelical_mode}: must be 0 (SPEED in space) or 1 (of the circle)")
         if self.ratio_bits is not None and not 8 <= whole("ratio_bits", self.ratio_bits, 8) <= 52:
@@ -194,6 +203,22 @@ class MoveSpiral(Controller):
             # raises where the ratio would reach zero
             _ = self.passes
 
+    def _checked_speeds(self) -> tuple[tuple[float, float], ...]:
+        pairs = []
+        reached = 0.0
+        for k, pair in enumerate(self.speeds, 1):
+            if not hasattr(pair, "__iter__") or isinstance(pair, str) or len(tuple(pair)) != 2:
+                raise InputError(f"speeds {k} = {pair!r}: must be two numbers, turns and a speed in mm/s")
+            turn, speed = pair
+            at_least(f"speeds {k}, turns", turn, 0)
+            if not reached <= turn < self.turns or (k > 1 and turn == reached):
+                raise InputError(
+                    f"speeds {k}: from {turn:g} turns on: must ascend and be below turns, {self.turns:g}"
+                )
+            reached = float(turn)
+            pairs.append((reached, positive(f"speeds {k}", speed, "mm/s")))
+        return tuple(pairs)
+
     def _check_continuous(self) -> None:
         needs_a_loop = {
             "interpreter_time": (self.interpreter_time, 0.0, "s"),
@@ -208,6 +233,8 @@ class MoveSpiral(Controller):
                 raise InputError(f"{name} = {value:g} {unit}: must be {free:g} {unit} {limit}")
         if self.ratio_bits is not None:
             raise InputError(f"ratio_bits = {self.ratio_bits}: must be none {limit}")
+        if self.speeds:
+            raise InputError(f"speeds of {len(self.speeds)} places: must be none {limit}")
         if self.as_published or (self.height and self.mhelical_mode == 0):
             what = "as_published = true" if self.as_published else "mhelical_mode = 0"
             raise InputError(f"{what}: must have a loop_period greater than 0 s")
@@ -238,6 +265,17 @@ class MoveSpiral(Controller):
         return 2 * self.thickness * self.speed * self.loop_period / (math.pi * self.diameter**2)
 
     @property
+    def _all_speeds(self) -> tuple[tuple[float, float], ...]:
+        """The speeds by place with that of the start; empty for one speed."""
+        if not self.speeds or self.speeds[0][0] == 0:
+            return self.speeds
+        return ((0.0, self.speed), *self.speeds)
+
+    def _ratio_after(self, turns: float) -> float:
+        """Return the ratio x after so many turns."""
+        return 1 - 2 * self.thickness * turns / self.diameter
+
+    @property
     def circles(self) -> int:
         """Number of circles executed."""
         return LITERAL_CIRCLES if self.as_published else self.turns
@@ -266,6 +304,7 @@ class MoveSpiral(Controller):
             ratio_bits=self.ratio_bits,
             servo_period=self.servo_period,
             guarded=not self.as_published,
+            speeds=tuple((self._ratio_after(turn), share * speed) for turn, speed in self._all_speeds),
         )
         try:
             return loop.passes()
@@ -333,16 +372,42 @@ class MoveSpiral(Controller):
         """Differences of the published listing, if it is run."""
         return differences(self.passes, self.turns, self.height) if self.as_published else ()
 
+    def stretches(self, period: float) -> Stretches:
+        """As `Controller.stretches`: equal parts of the turns, which the key `speeds` tells apart."""
+        if self.loop_period == 0 or self.as_published:
+            raise InputError(
+                "trio.MoveSpiral: speeds by place need the program's own loop, with a loop_period above 0 s and without "
+                "as_published"
+            )
+        parts = _PARTS * self.turns
+        ends = self._progress(2 * math.pi * np.arange(1, parts + 1) / _PARTS)
+        turns = np.array([turn for turn, _ in self._all_speeds or ((0.0, self.speed),)])
+        speeds = np.array([speed for _, speed in self._all_speeds or ((0.0, self.speed),)])
+        at = np.searchsorted(turns, np.arange(parts) / _PARTS, side="right") - 1
+        return Stretches(ends, np.arange(1, parts + 1), speeds[at])
+
+    def with_stretch_speeds(self, speeds: Mapping[int, float]) -> dict[str, Any]:
+        """As `Controller.with_stretch_speeds`."""
+        pairs: list[list[float]] = []
+        for part in sorted(speeds):
+            if not pairs or speeds[part] != pairs[-1][1]:
+                pairs.append([(part - 1) / _PARTS, speeds[part]])
+        return {"speed": pairs[0][1], "speeds": pairs[1:]}
+
     @classmethod
-    def loop_theory(cls, arguments: Mapping[str, Any]) -> SpiralTheory:
-        return SpiralTheory(arguments)
+    def loop_theory(cls, arguments: Mapping[str, Any]) -> SpiralTheory | None:
+        # the closed forms are those of one speed
+        return None if arguments.get("speeds") else SpiralTheory(arguments)
 
     @property
     def free_running(self) -> bool:
         return self.servo_period == 0
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
-        return {"speed": change(self.speed)}
+        changed: dict[str, Any] = {"speed": change(self.speed)}
+        if self.speeds:
+            changed["speeds"] = [[turn, change(speed)] for turn, speed in self.speeds]
+        return changed
 
     def setpoints(self, period: float) -> Setpoints:
         if self.servo_period > 0 and abs(period - self.servo_period) > 1e-12:
