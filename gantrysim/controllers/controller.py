@@ -86,7 +86,9 @@ class Controller(ABC):
         Raises:
             InputError: the program has no way to do that.
         """
-        raise InputError(f"{type(self).__name__}: states one speed for its whole path, so that none can be set by place")
+        raise InputError(
+            f"{type(self).__name__}: states one speed for its whole path, so that none can be set by place"
+        )
 
     def with_stretch_speeds(self, speeds: Mapping[int, float]) -> dict[str, Any]:
         """Return the arguments that must change for stretches to have other speeds, by dotted name.
@@ -97,7 +99,20 @@ class Controller(ABC):
         Raises:
             InputError: the program has no way to do that.
         """
-        raise InputError(f"{type(self).__name__}: states one speed for its whole path, so that none can be set by place")
+        raise InputError(
+            f"{type(self).__name__}: states one speed for its whole path, so that none can be set by place"
+        )
+
+    @property
+    def program_text(self) -> str:
+        """The program in the controller's language; empty where it has no text."""
+        text = getattr(self, self.text_argument, "")
+        return text if isinstance(text, str) else ""
+
+    @property
+    def program_suffix(self) -> str:
+        """Suffix of a file with `program_text`."""
+        return self.suffixes[0] if self.suffixes else ".txt"
 
     def release(self) -> None:
         """Free the memory of a long program's intermediate results, which are recomputed on demand."""

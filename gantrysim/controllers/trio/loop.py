@@ -293,8 +293,8 @@ class Loop:
         guarded: whether x stays above zero, held while the last braking lasts longer; the published listing has
             no such guard. A pass without a wait takes one servo_period; where that is 0, no time if guarded, else
             one wait_resolution or period.
-        speeds: pairs of a ratio and the path speed of the passes that begin at or below it, the ratios falling from 1
-            [1, mm/s]; x then falls by change * v / speed on a pass at v. Empty for `speed` on every pass.
+        speeds: pairs of a ratio and the path speed of a pass that begins at it, linear between them, the ratios falling
+            from 1 [1, mm/s]; x then falls by change * v / speed on a pass at v. Empty for `speed` on every pass.
     """
 
     length: float
@@ -407,6 +407,9 @@ def _run(
             while place + 1 < places.ratio.size and x <= places.ratio[place + 1]:
                 place += 1
             v = places.speed[place]
+            if place + 1 < places.ratio.size:
+                share = (places.ratio[place] - x) / (places.ratio[place] - places.ratio[place + 1])
+                v += share * (places.speed[place + 1] - v)
             x -= change / speed * v
         else:
             x = 1 - change * (len(passes) + 1)

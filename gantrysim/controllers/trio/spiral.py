@@ -14,6 +14,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, point, positive, whole
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.stretches import Stretches
+from gantrysim.controllers.trio.listing import spiral_listing
 from gantrysim.controllers.trio.loop import MAX_PASSES, RATIO_BITS, EndlessError, Loop, Passes, RatioTooSmallError
 from gantrysim.controllers.trio.theory import SpiralTheory
 from gantrysim.paths.lengths import arc_length
@@ -90,7 +91,7 @@ def for_late_axes(*, has_ramps: bool, rounds_waits: bool, speed_in_space: bool) 
 
 
 _ROUNDING = 1e-12
-_PARTS = 16  # of a turn, each of which may have a speed of its own
+_PARTS = 16  # of a turn, at whose ends the speed is given where it is set by place
 
 
 @dataclass(frozen=True)
@@ -136,9 +137,10 @@ class MoveSpiral(Controller):
         servo_period: SERVO_PERIOD, at whose ticks commands take effect: 0.0005, 0.001 or 0.002 on the controller; 0 for
             a program that acts between ticks [s].
         as_published: whether to run the published listing as it is, errors included; `notes` lists the differences.
-        speeds: path speeds by place, pairs of a number of turns and the path speed from there on, the turns ascending
-            [turns, mm/s]; `speed` holds before the first. The program looks up the speed of a pass by the ratio x with
-            which the pass begins, and lowers x by 2 thickness v T / (pi D^2) on a pass at v.
+        speeds: path speeds by place, pairs of a number of turns from the start and the path speed v there, the turns
+            ascending [turns, mm/s]. From `speed` at the start, v is linear from one to the next, and stays after the
+            last. The program takes v by the ratio x with which a pass begins, and lowers x by
+            2 thickness v T / (pi D^2).
 
     Raises:
         InputError: a value out of bounds, a negative inner diameter, or a ratio x that would fall to zero or
@@ -185,7 +187,9 @@ class MoveSpiral(Controller):
             object.__setattr__(self, name, value)
         object.__setattr__(self, "speeds", self._checked_speeds())
         if self.speeds and self.as_published:
-            raise InputError(f"speeds of {len(self.speeds)} places: must be none with as_published, whose listing has one")
+            raise InputError(
+                f"speeds of {len(self.speeds)} places: must be none with as_published, whose listing has one"
+            )
         if self.mhelical_mode not in (0, 1):
             raise InputError(f"mhelical_mode = {self.mhelical_mode}: must be 0 (SPEED in space) or 1 (of the circle)")
         if self.ratio_bits is not None and not 8 <= whole("ratio_bits", self.ratio_bits, 8) <= 52:
@@ -210,10 +214,9 @@ class MoveSpiral(Controller):
             if not hasattr(pair, "__iter__") or isinstance(pair, str) or len(tuple(pair)) != 2:
                 raise InputError(f"speeds {k} = {pair!r}: must be two numbers, turns and a speed in mm/s")
             turn, speed = pair
-            at_least(f"speeds {k}, turns", turn, 0)
-            if not reached <= turn < self.turns or (k > 1 and turn == reached):
+            if not reached < finite(f"speeds {k}, turns", turn) <= self.turns:
                 raise InputError(
-                    f"speeds {k}: from {turn:g} turns on: must ascend and be below turns, {self.turns:g}"
+                    f"speeds {k}, turns = {turn:g}: must be above {reached:g} and at most turns, {self.turns:g}"
                 )
             reached = float(turn)
             pairs.append((reached, positive(f"speeds {k}", speed, "mm/s")))
@@ -266,9 +269,7 @@ class MoveSpiral(Controller):
 
     @property
     def _all_speeds(self) -> tuple[tuple[float, float], ...]:
-        """The speeds by place with that of the start; empty for one speed."""
-        if not self.speeds or self.speeds[0][0] == 0:
-            return self.speeds
+        """The speeds by place with that of the start."""
         return ((0.0, self.speed), *self.speeds)
 
     def _ratio_after(self, turns: float) -> float:
@@ -304,7 +305,9 @@ class MoveSpiral(Controller):
             ratio_bits=self.ratio_bits,
             servo_period=self.servo_period,
             guarded=not self.as_published,
-            speeds=tuple((self._ratio_after(turn), share * speed) for turn, speed in self._all_speeds),
+            speeds=tuple((self._ratio_after(turn), share * speed) for turn, speed in self._all_speeds)
+            if self.speeds
+            else (),
         )
         try:
             return loop.passes()
@@ -373,26 +376,47 @@ class MoveSpiral(Controller):
         return differences(self.passes, self.turns, self.height) if self.as_published else ()
 
     def stretches(self, period: float) -> Stretches:
-        """As `Controller.stretches`: equal parts of the turns, which the key `speeds` tells apart."""
+        """As `Controller.stretches`: around places evenly spaced on the turns, whose speeds the key `speeds` gives."""
         if self.loop_period == 0 or self.as_published:
             raise InputError(
-                "trio.MoveSpiral: speeds by place need the program's own loop, with a loop_period above 0 s and without "
-                "as_published"
+                "trio.MoveSpiral: speeds by place need the program's own loop, with a loop_period above 0 s and "
+                "without as_published"
             )
-        parts = _PARTS * self.turns
-        ends = self._progress(2 * math.pi * np.arange(1, parts + 1) / _PARTS)
-        turns = np.array([turn for turn, _ in self._all_speeds or ((0.0, self.speed),)])
-        speeds = np.array([speed for _, speed in self._all_speeds or ((0.0, self.speed),)])
-        at = np.searchsorted(turns, np.arange(parts) / _PARTS, side="right") - 1
-        return Stretches(ends, np.arange(1, parts + 1), speeds[at])
+        turns, speeds = np.array(self._all_speeds).T
+        nodes = np.arange(_PARTS * self.turns + 1)
+        # a stretch is the way to which a node is nearest
+        ends = self._progress(2 * math.pi * np.minimum(nodes + 0.5, nodes[-1]) / _PARTS)
+        return Stretches(ends, nodes + 1, np.interp(nodes / _PARTS, turns, speeds))
 
     def with_stretch_speeds(self, speeds: Mapping[int, float]) -> dict[str, Any]:
         """As `Controller.with_stretch_speeds`."""
-        pairs: list[list[float]] = []
-        for part in sorted(speeds):
-            if not pairs or speeds[part] != pairs[-1][1]:
-                pairs.append([(part - 1) / _PARTS, speeds[part]])
-        return {"speed": pairs[0][1], "speeds": pairs[1:]}
+        nodes = [speeds[place] for place in sorted(speeds)]
+        # what lies on the line between its neighbours, as where the speed stays, follows from them
+        last = len(nodes) - 1
+        needed = [k for k in range(1, last + 1) if nodes[k] != nodes[k - 1] or (k < last and nodes[k] != nodes[k + 1])]
+        return {"speed": nodes[0], "speeds": [[k / _PARTS, nodes[k]] for k in needed]}
+
+    @property
+    def program_text(self) -> str:
+        """The program in Trio BASIC; empty in the continuous limit, and for the published listing."""
+        if self.loop_period == 0 or self.as_published:
+            return ""
+        return spiral_listing(
+            diameter=self.diameter,
+            turns=self.turns,
+            thickness=self.thickness,
+            loop_period=self.loop_period,
+            speeds=[(self._ratio_after(turn), speed) for turn, speed in self._all_speeds],
+            clockwise=self.clockwise,
+            height=self.height,
+            mode=self.mhelical_mode,
+            acceleration=self.acceleration if math.isfinite(self.acceleration) else None,
+            deceleration=self.deceleration,
+        )
+
+    @property
+    def program_suffix(self) -> str:
+        return ".bas"
 
     @classmethod
     def loop_theory(cls, arguments: Mapping[str, Any]) -> SpiralTheory | None:

@@ -1,0 +1,52 @@
+"""The files of a program with speeds by place: a job, and the program for the controller."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gantrysim.base.errors import InputError
+from gantrysim.base.files import replaced_file
+from gantrysim.job.job import Job
+from gantrysim.remedy.by_place import SpeedByPlace
+
+BY_PLACE = "by-place"  # end of the names
+
+
+def write_by_place(by_place: SpeedByPlace, stem: Path) -> list[Path]:
+    """Write STEM.toml, for `gantrysim run`, and the program in the controller's language where it has one.
+
+    Returns:
+        The paths, that of the job first.
+
+    Raises:
+        InputError: one of them is the file from which the job was loaded.
+    """
+    job = by_place.job
+    contents = {stem.with_name(f"{stem.name}.toml"): job.toml()}
+    text = job.controller.program_text
+    if text:
+        contents[stem.with_name(f"{stem.name}{_suffix(by_place)}")] = text
+    for path in contents:
+        if path.exists() and any(own.exists() and path.samefile(own) for own in _own_files(job)):
+            raise InputError(f"{path}: is a file of the job; give another name")
+    for path, content in contents.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replaced_file(path) as partial:
+            partial.write_text(content, encoding="utf-8")
+    return list(contents)
+
+
+def _own_files(job: Job) -> list[Path]:
+    """Return the files from which a job was loaded: its own, and that of its program."""
+    if job.given is None:
+        return []
+    own = Path(job.given.label)
+    program = job.given.file.get("program", {}).get("file")
+    return [own] if program is None else [own, own.parent / str(program)]
+
+
+def _suffix(by_place: SpeedByPlace) -> str:
+    """Return the suffix of the program's own file, else one that its controller reads."""
+    given = by_place.job.given
+    own = Path(given.program_file).suffix if given is not None and given.program_file else ""
+    return own or by_place.job.controller.program_suffix
