@@ -42,14 +42,21 @@ class SpeedWords:
 
     def with_word(self, line: str, word: str, speed: float | None) -> str:
         """Return a line of text with one speed, in place of its own or before its comment; None for no speed."""
-        found = re.search(self.comment, line)
-        code = line[: found.start()] if found else line
-        rest = line[found.start() :] if found else ""
+        code, remark = _parted(line, self.comment)
         bare = re.sub(rf"\s*(?:{self.word}){_NUMBER}", "", code, flags=re.IGNORECASE)
-        if speed is None:
-            return bare + rest
-        stripped = bare.rstrip()
-        return f"{stripped} {word}{_decimal(speed)}{bare[len(stripped) :]}{rest}"
+        return bare + remark if speed is None else _appended(bare, f"{word}{_decimal(speed)}") + remark
+
+
+def _parted(line: str, comment: str) -> tuple[str, str]:
+    """Return a line's code, and what follows from its comment on."""
+    match = re.search(comment, line)
+    return (line[: match.start()], line[match.start() :]) if match else (line, "")
+
+
+def _appended(code: str, word: str) -> str:
+    """Return code with a word at its end, before its blanks."""
+    stripped = code.rstrip()
+    return f"{stripped} {word}{code[len(stripped) :]}"
 
 
 _FEED_WORD = re.compile(r"(?<![A-Z#<])F\s*(\+?[0-9]*\.?[0-9]+\.?|#[0-9]+|#<[^<>]*>|\[[^\]]*\])", re.IGNORECASE)
@@ -72,37 +79,31 @@ def with_feed_words(text: str, feeds: Mapping[int, float], comment: str) -> str:
     jumps = re.search(r"GOTO", re.sub(comment, "", text), re.IGNORECASE) is not None
     modal: float | None = None
     for k, line in enumerate(lines):
-        found = re.search(comment, line)
-        code = line[: found.start()] if found else line
-        rest = line[found.start() :] if found else ""
-        own = _FEED_WORD.search(code)
-        if k + 1 not in feeds:
-            if own is not None:
-                modal = float(own[1]) if own[1].strip("+.").replace(".", "").isdigit() else None
+        code, remark = _parted(line, comment)
+        word = _FEED_WORD.search(code)
+        feed = feeds.get(k + 1)
+        if feed is None:
+            if word is not None:
+                modal = _value(word[1])
             if jumps or _JUMPS.search(code):
                 modal = None
             continue
-        feed = feeds[k + 1]
-        word = f"F{_decimal(feed)}"
-        if own is not None and (modal is None or feed != modal):
-            if not _same(own[1], feed):
-                code = code[: own.start()] + word + code[own.end() :]
-        elif own is not None:
-            code = (code[: own.start()] + code[own.end() :].lstrip(" ")).rstrip(" ") + (" " if rest else "")
-        elif modal is None or feed != modal:
-            stripped = code.rstrip()
-            code = f"{stripped} {word}{code[len(stripped) :]}"
-        lines[k] = code + rest
+        if word is not None:
+            if _value(word[1]) != float(_decimal(feed)):
+                code = f"{code[: word.start()]}F{_decimal(feed)}{code[word.end() :]}"
+        elif modal != feed:
+            code = _appended(code, f"F{_decimal(feed)}")
+        lines[k] = code + remark
         modal = None if jumps else feed
     return "\n".join(lines)
 
 
-def _same(word: str, feed: float) -> bool:
-    """Return whether the number of a word F is a feed."""
+def _value(word: str) -> float | None:
+    """Return the number of a word F, None for an expression."""
     try:
-        return float(word) == float(_decimal(feed))
+        return float(word)
     except ValueError:
-        return False
+        return None
 
 
 def _decimal(number: float) -> str:

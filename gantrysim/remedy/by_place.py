@@ -38,7 +38,8 @@ from gantrysim.results.verdict import PATH
 RUNS = 8
 _WORTH = 0.7  # share of its burden that a run keeps at most for which starts and stops are slow
 _FACTORS = (0.5, 0.85, 1.2, 1.4)  # bounds of the second run's factor, below and above 1
-_SLOWEST, _FASTEST = 0.05, 4.0  # of the programmed speed
+_SLOWEST = 0.05  # of the programmed speed
+_FASTEST = 4.0  # of the programmed speed
 _COMPENSATIONS = 7  # times of the lag compensation that are tried; they need no run of their own
 _NEAR = 1.03  # times the shortest time, among which the fewest changes of the speed count
 _ENOUGH = 0.005  # share of the time by which another run would have to be shorter

@@ -27,7 +27,7 @@ def write_by_place(by_place: SpeedByPlace, stem: Path) -> list[Path]:
     if text:
         contents[stem.with_name(f"{stem.name}{_suffix(by_place)}")] = text
     for path in contents:
-        if path.exists() and any(own.exists() and path.samefile(own) for own in _own_files(job)):
+        if path.exists() and any(file.exists() and path.samefile(file) for file in _files_of(job)):
             raise InputError(f"{path}: is a file of the job; give another name")
     for path, content in contents.items():
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -36,17 +36,17 @@ def write_by_place(by_place: SpeedByPlace, stem: Path) -> list[Path]:
     return list(contents)
 
 
-def _own_files(job: Job) -> list[Path]:
+def _files_of(job: Job) -> list[Path]:
     """Return the files from which a job was loaded: its own, and that of its program."""
     if job.given is None:
         return []
-    own = Path(job.given.label)
+    file = Path(job.given.label)
     program = job.given.file.get("program", {}).get("file")
-    return [own] if program is None else [own, own.parent / str(program)]
+    return [file] if program is None else [file, file.parent / str(program)]
 
 
 def _suffix(by_place: SpeedByPlace) -> str:
     """Return the suffix of the program's own file, else one that its controller reads."""
     given = by_place.job.given
-    own = Path(given.program_file).suffix if given is not None and given.program_file else ""
-    return own or by_place.job.controller.program_suffix
+    suffix = Path(given.program_file).suffix if given is not None and given.program_file else ""
+    return suffix or by_place.job.controller.program_suffix

@@ -18,8 +18,10 @@ from gantrysim.results.checks import NEAR_LIMIT
 
 TARGET = 0.975 * NEAR_LIMIT  # share of a limit that a stretch is to use
 # exponents, as shares of those of the physics; below the first, the speed does not matter
-_LEAST, _HIGHEST = 0.15, 2.0
+_LEAST = 0.15
+_HIGHEST = 2.0
 _TELLING = 0.05  # change of a speed's logarithm from which two runs show an exponent
+_STEP_PER_LENGTH = 0.01  # [1/mm], of a longer one
 _FIRST_STEP = 0.25  # change of the speed between stretches, as a share of the slower one
 _STEPS = (0.02, 4.0)  # bounds of it
 _FACTOR = (0.3, 2.0)  # by which it changes from a run to the next
@@ -48,7 +50,8 @@ class SpeedModel:
         self._exponent = np.tile(EXPONENTS[:, None, None], (1, count, HALVES))
         self._share = np.zeros((len(EXPONENTS), count, HALVES))  # at 1 mm/s
         # from each stretch to the next
-        self._steps = np.full(max(count - 1, 0), _FIRST_STEP)
+        shorter = np.minimum(stretches.lengths[1:], stretches.lengths[:-1])
+        self._steps = np.clip(_STEP_PER_LENGTH * shorter, _FIRST_STEP, 1.0)
         self._slowest = np.full(count, np.inf)
         self._fastest = np.zeros(count)
         self._ramps = np.full(count, np.inf)  # what the ramps reach [mm/s]

@@ -403,6 +403,10 @@ class Program(Controller):
         changed = {"program": SPEEDS.changed(self.arguments()["program"], feed)}
         return changed if self.dry_run is None else {**changed, "dry_run": feed(self.dry_run)}
 
+    @property
+    def program_suffix(self) -> str:
+        return ".nc"
+
     def stretches(self, period: float) -> Stretches:
         """As `Controller.stretches`: the lines of the text, each with a word F of its own."""
         if not isinstance(self.program, str):

@@ -263,6 +263,14 @@ class Program(Controller):
         program = SPEEDS.changed(self.arguments()["program"], change)
         return {"group.velocity": change(self.group.velocity), "program": program}
 
+    @property
+    def program_text(self) -> str:
+        return self.program if isinstance(self.program, str) else ""
+
+    @property
+    def program_suffix(self) -> str:
+        return ".prg"
+
     def stretches(self, period: float) -> Stretches:
         """As `Controller.stretches`: the commands, each with a Vtran of its own."""
         moving = [(k, leg) for k, leg in enumerate(self.legs) if leg.path.piece is not None]
@@ -275,16 +283,16 @@ class Program(Controller):
 
     def with_stretch_speeds(self, speeds: Mapping[int, float]) -> dict[str, Any]:
         """As `Controller.with_stretch_speeds`: Vtran of the commands whose speed is not the group's."""
-        own = {line: None if speed == self.group.velocity else speed for line, speed in speeds.items()}
+        words = {line: None if speed == self.group.velocity else speed for line, speed in speeds.items()}
         if not isinstance(self.program, str):
             commands = self.arguments()["program"]
-            for number, speed in own.items():
+            for number, speed in words.items():
                 commands[number - 1].pop("velocity", None)
                 if speed is not None:
                     commands[number - 1]["velocity"] = speed
             return {"program": commands}
         lines = self.program.split("\n")
-        for number, speed in own.items():
+        for number, speed in words.items():
             lines[number - 1] = SPEEDS.with_word(lines[number - 1], "Vtran=", speed)
         return {"program": "\n".join(lines)}
 

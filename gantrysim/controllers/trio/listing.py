@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gantrysim.controllers.trio.spiral import MoveSpiral
 
 _HEAD = """\
 ' Spiral inwards: two virtual axes run circles, the real ones follow with a ratio x that falls
 ax=0: ay=1{real}
-cx={virtual}: cy={virtual}+1{rising}
+cx={virtual}: cy={next}{rising}
 outer={diameter}: turns={turns}: pitch={thickness}   ' mm
 lasts={lasts}   ' time of a pass at the outer diameter, ms
 fall=2*pitch*(lasts/1000)/(PI*outer^2)   ' of the ratio, per pass and mm/s
@@ -19,7 +24,7 @@ CONNECT(1,cy) AXIS(ay)
 {connected}BASE({base})
 {ramps}MERGE=ON
 SPEED={first}
-n=1: x=1: i=0
+n=1: x=1: i=0{begin}
 {circle}
 REPEAT
   WHILE x<=TABLE(2*i+2)
@@ -34,62 +39,57 @@ REPEAT
   ENDIF
   CONNECT(x,cx) AXIS(ax)
   CONNECT(x,cy) AXIS(ay)
-  WA(lasts*x)
+  {wait}
 UNTIL MTYPE=0
 CANCEL AXIS(ax)
 CANCEL AXIS(ay)
 {cancelled}"""
 
+# TICKS counts down at every tick of the servo
+_EXACT_WAIT = """due=due-lasts*x
+  WAIT UNTIL TICKS<=due OR MTYPE=0   ' TICKS of 1 ms, as at SERVO_PERIOD=1000"""
 
-def spiral_listing(
-    *,
-    diameter: float,
-    turns: int,
-    thickness: float,
-    loop_period: float,
-    speeds: Sequence[tuple[float, float]],
-    clockwise: bool,
-    height: float,
-    mode: int,
-    acceleration: float | None,
-    deceleration: float | None,
-) -> str:
-    """Return the program; arguments as of `MoveSpiral`.
+
+def spiral_listing(spiral: MoveSpiral, speeds: Sequence[tuple[float, float]]) -> str:
+    """Return the program of a spiral with a loop.
+
+    Passes end by WA, which rounds its time down, or for exact waits at a tick of the servo.
 
     Args:
-        diameter: outer diameter [mm].
-        turns: number of circles.
-        thickness: distance between neighbouring turns [mm].
-        loop_period: time of a pass at x = 1 [s].
+        spiral: the spiral.
         speeds: pairs of a ratio x, falling from 1, and the path speed there [1, mm/s].
-        clockwise: direction of rotation.
-        height: climbed over all circles, 0 for a flat spiral [mm].
-        mode: of MHELICAL.
-        acceleration: ACCEL of the virtual axes, None to leave it [mm/s²].
-        deceleration: DECEL of the virtual axes, None to leave it [mm/s²].
     """
-    side = 0.5 * diameter if clockwise else -0.5 * diameter
-    arc = f"0,0,{_number(side)},0,{int(clockwise)}"
+    diameter = spiral.diameter
+    height = spiral.height
+    side = 0.5 * diameter if spiral.clockwise else -0.5 * diameter
+    arc = f"0,0,{_number(side)},0,{int(spiral.clockwise)}"
     virtual = 3 if height else 2
-    limits = {"ACCEL": acceleration, "DECEL": deceleration}
-    ramps = "".join(f"{name}={_number(value)}\n" for name, value in limits.items() if value is not None)
+    deceleration = spiral.acceleration if spiral.deceleration is None else spiral.deceleration
+    limits = {"ACCEL": spiral.acceleration, "DECEL": deceleration}
+    ramps = "".join(f"{name}={_number(value)}\n" for name, value in limits.items() if math.isfinite(value))
+    rounds_waits = spiral.wait_resolution > 0
     # the last speed holds: beyond the end of the circles x is above -1
     pairs = [*speeds, (-1.0, speeds[-1][1])]
     head = _HEAD.format(
         real=": az=2   ' real axes" if height else "   ' real axes",
         virtual=virtual,
-        rising=": cz=cx+2   ' virtual axes" if height else "   ' virtual axes",
+        next=virtual + 1,
+        rising=f": cz={virtual + 2}   ' virtual axes" if height else "   ' virtual axes",
         diameter=_number(diameter),
-        turns=turns,
-        thickness=_number(thickness),
-        lasts=_number(1000 * loop_period),
+        turns=spiral.turns,
+        thickness=_number(spiral.thickness),
+        lasts=_number(1000 * spiral.loop_period),
     )
     loop = _LOOP.format(
         connected="CONNECT(1,cz) AXIS(az)\n" if height else "",
         base="cx,cy,cz" if height else "cx,cy",
         ramps=ramps,
         first=_number(speeds[0][1]),
-        circle=f"MHELICAL({arc},{_number(height / turns)},{mode})" if height else f"MOVECIRC({arc})",
+        begin="" if rounds_waits else ": due=0: TICKS=0",
+        wait="WA(lasts*x)" if rounds_waits else _EXACT_WAIT,
+        circle=f"MHELICAL({arc},{_number(height / spiral.turns)},{spiral.mhelical_mode})"
+        if height
+        else f"MOVECIRC({arc})",
         cancelled="CANCEL AXIS(az)\n" if height else "",
     )
     table = "".join(f"TABLE({2 * k},{ratio:.15g},{_number(speed)})\n" for k, (ratio, speed) in enumerate(pairs))

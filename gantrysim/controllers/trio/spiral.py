@@ -401,18 +401,7 @@ class MoveSpiral(Controller):
         """The program in Trio BASIC; empty in the continuous limit, and for the published listing."""
         if self.loop_period == 0 or self.as_published:
             return ""
-        return spiral_listing(
-            diameter=self.diameter,
-            turns=self.turns,
-            thickness=self.thickness,
-            loop_period=self.loop_period,
-            speeds=[(self._ratio_after(turn), speed) for turn, speed in self._all_speeds],
-            clockwise=self.clockwise,
-            height=self.height,
-            mode=self.mhelical_mode,
-            acceleration=self.acceleration if math.isfinite(self.acceleration) else None,
-            deceleration=self.deceleration,
-        )
+        return spiral_listing(self, [(self._ratio_after(turn), speed) for turn, speed in self._all_speeds])
 
     @property
     def program_suffix(self) -> str:
