@@ -1,10 +1,10 @@
 """Speed by place: every stretch of the program as fast as the tolerances of path and glue allow there.
 
 The job runs at the program's speeds, and once more with all of them changed alike: that gives each stretch its errors
-as powers of its speed. Where the first run fails, a third one starts and stops its beads slowly: the errors of a spiral
-whose loop does not wait for the ramp of its start, for one, lie further on. Then each stretch runs as fast as uses 78 %
-of its limits, the steps between stretches included, and every further run corrects what the runs before expected of it,
-see `gantrysim.remedy.speed_model`. The limit of 95 % of the contour error is one of the whole path: the level that each
+as powers of its speed. Then each stretch runs as fast as uses 78 % of its limits, the steps between stretches included,
+and every further run corrects what the runs before expected of it, see `gantrysim.remedy.speed_model`. Where that fails
+at first, another run starts and stops its beads slowly: the errors of a spiral whose loop does not wait for the ramp of
+its start, for one, lie further on. The limit of 95 % of the contour error is one of the whole path: the level that each
 stretch may use follows from what the path has used.
 
 Every run is that of the program as it would be written: with speeds of few digits, and few changes of the speed.
@@ -36,7 +36,7 @@ from gantrysim.remedy.speed_plan import few_speeds
 from gantrysim.results.verdict import PATH
 
 RUNS = 8
-_WORTH = 0.7  # share of its burden that a run keeps at most for which starts and stops are slow
+_WORTH = 0.7  # share of the burden that is left at most where slow starts and stops help
 _FACTORS = (0.5, 0.85, 1.2, 1.4)  # bounds of the second run's factor, below and above 1
 _SLOWEST = 0.05  # of the programmed speed
 _FASTEST = 4.0  # of the programmed speed
@@ -235,21 +235,26 @@ class _Search:
         second = self._trial({place: factor * speed for place, speed in self.programmed.items()})
         if second.usage is not None:
             self._model.add_even_run(second.usage, factor)
-        if first.outcome.burden > 0:
-            self._try_slow_ends(first)
+        is_local = True
         while len(self.trials) < RUNS:
             speeds = self._next_speeds()
             if any(trial.speeds == speeds for trial in self.trials):
                 return
             trial = self._trial(speeds)
-            if trial.usage is not None:
+            if is_local and first.outcome.burden > 0 and not trial.outcome.passes:
+                self._try_slow_ends(min(first.outcome.burden, trial.outcome.burden))
+            elif trial.usage is not None:
                 self._model.add_run(trial.usage, self._by_stretch(speeds), _p95_usage(trial.outcome))
+            is_local = False
 
-    def _try_slow_ends(self, first: _Trial) -> None:
-        """Run slowly where glue starts and stops: an error further on may come from there, as the spiral of a loop."""
-        speeds = self._model.slow_ends()
-        trial = self._trial(self._written(speeds))
-        if trial.usage is not None and trial.outcome.burden < _WORTH * first.outcome.burden:
+    def _try_slow_ends(self, burden: float) -> None:
+        """Run slowly where glue starts and stops, as the errors of a path may come from there.
+
+        Args:
+            burden: least of the runs so far with faster starts and stops.
+        """
+        trial = self._trial(self._written(self._model.slow_ends()))
+        if trial.usage is not None and trial.outcome.burden < _WORTH * burden:
             self._model.add_slow_ends(trial.usage, self._by_stretch(trial.speeds))
 
     def _second_factor(self, first: _Trial) -> float:

@@ -145,7 +145,7 @@ class SpeedModel:
         speeds = np.where(free, np.inf, allowed).min(axis=(0, 2))
         speeds = np.clip(speeds, _REACH[0] * self._slowest, _REACH[1] * self._fastest)
         # a speed that the ramps do not reach gains no time, and leaves no stretch of steady flow
-        speeds = np.minimum(speeds, self._ramps)
+        speeds = np.minimum(speeds, np.maximum(self._ramps, self._stretches.speeds))
         programmed = self._stretches.speeds
         speeds = np.clip(speeds, slowest * programmed, fastest * programmed)
         return self._with_steps(np.where(self.judged, np.minimum(speeds, self._bounds), programmed))
