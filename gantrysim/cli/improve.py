@@ -164,7 +164,7 @@ def _written_by_place(improvement: Improvement, file: Path | None, out: Path | N
     stems = [file.with_name(f"{file.stem}-{BY_PLACE}")] if file is not None else []
     stems += [out / BY_PLACE] if out is not None else []
     for stem in stems:
-        job, *program = write_by_place(by_place, stem)
+        job, *program = write_by_place(by_place, stem, improvement.base)
         yield f"written to {job}: gantrysim run {job}"
         yield from (f"written to {path}: the program for the controller" for path in program)
     if not stems:

@@ -50,8 +50,9 @@ class SpeedModel:
         self._exponent = np.tile(EXPONENTS[:, None, None], (1, count, HALVES))
         self._share = np.zeros((len(EXPONENTS), count, HALVES))  # at 1 mm/s
         # from each stretch to the next
-        shorter = np.minimum(stretches.lengths[1:], stretches.lengths[:-1])
-        self._steps = np.clip(_STEP_PER_LENGTH * shorter, _FIRST_STEP, 1.0)
+        # a controller ramps from one speed to the other on the longer stretch
+        longer = np.maximum(stretches.lengths[1:], stretches.lengths[:-1])
+        self._steps = np.clip(_STEP_PER_LENGTH * longer, _FIRST_STEP, 1.0)
         self._slowest = np.full(count, np.inf)
         self._fastest = np.zeros(count)
         self._ramps = np.full(count, np.inf)  # what the ramps reach [mm/s]
@@ -127,7 +128,9 @@ class SpeedModel:
         # the model is wrong where no change of the speed is near, or where it leaves no room for one
         wrong = even | (known & (usage.shares > limit) & (expected > 0.9 * limit))
         self._share = np.where(wrong, self._share * ratio, self._share)
-        factor = np.where(known & (self._exponent > 0), np.clip(room, *_FACTOR), _FACTOR[1]).min(axis=0)
+        factor = np.where(known & ((self._exponent > 0) | (expected < limit)), np.clip(room, *_FACTOR), _FACTOR[1]).min(
+            axis=0
+        )
         of_step = np.minimum(factor[:-1, 1], factor[1:, 0])
         moved = np.clip(change * of_step, *_STEPS)
         self._steps = np.where(change < _STEPS[0], self._steps, moved)
