@@ -5,6 +5,7 @@ from pathlib import Path
 
 import gantrysim as gs
 from gantrysim.job.loading import builtin_jobs
+from gantrysim.remedy.by_place import SpeedByPlace
 from gantrysim.remedy.improvement import Improvement, bound_of
 from gantrysim.remedy.levers import LEVERS
 from gantrysim.results.checks import PASS
@@ -16,7 +17,7 @@ PLACE = "(<!-- {} written by scripts/improve_page.py -->\n).*?(<!-- end -->)"
 EFFORTS = ("a setting", "process", "hardware")
 MOST_CAUSES = 2
 LEAST_WORTH = 0.1  # of the contour error
-HEADS = ["job", "before", "caused by", "what to change", "after", "time [s]"]
+HEADS = ["job", "before", "caused by", "what to change", "after", "time [s]", "by place [s]"]
 
 
 def line(cells: list[str]) -> str:
@@ -72,6 +73,14 @@ def caused_by(result: Improvement) -> str:
     return "; ".join(phrases)
 
 
+def by_place_time(result: Improvement) -> str:
+    """Return the time with a speed for each stretch, and the number of speeds; a dash where none was looked for."""
+    by_place = result.by_place
+    if isinstance(by_place, SpeedByPlace):
+        return f"{by_place.outcome.duration:.1f}, {by_place.changes} speeds"
+    return "–" if by_place is None else by_place
+
+
 def job_row(name: str) -> list[str]:
     """Return the row of a built-in job."""
     result = gs.improve(gs.Job.load(name), fastest=False)
@@ -84,6 +93,7 @@ def job_row(name: str) -> list[str]:
         f"{result.sentence}{f' `{options}`' if options else ''}",
         result.improved.headline,
         f"{result.before.duration:.1f} → {result.after.duration:.1f}",
+        by_place_time(result),
     ]
 
 

@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from gantrysim.controllers.trio.spiral import MoveSpiral
+from dataclasses import dataclass
 
 _HEAD = """\
 ' Spiral inwards: two virtual axes run circles, the real ones follow with a ratio x that falls
@@ -50,50 +46,74 @@ _EXACT_WAIT = """due=due-lasts*x
   WAIT UNTIL TICKS<=due OR MTYPE=0   ' TICKS of 1 ms, as at SERVO_PERIOD=1000"""
 
 
-def spiral_listing(spiral: MoveSpiral, speeds: Sequence[tuple[float, float]]) -> str:
-    """Return the program of a spiral with a loop.
+@dataclass(frozen=True)
+class SpiralListing:
+    """The program of a spiral; fields as of `MoveSpiral`, but for the speeds.
 
-    Passes end by WA, which rounds its time down, or for exact waits at a tick of the servo.
-
-    Args:
-        spiral: the spiral.
+    Attributes:
+        diameter: outer diameter [mm].
+        turns: number of circles.
+        thickness: distance between neighbouring turns [mm].
+        loop_period: time of a pass at x = 1 [s].
+        clockwise: direction of rotation.
+        height: climbed over all circles, 0 for a flat spiral [mm].
+        mhelical_mode: of MHELICAL.
+        wait_resolution: above 0, passes end by WA, which rounds its time down; else at a tick of the servo [s].
+        acceleration: ACCEL, inf to leave it [mm/s²].
+        deceleration: DECEL, None for ACCEL [mm/s²].
         speeds: pairs of a ratio x, falling from 1, and the path speed there [1, mm/s].
     """
-    diameter = spiral.diameter
-    height = spiral.height
-    side = 0.5 * diameter if spiral.clockwise else -0.5 * diameter
-    arc = f"0,0,{_number(side)},0,{int(spiral.clockwise)}"
-    virtual = 3 if height else 2
-    deceleration = spiral.acceleration if spiral.deceleration is None else spiral.deceleration
-    limits = {"ACCEL": spiral.acceleration, "DECEL": deceleration}
-    ramps = "".join(f"{name}={_number(value)}\n" for name, value in limits.items() if math.isfinite(value))
-    rounds_waits = spiral.wait_resolution > 0
-    # the last speed holds: beyond the end of the circles x is above -1
-    pairs = [*speeds, (-1.0, speeds[-1][1])]
-    head = _HEAD.format(
-        real=": az=2   ' real axes" if height else "   ' real axes",
-        virtual=virtual,
-        next=virtual + 1,
-        rising=f": cz={virtual + 2}   ' virtual axes" if height else "   ' virtual axes",
-        diameter=_number(diameter),
-        turns=spiral.turns,
-        thickness=_number(spiral.thickness),
-        lasts=_number(1000 * spiral.loop_period),
-    )
-    loop = _LOOP.format(
-        connected="CONNECT(1,cz) AXIS(az)\n" if height else "",
-        base="cx,cy,cz" if height else "cx,cy",
-        ramps=ramps,
-        first=_number(speeds[0][1]),
-        begin="" if rounds_waits else ": due=0: TICKS=0",
-        wait="WA(lasts*x)" if rounds_waits else _EXACT_WAIT,
-        circle=f"MHELICAL({arc},{_number(height / spiral.turns)},{spiral.mhelical_mode})"
-        if height
-        else f"MOVECIRC({arc})",
-        cancelled="CANCEL AXIS(az)\n" if height else "",
-    )
-    table = "".join(f"TABLE({2 * k},{ratio:.15g},{_number(speed)})\n" for k, (ratio, speed) in enumerate(pairs))
-    return f"{head}' ratio x and path speed there, mm/s\n{table}{loop}"
+
+    diameter: float
+    turns: int
+    thickness: float
+    loop_period: float
+    clockwise: bool
+    height: float
+    mhelical_mode: int
+    wait_resolution: float
+    acceleration: float
+    deceleration: float | None
+    speeds: tuple[tuple[float, float], ...]
+
+    @property
+    def text(self) -> str:
+        """The program."""
+        diameter = self.diameter
+        height = self.height
+        side = 0.5 * diameter if self.clockwise else -0.5 * diameter
+        arc = f"0,0,{_number(side)},0,{int(self.clockwise)}"
+        virtual = 3 if height else 2
+        deceleration = self.acceleration if self.deceleration is None else self.deceleration
+        limits = {"ACCEL": self.acceleration, "DECEL": deceleration}
+        ramps = "".join(f"{name}={_number(value)}\n" for name, value in limits.items() if math.isfinite(value))
+        rounds_waits = self.wait_resolution > 0
+        # the last speed holds: beyond the end of the circles x is above -1
+        pairs = [*self.speeds, (-1.0, self.speeds[-1][1])]
+        head = _HEAD.format(
+            real=": az=2   ' real axes" if height else "   ' real axes",
+            virtual=virtual,
+            next=virtual + 1,
+            rising=f": cz={virtual + 2}   ' virtual axes" if height else "   ' virtual axes",
+            diameter=_number(diameter),
+            turns=self.turns,
+            thickness=_number(self.thickness),
+            lasts=_number(1000 * self.loop_period),
+        )
+        loop = _LOOP.format(
+            connected="CONNECT(1,cz) AXIS(az)\n" if height else "",
+            base="cx,cy,cz" if height else "cx,cy",
+            ramps=ramps,
+            first=_number(self.speeds[0][1]),
+            begin="" if rounds_waits else ": due=0: TICKS=0",
+            wait="WA(lasts*x)" if rounds_waits else _EXACT_WAIT,
+            circle=f"MHELICAL({arc},{_number(height / self.turns)},{self.mhelical_mode})"
+            if height
+            else f"MOVECIRC({arc})",
+            cancelled="CANCEL AXIS(az)\n" if height else "",
+        )
+        table = "".join(f"TABLE({2 * k},{ratio:.15g},{_number(speed)})\n" for k, (ratio, speed) in enumerate(pairs))
+        return f"{head}' ratio x and path speed there, mm/s\n{table}{loop}"
 
 
 def _number(value: float) -> str:

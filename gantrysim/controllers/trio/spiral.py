@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -14,7 +14,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, point, positive, whole
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.stretches import Stretches
-from gantrysim.controllers.trio.listing import spiral_listing
+from gantrysim.controllers.trio.listing import SpiralListing
 from gantrysim.controllers.trio.loop import MAX_PASSES, RATIO_BITS, EndlessError, Loop, Passes, RatioTooSmallError
 from gantrysim.controllers.trio.theory import SpiralTheory
 from gantrysim.paths.lengths import arc_length
@@ -401,7 +401,9 @@ class MoveSpiral(Controller):
         """The program in Trio BASIC; empty in the continuous limit, and for the published listing."""
         if self.loop_period == 0 or self.as_published:
             return ""
-        return spiral_listing(self, [(self._ratio_after(turn), speed) for turn, speed in self._all_speeds])
+        names = {item.name for item in fields(SpiralListing)} - {"speeds"}
+        speeds = tuple((self._ratio_after(turn), speed) for turn, speed in self._all_speeds)
+        return SpiralListing(**{name: getattr(self, name) for name in names}, speeds=speeds).text
 
     @property
     def program_suffix(self) -> str:
