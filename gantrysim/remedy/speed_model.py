@@ -123,7 +123,7 @@ class SpeedModel:
         known = (usage.shares > 0) & (expected > 0)
         even = known & (beside < _STEPS[0])[None]
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = usage.shares / expected
+            ratio = np.where(known, usage.shares / expected, 1.0)
             room = np.where(usage.shares > expected, (limit - expected) / (usage.shares - expected), np.inf)
         # the model is wrong where no change of the speed is near, or where it leaves no room for one
         wrong = even | (known & (usage.shares > limit) & (expected > 0.9 * limit))
