@@ -235,27 +235,30 @@ class _Search:
         second = self._trial({place: factor * speed for place, speed in self.programmed.items()})
         if second.usage is not None:
             self._model.add_even_run(second.usage, factor)
-        is_local = True
+        is_first = True
         while len(self.trials) < RUNS:
             speeds = self._next_speeds()
             if any(trial.speeds == speeds for trial in self.trials):
                 return
             trial = self._trial(speeds)
-            if is_local and first.outcome.burden > 0 and not trial.outcome.passes:
-                self._try_slow_ends(min(first.outcome.burden, trial.outcome.burden))
-            elif trial.usage is not None:
+            fails = first.outcome.burden > 0 and not trial.outcome.passes
+            least = min(first.outcome.burden, second.outcome.burden, trial.outcome.burden)
+            is_slow_better = is_first and fails and self._slow_ends_are_better(least)
+            if trial.usage is not None and not is_slow_better:
                 self._model.add_run(trial.usage, self._by_stretch(speeds), _p95_usage(trial.outcome))
-            is_local = False
+            is_first = False
 
-    def _try_slow_ends(self, burden: float) -> None:
-        """Run slowly where glue starts and stops, as the errors of a path may come from there.
+    def _slow_ends_are_better(self, burden: float) -> bool:
+        """Run slowly where glue starts and stops, as the errors of a path may come from there; keep that if it helps.
 
         Args:
-            burden: least of the runs so far with faster starts and stops.
+            burden: least of the runs so far, with faster starts and stops.
         """
         trial = self._trial(self._written(self._model.slow_ends()))
-        if trial.usage is not None and trial.outcome.burden < _WORTH * burden:
-            self._model.add_slow_ends(trial.usage, self._by_stretch(trial.speeds))
+        if trial.usage is None or trial.outcome.burden >= _WORTH * burden:
+            return False
+        self._model.add_slow_ends(trial.usage, self._by_stretch(trial.speeds))
+        return True
 
     def _second_factor(self, first: _Trial) -> float:
         """Return the factor of the second run, all of whose speeds are changed alike."""
