@@ -212,3 +212,40 @@ def test_a_program_without_speeds_by_place_says_so(name):
         controller.stretches(PERIOD)
     with pytest.raises(InputError, match="states one speed for its whole path"):
         controller.with_stretch_speeds({1: 10.0})
+
+
+def test_trio_basic_runs_each_move_at_its_own_speed_and_brakes_before_a_slower_one():
+    text = (
+        "BASE(0,1): ACCEL=5000: DECEL=5000: SPEED=80: MERGE=ON\n"
+        "MOVE(60,0) ' MOVE(1,1)\n"
+        "MOVECIRC(0,20,0,10,0): MOVE(-60,0)\n"
+        "MOVEABS(0,0)\n"
+    )
+    program = trio.Basic(text)
+    assert {line: speed for line, speed in stated(program).items() if speed} == pytest.approx(
+        dict.fromkeys((2, 3, 4), 80.0), rel=0.02
+    )
+    wanted = {2: 60.0, 3: 25.0, 4: 90.0}
+    changed = with_speeds(program, wanted)
+    assert changed.text == (
+        "BASE(0,1): ACCEL=5000: DECEL=5000: SPEED=80: MERGE=ON\n"
+        "FORCE_SPEED=60: STARTMOVE_SPEED=60: MOVESP(60,0) ' MOVE(1,1)\n"
+        "FORCE_SPEED=25: STARTMOVE_SPEED=25: MOVECIRCSP(0,20,0,10,0): MOVESP(-60,0)\n"
+        "FORCE_SPEED=90: STARTMOVE_SPEED=90: MOVEABSSP(0,0)\n"
+    )
+    assert {line: speed for line, speed in stated(changed).items() if speed} == pytest.approx(wanted)
+    assert changed.requested.length == pytest.approx(program.requested.length)
+    for line, speed in wanted.items():
+        assert cruise(changed, line) == pytest.approx(speed, rel=1e-3)
+    setpoints = changed.setpoints(PERIOD)
+    speed = np.diff(setpoints.progress) / PERIOD
+    # on the arc, from 60 to 91 mm of the path
+    on_arc = (setpoints.progress[:-1] > 60.1) & (setpoints.progress[:-1] < 91.0)
+    # within what DECEL takes off in a tick
+    assert speed[on_arc].max() < 25.0 + 5.0
+
+
+def test_trio_basic_with_linked_axes_has_no_speed_by_place():
+    spiral = trio.MoveSpiral(**SPIRAL)
+    with pytest.raises(InputError, match="linked to others"):
+        trio.Basic(spiral.program_text).stretches(PERIOD)
