@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import groupby
@@ -15,13 +16,17 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats, lengths
 from gantrysim.base.errors import InputError, at_least, finite, place, positive, whole
 from gantrysim.controllers.controller import Controller
+from gantrysim.controllers.fanuc.block_words import COMMENT
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
+from gantrysim.controllers.fanuc.codes.modal_codes import INCH
 from gantrysim.controllers.fanuc.compensation import compensated_legs
 from gantrysim.controllers.fanuc.corners import cornered_legs
 from gantrysim.controllers.fanuc.legs import PathLeg, legs_of, placed_legs, switched_legs
 from gantrysim.controllers.fanuc.program_text import SPEEDS, ProgramMotions, ProgramSource, SourceBlock, read
 from gantrysim.controllers.fanuc.speed import PER_MINUTE, Clamp, Feeding, Planner
 from gantrysim.controllers.placement import Placement
+from gantrysim.controllers.speeds import with_feed_words
+from gantrysim.controllers.stretches import Stretches
 from gantrysim.controllers.valve import Dispense, Outputs, Valve
 from gantrysim.paths.assignment import assigned_progress
 from gantrysim.paths.chain import Chain
@@ -403,6 +408,32 @@ class Program(Controller):
 
         changed = {"program": SPEEDS.changed(self.arguments()["program"], feed)}
         return changed if self.dry_run is None else {**changed, "dry_run": feed(self.dry_run)}
+
+    @property
+    def program_suffix(self) -> str:
+        return ".nc"
+
+    def stretches(self, period: float) -> Stretches:
+        """As `Controller.stretches`: the lines of the text, each with a word F of its own."""
+        if not isinstance(self.program, str):
+            raise InputError("fanuc.Program: words F by place need a program's text, not blocks")
+        speeds: dict[int, float] = {}
+        # a line that runs several times is as fast as its slowest pass
+        for leg in self.legs:
+            if leg.piece is not None and not leg.rapid:
+                speeds[leg.source.line] = min(leg.feed, speeds.get(leg.source.line, math.inf))
+        setpoints = self.setpoints(period)
+        return Stretches.of_lines(setpoints, self.lines_at(setpoints.time), speeds)
+
+    def with_stretch_speeds(self, speeds: Mapping[int, float]) -> dict[str, Any]:
+        """As `Controller.with_stretch_speeds`: words F of the lines."""
+        assert isinstance(self.program, str)
+        inches, millimetres = (re.search(rf"G\s*{code}(?![0-9.])", self.program) for code in (20, 21))
+        if inches and millimetres:
+            raise InputError("program: has G20 and G21, so that a word F has no one unit; it must have one of them")
+        unit = PER_MINUTE / INCH if inches else PER_MINUTE
+        feeds = {line: speed * unit for line, speed in speeds.items()}
+        return {"program": with_feed_words(self.program, feeds, COMMENT)}
 
     def setpoints(self, period: float) -> Setpoints:
         positive("period", period, "s")
