@@ -76,6 +76,16 @@ class Controller(ABC):
             change: function from a programmed path speed to the new one [mm/s].
         """
 
+    @property
+    def feeds_material(self) -> bool:
+        """Whether the program states the amount of material that it feeds, by E."""
+        return False
+
+    @property
+    def filament(self) -> float | None:
+        """Diameter of the filament that E feeds, as the program states it [mm]; None where it does not, or has no E."""
+        return None
+
     def release(self) -> None:
         """Free the memory of a long program's intermediate results, which are recomputed on demand."""
         return

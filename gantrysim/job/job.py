@@ -61,6 +61,8 @@ class Job(LoadedJob):
             hindrance = self._simulation().hindrance
             by = "the compiled loop makes the physics steps" if hindrance is None else f"MuJoCo makes them: {hindrance}"
             notes = (*notes, f'simulation.engine = "loop": {by}')
+        if self.controller.feeds_material:
+            notes = (*notes, self.dispenser.material_note(is_advanced=self.setpoints.extruder is not None))
         if self.dispenser.syringe is None:
             return notes
         return notes + self.dispenser.notes(self.follow().flow, servo.period)

@@ -19,6 +19,8 @@ from gantrysim.base.errors import InputError, at_least, place, positive, whole
 from gantrysim.base.memory import give_back
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.gcode.dialects import GCodeDialect
+from gantrysim.controllers.gcode.extrusion import AdvanceLaw, Extrusion, extrusion_of
+from gantrysim.controllers.gcode.firmware import Firmware
 from gantrysim.controllers.gcode.interpret import Interpreted, interpret
 from gantrysim.controllers.gcode.motion_limits import UNLIMITED, MotionLimits, PlanSettings
 from gantrysim.controllers.gcode.move_table import END, FEED, FLOW, KIND, LINE
@@ -185,6 +187,7 @@ class GCode(Controller):
             tools=library.tools,
             diameters=library.diameters,
             parameters=library.parameters,
+            firmware=self._firmware,
         )
         return interpret(text, self.start, setup)
 
@@ -220,7 +223,8 @@ class GCode(Controller):
 
     def release(self) -> None:
         """As `Controller.release`: drop the plan."""
-        self.__dict__.pop("plan", None)
+        for name in ("plan", "extrusion"):
+            self.__dict__.pop(name, None)
 
     @property
     def _limits(self) -> MotionLimits:
@@ -262,12 +266,46 @@ class GCode(Controller):
         positive("period", period, "s")
         count = ticks(self.duration, period) + 1
         parts = (self._commands(period, block, count) for block in blocks(count))
-        return Setpoints.of_blocks(period, self.axes, parts, count, self.requested)
+        sent = Setpoints.of_blocks(period, self.axes, parts, count, self.requested)
+        if self.extrusion is None or not self.extrusion.lateness:
+            return sent
+        # averages of the pressure advance end after the motion
+        held = sent.hold(self.extrusion.lateness)
+        late = np.arange(count, len(held.position)) * period
+        assert sent.extruder is not None
+        return replace(held, extruder=np.concatenate([sent.extruder, self.extrusion.advanced(late)]))
 
     def _commands(self, period: float, block: slice, count: int) -> SetpointTable:
         """Return the setpoints of a block out of so many."""
-        place, dispense, progress = self.plan.at(self._times(period, block, count))
-        return SetpointTable(np.ascontiguousarray(place[:, : len(self.axes)]), dispense, progress)
+        time = self._times(period, block, count)
+        place, dispense, progress = self.plan.at(time)
+        position = np.ascontiguousarray(place[:, : len(self.axes)])
+        extrusion = self.extrusion
+        if extrusion is None:
+            return SetpointTable(position, dispense, progress)
+        extruder = extrusion.advanced(time) if extrusion.is_advanced else None
+        return SetpointTable(position, dispense, progress, extrusion.position(time), extruder)
+
+    @cached_property
+    def extrusion(self) -> Extrusion | None:
+        """Position of the extruder over time; None for a program that feeds no material by E."""
+        if not self.feeds_material:
+            return None
+        return extrusion_of(self.plan, self._advance_law)
+
+    @property
+    def feeds_material(self) -> bool:
+        return self.program.feeds_material
+
+    @property
+    def _firmware(self) -> Firmware:
+        """The firmware that reads the program, in a dialect that extrudes."""
+        return "marlin"
+
+    @property
+    def _advance_law(self) -> AdvanceLaw:
+        """The law of the firmware's non-linear pressure advance."""
+        return "tanh"
 
     def _times(self, period: float, block: slice, count: int) -> Floats:
         time = np.arange(block.start, block.stop, dtype=np.float64) * period
@@ -355,8 +393,6 @@ class GCode(Controller):
         laid &= length > 0
         # the ends of the distribution are primes and wipes, not the bead
         low, high = np.percentile(table[laid, FLOW] / length[laid], (5, 95)) if laid.any() else (0.0, 0.0)
-        total = float(table[table[:, FLOW] > 0, FLOW].sum())
-        return (
-            f"E feeds {total:.6g} mm, {low:.3g} to {high:.3g} mm per mm of the lines (5 to 95 %); the valve is open or "
-            "closed, so this amount is not simulated.",
-        )
+        # what is pulled back and fed again counts once
+        total = float(np.maximum.accumulate(np.cumsum(table[:, FLOW]))[-1])
+        return (f"E feeds {total:.6g} mm, {low:.3g} to {high:.3g} mm per mm of the lines (5 to 95 %).",)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import AxisError, InputError
 from gantrysim.controllers.gcode.codes import CODES, Code, Kind
+from gantrysim.controllers.gcode.extruder import PressureAdvance
 from gantrysim.controllers.gcode.lines import FirmwareCommand, Words
 from gantrysim.controllers.gcode.motion_limits import MotionLimits
 from gantrysim.controllers.gcode.move_table import DWELL, END, FLOW, KIND, LINE, OUTPUTS, WORK, MoveTable
@@ -234,9 +235,8 @@ class Interpreter:
             block.fed = state.material_fed(block.values.pop("E"))
         if not moves:
             # a retraction: the nozzle stands for the time that the feed takes
-            if block.fed and code.straight:
-                feed = state.feed_per_minute
-                state.pause(abs(block.fed) / feed if feed else 0.0)
+            if code.straight:
+                state.feed_material(block.fed)
             return
         self._check_compensation(code)
         if block.in_machine and not code.straight:
@@ -307,6 +307,8 @@ class Interpreted:
         subroutines: names of those that the text holds.
         called_files: names of the files of subprograms that were called.
         without_diameter: tools of cutter compensation whose diameter nobody gave.
+        advances: pressure advances to which the moves refer.
+        filament: diameter by which E was a volume; 0 where it was a length [mm].
     """
 
     start: tuple[float, float, float]
@@ -320,6 +322,13 @@ class Interpreted:
     subroutines: tuple[str, ...] = ()
     called_files: frozenset[str] = frozenset()
     without_diameter: tuple[int, ...] = ()
+    advances: tuple[PressureAdvance, ...] = (PressureAdvance(),)
+    filament: float = 0.0
+
+    @property
+    def feeds_material(self) -> bool:
+        """Whether E feeds material anywhere."""
+        return bool((self.moves[:, FLOW] > 0).any())
 
     @property
     def without_moves(self) -> str:
@@ -384,6 +393,8 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
         subroutines=subroutines,
         called_files=called_files,
         without_diameter=tuple(sorted(state.tools.without_diameter)),
+        advances=tuple(state.extruder.advances),
+        filament=state.extruder.filament,
     )
 
 

@@ -72,6 +72,7 @@ class PathPlan:
         requested: path of all moves, in the work frame.
         path: the commanded one.
         profile: speed along it, without dwells.
+        rows: of the moves, for every piece of `requested`, (r,).
         progress: arc length of `requested` at the ends of the pieces of `path`, see `_progress`, (n + 1,) [mm].
         source: row of the moves for every piece of `path`, (n,).
         program: with the moves.
@@ -83,6 +84,7 @@ class PathPlan:
     requested: Track
     path: Rounded
     profile: Limited
+    rows: NDArray[np.intp]
     progress: Floats
     source: NDArray[np.intp]
     program: Interpreted
@@ -191,6 +193,7 @@ def plan(program: Interpreted, placement: Placement, settings: PlanSettings) -> 
         requested=requested,
         path=path,
         profile=profile,
+        rows=rows,
         progress=_progress(path, base, requested, rows),
         source=source,
         program=program,

@@ -80,6 +80,7 @@ def add_arc(state: ProgramState, block: WordBlock, clockwise: bool) -> None:
             flow=block.fed,
             limits=state.limits.index(block.fed > 0),
             outputs=state.outputs.index,
+            advance=state.extruder.index,
         )
     )
 

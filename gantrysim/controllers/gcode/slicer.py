@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
-from gantrysim.base.errors import positive
+from gantrysim.base.errors import positive, unknown
 from gantrysim.controllers.gcode.dialects import SLICER, GCodeDialect
+from gantrysim.controllers.gcode.extrusion import AdvanceLaw
+from gantrysim.controllers.gcode.firmware import Firmware, firmware_of, stated_filament
 from gantrysim.controllers.gcode.gcode_program import GCode
 
 
@@ -38,6 +40,10 @@ class Program(GCode):
             the machine's apply [mm/s].
         corner_tolerance: largest deviation of rounded corners from the path, where the program sets no speed or
             deviation by M205 or SET_VELOCITY_LIMIT; an assumption [mm].
+        firmware: that reads the program, which decides what G90, G91, M207 and M208 mean for E; "auto" for the one that
+            a comment of the slicer states, or whose words the program has, else Marlin.
+        advance_law: law of the non-linear pressure advance, OFFSET and VELOCITY of SET_PRESSURE_ADVANCE, which the
+            firmware's configuration states: "tanh" or "reciprocal".
 
     Raises:
         InputError: a line that is refused, or a parameter out of bounds.
@@ -49,14 +55,33 @@ class Program(GCode):
 
     arc_tolerance: float = 0.05
     corner_tolerance: float = 0.05
+    firmware: Literal["auto", "marlin", "klipper", "reprapfirmware"] = "auto"
+    advance_law: AdvanceLaw = "tanh"
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        firmwares = ("auto", "marlin", "klipper", "reprapfirmware")
+        if self.firmware not in firmwares:
+            raise unknown("firmware", self.firmware, firmwares)
+        if self.advance_law not in ("tanh", "reciprocal"):
+            raise unknown("advance_law", self.advance_law, ("tanh", "reciprocal"))
         positive("corner_tolerance", self.corner_tolerance, "mm")
 
     @property
     def path_mode(self) -> float:
         return self.corner_tolerance
+
+    @property
+    def _firmware(self) -> Firmware:
+        return firmware_of(self.text) if self.firmware == "auto" else self.firmware
+
+    @property
+    def _advance_law(self) -> AdvanceLaw:
+        return self.advance_law
+
+    @property
+    def filament(self) -> float | None:
+        return self.program.filament or stated_filament(self.text)
 
     @property
     def _remedy(self) -> str:

@@ -18,6 +18,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError, at_least, positive, unknown
 from gantrysim.glue.dispenser.lag import Lag, NeedleLaw, driven_volumes, lagged_volumes, syringe_volumes
+from gantrysim.glue.dispenser.material import Material
 from gantrysim.glue.dispenser.needle import Needle
 from gantrysim.glue.dispenser.syringe import ATMOSPHERE, Syringe
 from gantrysim.glue.dispenser.valve import ValveTimes, on_ticks
@@ -25,6 +26,8 @@ from gantrysim.record.setpoints import Setpoints
 
 VOLUMETRIC = "volumetric"
 TIME_PRESSURE = "time-pressure"
+# keys that state the amount of glue, and their units
+DEMANDS = {"flow": "mm³/s", "area": "mm²", "pressure": "kPa", "filament": "mm", "e_volume": "mm³/mm"}
 
 _LARGEST_VALUE = 1e9  # largest flow, area and pressure
 _LONGEST = 1e3  # dead time, time constants, leads and advance [s]
@@ -69,9 +72,12 @@ class Dispenser:
         stop_lead: time by which the valve closes ahead of the program's off command [s].
         advance: lag compensation: adds the request's rate of change multiplied by this time [s].
         limit: largest request: a flow rate [mm³/s], or a pressure [kPa] with time-pressure metering; inf for none.
+        filament: diameter of the filament that the program feeds by E, an alternative to `flow`: the flow rate is then
+            the speed of E times the filament's section [mm].
+        e_volume: volume of glue for each millimetre of E, an alternative to `filament` [mm³/mm].
 
     Raises:
-        InputError: more than one of flow, area and pressure, or a value out of bounds.
+        InputError: more than one of flow, area, pressure, filament and e_volume, or a value out of bounds.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "allow_inf_nan": True}
@@ -89,14 +95,15 @@ class Dispenser:
     limit: float = math.inf
     needle: Needle | None = None
     syringe: Syringe | None = None
+    filament: float = 0.0
+    e_volume: float = 0.0
 
     def __post_init__(self) -> None:
-        demands = {"flow": "mm³/s", "area": "mm²", "pressure": "kPa"}
-        for name, unit in demands.items():
+        for name, unit in DEMANDS.items():
             at_least(name, getattr(self, name), 0, unit, _LARGEST_VALUE)
-        given = [f"{name} = {getattr(self, name):g} {unit}" for name, unit in demands.items() if getattr(self, name)]
+        given = [f"{name} = {getattr(self, name):g} {unit}" for name, unit in DEMANDS.items() if getattr(self, name)]
         if len(given) > 1:
-            raise InputError(f"{' and '.join(given)}: only one of flow, area and pressure can be given")
+            raise InputError(f"{' and '.join(given)}: only one of {', '.join(DEMANDS)} can be given")
         for name in ("dead_time", "opening", "closing", "start_lead", "stop_lead", "advance"):
             at_least(name, getattr(self, name), 0, "s", _LONGEST)
         if self.metering not in (VOLUMETRIC, TIME_PRESSURE):
@@ -132,21 +139,32 @@ class Dispenser:
     @property
     def flows_at_all(self) -> bool:
         """Whether glue flows while the dispenser is on."""
-        return bool(self.flow or self.area or self.pressure)
+        return any(getattr(self, name) for name in DEMANDS)
 
-    def flow_demand(self, dispense: ArrayLike, speed: ArrayLike) -> Floats:
+    @property
+    def per_e(self) -> float:
+        """Volume for each millimetre that the program feeds by E, 0 where E does not state the amount [mm³/mm]."""
+        return self.e_volume or 0.25 * math.pi * self.filament**2
+
+    def flow_demand(
+        self, dispense: ArrayLike, speed: ArrayLike, period: float = 1.0, material: Material | None = None
+    ) -> Floats:
         """Return the mean flow requested by the program in each servo period, without leads and lags, (n,) [mm³/s].
 
         Args:
             dispense: dispenser command between each tick and the next, (n,).
             speed: mean commanded path speed over that period, (n,) [mm/s].
+            period: servo period, which only a program with E needs [s].
+            material: what the program feeds by E.
         """
         on = np.asarray(dispense, bool)
+        if self.per_e:
+            return self.per_e / period * _fed(material)
         if not self.flows_at_all:
             return np.zeros(on.shape)
         return np.where(on, self._demand(np.asarray(speed, float)), 0.0)
 
-    def flows(self, dispense: ArrayLike, speed: ArrayLike, period: float) -> Floats:
+    def flows(self, dispense: ArrayLike, speed: ArrayLike, period: float, material: Material | None = None) -> Floats:
         """Return the mean flow out of the nozzle over the period after each tick, (n,) [mm³/s].
 
         The dispenser is at rest before the first tick.
@@ -155,10 +173,11 @@ class Dispenser:
             dispense: as for `flow_demand`, (n,).
             speed: as for `flow_demand`, (n,) [mm/s].
             period: servo period [s].
+            material: as for `flow_demand`.
 
         Raises:
             InputError: a start lead longer than the time before the first dispensing, arrays not both of shape (n,),
-                or a speed that is negative or not finite.
+                a speed that is negative or not finite, or no E where the dispenser follows it.
         """
         on = np.asarray(dispense, bool)
         speeds = np.asarray(speed, float)
@@ -170,6 +189,10 @@ class Dispenser:
             raise InputError(f"speed = {speeds[tick]:g} mm/s at tick {tick}: must be finite and at least 0 mm/s")
         if not self.flows_at_all:
             return np.zeros(on.size)
+        if self.per_e:
+            # a valve that follows E is open while E lays material
+            speeds = _fed(material) / period
+            on = on | (speeds > 0)
         valve = self._valve(on, period)
         if not valve.opens.size:
             return np.zeros(on.size)
@@ -215,6 +238,30 @@ class Dispenser:
             return ()
         return (f"the syringe of {self.syringe.glue:.4g} mm³ runs empty at t = {(empty[0] + 1) * period:.4g} s",)
 
+    def material_note(self, *, is_advanced: bool) -> str:
+        """Return what becomes of the material that a program feeds by E, in a sentence.
+
+        Args:
+            is_advanced: whether the program sets pressure advance.
+        """
+        if not self.per_e:
+            name = next((name for name in DEMANDS if getattr(self, name)), "")
+            amount = f"dispenser.{name} = {getattr(self, name):g} {DEMANDS[name]}" if name else "nothing"
+            return (
+                f"E's amount of material is not laid: {amount} is; "
+                f"{f'--set dispenser.{name}=0 ' if name else ''}--set dispenser.filament=1.75 lays E's volume."
+            )
+        advance = (
+            "; the program's pressure advance moves an extruder's motor and has no effect here, dispenser.advance "
+            "compensates the valve's lag"
+            if is_advanced
+            else ""
+        )
+        return (
+            f"The dispenser is a valve: it lays E's volume, {self.per_e:.4g} mm³ for each mm, through its lag, and "
+            f"cannot pull back, so that retractions only close it{advance}."
+        )
+
     def open_share(self, dispense: ArrayLike, period: float) -> Floats:
         """Return the fraction of the period after each tick in which the valve is open, (n,); arguments as `flows`."""
         on = np.asarray(dispense, bool)
@@ -225,7 +272,9 @@ class Dispenser:
         return np.bincount(edges[:-1].astype(np.intp), open_for, minlength=on.size).astype(np.float64)
 
     def check(self, setpoints: Setpoints) -> None:
-        """Raise InputError where the start lead is longer than the time before the first dispensing."""
+        """Raise InputError where the start lead is longer than the time before dispensing, or E is missing."""
+        if self.per_e and setpoints.extrusion is None:
+            raise _without_e()
         self._valve(setpoints.dispense, setpoints.period)
 
     def held_back(self, setpoints: Setpoints) -> Setpoints:
@@ -233,7 +282,9 @@ class Dispenser:
         return setpoints.wait(max(self.start_lead - time_before(setpoints), 0.0))
 
     def _demand(self, speed: Floats) -> Floats:
-        """Return the flow while the dispenser is on, of the speed's shape [mm³/s]."""
+        """Return the flow while the dispenser is on, at speeds of the path or of E, of their shape [mm³/s]."""
+        if self.per_e:
+            return self.per_e * speed
         if self.area:
             return self.area * speed
         if self._driven is not None and self.pressure:
@@ -278,6 +329,20 @@ class Dispenser:
             return needle.conductance * driven_volumes(duration, request, lag, law, state)
         air = (self.syringe.rate, self.syringe.critical_ratio)
         return syringe_volumes(duration, request, lag, law, air, state)
+
+
+def _fed(material: Material | None) -> Floats:
+    """Return the material laid over the period after each tick, (n,) [mm]."""
+    if material is None or material.extrusion is None:
+        raise _without_e()
+    return material.laid()
+
+
+def _without_e() -> InputError:
+    return InputError(
+        "dispenser: filament and e_volume multiply what a program feeds by E, and this one feeds nothing: the amount "
+        "must be given by flow, area or pressure"
+    )
 
 
 def time_before(setpoints: Setpoints) -> float:

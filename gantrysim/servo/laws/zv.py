@@ -82,6 +82,7 @@ def shaped_setpoints(
         gates=moved,
         torque=None if setpoints.torque is None else _weighted_sums(setpoints.torque[source], weights),
         progress=None if setpoints.progress is None else _shaped_progress(setpoints.progress[source], weights),
+        **{name: _weighted_sums(fed[source, None], weights)[:, 0] for name, fed in setpoints.material.items()},
     )
 
 
