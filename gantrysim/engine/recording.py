@@ -238,6 +238,13 @@ def dispensed_otherwise(run: Run, dispenser: Dispenser) -> Run:
     )
 
 
+def dispenser_notes(run: Run, dispenser: Dispenser) -> tuple[str, ...]:
+    """Return the dispenser's notes on the commands of a run."""
+    speed = np.empty(len(run.time))
+    _fill_speeds(speed, seen(run.commanded_tip), run.period)
+    return dispenser.notes(run.dispense, speed, run.period, Material(run.extrusion, run.extruder))
+
+
 class LogBook:
     """The log of a run: all of it in memory, or where the run is long its last ticks, with the record in a file.
 

@@ -86,6 +86,8 @@ class OpenValues(NamedTuple):
 
 def glue_changes(job: JobContent, machine: Machine) -> dict[str, Any]:
     """Return the value that sets the amount of glue, by dotted name: what E feeds, or the needle presses flat."""
+    if _feeds_material(job.controller) and job.dispenser.per_e:
+        return {}
     if _feeds_material(job.controller):
         return {"dispenser.filament": job.controller.filament or FILAMENT}
     return {"dispenser.area": needle_area(machine, job.dispenser.needle, job.bead)}
@@ -163,7 +165,7 @@ def choice_note(open_values: OpenValues, job: JobContent, controller: Controller
             f"glue as E feeds it, with a filament of {job.dispenser.filament:g} mm, {stated} (--set "
             "dispenser.filament=2.85, dispenser.e_volume=1 in mm³ for each mm of E, or dispenser.area=1)"
         )
-    elif open_values.glue:
+    elif open_values.glue and job.dispenser.area:
         area = job.dispenser.area
         where = f" {gap:.4g} mm above the work" if job.bead.gap is not None else ""
         parts.append(

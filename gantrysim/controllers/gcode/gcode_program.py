@@ -271,7 +271,7 @@ class GCode(Controller):
             return sent
         # averages of the pressure advance end after the motion
         held = sent.hold(self.extrusion.lateness)
-        late = np.arange(count, len(held.position)) * period
+        late = np.arange(count, len(held.position), dtype=np.float64) * period
         assert sent.extruder is not None
         return replace(held, extruder=np.concatenate([sent.extruder, self.extrusion.advanced(late)]))
 

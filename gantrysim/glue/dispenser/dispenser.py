@@ -2,7 +2,10 @@
 
     command --leads--> valve --compensation--> request --dead time--> lag --syringe--> needle--> flow
 
-Rising and falling flow, or pressure, have separate time constants. Syringe and needle turn pressure into flow.
+Rising and falling flow, or pressure, have separate time constants. Syringe and needle turn pressure into flow. Where
+the program drives a motor, a pump or a piston takes the place of the lag:
+
+    command --leads--> request, or E --compensation--> motor --> pump or piston --pressure--> needle --> flow
 """
 
 from __future__ import annotations
@@ -17,26 +20,34 @@ from numpy.typing import ArrayLike, NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError, at_least, positive, unknown
+from gantrysim.glue.dispenser.driven import Drive, Driven, driven_flow, driven_notes
 from gantrysim.glue.dispenser.lag import Lag, NeedleLaw, driven_volumes, lagged_volumes, syringe_volumes
 from gantrysim.glue.dispenser.material import Material
+from gantrysim.glue.dispenser.motor import Motor
 from gantrysim.glue.dispenser.needle import Needle
+from gantrysim.glue.dispenser.piston import Piston
 from gantrysim.glue.dispenser.syringe import ATMOSPHERE, Syringe
 from gantrysim.glue.dispenser.valve import ValveTimes, on_ticks
+from gantrysim.glue.dispenser.volumetric import Pump
 from gantrysim.record.setpoints import Setpoints
 
 VOLUMETRIC = "volumetric"
 TIME_PRESSURE = "time-pressure"
+VALVE = "valve"
+PISTON = "piston"
+_OF_VALVES = ("pressure", "syringe", "dead_time", "opening", "closing")  # what a driven dispenser has not
 # keys that state the amount of glue, and their units
 DEMANDS = {"flow": "mm³/s", "area": "mm²", "pressure": "kPa", "filament": "mm", "e_volume": "mm³/mm"}
 
 _LARGEST_VALUE = 1e9  # largest flow, area and pressure
 _LONGEST = 1e3  # dead time, time constants, leads and advance [s]
+_CLIPPED = 1e-3  # share of the volume from which a clipped demand is noted
 _EMPTY = 1e-9  # glue that remains in an empty syringe, relative to that at the start
 
 
 @dataclass(frozen=True)
 class Dispenser:
-    """A dispenser: a valve with a pump or a pressure vessel. `Dispenser()` dispenses nothing.
+    """A dispenser: a valve with a pump or a vessel, or a driven pump or piston. `Dispenser()` dispenses nothing.
 
     While the program dispenses, the request r(t) is a fixed flow, an area times the commanded path speed (a
     controller's speed-proportional analogue output), or a fixed pressure. A time-pressure dispenser converts a flow
@@ -57,6 +68,10 @@ class Dispenser:
     closing cannot, because the flow is never negative: use `stop_lead`. (Klipper's pressure advance adds the same term
     to the filament.)
 
+    The motor of a driven dispenser follows c(k) too, but it can be below zero where the motor can reverse, so that a
+    closing is compensated as well; and it follows E where the program has it. Its lag is that of the glue under
+    pressure: pump or piston, and needle, state it.
+
     Attributes:
         flow: flow rate while the dispenser is on [mm³/s].
         area: cross-section of the bead, an alternative to `flow`: the flow rate is then area times path speed [mm²].
@@ -74,7 +89,13 @@ class Dispenser:
         limit: largest request: a flow rate [mm³/s], or a pressure [kPa] with time-pressure metering; inf for none.
         filament: diameter of the filament that the program feeds by E, an alternative to `flow`: the flow rate is then
             the speed of E times the filament's section [mm].
-        e_volume: volume of glue for each millimetre of E, an alternative to `filament` [mm³/mm].
+        e_volume: volume of glue for each millimetre of E, an alternative to `filament`; by default of a piston that is
+            driven by E, whose stroke E then is, that of its bore [mm³/mm].
+        kind: "valve" (with a pump that runs, or a pressure), "volumetric" (a driven pump: auger, progressive cavity or
+            gear) or "piston" (a driven syringe, or an extruder's filament).
+        pump: of a volumetric dispenser; None for the default one.
+        piston: of a piston dispenser; None for the default one.
+        motor: of a driven dispenser; None for one without limits.
 
     Raises:
         InputError: more than one of flow, area, pressure, filament and e_volume, or a value out of bounds.
@@ -97,6 +118,10 @@ class Dispenser:
     syringe: Syringe | None = None
     filament: float = 0.0
     e_volume: float = 0.0
+    kind: Literal["valve", "volumetric", "piston"] = "valve"
+    pump: Pump | None = None
+    piston: Piston | None = None
+    motor: Motor | None = None
 
     def __post_init__(self) -> None:
         for name, unit in DEMANDS.items():
@@ -108,6 +133,9 @@ class Dispenser:
             at_least(name, getattr(self, name), 0, "s", _LONGEST)
         if self.metering not in (VOLUMETRIC, TIME_PRESSURE):
             raise unknown("metering", self.metering, (VOLUMETRIC, TIME_PRESSURE))
+        if self.kind not in (VALVE, VOLUMETRIC, PISTON):
+            raise unknown("kind of dispenser", self.kind, (VALVE, VOLUMETRIC, PISTON))
+        self._check_kind()
         if self.metering == TIME_PRESSURE and self.needle is None:
             raise InputError("metering time-pressure: needs a needle, which converts pressure to flow")
         if self.metering == VOLUMETRIC and self.syringe is not None:
@@ -131,6 +159,36 @@ class Dispenser:
             if request > limit:
                 raise InputError(f"limit = {limit:g} {unit}: must be at least the request, {request:g} {unit}")
 
+    def _check_kind(self) -> None:
+        """Check that the dispenser has no values of another kind."""
+        of_kind = {"pump": VOLUMETRIC, "piston": PISTON}
+        for name, kind in of_kind.items():
+            if getattr(self, name) is not None and self.kind != kind:
+                raise InputError(f"dispenser.{name} with kind = {self.kind}: must be with kind = {kind}")
+        if self.kind == VALVE:
+            if self.motor is not None:
+                raise InputError("dispenser.motor with kind = valve: must be with kind = volumetric or piston")
+            return
+        if self.needle is None:
+            raise InputError(f"dispenser of kind {self.kind}: needs a needle with its glue, through which it is driven")
+        foreign = [name for name in _OF_VALVES if getattr(self, name)]
+        if self.metering == TIME_PRESSURE:
+            foreign.append("metering")
+        if foreign:
+            raise InputError(
+                f"dispenser.{foreign[0]} with kind = {self.kind}: must be with kind = valve; the lag of a driven one "
+                "follows from its compliance and its needle"
+            )
+
+    @property
+    def drive(self) -> Drive | None:
+        """Pump or piston with motor and needle; None for a valve."""
+        if self.kind == VALVE:
+            return None
+        assert self.needle is not None
+        body: Pump | Piston = self.pump or Pump() if self.kind == VOLUMETRIC else self.piston or Piston()
+        return Drive(body, self.motor or Motor(), self.needle)
+
     @property
     def _driven(self) -> Needle | None:
         """The needle through which a pressure drives the flow, None for a volumetric dispenser."""
@@ -139,11 +197,13 @@ class Dispenser:
     @property
     def flows_at_all(self) -> bool:
         """Whether glue flows while the dispenser is on."""
-        return any(getattr(self, name) for name in DEMANDS)
+        return bool(self.per_e) or any(getattr(self, name) for name in DEMANDS)
 
     @property
     def per_e(self) -> float:
         """Volume for each millimetre that the program feeds by E, 0 where E does not state the amount [mm³/mm]."""
+        if self.kind == PISTON and not any(getattr(self, name) for name in DEMANDS):
+            return (self.piston or Piston()).unit
         return self.e_volume or 0.25 * math.pi * self.filament**2
 
     def flow_demand(
@@ -189,6 +249,8 @@ class Dispenser:
             raise InputError(f"speed = {speeds[tick]:g} mm/s at tick {tick}: must be finite and at least 0 mm/s")
         if not self.flows_at_all:
             return np.zeros(on.size)
+        if self.drive is not None:
+            return self.driven(on, speeds, period, material).out.flow
         if self.per_e:
             # a valve that follows E is open while E lays material
             speeds = _fed(material) / period
@@ -207,6 +269,7 @@ class Dispenser:
         first = max(math.floor(block.start - delay) - 1, 0)
         last = min(max(math.ceil(block.stop - delay) + 1, first), speed.size)
         breaks, value = self._requests(first, last, speed, valve, period)
+        value = np.clip(value, 0.0, self.limit)
         return self._lagged(breaks, value, block, period, state)
 
     def _requests(
@@ -227,16 +290,76 @@ class Dispenser:
             change = np.diff(mean, prepend=0.0)
             breaks = ticks[first - before :]
             value = (mean + self.advance / period * change)[first - before :]
-        return breaks, np.clip(value, 0.0, self.limit)
+        return breaks, value
 
-    def notes(self, flow: Floats, period: float) -> tuple[str, ...]:
-        """Return notes on a run with these mean flows per period [mm³/s], such as when the syringe runs empty."""
-        if self.syringe is None:
+    def driven(self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material | None) -> Driven:
+        """Return what a driven dispenser does; arguments as of `flows`."""
+        drive = self.drive
+        assert drive is not None
+        command = self._command(on, speed, period, material)
+        return driven_flow(drive, command, period, by_position=bool(self.per_e))
+
+    def _command(self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material | None) -> Floats:
+        """Return the rate that is commanded of a motor over the period after each tick, (n,) [mm³/s]."""
+        if self.per_e:
+            if material is None or material.motor is None:
+                raise _without_e()
+            command = self.per_e / period * np.diff(material.motor, append=material.motor[-1:])
+            if self.advance:
+                command = command + self.advance / period * np.diff(command, prepend=0.0)
+        else:
+            breaks, value = self._requests(0, on.size, np.append(speed, 0.0), self._valve(on, period), period)
+            amount = value * np.diff(breaks)
+            command = np.bincount(breaks[:-1].astype(np.intp), amount, minlength=on.size).astype(np.float64)
+        return np.clip(command, -self.limit, self.limit)
+
+    def notes(
+        self, dispense: ArrayLike, speed: ArrayLike, period: float, material: Material | None = None
+    ) -> tuple[str, ...]:
+        """Return notes on a run, such as when the syringe runs empty, or the motor stalls; arguments as of `flows`."""
+        on = np.asarray(dispense, bool)
+        speeds = np.asarray(speed, float)
+        if not self.flows_at_all:
             return ()
+        if self.drive is not None:
+            result = self.driven(on, speeds, period, material)
+            volume = float(self.flow_demand(on, speeds, period, material).sum()) * period
+            return driven_notes(self.drive, result, volume, period)
+        notes = self._clipped(on, speeds, period, material)
+        if self.syringe is None:
+            return notes
+        flow = self.flows(on, speeds, period, material)
         empty = np.flatnonzero(np.cumsum(flow) * period >= (1 - _EMPTY) * self.syringe.glue)
         if not empty.size:
+            return notes
+        return (
+            *notes,
+            f"the syringe of {self.syringe.glue:.4g} mm³ runs empty at t = {(empty[0] + 1) * period:.4g} s",
+        )
+
+    def _clipped(
+        self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material | None
+    ) -> tuple[str, ...]:
+        """Return a note on what the compensation's demand below zero costs, which a valve cannot follow."""
+        if not self.advance:
             return ()
-        return (f"the syringe of {self.syringe.glue:.4g} mm³ runs empty at t = {(empty[0] + 1) * period:.4g} s",)
+        if self.per_e:
+            speed = _fed(material) / period
+            on = on | (speed > 0)
+        breaks, value = self._requests(0, on.size, np.append(speed, 0.0), self._valve(on, period), period)
+        # nothing is requested after the last tick, and a request at it falls to zero there
+        duration = np.diff(breaks) * period
+        below = float(np.maximum(-value, 0.0) @ duration)
+        total = float(value @ duration)
+        if below <= _CLIPPED * total:
+            return ()
+        what = "volume" if self._driven is None else "pressure times time"
+        amount = f"{below:.3g} mm³, " if self._driven is None else ""
+        return (
+            f"dispenser.advance = {self.advance:g} s asks for less than no flow where the flow falls, which a valve "
+            f"cannot do: that adds {amount}{100 * below / total:.3g} % to the program's {what}. stop_lead closes "
+            "earlier; a dispenser whose motor reverses adds nothing (kind = piston or volumetric).",
+        )
 
     def material_note(self, *, is_advanced: bool) -> str:
         """Return what becomes of the material that a program feeds by E, in a sentence.
@@ -244,6 +367,10 @@ class Dispenser:
         Args:
             is_advanced: whether the program sets pressure advance.
         """
+        if self.per_e and self.kind != VALVE:
+            advance = ", with the program's pressure advance" if is_advanced else ""
+            moved = "plunger" if self.kind == PISTON else "pump"
+            return f"E drives the dispenser's {moved}, {self.per_e:.4g} mm³ for each mm{advance}."
         if not self.per_e:
             name = next((name for name in DEMANDS if getattr(self, name)), "")
             amount = f"dispenser.{name} = {getattr(self, name):g} {DEMANDS[name]}" if name else "nothing"
