@@ -25,10 +25,10 @@ class Motor:
     is lost.
 
     Attributes:
-        speed: largest speed; inf for none [rev/s or mm/s].
-        acceleration: largest acceleration; inf for none [rev/s² or mm/s²].
-        resolution: smallest step of the position, as of a microstep; 0 for none [rev or mm].
-        reverse: whether it can turn, or pull, back; without, a demand below zero is a standstill.
+        top_speed: largest speed; inf for none [rev/s or mm/s].
+        top_acceleration: largest acceleration; inf for none [rev/s² or mm/s²].
+        step: smallest step of the position, as of a microstep; 0 for none [rev or mm].
+        reverses: whether it can turn, or pull, back; without, a demand below zero is a standstill.
 
     Raises:
         InputError: a value out of bounds.
@@ -36,18 +36,18 @@ class Motor:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "allow_inf_nan": True}
 
-    speed: float = math.inf
-    acceleration: float = math.inf
-    resolution: float = 0.0
-    reverse: bool = True
+    top_speed: float = math.inf
+    top_acceleration: float = math.inf
+    step: float = 0.0
+    reverses: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("speed", "acceleration"):
+        for name in ("top_speed", "top_acceleration"):
             if getattr(self, name) != math.inf:
                 positive(f"{name} of the dispenser's motor", getattr(self, name))
-        at_least("resolution of the dispenser's motor", self.resolution, 0)
-        if self.resolution == math.inf:
-            raise InputError("resolution of the dispenser's motor = inf: must be finite")
+        at_least("step of the dispenser's motor", self.step, 0)
+        if self.step == math.inf:
+            raise InputError("step of the dispenser's motor = inf: must be finite")
 
 
 class Displaced(NamedTuple):
@@ -77,20 +77,20 @@ def displaced(motor: Motor, command: Floats, period: float, unit: float, *, by_p
         by_position: whether positions are commanded, as by E, instead of speeds.
     """
     wanted = command
-    if not motor.reverse:
+    if not motor.reverses:
         if by_position:
             # the shaft waits until it is commanded beyond where it stands
             place = np.concatenate([[0.0], np.maximum.accumulate(np.maximum(np.cumsum(command) * period, 0.0))])
             wanted = np.diff(place) / period
         else:
             wanted = np.maximum(command, 0.0)
-    refused = float(np.maximum(-command, 0.0).sum() * period) if not motor.reverse else 0.0
+    refused = float(np.maximum(-command, 0.0).sum() * period) if not motor.reverses else 0.0
     rate = wanted
-    if motor.speed < math.inf or motor.acceleration < math.inf:
+    if motor.top_speed < math.inf or motor.top_acceleration < math.inf:
         rate = np.empty_like(wanted)
-        _follow(wanted, rate, period, (unit * motor.speed, unit * motor.acceleration), by_position)
-    if motor.resolution:
-        step = unit * motor.resolution
+        _follow(wanted, rate, period, (unit * motor.top_speed, unit * motor.top_acceleration), by_position)
+    if motor.step:
+        step = unit * motor.step
         place = step * np.round(np.cumsum(rate) * period / step)
         rate = np.diff(place, prepend=0.0) / period
     behind = (np.cumsum(wanted) - np.cumsum(rate)) * period
@@ -135,10 +135,10 @@ def motor_notes(motor: Motor, moved: Displaced, volume: float) -> tuple[str, ...
             f"The dispenser's motor cannot reverse: {moved.refused:.3g} mm³ that the program, or its advance, pulls "
             f"back are not, {100 * moved.refused / volume:.3g} % of the volume."
         )
-    is_limited = motor.speed < math.inf or motor.acceleration < math.inf
+    is_limited = motor.top_speed < math.inf or motor.top_acceleration < math.inf
     if is_limited and moved.behind > _BEHIND * volume:
         notes.append(
-            f"The dispenser's motor falls behind its command by up to {moved.behind:.3g} mm³, at t = "
-            f"{moved.late:.4g} s: its speed ({motor.speed:g}) or acceleration ({motor.acceleration:g}) does not reach."
+            f"The dispenser's motor falls behind its command by up to {moved.behind:.3g} mm³, at t = {moved.late:.4g} "
+            f"s: its top_speed ({motor.top_speed:g}) or top_acceleration ({motor.top_acceleration:g}) does not reach."
         )
     return tuple(notes)

@@ -26,8 +26,8 @@ class Piston:
     glue whatever the flow: melting is not simulated. Nothing flows once the plunger has reached its end.
 
     Attributes:
-        bore: inner diameter of the syringe, or diameter of the filament [mm].
-        volume: volume of glue at the start, in the syringe or the melt chamber; inf for one that is refilled, as by
+        plunger: diameter of the plunger, or of the filament [mm].
+        charge: volume of glue at the start, in the syringe or the melt chamber; inf for one that is refilled, as by
             filament [ml].
         compliance: widening of syringe and tube, and of the mechanics that push [mm³/kPa].
         bulk_modulus: of the glue, less with air in it; inf for an incompressible one [MPa].
@@ -40,18 +40,18 @@ class Piston:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "allow_inf_nan": True}
 
-    bore: float = 16.0
-    volume: float = 10.0
+    plunger: float = 16.0
+    charge: float = 10.0
     compliance: float = 0.05
     bulk_modulus: float = 1500.0
     force: float = math.inf
     friction: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, unit in (("bore", "mm"), ("compliance", "mm³/kPa")):
+        for name, unit in (("plunger", "mm"), ("compliance", "mm³/kPa")):
             if positive(f"{name} of the piston", getattr(self, name), unit) > _LARGEST_VALUE:
                 raise InputError(f"{name} of the piston = {getattr(self, name):g}: must be at most {_LARGEST_VALUE:g}")
-        for name, unit in (("volume", "ml"), ("bulk_modulus", "MPa"), ("force", "N")):
+        for name, unit in (("charge", "ml"), ("bulk_modulus", "MPa"), ("force", "N")):
             if getattr(self, name) != math.inf:
                 positive(f"{name} of the piston", getattr(self, name), unit)
         at_least("friction of the piston", self.friction, 0, "N", _LARGEST_VALUE)
@@ -63,12 +63,12 @@ class Piston:
     @property
     def unit(self) -> float:
         """Volume of a millimetre of stroke [mm³]."""
-        return 0.25 * math.pi * self.bore**2
+        return 0.25 * math.pi * self.plunger**2
 
     @property
     def glue(self) -> float:
         """Volume that the plunger can displace [mm³]."""
-        return _ML * self.volume
+        return _ML * self.charge
 
     @property
     def limit(self) -> float:
@@ -79,13 +79,14 @@ class Piston:
     def strength(self) -> str:
         """What limits the pressure, in words."""
         return (
-            f"a force of {self.force:g} N, of which {self.friction:g} N is friction, drives a bore of {self.bore:g} mm"
+            f"a force of {self.force:g} N, of which {self.friction:g} N is friction, drives a plunger of "
+            f"{self.plunger:g} mm"
         )
 
     def line(self, conductance: float) -> Line:
         """Return the line between plunger and a needle of this conductance [mm³/s]."""
         # of a chamber that is refilled, the compliance is all that counts
-        is_finite = self.volume < math.inf
+        is_finite = self.charge < math.inf
         glue = self.glue if is_finite else 0.0
         modulus = _KILOPASCALS * self.bulk_modulus if is_finite else math.inf
         return Line(conductance, self.compliance, 0.0, self.limit, glue, modulus)

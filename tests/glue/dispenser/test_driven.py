@@ -100,7 +100,7 @@ def test_the_flow_over_random_speeds_is_that_of_the_ode(kind, fluid, seed):
             kind=kind,
             needle=needle,
             advance=advance,
-            piston=Piston(volume=5.0, compliance=0.02, bulk_modulus=300),
+            piston=Piston(charge=5.0, compliance=0.02, bulk_modulus=300),
         )
         line = {"compliance": 0.02, "glue": 5000.0, "modulus": 3e5}
     else:
@@ -125,14 +125,14 @@ def test_the_flow_over_random_speeds_is_that_of_the_ode(kind, fluid, seed):
 def test_an_advance_of_the_lag_adds_nothing_where_the_motor_reverses(lag):
     """A Newtonian glue has one lag, C / conductance."""
     on, speed = random_motion(3, 4000)
-    piston = Piston(compliance=lag * NEWTONIAN.conductance, volume=math.inf)
+    piston = Piston(compliance=lag * NEWTONIAN.conductance, charge=math.inf)
     request = AREA * speed
     volume = request.sum() * PERIOD
     flows = {
-        reverse: Dispenser(
-            area=AREA, kind="piston", needle=NEWTONIAN, piston=piston, advance=lag, motor=Motor(reverse=reverse)
+        reverses: Dispenser(
+            area=AREA, kind="piston", needle=NEWTONIAN, piston=piston, advance=lag, motor=Motor(reverses=reverses)
         ).flows(on, speed, PERIOD)
-        for reverse in (True, False)
+        for reverses in (True, False)
     }
     # the difference of the request is a step late, so that the end draws a little back into the needle
     assert flows[True].sum() * PERIOD == pytest.approx(volume, rel=1e-3)
@@ -180,7 +180,7 @@ def test_a_motor_stalls_at_its_pressure_and_says_so_like_a_fault():
     speed = np.where(on, 50.0, 0.0)
     limit = 0.5 * NEWTONIAN.pressure(AREA * 50)
     force = 5.0 + float(limit) * math.pi * 16**2 / 4 / 1e3
-    piston = Piston(force=force, friction=5.0, volume=math.inf, compliance=0.02)
+    piston = Piston(force=force, friction=5.0, charge=math.inf, compliance=0.02)
     dispenser = Dispenser(area=AREA, kind="piston", needle=NEWTONIAN, piston=piston)
     flow = dispenser.flows(on, speed, PERIOD)
     assert flow.max() == pytest.approx(0.5 * AREA * 50, rel=1e-9)
@@ -200,8 +200,8 @@ def test_a_motor_that_follows_e_makes_up_for_its_limits_and_one_that_follows_a_s
     on[100:600] = True
     speed = np.where(on, 50.0, 0.0)
     needle = NEWTONIAN
-    motor = Motor(acceleration=200.0 / (math.pi * 64))  # 200 mm³/s²
-    piston = Piston(volume=math.inf)
+    motor = Motor(top_acceleration=200.0 / (math.pi * 64))  # 200 mm³/s²
+    piston = Piston(charge=math.inf)
     by_speed = Dispenser(area=AREA, kind="piston", needle=needle, piston=piston, motor=motor)
     result = by_speed.driven(on, speed, PERIOD, None)
     rate = result.moved.rate
@@ -222,7 +222,7 @@ def test_a_motor_that_follows_e_makes_up_for_its_limits_and_one_that_follows_a_s
 
 def test_steps_of_a_motor_are_whole():
     on, speed = random_motion(5)
-    dispenser = Dispenser(area=AREA, kind="piston", needle=NEWTONIAN, piston=Piston(), motor=Motor(resolution=1e-4))
+    dispenser = Dispenser(area=AREA, kind="piston", needle=NEWTONIAN, piston=Piston(), motor=Motor(step=1e-4))
     moved = np.cumsum(dispenser.driven(on, speed, PERIOD, None).moved.rate) * PERIOD
     steps = moved / (1e-4 * math.pi * 64)
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
@@ -234,7 +234,7 @@ def test_a_retraction_draws_glue_back_which_is_replaced_before_more_is_laid():
     points = Program(text=text).setpoints(PERIOD).hold(1.0)
     material = Material(points.extrusion, points.extruder)
     unit = math.pi * 1.75**2 / 4
-    piston = Piston(bore=1.75, volume=math.inf, compliance=0.002)
+    piston = Piston(plunger=1.75, charge=math.inf, compliance=0.002)
     dispenser = Dispenser(kind="piston", needle=NEWTONIAN, piston=piston)
     flow = dispenser.flows(points.dispense, np.zeros(len(points.time)), PERIOD, material)
     # the last retraction leaves a gap in the needle of what was pulled back, less what was under pressure
@@ -244,7 +244,7 @@ def test_a_retraction_draws_glue_back_which_is_replaced_before_more_is_laid():
     assert not flow[(x > 25) & (x < 39)].any()
     assert (flow >= 0).all()
     # without a reversing motor glue goes on flowing into the travel
-    stiff = Dispenser(kind="piston", needle=NEWTONIAN, piston=piston, motor=Motor(reverse=False))
+    stiff = Dispenser(kind="piston", needle=NEWTONIAN, piston=piston, motor=Motor(reverses=False))
     oozing = stiff.flows(points.dispense, np.zeros(len(points.time)), PERIOD, material)
     assert oozing.sum() * PERIOD == pytest.approx(4.0 * unit, rel=1e-3)
 
@@ -253,7 +253,7 @@ def test_the_program_s_advance_takes_the_lag_off_an_extruder():
     """Corners slow the path down: with an advance of its lag the flow follows the speed there."""
     unit = math.pi * 1.75**2 / 4
     lag = 0.05
-    piston = Piston(bore=1.75, volume=math.inf, compliance=lag * NEWTONIAN.conductance)
+    piston = Piston(plunger=1.75, charge=math.inf, compliance=lag * NEWTONIAN.conductance)
     dispenser = Dispenser(kind="piston", needle=NEWTONIAN, piston=piston)
     square = "M83\nM204 S1000\nM205 X5 Y5\nG1 X40 E2 F3000\nG1 Y40 E2\nG1 X0 E2\nG1 Y0 E2"
     worst = {}
@@ -272,7 +272,7 @@ def test_the_program_s_advance_takes_the_lag_off_an_extruder():
 def test_a_plunger_ends_with_its_glue():
     on = np.ones(20_000, bool)
     speed = np.full(20_000, 50.0)
-    piston = Piston(volume=0.05)
+    piston = Piston(charge=0.05)
     dispenser = Dispenser(area=AREA, kind="piston", needle=NEWTONIAN, piston=piston)
     assert dispenser.flows(on, speed, PERIOD).sum() * PERIOD == pytest.approx(50.0, rel=1e-6)
     (note,) = dispenser.notes(on, speed, PERIOD)
@@ -298,9 +298,9 @@ def test_values_of_another_kind_are_refused(arguments, text):
     ("kind", "arguments", "text"),
     [
         (Piston, {"force": 5.0, "friction": 6.0}, "force of the piston = 5 N: must be greater than its friction, 6 N"),
-        (Piston, {"bore": 0.0}, "bore of the piston = 0 mm: must be greater than 0"),
+        (Piston, {"plunger": 0.0}, "plunger of the piston = 0 mm: must be greater than 0"),
         (Pump, {"compliance": -1.0}, "compliance of the pump = -1 mm³/kPa: must be greater than 0"),
-        (Motor, {"speed": 0.0}, "speed of the dispenser's motor = 0: must be greater than 0"),
+        (Motor, {"top_speed": 0.0}, "top_speed of the dispenser's motor = 0: must be greater than 0"),
     ],
 )
 def test_bad_values_are_refused(kind, arguments, text):
