@@ -54,6 +54,7 @@ class Extruder:
 
     Args:
         firmware: that reads the program.
+        advance: pressure advance of its configuration [s].
 
     Attributes:
         position: E of the program.
@@ -63,17 +64,20 @@ class Extruder:
         retraction: what G10 and G11 feed.
         advances: pressure advances that were in force, to which moves refer by `index`.
         index: of the present one.
+        sets_advance: whether the program has set one.
     """
 
-    def __init__(self, firmware: Firmware) -> None:
+    def __init__(self, firmware: Firmware, advance: float = 0.0) -> None:
         self.firmware = firmware
         self.position = 0.0
         self.is_relative = False
         self.factor = 1.0
         self.filament = 0.0
         self.retraction = Retraction()
-        self.advances = [PressureAdvance()]
+        is_averaged = advance > 0 and firmware == "klipper"
+        self.advances = [PressureAdvance(advance, SMOOTH_TIME if is_averaged else 0.0)]
         self.index = 0
+        self.sets_advance = False
 
     def set_distances(self, *, absolute: bool) -> None:
         """Apply G90 or G91: in Marlin the last of them, M82 and M83 holds, elsewhere M82 and M83 are E's own."""
@@ -114,6 +118,7 @@ class Extruder:
             raise InputError(
                 f"SMOOTH_TIME = {values['smooth_time']:g} s: must be at most {_LONGEST_SMOOTHING:g} s, as in Klipper"
             )
+        self.sets_advance = True
         changed = self.advance._replace(**values)
         if changed not in self.advances:
             if len(self.advances) >= _MOST_ADVANCES:

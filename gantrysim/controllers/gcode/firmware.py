@@ -7,6 +7,12 @@ from typing import Literal
 
 Firmware = Literal["marlin", "klipper", "reprapfirmware"]
 
+# the line that sets the pressure advance [s]
+ADVANCE_WORDS: dict[Firmware, str] = {
+    "marlin": "M900 K{:g}",
+    "klipper": "SET_PRESSURE_ADVANCE ADVANCE={:g}",
+    "reprapfirmware": "M572 D0 S{:g}",
+}
 # what slicers write: a line of their settings, or Cura's header
 _STATED = re.compile(r"^;\s*(?:gcode_flavor\s*=|FLAVOR:)\s*(\w+)", re.IGNORECASE | re.MULTILINE)
 _FILAMENT = re.compile(r"^;\s*filament_diameter\s*[=:]\s*([0-9.]+)", re.IGNORECASE | re.MULTILINE)

@@ -188,6 +188,7 @@ class GCode(Controller):
             diameters=library.diameters,
             parameters=library.parameters,
             firmware=self._firmware,
+            pressure_advance=self._pressure_advance,
         )
         return interpret(text, self.start, setup)
 
@@ -301,6 +302,11 @@ class GCode(Controller):
     def _firmware(self) -> Firmware:
         """The firmware that reads the program, in a dialect that extrudes."""
         return "marlin"
+
+    @property
+    def _pressure_advance(self) -> float:
+        """Pressure advance of the firmware's configuration [s]."""
+        return 0.0
 
     @property
     def _advance_law(self) -> AdvanceLaw:

@@ -308,6 +308,7 @@ class Interpreted:
         called_files: names of the files of subprograms that were called.
         without_diameter: tools of cutter compensation whose diameter nobody gave.
         advances: pressure advances to which the moves refer.
+        sets_advance: whether the program sets its pressure advance.
         filament: diameter by which E was a volume; 0 where it was a length [mm].
     """
 
@@ -323,6 +324,7 @@ class Interpreted:
     called_files: frozenset[str] = frozenset()
     without_diameter: tuple[int, ...] = ()
     advances: tuple[PressureAdvance, ...] = (PressureAdvance(),)
+    sets_advance: bool = False
     filament: float = 0.0
 
     @property
@@ -394,6 +396,7 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
         called_files=called_files,
         without_diameter=tuple(sorted(state.tools.without_diameter)),
         advances=tuple(state.extruder.advances),
+        sets_advance=state.extruder.sets_advance,
         filament=state.extruder.filament,
     )
 

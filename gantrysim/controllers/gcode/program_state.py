@@ -146,6 +146,7 @@ class ProgramSetup:
         diameters: of tools by number [mm].
         parameters: values that the machine provides, by name.
         firmware: that reads the program, in a dialect that extrudes.
+        pressure_advance: of the firmware's configuration [s].
     """
 
     dialect: GCodeDialect
@@ -157,6 +158,7 @@ class ProgramSetup:
     diameters: dict[int, float] = field(default_factory=dict)
     parameters: dict[str, float] = field(default_factory=dict)
     firmware: Firmware = "marlin"
+    pressure_advance: float = 0.0
 
 
 @dataclass
@@ -292,7 +294,7 @@ class ProgramState:
         self.modes = Modes(path=setup.path_mode)
         self.motion = "G1" if setup.dialect.extrudes else "G0"
         self.outputs = Outputs(setup.dispense)
-        self.extruder = Extruder(setup.firmware)
+        self.extruder = Extruder(setup.firmware, setup.pressure_advance)
         self.spline_control: complex | None = None
         self.cycle: CycleSeries | None = None
         self.curve: OpenCurve | None = None

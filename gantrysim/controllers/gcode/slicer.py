@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
-from gantrysim.base.errors import positive, unknown
+from gantrysim.base.errors import at_least, positive, unknown
 from gantrysim.controllers.gcode.dialects import SLICER, GCodeDialect
 from gantrysim.controllers.gcode.extrusion import AdvanceLaw
-from gantrysim.controllers.gcode.firmware import Firmware, firmware_of, stated_filament
+from gantrysim.controllers.gcode.firmware import ADVANCE_WORDS, Firmware, firmware_of, stated_filament
 from gantrysim.controllers.gcode.gcode_program import GCode
+
+_LONGEST_ADVANCE = 10.0  # [s]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +44,8 @@ class Program(GCode):
             deviation by M205 or SET_VELOCITY_LIMIT; an assumption [mm].
         firmware: that reads the program, which decides what G90, G91, M207 and M208 mean for E; "auto" for the one that
             a comment of the slicer states, or whose words the program has, else Marlin.
+        pressure_advance: pressure advance of the firmware's configuration, in force until the program sets another; in
+            Klipper averaged over 0.04 s [s].
         advance_law: law of the non-linear pressure advance, OFFSET and VELOCITY of SET_PRESSURE_ADVANCE, which the
             firmware's configuration states: "tanh" or "reciprocal".
 
@@ -56,6 +60,7 @@ class Program(GCode):
     arc_tolerance: float = 0.05
     corner_tolerance: float = 0.05
     firmware: Literal["auto", "marlin", "klipper", "reprapfirmware"] = "auto"
+    pressure_advance: float = 0.0
     advance_law: AdvanceLaw = "tanh"
 
     def __post_init__(self) -> None:
@@ -63,6 +68,7 @@ class Program(GCode):
         firmwares = ("auto", "marlin", "klipper", "reprapfirmware")
         if self.firmware not in firmwares:
             raise unknown("firmware", self.firmware, firmwares)
+        at_least("pressure_advance", self.pressure_advance, 0, "s", _LONGEST_ADVANCE)
         if self.advance_law not in ("tanh", "reciprocal"):
             raise unknown("advance_law", self.advance_law, ("tanh", "reciprocal"))
         positive("corner_tolerance", self.corner_tolerance, "mm")
@@ -74,6 +80,19 @@ class Program(GCode):
     @property
     def _firmware(self) -> Firmware:
         return firmware_of(self.text) if self.firmware == "auto" else self.firmware
+
+    @property
+    def _pressure_advance(self) -> float:
+        return self.pressure_advance
+
+    def with_advance(self, time: float) -> dict[str, Any] | None:
+        # one that the program sets overrides that of the configuration
+        is_free = self.feeds_material and not self.program.sets_advance
+        return {"pressure_advance": time} if is_free else None
+
+    @property
+    def advance_words(self) -> str:
+        return ADVANCE_WORDS[self._firmware].format(self.pressure_advance)
 
     @property
     def _advance_law(self) -> AdvanceLaw:

@@ -14,6 +14,7 @@ from gantrysim.glue.dispenser.piston import Piston
 from gantrysim.glue.dispenser.pressurised import Flowed, flowed
 from gantrysim.glue.dispenser.volumetric import Pump
 
+_STEP = 1e-3  # relative, of the flow of a difference
 _LOST = 1e-6  # share of the volume from which a stall is noted
 
 
@@ -29,6 +30,17 @@ class Drive(NamedTuple):
     body: Pump | Piston
     motor: Motor
     needle: Needle
+
+    def lags(self, flow: float) -> tuple[float, float]:
+        """Return the time constant of small changes of a flow, and the mean of its rise from rest [s].
+
+        With the stored volume x = C p, these are dx / d(g p + Q) and x / (g p + Q): equal for a Newtonian glue.
+        """
+        line = self.body.line(self.needle.conductance)
+        compliance = line.compliance + line.glue / line.modulus
+        low, pressure, high = self.needle.pressure(flow * np.array([1 - _STEP, 1.0, 1 + _STEP])).tolist()
+        change = 2 * _STEP * flow + line.leak * (high - low)
+        return compliance * (high - low) / change, compliance * pressure / (flow + line.leak * pressure)
 
 
 class Driven(NamedTuple):
