@@ -183,7 +183,7 @@ def sent_columns(
         column = getattr(setpoints, name)
         if column is not None:
             optional[name] = column[sent] if waited else column[:n]
-    material = Material(optional.get("extrusion"), optional.get("extruder"))
+    material = Material(**{name: optional[name] for name in MATERIAL if name in optional})
     flow = dispenser.flows(dispense, speed, period, material)
     if faults:
         flow = faulted_flow(faults, flow, dispenser.open_share(dispense, period), period)
@@ -231,7 +231,7 @@ def dispensed_otherwise(run: Run, dispenser: Dispenser) -> Run:
     """
     speed = np.empty(len(run.time))
     _fill_speeds(speed, seen(run.commanded_tip), run.period)
-    material = Material(run.extrusion, run.extruder)
+    material = Material(run.extrusion, run.extruder, run.analogue)
     return run.replaced(
         flow=dispenser.flows(run.dispense, speed, run.period, material),
         flow_demand=dispenser.flow_demand(run.dispense, speed, run.period, material),
@@ -242,7 +242,7 @@ def dispenser_notes(run: Run, dispenser: Dispenser) -> tuple[str, ...]:
     """Return the dispenser's notes on the commands of a run."""
     speed = np.empty(len(run.time))
     _fill_speeds(speed, seen(run.commanded_tip), run.period)
-    return dispenser.notes(run.dispense, speed, run.period, Material(run.extrusion, run.extruder))
+    return dispenser.notes(run.dispense, speed, run.period, Material(run.extrusion, run.extruder, run.analogue))
 
 
 class LogBook:

@@ -75,6 +75,7 @@ class Run(Shown):
             the setpoints do not state it.
         extrusion, extruder: material that the program has fed by E, and the position to which pressure advance sends
             the extruder's motor, (n,) [mm]; None as in `Setpoints`.
+        analogue: set point of the flow, as the program sets it by an output, (n,); None as in `Setpoints`.
         face: outer diameter of the needle at its tip [mm].
         needle_length: length of the needle [mm].
         fault: the `Fault` that ended the run early, or None.
@@ -109,6 +110,7 @@ class Run(Shown):
     progress: OptionalColumn[Floats] = OptionalColumn()
     extrusion: OptionalColumn[Floats] = OptionalColumn()
     extruder: OptionalColumn[Floats] = OptionalColumn()
+    analogue: OptionalColumn[Floats] = OptionalColumn()
     face: float = 0.82  # of the 21 gauge needle of the built-in machines
     needle_length: float = 25.4
     fault: Fault | None = None

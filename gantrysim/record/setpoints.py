@@ -18,7 +18,7 @@ from gantrysim.paths.path import Path
 from gantrysim.paths.profile import Constant, PointToPoint, Profile
 
 MAX_TICKS = 50_000_000
-MATERIAL = ("extrusion", "extruder")  # columns of what E feeds
+MATERIAL = ("extrusion", "extruder", "analogue")  # columns of what a program asks of the dispenser
 _ROUNDING = 1e-9  # relative, of lengths
 
 
@@ -60,6 +60,7 @@ _COLUMNS: dict[str, type[np.generic]] = {
     "progress": np.float64,
     "extrusion": np.float64,
     "extruder": np.float64,
+    "analogue": np.float64,
 }
 
 
@@ -73,6 +74,7 @@ class SetpointTable:
         progress: (n,) [mm].
         extrusion: (n,) [mm]; None without.
         extruder: (n,) [mm]; None without.
+        analogue: (n,); None without.
     """
 
     position: Column[Floats] = Column()
@@ -80,6 +82,7 @@ class SetpointTable:
     progress: Column[Floats] = Column()
     extrusion: OptionalColumn[Floats] = OptionalColumn()
     extruder: OptionalColumn[Floats] = OptionalColumn()
+    analogue: OptionalColumn[Floats] = OptionalColumn()
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,7 @@ class Setpoints:
             None for a program without E.
         extruder: position to which pressure advance sends the extruder's motor, (n,) [mm]; read-only; None where that
             is `extrusion`.
+        analogue: set point of the flow, as the program sets it by an output, (n,); read-only; None without.
     """
 
     period: float
@@ -114,6 +118,7 @@ class Setpoints:
     progress: OptionalColumn[Floats] = OptionalColumn()
     extrusion: OptionalColumn[Floats] = OptionalColumn()
     extruder: OptionalColumn[Floats] = OptionalColumn()
+    analogue: OptionalColumn[Floats] = OptionalColumn()
 
     def __post_init__(self) -> None:
         positive("period", self.period, "s")
@@ -180,7 +185,7 @@ class Setpoints:
 
     @property
     def material(self) -> dict[str, Floats]:
-        """The columns of what E feeds, by name; empty for a program without E."""
+        """The columns of what the program asks of the dispenser, by name; empty where it does that by its command."""
         return {name: getattr(self, name) for name in MATERIAL if vars(self)[name] is not None}
 
     def hold(self, duration: float) -> Setpoints:

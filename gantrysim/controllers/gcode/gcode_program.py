@@ -87,6 +87,7 @@ def _has(words: str, codes: tuple[str, ...]) -> bool:
 
 
 PER_MINUTE = 60.0
+_FLOW_OUTPUT = re.compile(r"S|M106|M67 E\d+")
 _SLOWED = 1e-6  # share of the duration by which a cap of speeds is noted
 _CUT = 0.05  # distance of a rounded corner that is noted [mm]
 
@@ -129,6 +130,7 @@ class GCode(Controller):
     skip_axes: str = ""
     max_steps: int = 10_000_000
     axis_speeds: tuple[float, float, float] = UNLIMITED
+    flow_output: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", place("start", self.start))
@@ -138,6 +140,8 @@ class GCode(Controller):
         positive("feed_override", self.feed_override)
         at_least("arc_tolerance", self.arc_tolerance, 0, "mm")
         whole("max_steps", self.max_steps, 1)
+        if self.flow_output and not _FLOW_OUTPUT.fullmatch(self.flow_output):
+            raise InputError(f'flow_output = "{self.flow_output}": must be "S", "M106", or with its number "M67 E0"')
         for name, speed in zip("xyz", self.axis_speeds, strict=True):
             if speed != math.inf:
                 positive(f"axis_speeds {name}", speed, "mm/s")
@@ -188,6 +192,7 @@ class GCode(Controller):
             diameters=library.diameters,
             parameters=library.parameters,
             firmware=self._firmware,
+            flow_output=self.flow_output,
             pressure_advance=self._pressure_advance,
         )
         return interpret(text, self.start, setup)
@@ -281,11 +286,14 @@ class GCode(Controller):
         time = self._times(period, block, count)
         place, dispense, progress = self.plan.at(time)
         position = np.ascontiguousarray(place[:, : len(self.axes)])
-        extrusion = self.extrusion
-        if extrusion is None:
-            return SetpointTable(position, dispense, progress)
-        extruder = extrusion.advanced(time) if extrusion.is_advanced else None
-        return SetpointTable(position, dispense, progress, extrusion.position(time), extruder)
+        material: dict[str, Floats] = {}
+        if self.flow_output:
+            material["analogue"] = self.plan.analogue(time)
+        if self.extrusion is not None:
+            material["extrusion"] = self.extrusion.position(time)
+            if self.extrusion.is_advanced:
+                material["extruder"] = self.extrusion.advanced(time)
+        return SetpointTable(position, dispense, progress, **material)
 
     @cached_property
     def extrusion(self) -> Extrusion | None:

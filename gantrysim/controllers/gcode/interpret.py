@@ -78,6 +78,9 @@ def provided_parameter(state: ProgramState, key: float | str) -> float | None:
 _OFFSET_MOTIONS = {"G0", "G1", "G2", "G3", "G80"}
 _OFFSET_ACTIONS = {"G4", "G10", "G28.1", "G30.1"}
 _ORIGINS = {"tool length", "coordinate system", "shift", "machine coordinates"}
+_FAN_ON = 106
+_FAN_OFF = 107
+_FULL = 255.0  # of a fan, by M106 without S
 _MOST_NAMES = 1000  # of codes, in memory: a program may have any number of unknown ones
 
 
@@ -118,7 +121,9 @@ class Interpreter:
             self._state.tools.selected = int(block.values["T"])
         if auxiliary or "S" in block.values:
             state = self._state
-            state.outputs.switch(auxiliary, block.values.get("P"), self._speed(block, codes, auxiliary))
+            speed = self._speed(block, codes, auxiliary)
+            state.outputs.switch(auxiliary, block.values.get("P"), speed)
+            self._take_flow(auxiliary, speed)
         if auxiliary:
             for number in auxiliary:
                 self._apply_auxiliary(number, block)
@@ -135,6 +140,16 @@ class Interpreter:
         """Return S where it is a speed: in firmware it is a time, a temperature or other in most blocks."""
         is_speed = SPEED_CODES.issuperset(auxiliary) and "G4" not in codes
         return block.values.get("S") if is_speed or not self._dialect.extrudes else None
+
+    def _take_flow(self, auxiliary: list[int], speed: float | None) -> None:
+        """Take the set point of the flow from S, of a spindle or a fan."""
+        state = self._state
+        if _FAN_ON in auxiliary:
+            state.set_flow("M106", _FULL if speed is None else speed)
+        elif _FAN_OFF in auxiliary:
+            state.set_flow("M106", 0.0)
+        elif speed is not None:
+            state.set_flow("S", speed)
 
     def _command(self, line: FirmwareCommand) -> bool:
         code = self._codes.get(line.name)

@@ -42,6 +42,7 @@ class MoveRow(NamedTuple):
         limits: index of the limits in force.
         outputs: index of the outputs that are on, as of `Outputs`.
         advance: index of the pressure advance in force.
+        analogue: set point of the flow.
     """
 
     kind: float
@@ -61,6 +62,7 @@ class MoveRow(NamedTuple):
     limits: float = 0.0
     outputs: float = 0.0
     advance: float = 0.0
+    analogue: float = 0.0
 
 
 # columns of the table
@@ -78,8 +80,9 @@ FLOW = MoveRow._fields.index("flow")
 LIMITS = MoveRow._fields.index("limits")
 OUTPUTS = MoveRow._fields.index("outputs")
 ADVANCE = MoveRow._fields.index("advance")
+ANALOGUE = MoveRow._fields.index("analogue")
 WIDTH = len(MoveRow._fields)
-_MOST_MOVES = 5_000_000  # moves, of 136 bytes each
+_MOST_MOVES = 5_000_000  # moves, of 144 bytes each
 _SAME = 1e-9  # relative to 1 rad
 
 

@@ -24,6 +24,7 @@ from gantrysim.controllers.gcode.motion_limits import (
     turning_speed,
 )
 from gantrysim.controllers.gcode.move_table import (
+    ANALOGUE,
     ANGLE,
     ARC,
     CENTRE,
@@ -101,6 +102,11 @@ class PathPlan:
         """Return points (n, 3) [mm], whether glue is laid, (n,), and the progress, (n,) [mm], at times (n,) [s]."""
         s, row = self._rows(np.asarray(t, float))
         return self.path.position(s), self.program.glue[row], np.interp(s, self.path.ends, self.progress)
+
+    def analogue(self, t: ArrayLike) -> Floats:
+        """Return the set point of the flow at times, (n,)."""
+        _, row = self._rows(np.asarray(t, float))
+        return self.program.moves[row, ANALOGUE]
 
     def lines(self, t: ArrayLike) -> NDArray[np.intp]:
         """Return the program's lines that run at times, (n,)."""

@@ -147,6 +147,7 @@ class ProgramSetup:
         parameters: values that the machine provides, by name.
         firmware: that reads the program, in a dialect that extrudes.
         pressure_advance: of the firmware's configuration [s].
+        flow_output: word whose value is the set point of the flow, as `GCode.flow_output`.
     """
 
     dialect: GCodeDialect
@@ -159,6 +160,7 @@ class ProgramSetup:
     parameters: dict[str, float] = field(default_factory=dict)
     firmware: Firmware = "marlin"
     pressure_advance: float = 0.0
+    flow_output: str = ""
 
 
 @dataclass
@@ -271,6 +273,7 @@ class ProgramState:
         motion: name of the code of motion in force.
         outputs: that M codes switch.
         extruder: what E feeds.
+        flow_value: set point of the flow.
         spline_control: last control point of the cubic spline before, from its end, as x + iy; None after other moves.
         line: of the program's text, from 1.
         depth: of the calls of subroutines.
@@ -294,6 +297,7 @@ class ProgramState:
         self.modes = Modes(path=setup.path_mode)
         self.motion = "G1" if setup.dialect.extrudes else "G0"
         self.outputs = Outputs(setup.dispense)
+        self.flow_value = 0.0
         self.extruder = Extruder(setup.firmware, setup.pressure_advance)
         self.spline_control: complex | None = None
         self.cycle: CycleSeries | None = None
@@ -342,6 +346,13 @@ class ProgramState:
         """Feed material at standstill, for as long as it takes at a speed, by default the feed in force [mm, mm/s]."""
         if fed:
             self.pause(abs(fed) / (speed or self.feed_at(abs(fed))), fed=fed)
+
+    def set_flow(self, word: str, value: float) -> bool:
+        """Take the value of a word as the set point of the flow, if it is that; return whether it is."""
+        if word != self.setup.flow_output:
+            return False
+        self.flow_value = value
+        return True
 
     def line_to(self, end: list[float], feed: float, fed: float = 0.0, *, at_work: bool = True) -> None:
         """Add a line at feed.
@@ -396,6 +407,7 @@ class ProgramState:
                 limits=limits,
                 outputs=outputs,
                 advance=self.extruder.index,
+                analogue=self.flow_value,
             )
         )
 
@@ -416,6 +428,7 @@ class ProgramState:
                 flow=fed,
                 outputs=outputs,
                 advance=self.extruder.index,
+                analogue=self.flow_value,
             )
         )
 

@@ -81,6 +81,7 @@ def add_arc(state: ProgramState, block: WordBlock, clockwise: bool) -> None:
             limits=state.limits.index(block.fed > 0),
             outputs=state.outputs.index,
             advance=state.extruder.index,
+            analogue=state.flow_value,
         )
     )
 

@@ -38,6 +38,9 @@ class Program(GCode):
         block_skip: whether lines that begin with a slash are skipped.
         skip_axes: letters of axes that the machine lacks, whose words are counted and skipped.
         max_steps: largest number of lines executed, loops included.
+        flow_output: word whose value is the set point of a pump's flow, which `dispenser.per_output` multiplies: "S" of
+            the spindle, "M106" (S of a fan, 255 without) or, with its number, "M67 E0" (Q of M67 and M68); by default
+            none.
         axis_speeds: speed limits of x, y and z in all moves; if a job gives none and the program exceeds the machine's,
             the machine's apply [mm/s].
         corner_tolerance: largest deviation of rounded corners from the path, where the program sets no speed or

@@ -22,7 +22,7 @@ from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError, at_least, positive, unknown
 from gantrysim.glue.dispenser.driven import Drive, Driven, driven_flow, driven_notes
 from gantrysim.glue.dispenser.lag import Lag, NeedleLaw, driven_volumes, lagged_volumes, syringe_volumes
-from gantrysim.glue.dispenser.material import Material
+from gantrysim.glue.dispenser.material import NOTHING, Material, without_e, without_output
 from gantrysim.glue.dispenser.motor import Motor
 from gantrysim.glue.dispenser.needle import Needle
 from gantrysim.glue.dispenser.piston import Piston
@@ -37,7 +37,14 @@ VALVE = "valve"
 PISTON = "piston"
 _OF_VALVES = ("pressure", "syringe", "dead_time", "opening", "closing")  # what a driven dispenser has not
 # keys that state the amount of glue, and their units
-DEMANDS = {"flow": "mm³/s", "area": "mm²", "pressure": "kPa", "filament": "mm", "e_volume": "mm³/mm"}
+DEMANDS = {
+    "flow": "mm³/s",
+    "area": "mm²",
+    "pressure": "kPa",
+    "filament": "mm",
+    "e_volume": "mm³/mm",
+    "per_output": "mm³/s",
+}
 
 _LARGEST_VALUE = 1e9  # largest flow, area and pressure
 _LONGEST = 1e3  # dead time, time constants, leads and advance [s]
@@ -96,6 +103,8 @@ class Dispenser:
         pump: of a volumetric dispenser; None for the default one.
         piston: of a piston dispenser; None for the default one.
         motor: of a driven dispenser; None for one without limits.
+        per_output: flow rate for each unit of the program's `flow_output`, an alternative to `flow`: an analogue output
+            or PWM [mm³/s].
 
     Raises:
         InputError: more than one of flow, area, pressure, filament and e_volume, or a value out of bounds.
@@ -122,6 +131,7 @@ class Dispenser:
     pump: Pump | None = None
     piston: Piston | None = None
     motor: Motor | None = None
+    per_output: float = 0.0
 
     def __post_init__(self) -> None:
         for name, unit in DEMANDS.items():
@@ -207,7 +217,7 @@ class Dispenser:
         return self.e_volume or 0.25 * math.pi * self.filament**2
 
     def flow_demand(
-        self, dispense: ArrayLike, speed: ArrayLike, period: float = 1.0, material: Material | None = None
+        self, dispense: ArrayLike, speed: ArrayLike, period: float = 1.0, material: Material = NOTHING
     ) -> Floats:
         """Return the mean flow requested by the program in each servo period, without leads and lags, (n,) [mm³/s].
 
@@ -219,12 +229,12 @@ class Dispenser:
         """
         on = np.asarray(dispense, bool)
         if self.per_e:
-            return self.per_e / period * _fed(material)
+            return self.per_e / period * material.laid()
         if not self.flows_at_all:
             return np.zeros(on.shape)
-        return np.where(on, self._demand(np.asarray(speed, float)), 0.0)
+        return np.where(on, self._demand(self._measure(np.asarray(speed, float), material)), 0.0)
 
-    def flows(self, dispense: ArrayLike, speed: ArrayLike, period: float, material: Material | None = None) -> Floats:
+    def flows(self, dispense: ArrayLike, speed: ArrayLike, period: float, material: Material = NOTHING) -> Floats:
         """Return the mean flow out of the nozzle over the period after each tick, (n,) [mm³/s].
 
         The dispenser is at rest before the first tick.
@@ -249,11 +259,12 @@ class Dispenser:
             raise InputError(f"speed = {speeds[tick]:g} mm/s at tick {tick}: must be finite and at least 0 mm/s")
         if not self.flows_at_all:
             return np.zeros(on.size)
+        speeds = self._measure(speeds, material)
         if self.drive is not None:
             return self.driven(on, speeds, period, material).out.flow
         if self.per_e:
             # a valve that follows E is open while E lays material
-            speeds = _fed(material) / period
+            speeds = material.laid() / period
             on = on | (speeds > 0)
         valve = self._valve(on, period)
         if not valve.opens.size:
@@ -292,19 +303,17 @@ class Dispenser:
             value = (mean + self.advance / period * change)[first - before :]
         return breaks, value
 
-    def driven(self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material | None) -> Driven:
+    def driven(self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material) -> Driven:
         """Return what a driven dispenser does; arguments as of `flows`."""
         drive = self.drive
         assert drive is not None
         command = self._command(on, speed, period, material)
         return driven_flow(drive, command, period, by_position=bool(self.per_e))
 
-    def _command(self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material | None) -> Floats:
+    def _command(self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material) -> Floats:
         """Return the rate that is commanded of a motor over the period after each tick, (n,) [mm³/s]."""
         if self.per_e:
-            if material is None or material.motor is None:
-                raise _without_e()
-            command = self.per_e / period * np.diff(material.motor, append=material.motor[-1:])
+            command = self.per_e / period * material.stroke()
             if self.advance:
                 command = command + self.advance / period * np.diff(command, prepend=0.0)
         else:
@@ -314,11 +323,11 @@ class Dispenser:
         return np.clip(command, -self.limit, self.limit)
 
     def notes(
-        self, dispense: ArrayLike, speed: ArrayLike, period: float, material: Material | None = None
+        self, dispense: ArrayLike, speed: ArrayLike, period: float, material: Material = NOTHING
     ) -> tuple[str, ...]:
         """Return notes on a run, such as when the syringe runs empty, or the motor stalls; arguments as of `flows`."""
         on = np.asarray(dispense, bool)
-        speeds = np.asarray(speed, float)
+        speeds = self._measure(np.asarray(speed, float), material)
         if not self.flows_at_all:
             return ()
         if self.drive is not None:
@@ -337,14 +346,12 @@ class Dispenser:
             f"the syringe of {self.syringe.glue:.4g} mm³ runs empty at t = {(empty[0] + 1) * period:.4g} s",
         )
 
-    def _clipped(
-        self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material | None
-    ) -> tuple[str, ...]:
+    def _clipped(self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material) -> tuple[str, ...]:
         """Return a note on what the compensation's demand below zero costs, which a valve cannot follow."""
         if not self.advance:
             return ()
         if self.per_e:
-            speed = _fed(material) / period
+            speed = material.laid() / period
             on = on | (speed > 0)
         breaks, value = self._requests(0, on.size, np.append(speed, 0.0), self._valve(on, period), period)
         # nothing is requested after the last tick, and a request at it falls to zero there
@@ -401,7 +408,9 @@ class Dispenser:
     def check(self, setpoints: Setpoints) -> None:
         """Raise InputError where the start lead is longer than the time before dispensing, or E is missing."""
         if self.per_e and setpoints.extrusion is None:
-            raise _without_e()
+            raise without_e()
+        if self.per_output and setpoints.analogue is None:
+            raise without_output()
         self._valve(setpoints.dispense, setpoints.period)
 
     def held_back(self, setpoints: Setpoints) -> Setpoints:
@@ -409,14 +418,20 @@ class Dispenser:
         return setpoints.wait(max(self.start_lead - time_before(setpoints), 0.0))
 
     def _demand(self, speed: Floats) -> Floats:
-        """Return the flow while the dispenser is on, at speeds of the path or of E, of their shape [mm³/s]."""
+        """Return the flow while the dispenser is on, at speeds of path or E, or set points, of their shape [mm³/s]."""
         if self.per_e:
             return self.per_e * speed
-        if self.area:
-            return self.area * speed
+        if self.area or self.per_output:
+            return (self.area or self.per_output) * speed
         if self._driven is not None and self.pressure:
             return np.full(speed.shape, float(self._driven.flow(self.pressure)))
         return np.full(speed.shape, self.flow)
+
+    def _measure(self, speed: Floats, material: Material) -> Floats:
+        """Return what the flow is proportional to: the path speed, or the set point of an output, (n,)."""
+        if not self.per_output:
+            return speed
+        return material.set_point()
 
     def _request(self, flow: Floats) -> Floats:
         """Return the request for a flow: the flow itself, or the pressure for it [kPa]."""
@@ -456,20 +471,6 @@ class Dispenser:
             return needle.conductance * driven_volumes(duration, request, lag, law, state)
         air = (self.syringe.rate, self.syringe.critical_ratio)
         return syringe_volumes(duration, request, lag, law, air, state)
-
-
-def _fed(material: Material | None) -> Floats:
-    """Return the material laid over the period after each tick, (n,) [mm]."""
-    if material is None or material.extrusion is None:
-        raise _without_e()
-    return material.laid()
-
-
-def _without_e() -> InputError:
-    return InputError(
-        "dispenser: filament and e_volume multiply what a program feeds by E, and this one feeds nothing: the amount "
-        "must be given by flow, area or pressure"
-    )
 
 
 def time_before(setpoints: Setpoints) -> float:
