@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import CubicSpline
 
@@ -116,6 +118,43 @@ def test_the_flow_over_random_speeds_is_that_of_the_ode(kind, fluid, seed):
     assert flow.sum() == pytest.approx(expected.sum(), rel=1e-3)
 
 
+@pytest.mark.parametrize("compliance", [1e-6, 1e-4, 1e-3])
+def test_a_stiff_line_follows_its_motor(compliance):
+    needle = FLUIDS["shear-thinning"]
+    on, speed = random_motion(4, 900)
+    piston = Piston(charge=math.inf, compliance=compliance)
+    flow = Dispenser(area=AREA, kind="piston", needle=needle, piston=piston).flows(on, speed, PERIOD)
+    expected = flow_by_ode(AREA * speed, needle, compliance)
+    np.testing.assert_allclose(flow, expected, rtol=0, atol=0.005 * expected.max())
+
+
+@settings(max_examples=60)
+@given(seed=st.integers(0, 10_000))
+def test_no_more_flows_out_than_was_displaced_whatever_the_line(seed):
+    rng = np.random.default_rng(seed)
+    on, speed = random_motion(seed, 900)
+    needle = Needle(
+        bore=rng.uniform(0.1, 2.0),
+        length=rng.uniform(1.0, 50.0),
+        consistency=10 ** rng.uniform(-2, 3),
+        index=rng.uniform(0.2, 1.8),
+        yield_stress=rng.choice([0.0, 10 ** rng.uniform(-1, 3)]),
+    )
+    piston = Piston(
+        plunger=rng.uniform(1.0, 20.0),
+        charge=10 ** rng.uniform(-3, 1),
+        compliance=10 ** rng.uniform(-6, 1),
+        bulk_modulus=10 ** rng.uniform(0, 4),
+        force=rng.choice([math.inf, 10 ** rng.uniform(0, 3)]),
+    )
+    dispenser = Dispenser(area=AREA, kind="piston", needle=needle, piston=piston, advance=rng.choice([0.0, 0.1]))
+    flow = dispenser.flows(on, speed, PERIOD)
+    pushed = np.maximum(dispenser.driven(on, speed, PERIOD, Material()).moved.rate, 0.0).sum()
+    assert np.isfinite(flow).all()
+    assert flow.min() >= 0
+    assert flow.sum() <= pushed * (1 + 1e-6) + 1e-6
+
+
 @pytest.mark.validates(
     "volume of a piston whose advance is its lag",
     "conservation of volume",
@@ -203,7 +242,7 @@ def test_a_motor_that_follows_e_makes_up_for_its_limits_and_one_that_follows_a_s
     motor = Motor(top_acceleration=200.0 / (math.pi * 64))  # 200 mm³/s²
     piston = Piston(charge=math.inf)
     by_speed = Dispenser(area=AREA, kind="piston", needle=needle, piston=piston, motor=motor)
-    result = by_speed.driven(on, speed, PERIOD, None)
+    result = by_speed.driven(on, speed, PERIOD, Material())
     rate = result.moved.rate
     # a ramp up, the flow, and the same ramp down
     assert np.abs(np.diff(rate)).max() == pytest.approx(200 * PERIOD)
@@ -223,7 +262,7 @@ def test_a_motor_that_follows_e_makes_up_for_its_limits_and_one_that_follows_a_s
 def test_steps_of_a_motor_are_whole():
     on, speed = random_motion(5)
     dispenser = Dispenser(area=AREA, kind="piston", needle=NEWTONIAN, piston=Piston(), motor=Motor(step=1e-4))
-    moved = np.cumsum(dispenser.driven(on, speed, PERIOD, None).moved.rate) * PERIOD
+    moved = np.cumsum(dispenser.driven(on, speed, PERIOD, Material()).moved.rate) * PERIOD
     steps = moved / (1e-4 * math.pi * 64)
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
     assert moved[-1] == pytest.approx(AREA * speed.sum() * PERIOD, abs=0.5e-4 * math.pi * 64)
