@@ -21,6 +21,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.columns import blocks
 from gantrysim.base.errors import InputError, at_least, positive, unknown
 from gantrysim.glue.dispenser.driven import Drive, Driven, driven_flow, driven_notes
+from gantrysim.glue.dispenser.jet import Jet, Shots, jet_notes, shots
 from gantrysim.glue.dispenser.lag import Lag, NeedleLaw, driven_volumes, lagged_volumes, syringe_volumes
 from gantrysim.glue.dispenser.material import NOTHING, Material, without_e, without_output
 from gantrysim.glue.dispenser.motor import Motor
@@ -35,6 +36,8 @@ VOLUMETRIC = "volumetric"
 TIME_PRESSURE = "time-pressure"
 VALVE = "valve"
 PISTON = "piston"
+JET = "jet"
+_KINDS = (VALVE, VOLUMETRIC, PISTON, JET)
 _OF_VALVES = ("pressure", "syringe", "dead_time", "opening", "closing")  # what a driven dispenser has not
 # keys that state the amount of glue, and their units
 DEMANDS = {
@@ -99,12 +102,13 @@ class Dispenser:
         e_volume: volume of glue for each millimetre of E, an alternative to `filament`; by default of a piston that is
             driven by E, whose stroke E then is, that of its bore [mm³/mm].
         kind: "valve" (with a pump that runs, or a pressure), "volumetric" (a driven pump: auger, progressive cavity or
-            gear) or "piston" (a driven syringe, or an extruder's filament).
+            gear), "piston" (a driven syringe, or an extruder's filament) or "jet" (drops of one volume).
         pump: of a volumetric dispenser; None for the default one.
         piston: of a piston dispenser; None for the default one.
         motor: of a driven dispenser; None for one without limits.
         per_output: flow rate for each unit of the program's `flow_output`, an alternative to `flow`: an analogue output
             or PWM [mm³/s].
+        jet: drops of a jet; None for the default ones.
 
     Raises:
         InputError: more than one of flow, area, pressure, filament and e_volume, or a value out of bounds.
@@ -127,11 +131,12 @@ class Dispenser:
     syringe: Syringe | None = None
     filament: float = 0.0
     e_volume: float = 0.0
-    kind: Literal["valve", "volumetric", "piston"] = "valve"
+    kind: Literal["valve", "volumetric", "piston", "jet"] = "valve"
     pump: Pump | None = None
     piston: Piston | None = None
     motor: Motor | None = None
     per_output: float = 0.0
+    jet: Jet | None = None
 
     def __post_init__(self) -> None:
         for name, unit in DEMANDS.items():
@@ -143,8 +148,8 @@ class Dispenser:
             at_least(name, getattr(self, name), 0, "s", _LONGEST)
         if self.metering not in (VOLUMETRIC, TIME_PRESSURE):
             raise unknown("metering", self.metering, (VOLUMETRIC, TIME_PRESSURE))
-        if self.kind not in (VALVE, VOLUMETRIC, PISTON):
-            raise unknown("kind of dispenser", self.kind, (VALVE, VOLUMETRIC, PISTON))
+        if self.kind not in _KINDS:
+            raise unknown("kind of dispenser", self.kind, _KINDS)
         self._check_kind()
         if self.metering == TIME_PRESSURE and self.needle is None:
             raise InputError("metering time-pressure: needs a needle, which converts pressure to flow")
@@ -171,29 +176,29 @@ class Dispenser:
 
     def _check_kind(self) -> None:
         """Check that the dispenser has no values of another kind."""
-        of_kind = {"pump": VOLUMETRIC, "piston": PISTON}
+        of_kind = {"pump": VOLUMETRIC, "piston": PISTON, "jet": JET}
         for name, kind in of_kind.items():
             if getattr(self, name) is not None and self.kind != kind:
                 raise InputError(f"dispenser.{name} with kind = {self.kind}: must be with kind = {kind}")
+        if self.kind in (VALVE, JET) and self.motor is not None:
+            raise InputError(f"dispenser.motor with kind = {self.kind}: must be with kind = volumetric or piston")
         if self.kind == VALVE:
-            if self.motor is not None:
-                raise InputError("dispenser.motor with kind = valve: must be with kind = volumetric or piston")
             return
-        if self.needle is None:
+        if self.needle is None and self.kind != JET:
             raise InputError(f"dispenser of kind {self.kind}: needs a needle with its glue, through which it is driven")
-        foreign = [name for name in _OF_VALVES if getattr(self, name)]
+        foreign = [name for name in _OF_VALVES if getattr(self, name) and (self.kind, name) != (JET, "dead_time")]
         if self.metering == TIME_PRESSURE:
             foreign.append("metering")
         if foreign:
             raise InputError(
-                f"dispenser.{foreign[0]} with kind = {self.kind}: must be with kind = valve; the lag of a driven one "
-                "follows from its compliance and its needle"
+                f"dispenser.{foreign[0]} with kind = {self.kind}: must be with kind = valve; a driven one lags by its "
+                "compliance and its needle, a jet not at all"
             )
 
     @property
     def drive(self) -> Drive | None:
-        """Pump or piston with motor and needle; None for a valve."""
-        if self.kind == VALVE:
+        """Pump or piston with motor and needle; None for a valve or a jet."""
+        if self.kind in (VALVE, JET):
             return None
         assert self.needle is not None
         body: Pump | Piston = self.pump or Pump() if self.kind == VOLUMETRIC else self.piston or Piston()
@@ -262,6 +267,8 @@ class Dispenser:
         speeds = self._measure(speeds, material)
         if self.drive is not None:
             return self.driven(on, speeds, period, material).out.flow
+        if self.kind == JET:
+            return self._shots(on, speeds, period, material).flow
         if self.per_e:
             # a valve that follows E is open while E lays material
             speeds = material.laid() / period
@@ -310,6 +317,12 @@ class Dispenser:
         command = self._command(on, speed, period, material)
         return driven_flow(drive, command, period, by_position=bool(self.per_e))
 
+    def _shots(self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material) -> Shots:
+        """Return what a jet shoots; arguments as of `flows`."""
+        laid = self.per_e / period * material.laid() if self.per_e else None
+        command = self._command(on, speed, period, material) if laid is None else laid
+        return shots(self.jet or Jet(), command, period, self.dead_time)
+
     def _command(self, on: NDArray[np.bool_], speed: Floats, period: float, material: Material) -> Floats:
         """Return the rate that is commanded of a motor over the period after each tick, (n,) [mm³/s]."""
         if self.per_e:
@@ -334,6 +347,9 @@ class Dispenser:
             result = self.driven(on, speeds, period, material)
             volume = float(self.flow_demand(on, speeds, period, material).sum()) * period
             return driven_notes(self.drive, result, volume, period)
+        if self.kind == JET:
+            volume = float(self.flow_demand(on, speeds, period, material).sum()) * period
+            return jet_notes(self.jet or Jet(), self._shots(on, speeds, period, material), volume)
         notes = self._clipped(on, speeds, period, material)
         if self.syringe is None:
             return notes
@@ -374,6 +390,8 @@ class Dispenser:
         Args:
             is_advanced: whether the program sets pressure advance.
         """
+        if self.per_e and self.kind == JET:
+            return f"E's volume is shot in drops, {self.per_e:.4g} mm³ for each mm, without its retractions."
         if self.per_e and self.kind != VALVE:
             advance = ", with the program's pressure advance" if is_advanced else ""
             moved = "plunger" if self.kind == PISTON else "pump"

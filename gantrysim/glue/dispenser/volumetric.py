@@ -23,9 +23,9 @@ class Pump:
 
     The slip g p flows back through clearances; a progressive cavity pump with its interference fit has nearly none, a
     gear pump by h^3 / viscosity of its clearances, and an auger most: its metering zone drags D n and leaks g p
-    (Rauwendaal, Polymer Extrusion, 5th ed. 2014, section 7.4; Lewicki, Hill and Casey, Int. J. Mech. Sci. 1998, for
-    dispensing augers). g falls with the viscosity of the glue, here it is constant. Nor are there the ripple of the
-    teeth or chambers, wear, or starvation at the inlet. Between pump and needle the glue is stored in walls and hose.
+    (Rauwendaal, Polymer Extrusion, 5th ed. 2014, chapter 7). g goes with the inverse of the viscosity; here it is
+    constant. Nor are there the ripple of teeth or chambers, wear, or starvation at the inlet. Between pump and needle
+    the glue is stored in walls and hose.
 
     Attributes:
         displacement: volume of a revolution D, without slip [mm³/rev].
