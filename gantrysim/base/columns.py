@@ -164,19 +164,19 @@ def extent(function: Callable[[slice], Floats], rows: int) -> float:
 
 
 def table_by_blocks(parts: Iterator[_Table], rows: int) -> _Table:
-    """Join tables, dataclasses with columns alone; in memory, or for a long run in a file.
+    """Join tables, dataclasses with columns alone, the same ones each; in memory, or for a long run in a file.
 
     Args:
         parts: the tables in their order, at least one.
         rows: that they have together, at most.
     """
     first = next(parts)
-    names = [field.name for field in fields(cast(Any, first))]
+    names = [field.name for field in fields(cast(Any, first)) if getattr(first, field.name) is not None]
     if rows <= memory.LONG_RUN:
         every = [first, *parts]
         if len(every) == 1:
             return first
-        return type(first)(*(np.concatenate([getattr(part, name) for part in every]) for name in names))
+        return type(first)(**{name: np.concatenate([getattr(part, name) for part in every]) for name in names})
     samples = {name: np.asarray(getattr(first, name)) for name in names}
     table = FileTable(rows, {name: (sample.dtype, sample.shape[1:]) for name, sample in samples.items()})
     written = 0

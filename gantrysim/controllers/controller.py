@@ -114,6 +114,29 @@ class Controller(ABC):
         """Suffix of a file with `program_text`."""
         return self.suffixes[0] if self.suffixes else ".txt"
 
+    @property
+    def feeds_material(self) -> bool:
+        """Whether the program states the amount of material that it feeds, by E."""
+        return False
+
+    @property
+    def filament(self) -> float | None:
+        """Diameter of the filament that E feeds, as the program states it [mm]; None where it does not, or has no E."""
+        return None
+
+    def with_advance(self, time: float) -> dict[str, Any] | None:
+        """Return the arguments, by name, that set the pressure advance of the extruder [s].
+
+        Returns:
+            None for a program without E, or one that sets its pressure advance itself.
+        """
+        return None
+
+    @property
+    def advance_words(self) -> str:
+        """The line that sets the pressure advance in the firmware's words; empty for a controller without E."""
+        return ""
+
     def release(self) -> None:
         """Free the memory of a long program's intermediate results, which are recomputed on demand."""
         return

@@ -17,17 +17,18 @@ from gantrysim.engine.drives.part import STEPPER
 from gantrysim.engine.injection import faulted_flow, stretches
 from gantrysim.faults import InjectedFault
 from gantrysim.glue.dispenser.dispenser import Dispenser
+from gantrysim.glue.dispenser.material import Material
 from gantrysim.machine.machine import Machine
 from gantrysim.machine.row import Log
 from gantrysim.record.run import Run
 from gantrysim.record.run_file import Fault
-from gantrysim.record.setpoints import Setpoints
+from gantrysim.record.setpoints import MATERIAL, Setpoints
 
 # The columns of a record: from a log, from the setpoints, and the part that is no array.
 
 
 def columns_of(
-    axes: int, *, waiting: bool, geometry: bool, progress: bool
+    axes: int, *, waiting: bool, geometry: bool, optional: tuple[str, ...]
 ) -> dict[str, tuple[np.dtype[Any], tuple[int, ...]]]:
     """Return the columns of a record in a file."""
     number = np.dtype(np.float64)
@@ -35,13 +36,14 @@ def columns_of(
     tails = {"": (), "axes": (axes,), "tip": (3,)}
     columns = {name: (number, tails[kind]) for kind, group in names.items() for name in group}
     columns |= {name: (number, (3,)) for name in ("geometric_tip", IDEAL) if geometry}
-    columns |= {"progress": (number, ())} if progress else {}
+    columns |= dict.fromkeys(optional, (number, ()))
     whole = {"setpoint": (np.dtype(np.int64), ())} if waiting else {}
     return {**columns, "dispense": (np.dtype(np.bool_), ()), **whole}
 
 
 OF_AXES = ("encoder", "motor", "demand", "torque", "current", "voltage")
 TIPS = ("encoder_tip", "motor_tip", "nozzle")
+_OPTIONAL = ("progress", *MATERIAL)  # columns of setpoints that may be missing
 IDEAL = "ideal_nozzle"  # the nozzle of the same machine with an ideal geometry
 
 
@@ -176,16 +178,21 @@ def sent_columns(
         else:
             table.write(block.start, columns)
     dispense = setpoints.dispense[sent] if waited else setpoints.dispense[:n]
-    flow = dispenser.flows(dispense, speed, period)
+    optional = {}
+    for name in _OPTIONAL:
+        column = getattr(setpoints, name)
+        if column is not None:
+            optional[name] = column[sent] if waited else column[:n]
+    material = Material(**{name: optional[name] for name in MATERIAL if name in optional})
+    flow = dispenser.flows(dispense, speed, period, material)
     if faults:
         flow = faulted_flow(faults, flow, dispenser.open_share(dispense, period), period)
     columns = {
         "flow": flow,
-        "flow_demand": dispenser.flow_demand(dispense, speed),
+        "flow_demand": dispenser.flow_demand(dispense, speed, period, material),
         "dispense": dispense,
+        **optional,
     }
-    if setpoints.progress is not None:
-        columns["progress"] = setpoints.progress[sent] if waited else setpoints.progress[:n]
     if table is None:
         content |= columns
     else:
@@ -224,9 +231,18 @@ def dispensed_otherwise(run: Run, dispenser: Dispenser) -> Run:
     """
     speed = np.empty(len(run.time))
     _fill_speeds(speed, seen(run.commanded_tip), run.period)
+    material = Material(run.extrusion, run.extruder, run.analogue)
     return run.replaced(
-        flow=dispenser.flows(run.dispense, speed, run.period), flow_demand=dispenser.flow_demand(run.dispense, speed)
+        flow=dispenser.flows(run.dispense, speed, run.period, material),
+        flow_demand=dispenser.flow_demand(run.dispense, speed, run.period, material),
     )
+
+
+def dispenser_notes(run: Run, dispenser: Dispenser) -> tuple[str, ...]:
+    """Return the dispenser's notes on the commands of a run."""
+    speed = np.empty(len(run.time))
+    _fill_speeds(speed, seen(run.commanded_tip), run.period)
+    return dispenser.notes(run.dispense, speed, run.period, Material(run.extrusion, run.extruder, run.analogue))
 
 
 class LogBook:
@@ -275,7 +291,7 @@ class LogBook:
                 axes,
                 waiting=setpoints.gates.size > 0,
                 geometry=machine.geometry is not None,
-                progress=setpoints.progress is not None,
+                optional=tuple(name for name in _OPTIONAL if getattr(setpoints, name) is not None),
             )
             self._table = FileTable(self._most, columns)
             self.log = Log.of(0, axes)

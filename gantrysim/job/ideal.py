@@ -116,6 +116,7 @@ def finely_sampled(machine: Machine, servo: Servo, setpoints: Setpoints) -> tupl
         gates=n * setpoints.gates,
         torque=None if setpoints.torque is None else np.repeat(setpoints.torque, n, axis=0)[: len(position)],
         progress=None if setpoints.progress is None else np.interp(tick, np.arange(len(knots)), setpoints.progress),
+        **{name: np.interp(tick, np.arange(len(knots)), fed) for name, fed in setpoints.material.items()},
     )
     inner = min(period, servo.drive_period) if servo.inner_period else servo.drive_period
     return replace(servo, period=period, delay=0.0, feedback_delay=0, drive_period=inner), fine

@@ -11,8 +11,10 @@ from gantrysim.base.errors import at_least
 from gantrysim.base.progress import Progress
 from gantrysim.base.user_code import is_code
 from gantrysim.engine.linear import Engine
+from gantrysim.engine.recording import dispenser_notes
 from gantrysim.engine.simulate import perfect_follower, simulate
 from gantrysim.engine.simulation import Simulation
+from gantrysim.glue.dispenser.dispenser import VALVE
 from gantrysim.job.loaded import LoadedJob
 from gantrysim.job.margins import check_stability, machine_notes, servo_reason
 from gantrysim.job.plan import Plan, check_fit, plan_of
@@ -61,9 +63,12 @@ class Job(LoadedJob):
             hindrance = self._simulation().hindrance
             by = "the compiled loop makes the physics steps" if hindrance is None else f"MuJoCo makes them: {hindrance}"
             notes = (*notes, f'simulation.engine = "loop": {by}')
-        if self.dispenser.syringe is None:
+        if self.controller.feeds_material:
+            notes = (*notes, self.dispenser.material_note(is_advanced=self.setpoints.extruder is not None))
+        dispenser = self.dispenser
+        if dispenser.syringe is None and not dispenser.advance and dispenser.kind == VALVE:
             return notes
-        return notes + self.dispenser.notes(self.follow().flow, servo.period)
+        return notes + dispenser_notes(self.follow(), dispenser)
 
     @cached_property
     def built_servo(self) -> Servo:

@@ -22,6 +22,7 @@ from gantrysim.job.program_place import fit_changes, share_text
 from gantrysim.job.reading import Given, Request, read_with_overrides
 from gantrysim.job.recognition import Recognised
 from gantrysim.job.settings import (
+    FILAMENT,
     GLUE,
     INTEGRAL_TIME,
     MACHINE,
@@ -84,8 +85,20 @@ class OpenValues(NamedTuple):
 
 
 def glue_changes(job: JobContent, machine: Machine) -> dict[str, Any]:
-    """Return the value that sets the amount of glue to what the needle of the job presses flat, by dotted name."""
+    """Return the value that sets the amount of glue, by dotted name: what E feeds, or the needle presses flat."""
+    if _feeds_material(job.controller) and job.dispenser.per_e:
+        return {}
+    if _feeds_material(job.controller):
+        return {"dispenser.filament": job.controller.filament or FILAMENT}
     return {"dispenser.area": needle_area(machine, job.dispenser.needle, job.bead)}
+
+
+def _feeds_material(controller: Controller) -> bool:
+    """Return whether the program states the amount of material by E; False for a program that is refused."""
+    try:
+        return controller.feeds_material
+    except InputError:
+        return False
 
 
 def machine_of(name: str, controller: Controller) -> str:
@@ -146,7 +159,13 @@ def choice_note(open_values: OpenValues, job: JobContent, controller: Controller
     if open_values.travel and job.travel:
         ways = ", ".join(f"{axis} {low:g} to {high:g} mm" for axis, (low, high) in job.travel.items())
         parts.append(f"its travel made {ways}, as large as the program, with the same masses and stiffness")
-    if open_values.glue:
+    if open_values.glue and job.dispenser.filament:
+        stated = "as the program states" if controller.filament else "which the program does not state"
+        parts.append(
+            f"glue as E feeds it, with a filament of {job.dispenser.filament:g} mm, {stated} (--set "
+            "dispenser.filament=2.85, dispenser.e_volume=1 in mm³ for each mm of E, or dispenser.area=1)"
+        )
+    elif open_values.glue and job.dispenser.area:
         area = job.dispenser.area
         where = f" {gap:.4g} mm above the work" if job.bead.gap is not None else ""
         parts.append(

@@ -9,6 +9,7 @@ from typing import Any, Literal, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
 
+from gantrysim.glue.dispenser.dispenser import DEMANDS
 from gantrysim.job.programs import described_fields
 from gantrysim.servo.gains import Parameter
 from gantrysim.servo.laws import ADDITIONS, BASES
@@ -29,7 +30,8 @@ MACHINES = {
 TURNING_MACHINE = "stage"  # for programs that give positions of the axes of a machine that turns its work
 
 # keys of [dispenser] that state the amount of glue; without one, it follows from needle and path speed
-GLUE = ("flow", "area", "pressure")
+GLUE = tuple(DEMANDS)
+FILAMENT = 1.75  # diameter where nobody states one: that of most printers [mm]
 
 
 def smallest_machine(axes: tuple[str, ...]) -> str:

@@ -58,6 +58,11 @@ class Limited:
     def duration(self) -> float:
         return float(self._t[-1])
 
+    @property
+    def knots(self) -> tuple[Floats, Floats, Floats]:
+        """Arc lengths, speeds and times of the nodes, (m,) each [mm, mm/s, s]."""
+        return self._s, self._v, self._t
+
     @cached_property
     def slowest(self) -> tuple[float, float]:
         """Lowest speed between the first rise and the last fall, and its arc length [mm/s, mm]."""

@@ -73,6 +73,9 @@ class Run(Shown):
         dispense: dispenser command, (n,).
         progress: arc length along the requested path for which the command stands, never falling, (n,) [mm]; None where
             the setpoints do not state it.
+        extrusion, extruder: material that the program has fed by E, and the position to which pressure advance sends
+            the extruder's motor, (n,) [mm]; None as in `Setpoints`.
+        analogue: set point of the flow, as the program sets it by an output, (n,); None as in `Setpoints`.
         face: outer diameter of the needle at its tip [mm].
         needle_length: length of the needle [mm].
         fault: the `Fault` that ended the run early, or None.
@@ -105,6 +108,9 @@ class Run(Shown):
     dispense: Column[NDArray[np.bool_]] = Column()
     geometric_tip: OptionalColumn[Floats] = OptionalColumn()
     progress: OptionalColumn[Floats] = OptionalColumn()
+    extrusion: OptionalColumn[Floats] = OptionalColumn()
+    extruder: OptionalColumn[Floats] = OptionalColumn()
+    analogue: OptionalColumn[Floats] = OptionalColumn()
     face: float = 0.82  # of the 21 gauge needle of the built-in machines
     needle_length: float = 25.4
     fault: Fault | None = None

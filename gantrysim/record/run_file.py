@@ -234,7 +234,13 @@ _COLUMNS = {
     **dict.fromkeys(("commanded_tip", "encoder_tip", "motor_tip", "nozzle"), 3),
     **dict.fromkeys(("commanded", "encoder", "motor", "demand", "torque", "current", "voltage"), None),
 }
-_OPTIONAL = {"geometric_tip": 3, "progress": 0}  # columns that a record may lack
+_OPTIONAL = {
+    "geometric_tip": 3,
+    "progress": 0,
+    "extrusion": 0,
+    "extruder": 0,
+    "analogue": 0,
+}  # columns that a record may lack
 _NAN = ("current", "voltage")
 _LAST = ("demand", "torque", "current", "voltage")  # not finite where a fault ends the run, in the tick that diverged
 

@@ -18,6 +18,7 @@ from gantrysim.paths.path import Path
 from gantrysim.paths.profile import Constant, PointToPoint, Profile
 
 MAX_TICKS = 50_000_000
+MATERIAL = ("extrusion", "extruder", "analogue")  # columns of what a program asks of the dispenser
 _ROUNDING = 1e-9  # relative, of lengths
 
 
@@ -53,7 +54,14 @@ class Supervision:
         at_least("settle_timeout", self.settle_timeout, settle_time, "s")
 
 
-_COLUMNS: dict[str, type[np.generic]] = {"position": np.float64, "dispense": np.bool_, "progress": np.float64}
+_COLUMNS: dict[str, type[np.generic]] = {
+    "position": np.float64,
+    "dispense": np.bool_,
+    "progress": np.float64,
+    "extrusion": np.float64,
+    "extruder": np.float64,
+    "analogue": np.float64,
+}
 
 
 @dataclass(frozen=True)
@@ -64,11 +72,17 @@ class SetpointTable:
         position: (n, axes) [mm or deg].
         dispense: (n,).
         progress: (n,) [mm].
+        extrusion: (n,) [mm]; None without.
+        extruder: (n,) [mm]; None without.
+        analogue: (n,); None without.
     """
 
     position: Column[Floats] = Column()
     dispense: Column[NDArray[np.bool_]] = Column()
     progress: Column[Floats] = Column()
+    extrusion: OptionalColumn[Floats] = OptionalColumn()
+    extruder: OptionalColumn[Floats] = OptionalColumn()
+    analogue: OptionalColumn[Floats] = OptionalColumn()
 
 
 @dataclass(frozen=True)
@@ -86,6 +100,11 @@ class Setpoints:
         torque: torque demands that the servo adds to its own, (n, axes) [N·m]; read-only; None for none.
         progress: arc length along the requested path for which each setpoint stands, never falling, (n,) [mm];
             read-only; None where it is not known. Without it an analysis assigns one, which takes long.
+        extrusion: material that the program has fed so far by E, less what it has pulled back, (n,) [mm]; read-only;
+            None for a program without E.
+        extruder: position to which pressure advance sends the extruder's motor, (n,) [mm]; read-only; None where that
+            is `extrusion`.
+        analogue: set point of the flow, as the program sets it by an output, (n,); read-only; None without.
     """
 
     period: float
@@ -97,6 +116,9 @@ class Setpoints:
     gates: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     torque: Floats | None = None
     progress: OptionalColumn[Floats] = OptionalColumn()
+    extrusion: OptionalColumn[Floats] = OptionalColumn()
+    extruder: OptionalColumn[Floats] = OptionalColumn()
+    analogue: OptionalColumn[Floats] = OptionalColumn()
 
     def __post_init__(self) -> None:
         positive("period", self.period, "s")
@@ -116,6 +138,10 @@ class Setpoints:
                 raise InputError(f"setpoint {block.start + row} = {rows[row].tolist()}: must be finite")
         if "progress" in stored:
             self._check_progress(array_of(stored["progress"]), dispense.shape)
+        for name in stored.keys() & set(MATERIAL):
+            fed = array_of(stored[name])
+            if fed.shape != dispense.shape or not np.isfinite(fed).all():
+                raise InputError(f"{name} of shape {fed.shape}: must be {dispense.shape}, all finite")
         gates = np.array(self.gates, np.int64)
         if gates.ndim != 1 or (gates.size and np.any(np.diff(gates, prepend=-1, append=len(position)) <= 0)):
             raise InputError(f"gates {gates.tolist()}: must be ascending indices of the {len(position)} setpoints")
@@ -157,6 +183,11 @@ class Setpoints:
         """Number of servo ticks of a run with the longest wait at each gate, after which a fault occurs."""
         return len(self.position) + self.gates.size * (periods(self.supervision.settle_timeout, self.period) + 1)
 
+    @property
+    def material(self) -> dict[str, Floats]:
+        """The columns of what the program asks of the dispenser, by name; empty where it does that by its command."""
+        return {name: getattr(self, name) for name in MATERIAL if vars(self)[name] is not None}
+
     def hold(self, duration: float) -> Setpoints:
         """Return these setpoints with the last position held for `duration` [s], the dispenser off."""
         return self._padded(0, ticks(at_least("hold", duration, 0, "s"), self.period))
@@ -171,7 +202,7 @@ class Setpoints:
 
     def part(self, rows: slice) -> Setpoints:
         """Return consecutive setpoints, without waits at gates and torques."""
-        progress = None if self.progress is None else self.progress[rows]
+        given = {name: getattr(self, name)[rows] for name in ("progress", *MATERIAL) if self._has(name)}
         return Setpoints(
             period=self.period,
             axes=self.axes,
@@ -179,7 +210,7 @@ class Setpoints:
             dispense=self.dispense[rows],
             requested=self.requested,
             supervision=self.supervision,
-            progress=progress,
+            **given,
         )
 
     def _padded(self, before: int, after: int) -> Setpoints:
@@ -203,7 +234,12 @@ class Setpoints:
             dispense = self.dispense[first : last + 1]
             progress = np.zeros(len(position)) if self.progress is None else self.progress[first : last + 1]
             inside = k.clip(0, count - 1) - first
-            yield SetpointTable(position[inside], dispense[inside] & (k >= 0) & (k < count), progress[inside])
+            fed = {name: getattr(self, name)[first : last + 1][inside] for name in MATERIAL if self._has(name)}
+            on = dispense[inside] & (k >= 0) & (k < count)
+            yield SetpointTable(position[inside], on, progress[inside], **fed)
+
+    def _has(self, name: str) -> bool:
+        return vars(self)[name] is not None
 
     @classmethod
     def of_blocks(

@@ -194,6 +194,9 @@ def controller_words(base: Job, improved: Job) -> str:
 
     Empty where the gains are those of the job, or the words cannot express those either.
     """
+    advance = improved.controller.advance_words
+    if advance and advance != base.controller.advance_words:
+        return f"{advance}  ; at the program's begin, or in the firmware's configuration\n"
     name = str(improved.program["controller"]).split(".")[0]
     if name not in DIALECTS or base.built_servo == improved.built_servo:
         return ""

@@ -1,11 +1,16 @@
 """Each lever with a job where it must help, and one where it must not apply, with its reason."""
 
+import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from gantrysim import Job
 from gantrysim.glue.dispenser.dispenser import Dispenser
+from gantrysim.glue.dispenser.needle import Needle
+from gantrysim.glue.dispenser.piston import Piston
+from gantrysim.remedy.improvement import controller_words
 from gantrysim.remedy.lever import State
 from gantrysim.remedy.levers import LEVERS
 from gantrysim.remedy.levers.speed import speed_changes
@@ -36,6 +41,25 @@ LATE = {"area": 0.0, "flow": 200.0, "dead_time": 0.04}
 def coarse():
     """Friction is compensated, and counts of 0.1 mm remain."""
     return lines_job(CIRCLE, servo={"resolution": 0.1, "law": ["pid", "friction"]})
+
+
+PISTON = {
+    "kind": "piston",
+    "needle": {"bore": 0.84, "length": 12.0, "consistency": 8.0, "index": 1.0},
+    "piston": {"charge": math.inf, "compliance": 0.02},
+}
+
+
+def soft():
+    """A piston that lags by its compliance."""
+    return lines_job(SIDES, dispenser={"area": AREA, **PISTON})
+
+
+def extruded(before=""):
+    """A square whose E drives the piston."""
+    words = "".join(f"G1 X{x} Y{y} E0.4\n" for x, y in ((40, 0), (40, 40), (0, 40), (0, 2)))
+    text = f"{before}M83\nM204 S1000\nM205 X5 Y5\nF3000\n{words}"
+    return Job.of_content(content_of({"controller": "slicer.Program", "text": text}, dispenser=PISTON), "job small")
 
 
 def crooked():
@@ -84,6 +108,7 @@ def finest():
 HELPS = {
     "flow by speed": (fixed_flow, "glue", "area 2 mm²", 0.5),
     "lag compensation": (lagging, "glue", "20 ms", 0.5),
+    "pressure advance": (soft, "glue", "157.1 ms", 0.2),
     "friction compensation": (rubbing, "path", "", 0.2),
     "disturbance observer": (rubbing, "path", "", 0.7),
     "learning": (rubbing, "path", "", 0.1),
@@ -107,6 +132,7 @@ HELPS = {
 DOES_NOT_APPLY = {
     "flow by speed": (lagging, "proportional to the path speed"),
     "lag compensation": (ideal_valve, "no lag"),
+    "pressure advance": (ideal_valve, "a valve, which no motor drives"),
     "leads": (dry, "lays no bead"),
     "friction compensation": (compensated, "in the law already"),
     "disturbance observer": (compensated, "in the law already"),
@@ -190,6 +216,36 @@ def test_the_measured_leads_are_the_dead_time_of_a_valve_without_lag():
     settings = {setting.label: setting.changes for setting in settings_of("leads", late())}
     for name in ("dispenser.start_lead", "dispenser.stop_lead"):
         assert settings["of the measured ends"][name] == pytest.approx(0.04, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("before", "line"),
+    [
+        ("", "M900 K0.157"),
+        ("; gcode_flavor = klipper\n", "SET_PRESSURE_ADVANCE ADVANCE=0.157"),
+        (";FLAVOR:RepRap\n", "M572 D0 S0.157"),
+    ],
+)
+def test_an_extruder_s_advance_is_proposed_in_the_words_of_its_firmware(before, line):
+    job = extruded(before)
+    (setting,) = settings_of("pressure advance", job)
+    assert setting.changes == {"program.pressure_advance": pytest.approx(0.1571)}
+    better = job.changed(setting.changes)
+    assert usage(better, "glue") < 0.2 * usage(job, "glue")
+    assert controller_words(job, better).startswith(line)
+    # what is pasted is what was run: the line in the program gives the same motion of the motor
+    pasted = extruded(before + controller_words(job, better).split(";")[0] + "\n")
+    np.testing.assert_array_equal(pasted.setpoints.extruder, better.setpoints.extruder)
+    assert settings_of("pressure advance", pasted) == "the program sets its pressure advance itself"
+
+
+def test_a_shear_thinning_glue_has_several_lags():
+    """Of Q = C p^(1/n), the lag of small changes is n times that of the rise from rest."""
+    needle = Needle(bore=0.84, length=12.0, consistency=30.0, index=0.5)
+    drive = Dispenser(area=AREA, kind="piston", needle=needle, piston=Piston(charge=math.inf)).drive
+    small, whole = drive.lags(50.0)
+    assert small == pytest.approx(0.5 * whole, rel=1e-5)
+    assert whole == pytest.approx(0.05 * needle.pressure(50.0) / 50.0, rel=1e-9)
 
 
 def test_dots_keep_their_flow():

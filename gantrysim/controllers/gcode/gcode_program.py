@@ -20,6 +20,8 @@ from gantrysim.base.memory import give_back
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.gcode.coordinate_systems import INCH
 from gantrysim.controllers.gcode.dialects import GCodeDialect
+from gantrysim.controllers.gcode.extrusion import AdvanceLaw, Extrusion, extrusion_of
+from gantrysim.controllers.gcode.firmware import Firmware
 from gantrysim.controllers.gcode.interpret import Interpreted, interpret
 from gantrysim.controllers.gcode.motion_limits import UNLIMITED, MotionLimits, PlanSettings
 from gantrysim.controllers.gcode.move_table import ARC, END, FEED, FLOW, KIND, LINE, SOURCE
@@ -90,6 +92,7 @@ def _has(words: str, codes: tuple[str, ...]) -> bool:
 PER_MINUTE = 60.0
 _INCHES = r"G\s*0*20(?![0-9.])"
 _MILLIMETRES = r"G\s*0*21(?![0-9.])"
+_FLOW_OUTPUT = re.compile(r"S|M106|M67 E\d+")
 _SLOWED = 1e-6  # share of the duration by which a cap of speeds is noted
 _CUT = 0.05  # distance of a rounded corner that is noted [mm]
 
@@ -132,6 +135,7 @@ class GCode(Controller):
     skip_axes: str = ""
     max_steps: int = 10_000_000
     axis_speeds: tuple[float, float, float] = UNLIMITED
+    flow_output: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", place("start", self.start))
@@ -141,6 +145,8 @@ class GCode(Controller):
         positive("feed_override", self.feed_override)
         at_least("arc_tolerance", self.arc_tolerance, 0, "mm")
         whole("max_steps", self.max_steps, 1)
+        if self.flow_output and not _FLOW_OUTPUT.fullmatch(self.flow_output):
+            raise InputError(f'flow_output = "{self.flow_output}": must be "S", "M106", or with its number "M67 E0"')
         for name, speed in zip("xyz", self.axis_speeds, strict=True):
             if speed != math.inf:
                 positive(f"axis_speeds {name}", speed, "mm/s")
@@ -191,6 +197,9 @@ class GCode(Controller):
             diameters=library.diameters,
             parameters=library.parameters,
             upward=self.placement.upward,
+            firmware=self._firmware,
+            flow_output=self.flow_output,
+            pressure_advance=self._pressure_advance,
         )
         return interpret(text, self.start, setup)
 
@@ -226,7 +235,8 @@ class GCode(Controller):
 
     def release(self) -> None:
         """As `Controller.release`: drop the plan."""
-        self.__dict__.pop("plan", None)
+        for name in ("plan", "extrusion"):
+            self.__dict__.pop(name, None)
 
     @property
     def _limits(self) -> MotionLimits:
@@ -298,12 +308,54 @@ class GCode(Controller):
         positive("period", period, "s")
         count = ticks(self.duration, period) + 1
         parts = (self._commands(period, block, count) for block in blocks(count))
-        return Setpoints.of_blocks(period, self.axes, parts, count, self.requested)
+        sent = Setpoints.of_blocks(period, self.axes, parts, count, self.requested)
+        if self.extrusion is None or not self.extrusion.lateness:
+            return sent
+        # averages of the pressure advance end after the motion
+        held = sent.hold(self.extrusion.lateness)
+        late = np.arange(count, len(held.position), dtype=np.float64) * period
+        assert sent.extruder is not None
+        return replace(held, extruder=np.concatenate([sent.extruder, self.extrusion.advanced(late)]))
 
     def _commands(self, period: float, block: slice, count: int) -> SetpointTable:
         """Return the setpoints of a block out of so many."""
-        place, dispense, progress = self.plan.at(self._times(period, block, count))
-        return SetpointTable(np.ascontiguousarray(place[:, : len(self.axes)]), dispense, progress)
+        time = self._times(period, block, count)
+        place, dispense, progress = self.plan.at(time)
+        position = np.ascontiguousarray(place[:, : len(self.axes)])
+        material: dict[str, Floats] = {}
+        if self.flow_output:
+            material["analogue"] = self.plan.analogue(time)
+        if self.extrusion is not None:
+            material["extrusion"] = self.extrusion.position(time)
+            if self.extrusion.is_advanced:
+                material["extruder"] = self.extrusion.advanced(time)
+        return SetpointTable(position, dispense, progress, **material)
+
+    @cached_property
+    def extrusion(self) -> Extrusion | None:
+        """Position of the extruder over time; None for a program that feeds no material by E."""
+        if not self.feeds_material:
+            return None
+        return extrusion_of(self.plan, self._advance_law)
+
+    @property
+    def feeds_material(self) -> bool:
+        return self.program.feeds_material
+
+    @property
+    def _firmware(self) -> Firmware:
+        """The firmware that reads the program, in a dialect that extrudes."""
+        return "marlin"
+
+    @property
+    def _pressure_advance(self) -> float:
+        """Pressure advance of the firmware's configuration [s]."""
+        return 0.0
+
+    @property
+    def _advance_law(self) -> AdvanceLaw:
+        """The law of the firmware's non-linear pressure advance."""
+        return "tanh"
 
     def _times(self, period: float, block: slice, count: int) -> Floats:
         time = np.arange(block.start, block.stop, dtype=np.float64) * period
@@ -391,8 +443,6 @@ class GCode(Controller):
         laid &= length > 0
         # the ends of the distribution are primes and wipes, not the bead
         low, high = np.percentile(table[laid, FLOW] / length[laid], (5, 95)) if laid.any() else (0.0, 0.0)
-        total = float(table[table[:, FLOW] > 0, FLOW].sum())
-        return (
-            f"E feeds {total:.6g} mm, {low:.3g} to {high:.3g} mm per mm of the lines (5 to 95 %); the valve is open or "
-            "closed, so this amount is not simulated.",
-        )
+        # what is pulled back and fed again counts once
+        total = float(np.maximum.accumulate(np.cumsum(table[:, FLOW]))[-1])
+        return (f"E feeds {total:.6g} mm, {low:.3g} to {high:.3g} mm per mm of the lines (5 to 95 %).",)

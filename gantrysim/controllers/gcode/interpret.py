@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import AxisError, InputError
 from gantrysim.controllers.gcode.codes import CODES, Code, Kind
+from gantrysim.controllers.gcode.extruder import PressureAdvance
 from gantrysim.controllers.gcode.lines import FirmwareCommand, Words
 from gantrysim.controllers.gcode.motion_limits import MotionLimits
 from gantrysim.controllers.gcode.move_table import DWELL, END, FLOW, KIND, LINE, OUTPUTS, WORK, MoveTable
@@ -77,6 +78,9 @@ def provided_parameter(state: ProgramState, key: float | str) -> float | None:
 _OFFSET_MOTIONS = {"G0", "G1", "G2", "G3", "G80"}
 _OFFSET_ACTIONS = {"G4", "G10", "G28.1", "G30.1"}
 _ORIGINS = {"tool length", "coordinate system", "shift", "machine coordinates"}
+_FAN_ON = 106
+_FAN_OFF = 107
+_FULL = 255.0  # of a fan, by M106 without S
 _MOST_NAMES = 1000  # of codes, in memory: a program may have any number of unknown ones
 
 
@@ -119,6 +123,7 @@ class Interpreter:
             state = self._state
             speed = self._speed(block, codes, auxiliary)
             state.outputs.switch(auxiliary, block.values.get("P"), speed, block.values.get("S"))
+            self._take_flow(auxiliary, speed)
         if auxiliary:
             for number in auxiliary:
                 self._apply_auxiliary(number, block)
@@ -135,6 +140,16 @@ class Interpreter:
         """Return S where it is a speed: in firmware it is a time, a temperature or other in most blocks."""
         is_speed = SPEED_CODES.issuperset(auxiliary) and "G4" not in codes
         return block.values.get("S") if is_speed or not self._dialect.extrudes else None
+
+    def _take_flow(self, auxiliary: list[int], speed: float | None) -> None:
+        """Take the set point of the flow from S, of a spindle or a fan."""
+        state = self._state
+        if _FAN_ON in auxiliary:
+            state.set_flow("M106", _FULL if speed is None else speed)
+        elif _FAN_OFF in auxiliary:
+            state.set_flow("M106", 0.0)
+        elif speed is not None:
+            state.set_flow("S", speed)
 
     def _command(self, line: FirmwareCommand) -> bool:
         code = self._codes.get(line.name)
@@ -235,9 +250,8 @@ class Interpreter:
             block.fed = state.material_fed(block.values.pop("E"))
         if not moves:
             # a retraction: the nozzle stands for the time that the feed takes
-            if block.fed and code.straight:
-                feed = state.feed_per_minute
-                state.pause(abs(block.fed) / feed if feed else 0.0)
+            if code.straight:
+                state.feed_material(block.fed)
             return
         self._check_compensation(code)
         if block.in_machine and not code.straight:
@@ -308,6 +322,9 @@ class Interpreted:
         subroutines: names of those that the text holds.
         called_files: names of the files of subprograms that were called.
         without_diameter: tools of cutter compensation whose diameter nobody gave.
+        advances: pressure advances to which the moves refer.
+        sets_advance: whether the program sets its pressure advance.
+        filament: diameter by which E was a volume; 0 where it was a length [mm].
     """
 
     start: tuple[float, float, float]
@@ -321,6 +338,14 @@ class Interpreted:
     subroutines: tuple[str, ...] = ()
     called_files: frozenset[str] = frozenset()
     without_diameter: tuple[int, ...] = ()
+    advances: tuple[PressureAdvance, ...] = (PressureAdvance(),)
+    sets_advance: bool = False
+    filament: float = 0.0
+
+    @property
+    def feeds_material(self) -> bool:
+        """Whether E feeds material anywhere."""
+        return bool((self.moves[:, FLOW] > 0).any())
 
     @property
     def without_moves(self) -> str:
@@ -397,6 +422,9 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
         subroutines=subroutines,
         called_files=called_files,
         without_diameter=tuple(sorted(state.tools.without_diameter)),
+        advances=tuple(state.extruder.advances),
+        sets_advance=state.extruder.sets_advance,
+        filament=state.extruder.filament,
     )
 
 

@@ -84,6 +84,9 @@ class Program(GCode):
             tools [mm].
         parameters: values of named parameters that the machine provides, as {"_hal[feed]": 900.0}.
         max_steps: largest number of lines executed, loops included.
+        flow_output: word whose value is the set point of a pump's flow, which `dispenser.per_output` multiplies: "S" of
+            the spindle, "M106" (S of a fan, 255 without) or, with its number, "M67 E0" (Q of M67 and M68); by default
+            none.
         axis_speeds: speed limits of x, y and z in all moves; if a job gives none and the program exceeds the machine's,
             the machine's apply [mm/s].
 

@@ -41,24 +41,28 @@ class MoveRow(NamedTuple):
         flow: material fed [mm].
         limits: index of the limits in force.
         outputs: index of the outputs that are on, as of `Outputs`.
+        advance: index of the pressure advance in force.
+        analogue: set point of the flow.
     """
 
     kind: float
     x: float
     y: float
     z: float
-    u: float
-    v: float
-    plane: float
-    angle: float
-    feed: float
-    mode: float
-    naive: float
-    work: float
-    source: float
-    flow: float
+    u: float = 0.0
+    v: float = 0.0
+    plane: float = 0
+    angle: float = 0.0
+    feed: float = 0.0
+    mode: float = EXACT_PATH
+    naive: float = 0.0
+    work: float = 0.0
+    source: float = 0
+    flow: float = 0.0
     limits: float = 0.0
     outputs: float = 0.0
+    advance: float = 0.0
+    analogue: float = 0.0
 
 
 # columns of the table
@@ -75,8 +79,10 @@ SOURCE = MoveRow._fields.index("source")
 FLOW = MoveRow._fields.index("flow")
 LIMITS = MoveRow._fields.index("limits")
 OUTPUTS = MoveRow._fields.index("outputs")
+ADVANCE = MoveRow._fields.index("advance")
+ANALOGUE = MoveRow._fields.index("analogue")
 WIDTH = len(MoveRow._fields)
-_MOST_MOVES = 5_000_000  # moves, of 128 bytes each
+_MOST_MOVES = 5_000_000  # moves, of 144 bytes each
 _SAME = 1e-9  # relative to 1 rad
 
 

@@ -24,6 +24,7 @@ from gantrysim.controllers.gcode.motion_limits import (
     turning_speed,
 )
 from gantrysim.controllers.gcode.move_table import (
+    ANALOGUE,
     ANGLE,
     ARC,
     CENTRE,
@@ -72,6 +73,7 @@ class PathPlan:
         requested: path of all moves, in the work frame.
         path: the commanded one.
         profile: speed along it, without dwells.
+        rows: of the moves, for every piece of `requested`, (r,).
         progress: arc length of `requested` at the ends of the pieces of `path`, see `_progress`, (n + 1,) [mm].
         source: row of the moves for every piece of `path`, (n,).
         program: with the moves.
@@ -83,6 +85,7 @@ class PathPlan:
     requested: Track
     path: Rounded
     profile: Limited
+    rows: NDArray[np.intp]
     progress: Floats
     source: NDArray[np.intp]
     program: Interpreted
@@ -99,6 +102,11 @@ class PathPlan:
         """Return points (n, 3) [mm], whether glue is laid, (n,), and the progress, (n,) [mm], at times (n,) [s]."""
         s, row = self._rows(np.asarray(t, float))
         return self.path.position(s), self.program.glue[row], np.interp(s, self.path.ends, self.progress)
+
+    def analogue(self, t: ArrayLike) -> Floats:
+        """Return the set point of the flow at times, (n,)."""
+        _, row = self._rows(np.asarray(t, float))
+        return self.program.moves[row, ANALOGUE]
 
     def lines(self, t: ArrayLike) -> NDArray[np.intp]:
         """Return the program's lines that run at times, (n,)."""
@@ -191,6 +199,7 @@ def plan(program: Interpreted, placement: Placement, settings: PlanSettings) -> 
         requested=requested,
         path=path,
         profile=profile,
+        rows=rows,
         progress=_progress(path, base, requested, rows),
         source=source,
         program=program,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,6 +12,8 @@ from gantrysim.base.errors import InputError, positive
 from gantrysim.controllers.gcode.coordinate_systems import CoordinateSystems
 from gantrysim.controllers.gcode.cutter_compensation import CutterCompensation
 from gantrysim.controllers.gcode.dialects import GCodeDialect
+from gantrysim.controllers.gcode.extruder import Extruder
+from gantrysim.controllers.gcode.firmware import Firmware
 from gantrysim.controllers.gcode.motion_limits import MotionLimits
 from gantrysim.controllers.gcode.move_table import DWELL, EXACT_STOP, LINE, MoveRow, MoveTable
 from gantrysim.controllers.valve import Dispense, Outputs
@@ -125,6 +128,7 @@ class OpenCurve:
 
 FARTHEST = 1e7  # of a coordinate [mm]
 UNSTATED_FEED = 1500.0  # of printers' firmware before the first F, Klipper's [mm/min]
+_STANDSTILL = 1e-6  # of a move of E alone, whose axes' words are where they are [mm]
 _LOWEST_FEED = 1e-9  # by inverse time, of a move without length [mm/s]
 
 
@@ -142,6 +146,9 @@ class ProgramSetup:
         diameters: of tools by number [mm].
         parameters: values that the machine provides, by name.
         upward: sign of the program's z on the work, -1 where it is a depth.
+        firmware: that reads the program, in a dialect that extrudes.
+        pressure_advance: of the firmware's configuration [s].
+        flow_output: word whose value is the set point of the flow, as `GCode.flow_output`.
     """
 
     dialect: GCodeDialect
@@ -153,6 +160,9 @@ class ProgramSetup:
     diameters: dict[int, float] = field(default_factory=dict)
     parameters: dict[str, float] = field(default_factory=dict)
     upward: float = 1.0
+    firmware: Firmware = "marlin"
+    pressure_advance: float = 0.0
+    flow_output: str = ""
 
 
 @dataclass
@@ -203,6 +213,30 @@ class WordBlock:
         for letter in letters:
             self.values.pop(letter, None)
 
+    def argument(self, name: str) -> str | None:
+        """Return an argument of a command of firmware, as in ADVANCE=0.05; None without it."""
+        given = dict(word.split("=", 1) for word in self.arguments.split() if "=" in word)
+        return given.get(name)
+
+    def named_numbers(self, names: Sequence[str], least: float = -math.inf) -> dict[str, float]:
+        """Return the arguments of a command of firmware that have these names, as numbers.
+
+        Raises:
+            InputError: an argument that is no number, or less than the least.
+        """
+        values = {}
+        for name in names:
+            text = self.argument(name)
+            if text is None:
+                continue
+            try:
+                values[name] = float(text)
+            except ValueError:
+                raise InputError(f"{name} = {text:.40}: must be a number") from None
+            if not least <= values[name] < math.inf:
+                raise InputError(f"{name} = {text:.40}: must be finite and at least {least:g}")
+        return values
+
 
 @dataclass(frozen=True)
 class _Saved:
@@ -240,8 +274,8 @@ class ProgramState:
         modes: the modes.
         motion: name of the code of motion in force.
         outputs: that M codes switch.
-        extruder: E of the extruder.
-        relative_extruder: whether E is relative (M83).
+        extruder: what E feeds.
+        flow_value: set point of the flow.
         spline_control: last control point of the cubic spline before, from its end, as x + iy; None after other moves.
         line: of the program's text, from 1.
         depth: of the calls of subroutines.
@@ -265,8 +299,8 @@ class ProgramState:
         self.modes = Modes(path=setup.path_mode)
         self.motion = "G1" if setup.dialect.extrudes else "G0"
         self.outputs = Outputs(setup.dispense)
-        self.extruder = 0.0
-        self.relative_extruder = False
+        self.flow_value = 0.0
+        self.extruder = Extruder(setup.firmware, setup.pressure_advance)
         self.spline_control: complex | None = None
         self.cycle: CycleSeries | None = None
         self.curve: OpenCurve | None = None
@@ -308,9 +342,19 @@ class ProgramState:
 
     def material_fed(self, e: float) -> float:
         """Return the material that a word E feeds, and set the extruder [mm]."""
-        fed = e if self.relative_extruder else e - self.extruder
-        self.extruder = self.extruder + e if self.relative_extruder else e
-        return fed * self.frames.unit
+        return self.extruder.fed(e, self.frames.unit, absolute=self.frames.absolute)
+
+    def feed_material(self, fed: float, speed: float = 0.0) -> None:
+        """Feed material at standstill, for as long as it takes at a speed, by default the feed in force [mm, mm/s]."""
+        if fed:
+            self.pause(abs(fed) / (speed or self.feed_at(abs(fed))), fed=fed)
+
+    def set_flow(self, word: str, value: float) -> bool:
+        """Take the value of a word as the set point of the flow, if it is that; return whether it is."""
+        if word != self.setup.flow_output:
+            return False
+        self.flow_value = value
+        return True
 
     def line_to(self, end: list[float], feed: float, fed: float = 0.0, *, at_work: bool = True) -> None:
         """Add a line at feed.
@@ -340,6 +384,11 @@ class ProgramState:
 
     def _line_to(self, end: list[float], feed: float, fed: float, at_work: bool) -> None:
         x, y, z = end
+        here = self.frames.here
+        if fed and max(abs(x - here[0]), abs(y - here[1]), abs(z - here[2])) <= _STANDSTILL:
+            # no axis moves: E does, at the feed
+            self.feed_material(fed, feed)
+            return
         if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(z) <= FARTHEST):
             raise InputError(f"end at {[round(v, 3) for v in end]} mm: must be within {FARTHEST:g} mm")
         modes = self.modes
@@ -347,16 +396,42 @@ class ProgramState:
         outputs = self.outputs.index
         self.add(
             MoveRow(
-                LINE, x, y, z, 0.0, 0.0, 0, 0.0, feed, modes.path, modes.naive, at_work, self.line, fed, limits, outputs
+                kind=LINE,
+                x=x,
+                y=y,
+                z=z,
+                feed=feed,
+                mode=modes.path,
+                naive=modes.naive,
+                work=at_work,
+                source=self.line,
+                flow=fed,
+                limits=limits,
+                outputs=outputs,
+                advance=self.extruder.index,
+                analogue=self.flow_value,
             )
         )
 
-    def pause(self, time: float, *, at_work: bool = False) -> None:
-        """Add a dwell [s], at the bottom of a cycle that lays dots or elsewhere."""
+    def pause(self, time: float, *, at_work: bool = False, fed: float = 0.0) -> None:
+        """Add a dwell [s], at the bottom of a cycle that lays dots or elsewhere, in which material is fed [mm]."""
         x, y, z = self.frames.here
         outputs = self.outputs.index
         self.add(
-            MoveRow(DWELL, x, y, z, 0.0, 0.0, 0, 0.0, time, EXACT_STOP, 0.0, at_work, self.line, 0.0, 0.0, outputs)
+            MoveRow(
+                kind=DWELL,
+                x=x,
+                y=y,
+                z=z,
+                feed=time,
+                mode=EXACT_STOP,
+                work=at_work,
+                source=self.line,
+                flow=fed,
+                outputs=outputs,
+                advance=self.extruder.index,
+                analogue=self.flow_value,
+            )
         )
 
     def save_modes(self, restored: bool) -> None:

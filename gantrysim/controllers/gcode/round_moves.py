@@ -80,6 +80,8 @@ def add_arc(state: ProgramState, block: WordBlock, clockwise: bool) -> None:
             flow=block.fed,
             limits=state.limits.index(block.fed > 0),
             outputs=state.outputs.index,
+            advance=state.extruder.index,
+            analogue=state.flow_value,
         )
     )
 

@@ -84,7 +84,7 @@ def _lag(duration: Floats, request: Floats, lag: Lag, state: Floats, volume: Flo
 
 
 @jit
-def _flow(pressure: float, law: NeedleLaw) -> float:
+def needle_flow(pressure: float, law: NeedleLaw) -> float:
     """Return Q / C at a pressure of at least 0 [kPa]."""
     p_y = law.yield_pressure
     if p_y == 0.0:
@@ -111,7 +111,7 @@ def driven_volumes(duration: Floats, request: Floats, lag: Lag, law: NeedleLaw, 
         h = duration[k]
         constant = lag.opening if r > y else lag.closing
         if constant <= 0.0 or y == r:
-            volume[k] = h * _flow(r, law)
+            volume[k] = h * needle_flow(r, law)
             y = r
             continue
         # begin and end of the flow, which the yield stress stops
@@ -125,13 +125,13 @@ def driven_volumes(duration: Floats, request: Floats, lag: Lag, law: NeedleLaw, 
             end = min(constant * math.log((y - r) / (p_y - r)), h)
         # one quadrature per time constant; after many the state is at the request
         moving = max(min(end, _MOST_PIECES * constant) - begin, 0.0)
-        total = (end - begin - moving) * _flow(r, law)
+        total = (end - begin - moving) * needle_flow(r, law)
         pieces = math.ceil(moving / constant)
         step = moving / max(pieces, 1)
         for piece in range(pieces):
             for i in range(_NODES.size):
                 value = r + (y - r) * math.exp(-(begin + (piece + _NODES[i]) * step) / constant)
-                total += step * _WEIGHTS[i] * _flow(max(value, 0.0), law)
+                total += step * _WEIGHTS[i] * needle_flow(max(value, 0.0), law)
         volume[k] = total
         y += (r - y) * -math.expm1(-h / constant)
     state[0] = y
@@ -176,13 +176,13 @@ def syringe_volumes(
             d = h / steps
             fraction = math.exp(-0.25 * d / valve_constant) if y != r else 0.0
             constant = air / rate
-            before = conductance * _flow(max(pressure - ATMOSPHERE, 0.0), law)
+            before = conductance * needle_flow(max(pressure - ATMOSPHERE, 0.0), law)
             early = r + (y - r) * fraction
             pressure = exchanged_pressure(pressure, early + ATMOSPHERE, 0.5 * d, constant, ratio)
-            middle = conductance * _flow(max(pressure - ATMOSPHERE, 0.0), law)
+            middle = conductance * needle_flow(max(pressure - ATMOSPHERE, 0.0), law)
             late = r + (y - r) * fraction**3
             after = exchanged_pressure(pressure, late + ATMOSPHERE, 0.5 * d, constant, ratio)
-            used = (before + 4.0 * middle + conductance * _flow(max(after - ATMOSPHERE, 0.0), law)) * d / 6.0
+            used = (before + 4.0 * middle + conductance * needle_flow(max(after - ATMOSPHERE, 0.0), law)) * d / 6.0
             used = min(used, glue)
             glue -= used
             volume[k] += used

@@ -9,6 +9,7 @@ from gantrysim.remedy.levers.laws import DISTURBANCE_OBSERVER, FRICTION_COMPENSA
 from gantrysim.remedy.levers.lift import LIFT
 from gantrysim.remedy.levers.loops import INTEGRAL, LOOP_GAINS
 from gantrysim.remedy.levers.needle import NEEDLE_HEIGHT
+from gantrysim.remedy.levers.pressure_advance import PRESSURE_ADVANCE
 from gantrysim.remedy.levers.program import ACCELERATION, CORNERS
 from gantrysim.remedy.levers.program_loop import EXACT_WAITS, LOOP_PERIOD
 from gantrysim.remedy.levers.speed import FASTER, SLOWER
@@ -17,6 +18,7 @@ from gantrysim.remedy.levers.valve import FASTER_VALVE, LAG_COMPENSATION, LEADS
 LEVERS: tuple[Lever, ...] = (
     PROPORTIONAL_FLOW,
     LAG_COMPENSATION,
+    PRESSURE_ADVANCE,
     LEADS,
     FRICTION_COMPENSATION,
     DISTURBANCE_OBSERVER,

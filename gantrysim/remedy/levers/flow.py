@@ -6,6 +6,7 @@ may therefore be worse than the job as it is, so that they are also tried togeth
 
 from __future__ import annotations
 
+from gantrysim.glue.dispenser.dispenser import DEMANDS
 from gantrysim.remedy.lever import Lever, Setting, State
 from gantrysim.remedy.levers.numbers import milliseconds
 from gantrysim.remedy.levers.valve import compensations
@@ -18,13 +19,15 @@ def _settings(state: State) -> list[Setting] | str:
     dispenser = state.job.dispenser
     if dispenser.area:
         return "the flow is proportional to the path speed"
+    if dispenser.per_e:
+        return "E states the flow, which is proportional to the path speed"
     outcome = state.outcome
     if not outcome.nominal:
         return "the job lays no bead"
     if outcome.dots:
         return "dots are laid while the nozzle rests, where a flow proportional to the speed is zero"
     area = float(f"{outcome.nominal:.{_DIGITS}g}")
-    fixed = {f"dispenser.{name}": 0.0 for name in ("flow", "pressure") if getattr(dispenser, name)}
+    fixed = {f"dispenser.{name}": 0.0 for name in DEMANDS if getattr(dispenser, name)}
     changes = {**fixed, "dispenser.area": area}
     return [
         Setting(f"area {area:g} mm²", changes),

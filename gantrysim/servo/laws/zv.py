@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -75,6 +76,9 @@ def shaped_setpoints(
     moved = gates + longer * (1 + np.arange(gates.size))
     delay = round(float(weights @ np.arange(longer + 1)))
     late = np.maximum(np.arange(len(source)) - delay, 0)
+    fed: dict[str, Any] = {}
+    for name, column in setpoints.material.items():
+        fed[name] = _weighted_sums(column[source, None], weights)[:, 0]
     return replace(
         setpoints,
         position=_weighted_sums(setpoints.position[source], weights),
@@ -82,6 +86,7 @@ def shaped_setpoints(
         gates=moved,
         torque=None if setpoints.torque is None else _weighted_sums(setpoints.torque[source], weights),
         progress=None if setpoints.progress is None else _shaped_progress(setpoints.progress[source], weights),
+        **fed,
     )
 
 

@@ -101,6 +101,8 @@ def speed_changes(job: Job, speed: float) -> dict[str, Any]:
     dispenser = job.dispenser
     if dispenser.flow:
         changes["dispenser.flow"] = _few_digits(factor * dispenser.flow)
+    if dispenser.per_output:
+        changes["dispenser.per_output"] = _few_digits(factor * dispenser.per_output)
     if dispenser.pressure and dispenser.needle is not None:
         flow = factor * float(dispenser.needle.flow(dispenser.pressure))
         changes["dispenser.pressure"] = _few_digits(float(dispenser.needle.pressure(flow)))

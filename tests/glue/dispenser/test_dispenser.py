@@ -253,7 +253,7 @@ def test_a_start_lead_longer_than_the_programs_wait_delays_the_motion():
 
 
 BAD = {
-    "two": ({"flow": 2.0, "area": 3.0}, r"flow = 2 mm³/s and area = 3 mm²: only one of flow, area and pressure"),
+    "two": ({"flow": 2.0, "area": 3.0}, r"flow = 2 mm³/s and area = 3 mm²: only one of flow, area, pressure, filament"),
     "flow": ({"flow": -1.0}, r"flow = -1 mm³/s: must be at least 0 mm³/s"),
     "nan": ({"flow": math.nan}, "flow = nan mm³/s: must be finite"),
     "dead time": ({"dead_time": -1e-3}, "dead_time = -0.001 s: must be at least 0 s"),

@@ -199,9 +199,9 @@ def test_pulses_lay_less_and_less_and_the_flow_ends_with_the_glue():
     # the rise within a pulse is the later the more air there is
     assert each[last - 1] < 0.9 * each[0]
     end = (np.flatnonzero(flow)[-1] + 1) * PERIOD
-    assert dispenser.notes(flow, PERIOD) == (f"the syringe of 300 mm³ runs empty at t = {end:.4g} s",)
-    assert dispenser.notes(flow[: 200 * last], PERIOD) == ()
-    assert replace(dispenser, syringe=None).notes(flow, PERIOD) == ()
+    assert dispenser.notes(on, np.zeros(on.size), PERIOD) == (f"the syringe of 300 mm³ runs empty at t = {end:.4g} s",)
+    assert dispenser.notes(on[: 200 * last], np.zeros(200 * last), PERIOD) == ()
+    assert replace(dispenser, syringe=None).notes(on, np.zeros(on.size), PERIOD) == ()
 
 
 def test_a_job_with_too_little_glue_says_so():

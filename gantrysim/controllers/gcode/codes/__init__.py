@@ -4,6 +4,7 @@ from gantrysim.controllers.gcode.codes import (
     auxiliary,
     compensation,
     cycles,
+    extrusion,
     machining,
     modal,
     motions,

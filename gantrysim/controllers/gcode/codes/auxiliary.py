@@ -172,14 +172,23 @@ def m66(state: ProgramState, block: WordBlock) -> None:
     """Wait for an input."""
 
 
-@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
+@auxiliary(_LINUXCNC)
 def m67(state: ProgramState, block: WordBlock) -> None:
-    """Analogue output, with the next motion."""
+    """Analogue output E at the value Q, with the next motion."""
+    _set_analogue(state, block, "M67")
 
 
-@without_effect(_LINUXCNC, takes=_OUTPUT_WORDS)
+@auxiliary(_LINUXCNC)
 def m68(state: ProgramState, block: WordBlock) -> None:
-    """Analogue output at once."""
+    """Analogue output E at the value Q, at once."""
+    _set_analogue(state, block, "M68")
+
+
+def _set_analogue(state: ProgramState, block: WordBlock, name: str) -> None:
+    number = block.values.get("E", 0.0)
+    if not state.set_flow(f"M67 E{number:g}", block.values.get("Q", 0.0)):
+        state.ignored[name] += 1
+    block.drop(_OUTPUT_WORDS)
 
 
 @without_effect(_LINUXCNC, takes=_OUTPUT_WORDS, names=[f"M{number}" for number in range(100, 200)])

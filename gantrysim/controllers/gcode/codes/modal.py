@@ -121,7 +121,7 @@ def g90(state: ProgramState, block: WordBlock) -> None:
     """Absolute ends, and where E feeds material absolute extrusion."""
     state.frames.absolute = True
     if state.dialect.extrudes:
-        state.relative_extruder = False
+        state.extruder.set_distances(absolute=True)
 
 
 @setting("distances")
@@ -129,7 +129,7 @@ def g91(state: ProgramState, block: WordBlock) -> None:
     """Incremental ends, and where E feeds material relative extrusion."""
     state.frames.absolute = False
     if state.dialect.extrudes:
-        state.relative_extruder = True
+        state.extruder.set_distances(absolute=False)
 
 
 @setting("arc centres")

@@ -83,7 +83,7 @@ def g92(state: ProgramState, block: WordBlock) -> None:
 
 def _set_extruder(state: ProgramState, block: WordBlock) -> None:
     if "E" in block.values and state.dialect.extrudes:
-        state.extruder = block.values.pop("E")
+        state.extruder.position = block.values.pop("E")
 
 
 @setting("shift")

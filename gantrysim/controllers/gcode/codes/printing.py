@@ -2,42 +2,12 @@
 
 from __future__ import annotations
 
-from gantrysim.base.errors import InputError
 from gantrysim.controllers.gcode.codes.code_table import SLICER, auxiliary, command, without_effect
 from gantrysim.controllers.gcode.motion_limits import UNLIMITED, Three
 from gantrysim.controllers.gcode.program_state import ProgramState, WordBlock
 
 _SLICER = (SLICER,)
 _VELOCITY_LIMITS = ("VELOCITY", "ACCEL", "SQUARE_CORNER_VELOCITY")
-
-
-@auxiliary(_SLICER)
-def m82(state: ProgramState, block: WordBlock) -> None:
-    """Absolute extrusion."""
-    state.relative_extruder = False
-    block.keeps_words = True
-
-
-@auxiliary(_SLICER)
-def m83(state: ProgramState, block: WordBlock) -> None:
-    """Relative extrusion."""
-    state.relative_extruder = True
-    block.keeps_words = True
-
-
-@without_effect(_SLICER)
-def g10(state: ProgramState, block: WordBlock) -> None:
-    """Retract the material."""
-
-
-@without_effect(_SLICER)
-def g11(state: ProgramState, block: WordBlock) -> None:
-    """Feed the retracted material."""
-
-
-@without_effect(_SLICER)
-def g22(state: ProgramState, block: WordBlock) -> None:
-    """Retract the material."""
 
 
 @without_effect(_SLICER)
@@ -142,28 +112,13 @@ def m220(state: ProgramState, block: WordBlock) -> None:
     """Override of the feed; that of the job counts."""
 
 
-@without_effect(_SLICER)
-def m221(state: ProgramState, block: WordBlock) -> None:
-    """Override of the material."""
-
-
 @command()
 def set_velocity_limit(state: ProgramState, block: WordBlock) -> None:
     """Klipper's limits: VELOCITY, ACCEL, SQUARE_CORNER_VELOCITY; others have no effect."""
-    values = {}
-    for name, _, text in (word.partition("=") for word in block.arguments.split()):
-        if name in _VELOCITY_LIMITS:
-            values[name] = _number(name, text)
+    values = block.named_numbers(_VELOCITY_LIMITS)
     if "ACCEL" in values:
         state.limits.accelerate(values["ACCEL"], values["ACCEL"])
     if "VELOCITY" in values:
         state.limits.change(speed=values["VELOCITY"])
     if "SQUARE_CORNER_VELOCITY" in values:
         state.limits.change(corner_speed=values["SQUARE_CORNER_VELOCITY"], deviation=None)
-
-
-def _number(name: str, text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(f"{name} = {text:.40}: must be a number") from None

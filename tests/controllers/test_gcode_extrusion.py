@@ -1,0 +1,249 @@
+"""What E feeds: distances, retraction, flow factor; pressure advance against the firmware's formulas."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from gantrysim.base.errors import InputError
+from gantrysim.controllers.gcode.slicer import Program
+
+SIDE = 40.0  # of the square [mm]
+FEED = 50.0  # [mm/s]
+ACCELERATION = 1500.0  # [mm/s²]
+CORNER = 5.0  # speed at a right angle [mm/s]
+RATE = 0.05  # filament per path
+MARLIN_CORNER = f"M205 X{CORNER:g} Y{CORNER:g}"
+KLIPPER_CORNER = f"SET_VELOCITY_LIMIT SQUARE_CORNER_VELOCITY={CORNER:g}"
+SQUARE = f"""M83
+M204 S{ACCELERATION:g}
+G1 X{SIDE} E{RATE * SIDE} F{60 * FEED:g}
+G1 Y{SIDE} E{RATE * SIDE}
+G1 X0 E{RATE * SIDE}
+G1 Y0 E{RATE * SIDE}
+"""
+
+
+def fed(text, **options):
+    """Return what a program feeds, move by move [mm]."""
+    moves = Program(text=text, **options).program.moves
+    return [round(flow, 9) for flow in moves[:, 13]]
+
+
+class Square:
+    """The square's filament over time, from rest to rest and with the corner's speed in between: trapezoids."""
+
+    def __init__(self):
+        self.knots = [(0.0, 0.0, 0.0, 0.0)]  # time, position, speed, acceleration from there on
+        for begin, end in ((0.0, CORNER), (CORNER, CORNER), (CORNER, CORNER), (CORNER, 0.0)):
+            rising = (FEED**2 - begin**2) / (2 * ACCELERATION)
+            falling = (FEED**2 - end**2) / (2 * ACCELERATION)
+            self.add((FEED - begin) / ACCELERATION, begin, ACCELERATION)
+            self.add((SIDE - rising - falling) / FEED, FEED, 0.0)
+            self.add((FEED - end) / ACCELERATION, FEED, -ACCELERATION)
+        self.duration = self.knots[-1][0]
+
+    def add(self, duration, speed, acceleration):
+        time, place, *_ = self.knots.pop()
+        self.knots.append((time, place, RATE * speed, RATE * acceleration))
+        length = speed * duration + 0.5 * acceleration * duration**2
+        self.knots.append((time + duration, place + RATE * length, 0.0, 0.0))
+
+    def at(self, t):
+        """Position and velocity at a time."""
+        if t <= 0:
+            return 0.0, 0.0
+        time, place, speed, change = next(knot for knot in reversed(self.knots) if knot[0] <= t)
+        elapsed = t - time
+        return place + elapsed * (speed + 0.5 * change * elapsed), speed + change * elapsed
+
+    def smoothed(self, value, t, smooth_time):
+        """Klipper's average of a function of time with the weight T/2 - |t - x|, by adaptive quadrature."""
+        half = 0.5 * smooth_time
+        inner = sorted({t, *(knot[0] for knot in self.knots if abs(knot[0] - t) < half)})
+        edges = [t - half, *inner, t + half]
+        parts = [
+            quad(lambda x: value(x) * (half - abs(t - x)), a, b, epsabs=1e-13)[0] for a, b in itertools.pairwise(edges)
+        ]
+        return sum(parts) / half**2
+
+
+def test_marlin_s_linear_advance_adds_k_times_the_speed_of_the_filament():
+    square = Square()
+    points = Program(text=f"{MARLIN_CORNER}\nM900 K0.08\n{SQUARE}").setpoints(1e-3)
+    time = points.time[:-1]
+    expected = [place + 0.08 * speed for place, speed in map(square.at, time)]
+    assert points.extruder is not None
+    # where the acceleration jumps the speed is the same on both sides, but for the begin
+    np.testing.assert_allclose(points.extruder[:-1], expected, rtol=0, atol=1e-6)
+    assert points.extrusion[-1] == pytest.approx(4 * SIDE * RATE, abs=1e-9)
+
+
+@pytest.mark.parametrize("smooth_time", [0.02, 0.04])
+def test_klipper_s_pressure_advance_is_averaged(smooth_time):
+    square = Square()
+    text = f"{KLIPPER_CORNER}\nSET_PRESSURE_ADVANCE ADVANCE=0.08 SMOOTH_TIME={smooth_time}\n{SQUARE}"
+    points = Program(text=text).setpoints(1e-3)
+
+    def advanced(x):
+        place, speed = square.at(x)
+        return place + 0.08 * speed
+
+    chosen = [*range(0, len(points.time), 37), *range(780, 860), len(points.time) - 1]
+    expected = [square.smoothed(advanced, points.time[k], smooth_time) for k in chosen]
+    assert points.extruder is not None
+    np.testing.assert_allclose(points.extruder[chosen], expected, rtol=0, atol=1e-6)
+    # the average ends after the motion
+    assert points.extruder[-1] == pytest.approx(4 * SIDE * RATE, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("law", "shape"), [("tanh", np.tanh), ("reciprocal", lambda ratio: 1 - 1 / (1 + ratio))], ids=["tanh", "reciprocal"]
+)
+def test_the_non_linear_laws_act_on_the_averaged_speed(law, shape):
+    square = Square()
+    text = f"{KLIPPER_CORNER}\nSET_PRESSURE_ADVANCE ADVANCE=0.02 OFFSET=0.1 VELOCITY=1.5 SMOOTH_TIME=0.02\n{SQUARE}"
+    points = Program(text=text, advance_law=law).setpoints(1e-3)
+    chosen = [*range(5, len(points.time), 41)]
+    expected = []
+    for k in chosen:
+        place = square.smoothed(lambda x: square.at(x)[0], points.time[k], 0.02)
+        speed = square.smoothed(lambda x: square.at(x)[1], points.time[k], 0.02)
+        expected.append(place + 0.02 * speed + 0.1 * shape(speed / 1.5))
+    assert points.extruder is not None
+    np.testing.assert_allclose(points.extruder[chosen], expected, rtol=0, atol=1e-6)
+
+
+def test_reprapfirmware_s_pressure_advance_is_marlin_s():
+    marlin, reprap = (
+        Program(text=f"{MARLIN_CORNER}\n{word}\n{SQUARE}").setpoints(1e-3).extruder
+        for word in ("M900 K0.05", "M572 D0 S0.05")
+    )
+    np.testing.assert_array_equal(marlin, reprap)
+
+
+def test_only_moves_along_the_work_are_advanced():
+    text = "M900 K0.1\nM83\nG1 X10 E1 F600\nG1 E-2 F1800\nG0 X20 F6000\nG1 E2 F1800\nG1 Z5 E1 F600"
+    points = Program(text=text).setpoints(1e-3)
+    ahead = points.extruder - points.extrusion
+    x = points.position[:, 0]
+    assert ahead[(x > 1) & (x < 9)] == pytest.approx(0.1 * 1.0)  # 1 mm/s of filament
+    assert not ahead[x > 10.01].any()
+
+
+def test_an_advance_holds_from_its_line_on():
+    text = "M83\nG1 X10 E1 F600\nM900 K0.1\nG1 X20 E1\nM900 K0\nG1 X30 E1"
+    points = Program(text=text).setpoints(1e-3)
+    ahead = points.extruder - points.extrusion
+    x = points.position[:, 0]
+    assert not ahead[(x < 9.9) | (x > 20.1)].any()
+    assert ahead[(x > 11) & (x < 19)] == pytest.approx(0.1)
+
+
+def test_without_an_advance_the_motor_is_sent_to_e():
+    points = Program(text=SQUARE).setpoints(1e-3)
+    assert points.extruder is None
+    assert Program(text="G1 X10 F600").setpoints(1e-3).extrusion is None
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("G1 X1 E1 F60\nG1 X2 E3", [1, 2]),
+        ("M83\nG1 X1 E1 F60\nG1 X2 E3", [1, 3]),
+        ("G1 X1 E1 F60\nG92 E0\nG1 X2 E3", [1, 3]),
+        ("M221 S50\nM83\nG1 X1 E1 F60\nG1 E-2\nM221 S100\nG1 X2 E1", [0.5, -1, 1]),
+        ("G20\nM83\nG1 X1 E1 F60", [25.4]),
+        # E of 2.405 mm³ is 1 mm of filament of 1.75 mm
+        (f"M200 D1.75\nM83\nG1 X1 E{math.pi * 1.75**2 / 4} F60\nM200 D0\nG1 X2 E1", [1, 1]),
+        # words of axes that stand where they are: E alone moves, and takes its time
+        ("M83\nG1 X1 F60\nG1 X1 E1\nG1 X2 E1", [0, 1, 1]),
+        # no feed was given for the retraction
+        ("M83\nG1 E-1\nG1 X1 E1 F60", [-1, 1]),
+    ],
+)
+def test_words_feed_what_firmware_feeds(text, expected):
+    assert fed(text) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("firmware", "expected"), [("marlin", [1, 1]), ("klipper", [1, 2]), ("reprapfirmware", [1, 2])]
+)
+def test_g90_makes_e_absolute_in_marlin_alone(firmware, expected):
+    assert fed("M83\nG1 X1 E1 F60\nG90\nG1 X2 E2", firmware=firmware) == expected
+
+
+@pytest.mark.parametrize(
+    ("firmware", "expected"), [("marlin", [1, 2]), ("klipper", [1, 2]), ("reprapfirmware", [1, 1])]
+)
+def test_g91_makes_e_relative_in_marlin_and_klipper(firmware, expected):
+    assert fed("M82\nG1 X1 E1 F60\nG91\nG1 X2 E2", firmware=firmware) == expected
+
+
+@pytest.mark.parametrize(
+    ("comment", "expected"),
+    [
+        ("; gcode_flavor = klipper", [1, 2]),
+        (";FLAVOR:Marlin", [1, 1]),
+        ("; gcode_flavor = marlin2", [1, 1]),
+        ("; gcode_flavor = reprapfirmware", [1, 2]),
+        ("EXCLUDE_OBJECT_START NAME=a", [1, 2]),
+        ("M572 D0 S0", [1, 2]),
+        ("", [1, 1]),
+    ],
+)
+def test_the_firmware_is_read_off_the_program(comment, expected):
+    assert fed(f"{comment}\nM83\nG1 X1 E1 F60\nG90\nG1 X2 E2") == expected
+
+
+def test_firmware_retracts_and_recovers_once():
+    text = "M207 S2 F1800\nM208 S0.5 F600\nM83\nG1 X1 E1 F60\nG10\nG10\nG0 X5\nG11\nG11\nG1 X6 E1"
+    program = Program(text=text)
+    assert fed(text) == [1, -2, 0, 2.5, 1]
+    dwells = program.program.moves[[1, 3], 8]
+    assert dwells == pytest.approx([2 / 30, 2.5 / 10])
+
+
+def test_klipper_s_retraction_has_names():
+    text = "SET_RETRACTION RETRACT_LENGTH=1.5 UNRETRACT_EXTRA_LENGTH=0.1\nM83\nG1 X1 E1 F60\nG10\nG0 X5\nG11"
+    assert fed(text) == pytest.approx([1, -1.5, 0, 1.6])
+
+
+def test_a_retraction_of_unknown_length_is_said_and_takes_no_time():
+    program = Program(text="M83\nG1 X1 E1 F60\nG10\nG0 X5\nG11")
+    assert fed(program.text) == [1, 0]
+    assert "G10, whose length the program does not state (1)" in program.notes[0]
+
+
+def test_retraction_beside_dwells_keeps_the_position():
+    text = "M83\nG1 X10 E1 F600\nG4 P100\nG1 E-0.5 F1800\nG4 P100\nG0 X20\nG1 E0.5\nG1 X30 E1"
+    points = Program(text=text).setpoints(1e-3)
+    x = points.position[:, 0]
+    assert points.extrusion[(x > 10.1) & (x < 19.9)] == pytest.approx(0.5)
+    assert points.extrusion[-1] == pytest.approx(2.0)
+    assert points.extrusion.max() == pytest.approx(2.0)
+
+
+def test_holds_and_parts_keep_what_is_fed():
+    points = Program(text=f"M900 K0.05\n{SQUARE}").setpoints(1e-3)
+    held = points.wait(0.1).hold(0.2)
+    assert held.extrusion[:101].tolist() == [0.0] * 101
+    assert held.extrusion[-200:].tolist() == [points.extrusion[-1]] * 200
+    assert len(held.extruder) == len(held.time)
+    np.testing.assert_array_equal(points.part(slice(10, 50)).extruder, points.extruder[10:50])
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("M900 K-1", "line 1: advance = -1: must be at least 0"),
+        ("SET_PRESSURE_ADVANCE ADVANCE=x", "line 1: ADVANCE = X: must be a number"),
+        ("SET_PRESSURE_ADVANCE ADVANCE=0.1 SMOOTH_TIME=1", "line 1: SMOOTH_TIME = 1 s: must be at most 0.2 s"),
+        ("M221 S-5", "line 1: M221: S = -5 %: must be at least 0 %"),
+    ],
+)
+def test_bad_values_are_refused(line, message):
+    with pytest.raises(InputError, match=message):
+        _ = Program(text=f"{line}\nG1 X1 E1 F60").duration
