@@ -355,6 +355,24 @@ class Interpreted:
         return f"its subroutines ({', '.join(self.subroutines[:3])}) run where another program calls them"
 
 
+def _valve(table: Floats, start: tuple[float, float, float], state: ProgramState) -> Valve:
+    """Return the valve's course over a table of moves."""
+    fed = (table[:, FLOW] > 0) & (table[:, KIND] != DWELL)
+    places = np.concatenate([[start], table[:, END : END + 3]])
+    ways = np.diff(places, axis=0)
+    # lines that stand in plan view
+    stands = (table[:, KIND] == LINE) & (np.abs(ways[:, :2]).max(axis=1, initial=0.0) <= SAME_PLACE)
+    motions = Motions(
+        work=(table[:, WORK] != 0) & ~stands,
+        dwell=table[:, KIND] == DWELL,
+        rise=state.setup.upward * ways[:, 2],
+        upright=stands & (np.abs(ways[:, 2]) > SAME_PLACE),
+        feeds=fed,
+        is_on=lambda output: _is_on(table, state.outputs, output),
+    )
+    return state.outputs.valve(motions)
+
+
 def interpret(program: ProgramText, start: tuple[float, float, float], setup: ProgramSetup) -> Interpreted:
     """Run a program.
 
@@ -394,20 +412,7 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
     # the flow and its parameters refer to one another, and would keep them until a collection
     flow.lines.clear()
     table = moves.table
-    fed = (table[:, FLOW] > 0) & (table[:, KIND] != DWELL)
-    places = np.concatenate([[start], table[:, END : END + 3]])
-    ways = np.diff(places, axis=0)
-    # lines that stand in plan view
-    stands = (table[:, KIND] == LINE) & (np.abs(ways[:, :2]).max(axis=1, initial=0.0) <= SAME_PLACE)
-    motions = Motions(
-        work=(table[:, WORK] != 0) & ~stands,
-        dwell=table[:, KIND] == DWELL,
-        rise=setup.upward * ways[:, 2],
-        upright=stands & (np.abs(ways[:, 2]) > SAME_PLACE),
-        feeds=fed,
-        is_on=lambda output: _is_on(table, state.outputs, output),
-    )
-    valve = state.outputs.valve(motions)
+    valve = _valve(table, start, state)
     for code in (*valve.on, *valve.off):
         state.ignored.pop(code.split()[0], None)
     return Interpreted(
