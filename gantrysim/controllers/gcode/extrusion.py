@@ -109,7 +109,9 @@ def extrusion_of(plan: PathPlan, law: AdvanceLaw) -> Extrusion:
     duration = np.diff(t)
     lasting = duration > 0
     piece = plan.path.locate(0.5 * (s[:-1] + s[1:]))
-    rate = (np.diff(at_ends) / plan.path.lengths)[piece]
+    lengths = plan.path.lengths
+    # the path keeps the place of a piece that rounding leaves without length
+    rate = np.divide(np.diff(at_ends), lengths, out=np.zeros(lengths.size), where=lengths > 0)[piece]
     row = plan.source[piece]
     # a dwell lies between two nodes' intervals
     dwells = plan.dwells
