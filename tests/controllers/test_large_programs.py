@@ -41,7 +41,7 @@ def measured():
     Program(text=rings(50)).setpoints(1e-3)  # compiled, imported
     program = Program(text=rings(LINES))
     tracemalloc.start()
-    _ = program.plan
+    _ = program.plan, program.extrusion
     planning = tracemalloc.get_traced_memory()[1]
     before = tracemalloc.get_traced_memory()[0]
     tracemalloc.reset_peak()
