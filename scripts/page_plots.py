@@ -142,7 +142,7 @@ def seal_beside_another(perturbation: Perturbation, columns: Callable[[gs.Run], 
         units = [f"{name}={head}[{'ms' if name == 'time' else 'um'}]" for name, head in zip(log, heads, strict=True)]
         given = Assignment.parse(",".join(units))
         trace = Trace.of(read_table(file, given.blocks), given, run)
-    return Comparison.of(trace, run, machine, ("time", "offset"))
+    return Comparison.of(trace, run, machine)
 
 
 def draw_comparison(figure: Figure, comparison: Comparison) -> None:

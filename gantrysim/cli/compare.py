@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from gantrysim.compare.comparison import Comparison
+    from gantrysim.compare.measured import Trace
     from gantrysim.compare.runs.compared_runs import ComparedRuns
+    from gantrysim.record.run import Run
+    from gantrysim.report.saved import SavedRun
 
 
 # What `gantrysim compare RUN RUN` does: runs beside one another, in tables and a page.
@@ -99,19 +102,28 @@ Measured = Annotated[
     Path | None,
     typer.Option(
         help="Log of the real machine, for one RUN: CSV, softMC's RECORD, LinuxCNC's halsampler or halscope, or a "
-        "TABLE dump.",
+        "TABLE dump; or a record that Run.save wrote, or the folder of a run.",
         show_default=False,
     ),
 ]
 Columns = Annotated[
     str | None,
     typer.Option(
-        help="Columns of the log: time=t\\[ms],x=px,y=py*0.001 of the nozzle, commanded.x=..., encoder.x=... for "
-        "axes; or a TOML file with a table \\[columns]."
+        help="Columns of the log: time=t\\[ms],x=px,y=py*0.001 of the nozzle, commanded.x=..., encoder.x=..., "
+        "demand.x=... or torque.x=... for axes; or a TOML file with a table \\[columns]."
     ),
 ]
 Period = Annotated[float | None, typer.Option(help="Sampling period, for a log without time \\[s].")]
-Align = Annotated[str, typer.Option(help="Quantities fitted to align the trace: time, offset, rotation, or none.")]
+Align = Annotated[
+    str,
+    typer.Option(
+        help="How the trace is aligned: path, at equal places, or time, at equal times; offset, rotation: fitted "
+        "too, where the data show them; or none."
+    ),
+]
+Contrast = Annotated[
+    bool, typer.Option("--contrast/--no-contrast", help="Simulate the machine without friction, too, for contrast.")
+]
 Circle = Annotated[
     str | None,
     typer.Option(metavar="RADIUS[,X,Y]", help="Also evaluate a circular test, about X, Y in the work frame \\[mm]."),
@@ -131,8 +143,9 @@ def compare(
     columns: Columns = None,
     period: Period = None,
     blocks: Annotated[int, typer.Option(min=0, help="Blocks of a Trio TABLE dump.")] = 0,
-    align: Align = "time,offset",
+    align: Align = "path,offset,rotation",
     circle: Circle = None,
+    contrast: Contrast = True,
     out: Annotated[
         Path | None, typer.Option(help="Output folder; by default the folder compare in the first RUN.")
     ] = None,
@@ -143,9 +156,11 @@ def compare(
     errors, budgets and checks side by side, with changes relative to the first run. Errors are compared at the same
     distance along the path if all runs request the same path, otherwise over time.
 
-    With --measured, it shows both error budgets and the part of the error that the model does not explain. The trace is
-    aligned in time and position. Its samples are not interpolated: the simulation is evaluated at their times. Links
-    that are not measured are not compared, and do not count as explained.
+    With --measured, it shows both error budgets and the part of the error that the model does not explain, beside that
+    of the same machine without friction, and following error and torque of each axis over time. The trace is aligned at
+    equal places of the path, whatever its speed, and in position as far as its data show an offset. Its samples are not
+    interpolated: the simulation is evaluated at their places. Links that are not measured are not compared, and do not
+    count as explained.
 
     The output folder holds report.html and compare.json.
 
@@ -158,7 +173,7 @@ def compare(
     if measured is not None:
         if len(runs) > 1:
             raise InputError(f"--measured {measured}: is compared with one run, {len(runs)} are given")
-        _compare_log(runs[0], measured, Log(columns, period, blocks, align, circle), folder)
+        _compare_log(runs[0], measured, Log(columns, period, blocks, align, circle, contrast), folder)
         return
     given = {"--columns": columns, "--period": period, "--blocks": blocks or None, "--circle": circle}
     for option, value in given.items():
@@ -176,15 +191,13 @@ class Log(NamedTuple):
     blocks: int
     align: str
     circle: str | None
+    contrast: bool
 
 
 def _compare_log(run: Path, measured: Path, options: Log, folder: Path) -> None:
     """Compare a saved run with a measured trace."""
-    from dataclasses import replace
-
     from gantrysim.compare.compare_quantities import FREQUENCY, PEAK_SIZE
     from gantrysim.compare.comparison import Comparison
-    from gantrysim.compare.measured import Assignment, Trace
     from gantrysim.compare.page import (
         OVERLAY,
         REPORT,
@@ -196,15 +209,12 @@ def _compare_log(run: Path, measured: Path, options: Log, folder: Path) -> None:
     )
     from gantrysim.report.folder import Output, output_folder
     from gantrysim.report.saved import SavedRun
-    from gantrysim.tables.reading import read_table
 
-    given = Assignment({}) if options.columns is None else Assignment.parse(options.columns)
-    if options.period is not None:
-        given = replace(given, period=options.period)
     saved = SavedRun.load(run)
-    trace = Trace.of(read_table(measured, options.blocks or given.blocks), given, saved.run)
+    trace = _trace(measured, options, saved.run)
     what = tuple(part.strip() for part in options.align.split(",") if part.strip() not in ("", "none"))
-    comparison = Comparison.of(trace, saved.run, saved.machine, what)
+    wrong, reason = _contrast(saved) if options.contrast else (None, "")
+    comparison = Comparison.of(trace, saved.run, saved.machine, what, wrong)
     content = {"run": str(run), "measured": str(measured), **comparison.summary()}
     if options.circle is not None:
         radius, centre = _circle(options.circle)
@@ -214,6 +224,8 @@ def _compare_log(run: Path, measured: Path, options: Log, folder: Path) -> None:
         written = [_SUMMARY, *save_comparison(comparison, scratch), REPORT]
         write_comparison_page(scratch / REPORT, comparison, saved.job.name, measured.name, content.get("circle"))
     show(_table(comparison))
+    if comparison.over_time:
+        show(_over_time_table(comparison))
     if options.circle is not None:
         show(_circle_table(content["circle"]))
     say(headline(comparison), wrap=True)
@@ -222,9 +234,52 @@ def _compare_log(run: Path, measured: Path, options: Log, folder: Path) -> None:
         say(f"unexplained at {FREQUENCY.text(peak.frequency)}: {PEAK_SIZE.text(peak.rms)} rms")
     if saved.changed:
         warn(f"note: machine {saved.machine.name} has changed since the run")
-    for note in comparison.notes:
+    for note in (*comparison.notes, *([reason] if reason else [])):
         say(f"note: {note}", wrap=True)
     say(f"written to {folder}/: {', '.join(written)}")
+
+
+def _trace(measured: Path, options: Log, run: Run) -> Trace:
+    """Return the trace of a log, or of the record of a run."""
+    from dataclasses import replace
+
+    from gantrysim.compare.measured import Assignment, Trace
+    from gantrysim.record.run import Run
+    from gantrysim.record.run_file import RUN
+    from gantrysim.tables.reading import read_table
+
+    file = expanded(measured)
+    record = file / RUN if file.is_dir() else file
+    if record.suffix == ".npz":
+        for option, value in (
+            ("--columns", options.columns),
+            ("--period", options.period),
+            ("--blocks", options.blocks),
+        ):
+            if value:
+                raise InputError(f"{option}: describes a log, {measured} is the record of a run")
+        try:
+            return Trace.of_run(Run.load(record), run)
+        except InputError as error:
+            raise InputError(f"--measured {measured}: {error}") from None
+    given = Assignment({}) if options.columns is None else Assignment.parse(options.columns)
+    if options.period is not None:
+        given = replace(given, period=options.period)
+    return Trace.of(read_table(measured, options.blocks or given.blocks), given, run)
+
+
+def _contrast(saved: SavedRun) -> tuple[Run | None, str]:
+    """Return the run of the machine without friction, or why there is none."""
+    from gantrysim.compare.contrast import frictionless_run
+    from gantrysim.job.code import named_code
+
+    try:
+        if code := named_code({"servo": {"law": saved.job.servo.law}}):
+            # a folder may come from anyone: what it names is not run
+            raise InputError(f"its servo is code of its own, {', '.join(code)}")
+        return frictionless_run(saved.run, saved.machine, saved.job.built_servo), ""
+    except InputError as error:
+        return None, f"the machine without friction is not simulated beside the run: {error}"
 
 
 def _circle(text: str) -> tuple[float, tuple[float, float]]:
@@ -254,8 +309,28 @@ def _table(comparison: Comparison) -> Table:
         difference = comparison.unexplained[name]
         numbers = map(ERROR.number, (*cells, difference.rms, difference.max))
         table.add_row(name, *numbers, comparison.parts.get(name, "requested path to the last link measured"))
-    table.caption = "difference: of the errors at the same instant, lateral and vertical"
+    table.caption = "difference: of the errors at the same place, lateral and vertical"
     table.caption_justify = "left"
+    return table
+
+
+def _over_time_table(comparison: Comparison) -> Table:
+    from rich.table import Table
+
+    from gantrysim.compare.page import thousandths
+
+    table = Table(title="over time, all samples", title_justify="left", box=None, padding=(0, 1, 0, 0))
+    table.add_column("", no_wrap=True)
+    for column in (*(head for head in _HEADS if "95 %" not in head), "no friction\nrms"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for row in comparison.over_time:
+        cells = [row.measured, row.simulated, row.difference]
+        numbers = [thousandths(value) for size in cells for value in (size.rms, size.max)]
+        wrong = "" if row.frictionless is None else thousandths(row.frictionless.rms)
+        table.add_row(f"{row.axis} {row.quantity} \\[{row.unit}]", *numbers, wrong)
+    if comparison.frictionless is not None:
+        table.caption = "no friction: difference between the trace and the same machine without friction"
+        table.caption_justify = "left"
     return table
 
 

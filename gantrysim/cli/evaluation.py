@@ -116,7 +116,7 @@ class Evaluation:
             verdict = results.verdict
             tables = (
                 links_table(job.name, results.machine, budget),
-                outcome_table(budget.analysis, results.bead_values, job.margins),
+                outcome_table(budget.analysis, results.bead_values, job.margins, results.dots),
             )
         show_verdict(verdict)
         for table in tables:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gantrysim.base.errors import InputError
+from gantrysim.cli.options import named_columns
 from gantrysim.cli.terminal import NOT_IDENTIFIED, interruptible, say, share_bar, show, warn
 
 if TYPE_CHECKING:
@@ -52,9 +53,13 @@ def identify(
 ) -> None:
     """Fit inertia, friction, first mode and delay of a machine's axes to a log of their torque and position.
 
-    With --plan, write the program of the moves to log. Otherwise write identified.toml with the values and their 95 %
-    confidence intervals, machine.xml with the fitted machine for all other commands, and three plots of the residuals.
-    The fitted machine is simulated with the log's torque, and a line states what the model lacks.
+    With --plan, write the program of the moves to log. Otherwise write report.html, the page with log, fit, friction
+    and what to record next; identified.toml with the values and their 95 % confidence intervals; machine.xml with the
+    fitted machine for all other commands; and three plots. The fitted machine is simulated with the log's torque, and a
+    line states what the model lacks.
+
+    The log has a column time, or --period, and for each axis columns such as 'x position' or 'x velocity', and 'x
+    torque' or 'x demand', with their units in brackets or below. Rows may be missing; --column names other headings.
 
     A defective log, for example with a frozen encoder or a torque in another unit, is not identified: a line names the
     defect.
@@ -78,7 +83,7 @@ def identify(
     from gantrysim.identify.log import Rows, read_log
 
     chosen = None if rows is None else Rows.parse(rows)
-    read = read_log(log, machine, _named_columns(columns or ()), period, chosen)
+    read = read_log(log, machine, named_columns(columns or ()), period, chosen)
     _identify(machine, read, Path("identified") if out is None else out)
 
 
@@ -91,16 +96,6 @@ def _write_plan(machine: Machine, controller: str, out: Path | None) -> None:
     with replaced_file(file) as partial:
         partial.write_text(text, encoding="utf-8")
     say(f"written to {file}; log torque and position of the motors at every servo tick")
-
-
-def _named_columns(columns: list[str] | tuple[str, ...]) -> dict[str, str]:
-    named = {}
-    for column in columns:
-        name, equals, head = column.partition("=")
-        if not equals or not head.strip():
-            raise InputError(f"--column {column!r}: must be NAME=COLUMN, as in 'x position=MPOS AXIS(0) [mm]'")
-        named[" ".join(name.split())] = head
-    return named
 
 
 def _identify(machine: Machine, log: Log, folder: Path) -> None:

@@ -49,6 +49,14 @@ WithFastest = Annotated[
         "has a tolerance.",
     ),
 ]
+ByPlace = Annotated[
+    bool | None,
+    typer.Option(
+        "--by-place/--no-by-place",
+        help="Also search for a speed of each stretch of the program; on by default if the best combination passes and "
+        "takes more than 5 % longer than the job. --apply and --out write the program.",
+    ),
+]
 Threads = Annotated[
     int | None, typer.Option(metavar="N", help="Maximum number of threads; by default one for each core.")
 ]
@@ -76,6 +84,7 @@ def improve(
     apply: Apply = None,
     out: Out = None,
     fastest: WithFastest = None,
+    by_place: ByPlace = None,
     lever: OnlyLevers = None,
     workers: Threads = None,
     allow_code: AllowCode = False,
@@ -115,7 +124,9 @@ def improve(
             go_on()
             advance(done, known, name)
 
-        improvement = improved(loaded, levers=lever, workers=workers, fastest=fastest, progress=progress)
+        improvement = improved(
+            loaded, levers=lever, workers=workers, fastest=fastest, by_place=by_place, progress=progress
+        )
     is_whole = not improvement.verdict.fault
     written = list(_written(improvement, file, out)) if is_whole else []  # before anything is told
     _show(improvement)
@@ -139,6 +150,25 @@ def _written(improvement: Improvement, file: Path | None, out: Path | None) -> I
         yield f"written to {write_improvement(improvement, out)}"
     elif out is not None:
         yield f"nothing is written to {out}/: there is no run to compare with"
+    yield from _written_by_place(improvement, file, out)
+
+
+def _written_by_place(improvement: Improvement, file: Path | None, out: Path | None) -> Iterator[str]:
+    """Write the program with speeds by place beside the improved job and the page; yield what is said of it."""
+    from gantrysim.remedy.by_place import SpeedByPlace
+    from gantrysim.remedy.by_place_files import BY_PLACE, write_by_place
+
+    by_place = improvement.by_place
+    if not isinstance(by_place, SpeedByPlace):
+        return
+    stems = [file.with_name(f"{file.stem}-{BY_PLACE}")] if file is not None else []
+    stems += [out / BY_PLACE] if out is not None else []
+    for stem in stems:
+        job, *program = write_by_place(by_place, stem, improvement.base)
+        yield f"written to {job}: gantrysim run {job}"
+        yield from (f"written to {path}: the program for the controller" for path in program)
+    if not stems:
+        yield "speed by place: --apply FILE or --out FOLDER writes the program"
 
 
 def _file_of_job(file: Path) -> Path:
@@ -185,6 +215,8 @@ def show_changes(improvement: Improvement) -> None:
         say(str(improvement.fastest), wrap=True)
     if improvement.note:
         say(improvement.note, wrap=True)
+    if improvement.by_place is not None:
+        say(improvement.by_place_sentence, wrap=True)
     if improvement.changes_anything:
         for gain in improvement.gains:
             say(gain, wrap=True)

@@ -9,12 +9,10 @@ import typer
 
 from gantrysim.base.errors import InputError
 from gantrysim.cli.options import AllowCode, named_columns
-from gantrysim.cli.terminal import interruptible, say, share_bar, show
+from gantrysim.cli.terminal import interruptible, plain_table, say, share_bar, show
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
-    from gantrysim.report.document import Table as PageTable
+    from gantrysim.identify.replay import CommandedLog, Replay
 
 
 def replay(
@@ -40,7 +38,19 @@ def replay(
     ] = None,
     fitted: Annotated[
         str | None,
-        typer.Option(metavar="FROM:TO", help="Rows to which the machine was fitted, from 0; all others are held out."),
+        typer.Option(
+            metavar="FIRST:LAST", help="Rows of the log to which the machine was fitted; all others are held out."
+        ),
+    ] = None,
+    period: Annotated[
+        float | None,
+        typer.Option(
+            help="Sampling period, for a log without time or with rounded time stamps \\[s].", show_default=False
+        ),
+    ] = None,
+    rows: Annotated[
+        str | None,
+        typer.Option(metavar="FIRST:LAST", help="Rows of the log to replay, counted from 1 without its headings."),
     ] = None,
     out: Annotated[Path, typer.Option(help="Output folder.")] = Path("replayed"),
     allow_code: AllowCode = False,
@@ -55,46 +65,50 @@ def replay(
 
     Exit status: 0, 2 for bad input, 130 after Ctrl-C.
     """
+    from gantrysim.identify.log import Rows
     from gantrysim.identify.replay import read_commanded_log
     from gantrysim.identify.replay import replay as replayed
-    from gantrysim.identify.replay_output import QUANTITIES, sentences, table_of, write_all
+    from gantrysim.identify.replay_output import write_all
     from gantrysim.job.servo_file import servo_of_file
     from gantrysim.machine.machine import Machine
 
     machine = Machine(model)
-    recorded = read_commanded_log(log, machine, named_columns(columns or ()))
+    chosen_rows = None if rows is None else Rows.parse(rows)
+    recorded = read_commanded_log(log, machine, named_columns(columns or ()), period, chosen_rows)
+    fitted_rows = _fitted_rows(fitted, recorded)
     chosen = servo_of_file(servo, machine, recorded.log.period, allow_code=allow_code)
     with interruptible() as go_on:
         with share_bar("replay", go_on) as advance:
-            result = replayed(machine, recorded, chosen, fitted=_rows(fitted), progress=advance)
+            result = replayed(machine, recorded, chosen, fitted=fitted_rows, progress=advance)
         names = write_all(result, log.name, out)
+    _show(result)
+    say(f"written to {out}/: {', '.join(names)}")
+
+
+def _show(result: Replay) -> None:
+    """Print tables, sentences and notes of a replay."""
+    from gantrysim.identify.replay_output import QUANTITIES, sentences, table_of
+
     for axis in result.axes:
         for quantity in QUANTITIES:
-            show(_table(table_of(result, axis, quantity)))
+            show(plain_table(table_of(result, axis, quantity)))
     for line in sentences(result):
         say(line, wrap=True)
     for note in result.notes:
         say(f"note: {note}", wrap=True)
-    say(f"written to {out}/: {', '.join(names)}")
 
 
-def _rows(text: str | None) -> slice | None:
+def _fitted_rows(text: str | None, recorded: CommandedLog) -> slice | None:
+    """Return the rows of a log that were fitted, from their numbers in its file."""
+    from gantrysim.identify.log import Rows
+
     if text is None:
         return None
-    first, colon, after = text.partition(":")
+    if recorded.first is None:
+        raise InputError("--fitted: rows are missing in the log, so that they cannot be counted: cut it by --rows")
     try:
-        return slice(int(first), int(after)) if colon else slice(int(""))
-    except ValueError:
-        raise InputError(f"--fitted {text}: must be FROM:TO, as in 0:6000") from None
-
-
-def _table(content: PageTable) -> Table:
-    from rich.markup import escape
-    from rich.table import Table
-
-    table = Table(title=escape(content.caption or ""), title_justify="left", box=None, padding=(0, 1, 0, 0))
-    for head, numeric in zip(content.heads, content.numeric, strict=True):
-        table.add_column(head.replace(", ", "\n"), justify="right" if numeric else "left", no_wrap=True)
-    for row in content.cells:
-        table.add_row(*map(escape, row))
-    return table
+        rows = Rows.parse(text)
+    except InputError as error:
+        raise InputError(str(error).replace("--rows", "--fitted")) from None
+    last = rows.last or recorded.first + len(recorded.command) - 1
+    return slice(max(rows.first - recorded.first, 0), max(last - recorded.first + 1, 0))

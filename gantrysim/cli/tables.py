@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal
 
 from rich.markup import escape
@@ -20,14 +21,16 @@ from gantrysim.metrics.budget import DESCRIPTIONS, Budget
 from gantrysim.metrics.error_quantities import END_POINT, FOLLOWING
 from gantrysim.metrics.parts import CORNER, ERROR, PART_COLUMNS, PartValues
 from gantrysim.record.run import Run
-from gantrysim.report.rows import bead_notes, bead_rows, motion_rows
+from gantrysim.report.rows import bead_notes, bead_rows, dot_rows, motion_rows
 from gantrysim.report.scatter import HEADS, remark_of, rows_of
 from gantrysim.report.scatter import TITLE as SCATTER
+from gantrysim.results.dots import DotVerdict
 from gantrysim.results.verdict import Verdict
 from gantrysim.servo.stability.margin_quantities import GAIN_MARGIN, PHASE_MARGIN
 from gantrysim.servo.stability.margins import NO_LOOP, Margins
 
 _MB = 1e6
+_SHOWN_REST = 0.01  # time at rest with glue [s]; less is the begin of a bead
 
 
 def links_table(name: str, machine: Machine, budget: Budget) -> Table:
@@ -106,8 +109,10 @@ def causes_table(causes: Causes) -> Table:
     return table
 
 
-def outcome_table(analysis: Analysis, bead: BeadValues | None, margins: tuple[Margins, ...] | None) -> Table:
-    """Return the results of a run: following errors, stability, spacing, speed, and the bead where there is glue."""
+def outcome_table(
+    analysis: Analysis, bead: BeadValues | None, margins: tuple[Margins, ...] | None, dots: Sequence[DotVerdict] = ()
+) -> Table:
+    """Return the results of a run: following errors, stability, spacing, speed, and bead and dots where there are."""
     run = analysis.run
     values = analysis.values
     table = Table.grid(padding=(0, 2))
@@ -127,6 +132,8 @@ def outcome_table(analysis: Analysis, bead: BeadValues | None, margins: tuple[Ma
     if bead is not None:
         for row in (*bead_rows(bead), *bead_notes(bead)):
             table.add_row(*row)
+    for row in dot_rows(dots):
+        table.add_row(*row)
     return table
 
 
@@ -146,7 +153,8 @@ def plan_table(name: str, plan: Plan) -> Table:
     table.title = escape(f"{name}: {plan.controller} on {plan.machine}, not simulated")
     table.title_justify = "left"
     table.add_row("requested path", f"{plan.length:z.3f} mm", "")
-    table.add_row("commanded path length", f"{plan.way:z.3f} mm", f"{plan.glue:z.3f} mm with glue")
+    standing = f", and {plan.standing_time:z.2f} s at rest" if plan.standing_time > _SHOWN_REST else ""
+    table.add_row("commanded path length", f"{plan.way:z.3f} mm", f"{plan.glue:z.3f} mm with glue{standing}")
     table.add_row("time", f"{plan.duration:z.3f} s", f"at most {plan.speed:z.2f} mm/s")
     files = f", {plan.files / _MB:z.0f} MB of temporary files" if plan.files else ""
     table.add_row(

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.cells import cell_len
 from rich.console import Console, RenderableType
@@ -30,6 +30,9 @@ from rich.table import Table
 
 from gantrysim.base import signals
 from gantrysim.base.progress import when_compiling
+
+if TYPE_CHECKING:
+    from gantrysim.report.document import Table as PageTable
 
 # exit statuses; an interrupted command has signals.status()
 INPUT_ERROR = 2
@@ -67,6 +70,16 @@ def spell_out() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="gantrysim")
+
+
+def plain_table(content: PageTable) -> Table:
+    """Return a table of a page for the terminal."""
+    table = Table(title=escape(content.caption or ""), title_justify="left", box=None, padding=(0, 1, 0, 0))
+    for head, numeric in zip(content.heads, content.numeric, strict=True):
+        table.add_column(escape(head.replace(", ", "\n")), justify="right" if numeric else "left", no_wrap=True)
+    for row in content.cells:
+        table.add_row(*map(escape, row))
+    return table
 
 
 def show(content: RenderableType) -> None:

@@ -9,15 +9,19 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import find_peaks, welch
 
 from gantrysim.base.arrays import Floats, spans
 from gantrysim.base.errors import InputError
 from gantrysim.base.quantity import contents
-from gantrysim.compare.alignment import Alignment, turned_points
-from gantrysim.compare.compare_quantities import DIFFERENCES, EXPLAINED, PEAK, ROTATION, SHIFT
+from gantrysim.compare.alignment import DEFAULT, Alignment
+from gantrysim.compare.alignment_words import alignment_content
+from gantrysim.compare.compare_quantities import DIFFERENCES, EXPLAINED, PEAK
+from gantrysim.compare.equal_times import turned_points
 from gantrysim.compare.measured import Trace
+from gantrysim.compare.over_time import FOLLOWING, TORQUE, AxisDifference, axis_differences
 from gantrysim.compare.trace_faults import aligned_as_named, scale_and_clock
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics import circle_row
@@ -34,7 +38,7 @@ _UNEVEN = 0.01  # of a period, between samples of one rate
 
 
 def beside(trace: Trace, alignment: Alignment, run: Run, machine: Machine) -> tuple[Run, Run]:
-    """Return the records of the measured and of the simulated run, at the trace's instants that both cover.
+    """Return the records of the measured and of the simulated run, at the trace's samples that are part of the run.
 
     A link that is not measured repeats the link before it, in both runs, so that its share is zero: without
     the encoder, the nozzle's whole deviation from the command is structure; without the nozzle, the rigid machine's at
@@ -44,65 +48,91 @@ def beside(trace: Trace, alignment: Alignment, run: Run, machine: Machine) -> tu
     Raises:
         InputError: the dispenser is off for as long as both last.
     """
-    instants = trace.time - alignment.shift
-    rows = np.flatnonzero((instants >= run.time[0]) & (instants <= run.time[-1]))
-    instants = instants[rows]
-    period = float(np.median(np.diff(trace.time)))
-    tick = np.clip(np.floor(instants / run.period + 1e-6).astype(int), 0, len(run.time) - 1)
+    rows = covered_rows(alignment, run)
+    instants = alignment.instants[rows]
+    tick = _ticks_at(run, instants)
     if not run.dispense[tick].any():
         bead = run.time[np.flatnonzero(run.dispense)[[0, -1]]]
         raise InputError(
             f"the trace covers {instants[0]:.4g} to {instants[-1]:.4g} s of the run, in which the dispenser is off: "
             f"must cover some of {bead[0]:.4g} to {bead[1]:.4g} s"
         )
-    simulated = {name: CubicSpline(run.time, getattr(run, name), axis=0)(instants) for name in ("commanded", "encoder")}
-    measured: dict[str, Floats] = {"commanded": simulated["commanded"]}
+    simulated = simulated_record(trace, alignment, run, machine)
+    measured = {"commanded": np.asarray(CubicSpline(run.time, run.commanded, axis=0)(instants))}
     if "commanded" in trace.axes:
         commanded = trace.axes["commanded"][rows] - alignment.offsets["axes"]
-        measured["commanded"] = np.where(np.isnan(commanded), simulated["commanded"], commanded)
+        measured["commanded"] = np.where(np.isnan(commanded), measured["commanded"], commanded)
+    measured["encoder"] = measured["commanded"]
     if "encoder" in trace.axes:
         encoder = trace.axes["encoder"][rows] - alignment.offsets["axes"]
-        missing = np.isnan(encoder)
-        measured["encoder"] = np.where(missing, measured["commanded"], encoder)
-        simulated["encoder"] = np.where(missing, simulated["commanded"], simulated["encoder"])
-    else:
-        measured["encoder"] = measured["commanded"]
-        simulated["encoder"] = simulated["commanded"]
-    records = []
-    for chain, actual in ((measured, True), (simulated, False)):
-        tips = {link: machine.tip(chain[link]) for link in ("commanded", "encoder")}
-        if trace.nozzle is None:
-            nozzle = tips["encoder"]
-        elif actual:
-            nozzle = turned_points(trace.nozzle[rows] - alignment.offsets["nozzle"], -np.radians(alignment.rotation))
-            nozzle = np.where(np.isnan(nozzle), tips["commanded"], nozzle)
-        else:
-            nozzle = CubicSpline(run.time, run.nozzle, axis=0)(instants)
-            nozzle = np.where(np.isnan(trace.nozzle[rows]), tips["commanded"], nozzle)
+        measured["encoder"] = np.where(np.isnan(encoder), measured["commanded"], encoder)
+    nozzle = machine.tip(measured["encoder"])
+    if trace.nozzle is not None:
+        nozzle = turned_points(trace.nozzle[rows] - alignment.offsets["nozzle"], -np.radians(alignment.rotation))
+        nozzle = np.where(np.isnan(nozzle), machine.tip(measured["commanded"]), nozzle)
+    torques = {kind: values[rows] for kind, values in trace.torques.items()}
+    record = _record(simulated, machine, {**measured, **torques}, nozzle)
+    # its own time: at other speeds the instants of the run are not even
+    return replace(record, time=trace.time[rows] - trace.time[rows[0]] + instants[0]), simulated
+
+
+def covered_rows(alignment: Alignment, run: Run) -> NDArray[np.intp]:
+    """Return the samples of a trace that are part of a run."""
+    instants = np.nan_to_num(alignment.instants, nan=-np.inf)
+    return np.flatnonzero((instants >= run.time[0]) & (instants <= run.time[-1]))
+
+
+def simulated_record(trace: Trace, alignment: Alignment, run: Run, machine: Machine) -> Run:
+    """Return the record of a run at the samples of a trace, with the links that the trace measures; see `beside`."""
+    rows = covered_rows(alignment, run)
+    instants = alignment.instants[rows]
+    tick = _ticks_at(run, instants)
+
+    def at_samples(name: str) -> Floats:
+        return np.asarray(CubicSpline(run.time, getattr(run, name), axis=0)(instants))
+
+    chain = {"commanded": at_samples("commanded")}
+    chain["encoder"] = chain["commanded"]
+    if "encoder" in trace.axes:
+        missing = np.isnan(trace.axes["encoder"][rows])
+        chain["encoder"] = np.where(missing, chain["commanded"], at_samples("encoder"))
+    nozzle = machine.tip(chain["encoder"])
+    if trace.nozzle is not None:
+        nozzle = np.where(np.isnan(trace.nozzle[rows]), machine.tip(chain["commanded"]), at_samples("nozzle"))
+    # torques are held from tick to tick
+    torques = {kind: np.asarray(getattr(run, kind))[tick] for kind in trace.torques}
+    timed = replace(
+        run,
+        period=float(np.median(np.diff(trace.time))),
+        time=instants,
+        flow=run.flow[tick],
+        flow_demand=run.flow_demand[tick],
+        dispense=run.dispense[tick],
+        progress=None if run.progress is None else np.interp(instants, run.time, run.progress),
+    )
+    return _record(timed, machine, {**chain, **torques}, nozzle)
+
+
+def _ticks_at(run: Run, instants: Floats) -> NDArray[np.intp]:
+    return np.clip(np.floor(instants / run.period + 1e-6).astype(np.intp), 0, len(run.time) - 1)
+
+
+def _record(timed: Run, machine: Machine, columns: Mapping[str, Floats], nozzle: Floats) -> Run:
+    """Return a record with other positions, of which a trace separates no more links."""
+    tips = {link: machine.tip(columns[link]) for link in ("commanded", "encoder")}
+    unknown = dict.fromkeys(("demand", "torque", "current", "voltage"), np.full_like(columns["encoder"], np.nan))
+    changes: dict[str, Any] = {**unknown, **columns}
+    return replace(
+        timed,
         # a trace cannot separate errors of the geometry from structure
-        columns: dict[str, Any] = {
-            "geometric_tip": None,
-            **chain,
-            **dict.fromkeys(("demand", "torque", "current", "voltage"), np.full_like(chain["encoder"], np.nan)),
-        }
-        records.append(
-            replace(
-                run,
-                period=period,
-                time=instants,
-                **columns,
-                motor=chain["encoder"],
-                commanded_tip=tips["commanded"],
-                encoder_tip=tips["encoder"],
-                motor_tip=tips["encoder"],
-                nozzle=nozzle,
-                flow=run.flow[tick],
-                flow_demand=run.flow_demand[tick],
-                dispense=run.dispense[tick],
-                progress=None if run.progress is None else np.interp(instants, run.time, run.progress),
-            )
-        )
-    return records[0], records[1]
+        geometric_tip=None,
+        motor=columns["encoder"],
+        commanded_tip=tips["commanded"],
+        encoder_tip=tips["encoder"],
+        motor_tip=tips["encoder"],
+        nozzle=nozzle,
+        **changes,
+    )
 
 
 def evenly(time: Floats) -> bool:
@@ -116,14 +146,16 @@ def evenly(time: Floats) -> bool:
 _WHOLE = 0.999  # of the dispensing time, from which a trace covers it all
 
 
-def coverage(measured: Run, run: Run, alignment: Alignment) -> list[str]:
+def coverage(simulated: Run, run: Run, alignment: Alignment) -> list[str]:
     """Return notes on the part of the bead that the trace covers, and on other parts that it fits as well."""
     notes = []
-    covered = measured.dispense.sum() * measured.period / (run.dispense.sum() * run.period)
+    begin, end = simulated.time[[0, -1]].tolist()
+    inside = (run.time > begin - run.period) & (run.time < end + run.period)
+    covered = run.dispense[inside].sum() / run.dispense.sum()
     if covered < _WHOLE:
         notes.append(
-            f"the trace covers {measured.time[0]:.4g} to {measured.time[-1]:.4g} s of the run, {100 * covered:.1f} % "
-            "of the time for which the dispenser is on"
+            f"the trace covers {begin:.4g} to {end:.4g} s of the run, {100 * covered:.1f} % of the time for which the "
+            "dispenser is on"
         )
     if alignment.others:
         shifts = ", ".join(f"{shift - alignment.shift:+.4g}" for shift in alignment.others)
@@ -137,6 +169,8 @@ def coverage(measured: Run, run: Run, alignment: Alignment) -> list[str]:
 PEAKS = 5  # of the spectrum that are named
 _SEGMENT = 1024  # samples of a segment of the spectrum
 NOTHING = 1e-6  # rms of an error, or of a peak of its spectrum, that is rounding [mm]
+_EXACT = 2e-5  # rms of a difference of an exact trace, from its instants [mm, deg or N·m]
+_NOISES = 1.5  # deviations of the noise, within which a difference is noise
 _FEW_SAMPLES = 64  # samples below which there is no spectrum
 
 
@@ -183,6 +217,8 @@ class Comparison:
 
     Attributes:
         measured, simulated: budgets over the same samples and links.
+        frictionless: the same of the machine without friction; None where that was not simulated.
+        over_time: following errors and torques of the axes, those that are measured.
         links: what is measured.
         unmeasured_command: axes in motion whose command is not measured.
         alignment: of the trace.
@@ -192,6 +228,8 @@ class Comparison:
 
     measured: Budget
     simulated: Budget
+    frictionless: Budget | None
+    over_time: tuple[AxisDifference, ...]
     links: tuple[str, ...]
     unmeasured_command: tuple[str, ...]
     alignment: Alignment
@@ -199,14 +237,17 @@ class Comparison:
     notes: tuple[str, ...]
 
     @classmethod
-    def of(cls, trace: Trace, run: Run, machine: Machine, what: tuple[str, ...] = ("time", "offset")) -> Comparison:
+    def of(
+        cls, trace: Trace, run: Run, machine: Machine, what: tuple[str, ...] = DEFAULT, frictionless: Run | None = None
+    ) -> Comparison:
         """Align a trace with a run, and compare them.
 
         Args:
             trace: measured.
             run: simulated, of the same program.
             machine: of the run.
-            what: as in `aligned`.
+            what: as in `aligned_trace`.
+            frictionless: the same command on the machine without friction, see `frictionless_run`.
 
         Raises:
             InputError: a run that ended in a fault, a trace that covers none of the bead, one whose axes are swapped,
@@ -222,15 +263,24 @@ class Comparison:
             )
         alignment = aligned_as_named(trace, run, what)
         measured, simulated = beside(trace, alignment, run, machine)
-        notes = [*trace.notes, *scale_and_clock(trace, run, alignment)]
+        wrong = None if frictionless is None else simulated_record(trace, alignment, frictionless, machine)
+        notes = [*trace.notes, *alignment.notes, *scale_and_clock(trace, run, alignment)]
         if "commanded" not in trace.links:
             notes.append("the command is not measured: it is the simulation's in both budgets")
-        notes += coverage(measured, run, alignment)
+        notes += coverage(simulated, run, alignment)
         if not evenly(measured.time):
             notes.append("the samples have no even rate: there is no spectrum")
-        of_trace = Budget(Analysis(measured))
-        of_run = Budget(Analysis(simulated))
-        return cls(of_trace, of_run, trace.links, unmeasured, alignment, machine, tuple(notes))
+        return cls(
+            measured=Budget(Analysis(measured)),
+            simulated=Budget(Analysis(simulated)),
+            frictionless=None if wrong is None else Budget(Analysis(wrong)),
+            over_time=tuple(axis_differences(trace, measured, simulated, wrong)),
+            links=trace.links,
+            unmeasured_command=unmeasured,
+            alignment=alignment,
+            machine=machine,
+            notes=tuple(notes),
+        )
 
     @property
     def parts(self) -> dict[str, str]:
@@ -260,11 +310,40 @@ class Comparison:
         return missing
 
     @property
+    def not_over_time(self) -> dict[str, str]:
+        """What is not compared over time, by axis and quantity, each with what is not measured."""
+        compared = {(row.axis, row.quantity) for row in self.over_time}
+        run = self.measured.analysis.run
+        missing = {}
+        for axis in run.axes:
+            if (axis, FOLLOWING) not in compared:
+                missing[f"{FOLLOWING} of {axis}"] = "command or encoder are not measured"
+            if (axis, TORQUE) not in compared:
+                missing[f"{TORQUE} of {axis}"] = "it is not measured"
+        return missing
+
+    @property
+    def is_all_noise(self) -> bool:
+        """Whether every link, following error and torque is measured, and every difference is within the noise."""
+        if self.not_compared or self.not_over_time:
+            return False
+        allowed = max(_NOISES * math.sqrt(2) * self.alignment.noise, _EXACT)
+        across = all(size.rms <= allowed for size in self.unexplained.values())
+        return across and all(row.is_noise or row.difference.rms < _EXACT for row in self.over_time)
+
+    @property
     def explained(self) -> Explained:
         """How much of the measured error the simulation explains."""
+        return self._explained_by(self.simulated)
+
+    @property
+    def explained_without_friction(self) -> Explained | None:
+        """The same of the machine without friction; None where that was not simulated."""
+        return None if self.frictionless is None else self._explained_by(self.frictionless)
+
+    def _explained_by(self, of_run: Budget) -> Explained:
         measured, simulated = (
-            np.sum([_across(budget.parts[name]) for name in self.parts], axis=0)
-            for budget in (self.measured, self.simulated)
+            np.sum([_across(budget.parts[name]) for name in self.parts], axis=0) for budget in (self.measured, of_run)
         )
         size, simulated_size, difference = (
             ErrorSize.of(np.linalg.norm(error, axis=1)).rms for error in (measured, simulated, measured - simulated)
@@ -349,22 +428,23 @@ class Comparison:
         for name, budget in (("measured", self.measured), ("simulated", self.simulated)):
             parts = {part: budget.values.parts[part] for part in self.parts} | {"contour": budget.values.contour}
             budgets[name] = {part: values.content() for part, values in parts.items()}
-        alignment = {
-            "by": self.alignment.by,
-            **contents((SHIFT, ROTATION), self.alignment),
-            "offsets": {name: values.tolist() for name, values in self.alignment.offsets.items()},
-            "residual": self.alignment.residual,
-        }
         return {
             "links": list(self.links),
-            "alignment": alignment,
+            "alignment": alignment_content(self.alignment),
             "budgets": budgets,
-            "explained": {"links": list(self.explained.links), **contents(EXPLAINED, self.explained)},
+            "explained": _explained_content(self.explained),
+            "explained_without_friction": _explained_content(self.explained_without_friction),
             "not_compared": self.not_compared,
+            "over_time": [row.content() for row in self.over_time],
+            "not_over_time": self.not_over_time,
             "unexplained": {name: contents(DIFFERENCES, size) for name, size in self.unexplained.items()},
             "spectrum_peaks": [contents(PEAK, peak) for peak in self.peaks],
             "notes": list(self.notes),
         }
+
+
+def _explained_content(explained: Explained | None) -> dict[str, Any] | None:
+    return None if explained is None else {"links": list(explained.links), **contents(EXPLAINED, explained)}
 
 
 def _unmeasured_command(trace: Trace, run: Run) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from gantrysim.base.errors import InputError, expanded, positive, unknown
 from gantrysim.base.toml_files import read_toml
 from gantrysim.record.run import Run
 from gantrysim.tables.column_table import SAMPLES, ColumnTable, Source
+from gantrysim.tables.units import TORQUE
 
 # Which columns of a log are which quantities, as a user assigns them.
 
@@ -22,7 +23,7 @@ class Assignment:
     """Which columns of a log are which quantities.
 
     Attributes:
-        columns: by quantity: time; x, y, z of the nozzle; commanded.AXIS and encoder.AXIS.
+        columns: by quantity: time; x, y, z of the nozzle; commanded.AXIS, encoder.AXIS, demand.AXIS and torque.AXIS.
         period: of the samples, for a log without time [s].
         blocks: columns of a TABLE dump, one block after the other.
     """
@@ -54,6 +55,8 @@ class Assignment:
         return cls({key.strip(): Source.parse(f"--columns {key}", value) for key, _, value in pairs})
 
 
+_LINKS = ("commanded", "encoder")
+_TORQUES = ("demand", "torque")
 LEAST_SAMPLES = 8  # samples of a trace
 
 
@@ -66,12 +69,15 @@ class Trace:
         axes: positions by "commanded" and "encoder", those that are measured, (n, axes) [mm or deg].
         nozzle: (n, 3) [mm], nan in z where only x and y are measured; or None.
         notes: what had to be filled in.
+        torques: at the motor shafts, by "demand" of the servo or "torque" of the motor, the one that is measured, nan
+            for an axis that is not, (n, axes) [N·m].
     """
 
     time: Floats
     axes: Mapping[str, Floats]
     nozzle: Floats | None
     notes: tuple[str, ...] = ()
+    torques: Mapping[str, Floats] = field(default_factory=dict)
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -90,7 +96,7 @@ class Trace:
         if not sources:
             sources, recognised = _recognised_columns(log, run)
         period = given.period if given.period is not None else log.period
-        quantities = {"time", *"xyz", *(f"{link}.{axis}" for link in ("commanded", "encoder") for axis in run.axes)}
+        quantities = {"time", *"xyz", *(f"{of_axis}.{axis}" for of_axis in (*_LINKS, *_TORQUES) for axis in run.axes)}
         for key in sources:
             if key not in quantities:
                 raise unknown("quantity", key, quantities)
@@ -112,7 +118,24 @@ class Trace:
         time = time[whole]
         _check_rise(log.label, time)
         axes = {link: positions[whole] for link, positions in axes.items()}
-        return cls(time, axes, None if nozzle is None else nozzle[whole], tuple(notes))
+        torques = {kind: values[whole] for kind, values in _torques_of_axes(log, sources, run).items()}
+        return cls(time, axes, None if nozzle is None else nozzle[whole], tuple(notes), torques)
+
+    @classmethod
+    def of_run(cls, record: Run, run: Run) -> Trace:
+        """Return a record of a run as a trace, as of another machine or another version.
+
+        Args:
+            record: that is taken for measured.
+            run: beside which it is compared.
+
+        Raises:
+            InputError: other axes.
+        """
+        if record.axes != run.axes:
+            raise InputError(f"its axes are {', '.join(record.axes)}: must be those of the run, {', '.join(run.axes)}")
+        axes = {link: np.array(getattr(record, link)) for link in _LINKS}
+        return cls(np.array(record.time), axes, np.array(record.nozzle), (), {"demand": np.array(record.demand)})
 
 
 def _positions_of_axes(
@@ -122,7 +145,7 @@ def _positions_of_axes(
     units = dict(zip(run.axes, run.units, strict=True))
     axes = {}
     notes = []
-    for link in ("commanded", "encoder"):
+    for link in _LINKS:
         of_link = {axis: sources[f"{link}.{axis}"] for axis in run.axes if f"{link}.{axis}" in sources}
         if not of_link:
             continue
@@ -133,6 +156,19 @@ def _positions_of_axes(
             instead = "that of the simulation" if link == "commanded" else "that of the command, in both budgets"
             notes.append(f"{link} of {', '.join(missing)} is not measured: {instead}")
     return axes, notes
+
+
+def _torques_of_axes(log: ColumnTable, sources: Mapping[str, Source], run: Run) -> dict[str, Floats]:
+    """Return the measured torques by kind, nan for an axis that is not; demands where both are measured."""
+    for kind in _TORQUES:
+        columns = [
+            log.values(sources[f"{kind}.{axis}"], TORQUE) if f"{kind}.{axis}" in sources else None for axis in run.axes
+        ]
+        measured = [column for column in columns if column is not None]
+        if measured:
+            missing = np.full(len(measured[0]), np.nan)
+            return {kind: np.column_stack([missing if column is None else column for column in columns])}
+    return {}
 
 
 def _nozzle(log: ColumnTable, sources: Mapping[str, Source]) -> Floats | None:
@@ -184,6 +220,8 @@ def _recognised_columns(log: ColumnTable, run: Run) -> tuple[dict[str, Source], 
         for link, word in (("commanded", "PCMD"), ("encoder", "PFB")):
             plain = (f"{link}_{axis}_{unit}", f"{link}_{axis}", f"{link}.{axis}", f"{link} {axis}")
             names[f"{link}.{axis}"] = [*plain, f"{word} {axis}"]
+        for kind in _TORQUES:
+            names[f"{kind}.{axis}"] = [f"{kind}_{axis}_Nm", f"{kind}.{axis}", f"{kind} {axis}"]
     sources = {}
     for quantity, candidates in names.items():
         column = next((name for name in candidates if name in log.columns), None)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
+from gantrysim.compare.alignment_words import alignment_words, estimate_rows
 from gantrysim.compare.compare_quantities import (
     DIFFERENCE,
     FREQUENCY,
@@ -19,12 +20,11 @@ from gantrysim.compare.compare_quantities import (
     PEAK,
     PEAK_SIZE,
     REMAINDER,
-    ROTATION,
     SHIFT,
 )
 from gantrysim.compare.comparison import NOTHING, Comparison
+from gantrysim.compare.over_time import FOLLOWING, TORQUE, AxisDifference
 from gantrysim.compare.runs.compared_run import RUN_COLOURS
-from gantrysim.metrics.analysis import THOUSANDTH
 from gantrysim.metrics.budget import DESCRIPTIONS
 from gantrysim.metrics.parts import ERROR, ERROR_SIZES, PART_SIZES
 from gantrysim.report.document import Column, Section, Table
@@ -145,6 +145,11 @@ def _sections(comparison: Comparison, circle: Mapping[str, Mapping[str, Any]] | 
         figure=drawn_plot(draw_overlay, comparison, _PLOT_WIDTH, 2.2 * (len(comparison.parts) + 2)),
         table=_budgets(comparison),
     )
+    yield Section(
+        "Over time",
+        over_time_words(comparison),
+        table=over_time_table(comparison) if comparison.over_time else None,
+    )
     yield Section("Alignment", alignment_text(comparison), table=_offsets(comparison))
     yield Section(
         "Not explained by the model",
@@ -164,11 +169,23 @@ def _sections(comparison: Comparison, circle: Mapping[str, Mapping[str, Any]] | 
     )
 
 
+_SMALLEST = 1e-6  # of a difference that is not written as 0 [mm, deg or N·m]
+AS_GOOD = 0.8  # difference, of that of the machine without friction, from which a trace does not tell them apart
+
+
 def headline(comparison: Comparison) -> str:
     """Return both contour errors, how much of the measured links the simulation explains, and what is not compared."""
     contour = [budget.values.contour.rms for budget in (comparison.measured, comparison.simulated)]
     sizes = f"Contour error: {ERROR.text(contour[0])} rms measured, {ERROR.text(contour[1])} simulated."
-    return " ".join([sizes, _explained_share(comparison), *_not_compared(comparison)])
+    return " ".join(
+        [
+            sizes,
+            _explained_share(comparison),
+            *_beside_wrong(comparison),
+            *_not_compared(comparison),
+            *over_time_words(comparison),
+        ]
+    )
 
 
 def _explained_share(comparison: Comparison) -> str:
@@ -176,8 +193,12 @@ def _explained_share(comparison: Comparison) -> str:
     explained = comparison.explained
     links = " + ".join(_named_links(comparison))
     measured = f"{links}, {MEASURED.text(explained.measured)} rms measured"
+    if comparison.is_all_noise:
+        return f"Of {measured}, no difference is left: all is measured, and all differences are within the noise."
+    if explained.share is None and explained.difference < NOTHING:
+        return f"Of {links} there is no error across the path, neither measured nor simulated: it shows nothing there."
     if explained.difference < NOTHING:
-        return f"Of {measured}, no difference is left."
+        return f"Of {measured}, the simulation differs by less than {DIFFERENCE.text(NOTHING)} rms."
     difference = f"{REMAINDER.text(explained.difference)} rms"
     if explained.share is None:
         return f"Of {links} there is no measured error; the simulated one is {difference}."
@@ -185,6 +206,48 @@ def _explained_share(comparison: Comparison) -> str:
         share = share_text(explained.share)
         return f"Of {measured}, the simulation explains none ({share}): their difference is {difference}."
     return f"Of {measured}, the simulation explains {share_text(explained.share)} in mean square; {difference} is left."
+
+
+def _beside_wrong(comparison: Comparison) -> list[str]:
+    """Return how much a machine without friction would explain, in a sentence; nothing where it was not simulated."""
+    wrong = comparison.explained_without_friction
+    if wrong is None or wrong.share is None:
+        return []
+    text = f"Without friction the same machine would explain {share_text(wrong.share)}"
+    if comparison.explained.difference >= AS_GOOD * wrong.difference:
+        return [f"{text}: these links do not tell the two apart."]
+    return [f"{text}, and {REMAINDER.text(wrong.difference)} rms would be left."]
+
+
+def over_time_words(comparison: Comparison) -> list[str]:
+    """Return the differences of following errors and torques over time, a sentence for each, and what is missing."""
+    sentences = []
+    for quantity in (FOLLOWING, TORQUE):
+        rows = [row for row in comparison.over_time if row.quantity == quantity]
+        if not rows:
+            sentences.append(f"{quantity.capitalize()} over time is not measured, so not compared.")
+            continue
+        listed = "; ".join(
+            f"{row.axis} {thousandths(row.measured.rms)} {row.unit} rms measured, {thousandths(row.simulated.rms)} "
+            f"simulated, difference {thousandths(row.difference.rms)}{_wrong_size(row)}"
+            for row in rows
+        )
+        sentences.append(f"{quantity.capitalize()} over time: {listed}.")
+        alike = [
+            row.axis for row in rows if row.frictionless and row.difference.rms >= AS_GOOD * row.frictionless.rms > 0
+        ]
+        if alike:
+            sentences.append(f"It does not tell the machine from one without friction for {', '.join(alike)}.")
+    return sentences
+
+
+def _wrong_size(row: AxisDifference) -> str:
+    return "" if row.frictionless is None else f" (without friction {thousandths(row.frictionless.rms)})"
+
+
+def thousandths(value: float) -> str:
+    """Return a size in a thousandth of its unit, as text."""
+    return f"{1e3 * value:.3g}" if value > _SMALLEST else "0"
 
 
 def _named_links(comparison: Comparison) -> list[str]:
@@ -208,7 +271,7 @@ def unexplained_errors(comparison: Comparison) -> list[str]:
     contour = comparison.unexplained["contour"]
     if contour.rms < NOTHING:
         return [
-            f"No difference is left of what is measured: {', '.join(comparison.parts)}.",
+            f"Across the path the simulation has the error that is measured: {', '.join(comparison.parts)}.",
             *_not_compared(comparison),
         ]
     links = sorted(comparison.parts, key=lambda name: -comparison.unexplained[name].rms)
@@ -235,26 +298,8 @@ def unexplained_errors(comparison: Comparison) -> list[str]:
 
 
 def alignment_text(comparison: Comparison) -> str:
-    """Return how the trace was aligned, in one sentence."""
-    alignment = comparison.alignment
-    run = comparison.measured.analysis.run
-    text = f"Aligned by {alignment.by}: the trace's time is {SHIFT.text(alignment.shift)} against the run's"
-    for frame, axis, offset, unit in _placed_offsets(comparison):
-        text += f"; {frame} offset {axis} {offset:+z.4f} {unit}"
-    if alignment.rotation:
-        text += f"; turned by {ROTATION.text(alignment.rotation)}"
-    units = ("mm",) if alignment.by == "nozzle" else run.units
-    kinds = " and ".join(dict.fromkeys(THOUSANDTH[unit] for unit in units))
-    return f"{text}; residual {DIFFERENCE.number(alignment.residual)} {kinds} rms."
-
-
-def _placed_offsets(comparison: Comparison) -> Iterator[tuple[str, str, float, str]]:
-    """Yield frame, axis, offset and unit of every offset."""
-    run = comparison.measured.analysis.run
-    names = {"axes": (run.axes, run.units), "nozzle": ("xyz", ("mm",) * 3)}
-    for frame, offsets in comparison.alignment.offsets.items():
-        for axis, offset, unit in zip(names[frame][0], offsets.tolist(), names[frame][1], strict=True):
-            yield frame, axis, offset, unit
+    """Return how the trace was aligned, in some sentences."""
+    return alignment_words(comparison.alignment, comparison.measured.analysis.run)
 
 
 def _facts(comparison: Comparison) -> list[tuple[str, str, str]]:
@@ -293,10 +338,24 @@ def _budgets(comparison: Comparison) -> Table:
 
 
 def _offsets(comparison: Comparison) -> Table:
-    rows = [[f"{frame} {axis}", offset, unit] for frame, axis, offset, unit in _placed_offsets(comparison)]
-    rows.insert(0, ["time", comparison.alignment.shift, "s"])
-    rows.append(["rotation", comparison.alignment.rotation, "deg"])
-    return Table(["", Column("against the run", ".6f"), "unit"], rows, "Trace against run")
+    rows = list(estimate_rows(comparison.alignment, comparison.measured.analysis.run))
+    heads: list[str | Column] = ["", Column("against the run", ".6g"), Column("± 95 %", ".2g"), "unit", "distinguished"]
+    return Table(heads, rows, "Trace against run; what is not distinguished from zero is left in the trace")
+
+
+def over_time_table(comparison: Comparison) -> Table:
+    """Return following error and torque of each axis, measured and simulated."""
+    heads: list[str | Column] = ["axis", "quantity", "unit"]
+    sides = ("measured", "simulated", "difference", "without friction")
+    heads += [Column(f"{side}, {size}", ".4g") for side in sides for size in ("rms", "max")]
+    rows: list[list[Any]] = []
+    for row in comparison.over_time:
+        cells: list[Any] = [row.axis, row.quantity, row.unit]
+        for size in (row.measured, row.simulated, row.difference, row.frictionless):
+            cells += [None, None] if size is None else [1e3 * size.rms, 1e3 * size.max]
+        rows.append(cells)
+    caption = "Over all samples, along the path too; without friction: the difference from that machine"
+    return Table(heads, rows, caption)
 
 
 def _peaks(comparison: Comparison) -> Table:

@@ -12,13 +12,14 @@ from scipy.interpolate import CubicSpline
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError
-from gantrysim.compare.alignment import Alignment, aligned_trace, turned_points
+from gantrysim.compare.alignment import DOUBTFUL_RESIDUAL, Alignment, aligned_trace
 from gantrysim.compare.compare_quantities import DIFFERENCE
+from gantrysim.compare.equal_times import turned_points
 from gantrysim.compare.measured import Trace
 from gantrysim.record.run import Run
 
-_DOUBTFUL_RESIDUAL = 0.1  # residual of the run's own spread from which the axes are doubted
 _MUCH_BETTER = 0.2  # residual with other axes, of that without, from which these are the ones
+_MOST_SAMPLES = 0.5  # share of a trace within the run, from which other axes are believed
 _MOSTLY = 0.5  # residual with scale and clock, of that without, below which these are named
 _NAMED = 0.25  # effect of a scale or clock, of the residual, from which it is named
 _TOO_WIDE = 2.0  # span of a trace, of the run's, from which its unit must be another
@@ -43,7 +44,7 @@ def aligned_as_named(trace: Trace, run: Run, what: tuple[str, ...]) -> Alignment
         residual = alignment.residual
     except InputError as error:
         failure = error
-    if residual > _DOUBTFUL_RESIDUAL * _spread(trace, run):
+    if residual > DOUBTFUL_RESIDUAL * _spread(trace, run):
         _check_axes(trace, run, what, residual)
     if failure is not None:
         raise failure
@@ -85,10 +86,13 @@ def _check_axes(trace: Trace, run: Run, what: tuple[str, ...], residual: float) 
     words = ""
     for swapped, signs in _hypotheses():
         try:
-            fitted = aligned_trace(_with_axes(trace, swapped, signs), run, what).residual
+            alignment = aligned_trace(_with_axes(trace, swapped, signs), run, what)
         except InputError:  # it does not overlap the run this way either
             continue
-        if fitted < best:
+        inside = (alignment.instants >= run.time[0]) & (alignment.instants <= run.time[-1])
+        fitted = alignment.residual
+        # a few samples at rest fit any way
+        if np.mean(inside) >= _MOST_SAMPLES and fitted < best:
             best = fitted
             words = _words(names, swapped, signs)
     if best < _MUCH_BETTER * min(residual, _spread(trace, run)):
@@ -128,12 +132,14 @@ def _words(names: tuple[str, ...], swapped: bool, signs: Axes) -> str:
 def scale_and_clock(trace: Trace, run: Run, alignment: Alignment) -> list[str]:
     """Return notes on a scale of an axis and on a clock that would explain most of what is left after the alignment.
 
-    With m the measured positions of the link that aligns, s the simulated ones and t' = t - shift, the least squares of
+    With m the measured positions of the link that aligns and s the simulated ones at their instants t', the least
+    squares of
 
         m - s(t') - offset = k (s(t') - mean) + c s'(t') (t' - mean) + b s'(t') + a
 
-    give the scale 1 + k of each axis, and a clock that runs slow by c. They are named where they take away half of the
-    residual or more; nothing is corrected.
+    give the scale 1 + k of each axis, and a clock that runs fast by -c. They are named where they take away half of the
+    residual or more; nothing is corrected. At equal places the clock is judged by these, see
+    `gantrysim.compare.timing`, and only what lies across the path counts here.
 
     Raises:
         InputError: a scale so far from 1 that the unit of a column must be another.
@@ -145,7 +151,7 @@ def scale_and_clock(trace: Trace, run: Run, alignment: Alignment) -> list[str]:
     offset = alignment.offsets["nozzle" if alignment.by == "nozzle" else "axes"]
     simulated = getattr(run, alignment.by)
     columns = np.flatnonzero(~np.isnan(measured).any(axis=0) & (np.ptp(simulated, axis=0) > 0))
-    time = trace.time - alignment.shift
+    time = alignment.instants
     inside = (time >= run.time[0]) & (time <= run.time[-1])
     spline = CubicSpline(run.time, simulated, axis=0)
     s = turned_points(spline(time[inside]), np.radians(alignment.rotation))[:, columns]
@@ -153,8 +159,13 @@ def scale_and_clock(trace: Trace, run: Run, alignment: Alignment) -> list[str]:
     residual = (measured[inside] - offset)[:, columns] - s
     since = (time[inside] - time[inside].mean())[:, None]
     units = np.eye(columns.size)
-    scales = [(s - s.mean(axis=0)) * unit for unit in units]
-    slopes = [*scales, rate * since, rate, *(np.broadcast_to(unit, s.shape) for unit in units)]
+    slopes = [(s - s.mean(axis=0)) * unit for unit in units]
+    if alignment.criterion == "time":
+        slopes += [rate * since, rate]
+    slopes += [np.broadcast_to(unit, s.shape) for unit in units]
+    if alignment.criterion == "path":
+        tangent = rate / np.maximum(np.linalg.norm(rate, axis=1), 1e-12)[:, None]
+        residual, *slopes = (part - tangent * np.sum(tangent * part, axis=1)[:, None] for part in (residual, *slopes))
     matrix = np.stack([slope.ravel() for slope in slopes], axis=1)
     fitted = np.linalg.lstsq(matrix, residual.ravel(), rcond=None)[0]
     before = float(np.sqrt(np.mean(residual**2)))
@@ -167,7 +178,7 @@ def scale_and_clock(trace: Trace, run: Run, alignment: Alignment) -> list[str]:
         if effects[k] >= _NAMED * before:
             notes.append(_scale_note(names[column], float(fitted[k])))
     clock = columns.size
-    if effects[clock] >= _NAMED * before:
+    if alignment.criterion == "time" and effects[clock] >= _NAMED * before:
         way = "slow" if fitted[clock] > 0 else "fast"
         notes.append(f"the trace's clock runs {way} by {1e6 * abs(fitted[clock]):.0f} ppm against the run's")
     return [f"{note}; that is most of the difference" for note in notes]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive
+from gantrysim.controllers.stretches import Stretches
 from gantrysim.paths.path import Path
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
@@ -75,6 +76,43 @@ class Controller(ABC):
         Args:
             change: function from a programmed path speed to the new one [mm/s].
         """
+
+    def stretches(self, period: float) -> Stretches:
+        """Return the stretches of the requested path to which the program can give a speed of their own.
+
+        Args:
+            period: of the servo [s].
+
+        Raises:
+            InputError: the program has no way to do that.
+        """
+        raise InputError(
+            f"{type(self).__name__}: states one speed for its whole path, so that none can be set by place"
+        )
+
+    def with_stretch_speeds(self, speeds: Mapping[int, float]) -> dict[str, Any]:
+        """Return the arguments that must change for stretches to have other speeds, by dotted name.
+
+        Args:
+            speeds: programmed path speeds by `Stretches.places`, of all places with a speed [mm/s].
+
+        Raises:
+            InputError: the program has no way to do that.
+        """
+        raise InputError(
+            f"{type(self).__name__}: states one speed for its whole path, so that none can be set by place"
+        )
+
+    @property
+    def program_text(self) -> str:
+        """The program in the controller's language; empty where it has no text."""
+        text = getattr(self, self.text_argument, "")
+        return text if isinstance(text, str) else ""
+
+    @property
+    def program_suffix(self) -> str:
+        """Suffix of a file with `program_text`."""
+        return self.suffixes[0] if self.suffixes else ".txt"
 
     @property
     def feeds_material(self) -> bool:

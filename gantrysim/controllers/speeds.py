@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +39,71 @@ class SpeedWords:
             pattern.sub(lambda match: match[1] + _decimal(change(float(match[2]))), part) for part in parts[::2]
         ]
         return "".join(parts)
+
+    def with_word(self, line: str, word: str, speed: float | None) -> str:
+        """Return a line of text with one speed, in place of its own or before its comment; None for no speed."""
+        code, remark = _parted(line, self.comment)
+        bare = re.sub(rf"\s*(?:{self.word}){_NUMBER}", "", code, flags=re.IGNORECASE)
+        return bare + remark if speed is None else _appended(bare, f"{word}{_decimal(speed)}") + remark
+
+
+def _parted(line: str, comment: str) -> tuple[str, str]:
+    """Return a line's code, and what follows from its comment on."""
+    match = re.search(comment, line)
+    return (line[: match.start()], line[match.start() :]) if match else (line, "")
+
+
+def _appended(code: str, word: str) -> str:
+    """Return code with a word at its end, before its blanks."""
+    stripped = code.rstrip()
+    return f"{stripped} {word}{code[len(stripped) :]}"
+
+
+_FEED_WORD = re.compile(r"(?<![A-Z#<])F\s*(\+?[0-9]*\.?[0-9]+\.?|#[0-9]+|#<[^<>]*>|\[[^\]]*\])", re.IGNORECASE)
+# lines after which another line than the next may run, or that set a feed in another way
+_JUMPS = re.compile(r"\bO\s*[0-9<#]|GOTO|WHILE|END|IF|M\s*0*(?:98|99)(?![0-9])|G\s*6[567](?![0-9])", re.IGNORECASE)
+
+
+def with_feed_words(text: str, feeds: Mapping[int, float], comment: str) -> str:
+    """Return a program whose lines have other feeds, with as few words F as do it.
+
+    A word F is modal: a line whose feed is that of the lines before needs none. After a line from which the program
+    jumps, the next feed is stated again.
+
+    Args:
+        text: of the program.
+        feeds: F of all lines that move at feed, by their numbers, in the program's unit.
+        comment: regular expression of a comment.
+    """
+    lines = text.split("\n")
+    jumps = re.search(r"GOTO", re.sub(comment, "", text), re.IGNORECASE) is not None
+    modal: float | None = None
+    for k, line in enumerate(lines):
+        code, remark = _parted(line, comment)
+        word = _FEED_WORD.search(code)
+        feed = feeds.get(k + 1)
+        if feed is None:
+            if word is not None:
+                modal = _value(word[1])
+            if jumps or _JUMPS.search(code):
+                modal = None
+            continue
+        if word is not None:
+            if _value(word[1]) != float(_decimal(feed)):
+                code = f"{code[: word.start()]}F{_decimal(feed)}{code[word.end() :]}"
+        elif modal != feed:
+            code = _appended(code, f"F{_decimal(feed)}")
+        lines[k] = code + remark
+        modal = None if jumps else feed
+    return "\n".join(lines)
+
+
+def _value(word: str) -> float | None:
+    """Return the number of a word F, None for an expression."""
+    try:
+        return float(word)
+    except ValueError:
+        return None
 
 
 def _decimal(number: float) -> str:

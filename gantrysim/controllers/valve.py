@@ -4,15 +4,19 @@ Glue is laid in moves at feed, but in none straight up or down. Where a program 
 valve: glue is laid in moves at feed, and in dwells, while the output is on. Of several outputs it is the one that is
 switched on most often, since a spindle, a pump or a light is on from begin to end. A program that feeds material by E
 lays glue where it does.
+
+A spindle's codes have two meanings more. In a dwell before the needle goes down with the output on, a spindle gets up
+to speed: nothing is laid in the air. M4 beside M3 reverses a paste pump, which sucks the paste back: the valve is
+closed, unless the program goes on to work with it, as one for a laser does.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +26,12 @@ from gantrysim.base.errors import InputError
 _VALVE = "valve"  # output of the codes that a job names
 _SPINDLE = "spindle"
 _SPEED = "speed"  # the spindle, off at S0
+_REVERSE = "reverse"  # the spindle by M4
 _STOPS = "M5"
 _STANDS = "S0"
+_SUCKS = "M4"
 _FAN = 106
+_BACKWARDS = 4
 SPEED_CODES = frozenset({3, 4, _FAN})  # whose S is a speed
 # the output that an M code switches, and whether on
 CODES = {
@@ -47,6 +54,10 @@ _MOST_STATES = 10_000  # of them together
 SAME_PLACE = 1e-6  # in plan view; more is not rounding [mm]
 
 
+# P and S beside an M code
+_Words = tuple[float | None, float | None]
+
+
 @dataclass(frozen=True)
 class Dispense:
     """When glue is laid.
@@ -56,8 +67,8 @@ class Dispense:
             only between them, dwells included; in a program that feeds material by E, where it does. "feed": in moves
             at feed, whatever codes the program has. "codes": in whatever happens between the codes. "extrusion": in
             moves that feed material by E.
-        on: M codes that open the valve, such as "M3" or "M64 P0"; by default those of M3, M4, M7, M8, M62, M64 and M106
-            with which the program switches on one output, the one that it switches most often.
+        on: M codes that open the valve, such as "M3", "M64 P0" or "M300 S30"; by default those of M3, M4, M7, M8, M62,
+            M64 and M106 with which the program switches on one output, the one that it switches most often.
         off: M codes that close the valve; by default those that switch this output off, of M5, M9, M63, M65 and M107.
     """
 
@@ -72,11 +83,16 @@ class Dispense:
         if self.off and not self.on:
             raise InputError(f"dispense.off = {', '.join(self.off)} without dispense.on: must be with it")
 
-    def switch(self, code: int, number: float | None) -> bool | None:
-        """Return whether an M code with its P opens or closes the valve by `on` and `off`; None if it does neither."""
+    def switch(self, code: int, words: _Words) -> bool | None:
+        """Return whether an M code with P and S opens or closes the valve by `on` and `off`; None if neither."""
         switches = _switches(tuple(self.on), tuple(self.off))
-        with_number = switches.get((code, number))
-        return switches.get((code, None)) if with_number is None else with_number
+        p, s = words
+        # the code with the most words first
+        for named in ((p, s), (p, None), (None, s), (None, None)):
+            opens = switches.get((code, named))
+            if opens is not None:
+                return opens
+        return None
 
 
 @dataclass
@@ -86,6 +102,47 @@ class _Output:
     on: list[str] = field(default_factory=list)
     off: list[str] = field(default_factory=list)
     times: int = 0
+
+
+class Motions(NamedTuple):
+    """What decides in which moves and dwells of a program glue is laid.
+
+    Attributes:
+        work: whether it is a move at feed, not straight up or down; or a dwell at the bottom of a cycle, (m,).
+        dwell: whether it is a dwell, (m,).
+        rise: change of height, (m,) [mm].
+        upright: whether it is a move straight up or down, (m,).
+        feeds: whether it feeds material, (m,).
+        is_on: returns whether an output is on in them, (m,).
+    """
+
+    work: NDArray[np.bool_]
+    dwell: NDArray[np.bool_]
+    rise: NDArray[np.float64]
+    upright: NDArray[np.bool_]
+    feeds: NDArray[np.bool_]
+    is_on: Callable[[str], NDArray[np.bool_]]
+
+    def in_the_air(self, is_on: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return the dwells with an output that stays on while the needle then goes straight down, (m,).
+
+        Before the program has gone to any height, it may go straight up, too.
+        """
+        landmarks = self.work | self.upright
+        places = np.where(landmarks, np.arange(landmarks.size), landmarks.size)
+        # of each, the next that tells where the needle was
+        following = np.minimum.accumulate(places[::-1])[::-1]
+        moved = np.logical_or.accumulate(self.work | (self.rise != 0))
+        lifted = np.append(self.upright & is_on, False)[following]
+        lowered = lifted & (np.append(self.rise, 0.0)[following] < 0)
+        return is_on & self.dwell & ~self.work & (lowered | (lifted & ~moved))
+
+    @property
+    def reverse_sucks_back(self) -> bool:
+        """Whether what follows every M4 is a dwell or a move straight up or down, not work."""
+        reverse = self.is_on(_REVERSE)
+        begins = reverse & ~np.append(False, reverse[:-1])
+        return not (begins & ~self.dwell & ~self.upright).any()
 
 
 class Outputs:
@@ -117,13 +174,16 @@ class Outputs:
         """Names of the outputs that are on."""
         return self.states[self.index]
 
-    def switch(self, codes: Iterable[int], number: float | None, speed: float | None) -> None:
+    def switch(
+        self, codes: Iterable[int], number: float | None, speed: float | None, word: float | None = None
+    ) -> None:
         """Apply the M codes of a block.
 
         Args:
             codes: numbers of the M codes.
             number: P.
             speed: S, of the spindle or of M106, which are off at 0.
+            word: S, whatever it is.
         """
         on = dict.fromkeys(self.now)
         if speed is not None:
@@ -131,7 +191,7 @@ class Outputs:
             self._has_speeds |= speed != 0
         for code in codes:
             if self._dispense.on:
-                switched = self._dispense.switch(code, number)
+                switched = self._dispense.switch(code, (number, speed if word is None else word))
                 if switched is not None:
                     self._set(on, _VALVE, f"M{code}", switched)
             elif code in CODES:
@@ -155,6 +215,7 @@ class Outputs:
             name = f"{name} P{number:g}"
         if output == _SPINDLE:
             self._turns = name if opens else ""
+            self._set(on, _REVERSE, name, code == _BACKWARDS)
         elif code == _FAN and speed == 0:
             name = f"{name} {_STANDS}"
             opens = False
@@ -171,73 +232,76 @@ class Outputs:
         if code not in codes:
             codes.append(code)
 
-    def valve(self, feeds_material: bool = False) -> Valve:
-        """Return what opens the valve, at the end of a program.
-
-        Args:
-            feeds_material: whether its moves feed material by E.
-        """
+    def valve(self, moves: Motions) -> Valve:
+        """Return what opens the valve, at the end of a program, and in which of its moves glue is laid."""
         by = self._dispense.by
-        if by in ("feed", "extrusion") or (by == "auto" and feeds_material):
-            return Valve("feed" if by == "feed" else "extrusion")
+        if by in ("feed", "extrusion") or (by == "auto" and moves.feeds.any()):
+            return Valve("feed", moves.work) if by == "feed" else Valve("extrusion", moves.feeds)
         order = [_VALVE, *dict.fromkeys(output for output, _ in CODES.values()), _SPEED]
         ranks = {name: order.index(name) if name in order else 0 for name in self._met}
         twin = _SPINDLE if self._has_speeds else _SPEED
         outputs = sorted(
-            (name for name, met in self._met.items() if met.times and name != twin),
+            (name for name, met in self._met.items() if met.times and name not in (twin, _REVERSE)),
             key=lambda name: (-self._met[name].times, not self._met[name].off, ranks[name]),
         )
         if not outputs:
-            return Valve("feed" if by == "auto" and not self._dispense.on else "codes")
+            if by == "auto" and not self._dispense.on:
+                return Valve("feed", moves.work)
+            return Valve("codes", np.zeros(moves.work.size, bool))
         first, *others = outputs
         met = self._met[first]
+        opens = tuple(met.on) if first != _VALVE else self._dispense.on
+        closes = tuple(met.off) if first != _VALVE else self._dispense.off
+        is_on = moves.is_on(first)
+        sucks = _sucks_back(first, opens) and moves.reverse_sucks_back
+        if sucks:
+            is_on = is_on & ~moves.is_on(_REVERSE)
+            opens = tuple(code for code in opens if code != _SUCKS)
+            closes = (*closes, _SUCKS)
+        at_work = by == "auto"
+        in_the_air = moves.in_the_air(is_on)
+        laid = is_on & (moves.work | moves.dwell) & ~in_the_air if at_work else is_on
         return Valve(
             by="codes",
+            laid=laid,
             output=first,
-            on=tuple(met.on) if first != _VALVE else self._dispense.on,
-            off=tuple(met.off) if first != _VALVE else self._dispense.off,
+            on=opens,
+            off=closes,
             others=tuple((tuple(self._met[name].on), tuple(self._met[name].off)) for name in others),
-            at_work=by == "auto",
+            at_work=at_work,
+            sucks_back=sucks,
+            dry_dwells=int(np.count_nonzero(in_the_air)) if at_work else 0,
+            open_in_rapids=at_work and not (laid & moves.work).any() and bool((is_on & ~moves.dwell & ~laid).any()),
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Valve:
     """What opens the valve in a program.
 
     Attributes:
         by: "feed": moves at feed; "codes": an output; "extrusion": moves that feed material.
+        laid: in which moves and dwells of the program glue is laid, (m,).
         output: name of the output; empty where none does.
         on: codes that switch it on.
         off: codes that switch it off.
         others: codes on and off of the outputs that do not open it.
         at_work: whether the output opens it in moves at feed and dwells alone.
+        sucks_back: whether M4 closes it.
+        dry_dwells: dwells with the output on, in which nothing is laid, as the needle goes down afterwards.
+        open_in_rapids: whether the output is on in moves, but none of them is at feed.
     """
 
     by: Literal["feed", "codes", "extrusion"]
+    laid: NDArray[np.bool_]
     output: str = ""
     on: tuple[str, ...] = ()
     off: tuple[str, ...] = ()
     others: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = ()
     at_work: bool = False
-
-    def lays(
-        self, work: NDArray[np.bool_], dwell: NDArray[np.bool_], is_on: NDArray[np.bool_], feeds: NDArray[np.bool_]
-    ) -> NDArray[np.bool_]:
-        """Return in which moves and dwells glue is laid, (m,).
-
-        Args:
-            work: whether it is a move at feed, not straight up or down; or a dwell at the bottom of a cycle, (m,).
-            dwell: whether it is a dwell, (m,).
-            is_on: whether the output is on, (m,).
-            feeds: whether it feeds material, (m,).
-        """
-        match self.by:
-            case "feed":
-                return work
-            case "extrusion":
-                return feeds
-        return is_on & (work | dwell) if self.at_work else is_on
+    sucks_back: bool = False
+    dry_dwells: int = 0
+    open_in_rapids: bool = False
 
     @property
     def note(self) -> str | None:
@@ -245,11 +309,18 @@ class Valve:
         if not self.output or self.output == _VALVE:
             return None
         closes = f"{_all(self.off)} closes it" if self.off else "nothing closes it"
+        if self.sucks_back:
+            closes = f"{closes}, {_SUCKS} by sucking back"
         where = "in moves at feed, and in dwells" if self.at_work else "in all moves and dwells"
         sentence = (
             f"{_all(self.on)} opens the valve and {closes}: glue is laid {where}, while it is open; "
             "--set program.dispense.by=feed lays it in all moves at feed."
         )
+        if self.dry_dwells:
+            plural = "a dwell" if self.dry_dwells == 1 else f"{self.dry_dwells} dwells"
+            sentence += f" None is laid in {plural} before the needle goes down to work."
+        if self.open_in_rapids:
+            sentence += " It is open in rapid moves alone; --set program.dispense.by=codes lays glue in them."
         for on, off in self.others:
             named = {
                 name: [code for code in codes if _STANDS not in code] for name, codes in (("on", on), ("off", off))
@@ -259,6 +330,11 @@ class Valve:
             codes = " and ".join((*on, *off))
             sentence += f" {codes} {verb} not switch it; to let {them}, --set 'program.dispense={{{table}}}'."
         return sentence
+
+
+def _sucks_back(output: str, opens: Sequence[str]) -> bool:
+    """Return whether M4 may suck back: only beside M3, the forward direction of a pump."""
+    return output in (_SPINDLE, _SPEED) and {"M3", _SUCKS} <= set(opens)
 
 
 def _all(codes: Sequence[str]) -> str:
@@ -271,15 +347,19 @@ def is_upright(start: Sequence[float], end: Sequence[float]) -> bool:
 
 
 @cache
-def _switches(on: tuple[str, ...], off: tuple[str, ...]) -> dict[tuple[int, float | None], bool]:
+def _switches(on: tuple[str, ...], off: tuple[str, ...]) -> dict[tuple[int, _Words], bool]:
     return {_code(name): opens for names, opens in ((on, True), (off, False)) for name in names}
 
 
-def _code(name: str) -> tuple[int, float | None]:
-    parts = name.upper().split()
+def _code(name: str) -> tuple[int, _Words]:
+    code, *others = name.upper().split() or [""]
+    words = {word[0]: word[1:] for word in others}
     try:
-        if not 1 <= len(parts) <= 2 or parts[0][0] != "M" or (len(parts) == 2 and parts[1][0] != "P"):
+        if code[:1] != "M" or len(words) != len(others) or not words.keys() <= {"P", "S"}:
             raise ValueError
-        return int(parts[0][1:]), float(parts[1][1:]) if len(parts) == 2 else None
+        p, s = (float(words[letter]) if letter in words else None for letter in "PS")
+        return int(code[1:]), (p, s)
     except ValueError:
-        raise InputError(f"dispense code {name!r}: must be an M code, as M3, or with its P, as M64 P0") from None
+        raise InputError(
+            f"dispense code {name!r}: must be an M code, as M3, or with its P or S, as M64 P0 or M300 S30"
+        ) from None

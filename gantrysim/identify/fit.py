@@ -130,6 +130,7 @@ def fit_axis(nominal: AxisModel, log: AxisLog, progress: Callable[[], None] = la
         torque=error.torque,
         held=log.held,
         starts=error.starts,
+        first=error.first,
         sensitivity=best.sensitivity,
         predicted=best.model,
         law=law,
@@ -187,6 +188,7 @@ def _error(log: AxisLog, progress: Callable[[], None]) -> PredictionError:
         progress=progress,
         starts=starts,
         speeds=tuple(speeds),
+        first=begin,
     )
 
 

@@ -147,6 +147,8 @@ class Identification:
             notes.append(friction_words(fit))
             notes += judgement.notes(fit.axis)
             notes.append(verdict(fit, self.period, doubted=bool(judgement.findings)))
+            if not fit.holds and not (judgement.reason("inertia") and judgement.reason("coulomb")):
+                notes[-1] += "; inertia and friction stand on the torque of the sliding axis, which it does not touch"
         return notes
 
     @property

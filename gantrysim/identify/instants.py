@@ -59,43 +59,43 @@ def instants_of(whole: NDArray[np.bool_], time: Floats | None, period: float | N
         raise InputError("has neither time nor period")
     if time is not None:
         whole = whole & np.isfinite(time)
-    pieces = []
-    for begin, end in spans(whole):
-        bounds = [begin, *(() if time is None else _jumps(time, begin, end, period)), end]
-        pieces += [slice(int(a), int(b)) for a, b in pairwise(bounds)]
+    stretches = [slice(int(begin), int(end)) for begin, end in spans(whole)]
+    pieces = stretches if time is None else [part for piece in stretches for part in _parts(time, piece, period)]
     used = tuple(piece for piece in pieces if _size(piece) >= SHORTEST)
     samples = sum(map(_size, used))
     if samples < FEWEST:
+        if time is not None and period is None and max(map(_size, stretches), default=0) >= FEWEST:
+            # no row is missing, but hardly a stamp is even
+            _even_period(time, stretches, first)
         without = "" if samples == whole.size else f" in pieces of at least {SHORTEST} without a gap"
         raise InputError(f"has {samples} samples{without}, must have at least {FEWEST}")
-    if time is None or period is not None:
-        assert period is not None
-        if time is not None:
-            _check_rate(time, used, period)
-        begins = tuple(period * piece.start if time is None else float(time[piece.start]) for piece in used)
-    else:
-        period = _even_period(time, used, first)
-        begins = tuple(float(time[piece.start]) for piece in used)
-    return Instants(period, used, begins, _notes(whole.size, used, begins, period))
+    if time is None:
+        begins = tuple(float(period or 0.0) * piece.start for piece in used)
+        return _with_notes(whole.size, used, begins, float(period or 0.0))
+    begins = tuple(float(time[piece.start]) for piece in used)
+    if period is None:
+        return _with_notes(whole.size, used, begins, _even_period(time, used, first))
+    return _with_notes(whole.size, used, begins, period, _rounded_stamps(time, used, period))
 
 
 def _size(piece: slice) -> int:
     return int(piece.stop - piece.start)
 
 
-def _jumps(time: Floats, begin: int, end: int, period: float | None) -> Sequence[int]:
-    """Return the rows in a stretch before which others are missing, or the recording has begun anew."""
-    steps = np.diff(time[begin:end])
+def _parts(time: Floats, rows: slice, period: float | None) -> list[slice]:
+    """Return the parts of a stretch of rows between which others are missing, or the recording begins anew."""
+    steps = np.diff(time[rows])
     if not steps.size:
-        return ()
+        return [rows]
     if period is None:
         longest = _JUMP * float(np.median(steps))
     else:
         # rounded stamps stand still for rows, or vary by what the period is not a multiple of
-        rising = steps[steps > 0]
-        rounding = float(rising.min()) if rising.size and (steps == 0).any() else period - float(steps.min())
-        longest = _JUMP * period + min(max(rounding, 0.0), float(rising.min(initial=period)))
-    return (begin + 1 + np.flatnonzero((steps > longest) | (steps < 0))).tolist()
+        shortest = float(steps[steps > 0].min(initial=np.inf))
+        rounding = shortest if (steps == 0).any() else max(period - shortest, 0.0)
+        longest = _JUMP * period + rounding
+    bounds = [rows.start, *(rows.start + 1 + np.flatnonzero((steps > longest) | (steps < 0))).tolist(), rows.stop]
+    return [slice(a, b) for a, b in pairwise(bounds)]
 
 
 def _even_period(time: Floats, pieces: Sequence[slice], first: int) -> float:
@@ -113,8 +113,8 @@ def _even_period(time: Floats, pieces: Sequence[slice], first: int) -> float:
         if not (differences > 0).all():
             row = int(np.argmin(differences > 0))
             raise InputError(
-                f"time does not rise: rows {first + piece.start + row} and {first + piece.start + row + 1} both have "
-                f"{stamps[row]:g} s; {cure}"
+                f"time does not rise: rows {first + piece.start + row} and {first + piece.start + row + 1} have "
+                f"{stamps[row]:g} and {stamps[row + 1]:g} s; {cure}"
             )
         late = np.abs(stamps - stamps[0] - period * np.arange(stamps.size))
         worst = int(np.argmax(late))
@@ -127,12 +127,13 @@ def _even_period(time: Floats, pieces: Sequence[slice], first: int) -> float:
     return period
 
 
-def _check_rate(time: Floats, pieces: Sequence[slice], period: float) -> None:
-    """Refuse a given period that is not that of the stamps.
+def _rounded_stamps(time: Floats, pieces: Sequence[slice], period: float) -> str:
+    """Return by how much stamps are off a given period, in a note; "" where they are even.
 
     Raises:
-        InputError: another period.
+        InputError: the stamps are of another period.
     """
+    worst = 0.0
     for piece in pieces:
         stamps = time[piece]
         steps = np.diff(stamps)
@@ -144,19 +145,32 @@ def _check_rate(time: Floats, pieces: Sequence[slice], period: float) -> None:
                 f"period = {period:g} s is given, but {stamps.size} rows last {lasting:.4g} s by their time, "
                 f"{lasting / (stamps.size - 1):.4g} s each: must agree within {share_words(_AGREEING)} it"
             )
-
-
-def _notes(rows: int, pieces: Sequence[slice], begins: Sequence[float], period: float) -> tuple[str, ...]:
-    samples = sum(map(_size, pieces))
-    if samples == rows and len(pieces) == 1:
-        return ()
-    if len(pieces) == 1:
-        end = begins[0] + period * (samples - 1)
-        return (f"log: of {rows} rows, {samples} are used, those without a gap from {begins[0]:g} s to {end:g} s",)
-    ends = [begin + period * (_size(piece) - 1) for begin, piece in zip(begins, pieces, strict=True)][:-1]
-    places = ", ".join(f"{end:g} s" for end in ends[:_NAMED])
-    more = f" and {len(ends) - _NAMED} times more" if len(ends) > _NAMED else ""
+        ticks = np.arange(stamps.size)
+        late = stamps - np.polyval(np.polyfit(ticks, stamps, 1), ticks)
+        worst = max(worst, 0.5 * float(np.ptp(late)))
+    if worst <= EVEN * period:
+        return ""
     return (
-        f"log: of {rows} rows, {samples} are used, in {len(pieces)} pieces, as rows or values are missing after "
-        f"{places}{more}",
+        f"log: its time stamps are off even ones by up to {share_words(worst / period)} the period; its samples are "
+        f"taken to be even, {1e3 * period:.4g} ms apart, as the period is given"
     )
+
+
+def _with_notes(
+    rows: int, pieces: tuple[slice, ...], begins: tuple[float, ...], period: float, note: str = ""
+) -> Instants:
+    """Return the instants, with notes on the rows that are left out and on the places where a piece ends."""
+    notes = [note] if note else []
+    samples = sum(map(_size, pieces))
+    if len(pieces) > 1:
+        ends = [begin + period * (_size(piece) - 1) for begin, piece in zip(begins, pieces, strict=True)][:-1]
+        places = ", ".join(f"{end:g} s" for end in ends[:_NAMED])
+        further = f" and {len(ends) - _NAMED} times more" if len(ends) > _NAMED else ""
+        notes.append(
+            f"log: of {rows} rows, {samples} are used, in {len(pieces)} pieces, as rows or values are missing after "
+            f"{places}{further}"
+        )
+    elif samples < rows:
+        end = begins[0] + period * (samples - 1)
+        notes.append(f"log: of {rows} rows, {samples} are used, those without a gap from {begins[0]:g} s to {end:g} s")
+    return Instants(period, pieces, begins, tuple(notes))

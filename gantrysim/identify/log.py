@@ -16,7 +16,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, positive, unknown
 from gantrysim.base.files import replaced_file
 from gantrysim.identify.instants import instants_of
-from gantrysim.identify.sizes import share_words, times_words
+from gantrysim.identify.sizes import times_words
 from gantrysim.machine.axis import Axis
 from gantrysim.machine.machine import Machine
 from gantrysim.record.run import Run
@@ -223,23 +223,24 @@ class _Reading:
 
     def position(self, axis: Axis) -> Floats:
         """Return the positions of an axis [mm or deg]."""
-        source = self._in_si(f"{axis.name} {POSITION}", axis, "")
+        source = self.in_si(POSITION, axis)
         further = {**_motor_units(axis, ANGLE), **_count_units(axis)}
         return self.table.values(source, axis.unit, further)[self.rows]
 
     def velocity(self, axis: Axis) -> Floats:
         """Return the velocities of an axis [mm/s or deg/s]."""
-        source = self._in_si(f"{axis.name} {VELOCITY}", axis, "/s")
+        source = self.in_si(VELOCITY, axis)
         counts = {f"{name}/s": size for name, size in _count_units(axis).items()}
         return self.table.values(source, _SPEEDS[axis.unit], {**_motor_units(axis, TURNING), **counts})[self.rows]
 
-    def _in_si(self, name: str, axis: Axis, per_time: str) -> Source:
+    def in_si(self, quantity: str, axis: Axis) -> Source:
         """Return the source of a position or a velocity, in SI where no unit is given.
 
         Raises:
             InputError: counts of an axis without an encoder.
         """
-        source = self.sources[name]
+        per_time = "/s" if quantity == VELOCITY else ""
+        source = self.sources[f"{axis.name} {quantity}"]
         unit = source.unit or self.table.unit_of(source.column)
         if unit.removesuffix(per_time) in COUNTS and not axis.resolution:
             raise InputError(f"{self.table.label}: column {source.column} is in counts, but {axis.name} has no encoder")
@@ -278,7 +279,7 @@ def _logged_axes(
     motion = [
         reading.position(axis) if reading.has(f"{axis.name} {POSITION}") else reading.velocity(axis) for axis in logged
     ]
-    whole = np.isfinite(np.column_stack([torque, *motion])).all(axis=1)
+    whole = np.isfinite(np.column_stack([torque, *motion])).all(axis=1).astype(bool)
     try:
         instants = instants_of(whole, time, period, reading.rows.start + 1)
     except InputError as error:
@@ -296,8 +297,11 @@ def _logged_axes(
                 f"{axis.name}: its position is integrated from its velocity: where in the travel it moves is not known"
             )
         elif reading.has(f"{axis.name} {VELOCITY}"):
-            off = _velocity_error(moved, reading.velocity(axis)[used], starts, instants.period)
-            notes.append(_agreement(table.label, axis, off))
+            agreement = _agreement(moved, reading.velocity(axis)[used], starts, instants.period)
+            try:
+                notes.append(_agreement_words(axis, agreement, reading.in_si(VELOCITY, axis).unit))
+            except InputError as error:
+                raise InputError(f"{table.label}: {error}") from None
         position.append(moved)
     return Log(
         axes=tuple(axis.name for axis in logged),
@@ -331,11 +335,11 @@ def _sources(table: ColumnTable, machine: Machine, columns: Mapping[str, str]) -
         if name and name not in sources:
             sources[name] = Source(column)
     for axis in machine.axis_names:
-        for one, other in ((POSITION, VELOCITY), (DEMAND, TORQUE)):
+        for pair in ((POSITION, VELOCITY), (DEMAND, TORQUE)):
             # what the user gives stands alone: a head neither replaces it nor contradicts it
-            for named, unnamed in ((one, other), (other, one)):
-                if f"{axis} {named}" in columns and f"{axis} {unnamed}" not in columns:
-                    sources.pop(f"{axis} {unnamed}", None)
+            unnamed = [quantity for quantity in pair if f"{axis} {quantity}" not in columns]
+            if len(unnamed) == 1:
+                sources.pop(f"{axis} {unnamed[0]}", None)
     return sources
 
 
@@ -368,7 +372,7 @@ def _chosen_axes(
         half = f"{first} has motion and no torque" if moved else "has no axis with position or velocity, and torque"
         raise InputError(
             f"{table.label}: {half}; it must have columns such as {first} position [mm] and {first} torque [N·m], or "
-            f"--column names those that are these; it has: {', '.join(table.order)}"
+            f"others that --column names; it has: {', '.join(table.order)}"
         )
     named = {kind for kind in (DEMAND, TORQUE) for axis in machine.axes if f"{axis.name} {kind}" in given}
     if len(named) == 1:
@@ -388,7 +392,7 @@ def _chosen_axes(
 
 _WINDOW = 0.05  # over which a velocity is compared with the change of the position, well above a drive's filter [s]
 _AGREEING = 0.1  # largest difference of their sizes
-_LARGEST_REMAINDER = 0.5  # of the change, rms: the rest of a velocity that is not the position's
+_LEAST_CORRELATION = 0.9  # of a velocity with the change of the position that it is of
 _FEWEST_WINDOWS = 8
 
 
@@ -403,15 +407,19 @@ class _Agreement(NamedTuple):
     """How a velocity agrees with a position.
 
     Attributes:
-        size: of the velocity, of the position's change.
-        remainder: rms of what is left of the velocity's integral, of the change.
+        size: of the velocity's integral over windows, of the position's change; nan where the position stands still.
+        correlation: of the two.
     """
 
     size: float
-    remainder: float
+    correlation: float
+
+    @property
+    def holds(self) -> bool:
+        return abs(self.size - 1) <= _AGREEING and self.correlation >= _LEAST_CORRELATION
 
 
-def _velocity_error(position: Floats, velocity: Floats, starts: Sequence[int], period: float) -> _Agreement | None:
+def _agreement(position: Floats, velocity: Floats, starts: Sequence[int], period: float) -> _Agreement | None:
     """Return how a velocity agrees with a position; None where neither moves, or the log is too short."""
     width = max(round(_WINDOW / period), 2)
     changes = []
@@ -421,35 +429,46 @@ def _velocity_error(position: Floats, velocity: Floats, starts: Sequence[int], p
         changes.append(np.diff(np.column_stack([position[ends], integral]), axis=0))
     moved, integrated = np.concatenate(changes).T
     known = np.isfinite(integrated)
-    moved, integrated = moved[known], integrated[known]
+    moved = moved[known]
+    integrated = integrated[known]
     size = float(moved @ moved)
-    if moved.size < _FEWEST_WINDOWS or (size == 0 and not integrated.any()):
+    if moved.size < _FEWEST_WINDOWS or not (size or integrated.any()):
         return None
-    if size == 0:
-        return _Agreement(math.inf, 0.0)
-    factor = float(moved @ integrated) / size
-    return _Agreement(factor, float(np.sqrt(np.sum((integrated - factor * moved) ** 2) / size)))
+    common = float(moved @ integrated)
+    if not common:
+        return _Agreement(math.nan, 0.0)
+    return _Agreement(common / size, common / math.sqrt(size * float(integrated @ integrated)))
 
 
-def _agreement(label: str, axis: Axis, found: _Agreement | None) -> str:
+def _agreement_words(axis: Axis, agreement: _Agreement | None, unit: str) -> str:
     """Return that a velocity agrees with the position, in words.
 
+    Args:
+        axis: of both.
+        agreement: how they agree.
+        unit: in which the velocity was read.
+
     Raises:
-        InputError: it does not.
+        InputError: they do not agree.
     """
-    if found is None:
-        return f"{axis.name}: its velocity is not compared with its position: too little moves"
-    if abs(found.size - 1) <= _AGREEING and found.remainder <= _LARGEST_REMAINDER:
-        return f"{axis.name}: its position is used; its velocity agrees within {100 * abs(found.size - 1):.1g} %"
-    words = f"its velocity is {times_words(found.size)} the change of its position per time, must be 1 ± {_AGREEING:g}"
-    if abs(found.size - 1) <= _AGREEING:
+    if agreement is None:
+        return f"{axis.name}: its position is used; its velocity is not compared with it, as too little moves"
+    if agreement.holds:
+        return f"{axis.name}: its position is used; its velocity agrees within {100 * abs(agreement.size - 1):.1g} %"
+    if abs(agreement.correlation) < _LEAST_CORRELATION:
         words = (
-            f"its velocity differs by {share_words(found.remainder)} the change of its position per time, must be "
-            f"within {share_words(_LARGEST_REMAINDER)} it"
+            f"its velocity is not that of its position: their changes correlate by {agreement.correlation:.2g}, must "
+            f"be at least {_LEAST_CORRELATION:g}"
         )
-    units = [unit for unit, factor in KINDS[_SPEEDS[axis.unit]].items() if abs(found.size * factor - 1) < _AGREEING / 2]
-    hint = f": velocity in {' or '.join(units)}?" if units else ""
+    else:
+        known = KINDS[_SPEEDS[axis.unit]]
+        size = agreement.size / known.get(unit, 1.0)
+        meant = [name for name, factor in known.items() if abs(size * factor - 1) < _AGREEING / 2]
+        hint = f" ({' or '.join(meant)} read as {unit}?)" if meant else ""
+        words = (
+            f"its velocity is {times_words(agreement.size)} the change of its position per time{hint}, must be "
+            f"{1 - _AGREEING:g} to {1 + _AGREEING:g} times"
+        )
     raise InputError(
-        f"{label}: axis {axis.name}: {words}{hint}; check the units and the axis, or name one of the two by --column: "
-        "the other is then not read"
+        f"axis {axis.name}: {words}; name one of the two by --column, the other is then not read, or check both"
     )

@@ -42,6 +42,7 @@ class PredictionError:
         course: of friction beside that of the model.
         starts: of the log's pieces.
         speeds: at the start of each [u/s].
+        first: row of the log at which it begins.
     """
 
     period: float
@@ -54,6 +55,7 @@ class PredictionError:
     course: Course | None = None
     starts: Starts = WHOLE
     speeds: tuple[float, ...] = (0.0,)
+    first: int = 0
 
     def innovations(self, model: AxisModel, noise: float) -> Floats:
         """Return the innovations of all samples, (n,) [u]."""

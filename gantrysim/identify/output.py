@@ -10,28 +10,18 @@ from typing import Any
 import tomli_w
 from rich.table import Table
 
-from gantrysim.base.arrays import Floats
 from gantrysim.identify.identification import Identification
 from gantrysim.identify.log import Log
-from gantrysim.identify.plots import draw_friction, draw_residuals, draw_response
+from gantrysim.identify.page import REPORT, identification_page
+from gantrysim.identify.plots import save_plots
+from gantrysim.identify.result import LABELS
 from gantrysim.identify.whole_run import WholeRun, fitted_machine, write_machine
 from gantrysim.report.folder import Output, output_folder
 
 VALUES = "identified.toml"
 MACHINE = "machine.xml"
 _PLOTS = ("residuals", "friction", "response")
-OUTPUT = Output("identification", VALUES, (VALUES, MACHINE, *(f"{name}.png" for name in _PLOTS)))
-_NAMES = {
-    "inertia": "inertia, whole",
-    "viscous": "viscous friction",
-    "viscous_forward": "viscous friction forwards",
-    "viscous_back": "viscous friction back",
-    "coulomb": "Coulomb friction",
-    "static": "static friction",
-    "offset": "constant torque",
-    "share": "load's share of the inertia",
-    "gap": "backlash",
-}
+OUTPUT = Output("identification", VALUES, (REPORT, VALUES, MACHINE, *(f"{name}.png" for name in _PLOTS)))
 
 
 def values_table(identification: Identification) -> Table:
@@ -39,8 +29,8 @@ def values_table(identification: Identification) -> Table:
     caption = (
         "inertia, viscous friction, stiffness and damping at the axis, other torques at the motor shaft; 95 % "
         "confidence; not identified (interval): half the interval exceeds 15 % of the value, 40 % of a damping; not "
-        "identified otherwise: the check named, see the notes; the machine written keeps the nominal value of "
-        "what is not identified"
+        "identified otherwise: the check named, see the notes; the machine written takes what is identified, "
+        "friction and mode each as a whole; all else stays nominal"
     )
     table = Table(title="identified", title_justify="left", caption=caption, caption_justify="left")
     table.add_column("axis", no_wrap=True)
@@ -54,7 +44,7 @@ def values_table(identification: Identification) -> Table:
             table.add_section()
         table.add_row(
             value.axis if value.axis != last else "",
-            _NAMES.get(value.name, value.name),
+            LABELS.get(value.name, value.name),
             f"{value.nominal:.4g}",
             f"{value.value:.4g}",
             f"{0.5 * (value.high - value.low):.2g}",
@@ -101,29 +91,22 @@ def content(identification: Identification, runs: Sequence[WholeRun] = ()) -> di
 
 
 def write_all(identification: Identification, log: Log, folder: Path, runs: Sequence[WholeRun] = ()) -> list[str]:
-    """Write values, fitted machine and plots to a folder, replaced as a whole; return their names.
+    """Write page, values, fitted machine and plots to a folder, replaced as a whole; return their names.
+
+    Args:
+        identification: of the log.
+        log: of the axes.
+        folder: to write to.
+        runs: of the fitted machine under the log's torque, by axis.
 
     Raises:
         InputError: the folder holds other files of these names or cannot be written, or no machine has the values.
     """
     machine = fitted_machine(identification)
-
-    def column(values: Floats, axis: str) -> Floats:
-        return values[:, log.axes.index(axis)]
-
-    drawings = {
-        "residuals": draw_residuals(identification.fits, identification.period),
-        "friction": draw_friction(identification.fits),
-        "response": draw_response(
-            identification.fits,
-            identification.period,
-            lambda axis: column(log.torque, axis),
-            lambda axis: column(log.position, axis),
-        ),
-    }
+    page = identification_page(identification, log, runs)
     with output_folder(folder, OUTPUT) as scratch:
         (scratch / VALUES).write_text(tomli_w.dumps(content(identification, runs)), encoding="utf-8")
         write_machine(machine, scratch / MACHINE)
-        for name, drawing in drawings.items():
-            drawing.savefig(scratch / f"{name}.png")
+        save_plots(identification.fits, log, scratch)
+        page.write(scratch / REPORT)
     return list(OUTPUT.files)

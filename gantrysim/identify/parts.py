@@ -31,7 +31,7 @@ def partitions(
         "time": _as_many(time, used, 3),
         "direction": [used & (speed < 0), used & (speed >= 0)],
         "speed": _as_many(np.abs(speed), used, 3),
-        "position": _as_wide(position, used, 4),
+        "position": as_wide(position, used, 4),
         "torque": _as_many(size, used, 3),
     }
 
@@ -43,7 +43,7 @@ def _as_many(values: Floats, used: NDArray[np.bool_], count: int) -> list[NDArra
     return [used & (number == k) for k in range(count)]
 
 
-def _as_wide(values: Floats, used: NDArray[np.bool_], count: int) -> list[NDArray[np.bool_]]:
+def as_wide(values: Floats, used: NDArray[np.bool_], count: int) -> list[NDArray[np.bool_]]:
     """Return masks of parts that span as much of the values' range each."""
     edges = np.linspace(values[used].min(), values[used].max(), count + 1)[1:-1]
     number = np.searchsorted(edges, values)

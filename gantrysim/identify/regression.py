@@ -45,7 +45,7 @@ def regression(
     acceleration = gradient(speed, period, starts)
     least = _MOVING * float(np.quantile(np.abs(speed), 0.99))
     slides = np.abs(speed) > least
-    chosen = smoothed(1.0 * slides, width, starts) > _SLIDING
+    chosen = smoothed(slides.astype(np.float64), width, starts) > _SLIDING
     # the filter reaches beyond the log
     chosen &= inside(position.size, starts, round(4 * width))
     if not least > 0 or chosen.sum() < 8 * width:

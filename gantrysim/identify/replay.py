@@ -20,10 +20,9 @@ from gantrysim.base.errors import InputError
 from gantrysim.base.progress import Progress
 from gantrysim.engine.simulate import simulate
 from gantrysim.engine.simulation import Start
-from gantrysim.identify.log import Log, read_log
-from gantrysim.machine.ideal import without_friction
+from gantrysim.identify.log import Log, Rows, read_log
+from gantrysim.machine.ideal import frictionless_machine
 from gantrysim.machine.machine import Machine
-from gantrysim.machine.perturbation import Perturbation
 from gantrysim.metrics.analysis import ErrorSize
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Line
@@ -48,11 +47,13 @@ class CommandedLog:
         log: of position and torque.
         command: positions sent to the servo, (n, axes) [mm or deg].
         disturbance: known torque that was added to the motors', (n, axes) [N·m]; None for none.
+        first: number of its first row in its file, from 1; None where rows are missing before or in it.
     """
 
     log: Log
     command: Floats
     disturbance: Floats | None = None
+    first: int | None = 1
 
     @classmethod
     def of(cls, run: Run) -> CommandedLog:
@@ -60,7 +61,13 @@ class CommandedLog:
         return cls(Log.of(run), np.array(run.commanded))
 
 
-def read_commanded_log(file: str | Path, machine: Machine, columns: Mapping[str, str] | None = None) -> CommandedLog:
+def read_commanded_log(
+    file: str | Path,
+    machine: Machine,
+    columns: Mapping[str, str] | None = None,
+    period: float | None = None,
+    rows: Rows | None = None,
+) -> CommandedLog:
     """Read a log as `read_log` does, with the columns of the command, such as `x command [mm]` or `commanded_x_mm`.
 
     An axis without a command is left out. A column such as `x disturbance [N·m]` holds a known torque that was added
@@ -70,14 +77,17 @@ def read_commanded_log(file: str | Path, machine: Machine, columns: Mapping[str,
         file: of the log.
         machine: whose axes are logged.
         columns: sources by names, as in {"x command": "DPOS AXIS(0) [mm]", "x position": "MPOS AXIS(0) [mm]"}.
+        period: of the samples, for a log without time or with rounded stamps [s].
+        rows: that are read.
 
     Raises:
         InputError: as `read_log`, or no axis has a command.
     """
     given = dict(columns or {})
     further = {name: given.pop(name) for name in list(given) if name.rpartition(" ")[2] in _FURTHER}
-    log = read_log(file, machine, given)
-    heads = _further_columns(read_table(file).order, machine) | further
+    log = read_log(file, machine, given, period, rows)
+    table = read_table(file)
+    heads = _further_columns(table.order, machine) | further
     commands = {axis: heads[f"{axis} {COMMAND}"] for axis in log.axes if f"{axis} {COMMAND}" in heads}
     if not commands:
         axis = log.axes[0]
@@ -90,7 +100,7 @@ def read_commanded_log(file: str | Path, machine: Machine, columns: Mapping[str,
 
     def read_as(quantity: str, sources: Mapping[str, str]) -> Log:
         named = {f"{axis} {quantity}": source for axis, source in sources.items()}
-        other = read_log(file, machine, given | named)
+        other = read_log(file, machine, given | named, period, rows)
         if other.position.shape != log.position.shape or other.starts != log.starts:
             raise InputError(
                 f"log {file}: its columns of {', '.join(sources.values())} have gaps where others have none"
@@ -107,8 +117,11 @@ def read_commanded_log(file: str | Path, machine: Machine, columns: Mapping[str,
             axis=1,
         )
     commanded = replace(log, axes=tuple(commands), position=log.position[:, of_axes], torque=log.torque[:, of_axes])
-    rows = max(log.pieces, key=lambda piece: piece.stop - piece.start)
-    return CommandedLog(commanded.longest, command[rows], None if disturbance is None else disturbance[rows])
+    piece = max(log.pieces, key=lambda piece: piece.stop - piece.start)
+    disturbance = None if disturbance is None else disturbance[piece]
+    chosen = (rows or Rows()).of(len(next(iter(table.columns.values()))), f"log {file}")
+    is_whole = len(log.starts) == 1 and len(log.position) == chosen.stop - chosen.start
+    return CommandedLog(commanded.longest, command[piece], disturbance, chosen.start + 1 if is_whole else None)
 
 
 def _further_columns(names: tuple[str, ...], machine: Machine) -> dict[str, str]:
@@ -138,7 +151,6 @@ _FEWEST = 5  # samples of that
 _RESTING = 1.5  # counts of the encoder by which an axis at rest moves
 _SURE = 4.0  # deviations by which a velocity must differ from zero
 _STEADY = 0.005  # of the way in that time, from a parabola, up to which an axis is in steady motion
-_VISCOUS = 1e-9  # factor on the viscous friction of a machine without friction, which must not be zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +162,7 @@ class Replay:
         machine: that was simulated.
         run: its record, row by row beside the log.
         frictionless: the same of the machine without friction, under the same servo; None where a fault ended it.
-        fitted: rows to which the machine was fitted, by no others is it held out; None where that is not known.
+        fitted: rows to which the machine was fitted, all others are held out; None where that is not known.
         notes: what was changed, or is missing.
     """
 
@@ -165,6 +177,16 @@ class Replay:
     def axes(self) -> tuple[str, ...]:
         """Names of the axes."""
         return self.recorded.log.axes
+
+    @property
+    def fitted_count(self) -> int:
+        """Number of the rows to which the machine was fitted."""
+        return 0 if self.fitted is None else len(range(*self.fitted.indices(len(self.recorded.command))))
+
+    @property
+    def is_partly_held_out(self) -> bool:
+        """Whether some rows are held out, and others not."""
+        return 0 < self.fitted_count < len(self.recorded.command)
 
     def following(self, axis: str, run: Run | None = None) -> Floats:
         """Return the following error of an axis, of the log or of a run, (n,) [mm or deg]."""
@@ -188,7 +210,7 @@ class Replay:
         rows = np.ones(len(self.recorded.command), bool)
         near = near_reversals(self.recorded.command[:, self.axes.index(axis)], self.run.period, self._least(axis))
         parts = {"all": rows}
-        if self.fitted is not None:
+        if self.is_partly_held_out:
             of_fit = np.zeros(len(rows), bool)
             of_fit[self.fitted] = True
             parts |= {"held out": ~of_fit, "fitted": of_fit}
@@ -288,35 +310,22 @@ def replay(
             ends the run.
     """
     log = recorded.log
+    for name in log.axes:
+        if machine.axes[machine.axis_names.index(name)].mode == "stepper":
+            raise InputError(f"axis {name} is a stepper in open loop: only drives in a closed loop can be replayed")
     if servo is None:
         servo = Servo.derive(machine.axes, log.period)
     if not math.isclose(servo.period, log.period, rel_tol=1e-6):
         raise InputError(f"servo period = {servo.period:g} s: must be the period of the log, {log.period:g} s")
-    _check_rows(fitted, len(recorded.command))
     placed, notes = _placed(machine, recorded)
     run = _simulated(machine, servo, placed, law, progress)
     if run.fault is not None:
         raise InputError(f"the simulated machine {machine.name} does not follow the log to its end: {run.fault}")
-    wrong: Run | None = _simulated(_frictionless(machine), servo, placed, law, progress)
+    wrong: Run | None = _simulated(frictionless_machine(machine), servo, placed, law, progress)
     if wrong is not None and wrong.fault is not None:
         notes.append(f"without friction the simulated machine does not follow the log to its end: {wrong.fault}")
         wrong = None
     return Replay(placed, machine, run, wrong, fitted, (*log.notes, *notes))
-
-
-def _check_rows(fitted: slice | None, count: int) -> None:
-    if fitted is None:
-        return
-    first, after, _ = fitted.indices(count)
-    if not 0 < after - first < count:
-        raise InputError(
-            f"fitted rows {fitted.start} to {fitted.stop}: must be some, but not all, of the log's {count} rows"
-        )
-
-
-def _frictionless(machine: Machine) -> Machine:
-    """Return the machine with neither dry nor viscous friction at its axes."""
-    return without_friction(machine).perturbed(Perturbation(viscous=_VISCOUS))
 
 
 def _placed(machine: Machine, recorded: CommandedLog) -> tuple[CommandedLog, list[str]]:

@@ -31,7 +31,7 @@ OUTPUT = Output("replay", SUMMARY, (SUMMARY, REPORT))
 QUANTITIES = ("following", "torque")
 SIDES = ("measured", "simulated", "difference", "frictionless")
 _LABELS = {"following": "following error", "torque": "torque", "frictionless": "without friction"}
-_AS_GOOD = 0.5  # difference, of that without friction, from which the log does not tell the two apart
+_AS_GOOD = 0.8  # difference, of that without friction, from which the log does not tell the two apart
 _WIDTH = 10.7  # of a plot across the page [inch]
 
 
@@ -63,19 +63,35 @@ def sentences(result: Replay) -> Iterator[str]:
     for axis in result.axes:
         for quantity in QUANTITIES:
             yield _sentence(result, axis, quantity)
+    yield _held_out_words(result)
+
+
+def _held_out_words(result: Replay) -> str:
+    """Return which rows are held out, in a sentence."""
     if result.fitted is None:
-        yield "No rows are named to which the machine was fitted (--fitted FROM:TO), so none are known to be held out."
-    else:
-        yield (
-            f"Rows {result.fitted.start} to {result.fitted.stop} are those to which the machine was fitted; all others "
-            "are held out."
+        return (
+            "No rows are named to which the machine was fitted (--fitted FIRST:LAST), so none are known to be held out."
         )
+    if not result.fitted_count:
+        return "All rows are held out: the machine was fitted to none of them."
+    if not result.is_partly_held_out:
+        return "No row is held out: the machine was fitted to all of them."
+    first, last = _fitted_rows(result)
+    return f"Rows {first} to {last} are those to which the machine was fitted; all others are held out."
+
+
+def _fitted_rows(result: Replay) -> tuple[int, int]:
+    """Return the numbers of the first and the last fitted row in the log's file."""
+    assert result.fitted is not None
+    rows = range(*result.fitted.indices(len(result.recorded.command)))
+    before = result.recorded.first or 1
+    return before + rows[0], before + rows[-1]
 
 
 def _sentence(result: Replay, axis: str, quantity: str) -> str:
     described = described_quantity(result, axis, quantity)
     parts = result.compared(axis, quantity)
-    judged = "all" if result.fitted is None else "held out"
+    judged = "held out" if result.is_partly_held_out else "all"
     sizes = parts[judged]
     where = "" if judged == "all" else " in the rows held out"
     text = (
@@ -109,7 +125,7 @@ def content(result: Replay) -> dict[str, Any]:
             axes[axis][described.name] = {
                 name: _part_content(sizes, described) for name, sizes in result.compared(axis, quantity).items()
             }
-    fitted = None if result.fitted is None else [result.fitted.start, result.fitted.stop]
+    fitted = list(_fitted_rows(result)) if result.fitted_count else None
     return {
         "machine": str(result.machine.source),
         "rows": len(result.recorded.command),

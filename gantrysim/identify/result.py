@@ -20,7 +20,7 @@ KNOWN_DAMPING = 0.4
 WHITE = 0.25  # correlation of a residual from which the model's structure counts as wrong
 # standard deviation that counts of the encoder and steps of the predictor leave, of the value: round trips show it
 SYSTEMATIC = {
-    "inertia": 0.003,
+    "inertia": 0.005,
     "viscous": 0.015,
     "coulomb": 0.005,
     "static": 0.01,
@@ -48,6 +48,20 @@ PARAMETERS = {
     "stiffness": "N·m/u",
     "damping": "N·m·s/u",
     "gap": "u",
+}
+
+
+# the same in words, where the name alone is none
+LABELS = {
+    "inertia": "inertia, whole",
+    "viscous": "viscous friction",
+    "viscous_forward": "viscous friction forwards",
+    "viscous_back": "viscous friction back",
+    "coulomb": "Coulomb friction",
+    "static": "static friction",
+    "offset": "constant torque",
+    "share": "load's share of the inertia",
+    "gap": "backlash",
 }
 
 
@@ -130,10 +144,11 @@ class AxisFit:
         innovations: of all samples, (n,) [u].
         start: inertia, viscous and Coulomb friction of the linear regression.
         highest: frequency up to which the log shows a mode [Hz].
-        position: fitted part of the log, (n,) [u].
+        position: fitted part of the log, its moves, (n,) [u].
         torque: likewise, (n,) [N·m].
         held: whether the torque is a demand, held until the next sample.
         starts: of the pieces.
+        first: row of the log at which the fitted part begins.
         sensitivity: of the residual of the samples in motion to the parameters.
         predicted: the model whose predictions the innovations are of; its friction is that of the predictions alone.
         law: friction by the torque of the sliding axis.
@@ -157,6 +172,7 @@ class AxisFit:
     predicted: AxisModel
     law: FrictionLaw
     starts: Starts = WHOLE
+    first: int = 0
 
     @property
     def residual(self) -> Floats:

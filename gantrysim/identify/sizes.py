@@ -1,4 +1,4 @@
-"""Sizes in words, for sentences: counts are whole numbers, and shares beyond all measure are multiples."""
+"""Sizes in words, for sentences: no exponents, and shares beyond all measure as multiples."""
 
 from __future__ import annotations
 
@@ -7,24 +7,29 @@ _LARGEST_PERCENT = 10.0  # share from which it is a multiple
 
 def share_words(share: float) -> str:
     """Return a share of something that follows, as "25 % of", "2.5 % of" or "380 times"."""
-    if abs(share) >= _LARGEST_PERCENT:
-        return f"{times_words(share)}"
-    return f"{_plain(100 * share)} % of"
+    return times_words(share) if abs(share) >= _LARGEST_PERCENT else f"{_plain(100 * share, 2)} % of"
 
 
-def times_words(ratio: float) -> str:
-    """Return a ratio, as "2.9 times" or "2,940 times"."""
-    return f"{_plain(ratio)} times"
+def change_words(share: float) -> str:
+    """Return a change of a value by a share of it, as "35 %" or "380 times its value"."""
+    return f"{times_words(share)} its value" if abs(share) >= _LARGEST_PERCENT else f"{_plain(100 * share, 2)} %"
+
+
+def times_words(ratio: float, digits: int = 3) -> str:
+    """Return a ratio, as "2.91 times" or "2,940 times"."""
+    return f"{_plain(ratio, digits)} times"
 
 
 def count_words(counts: float) -> str:
     """Return a size in counts of an encoder, as "3.2 counts" or "2,300 counts"."""
-    return f"{_plain(counts)} counts"
+    return f"{_plain(counts, 2)} counts"
 
 
-def _plain(value: float) -> str:
-    """Return a number of two digits or more, without an exponent where it is large."""
-    return f"{value:,.0f}" if abs(value) >= _WHOLE else f"{value:.2g}"
+def number_words(value: float) -> str:
+    """Return a number of four digits, a larger one as "80,070"."""
+    return _plain(value, 4)
 
 
-_WHOLE = 99.5  # from which two digits would be an exponent
+def _plain(value: float, digits: int) -> str:
+    """Return a number of some digits, a larger one as a whole number."""
+    return f"{value:,.0f}" if abs(value) >= 10**digits - 0.5 else f"{value:.{digits}g}"

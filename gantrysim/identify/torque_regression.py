@@ -11,7 +11,7 @@ one-step predictions sees the fast ones alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -90,9 +90,9 @@ class TorqueRegression:
             starts: of the pieces.
         """
         width = WIDTH / period
-        after = by_piece(
-            lambda piece: effective_torque(model, period, piece, _STEPS, held).mean(axis=1), torque, starts
-        )
+        # a constant torque is found by the regression
+        late = replace(model, offset=0.0)
+        after = by_piece(lambda piece: effective_torque(late, period, piece, _STEPS, held).mean(axis=1), torque, starts)
         before = by_piece(lambda piece: np.concatenate([piece[:1], piece[:-1]]), after, starts)
         speed = gradient(position, period, starts)
         motion = Motion(
@@ -103,7 +103,9 @@ class TorqueRegression:
             torque=0.5 * (before + after),
         )
         slow = np.abs(smoothed(speed, width, starts))
-        slides = smoothed(1.0 * (slow > _MOVING * float(np.quantile(slow, 0.99))), width, starts) > _SLIDING
+        slides = (
+            smoothed((slow > _MOVING * float(np.quantile(slow, 0.99))).astype(np.float64), width, starts) > _SLIDING
+        )
         # where the filter reaches beyond the log
         slides &= inside(position.size, starts, round(4 * width))
         return cls(period, motion, slides, starts)

@@ -25,6 +25,7 @@ from gantrysim.identify.identification import Identification
 from gantrysim.identify.log import Log
 from gantrysim.identify.model import AxisModel, model_of
 from gantrysim.identify.result import AxisFit
+from gantrysim.identify.sizes import count_words, times_words
 from gantrysim.machine.axis import PER_SI
 from gantrysim.machine.axis_reading import CONSTANT_TORQUE, VISCOUS_DIFFERENCE
 from gantrysim.machine.machine import Machine
@@ -93,7 +94,8 @@ def _edit(machine: Machine, fits: Sequence[AxisFit], *, first: bool) -> Callable
                 _set_mode(spec.joint(spring), fit, now, load)
             motor = spec.actuators[index]
             motor.armature += armature * fit.model.scale
-            if not motor.armature > 0:
+            # one without inertia of its own may stay so
+            if motor.armature < 0:
                 raise InputError(
                     f"axis {fit.axis}: the fitted inertia leaves the motor {motor.armature:.3g} kg·m²; the masses of "
                     "the MJCF are too large"
@@ -209,7 +211,7 @@ class WholeRun:
         text = (
             f"{self.axis}: simulated over the whole run under the log's torque of {self.torque:.3g} N·m rms, {machine} "
             f"takes {self._share(self.written)} more or less, {1e3 * self.written:.2g} mN·m rms, to stay within "
-            f"{self.counts:.2g} counts rms of the log"
+            f"{count_words(self.counts)} rms of the log"
         )
         if math.isfinite(self.fitted):
             text += f"; with every fitted value, identified or not, {self._share(self.fitted)}"
@@ -226,7 +228,7 @@ class WholeRun:
 
     def _share(self, torque: float) -> str:
         share = torque / self.torque
-        return f"{share:.2g} times the torque" if share > _MANY else f"{100 * share:.2g} %"
+        return f"{times_words(share)} the torque" if share > _MANY else f"{100 * share:.2g} %"
 
 
 def whole_run(identification: Identification, log: Log) -> list[WholeRun]:

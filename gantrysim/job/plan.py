@@ -95,6 +95,7 @@ class Plan:
         length: of the requested path [mm].
         way: of the commanded tip, with all dry moves [mm].
         glue: way with the dispenser on [mm].
+        standing_time: at rest with the dispenser on, in which dots are laid [s].
         duration: of the program's motion [s].
         ticks: servo ticks of a run, see `Setpoints.run_ticks`.
         period: servo period [s].
@@ -113,6 +114,7 @@ class Plan:
     length: float
     way: float
     glue: float
+    standing_time: float
     duration: float
     ticks: int
     period: float
@@ -150,6 +152,7 @@ def plan_of(
         length=controller.requested.length,
         way=sums.way,
         glue=sums.glue,
+        standing_time=sums.resting * setpoints.period,
         duration=controller.duration,
         ticks=setpoints.run_ticks,
         period=setpoints.period,
@@ -166,11 +169,15 @@ def plan_of(
     )
 
 
+_STILL = 1e-9  # way in a tick; more is motion [mm]
+
+
 class _Sums(NamedTuple):
     """What consecutive setpoints command.
 
     Attributes:
         way, glue: of the tip, in all and with the dispenser on [mm].
+        resting: ticks with the dispenser on in which it stands.
         longest, longest_glue: way of the tip between two setpoints, in all and with the dispenser on [mm].
         box: least and largest x, y and z of the tip, (2, 3) [mm].
         positions: least and largest position of the axes, (2, axes) [mm or deg].
@@ -179,6 +186,7 @@ class _Sums(NamedTuple):
 
     way: float
     glue: float
+    resting: int
     longest: float
     longest_glue: float
     box: Floats
@@ -196,6 +204,7 @@ class _Sums(NamedTuple):
         return cls(
             float(ways.sum()),
             float(glue_ways.sum()),
+            int(np.count_nonzero(glue_ways <= _STILL)),
             float(ways.max(initial=0)),
             float(glue_ways.max(initial=0)),
             extremes(tip),
@@ -208,6 +217,7 @@ class _Sums(NamedTuple):
         return _Sums(
             self.way + other.way,
             self.glue + other.glue,
+            self.resting + other.resting,
             max(self.longest, other.longest),
             max(self.longest_glue, other.longest_glue),
             _widest(self.box, other.box),
@@ -244,7 +254,7 @@ def _checked_sums(machine: Machine, setpoints: Setpoints) -> _Sums:
 
 def glue_note(plan: Plan) -> str | None:
     """Return a note where a program lays no glue at all; None where it lays some."""
-    if plan.glue > 0:
+    if plan.glue > 0 or plan.standing_time > 0:
         return None
     return (
         "no glue is laid: the program has no moves at feed but those straight up or down, or nothing in it switches "

@@ -64,6 +64,10 @@ class Tolerance:
         bead_ploughed: length of bead that the needle later ploughs through, by default none [mm].
         start_length: length at a start of the bead over which any width is allowed, by default the bead's width [mm].
         stop_length: length at a stop of the bead over which any width is allowed, by default the bead's width [mm].
+        dot_volume: deviation of a dot's volume from the requested one, by default 10 [%].
+        dot_place: distance of a dot from its commanded place in plan view, by default `path_max` [mm].
+        dot_string: glue of a dot that flows while the needle is away, as it lifts before the valve has closed, by
+            default 5 [%].
         gain_margin: smallest gain margin of an axis, by default 1.5.
         sensitivity: largest peak of |S| of an axis, by default 3, which guarantees a gain margin of 1.5.
         torque_reserve: percentage of an axis' torque limit that must remain unused, by default 10 [%].
@@ -78,6 +82,9 @@ class Tolerance:
     bead_ploughed: _NotNegative = 0.0
     start_length: _AboveZero
     stop_length: _AboveZero
+    dot_volume: _AboveZero = 10.0
+    dot_place: _AboveZero
+    dot_string: _AboveZero = 5.0
     gain_margin: _AboveOne = 1.5
     sensitivity: _AboveOne
     torque_reserve: _Percentage = 10.0
@@ -107,6 +114,7 @@ class Tolerance:
             "turn_clearance": bead_width / 100 * width + 2 * path_max,
             "start_length": width,
             "stop_length": width,
+            "dot_place": path_max,
             "sensitivity": gain_margin / (gain_margin - 1),
         }
         return cls(**{**derived, **given}, given=frozenset(given))

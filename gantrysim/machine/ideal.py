@@ -22,6 +22,7 @@ from gantrysim.machine.motors import (
     STATIC,
     TIME_CONSTANT,
 )
+from gantrysim.machine.perturbation import Perturbation
 
 _RIGID = [0.9999, 0.9999, 0.001, 0.5, 2.0]  # solimp of a tendon of constant length
 
@@ -53,6 +54,14 @@ def without_friction(machine: Machine) -> Machine:
         element.actdim -= 1
 
     return _without(machine, rubbing, smooth)
+
+
+_VISCOUS = 1e-9  # factor on viscous friction, which must not be zero
+
+
+def frictionless_machine(machine: Machine) -> Machine:
+    """Return the machine with neither dry nor viscous friction of its axes: a wrong one, to compare with."""
+    return without_friction(machine).perturbed(Perturbation(viscous=_VISCOUS))
 
 
 def without_winding(machine: Machine) -> Machine:

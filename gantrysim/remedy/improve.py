@@ -12,11 +12,13 @@ from gantrysim.job.causes import Causes, Effect, causes_of
 from gantrysim.job.job import Job
 from gantrysim.metrics.budget import Budget
 from gantrysim.remedy.bench import Bench, Progress
+from gantrysim.remedy.by_place import speed_by_place
 from gantrysim.remedy.combination import Combinations, Pick, best_combination, fewest_levers, merged_picks, setting_of
 from gantrysim.remedy.fastest import fastest_program
 from gantrysim.remedy.improvement import Improvement
 from gantrysim.remedy.lever import ROWS, Lever, Setting, State
 from gantrysim.remedy.levers import LEVERS
+from gantrysim.remedy.levers.speed import FASTER, SLOWER
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.trial import Skipped, Trial, gains_of
 from gantrysim.results.score import row_burden
@@ -26,6 +28,7 @@ from gantrysim.results.verdict import PATH
 
 _SAME_SECTION = 0.02  # relative
 _SAME_DOT = 10.0  # [%]
+_LONGER = 1.05  # times the job's duration, from which speeds by place are looked for
 WORTH = 0.05  # of the contour error, rms or largest: a cause that is worth less does not matter
 
 
@@ -84,6 +87,18 @@ class Search:
     def state_of(self, picks: Sequence[Pick]) -> State:
         """Return the state after the levers of a combination are set, see `Combinations.state_of`."""
         return self._combinations.state_of(picks)
+
+    def at_program_speed(self, improvement: Improvement) -> Job:
+        """Return the improved job without the levers that change its speed everywhere alike."""
+        picks = [
+            Pick(trial.lever, trial.setting)
+            for trial in improvement.combination
+            if trial.lever.name not in (FASTER.name, SLOWER.name)
+        ]
+        try:
+            return self.state_of(picks).job
+        except GantryError:  # a lever has no such setting at the program's speed
+            return improvement.job
 
     def trials_of(self, picks: Sequence[Pick]) -> list[Trial]:
         """Return the trial of each lever of a combination, on top of those before it."""
@@ -174,6 +189,7 @@ def improve(
     budget: Budget | None = None,
     workers: int | None = None,
     fastest: bool | None = None,
+    by_place: bool | None = None,
     progress: Progress | None = None,
 ) -> Improvement:
     """Find out what to change in a job so that its verdict becomes a pass.
@@ -190,6 +206,8 @@ def improve(
         workers: maximum number of threads, by default one for each core; the result does not depend on it.
         fastest: whether to look for the fastest program that is as good as the best combination; by default where the
             job gives a tolerance.
+        by_place: whether to look for a speed of each stretch of the program, on top of the best combination; by default
+            where that passes and takes more than 5 % longer than the job.
         progress: called with the number of finished runs, of those known by now, and what runs.
 
     Raises:
@@ -214,14 +232,23 @@ def improve(
     if before.failure:
         return Improvement(job, before, (), (), (), before, job)
     bad = _bad_rows(before, names)
+    at_program_speed = job
     if bad:
         search = Search(job, bench, names, _causes(job, bad, causes))
         improvement = _searched_improvement(search, chosen, before)
+        at_program_speed = search.at_program_speed(improvement)
     else:
         improvement = Improvement(job, before, (), (), (), before, job)
     if wants_fastest:
         improvement = _with_fastest(improvement, bench)
-    return _confirmed(improvement, bench) if improvement.changes_anything else improvement
+    if improvement.changes_anything:
+        improvement = _confirmed(improvement, bench)
+    after = improvement.after
+    costs_time = after.passes and after.duration > _LONGER * before.duration
+    if costs_time if by_place is None else by_place:
+        bench.task.name = "speed by place"
+        improvement = replace(improvement, by_place=speed_by_place(at_program_speed, after, bench))
+    return improvement
 
 
 def worst_rows(before: Outcome) -> list[str]:

@@ -20,6 +20,7 @@ from gantrysim.glue.dispenser.dispenser import VALVE, Dispenser
 from gantrysim.job.job import Job
 from gantrysim.job.overrides import known_keys
 from gantrysim.metrics.budget import Budget
+from gantrysim.remedy.by_place import SpeedByPlace
 from gantrysim.remedy.fastest import FastestProgram
 from gantrysim.remedy.outcome import Outcome
 from gantrysim.remedy.trial import Skipped, Trial, shown_gains
@@ -280,6 +281,8 @@ class Improvement(Shown):
             not looked for, or there is none.
         note: how far the improved job's run is from that of the search, which the compiled loop made; empty where they
             agree.
+        by_place: the program with a speed for each stretch, or why there is none; None where it was not looked for. It
+            is a program of its own: `job`, `after` and `lines` do not have its speeds.
     """
 
     base: Job
@@ -291,6 +294,7 @@ class Improvement(Shown):
     job: Job
     fastest: FastestProgram | None = None
     note: str = ""
+    by_place: SpeedByPlace | str | None = None
 
     @property
     def verdict(self) -> Verdict:
@@ -331,6 +335,13 @@ class Improvement(Shown):
         return (
             f"{begin}; {reach}: {worst} remains, {check}. What forbids it is {bound_of(self.job, self.after, worst)}."
         )
+
+    @property
+    def by_place_sentence(self) -> str:
+        """The result with speeds by place in a sentence; empty where none were looked for."""
+        if self.by_place is None:
+            return ""
+        return f"no speed by place: {self.by_place}" if isinstance(self.by_place, str) else str(self.by_place)
 
     @property
     def lines(self) -> dict[str, str]:
@@ -397,6 +408,7 @@ class Improvement(Shown):
     def facts(self) -> dict[str, str]:
         facts = {"before": self.verdict.headline, "after": self.improved.headline, "what to change": self.sentence}
         facts |= {"note": self.note} if self.note else {}
+        facts |= {"speed by place": self.by_place_sentence} if self.by_place is not None else {}
         return facts | ({} if self.fastest is None else {"fastest": str(self.fastest)})
 
     def __str__(self) -> str:
@@ -407,6 +419,8 @@ class Improvement(Shown):
             texts.append(str(self.fastest))
         if self.note:
             texts.append(self.note)
+        if self.by_place is not None:
+            texts.append(self.by_place_sentence)
         return "\n".join([*texts, *(f"{name}:\n{text.rstrip()}" for name, text in self.lines.items())])
 
     def _repr_html_(self) -> str:

@@ -8,8 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
 from gantrysim.base.errors import GantryError
 from gantrysim.engine.linear import Engine
 from gantrysim.engine.recording import dispensed_otherwise
@@ -37,7 +35,7 @@ class Outcome:
         nominal: section of the requested bead, 0 without one [mm²].
         missing: mean over the starts of the glue missing there, as length of the requested bead [mm].
         excess: mean over the stops of the glue in excess there, likewise [mm].
-        dots: volumes of the dots, laid while the nozzle rests [mm³].
+        dots: volumes of the dots, with what is drawn into strings [mm³].
     """
 
     verdict: Verdict | None
@@ -164,7 +162,7 @@ class Motion:
             nominal=max(float(bead.nominal), 0.0),
             missing=float(bead.missing_at_starts.mean()) if is_laid else 0.0,
             excess=float(bead.excess_at_stops.mean()) if is_laid and bead.excess_at_stops.size else 0.0,
-            dots=tuple(_dots(bead)),
+            dots=tuple(dot.volume + dot.string for dot in bead.dots),
         )
 
 
@@ -178,19 +176,3 @@ class Measured(NamedTuple):
 
     outcomes: tuple[Outcome, ...]
     motion: Motion | None
-
-
-def _dots(bead: Bead) -> list[float]:
-    """Return the volume laid from each dispensing at rest to the next dispensing, or to the end [mm³].
-
-    A nozzle rests that moves by less than half its needle's diameter.
-    """
-    run = bead.run
-    path = np.concatenate([[0.0], np.cumsum(bead.commanded_steps)])
-    volume = np.concatenate([[0.0], np.cumsum(run.flow[:-1]) * run.period])
-    last = len(run.time) - 1
-    begins = bead.stretches[:, 0]
-    ends = np.minimum(bead.stretches[:, 1], last)
-    following = np.append(begins[1:], last)
-    rests = path[ends] - path[begins] < 0.5 * run.face
-    return [float(dot) for dot in (volume[following] - volume[begins])[rests]]

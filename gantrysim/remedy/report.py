@@ -9,6 +9,7 @@ from gantrysim.base.errors import InputError
 from gantrysim.compare.runs.differences import check_changes
 from gantrysim.compare.runs.runs_page import RunComparison, checks_table, compare_runs, run_sections, write_sections
 from gantrysim.job.job import Job
+from gantrysim.remedy.by_place import SpeedByPlace
 from gantrysim.remedy.improve import improve, worst_rows
 from gantrysim.remedy.improvement import USAGE, Improvement
 from gantrysim.remedy.outcome import Outcome
@@ -27,7 +28,7 @@ def changes_of(job: Job, verdict: Verdict) -> Section | None:
     """
     if verdict.state == PASS or verdict.unjudged or job.faults:
         return None
-    return change_section(improve(job, rows=worst_rows(Outcome(verdict)), fastest=False))
+    return change_section(improve(job, rows=worst_rows(Outcome(verdict)), fastest=False, by_place=False))
 
 
 def change_section(improvement: Improvement) -> Section:
@@ -40,6 +41,8 @@ def change_section(improvement: Improvement) -> Section:
         texts.append(f"{improvement.fastest}.")
     if improvement.note:
         texts.append(improvement.note)
+    if improvement.by_place is not None:
+        texts.append(_caption(f"{improvement.by_place_sentence}."))
     tables = []
     if improvement.combination:
         rows = [improvement.rows[0], *improvement.combined_rows]
@@ -49,6 +52,9 @@ def change_section(improvement: Improvement) -> Section:
         texts.append(_caption(f"{improvement.gains[-1]}."))
         checks = checks_table(NAMES, tuple(check_changes([improvement.verdict, improvement.improved])))
         tables += [] if checks is None else [checks]
+    if isinstance(improvement.by_place, SpeedByPlace):
+        by_place = improvement.by_place
+        tables.append(Table(by_place.heads, by_place.cells, "Speed by place", folded="Speed by place"))
     if improvement.trials:
         rows = [improvement.rows[0], *improvement.trial_rows]
         title = f"Each lever alone: {len(improvement.trials)} runs"

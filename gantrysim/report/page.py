@@ -21,6 +21,7 @@ from gantrysim.report.scatter import scatter_section
 from gantrysim.report.sections import (
     bead_section,
     budget_section,
+    dots_section,
     errors_section,
     faults_section,
     path_section,
@@ -244,6 +245,8 @@ def run_sections(results: RunResults, video: Path | None = None, changes: Sectio
         yield spacing_section(analysis)
     if bead is not None and bead.nominal > 0:
         yield bead_section(bead)
+    if bead is not None and results.dots:
+        yield dots_section(bead, results.dots)
     yield errors_section(analysis)
     yield servo_section(results)
     if notes := run_notes(job, run):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
 from gantrysim.base.display import decimals_of
-from gantrysim.base.quantity import Quantity
+from gantrysim.base.quantity import Quantity, number_text
 from gantrysim.glue.bead import BeadValues
 from gantrysim.glue.bead.values import (
     CLEARANCE,
@@ -28,6 +28,7 @@ from gantrysim.glue.bead.values import (
 )
 from gantrysim.metrics.analysis import Analysis, Range
 from gantrysim.metrics.error_quantities import DURATION, PATH_LENGTH, REQUESTED_SPACING, SPACING, SPEED
+from gantrysim.results.dots import DotVerdict
 
 RowTexts = tuple[str, str, str]
 
@@ -74,6 +75,19 @@ def bead_rows(bead: BeadValues) -> Iterator[RowTexts]:
     parts = volume_parts(bead).items()
     remark = ", ".join(f"{name} {part.number(part.get(bead))}" for name, part in parts)
     yield VOLUME_ERROR.label, volume_error(bead).text(bead.volume_error), remark
+
+
+def dot_rows(dots: Sequence[DotVerdict]) -> Iterator[RowTexts]:
+    """Yield volumes and diameters of dots, the diameters on the work; nothing without any."""
+    if not dots:
+        return
+    volumes = [verdict.dot.volume for verdict in dots]
+    diameters = [verdict.dot.diameter for verdict in dots]
+    remark = f"{number_text(min(volumes), '.4g')} to {number_text(max(volumes), '.4g')} mm³ each"
+    yield "dots", str(len(dots)), f"{number_text(sum(volumes), '.4g')} mm³ in all, {remark}"
+    mean = sum(diameters) / len(dots)
+    remark = f"{number_text(min(diameters), '.3f')} to {number_text(max(diameters), '.3f')}, on the work"
+    yield "dot diameter", f"{number_text(mean, '.3f')} mm", remark
 
 
 def bead_notes(bead: BeadValues) -> Iterator[RowTexts]:

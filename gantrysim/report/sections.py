@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import math
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -32,8 +33,9 @@ from gantrysim.report.plots.pictures import (
 )
 from gantrysim.report.plots.spacing import draw_polar_spacing
 from gantrysim.report.plots.style import COLOURS, sheet
-from gantrysim.report.rows import RowTexts, bead_rows, motion_rows, volume_error, volume_parts
+from gantrysim.report.rows import RowTexts, bead_rows, dot_rows, motion_rows, volume_error, volume_parts
 from gantrysim.report.viewer_data import ViewerData
+from gantrysim.results.dots import DotVerdict
 from gantrysim.results.run_results import RunResults
 
 if TYPE_CHECKING:
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
 Subject = TypeVar("Subject")
 
 _RMS, _, _MAX, _SHARE = PART_COLUMNS
+_LISTED_DOTS = 1000  # rows of a table
 _LOW_PLOT = 2.4  # height of the plots of the error budget [inch]
 
 
@@ -181,6 +184,50 @@ def bead_section(bead: Bead) -> Section:
         ],
         table=[_bead_sizes(values), _volumes(values)],
     )
+
+
+def dots_section(bead: Bead, dots: Sequence[DotVerdict]) -> Section:
+    """Return the section of the dots of a run, with the height map if there is no bead."""
+    columns = (
+        ("volume [mm³]", ".4f"),
+        ("requested [mm³]", ".4f"),
+        ("error [%]", "+.1f"),
+        ("diameter [mm]", ".3f"),
+        ("height [mm]", ".3f"),
+        ("off its place [mm]", ".3f"),
+        ("string [%]", ".1f"),
+    )
+    rows: list[list[str | float | None]] = [
+        [
+            str(verdict.number),
+            "" if verdict.place.line is None else str(verdict.place.line),
+            *verdict.dot.place[:2],
+            verdict.dot.volume,
+            verdict.wanted,
+            None if math.isnan(verdict.volume_error) else verdict.volume_error,
+            verdict.dot.diameter,
+            verdict.dot.cap.height,
+            verdict.dot.place_error,
+            verdict.dot.string_percent,
+            verdict.state,
+        ]
+        for verdict in dots[:_LISTED_DOTS]
+    ]
+    remainder = f"; the first {_LISTED_DOTS} of {len(dots)}, summary.json has all" if len(dots) > _LISTED_DOTS else ""
+    table = Table(
+        [
+            "dot",
+            "line",
+            Column("x [mm]", ".3f"),
+            Column("y [mm]", ".3f"),
+            *(Column(name, form) for name, form in columns),
+            "verdict",
+        ],
+        rows,
+        f"Dots as laid: caps on the work, and the share of their glue that the needle draws into a string{remainder}",
+    )
+    map_ = [] if bead.nominal > 0 else [height_plot(bead)]
+    return Section("Dots", facts=facts_of(dot_rows(dots)), figure=map_, table=[table])
 
 
 def _bead_sizes(values: BeadValues) -> Table:

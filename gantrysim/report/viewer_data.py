@@ -30,6 +30,8 @@ from gantrysim.record.run import Run
 from gantrysim.report.encoding import MOST_ROWS, encoded_ascending, encoded_numbers, encoded_runs, shown_rows
 from gantrysim.report.plots.plan import magnification
 from gantrysim.report.plots.style import COLOURS, DASHES
+from gantrysim.results.checks import FAIL
+from gantrysim.results.dots import DotVerdict
 from gantrysim.results.run_results import RunResults
 
 # What the page's 3-D view needs beside the columns of the viewer: the bead's height and the machine's poses.
@@ -87,6 +89,7 @@ _UM = 1e3
 _LEVEL = 1e-6  # [mm], vertical parts below it are rounding
 _LISTED = 2000  # lines of a program that is listed whole; of a longer one only the lines that run
 _CORNER_DECIMALS = 4
+_DOT_DECIMALS = 4
 _DIGITS = 3  # significant, of a column's largest value
 
 ERROR = "error"
@@ -232,6 +235,14 @@ class ViewerData:
         return rounded
 
     @property
+    def _width_tolerance(self) -> float | None:
+        """Tolerance of the bead's width; of the volume of dots where there is no bead, which is coloured then [%]."""
+        tolerance = self.results.verdict.tolerance
+        if tolerance is None:
+            return None
+        return tolerance.dot_volume if self._bead is None and self.results.dots else tolerance.bead_width
+
+    @property
     def _program_text(self) -> str:
         job = self.results.job
         text = job.program.get(job.controller.text_argument, "")
@@ -268,7 +279,8 @@ class ViewerData:
             "magnification": magnification(self.results.budget.analysis),
             "path_tolerance": None if tolerance is None else _UM * tolerance.path_max,
             "width": None if bead is None else float(bead.nominal_section.width[0]),
-            "width_tolerance": None if tolerance is None else tolerance.bead_width,
+            "width_tolerance": self._width_tolerance,
+            "dots": [_dot_content(verdict, rows) for verdict in self.results.dots],
             "space": space_content(self.results) if self.in_space else None,
         }
 
@@ -297,6 +309,21 @@ def _micrometres(table: object, column: str) -> Floats:
 def _largest(values: Callable[[slice], Floats], rows: int) -> float:
     """Return the largest size of values that are computed for one block after the other."""
     return max(float(np.abs(values(block)).max(initial=0.0)) for block in blocks(rows))
+
+
+def _dot_content(verdict: DotVerdict, rows: NDArray[np.intp]) -> dict[str, Any]:
+    """Return place and size of a dot [mm], its volume error [%], whether it fails, and the row in which it is laid."""
+    dot = verdict.dot
+    error = verdict.volume_error
+    last = dot.stretch[1] - 1
+    return {
+        **{name: round(value, _DOT_DECIMALS) for name, value in zip("xyz", dot.foot, strict=True)},
+        "radius": round(dot.cap.radius, _DOT_DECIMALS),
+        "height": round(dot.cap.height, _DOT_DECIMALS),
+        "error": round(error, 1) if np.isfinite(error) else None,
+        "failed": verdict.state == FAIL,
+        "row": min(int(np.searchsorted(rows, last)), int(rows.size) - 1),
+    }
 
 
 def _bead_series(bead: Bead) -> Iterator[Series]:

@@ -1,8 +1,9 @@
-"""The verdict on the bead: width, blobs, gaps, starts, stops, clearance of turns, and the needle in earlier glue."""
+"""The verdict on the glue: beads with width, blobs, gaps, starts, stops, clearance, the needle in them; and dots."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,8 @@ from gantrysim.glue.bead import Bead, Ploughing
 from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.glue.bead.values import EXCESS_AT_STOP, MISSING_AT_START, excess_at_stop, missing_at_start
 from gantrysim.job.tolerance import Tolerance
-from gantrysim.results.checks import FAIL, UNJUDGED, WARN, Check, Place
+from gantrysim.results.checks import FAIL, UNJUDGED, WARN, Check, Place, worst
+from gantrysim.results.dots import dot_verdicts, dots_remark, worst_checks
 from gantrysim.results.row import Row
 from gantrysim.results.verdict_quantities import (
     BEAD_WIDTH_ERROR,
@@ -38,8 +40,34 @@ _TURNS_THAT_CLIMB = (
 )
 
 
-def glue_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Row:
-    """Return the verdict on the bead of a complete run."""
+def glue_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt, *, is_requested: bool = True) -> Row:
+    """Return the verdict on the glue of a complete run: on its beads, and on each of its dots.
+
+    Args:
+        bead: the bead, with the dots.
+        tolerance: of the run.
+        place_at: returns the place of a tick.
+        is_requested: whether the job's dispenser lays glue at all.
+    """
+    if not (bead.dots and is_requested):
+        return _bead_row(bead, tolerance, place_at)
+    verdicts = dot_verdicts(bead, tolerance, place_at)
+    if not any(verdict.wanted for verdict in verdicts):
+        count = "1 dot gets" if len(verdicts) == 1 else f"{len(verdicts)} dots get"
+        remedy = "dispenser.flow lays it there, an area times the speed does not"
+        dots = Row(GLUE, remark=f"{count} no glue: none is requested at rest; {remedy}", state=FAIL)
+    else:
+        dots = Row.of(GLUE, worst_checks(verdicts), dots_remark(verdicts))
+    values = {"dots": [verdict.content() for verdict in verdicts]}
+    if not len(bead.stretches):
+        return replace(dots, values=values)
+    row = _bead_row(bead, tolerance, place_at)
+    remark = "; ".join(filter(None, (row.remark, dots.remark)))
+    both = Row.of(GLUE, [*row.checks, *dots.checks], remark, {**row.values, **values})
+    return replace(both, state=worst([row.state, dots.state]))
+
+
+def _bead_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt) -> Row:
     run = bead.run
     if not run.flow_demand.any():
         return Row(GLUE, remark="nothing was laid: the job requests no glue", state=WARN)

@@ -8,12 +8,14 @@ from functools import cached_property
 from gantrysim.glue.bead import Bead, BeadValues
 from gantrysim.job.causes import Causes
 from gantrysim.job.job import Job
+from gantrysim.job.lines import program_lines
 from gantrysim.job.losses import Losses
 from gantrysim.job.scatter import Scatter
 from gantrysim.machine.machine import Machine
 from gantrysim.metrics.analysis import torque_ripple
 from gantrysim.metrics.budget import Budget
-from gantrysim.results.verdict import Verdict
+from gantrysim.results.dots import DotVerdict, dot_verdicts
+from gantrysim.results.verdict import Verdict, places_of
 from gantrysim.servo.stability.loops import Margins
 
 
@@ -58,6 +60,15 @@ class RunResults:
     def bead_values(self) -> BeadValues | None:
         """Values of the bead, None without glue."""
         return self.bead.values if self.bead is not None and self.bead.nominal > 0 else None
+
+    @cached_property
+    def dots(self) -> tuple[DotVerdict, ...]:
+        """The dots of a complete run with their verdicts."""
+        tolerance = self.verdict.tolerance
+        if self.bead is None or tolerance is None:
+            return ()
+        run = self.budget.analysis.run
+        return dot_verdicts(self.bead, tolerance, places_of(run, program_lines(self.job, len(run.time))))
 
     @cached_property
     def loops(self) -> dict[str, AxisLoop]:

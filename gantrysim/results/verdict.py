@@ -93,10 +93,10 @@ class Verdict(Shown):
         width = float(bead.nominal_section.width[0]) if bead.nominal > 0 else float("nan")
         tolerance = job.limits(run.face, width)
         line_at = program_lines(job, len(run.time))
-        place_at = _places(run, line_at)
+        place_at = places_of(run, line_at)
         rows = (
             path_row(budget.contour_values, tolerance, line_at),
-            glue_row(bead, tolerance, place_at),
+            glue_row(bead, tolerance, place_at, is_requested=job.dispenser.flows_at_all),
             stability_row(job, job.margins if machine is None else margins_of(machine, job.built_servo), tolerance),
             machine_row(job, run, tolerance, place_at),
         )
@@ -208,7 +208,7 @@ def stability_row(job: Job, margins: tuple[Margins, ...] | None, tolerance: Tole
 def machine_verdict(job: Job, run: Run) -> Row:
     """Return the verdict on the drives of a complete run of a job, which needs neither budget nor bead."""
     tolerance = job.limits(run.face)
-    return machine_row(job, run, tolerance, _places(run, program_lines(job, len(run.time))))
+    return machine_row(job, run, tolerance, places_of(run, program_lines(job, len(run.time))))
 
 
 def machine_row(job: Job, run: Run, tolerance: Tolerance, place_at: PlaceAt) -> Row:
@@ -216,7 +216,9 @@ def machine_row(job: Job, run: Run, tolerance: Tolerance, place_at: PlaceAt) -> 
     return Row.of(MACHINE, list(_machine_checks(job, run, tolerance, place_at)))
 
 
-def _places(run: Run, line_at: Callable[[float], int | None]) -> PlaceAt:
+def places_of(run: Run, line_at: Callable[[float], int | None]) -> PlaceAt:
+    """Return a function of a tick of a run that returns where the nozzle is, and the line of the program."""
+
     def place_at(tick: int) -> Place:
         x, y, z = run.nozzle[tick].tolist()
         time = float(run.time[tick])

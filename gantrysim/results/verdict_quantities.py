@@ -76,6 +76,31 @@ PLOUGHED_DEPTH = Quantity[Any](
     meaning="Greatest depth of the needle's face below the top of glue that it passes through",
     path=("depth",),
 )
+# of dots
+DOT_VOLUME_ERROR = Quantity[Any](
+    "dot_volume_error",
+    label="volume of a dot off by",
+    unit="%",
+    form=".1f",
+    meaning="Largest deviation of a dot's volume from the requested one",
+    path=(),
+)
+DOT_PLACE_ERROR = Quantity[Any](
+    "dot_place_error",
+    label="dot off its place by",
+    unit="mm",
+    form=".3f",
+    meaning="Largest distance of a dot from its commanded place in plan view",
+    path=(),
+)
+DOT_STRING = Quantity[Any](
+    "dot_string",
+    label="glue of a dot drawn into a string",
+    unit="%",
+    form=".1f",
+    meaning="Largest share of a dot's glue that flows while the needle is away: it lifts before the valve has closed",
+    path=(),
+)
 TORQUE_RESERVE = Quantity[Any](
     "torque_reserve",
     label="torque reserve",
@@ -110,6 +135,9 @@ VERDICT_VALUES = (
     PLOUGHED,
     PASSES,
     PLOUGHED_DEPTH,
+    DOT_VOLUME_ERROR,
+    DOT_PLACE_ERROR,
+    DOT_STRING,
     TORQUE_RESERVE,
     SPEED_RESERVE,
     STEPS_LOST,

@@ -159,7 +159,8 @@ class ColumnTable:
 def numbered_columns(label: str, table: TextTable) -> ColumnTable:
     """Return the columns of a table in text; without heads they are named 1, 2, ...
 
-    A column is one of numbers if more of its cells are numbers than not; another cell in it is refused.
+    A column is one of text if most of its cells are, or if it has no number; else another cell than a number or a gap
+    is refused.
 
     Args:
         label: names the table in errors.
@@ -214,7 +215,9 @@ def _mixed_columns(label: str, table: TextTable, width: int) -> tuple[dict[int, 
             raise InputError(f"{label}: line {row.line} has {len(row.cells)} columns, must have {width}")
         if len(row.cells) < width:
             missing = width - len(row.cells)
-            if missing > 1 or len(rows) == 1 or not _ends_in_gaps(table, width):
+            # rows of LabVIEW end before the comment
+            comments = bool(table.heads) and table.heads[-1] == "Comment"
+            if missing > 1 or len(rows) == 1 or not (comments or _ends_in_gaps(table, width)):
                 raise InputError(f"{label}: line {row.line} has {len(row.cells)} columns, must have {width}")
             row.cells.extend([""] * missing)
     columns: dict[int, Floats] = {}
@@ -222,7 +225,9 @@ def _mixed_columns(label: str, table: TextTable, width: int) -> tuple[dict[int, 
     for k in range(width):
         cells = [row.cells[k] for row in rows]
         parsed = [_value(table.dialect, cell) for cell in cells]
-        if 2 * sum(value is None for value in parsed) > len(cells):
+        words = sum(value is None for value in parsed)
+        numbers = sum(value is not None and not np.isnan(value) for value in parsed)
+        if words > numbers and (2 * words > len(cells) or not numbers):
             texts[k] = cells
             continue
         for row, value in zip(rows, parsed, strict=True):

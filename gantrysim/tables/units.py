@@ -83,6 +83,7 @@ _OTHERS = frozenset(
         *COUNTS,
     )
 )  # fmt: skip
+_LONGEST = 20  # characters of a unit
 _POWER = re.compile(r"(?:\^?-?\d|[⁻²³]+)$")
 _SIZE = re.compile(r"(?:x\s*)?\d+(?:\.\d+)?\s*(?=[^\d\s/])")
 
@@ -92,5 +93,7 @@ def is_unit(text: str) -> bool:
     bare = text.strip().strip("[]()").strip()
     if not bare or bare in _OTHERS or _RATED.fullmatch(bare) or any(bare in units for units in KINDS.values()):
         return True
+    if len(bare) > _LONGEST:
+        return False
     parts = [_POWER.sub("", part.strip()) for part in re.split(r"[/·*⋅]", _SIZE.sub("", bare, count=1))]
     return all(part in _OTHERS or any(part in units for units in KINDS.values()) for part in parts)

@@ -34,6 +34,10 @@ def test_a_plan_is_a_program_file_that_is_read(gantrysim_command, tmp_path, monk
         (("--plan", "--controller", "fanuc"), "unknown controller 'fanuc'"),
         (("none.csv", "--column", "x position"), "--column 'x position': must be NAME=COLUMN"),
         (("none.csv", "--machine", "none"), "unknown model 'none'"),
+        (("none.csv", "--rows", "5"), "--rows 5: must be FIRST:LAST, numbers of rows from 1, as in 1000:20000"),
+        (("none.csv", "--period", "-1"), "period = -1 s: must be greater than 0"),
+        (("--plan", "--period", "0.001"), "--period: describes a log, and --plan takes none"),
+        (("--plan", "--rows", "1:9"), "--rows: describes a log, and --plan takes none"),
     ],
 )
 def test_bad_input_is_a_one_line_error(gantrysim_command, tmp_path, monkeypatch, arguments, text):
@@ -44,6 +48,20 @@ def test_bad_input_is_a_one_line_error(gantrysim_command, tmp_path, monkeypatch,
     assert said.count("\n") == 1
     assert text in said
     assert not list(tmp_path.iterdir())
+
+
+def test_period_and_rows_describe_the_log(gantrysim_command, tmp_path):
+    rows = "".join(f"{0.1 * k},{k % 7}\n" for k in range(200))
+    (tmp_path / "log.csv").write_text(f"x position [mm],x torque\n{rows}", encoding="utf-8")
+    command = ("identify", tmp_path / "log.csv", "--machine", "xy", "--out", tmp_path / "o")
+    status, _, said = gantrysim_command(*command)
+    assert (status, "has no column time" in said) == (2, True)
+    status, _, said = gantrysim_command(*command, "--period", "0.001", "--rows", "101:150")
+    assert (status, "has 50 samples, must have at least 100" in said) == (2, True)
+    # the log is read, and is none of an axis that reverses
+    status, _, said = gantrysim_command(*command, "--period", "0.001")
+    assert (status, said.startswith("not identified: axis x: ")) == (1, True)
+    assert not (tmp_path / "o").exists()
 
 
 def test_a_log_gives_values_plots_and_a_machine(gantrysim_command, tmp_path):
@@ -66,7 +84,7 @@ def test_a_log_gives_values_plots_and_a_machine(gantrysim_command, tmp_path):
     words = " ".join(output.split())
     assert "x: friction by the log: Coulomb and viscous" in words
     assert "x: simulated over the whole run under the log's torque" in words
-    names = ["friction.png", "identified.toml", "machine.xml", "residuals.png", "response.png"]
+    names = ["friction.png", "identified.toml", "machine.xml", "report.html", "residuals.png", "response.png"]
     assert sorted(item.name for item in folder.iterdir()) == names
     found = tomllib.loads((folder / "identified.toml").read_text(encoding="utf-8"))
     friction = found["axes"]["x"]["coulomb"]

@@ -53,3 +53,11 @@ def test_friction_of_a_machine_without_bristles_is_that_of_its_joint(rigid, damp
     fitted = model_of(fitted_machine(SimpleNamespace(machine=machine, accepted=[fit])), 0)
     assert fitted.inertia == pytest.approx(fit.model.inertia, rel=2e-3)
     assert (fitted.coulomb, fitted.viscous) == (pytest.approx(0.02, rel=1e-6), pytest.approx(4e-5, rel=1e-6))
+
+
+def test_a_motor_without_inertia_may_stay_so(rigid):
+    machine = rigid(damping=1.0).edited(lambda spec: setattr(spec.actuators[0], "armature", 0.0))
+    for factor in (1.0, 1.4):
+        fit = fit_of(machine, 0, inertia=factor)
+        fitted = fitted_machine(SimpleNamespace(machine=machine, accepted=[fit]))
+        assert model_of(fitted, 0).inertia == pytest.approx(factor * model_of(machine, 0).inertia, rel=2e-3)

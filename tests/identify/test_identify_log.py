@@ -11,7 +11,7 @@ from scipy.io import savemat
 from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
 from gantrysim.exchange.tables import export
-from gantrysim.identify.log import Log, read_log
+from gantrysim.identify.log import Log, Rows, read_log
 
 MACHINE = Machine("xy")
 N = 200
@@ -113,7 +113,7 @@ def test_a_log_is_read_as_it_was_saved(tmp_path_factory, period, size, held):
         (
             ("t", "x torque", "x position"),
             None,
-            r"has no column time: name it, as in --column 'time=t \[ms\]', or give --period; it has: t, x torque, x pos",
+            r"has no column time: name it, as in --column 'time=t \[ms\]', or give --period; it has: t, x torque",
         ),
         (
             ("time", "a torque", "x position"),
@@ -132,8 +132,8 @@ def test_a_log_is_read_as_it_was_saved(tmp_path_factory, period, size, held):
         (
             ("time", "x torque", "x position"),
             "twice",
-            r"time does not rise: rows 100 and 101 both have 0\.099 s; log at every servo tick, with all digits; if only "
-            r"the stamps are rounded, give the period by --period$",
+            r"time does not rise: rows 100 and 101 have 0\.099 and 0\.099 s; log at every servo tick, with all digits; "
+            r"if only the stamps are rounded, give the period by --period$",
         ),
         (("time", "x torque", "x position"), "text", "line 12: x torque = 'abc' is not a finite number"),
         (("time", "x torque", "x position"), "short", "has 49 samples, must have at least 100"),
@@ -142,8 +142,7 @@ def test_a_log_is_read_as_it_was_saved(tmp_path_factory, period, size, held):
 def test_a_bad_log_is_refused(tmp_path, heads, change, text):
     k, torque, position = columns()
     if change == "gaps":
-        k = np.where(k > 89, k + 5, k)
-        torque[np.arange(109, 200, 20)] = np.nan
+        torque[np.arange(90, 200, 20)] = np.nan
     if change == "twice":
         k = np.where(k > 99, k - 1, k)
     file = written(tmp_path, heads, 1e-3 * k, torque, position)
@@ -207,3 +206,199 @@ def test_a_log_of_several_pieces():
     assert longest.starts == (0,)
     assert longest.notes == ("log: of 8 rows in 3 pieces, the 4 of the longest are used",)
     assert longest.longest is longest
+
+
+PITCH = MACHINE.axes[0].scale  # of the screw, per radian [mm]
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [
+        ("", 1e-3),
+        (" [mm/s]", 1.0),
+        (" [m/min]", 0.06),
+        (" [r/min]", 30 / math.pi / PITCH),
+        (" [rad/s]", 1 / PITCH),
+        (" [counts/s]", 1 / MACHINE.axes[0].resolution),
+    ],
+)
+def test_a_velocity_is_integrated(tmp_path, unit, factor):
+    """Of 5 + 2 t mm/s: 5 t + t² mm, which the trapezoidal rule gives exactly."""
+    k, torque, _ = columns()
+    t = 1e-3 * k
+    heads = ("time", "x torque", f"x velocity{unit}")
+    log = read_log(written(tmp_path, heads, t, torque, factor * (5 + 2 * t)), MACHINE)
+    assert np.allclose(log.position[:, 0], 5 * t + t**2, atol=1e-9)
+    assert log.notes == ("x: its position is integrated from its velocity: where in the travel it moves is not known",)
+
+
+def test_nothing_is_integrated_over_rows_that_are_missing(tmp_path):
+    k, torque, _ = columns()
+    velocity = np.full(N, 2.0)
+    torque[100:110] = np.nan
+    log = read_log(written(tmp_path, ("time", "x torque", "x velocity [mm/s]"), 1e-3 * k, torque, velocity), MACHINE)
+    assert log.starts == (0, 100)
+    expected = np.concatenate([2e-3 * k[:100], 2e-3 * 99 + 2e-3 * np.arange(90)])
+    assert np.allclose(log.position[:, 0], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("factor", "shift", "text"),
+    [
+        (1.0, 0.0, ""),
+        (0.91, 0.0, ""),
+        (0.88, 0.0, r"its velocity is 0\.88 times the change of its position per time, must be 0\.9 to 1\.1 times"),
+        (60.0, 0.0, r"its velocity is 60 times the change .* \(mm/min read as mm/s\?\), must be"),
+        (-1.0, 0.0, "its velocity is -1 times the change"),
+        (
+            1.0,
+            0.5,
+            r"its velocity is not that of its position: their changes correlate by -0\.\d+, must be at least 0\.9",
+        ),
+        (0.0, 0.0, "its velocity is not that of its position: their changes correlate by "),
+    ],
+)
+def test_a_velocity_that_is_not_the_position_s_is_named(tmp_path, factor, shift, text):
+    t = 1e-3 * np.arange(2000)
+    position = 10 * np.sin(5 * t)
+    velocity = factor * 50 * np.cos(5 * (t - shift)) + 1e-6
+    heads = ("time", "x torque", "x position [mm]", "x velocity [mm/s]")
+    file = written(tmp_path, heads, t, np.cos(t), position, velocity)
+    if text:
+        with pytest.raises(InputError, match=f"^log {file}: axis x: {text}.*; name one of the two by --column"):
+            read_log(file, MACHINE)
+        alone = read_log(file, MACHINE, {"x position": "x position"})
+        assert np.allclose(alone.position[:, 0], position, atol=1e-9)
+        assert alone.notes == ()
+    else:
+        log = read_log(file, MACHINE)
+        assert np.allclose(log.position[:, 0], position, atol=1e-9)
+        (note,) = log.notes
+        assert note.startswith("x: its position is used; its velocity agrees within ")
+
+
+def test_what_is_named_goes_before_the_heads(tmp_path):
+    """Of an axis with a demand by its heads, the torque is taken if it is named; a head alone decides nothing."""
+    k, torque, position = columns()
+    heads = ("time", "x demand", "x position [mm]", "I", "y demand", "y position [mm]", "v")
+    file = written(tmp_path, heads, 1e-3 * k, torque, position, 100 * torque, torque, position, np.ones(N))
+    by_heads = read_log(file, MACHINE)
+    assert (by_heads.axes, by_heads.held) == (("x", "y"), True)
+    named = read_log(file, MACHINE, {"x torque": "I*0.02 N·m"})
+    assert (named.axes, named.held) == (("x",), False)
+    assert np.allclose(named.torque[:, 0], 2 * torque, atol=1e-11)
+    both = read_log(file, MACHINE, {"x torque": "I*0.02 N·m", "x demand": "I*0.01 N·m"})
+    assert both.held
+    assert np.allclose(both.torque[:, 0], torque, atol=1e-11)
+    moved = read_log(file, MACHINE, {"x velocity": "v[mm/s]"})
+    assert np.allclose(moved.position[:, 0], 1e-3 * k, atol=1e-12)
+
+
+def test_a_log_without_time_has_a_period(tmp_path):
+    k, torque, position = columns()
+    file = written(tmp_path, ("x torque", "x position [mm]"), torque, position)
+    log = read_log(file, MACHINE, period=2e-3)
+    assert (log.period, log.starts) == (2e-3, (0,))
+    assert np.allclose(log.time, 2e-3 * k)
+    with pytest.raises(InputError, match="has no column time: name it"):
+        read_log(file, MACHINE)
+    with pytest.raises(InputError, match="period = 0 s: must be greater than 0"):
+        read_log(file, MACHINE, period=0.0)
+
+
+@pytest.mark.parametrize(("period", "digit"), [(1e-3, 1e-2), (1.25e-3, 1e-3), (4e-4, 1e-3)])
+def test_rounded_stamps_need_the_period(tmp_path, period, digit):
+    """They show only where more rows are missing than they are rounded by."""
+    k, torque, position = columns()
+    stamps = np.floor(period * k / digit + 1e-9) * digit
+    file = written(tmp_path, ("time", "x torque", "x position [mm]"), stamps, torque, position)
+    with pytest.raises(InputError, match=r"time does not rise|samples are not even.*give the period by --period"):
+        read_log(file, MACHINE)
+    log = read_log(file, MACHINE, period=period)
+    assert (log.period, log.starts) == (period, (0,))
+    assert log.notes[0].startswith("log: its time stamps are off even ones by up to ")
+    with pytest.raises(InputError, match=rf"period = {2 * period:g} s is given, but 200 rows last .* s by their time"):
+        read_log(file, MACHINE, period=2 * period)
+    later = stamps + np.where(k > 99, 5 * digit, 0.0)
+    file = written(tmp_path, ("time", "x torque", "x position [mm]"), later, torque, position)
+    assert read_log(file, MACHINE, period=period).starts == (0, 100)
+
+
+def test_a_recording_that_begins_anew_is_a_piece(tmp_path):
+    k, torque, position = columns()
+    stamps = 1e-3 * np.where(k > 119, k - 120, k)
+    log = read_log(written(tmp_path, ("time", "x torque", "x position [mm]"), stamps, torque, position), MACHINE)
+    assert (log.starts, log.begins) == ((0, 120), (0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "rows"), [("51:180", (51, 180)), ("51:", (51, 200)), (":180", (1, 180)), (":", (1, 200))]
+)
+def test_rows_are_chosen(tmp_path, text, rows):
+    k, torque, position = columns()
+    file = written(tmp_path, ("time", "x torque", "x position [mm]"), 1e-3 * k, torque, position)
+    log = read_log(file, MACHINE, rows=Rows.parse(text))
+    assert np.allclose(log.position[:, 0], position[rows[0] - 1 : rows[1]], atol=1e-9)
+    assert log.begins == (pytest.approx(1e-3 * (rows[0] - 1)),)
+    assert log.notes == ()
+
+
+@pytest.mark.parametrize("text", ["5", "0:9", "a:9", "-3:9", "1:2:3", "1.5:9"])
+def test_rows_that_are_none(text):
+    with pytest.raises(InputError, match=f"^--rows {text}: must be FIRST:LAST, numbers of rows from 1, as in 1000:200"):
+        Rows.parse(text)
+
+
+@pytest.mark.parametrize(("rows", "shown"), [(Rows(1, 201), "1:201"), (Rows(9, 8), "9:8"), (Rows(201), "201:")])
+def test_rows_beyond_the_log(tmp_path, rows, shown):
+    k, torque, position = columns()
+    file = written(tmp_path, ("time", "x torque", "x position [mm]"), 1e-3 * k, torque, position)
+    with pytest.raises(InputError, match=f"rows {shown}: must rise from 1 to 200, its last row"):
+        read_log(file, MACHINE, rows=rows)
+
+
+def test_heads_in_any_case_with_units_below(tmp_path):
+    k, torque, position = columns()
+    lines = ["Time;X Torque;X Position;State", "ms;mNm;um;"]
+    lines += [f"{i};{1e3 * a:.9f};{1e3 * b:.9f};0" for i, a, b in zip(k, torque, position, strict=True)]
+    file = tmp_path / "log.csv"
+    file.write_text("\n".join(lines), encoding="utf-8")
+    log = read_log(file, MACHINE)
+    assert log.period == pytest.approx(1e-3)
+    assert np.allclose(log.torque[:, 0], torque, atol=1e-9)
+    assert np.allclose(log.position[:, 0], position, atol=1e-9)
+    assert (log.axes, log.held) == (("x",), False)
+
+
+def test_a_servo_tool_s_log_of_speed_and_share_of_the_rated_torque(tmp_path):
+    """At 600 rpm a screw moves 10 leads a second; 25 % of 1.27 N·m are 0.3175 N·m."""
+    lines = ["Model,SERVO-100", "Time,Motor speed,Torque", "ms,r/min,0.1%", *(f"{k},600,250" for k in range(N))]
+    file = tmp_path / "log.csv"
+    file.write_text("\n".join(lines), encoding="utf-8")
+    log = read_log(file, MACHINE, {"x velocity": "Motor speed", "x torque": "Torque*0.1[% of 1.27 N·m]"})
+    assert log.period == pytest.approx(1e-3)
+    assert np.allclose(log.torque[:, 0], 0.3175)
+    assert np.allclose(log.position[:, 0], 20 * math.pi * PITCH * 1e-3 * np.arange(N))
+    with pytest.raises(InputError, match=r"column Torque is in '0\.1%': must be in N·m"):
+        read_log(file, MACHINE, {"x velocity": "Motor speed", "x torque": "Torque"})
+
+
+@pytest.mark.parametrize("name", ["1st motor position", "m1pos", "M1POS"])
+def test_long_and_short_names(tmp_path, name):
+    k, torque, position = columns()
+    lines = ["Time;1st motor position;1st motor current;", "ms;ticks;A;", "t;m1pos;m1cur;"]
+    lines += [f"{i};{round(1e3 * b)};{50 * a:.9f};" for i, a, b in zip(k, torque, position, strict=True)]
+    file = tmp_path / "log.csv"
+    file.write_text("\n".join(lines), encoding="utf-8")
+    log = read_log(file, MACHINE, {"x position": name, "x torque": "m1cur*0.02 N·m"})
+    assert np.allclose(log.position[:, 0], position, atol=0.5001 * MACHINE.axes[0].resolution)
+    assert np.allclose(log.torque[:, 0], torque, atol=1e-9)
+
+
+def test_a_log_in_pieces_is_read_as_it_was_saved(tmp_path):
+    _, torque, position = columns()
+    log = Log(("x",), 1e-3, position[:, None], torque[:, None], held=True, starts=(0, 90))
+    log.save(tmp_path / "log.csv", {"x": "mm"})
+    again = read_log(tmp_path / "log.csv", MACHINE)
+    assert again.starts == (0, 90)
+    assert np.allclose(again.position, log.position, rtol=1e-8)

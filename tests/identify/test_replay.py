@@ -6,16 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gantrysim import InputError, Machine, Perturbation, Servo, simulate
+from gantrysim import InputError, Machine, Servo, simulate
 from gantrysim.controllers.trio import MoveSpiral
-from gantrysim.engine.simulation import Start
 from gantrysim.exchange.tables import export
 from gantrysim.identify.log import Log
 from gantrysim.identify.replay import CommandedLog, near_reversals, read_commanded_log, replay
-from gantrysim.machine.ideal import without_friction
+from gantrysim.identify.replay_output import sentences
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Line
-from gantrysim.record.setpoints import Setpoints
 
 MACHINE = Machine("xy")
 NO_PATH = Chain([Line((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))])
@@ -57,31 +55,6 @@ def test_a_log_that_begins_in_motion_is_followed_from_its_first_velocity(spiral)
         assert found.compared(axis, "following")["all"].difference.max < 0.0031
         late = np.abs(found.following(axis) - found.following(axis, found.run))[200:]
         assert late.max() <= 0.0021
-
-
-def test_the_axes_start_where_and_as_fast_as_they_are_told():
-    """With a servo that does nothing, an axis without friction goes on at its first velocity."""
-    machine = without_friction(MACHINE).perturbed(Perturbation(viscous=1e-9))
-    idle = SERVO.with_values(kp=0.0, ki=0.0, kd=0.0, velocity_ff=0.0, acceleration_ff=0.0, notch_frequency=0.0)
-    idle = idle.with_values(following_error_limit=1e3)
-    resting = Setpoints(1e-3, ("x", "y"), np.zeros((201, 2)), np.zeros(201, bool), NO_PATH)
-    start = Start(np.array([-7.0, 3.0]), np.array([40.0, -25.0]), np.zeros(2), np.zeros(2))
-    run = simulate(machine, idle, resting, start=start)
-    expected = start.position + run.time[:, None] * start.velocity
-    # the motors' back-EMF is compensated, the load swings on its spring
-    assert np.abs(run.motor - expected).max() < 0.05
-
-
-def test_a_command_that_moves_at_the_first_row_has_no_jump_of_velocity():
-    """Feed-forward alone on exact gains: torque of the first tick is that of the velocity, none of an acceleration."""
-    servo = SERVO.with_values(kp=0.0, ki=0.0, kd=0.0, notch_frequency=0.0, following_error_limit=1e3)
-    time = 1e-3 * np.arange(50)
-    command = np.stack([40.0 * time, -25.0 * time], axis=1)
-    setpoints = Setpoints(1e-3, ("x", "y"), command, np.zeros(50, bool), NO_PATH)
-    speed = np.array([40.0, -25.0])
-    run = simulate(MACHINE, servo, setpoints, start=Start(np.zeros(2), speed, speed, np.zeros(2)))
-    expected = speed * np.array(servo.per_axis("velocity_ff"))
-    np.testing.assert_allclose(run.demand, np.tile(expected, (50, 1)), rtol=1e-6)
 
 
 def test_a_known_disturbance_is_added_to_the_motor_s_torque():
@@ -158,8 +131,9 @@ def test_held_out_rows_are_those_to_which_nothing_was_fitted(spiral):
     assert (sizes["held out"].rows, sizes["fitted"].rows) == (len(spiral) - 300, 300)
     measured = spiral.commanded[300:, 0] - spiral.encoder[300:, 0]
     assert sizes["held out"].measured.rms == pytest.approx(np.sqrt(np.mean(measured**2)))
-    with pytest.raises(InputError, match="must be some, but not all, of the log's"):
-        replay(MACHINE, recorded, SERVO, fitted=slice(0, len(spiral)))
+    assert "Rows 1 to 300 are those to which the machine was fitted" in list(sentences(found))[-1]
+    for rows, words in ((slice(0, None), "No row is held out"), (slice(0, 0), "All rows are held out")):
+        assert words in list(sentences(replay(MACHINE, recorded, SERVO, fitted=rows)))[-1]
 
 
 def test_a_log_that_counts_from_another_zero_is_moved_into_the_travel(spiral):
@@ -183,13 +157,13 @@ def test_the_command_prints_and_writes_all(tmp_path, spiral, gantrysim_command, 
     export(spiral, tmp_path / "run.csv", "csv")
     (tmp_path / "servo.toml").write_text("[servo]\nintegral_time = 0.02\n")
     status, out, err = gantrysim_command(
-        "replay", "run.csv", "--machine", "xy", "--servo", "servo.toml", "--fitted", "0:400"
+        "replay", "run.csv", "--machine", "xy", "--servo", "servo.toml", "--rows", "101:", "--fitted", "1:400"
     )
     assert (status, err) == (0, "")
     assert "following error [µm], measured and simulated" in out
     words = " ".join(out.split())
     assert "Without friction the same machine differs by" in words
-    assert "Rows 0 to 400 are those to which the machine was fitted" in words
+    assert "Rows 101 to 400 are those to which the machine was fitted" in words
     content = json.loads((tmp_path / "replayed" / "replay.json").read_text())
     found = content["axes"]["x"]["following_error"]["held out"]
     assert found["rows"] == len(spiral) - 400
@@ -197,7 +171,7 @@ def test_the_command_prints_and_writes_all(tmp_path, spiral, gantrysim_command, 
     assert found["explained_percent"] > found["explained_frictionless_percent"]
     assert "measured less simulated" in (tmp_path / "replayed" / "report.html").read_text()
     for arguments, message in (
-        (("--fitted", "4"), "must be FROM:TO"),
+        (("--fitted", "4"), "--fitted 4: must be FIRST:LAST"),
         (("--column", "x command"), "must be NAME=COLUMN"),
         (("--servo", "missing.toml"), "missing.toml"),
     ):

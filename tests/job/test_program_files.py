@@ -151,3 +151,13 @@ def test_a_program_whose_valve_never_opens_is_noted(tmp_path, gantrysim_command)
     assert status == 0, errors
     assert "40.000 mm with glue" in " ".join(output.split())
     assert "no glue" not in output
+
+
+def test_check_tells_the_time_at_rest_in_which_dots_are_laid(gantrysim_command, tmp_path):
+    file = tmp_path / "dots.csv"
+    file.write_text("x,y,kind,time\n0,0,dot,0.2\n5,0,dot,0.1\n10,5,dot,0.3\n")
+    status, output, errors = gantrysim_command("check", file)
+    assert status == 0, errors
+    text = " ".join(output.split())
+    assert "0.000 mm with glue, and 0.60 s at rest" in text
+    assert "no glue is laid" not in text

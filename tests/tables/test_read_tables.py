@@ -12,6 +12,7 @@ from gantrysim.compare.measured import Assignment, Trace
 from gantrysim.controllers.softmc.record import Record
 from gantrysim.tables.column_table import Source
 from gantrysim.tables.reading import read_table
+from gantrysim.tables.units import is_unit
 
 from support.jobs import job_run
 
@@ -53,6 +54,61 @@ def test_a_comma_is_decimal_only_where_no_number_has_a_point(log):
     with_points = log("t;axes\n" + "".join(f"0.{k};1,5\n" for k in range(9)))
     assert with_points.columns["t"].tolist() == [float(f"0.{k}") for k in range(9)]
     assert with_points.texts["axes"] == ["1,5"] * 9
+
+
+ROWS = "".join(f"{k},{k}.5,-{k}\n" for k in range(9))
+
+
+@pytest.mark.parametrize(
+    ("heads", "names", "units", "aliases"),
+    [
+        ("Time,Motor speed,Torque\nms,r/min,%", ("Time", "Motor speed", "Torque"), ("ms", "r/min", "%"), {}),
+        ("Time,Position,Torque\n[ms],[kpulse],[0.1%]", ("Time", "Position", "Torque"), ("ms", "kpulse", "0.1%"), {}),
+        ("Time,Droop pulses,Torque\nms,pls.,0.1%", ("Time", "Droop pulses", "Torque"), ("ms", "pls.", "0.1%"), {}),
+        ("Model,MR-X\nTime,a,b\ns,m/s²,", ("Time", "a", "b"), ("s", "m/s²", ""), {}),
+        ("long time,long a,long b\ns,mm,A\nt,a,b", ("long time", "long a", "long b"), ("s", "mm", "A"),
+         {"t": "long time", "a": "long a", "b": "long b"}),
+        ("Device,of,axis 1\nt,a,b\ns,mm,A", ("t", "a", "b"), ("s", "mm", "A"), {}),
+        # names alone, which are symbols of units too
+        ("s,m,V", ("s", "m", "V"), ("", "", ""), {}),
+    ],
+)  # fmt: skip
+def test_heads_of_several_lines(log, heads, names, units, aliases):
+    found = log(f"{heads}\n{ROWS}")
+    assert found.order == names
+    assert tuple(found.units.get(name, "") for name in names) == units
+    assert dict(found.aliases) == aliases
+    assert found.columns[names[1]].tolist() == [k + 0.5 for k in range(9)]
+    for short, name in aliases.items():
+        assert np.array_equal(found.values(Source(short, unit="s"), "s"), found.columns[name])
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("mm", True), ("[µm/s²]", True), ("0.1%", True), ("r/min", True), ("min-1", True), ("N·m", True),
+        ("(Nm/A)", True), ("kpulse", True), ("‰ of 1.27 N·m", True), ("", True), ("-", True), ("10 V", True),
+        ("Torque", False), ("x", False), ("m1pos", False), ("position mm", False), ("mm/x", False),
+        ("9" * 100_000 + "/", False),
+    ],
+)  # fmt: skip
+def test_a_unit_is_told_from_a_name(text, expected):
+    assert is_unit(text) == expected
+
+
+def test_words_in_round_brackets_are_part_of_the_name(log):
+    found = log(f"Time (s),Position (set),Position (actual)\n{ROWS}")
+    assert found.order == ("Time", "Position (set)", "Position (actual)")
+    assert found.units == {"Time": "s"}
+    assert found.values(Source("Position (actual)", unit="mm"), "mm").tolist() == [-k for k in range(9)]
+
+
+def test_labview_leaves_out_the_comment_at_the_end_of_a_row(log):
+    heads = "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\n\nChannels\t2\t\n***End_of_Header***\t\t\n"
+    rows = "".join(f"{0.001 * k:.3f}\t{k}.5\t-{k}\n" for k in range(1, 9))
+    found = log(f"{heads}X_Value\tForce\tWay\tComment\n0.000\t0.5\t0\tbegun\n{rows}")
+    assert found.order == ("X_Value", "Force", "Way", "Comment")
+    assert found.columns["Way"].tolist() == [-k for k in range(9)]
 
 
 def test_units_in_names_and_factors_are_applied(log):

@@ -11,7 +11,7 @@ from gantrysim.controllers.fanuc.block_paths import piece_of
 from gantrysim.controllers.fanuc.blocks import Dwell, Rapid, Spiral
 from gantrysim.controllers.fanuc.program_text import SourceBlock
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.valve import Valve, is_upright
+from gantrysim.controllers.valve import Motions, Outputs, Valve, is_upright
 from gantrysim.paths.pieces import Coil, Line, Vector, vector
 
 _SHORTEST = 1e-6  # length of a line; less is rounding of incremental coordinates [mm]
@@ -52,6 +52,11 @@ class PathLeg:
         """The block's plane; XY for a stop."""
         block = self.source.block
         return "xy" if isinstance(block, Dwell) else block.plane
+
+    @property
+    def is_upright(self) -> bool:
+        """Whether it leads straight up or down."""
+        return isinstance(self.piece, Line) and is_upright(self.piece.start, self.piece.end)
 
     @property
     def climbs(self) -> bool:
@@ -117,14 +122,28 @@ def legs_of(
     return legs
 
 
-def switched_legs(legs: list[PathLeg], valve: Valve) -> list[PathLeg]:
-    """Return the motions of a text with the glue that its valve lays."""
-    work = np.array([leg.dispense for leg in legs], bool)
+def switched_legs(legs: list[PathLeg], outputs: Outputs, upward: float) -> tuple[list[PathLeg], Valve]:
+    """Return the motions of a text with the glue that its valve lays, and the valve.
+
+    Args:
+        legs: the motions.
+        outputs: which the text switches.
+        upward: sign of the program's z on the work, -1 where it is a depth.
+    """
     dwells = np.array([isinstance(leg.source.block, Dwell) for leg in legs], bool)
+    heights = np.array([leg.start[2] for leg in legs], float)
     turns = np.array([leg.piece is None for leg in legs], bool) & ~dwells
-    is_on = np.array([valve.output in leg.source.outputs for leg in legs], bool)
-    laid = valve.lays(work, dwells, is_on, np.zeros(len(legs), bool)) & ~turns
-    return [replace(leg, dispense=lays) for leg, lays in zip(legs, laid.tolist(), strict=True)]
+    motions = Motions(
+        work=np.array([leg.dispense for leg in legs], bool),
+        dwell=dwells,
+        rise=upward * np.append(np.diff(heights), 0.0)[: len(legs)],
+        upright=np.array([leg.is_upright for leg in legs], bool),
+        feeds=np.zeros(len(legs), bool),
+        is_on=lambda output: np.array([output in leg.source.outputs for leg in legs], bool),
+    )
+    valve = outputs.valve(motions)
+    laid = valve.laid & ~turns
+    return [replace(leg, dispense=lays) for leg, lays in zip(legs, laid.tolist(), strict=True)], valve
 
 
 def placed_legs(legs: list[PathLeg], placement: Placement) -> list[PathLeg]:

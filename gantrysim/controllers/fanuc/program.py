@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import groupby
@@ -15,14 +16,18 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats, lengths
 from gantrysim.base.errors import InputError, at_least, finite, place, positive, whole
 from gantrysim.controllers.controller import Controller
+from gantrysim.controllers.fanuc.block_words import COMMENT
 from gantrysim.controllers.fanuc.blocks import Arc, Block, Dwell, Line, Rapid, Spiral
+from gantrysim.controllers.fanuc.codes.modal_codes import INCH
 from gantrysim.controllers.fanuc.compensation import compensated_legs
 from gantrysim.controllers.fanuc.corners import cornered_legs
 from gantrysim.controllers.fanuc.legs import PathLeg, legs_of, placed_legs, switched_legs
 from gantrysim.controllers.fanuc.program_text import SPEEDS, ProgramMotions, ProgramSource, SourceBlock, read
 from gantrysim.controllers.fanuc.speed import PER_MINUTE, Clamp, Feeding, Planner
 from gantrysim.controllers.placement import Placement
-from gantrysim.controllers.valve import Dispense, Outputs
+from gantrysim.controllers.speeds import with_feed_words
+from gantrysim.controllers.stretches import Stretches
+from gantrysim.controllers.valve import Dispense, Outputs, Valve
 from gantrysim.paths.assignment import assigned_progress
 from gantrysim.paths.chain import Chain
 from gantrysim.paths.pieces import Vector, vector
@@ -315,6 +320,12 @@ class Program(Controller):
     @cached_property
     def legs(self) -> tuple[PathLeg, ...]:
         """The motions of the blocks."""
+        legs, _ = self._switched
+        return tuple(placed_legs(compensated_legs(cornered_legs(legs)), self.placement))
+
+    @cached_property
+    def _switched(self) -> tuple[list[PathLeg], Valve | None]:
+        """The motions as the text has them, with the glue that its valve lays, and the valve; None for blocks."""
         if isinstance(self.program, str):
             blocks = self._motions.blocks
         else:
@@ -322,8 +333,8 @@ class Program(Controller):
         legs = legs_of(blocks, self.start, self.rapid, self.end_point_tolerance, self.radius_tolerance)
         whole("max_steps", self.max_steps, 1)
         if isinstance(self.program, str):
-            legs = switched_legs(legs, self._outputs.valve())
-        return tuple(placed_legs(compensated_legs(cornered_legs(legs)), self.placement))
+            return switched_legs(legs, self._outputs, self.placement.upward)
+        return legs, None
 
     @cached_property
     def requested(self) -> Chain:
@@ -386,8 +397,8 @@ class Program(Controller):
     @property
     def notes(self) -> tuple[str, ...]:
         notes = notes_of(self.legs, self.requested, self.blend_time, self.acceleration)
-        valve = self._outputs.valve().note
-        return notes if valve is None else (valve, *notes)
+        _, valve = self._switched
+        return notes if valve is None or valve.note is None else (valve.note, *notes)
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
         """As the feed override on the operator's panel does: every F, and the feed of the dry run."""
@@ -397,6 +408,32 @@ class Program(Controller):
 
         changed = {"program": SPEEDS.changed(self.arguments()["program"], feed)}
         return changed if self.dry_run is None else {**changed, "dry_run": feed(self.dry_run)}
+
+    @property
+    def program_suffix(self) -> str:
+        return ".nc"
+
+    def stretches(self, period: float) -> Stretches:
+        """As `Controller.stretches`: the lines of the text, each with a word F of its own."""
+        if not isinstance(self.program, str):
+            raise InputError("fanuc.Program: words F by place need a program's text, not blocks")
+        speeds: dict[int, float] = {}
+        # a line that runs several times is as fast as its slowest pass
+        for leg in self.legs:
+            if leg.piece is not None and not leg.rapid:
+                speeds[leg.source.line] = min(leg.feed, speeds.get(leg.source.line, math.inf))
+        setpoints = self.setpoints(period)
+        return Stretches.of_lines(setpoints, self.lines_at(setpoints.time), speeds)
+
+    def with_stretch_speeds(self, speeds: Mapping[int, float]) -> dict[str, Any]:
+        """As `Controller.with_stretch_speeds`: words F of the lines."""
+        assert isinstance(self.program, str)
+        inches, millimetres = (re.search(rf"G\s*{code}(?![0-9.])", self.program) for code in (20, 21))
+        if inches and millimetres:
+            raise InputError("program: has G20 and G21, so that a word F has no one unit; it must have one of them")
+        unit = PER_MINUTE / INCH if inches else PER_MINUTE
+        feeds = {line: speed * unit for line, speed in speeds.items()}
+        return {"program": with_feed_words(self.program, feeds, COMMENT)}
 
     def setpoints(self, period: float) -> Setpoints:
         positive("period", period, "s")

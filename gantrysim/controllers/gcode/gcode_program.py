@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -18,16 +18,19 @@ from gantrysim.base.columns import blocks, by_blocks
 from gantrysim.base.errors import InputError, at_least, place, positive, whole
 from gantrysim.base.memory import give_back
 from gantrysim.controllers.controller import Controller
+from gantrysim.controllers.gcode.coordinate_systems import INCH
 from gantrysim.controllers.gcode.dialects import GCodeDialect
 from gantrysim.controllers.gcode.extrusion import AdvanceLaw, Extrusion, extrusion_of
 from gantrysim.controllers.gcode.firmware import Firmware
 from gantrysim.controllers.gcode.interpret import Interpreted, interpret
 from gantrysim.controllers.gcode.motion_limits import UNLIMITED, MotionLimits, PlanSettings
-from gantrysim.controllers.gcode.move_table import END, FEED, FLOW, KIND, LINE
+from gantrysim.controllers.gcode.move_table import ARC, END, FEED, FLOW, KIND, LINE, SOURCE
 from gantrysim.controllers.gcode.o_words import ProgramText
 from gantrysim.controllers.gcode.planned import PathPlan, plan
 from gantrysim.controllers.gcode.program_state import UNSTATED_FEED, ProgramSetup
 from gantrysim.controllers.placement import Placement
+from gantrysim.controllers.speeds import with_feed_words
+from gantrysim.controllers.stretches import Stretches
 from gantrysim.controllers.valve import Dispense, Valve
 from gantrysim.paths.track import Track
 from gantrysim.record.setpoints import Setpoints, SetpointTable, ticks
@@ -87,6 +90,8 @@ def _has(words: str, codes: tuple[str, ...]) -> bool:
 
 
 PER_MINUTE = 60.0
+_INCHES = r"G\s*0*20(?![0-9.])"
+_MILLIMETRES = r"G\s*0*21(?![0-9.])"
 _FLOW_OUTPUT = re.compile(r"S|M106|M67 E\d+")
 _SLOWED = 1e-6  # share of the duration by which a cap of speeds is noted
 _CUT = 0.05  # distance of a rounded corner that is noted [mm]
@@ -191,6 +196,7 @@ class GCode(Controller):
             tools=library.tools,
             diameters=library.diameters,
             parameters=library.parameters,
+            upward=self.placement.upward,
             firmware=self._firmware,
             flow_output=self.flow_output,
             pressure_advance=self._pressure_advance,
@@ -267,6 +273,36 @@ class GCode(Controller):
         """As the feed override on the operator's panel does, from the fastest feed of the program."""
         fastest = self._fastest
         return {"feed_override": self.feed_override * change(fastest) / fastest} if fastest else {}
+
+    def stretches(self, period: float) -> Stretches:
+        """As `Controller.stretches`: the lines of the text, each with a word F of its own."""
+        self._check_feeds()
+        table = self.program.moves
+        at_feed = table[(table[:, KIND] <= ARC) & (table[:, FEED] > 0)]
+        speeds: dict[int, float] = {}
+        # a line that runs several times is as fast as its slowest pass
+        for line, feed in zip(at_feed[:, SOURCE].astype(int).tolist(), at_feed[:, FEED].tolist(), strict=True):
+            speeds[line] = min(feed * self.feed_override, speeds.get(line, math.inf))
+        return Stretches.of_lines(self.setpoints(period), self.lines(period), speeds)
+
+    def with_stretch_speeds(self, speeds: Mapping[int, float]) -> dict[str, Any]:
+        """As `Controller.with_stretch_speeds`: words F of the lines."""
+        self._check_feeds()
+        unit = INCH if re.search(_INCHES, self._bare_text) else 1.0
+        feeds = {line: speed * PER_MINUTE / (unit * self.feed_override) for line, speed in speeds.items()}
+        return {"text": with_feed_words(self.text, feeds, _COMMENT)}
+
+    @property
+    def _bare_text(self) -> str:
+        return re.sub(_COMMENT, "", self.text).upper()
+
+    def _check_feeds(self) -> None:
+        """Raise InputError where F is no path speed in one unit throughout the text."""
+        codes = [f"G{code}" for code in (93, 95) if re.search(rf"G\s*{code}(?![0-9.])", self._bare_text)]
+        if codes:
+            raise InputError(f"program: has {' and '.join(codes)}, in which F is no path speed; it must be in G94")
+        if re.search(_INCHES, self._bare_text) and re.search(_MILLIMETRES, self._bare_text):
+            raise InputError("program: has G20 and G21, so that a word F has no one unit; it must have one of them")
 
     def setpoints(self, period: float) -> Setpoints:
         positive("period", period, "s")

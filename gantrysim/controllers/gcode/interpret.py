@@ -19,7 +19,7 @@ from gantrysim.controllers.gcode.motion_limits import MotionLimits
 from gantrysim.controllers.gcode.move_table import DWELL, END, FLOW, KIND, LINE, OUTPUTS, WORK, MoveTable
 from gantrysim.controllers.gcode.o_words import ProgramFlow, ProgramText
 from gantrysim.controllers.gcode.program_state import UNSTATED_FEED, ProgramSetup, ProgramState, WordBlock
-from gantrysim.controllers.valve import SAME_PLACE, SPEED_CODES, Outputs, Valve
+from gantrysim.controllers.valve import SAME_PLACE, SPEED_CODES, Motions, Outputs, Valve
 
 # The parameters that the controller provides: what a program reads of its own state.
 
@@ -122,7 +122,7 @@ class Interpreter:
         if auxiliary or "S" in block.values:
             state = self._state
             speed = self._speed(block, codes, auxiliary)
-            state.outputs.switch(auxiliary, block.values.get("P"), speed)
+            state.outputs.switch(auxiliary, block.values.get("P"), speed, block.values.get("S"))
             self._take_flow(auxiliary, speed)
         if auxiliary:
             for number in auxiliary:
@@ -355,6 +355,24 @@ class Interpreted:
         return f"its subroutines ({', '.join(self.subroutines[:3])}) run where another program calls them"
 
 
+def _valve(table: Floats, start: tuple[float, float, float], state: ProgramState) -> Valve:
+    """Return the valve's course over a table of moves."""
+    fed = (table[:, FLOW] > 0) & (table[:, KIND] != DWELL)
+    places = np.concatenate([[start], table[:, END : END + 3]])
+    ways = np.diff(places, axis=0)
+    # lines that stand in plan view
+    stands = (table[:, KIND] == LINE) & (np.abs(ways[:, :2]).max(axis=1, initial=0.0) <= SAME_PLACE)
+    motions = Motions(
+        work=(table[:, WORK] != 0) & ~stands,
+        dwell=table[:, KIND] == DWELL,
+        rise=state.setup.upward * ways[:, 2],
+        upright=stands & (np.abs(ways[:, 2]) > SAME_PLACE),
+        feeds=fed,
+        is_on=lambda output: _is_on(table, state.outputs, output),
+    )
+    return state.outputs.valve(motions)
+
+
 def interpret(program: ProgramText, start: tuple[float, float, float], setup: ProgramSetup) -> Interpreted:
     """Run a program.
 
@@ -394,14 +412,13 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
     # the flow and its parameters refer to one another, and would keep them until a collection
     flow.lines.clear()
     table = moves.table
-    fed = (table[:, FLOW] > 0) & (table[:, KIND] != DWELL)
-    valve = state.outputs.valve(feeds_material=bool(fed.any()))
+    valve = _valve(table, start, state)
     for code in (*valve.on, *valve.off):
         state.ignored.pop(code.split()[0], None)
     return Interpreted(
         start=start,
         moves=table,
-        glue=valve.lays(_is_work(table, start), table[:, KIND] == DWELL, _is_on(table, state.outputs, valve), fed),
+        glue=valve.laid,
         valve=valve,
         ignored=state.ignored,
         without_feed=state.without_feed,
@@ -416,16 +433,7 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
     )
 
 
-def _is_work(table: Floats, start: tuple[float, float, float]) -> NDArray[np.bool_]:
-    """Whether moves and dwells are at work, but for those straight up or down, (m,)."""
-    work: NDArray[np.bool_] = table[:, WORK] != 0
-    plan = np.concatenate([[start[:2]], table[:, END : END + 2]])
-    stands = np.abs(np.diff(plan, axis=0)).max(axis=1, initial=0.0) <= SAME_PLACE
-    work[stands & (table[:, KIND] == LINE)] = False
-    return work
-
-
-def _is_on(table: Floats, outputs: Outputs, valve: Valve) -> NDArray[np.bool_]:
-    """Whether the output that opens the valve is on in moves and dwells, (m,)."""
-    on = np.array([valve.output in state for state in outputs.states])
+def _is_on(table: Floats, outputs: Outputs, output: str) -> NDArray[np.bool_]:
+    """Whether an output is on in moves and dwells, (m,)."""
+    on = np.array([output in state for state in outputs.states])
     return np.asarray(on[table[:, OUTPUTS].astype(np.intp)])

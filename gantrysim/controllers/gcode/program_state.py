@@ -145,6 +145,7 @@ class ProgramSetup:
         tools: lengths of tools by number [mm].
         diameters: of tools by number [mm].
         parameters: values that the machine provides, by name.
+        upward: sign of the program's z on the work, -1 where it is a depth.
         firmware: that reads the program, in a dialect that extrudes.
         pressure_advance: of the firmware's configuration [s].
         flow_output: word whose value is the set point of the flow, as `GCode.flow_output`.
@@ -158,6 +159,7 @@ class ProgramSetup:
     tools: dict[int, float] = field(default_factory=dict)
     diameters: dict[int, float] = field(default_factory=dict)
     parameters: dict[str, float] = field(default_factory=dict)
+    upward: float = 1.0
     firmware: Firmware = "marlin"
     pressure_advance: float = 0.0
     flow_output: str = ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, ClassVar
@@ -18,6 +18,7 @@ from gantrysim.controllers.softmc.group import PROFILE_TYPES, Group
 from gantrysim.controllers.softmc.record import Record
 from gantrysim.controllers.softmc.stream import AXES, Leg, leg_of, segment, stream
 from gantrysim.controllers.speeds import SpeedWords
+from gantrysim.controllers.stretches import Stretches
 from gantrysim.paths.chain import Chain
 from gantrysim.record.run import Run
 from gantrysim.record.setpoints import Setpoints
@@ -54,10 +55,11 @@ SPEEDS = SpeedWords(word=r"\b(?:Vtran|VCruise)\s*=", comment=r"'[^\n]*", key="ve
 
 @dataclass(frozen=True)
 class SourceLine:
-    """A command, and its name in error messages."""
+    """A command, its name in error messages, and its line in the text or its place in the list."""
 
     where: str
     command: Command
+    number: int
 
 
 def read(program: str) -> tuple[SourceLine, ...]:
@@ -82,7 +84,7 @@ def read(program: str) -> tuple[SourceLine, ...]:
         except InputError as error:
             raise SoftMCError(f"{where}: {error}") from None
         group = group or named
-        commands.append(SourceLine(where, command))
+        commands.append(SourceLine(where, command, number))
     return tuple(commands)
 
 
@@ -243,7 +245,7 @@ class Program(Controller):
             if not isinstance(command, Circle | Move):
                 raise SoftMCError(f"command {k} = {command!r}: must be a Circle or a Move")
         return tuple(
-            SourceLine(f"command {k} {_command_text(command)}", command) for k, command in enumerate(self.program, 1)
+            SourceLine(f"command {k} {_command_text(command)}", command, k) for k, command in enumerate(self.program, 1)
         )
 
     @cached_property
@@ -260,6 +262,39 @@ class Program(Controller):
         """As VelocityOverride on the controller does; ramps and limits stay."""
         program = SPEEDS.changed(self.arguments()["program"], change)
         return {"group.velocity": change(self.group.velocity), "program": program}
+
+    @property
+    def program_text(self) -> str:
+        return self.program if isinstance(self.program, str) else ""
+
+    @property
+    def program_suffix(self) -> str:
+        return ".prg"
+
+    def stretches(self, period: float) -> Stretches:
+        """As `Controller.stretches`: the commands, each with a Vtran of its own."""
+        moving = [(k, leg) for k, leg in enumerate(self.legs) if leg.path.piece is not None]
+        lines = self._lines()
+        return Stretches.of(
+            [leg.profile.length for _, leg in moving],
+            [lines[k].number for k, _ in moving],
+            [lines[k].command.velocity or self.group.velocity for k, _ in moving],
+        )
+
+    def with_stretch_speeds(self, speeds: Mapping[int, float]) -> dict[str, Any]:
+        """As `Controller.with_stretch_speeds`: Vtran of the commands whose speed is not the group's."""
+        words = {line: None if speed == self.group.velocity else speed for line, speed in speeds.items()}
+        if not isinstance(self.program, str):
+            commands = self.arguments()["program"]
+            for number, speed in words.items():
+                commands[number - 1].pop("velocity", None)
+                if speed is not None:
+                    commands[number - 1]["velocity"] = speed
+            return {"program": commands}
+        lines = self.program.split("\n")
+        for number, speed in words.items():
+            lines[number - 1] = SPEEDS.with_word(lines[number - 1], "Vtran=", speed)
+        return {"program": "\n".join(lines)}
 
     def write_record(self, run: Run, file: str | os.PathLike[str]) -> bool:
         if self.record is None:

@@ -293,6 +293,8 @@ class Loop:
         guarded: whether x stays above zero, held while the last braking lasts longer; the published listing has
             no such guard. A pass without a wait takes one servo_period; where that is 0, no time if guarded, else
             one wait_resolution or period.
+        speeds: pairs of a ratio and the path speed of a pass that begins at it, linear between them, the ratios falling
+            from 1 [1, mm/s]; x then falls by change * v / speed on a pass at v. Empty for `speed` on every pass.
     """
 
     length: float
@@ -306,6 +308,7 @@ class Loop:
     ratio_bits: int | None = None
     servo_period: float = 0.0
     guarded: bool = True
+    speeds: tuple[tuple[float, float], ...] = ()
 
     def passes(self) -> Passes:
         """Return the passes until the virtual axes are at the end of their circles; of the last loops they are kept.
@@ -328,10 +331,15 @@ class Loop:
             float(self.servo_period),
             self.guarded,
         )
-        end, passes, phases, last = _run(limits, float(self.speed), float(self.change), waits, MAX_PASSES)
+        places = np.array([ratio for ratio, _ in self.speeds])
+        speeds = np.array([speed for _, speed in self.speeds])
+        end, passes, phases, last = _run(
+            limits, float(self.speed), float(self.change), _Speeds(places, speeds), waits, MAX_PASSES
+        )
         if end == _TOO_SMALL:
             number = passes.shape[1] + 1
-            raise RatioTooSmallError(number, 1 - self.change * number)
+            before = float(passes[0, -1]) if number > 1 else 1.0
+            raise RatioTooSmallError(number, before - self.change if self.speeds else 1 - self.change * number)
         ratio, time, distance = passes
         if end == _ENDLESS:
             raise EndlessError(float(ratio[-1]), last[0])
@@ -364,13 +372,20 @@ class _Waits(NamedTuple):
     guarded: bool
 
 
+class _Speeds(NamedTuple):
+    """Path speeds of the passes: fields of `Loop.speeds`; empty for one speed."""
+
+    ratio: Floats
+    speed: Floats
+
+
 # ends of the loop
 _DONE, _HALTED, _TOO_SMALL, _ENDLESS = range(4)
 
 
 @jit
 def _run(
-    limits: _Limits, speed: float, change: float, waits: _Waits, most: int
+    limits: _Limits, speed: float, change: float, places: _Speeds, waits: _Waits, most: int
 ) -> tuple[int, Floats, Floats, tuple[float, float]]:
     """Return how a loop of `most` passes ends, the passes, the axis' phases, and its last time [s] and distance [mm].
 
@@ -384,8 +399,20 @@ def _run(
     passes.pop()
     begun = 0.0
     end = _DONE
+    v = speed
+    place = 0
+    x = 1.0
     while not _is_at_end(axis, limits):
-        x = 1 - change * (len(passes) + 1)
+        if places.ratio.size:
+            while place + 1 < places.ratio.size and x <= places.ratio[place + 1]:
+                place += 1
+            v = places.speed[place]
+            if place + 1 < places.ratio.size:
+                share = (places.ratio[place] - x) / (places.ratio[place] - places.ratio[place + 1])
+                v += share * (places.speed[place + 1] - v)
+            x -= change / speed * v
+        else:
+            x = 1 - change * (len(passes) + 1)
         zero = abs(x) < _ROUNDING
         too_small = waits.guarded and x < LEAST_RATIO
         if (too_small and not axis.braking) or (zero and not passes):
@@ -395,14 +422,14 @@ def _run(
             # the published program stops at SPEED = V / 0, a guarded one holds x; the axes continue either way
             if not waits.guarded:
                 end = _HALTED
-            axis = _advanced(axis, limits, math.inf, speed / abs(passes[-1][0]), phases)
+            axis = _advanced(axis, limits, math.inf, v / abs(passes[-1][0]), phases)
             break
         if len(passes) == most:
             end = _ENDLESS
             break
         passes.append((x, axis.time, axis.distance))
         begun += _wait(x, waits) + waits.interpreter_time
-        axis = _advanced(axis, limits, _effect(begun, waits.servo_period), speed / abs(x), phases)
+        axis = _advanced(axis, limits, _effect(begun, waits.servo_period), v / abs(x), phases)
     pass_columns = np.empty((3, len(passes)))
     for k in range(len(passes)):
         for column in range(3):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -13,6 +13,8 @@ import numpy as np
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import InputError, at_least, finite, point, positive, whole
 from gantrysim.controllers.controller import Controller
+from gantrysim.controllers.stretches import Stretches
+from gantrysim.controllers.trio.listing import SpiralListing
 from gantrysim.controllers.trio.loop import MAX_PASSES, RATIO_BITS, EndlessError, Loop, Passes, RatioTooSmallError
 from gantrysim.controllers.trio.theory import SpiralTheory
 from gantrysim.paths.lengths import arc_length
@@ -89,6 +91,7 @@ def for_late_axes(*, has_ramps: bool, rounds_waits: bool, speed_in_space: bool) 
 
 
 _ROUNDING = 1e-12
+_PARTS = 16  # of a turn, at whose ends the speed is given where it is set by place
 
 
 @dataclass(frozen=True)
@@ -134,6 +137,10 @@ class MoveSpiral(Controller):
         servo_period: SERVO_PERIOD, at whose ticks commands take effect: 0.0005, 0.001 or 0.002 on the controller; 0 for
             a program that acts between ticks [s].
         as_published: whether to run the published listing as it is, errors included; `notes` lists the differences.
+        speeds: path speeds by place, pairs of a number of turns from the start and the path speed v there, the turns
+            ascending [turns, mm/s]. From `speed` at the start, v is linear from one to the next, and stays after the
+            last. The program takes v by the ratio x with which a pass begins, and lowers x by
+            2 thickness v T / (pi D^2).
 
     Raises:
         InputError: a value out of bounds, a negative inner diameter, or a ratio x that would fall to zero or
@@ -157,6 +164,7 @@ class MoveSpiral(Controller):
     ratio_bits: int | None = None
     servo_period: float = 0.0
     as_published: bool = False
+    speeds: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         checked = {
@@ -177,6 +185,11 @@ class MoveSpiral(Controller):
                 checked[name] = positive(name, limit, "mm/s²")
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+        object.__setattr__(self, "speeds", self._checked_speeds())
+        if self.speeds and self.as_published:
+            raise InputError(
+                f"speeds of {len(self.speeds)} places: must be none with as_published, whose listing has one"
+            )
         if self.mhelical_mode not in (0, 1):
             raise InputError(f"mhelical_mode = {self.mhelical_mode}: must be 0 (SPEED in space) or 1 (of the circle)")
         if self.ratio_bits is not None and not 8 <= whole("ratio_bits", self.ratio_bits, 8) <= 52:
@@ -194,6 +207,21 @@ class MoveSpiral(Controller):
             # raises where the ratio would reach zero
             _ = self.passes
 
+    def _checked_speeds(self) -> tuple[tuple[float, float], ...]:
+        pairs = []
+        reached = 0.0
+        for k, pair in enumerate(self.speeds, 1):
+            if not hasattr(pair, "__iter__") or isinstance(pair, str) or len(tuple(pair)) != 2:
+                raise InputError(f"speeds {k} = {pair!r}: must be two numbers, turns and a speed in mm/s")
+            turn, speed = pair
+            if not reached < finite(f"speeds {k}, turns", turn) <= self.turns:
+                raise InputError(
+                    f"speeds {k}, turns = {turn:g}: must be above {reached:g} and at most turns, {self.turns:g}"
+                )
+            reached = float(turn)
+            pairs.append((reached, positive(f"speeds {k}", speed, "mm/s")))
+        return tuple(pairs)
+
     def _check_continuous(self) -> None:
         needs_a_loop = {
             "interpreter_time": (self.interpreter_time, 0.0, "s"),
@@ -208,6 +236,8 @@ class MoveSpiral(Controller):
                 raise InputError(f"{name} = {value:g} {unit}: must be {free:g} {unit} {limit}")
         if self.ratio_bits is not None:
             raise InputError(f"ratio_bits = {self.ratio_bits}: must be none {limit}")
+        if self.speeds:
+            raise InputError(f"speeds of {len(self.speeds)} places: must be none {limit}")
         if self.as_published or (self.height and self.mhelical_mode == 0):
             what = "as_published = true" if self.as_published else "mhelical_mode = 0"
             raise InputError(f"{what}: must have a loop_period greater than 0 s")
@@ -238,6 +268,15 @@ class MoveSpiral(Controller):
         return 2 * self.thickness * self.speed * self.loop_period / (math.pi * self.diameter**2)
 
     @property
+    def _all_speeds(self) -> tuple[tuple[float, float], ...]:
+        """The speeds by place with that of the start."""
+        return ((0.0, self.speed), *self.speeds)
+
+    def _ratio_after(self, turns: float) -> float:
+        """Return the ratio x after so many turns."""
+        return 1 - 2 * self.thickness * turns / self.diameter
+
+    @property
     def circles(self) -> int:
         """Number of circles executed."""
         return LITERAL_CIRCLES if self.as_published else self.turns
@@ -266,6 +305,9 @@ class MoveSpiral(Controller):
             ratio_bits=self.ratio_bits,
             servo_period=self.servo_period,
             guarded=not self.as_published,
+            speeds=tuple((self._ratio_after(turn), share * speed) for turn, speed in self._all_speeds)
+            if self.speeds
+            else (),
         )
         try:
             return loop.passes()
@@ -333,16 +375,54 @@ class MoveSpiral(Controller):
         """Differences of the published listing, if it is run."""
         return differences(self.passes, self.turns, self.height) if self.as_published else ()
 
+    def stretches(self, period: float) -> Stretches:
+        """As `Controller.stretches`: around places evenly spaced on the turns, whose speeds the key `speeds` gives."""
+        if self.loop_period == 0 or self.as_published:
+            raise InputError(
+                "trio.MoveSpiral: speeds by place need the program's own loop, with a loop_period above 0 s and "
+                "without as_published"
+            )
+        turns, speeds = np.array(self._all_speeds).T
+        nodes = np.arange(_PARTS * self.turns + 1)
+        # a stretch is the way to which a node is nearest
+        ends = self._progress(2 * math.pi * np.minimum(nodes + 0.5, nodes[-1]) / _PARTS)
+        return Stretches(ends, nodes + 1, np.interp(nodes / _PARTS, turns, speeds))
+
+    def with_stretch_speeds(self, speeds: Mapping[int, float]) -> dict[str, Any]:
+        """As `Controller.with_stretch_speeds`."""
+        nodes = [speeds[place] for place in sorted(speeds)]
+        # what lies on the line between its neighbours, as where the speed stays, follows from them
+        last = len(nodes) - 1
+        needed = [k for k in range(1, last + 1) if nodes[k] != nodes[k - 1] or (k < last and nodes[k] != nodes[k + 1])]
+        return {"speed": nodes[0], "speeds": [[k / _PARTS, nodes[k]] for k in needed]}
+
+    @property
+    def program_text(self) -> str:
+        """The program in Trio BASIC; empty in the continuous limit, and for the published listing."""
+        if self.loop_period == 0 or self.as_published:
+            return ""
+        names = {item.name for item in fields(SpiralListing)} - {"speeds"}
+        speeds = tuple((self._ratio_after(turn), speed) for turn, speed in self._all_speeds)
+        return SpiralListing(**{name: getattr(self, name) for name in names}, speeds=speeds).text
+
+    @property
+    def program_suffix(self) -> str:
+        return ".bas"
+
     @classmethod
-    def loop_theory(cls, arguments: Mapping[str, Any]) -> SpiralTheory:
-        return SpiralTheory(arguments)
+    def loop_theory(cls, arguments: Mapping[str, Any]) -> SpiralTheory | None:
+        # the closed forms are those of one speed
+        return None if arguments.get("speeds") else SpiralTheory(arguments)
 
     @property
     def free_running(self) -> bool:
         return self.servo_period == 0
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
-        return {"speed": change(self.speed)}
+        changed: dict[str, Any] = {"speed": change(self.speed)}
+        if self.speeds:
+            changed["speeds"] = [[turn, change(speed)] for turn, speed in self.speeds]
+        return changed
 
     def setpoints(self, period: float) -> Setpoints:
         if self.servo_period > 0 and abs(period - self.servo_period) > 1e-12:

@@ -70,7 +70,6 @@ class Bead(BeadTrace, Shown):
         Raises:
             InputError: no glue is requested while the nozzle moves, or a fault came before the speed was steady.
         """
-        run = self.run
         if self._no_values:
             raise InputError(self._no_values)
         on = self.dispensing
@@ -97,7 +96,7 @@ class Bead(BeadTrace, Shown):
             overrun_at_stop=Range.of(overrun_at_stop) if overrun_at_stop.size else None,
             volume=self.total_volume,
             requested_volume=self.requested_volume,
-            ramp_error=float(run.flow_demand[:-1].sum()) * run.period - self.requested_volume,
+            ramp_error=self._demanded_volume - self.requested_volume,
             start_error=float(self._parts[:, 0].sum()),
             running_error=float(self._parts[:, 1].sum()),
             stop_error=float(self._parts[:, 2].sum()),
@@ -117,13 +116,19 @@ class Bead(BeadTrace, Shown):
 
     @property
     def total_volume(self) -> float:
-        """Volume dispensed [mm³]."""
+        """Volume dispensed, without dots [mm³]."""
         return float(self.volume[-1])
+
+    @property
+    def _demanded_volume(self) -> float:
+        """Volume that the program demands, without dots [mm³]."""
+        run = self.run
+        return float(self.without_dots(run.flow_demand[:-1], slice(0, len(run.time) - 1)).sum()) * run.period
 
     @property
     def requested_volume(self) -> float:
         """Volume of the nominal section along the commanded path, while the dispenser is on [mm³]."""
-        return self.nominal * float(self.commanded_steps[self.run.dispense[:-1]].sum())
+        return self.nominal * float(self.commanded_steps[self.bead_dispense[:-1]].sum())
 
     @property
     def volume_error_percent(self) -> float:
@@ -208,7 +213,10 @@ class Bead(BeadTrace, Shown):
 
     @cached_property
     def _bounds(self) -> NDArray[np.intp]:
-        """First ticks of the stretches' shares of the record, bounded midway between stretches, and its last one."""
+        """First ticks of the stretches' shares of the record, bounded midway between stretches, and its last one.
+
+        A dot between two of them has a share of its own, whose flow does not count.
+        """
         between = (self.stretches[:-1, 1] + self.stretches[1:, 0]) // 2
         return np.concatenate([[0], between, [len(self.run.time) - 1]])
 
@@ -216,7 +224,11 @@ class Bead(BeadTrace, Shown):
     def _parts(self) -> Floats:
         """Volume beyond the demand at start, in steady flow and at stop of every stretch, (k, 3) [mm³]."""
         run = self.run
-        excess = cumulated_sums(by_blocks(lambda block: run.flow[block] - run.flow_demand[block], len(self.length) - 1))
+
+        def beyond(block: slice) -> Floats:
+            return self.without_dots(run.flow[block] - run.flow_demand[block], block)
+
+        excess = cumulated_sums(by_blocks(beyond, len(self.length) - 1))
         excess *= run.period
         last = excess.size - 1
         ticks = []

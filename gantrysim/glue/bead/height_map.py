@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gantrysim.base.arrays import Floats, extremes
 from gantrysim.base.errors import InputError
+from gantrysim.glue.bead.dots import Dot
 from gantrysim.glue.bead.ends import MOST_CELLS, End, check_cells, round_ends
 from gantrysim.glue.bead.glue import lay_glue, stacked_layers
 from gantrysim.glue.bead.layers import layers_of
@@ -18,6 +19,7 @@ from gantrysim.glue.bead.trace import BeadTrace
 _MARGIN = 4  # cells around the bead
 _SPREADING = 0.25  # further margin, of the bead's width
 _WIDEST = 1 / 3  # cell, of the nominal width
+_IN_A_CELL = 8  # samples of a dot in a cell, along x and along y
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +33,8 @@ class HeightMap:
     The needle's face pushes glue above it aside, in the whole map at once, whatever the order of the turns. Beside the
     face, glue fills the space up to the height of the beads laid there; the excess rises, spread over about half a
     bead's width. Glue that the face cannot push aside forms the `ridge`. A bead that is not squashed is not pushed, and
-    only a dispensing nozzle pushes. All steps conserve volume.
+    only a dispensing nozzle pushes. Dots are caps, which the face does not push, as it leaves them. All steps conserve
+    volume.
 
     A height map is a single-valued surface, level across the trace. Where the trace returns to the same place at a
     height that differs by three quarters of the bead's height or more, the glue is in another layer: it neither adds to
@@ -84,6 +87,8 @@ class HeightMap:
             round_parts = [end for end in ends if layer[min(end.station, layer.size - 1)] == number]
             glue.append(lay_glue(bead, (x, y), np.where(inside, volume, 0.0), np.where(inside, wet, 0.0), round_parts))
         x, y, layers, covered = stacked_layers(glue, cell)
+        if bead.dots:
+            layers, covered = _with_dots(bead.dots, (x, y), layers, covered)
         return cls(x, y, layers, covered, _contact(bead, cell), max(part.ridge for part in glue), layer)
 
     @cached_property
@@ -142,6 +147,9 @@ def _grid(bead: BeadTrace, volume: Floats, ends: list[End]) -> tuple[Floats, Flo
     cell = bead.settings.cell
     laid = np.flatnonzero(volume > 0)
     places = [bead.point[:1, :2], *(end.points for end in ends)]
+    for dot in bead.dots:
+        middle = np.array([dot.place[:2]])
+        places += [middle - dot.cap.radius, middle + dot.cap.radius]
     for stations in (laid, laid + 1):
         half = 0.5 * bead.width[stations, None]
         places += [bead.point[stations, :2] - half, bead.point[stations, :2] + half]
@@ -153,6 +161,32 @@ def _grid(bead: BeadTrace, volume: Floats, ends: list[End]) -> tuple[Floats, Flo
     nx = int(count[0])
     ny = int(count[1])
     return low[0] + cell * np.arange(nx), low[1] + cell * np.arange(ny)
+
+
+def _with_dots(
+    dots: tuple[Dot, ...], grid: tuple[Floats, Floats], layers: Floats, covered: Floats
+) -> tuple[Floats, Floats]:
+    """Return heights and wet shares of the layers with dots on the first of them."""
+    x, y = grid
+    cell = float(x[1] - x[0])
+    layers = layers.copy()
+    covered = covered.copy()
+    offset = cell * ((np.arange(_IN_A_CELL) + 0.5) / _IN_A_CELL - 0.5)
+    for dot in dots:
+        reach = dot.cap.radius + cell
+        columns = slice(*np.searchsorted(x, [dot.place[0] - reach, dot.place[0] + reach]).tolist())
+        rows = slice(*np.searchsorted(y, [dot.place[1] - reach, dot.place[1] + reach]).tolist())
+        dx = (x[columns, None] + offset).ravel() - dot.place[0]
+        dy = (y[rows, None] + offset).ravel() - dot.place[1]
+        distance = np.hypot(dx[None, :], dy[:, None])
+        shape = (rows.stop - rows.start, _IN_A_CELL, columns.stop - columns.start, _IN_A_CELL)
+        heights = dot.cap.profile(distance).reshape(shape).mean(axis=(1, 3))
+        total = float(heights.sum()) * cell**2
+        if total > 0:
+            layers[0, rows, columns] += heights * (dot.volume / total)
+            wet = (distance <= dot.cap.radius).reshape(shape).mean(axis=(1, 3))
+            covered[0, rows, columns] = np.maximum(covered[0, rows, columns], wet)
+    return layers, covered
 
 
 def _contact(bead: BeadTrace, cell: float) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import InputError, at_least, finite
+from gantrysim.base.errors import InputError, at_least, finite, positive
 
 # Settings of a bead: its shape, and the resolution of its height map.
 
@@ -29,6 +29,8 @@ class BeadSettings:
         squashed: whether the bead keeps the section pressed by the needle's face; otherwise it relaxes to a sessile
             shape.
         cell: cell size of the height map [mm].
+        dot_height: height of a dot, up to that of a hemisphere; by default it follows from the contact angle [mm].
+        dot_target: volume that each dot must have; by default what the program requests, flow times time [mm³].
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
@@ -37,6 +39,8 @@ class BeadSettings:
     contact_angle: float = 60.0
     squashed: bool = True
     cell: float = 0.25
+    dot_height: float | None = None
+    dot_target: float | None = None
 
     def __post_init__(self) -> None:
         if self.gap is not None:
@@ -46,6 +50,10 @@ class BeadSettings:
                 f"contact_angle = {self.contact_angle:g} deg: must be at least {_LEAST_ANGLE:g} and at most 90 deg"
             )
         at_least("cell", self.cell, _LEAST_GAP, "mm")
+        if self.dot_height is not None:
+            at_least("dot_height", self.dot_height, _LEAST_GAP, "mm", _HIGHEST)
+        if self.dot_target is not None:
+            positive("dot_target", self.dot_target, "mm³")
 
 
 @dataclass(frozen=True, eq=False)

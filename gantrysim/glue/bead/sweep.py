@@ -2,7 +2,7 @@
 
 Rings stand where there is glue, by distance and turn of the trace. Those not yet laid collapse onto the end of the
 growing bead, so that its cost hardly depends on its length. As on the height map an end is half the body of revolution
-of the section, made of the last glue of its stretch.
+of the section, made of the last glue of its stretch. A dot is a cap.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from gantrysim.base.arrays import Floats
 from gantrysim.base.errors import GantryError
+from gantrysim.glue.bead.dots import Cap
 from gantrysim.glue.bead.section import BeadSettings, Section
 from gantrysim.glue.bead.trace import BeadTrace
 from gantrysim.record.run import Run
@@ -177,7 +178,7 @@ class Sweep:
         # rings up to each station
         self._needed: Floats = np.concatenate([[0.0], np.cumsum(steps * wet)])
         needed = float(self._needed[-1])
-        ends = (2 * _END + 2) * max(len(self._stretches), 1)
+        ends = (2 * _END + 2) * max(len(self._stretches), 1) + 2 * _END * len(trace.dots)
         self.rings: int = int(np.clip(np.ceil(needed), *_RINGS)) + ends if like is None else like.rings
         if self.rings <= ends:
             raise TooFewRingsError(f"rings of the mesh = {self.rings}: must be more than {ends}, for the bead's ends")
@@ -191,6 +192,12 @@ class Sweep:
         self._before = np.interp(trace.place, self._edges, self._held)
         self._half = trace.strand.half_body()
         self._finished: tuple[int, list[Mesh]] = (0, [])
+        # stretches and dots in the order in which they are laid: whether it is a dot, and its number
+        starts = [int(np.searchsorted(trace.length, self._edges[first])) for first in self._stretches[:, 0].tolist()]
+        self._order: list[tuple[int, bool, int]] = sorted(
+            [(tick, False, k) for k, tick in enumerate(starts)]
+            + [(dot.stretch[0], True, k) for k, dot in enumerate(trace.dots)]
+        )
 
     def faces(self) -> NDArray[np.int32]:
         """Triangles of the mesh, (f, 3)."""
@@ -204,20 +211,57 @@ class Sweep:
         """Return the bead laid up to a tick, of the rings that this takes; one below the start if it is none."""
         laid = float(self.bead_trace.length[tick])
         volume = float(self.bead_trace.volume[tick])
-        starts, stops = self._stretches.T
-        begun = np.flatnonzero((self._edges[starts] <= laid) & (self._held[starts] < volume)).tolist()
-        stops = stops[begun]
-        complete = int(np.sum((self._edges[stops] <= laid) & (self._held[stops] <= volume)))
-        growing = [self._stretch(k, laid, volume) for k in begun[complete:]]
-        return joined_meshes([*self._complete(complete), *growing] or [self._nothing])
+        begun: list[tuple[bool, int]] = []
+        complete = 0
+        for start_tick, is_dot, number in self._order:
+            if start_tick > tick:
+                break
+            if is_dot:
+                dot = self.bead_trace.dots[number]
+                has_begun = dot.stretch[0] < tick and dot.volume > 0
+                is_complete = dot.share[1] <= tick
+            else:
+                start, stop = self._stretches[number].tolist()
+                has_begun = self._edges[start] <= laid and self._held[start] < volume
+                is_complete = self._edges[stop] <= laid and self._held[stop] <= volume
+            if has_begun:
+                # each is complete before the next one begins
+                complete += is_complete and complete == len(begun)
+                begun.append((is_dot, number))
+        growing = [
+            self._dot(number, tick) if is_dot else self._stretch(number, laid, volume)
+            for is_dot, number in begun[complete:]
+        ]
+        return joined_meshes([*self._complete(begun[:complete]), *growing] or [self._nothing])
 
-    def _complete(self, count: int) -> list[Mesh]:
-        """Return the first stretches as one mesh, if there are any; cached until the next one is complete."""
+    def _complete(self, parts: list[tuple[bool, int]]) -> list[Mesh]:
+        """Return the first parts as one mesh, if there are any; cached until the next one is complete."""
+        count = len(parts)
         if count != self._finished[0]:
             before, mesh = self._finished if self._finished[0] < count else (0, [])
-            added = [self._stretch(k, np.inf, np.inf) for k in range(before, count)]
+            last = len(self.bead_trace.run.time) - 1
+            added = [
+                self._dot(number, last) if is_dot else self._stretch(number, np.inf, np.inf)
+                for is_dot, number in parts[before:]
+            ]
             self._finished = (count, [joined_meshes([*mesh, *added])] if count else [])
         return self._finished[1]
+
+    def _dot(self, number: int, tick: int) -> Mesh:
+        """Return the mesh of a dot as laid up to a tick."""
+        trace = self.bead_trace
+        dot = trace.dots[number]
+        run = trace.run
+        first, after = dot.share
+        laid = float(run.flow[first : min(after, tick)].sum()) * run.period
+        cap = Cap.of(min(laid, dot.volume), trace.settings)
+        angle = 2 * float(np.arctan2(cap.height, cap.radius))
+        sphere = np.full(_END, cap.radius / np.sin(angle) if angle else 0.0)
+        point = np.tile(dot.foot, (_END, 1))
+        flat = np.zeros(_END)
+        place = np.full(_END, trace.length[dot.stretch[0]])
+        halves = [rings(point, flat, (sphere, flat, flat), sign * _TURNED, place, angle) for sign in (-1.0, 1.0)]
+        return joined_meshes([_closed(half, sign) for half, sign in zip(halves, (-1.0, 1.0), strict=True)])
 
     @property
     def _nothing(self) -> Mesh:
@@ -287,13 +331,17 @@ class Sweep:
 
     def _end(self, place: float, sign: float, section: Section | None = None) -> Mesh:
         """Return the round end about a place of the trace, at the start (sign -1) or stop (1) of a stretch."""
-        mesh = self._rings(np.full(_END, place), sign * _TURNED, section)
-        vertices = mesh.vertices.reshape(_END, SIDES + 1, 3)
-        normals = mesh.normals.reshape(_END, SIDES + 1, 3)
-        vertices[0] = vertices[0, 0]
-        order = slice(None, None, -1 if sign > 0 else 1)
-        # all its rings stand about one place
-        return replace(mesh, vertices=vertices[order].reshape(-1, 3), normals=normals[order].reshape(-1, 3))
+        return _closed(self._rings(np.full(_END, place), sign * _TURNED, section), sign)
+
+
+def _closed(mesh: Mesh, sign: float) -> Mesh:
+    """Return the rings of a round end as a part of a bead: they begin or end in a point on its rim."""
+    vertices = mesh.vertices.reshape(_END, SIDES + 1, 3)
+    normals = mesh.normals.reshape(_END, SIDES + 1, 3)
+    vertices[0] = vertices[0, 0]
+    order = slice(None, None, -1 if sign > 0 else 1)
+    # all its rings stand about one place
+    return replace(mesh, vertices=vertices[order].reshape(-1, 3), normals=normals[order].reshape(-1, 3))
 
 
 class _Shape(NamedTuple):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from gantrysim.base.arrays import Floats, lengths, spans
 from gantrysim.base.columns import by_blocks, extent
 from gantrysim.base.errors import whole
+from gantrysim.glue.bead.dots import Dot, dots_of, dotted_ticks
 from gantrysim.glue.bead.section import BeadSettings, Section
 from gantrysim.metrics.analysis import Analysis
 from gantrysim.record.run import Run, check_run
@@ -109,7 +110,7 @@ class BeadTrace:
     A surplus, as at a stop or in a slow corner, spreads along the trace as far as it is wide. Volume is conserved: the
     sum of area * ds, with half a length for the first and the last station, is the volume laid. Glue laid at rest at an
     end of the trace spreads to one side only, into a pear instead of a disc. A stretch shorter than its two round ends
-    is one round drop.
+    is one round drop. Dots are no part of it: neither their stretches, nor their glue.
 
     Args:
         run: the run.
@@ -199,9 +200,29 @@ class BeadTrace:
         return np.unwrap(np.arctan2(along[last, 1], along[last, 0]))
 
     @cached_property
+    def dots(self) -> tuple[Dot, ...]:
+        """The dots of the run."""
+        return dots_of(self.run, self.settings, self.gap)
+
+    @property
+    def has_glue(self) -> bool:
+        """Whether any glue is laid, as a bead or in dots."""
+        return bool(self.volume[-1] > 0) or any(dot.volume > 0 for dot in self.dots)
+
+    @cached_property
+    def _dotted(self) -> NDArray[np.bool_]:
+        """Ticks whose glue is that of dots, (n,)."""
+        return dotted_ticks(self.dots, len(self.run.time))
+
+    def without_dots(self, values: Floats, block: slice) -> Floats:
+        """Return flows at a block of ticks, 0 where they lay dots."""
+        return np.where(self._dotted[block], 0.0, values) if self.dots else values
+
+    @cached_property
     def volume(self) -> Floats:
-        """Volume laid up to each tick, (n,) [mm³]."""
-        volume = cumulated_sums(self.run.flow[:-1])
+        """Volume laid up to each tick, without dots, (n,) [mm³]."""
+        last = len(self.run.time) - 1
+        volume = cumulated_sums(self.without_dots(self.run.flow[:-1], slice(0, last)))
         volume *= self.run.period
         return volume
 
@@ -220,6 +241,8 @@ class BeadTrace:
         speed = self.commanded_steps
         speed /= self.run.period
         moving = (demand > 0) & (speed > 0)
+        if self.dots:
+            moving &= ~self._dotted[:-1]
         if not moving.any():
             return 0.0
         sections = demand[moving]
@@ -350,8 +373,14 @@ class BeadTrace:
 
     @cached_property
     def stretches(self) -> NDArray[np.intp]:
-        """First tick of every stretch of dispensing, and the first after it, (k, 2)."""
-        return spans(self.run.dispense)
+        """First tick of every stretch of dispensing that is no dot, and the first after it, (k, 2)."""
+        stretches = spans(self.run.dispense)
+        return stretches[~np.isin(stretches[:, 0], [dot.stretch[0] for dot in self.dots])] if self.dots else stretches
+
+    @cached_property
+    def bead_dispense(self) -> NDArray[np.bool_]:
+        """Whether the dispenser is on for a bead, (n,)."""
+        return self.run.dispense & ~self._dotted if self.dots else self.run.dispense
 
     @cached_property
     def wet_stretches(self) -> NDArray[np.intp]:

@@ -7,7 +7,14 @@ from dataclasses import dataclass, replace
 
 from gantrysim.identify.checks.finding import Doubt, Finding
 from gantrysim.identify.checks.parameters import check_balance, check_plausible, check_segments
-from gantrysim.identify.checks.residual import RESIDUAL, check_clipping, check_counts, check_residual, check_smoothing
+from gantrysim.identify.checks.residual import (
+    PREDICTED,
+    RESIDUAL,
+    check_clipping,
+    check_counts,
+    check_residual,
+    check_smoothing,
+)
 from gantrysim.identify.checks.sampling import check_rate
 from gantrysim.identify.friction_terms import LOAD
 from gantrysim.identify.result import KNOWN, KNOWN_DAMPING, MODE, AxisFit, Estimate
@@ -20,6 +27,7 @@ _NO_OFFSET = 0.05
 _NO_DELAY = 0.1
 # standard deviations that no log undercuts
 _DELAY = 0.015  # of the period
+_DELAY_IN_GAP = 0.1  # the same beside a backlash
 _OFFSET = 0.01  # of the Coulomb friction
 _EXCESS = 0.3  # of static over Coulomb friction: the Stribeck speed is that of the table, which nobody has measured
 # of the static friction, of the Coulomb friction: counts are coarse where it shows, and on Stribeck speeds other than
@@ -27,6 +35,7 @@ _EXCESS = 0.3  # of static over Coulomb friction: the Stribeck speed is that of 
 _STATIC = 0.12
 # the same of the mode beside a friction of further terms, which bend its torque
 _MODE = {"share": 0.03, "stiffness": 0.02}
+_MODE_IN_GAP = {"share": 0.05, "stiffness": 0.03}  # the same beside a backlash, which hides it
 _DAMPING = 0.15  # of the damping beside a friction by load
 
 
@@ -90,6 +99,10 @@ def _verb(finding: Finding) -> str:
     return "is not" if len(finding.values) == 1 else "are not"
 
 
+def _with_values(doubt: Doubt, values: tuple[str, ...]) -> Doubt:
+    return Doubt(doubt.deviations, [finding._replace(values=values) for finding in doubt.findings])
+
+
 def judged_fit(fit: AxisFit, period: float) -> Judgement:
     """Return the estimates of a fit after its checks, and the failed checks.
 
@@ -112,16 +125,19 @@ def judged_fit(fit: AxisFit, period: float) -> Judgement:
         # slow samples lack fast motion as a filter does
         if not causes[0].findings:
             causes.append(check_smoothing(fit, period))
-        doubts = [*causes, *doubts]
+        # a cause forbids what it explains
+        values = () if any(not finding.values for doubt in doubts for finding in doubt.findings) else PREDICTED
+        doubts = [*(_with_values(cause, values) for cause in causes), *doubts]
     model = fit.model
     static = math.hypot(_EXCESS * model.excess, _STATIC * model.coulomb)
     loaded = any(term.kind == LOAD for term in fit.law.terms)
+    mode = _MODE_IN_GAP if "gap" in fit.estimates else _MODE if fit.law.terms else {}
     floors = Doubt(
         {
-            "delay": _DELAY * period,
+            "delay": (_DELAY_IN_GAP if "gap" in fit.estimates else _DELAY) * period,
             "offset": _OFFSET * model.coulomb,
             "static": static,
-            **{name: part * getattr(model, name) for name, part in _MODE.items() if fit.law.terms},
+            **{name: part * getattr(model, name) for name, part in mode.items()},
             "damping": _DAMPING * model.damping if loaded else 0.0,
         },
         [],

@@ -17,6 +17,7 @@ from gantrysim.identify.parts import partitions
 from gantrysim.identify.pieces import Starts, by_piece, gradient, inside, smoothed
 from gantrysim.identify.prediction import effective_torque
 from gantrysim.identify.result import MODE, AxisFit, Estimate, Sensitivity
+from gantrysim.identify.sizes import change_words, times_words
 from gantrysim.identify.whiteness import covariance_of, long_run_covariance
 
 # Check: torque must balance inertia and friction at low frequency too.
@@ -56,7 +57,8 @@ def check_balance(fit: AxisFit, period: float) -> Doubt:
     largest = max(unevenness, key=lambda name: unevenness[name])
     uneven = unevenness[largest]
     # static friction stands on the same level as Coulomb friction
-    return Doubt({"inertia": inertia, "coulomb": uneven, "static": uneven}, _findings(fit, largest, uneven))
+    doubts = {"inertia": inertia, "coulomb": uneven, "static": uneven, "offset": uneven}
+    return Doubt(doubts, _findings(fit, largest, uneven))
 
 
 def _findings(fit: AxisFit, partition: str, uneven: float) -> list[Finding]:
@@ -91,7 +93,9 @@ def torque_balance(fit: AxisFit, period: float) -> Balance | None:
     friction = model.viscous * speed + (model.coulomb + fit.law.level) * direction + fit.law.ripple
     smooth = _of_both_masses(model, smoothed(acceleration, width, starts), period, starts)
     remains = smoothed(torque - friction, width, starts) - model.inertia * smooth
-    chosen = smoothed(1.0 * (np.abs(slow) > _MOVING * float(np.quantile(np.abs(slow), 0.99))), width, starts)
+    chosen = smoothed(
+        (np.abs(slow) > _MOVING * float(np.quantile(np.abs(slow), 0.99))).astype(np.float64), width, starts
+    )
     # where the filter reaches beyond the piece
     slides = (chosen > _SLIDING) & inside(slow.size, starts, round(4 * width) + 1)
     if slides.sum() < _FEWEST:
@@ -176,7 +180,7 @@ def check_plausible(fit: AxisFit, period: float, estimates: dict[str, Estimate])
     findings = []
     if _beyond(estimates["inertia"], table.inertia / FAR_INERTIA, table.inertia * FAR_INERTIA):
         reason = (
-            f"inertia is {model.inertia / table.inertia:.2g} times that of the machine's table: must be "
+            f"inertia is {times_words(model.inertia / table.inertia, 2)} that of the machine's table: must be "
             f"{1 / FAR_INERTIA:g} to {FAR_INERTIA:g} times; check units, gear and payload"
         )
         findings.append(Finding(PLAUSIBILITY, (), reason))
@@ -212,7 +216,7 @@ def check_plausible(fit: AxisFit, period: float, estimates: dict[str, Estimate])
         findings.append(Finding(PLAUSIBILITY, ("gap",), reason))
     if table.coulomb > 0 and _beyond(estimates["coulomb"], table.coulomb / FRICTION_FAR, table.coulomb * FRICTION_FAR):
         reason = (
-            f"Coulomb friction is {model.coulomb / table.coulomb:.2g} times that of the machine's table: must be "
+            f"Coulomb friction is {times_words(model.coulomb / table.coulomb, 2)} that of the machine's table: must be "
             f"{1 / FRICTION_FAR:g} to {FRICTION_FAR:g} times"
         )
         findings.append(Finding(PLAUSIBILITY, FRICTION, reason))
@@ -250,7 +254,7 @@ def check_segments(fit: AxisFit, period: float) -> Doubt:
             # of a delay of zero, every change is large
             value = max(value, period)
         if change > LARGEST_CHANGE * value:
-            share = f"{100 * change / value:.0f} %" if value else "all of its value"
+            share = change_words(change / value) if value else "all of its value"
             reason = (
                 f"{name} changes by {share} with a part of the log ({partition}) left out: must be within "
                 f"{100 * LARGEST_CHANGE:.0f} %"

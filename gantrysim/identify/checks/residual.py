@@ -5,8 +5,7 @@ many times the encoder's counts, a torque noise that is a large share of the tor
 predicts, is motion which this torque has not made: another axis, another clock, a frozen encoder, a missing mode.
 
 Inertia and friction stand on the torque of the sliding axis too, which a wrong mode, a backlash or coarse counts do not
-touch. Where that torque is balanced, a residual that is somewhat correlated forbids only the values that rest on
-predictions.
+touch. Where that torque is balanced, a large or correlated residual forbids only the values that rest on predictions.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ from gantrysim.identify.checks.finding import Doubt, Finding, NotIdentifiedError
 from gantrysim.identify.explained import explained_residual
 from gantrysim.identify.pieces import longest_piece
 from gantrysim.identify.result import MODE, WHITE, AxisFit
+from gantrysim.identify.sizes import share_words, times_words
 from gantrysim.identify.whiteness import LAGS, correlation
 
 # Check: no prediction of the position may be wrong at once by many times its usual error.
@@ -124,8 +124,6 @@ RESIDUAL = "residual"
 LARGEST_RESIDUAL = 15.0
 UNUSABLE = 100.0  # the same, from which the log is refused
 NOISE = 0.15  # largest fitted torque noise, of the torque's own deviation
-CORRELATED = 0.5  # correlation from which no value is identified
-NOISY = 0.5  # torque noise from which no value is identified, of the torque's own deviation
 EXPLAINED = 2.0  # size of the residual from which predictions are doubtful, of that which counts and noise explain
 # largest rms of the low-passed torque that the friction's law and the acceleration leave, of the torque
 BALANCED = 0.03
@@ -148,20 +146,20 @@ def check_residual(fit: AxisFit, period: float) -> Doubt:
     size = times / np.sqrt(12)
     if times > UNUSABLE:
         raise NotIdentifiedError(
-            f"axis {fit.axis}: the prediction of the position is wrong by {times:.0f} times the encoder's counts, must "
-            f"be at most {UNUSABLE:.0f}: the torque did not cause this motion; check for a frozen or skipping encoder, "
-            "columns of two axes, and a log of fewer samples than the servo's"
+            f"axis {fit.axis}: the prediction of the position is wrong by {times_words(times, 2)} the encoder's "
+            f"counts, must be at most {UNUSABLE:.0f}: the torque did not cause this motion; check for a frozen or "
+            "skipping encoder, columns of two axes, and a log of fewer samples than the servo's"
         )
     if times > LARGEST_RESIDUAL:
-        reason = f"the residual is {times:.0f} times the encoder's counts: must be at most {LARGEST_RESIDUAL:.0f}"
+        reason = f"the residual is {times_words(times, 2)} the encoder's counts: must be at most {LARGEST_RESIDUAL:.0f}"
         findings.append(Finding(RESIDUAL, (), reason))
     balanced = fit.law.remainder < BALANCED * fit.law.size
     share = fit.noise / float(np.std(fit.torque))
     if share > NOISE:
         reason = (
-            f"torque noise of {100 * share:.0f} % of the torque would explain it: must be at most {100 * NOISE:.0f} %"
+            f"torque noise of {share_words(share)} the torque would explain it: must be at most {100 * NOISE:.0f} %"
         )
-        findings.append(Finding(RESIDUAL, PREDICTED if balanced and share < NOISY else (), reason))
+        findings.append(Finding(RESIDUAL, PREDICTED if balanced else (), reason))
     explained = explained_residual(fit, period) / count
     if size > EXPLAINED * explained:
         reason = (
@@ -172,5 +170,5 @@ def check_residual(fit: AxisFit, period: float) -> Doubt:
     colour = float(np.abs(correlation(fit.residual)).max())
     if colour > WHITE:
         reason = f"the residual is correlated by {colour:.2f}: must be at most {WHITE}"
-        findings.append(Finding(RESIDUAL, PREDICTED if balanced and colour < CORRELATED else (), reason))
+        findings.append(Finding(RESIDUAL, PREDICTED if balanced else (), reason))
     return Doubt({}, findings)

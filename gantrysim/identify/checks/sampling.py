@@ -13,6 +13,7 @@ from gantrysim.identify.checks.units import position_slips, torque_slips
 from gantrysim.identify.model import AxisModel
 from gantrysim.identify.pieces import WHOLE, Starts, by_piece
 from gantrysim.identify.result import MODE, AxisFit
+from gantrysim.identify.sizes import times_words
 from gantrysim.machine.axis import Axis
 
 # Check of the log: its torque must be one that the drive can deliver.
@@ -39,9 +40,11 @@ def check_torque(axis: Axis, torque: Floats, ratio: float) -> None:
     slips = torque_slips(axis, ratio) if ratio > 0 else []
     hint = "check its unit, and that it is the torque at the motor shaft"
     if slips:
-        hint = f"the log's inertia is {ratio:.3g} times that of the table: torque in {' or '.join(slips)} read as N·m?"
+        hint = (
+            f"the log's inertia is {times_words(ratio)} that of the table: torque in {' or '.join(slips)} read as N·m?"
+        )
     raise NotIdentifiedError(
-        f"axis {axis.name}: its largest torque is {largest:.4g} N·m, {excess:.3g} times the drive's peak of "
+        f"axis {axis.name}: its largest torque is {largest:.4g} N·m, {times_words(excess)} the drive's peak of "
         f"{axis.peak_torque:.4g} N·m: must be at most {LARGEST_TORQUE:g} times; {hint}"
     )
 
@@ -53,7 +56,7 @@ def check_torque(axis: Axis, torque: Floats, ratio: float) -> None:
 
 HOLD = 6.0  # swing of the torque at rest, times the static friction: friction thrice the table's holds ± 3
 FRICTIONLESS_TORQUE = 0.1  # the same of a machine without friction, of the peak torque
-JUMP = 6.0  # change of the speed in a sample, times what the drive's peak torque gives the table's inertia: the motor
+JUMP = 8.0  # change of the speed in a sample, times what the drive's peak torque gives the table's inertia: the motor
 # without its load, a lighter machine and a loop that swings between its limits reach five times
 _COUNTS = 5.0  # of the encoder that a change of speed may show beside
 _STILL = 0.005  # shortest standstill that counts [s]
@@ -143,8 +146,7 @@ def check_excitation(axis: Axis, position: Floats, torque: Floats, ratio: float 
     lengths = strokes(position, axis.resolution)
     if lengths.size <= REVERSALS:
         raise NotIdentifiedError(
-            f"axis {axis.name}: it reverses {max(lengths.size - 1, 0)} times: must reverse at least {REVERSALS} times; "
-            f"{cure}"
+            f"axis {axis.name}: reversals = {max(lengths.size - 1, 0)}: must be at least {REVERSALS}; {cure}"
         )
     steps = np.abs(np.diff(position))
     moving = steps[steps > axis.resolution]

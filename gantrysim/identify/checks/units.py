@@ -14,6 +14,7 @@ from gantrysim.base.arrays import Floats
 from gantrysim.identify.checks.finding import NotIdentifiedError
 from gantrysim.identify.model import AxisModel
 from gantrysim.identify.pieces import WHOLE, Starts, gradient, smoothed
+from gantrysim.identify.sizes import number_words, times_words
 from gantrysim.machine.axis import Axis
 
 # Relation of the torque to the motion beside it: torque = J a + b v + Fc sign v + constant, low-passed.
@@ -45,7 +46,7 @@ def relation_of(position: Floats, torque: Floats, period: float, starts: Starts 
         return None
     speed = gradient(smoothed(position, width, starts), period, starts)
     least = _MOVING * float(np.quantile(np.abs(speed), 0.99))
-    slides = smoothed(1.0 * (np.abs(speed) > least), width, starts) > _SLIDING
+    slides = smoothed((np.abs(speed) > least).astype(np.float64), width, starts) > _SLIDING
     if not least > 0 or slides.sum() < _FEWEST:
         return None
     acceleration = gradient(speed, period, starts)
@@ -132,8 +133,8 @@ def check_travel(axis: Axis, position: Floats, ratio: float) -> None:
     slips = position_slips(axis, 1 / ratio) if ratio > 0 else []
     hint = f"position in {' or '.join(slips)} read as {axis.unit}?" if slips else "check its unit"
     raise NotIdentifiedError(
-        f"axis {axis.name}: its position goes over {distance:.4g} {axis.unit}, the axis over {high - low:.4g} "
-        f"{axis.unit}: must be at most {TRAVEL:g} times as far; {hint}"
+        f"axis {axis.name}: its position goes over {number_words(distance)} {axis.unit}, the axis over "
+        f"{high - low:.4g} {axis.unit}: must be at most {TRAVEL:g} times as far; {hint}"
     )
 
 
@@ -165,7 +166,7 @@ def check_inertia(axis: Axis, ratio: float) -> None:
     if not ratio > 0 or 1 / UNUSABLE <= ratio <= UNUSABLE:
         return
     raise NotIdentifiedError(
-        f"axis {axis.name}: the log gives {ratio:.3g} times the inertia of the machine's table, must be "
+        f"axis {axis.name}: the log gives {times_words(ratio)} the inertia of the machine's table, must be "
         f"{1 / UNUSABLE:g} to {UNUSABLE:g} times; {inertia_hint(axis, ratio)}"
     )
 

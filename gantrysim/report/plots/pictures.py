@@ -96,7 +96,7 @@ def run_plots(budget: Budget, bead: Bead | None) -> Iterator[Plot]:
     yield budget_plot(budget)
     if analysis.spacing.distance.size:
         yield spacing_plot(analysis)
-    if bead is not None and bead.volume[-1] > 0:
+    if bead is not None and bead.has_glue:
         yield height_plot(bead)
 
 

@@ -1,4 +1,5 @@
-// The bead in plan view: as wide as it is laid, over the band that is requested, coloured by its deviation in width.
+// The glue in plan view: the bead as wide as it is laid, over the band that is requested, coloured by its deviation in
+// width; and dots, as wide as they lie on the work, coloured by their deviation in volume.
 
 import { digits } from "./data.js";
 import { element } from "./dom.js";
@@ -15,15 +16,15 @@ export class BeadMap {
     const { x, y, width } = data.column;
     const place = { x: 0, y: 0 };
     this.map = new PlanMap({
-      name: "Bead as laid, coloured by the deviation of its width",
+      name: data.width ? "Bead as laid, coloured by the deviation of its width" : "Dots as laid, coloured by their volume",
       data,
       cursor,
       region,
       points: (row) => Object.assign(place, { x: x[row], y: y[row] }),
       draw: (context, map, colours) => this._draw(context, map, colours),
-      describe: (row) => `t = ${data.time[row].toFixed(3)} s, bead width ${data.text("width", row)}`,
+      describe: (row) => `t = ${data.time[row].toFixed(3)} s${width ? `, bead width ${data.text("width", row)}` : ""}`,
     });
-    this.widest = width.reduce((most, value) => (value > most ? value : most), 0);
+    this.widest = !width ? 0 : width.reduce((most, value) => (value > most ? value : most), 0);
     this.bar = element("span", { class: "ramp" });
     this.element = element("figure", { class: "view bead" }, this._caption(), this.map.surface);
     this._paint();
@@ -38,8 +39,10 @@ export class BeadMap {
       bar.append(mark);
     }
     const scale = element("span", { class: "scale" }, `−${span} %`, bar, `+${span} %`);
-    const title = element("b", {}, "Bead width");
-    return element("figcaption", {}, title, `of ${digits(data.width)} mm`, scale);
+    const count = data.dots.length === 1 ? "1 dot" : `${data.dots.length} dots`;
+    const dots = data.dots.length ? `, volume of ${count}` : "";
+    if (!data.width) return element("figcaption", {}, element("b", {}, "Dots"), `volume of ${count}`, scale);
+    return element("figcaption", {}, element("b", {}, "Bead width"), `of ${digits(data.width)} mm${dots}`, scale);
   }
 
   _paint() {
@@ -47,6 +50,19 @@ export class BeadMap {
   }
 
   _draw(context, map, colours) {
+    if (this.data.width) this._bead(context, map, colours);
+    for (const dot of this.data.dots) {
+      context.beginPath();
+      context.arc(map.px(dot.x), map.py(dot.y), Math.max(dot.radius * map.scale, 1), 0, 2 * Math.PI);
+      // without a requested volume, in the colour of a dot as requested
+      context.fillStyle = mixed(colours.widths, 0.5 + (0.5 * (dot.error || 0)) / this.span);
+      context.fill();
+      Object.assign(context, { strokeStyle: dot.failed ? colours.alarm : colours.soft, lineWidth: dot.failed ? 2 : 1 });
+      context.stroke();
+    }
+  }
+
+  _bead(context, map, colours) {
     const { data, widest, span } = this;
     const { x, y, width } = data.column;
     const nominal = data.width;

@@ -97,6 +97,7 @@ function ascending(values) {
 export class RunData {
   constructor(content) {
     Object.assign(this, content);
+    this.dots = content.dots || [];
     this.column = {};
     for (const name of Object.keys(content.columns)) this.column[name] = decode(content.columns[name], content.rows);
     const { tick, s, x, y, dx, dy, contour } = this.column;

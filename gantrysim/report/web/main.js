@@ -21,7 +21,8 @@ const HINT =
 function showRun(place, content) {
   const data = new RunData(content);
   const cursor = new Cursor(data.rows, data.worst);
-  const region = regionOf([data.column.x, data.requested.x], [data.column.y, data.requested.y], data.width);
+  const widest = data.dots.reduce((most, dot) => Math.max(most, 2 * dot.radius), data.width || 0);
+  const region = regionOf([data.column.x, data.requested.x], [data.column.y, data.requested.y], widest);
   const strips = new Strips(data, cursor);
   const readout = new Readout(data, cursor, (name, shown) => strips.setShown(name, shown));
   const views = element("div", { class: "views" });
@@ -33,7 +34,7 @@ function showRun(place, content) {
   }
   const space = data.space ? [new Space(data, cursor).element] : [];
   if (!video) views.append(...space); // a film has bead and plan beside it
-  if (data.width) views.append(new BeadMap(data, cursor, region).element);
+  if (data.width || data.dots.length) views.append(new BeadMap(data, cursor, region).element);
   views.append(new Plan(data, cursor, region).element);
   if (video) views.append(...space);
   if (data.program) views.append(new Listing(data, cursor).element);

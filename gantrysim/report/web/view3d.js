@@ -15,6 +15,7 @@ import { Camera } from "./camera3d.js";
 import { asSlider } from "./cursor.js";
 import { extent } from "./data.js";
 import { element, toggle } from "./dom.js";
+import { Dots } from "./dots3d.js";
 import { Ground } from "./ground3d.js";
 import { Labels } from "./labels3d.js";
 import { MachineOutline } from "./machine3d.js";
@@ -82,13 +83,14 @@ export class View {
     this.scene.add(this.root);
     this.ground = new Ground(this.box, frame);
     this.ribbon = new Ribbon(data, frame, this.size);
+    this.dots = new Dots(data, frame);
     this.machine = new MachineOutline(data, frame);
     this.travel = new LineBasicMaterial({ transparent: true, opacity: 0.7 });
     this.shade = new LineBasicMaterial({ transparent: true, opacity: 0.45 });
     const { z } = data.column;
     const travel = this._lines((row) => !data.column.dispense[row], (row) => z[row], this.travel);
     const shade = this._lines((row) => data.column.dispense[row], () => this.ground.z, this.shade);
-    this.root.add(this.ground.object, shade, travel, this.ribbon.object, this.machine.object);
+    this.root.add(this.ground.object, shade, travel, this.ribbon.object, this.dots.object, this.machine.object);
   }
 
   /** Lines along the path where a condition holds, at a height. */
@@ -180,6 +182,7 @@ export class View {
     this.travel.color.set(colours.soft);
     this.shade.color.set(colours.soft);
     this.ribbon.paint(this.scale.painter());
+    this.dots.paint(this.scale.painter());
     this.surface.setAttribute("aria-label", `Bead in 3-D, coloured by ${this.scale.quantity}`);
     this._redraw();
   }

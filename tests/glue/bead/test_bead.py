@@ -426,7 +426,10 @@ def test_a_run_without_glue_has_no_values_and_one_at_rest_neither():
     resting = Bead(perfect_follower(XY, still, dispenser=Dispenser(flow=10.0)))
     with pytest.raises(InputError, match="requests no glue while the nozzle moves"):
         _ = resting.values
-    assert volume_of(resting) == pytest.approx(0.99, rel=EXACT)
+    # it is a dot, which is no part of the bead
+    assert volume_of(resting) == 0
+    (dot,) = resting.dots
+    assert dot.volume == pytest.approx(0.99, rel=EXACT)
 
 
 def test_impossible_settings_are_refused():
@@ -445,9 +448,10 @@ def test_impossible_settings_are_refused():
 def test_a_jobs_bead_holds_what_flowed(name):
     job = Job.load(name)
     bead = Bead(job.follow(), job.bead)
-    assert volume_of(bead) == pytest.approx(bead.run.flow[:-1].sum() * bead.run.period, rel=EXACT)
+    flowed = bead.run.flow[:-1].sum() * bead.run.period
+    assert volume_of(bead) + sum(dot.volume + dot.string for dot in bead.dots) == pytest.approx(flowed, rel=EXACT)
     assert bead.values.volume == pytest.approx(volume_of(bead), rel=EXACT)
-    assert bead.map.volume == pytest.approx(bead.values.volume, rel=1e-6)
+    assert bead.map.volume == pytest.approx(bead.values.volume + sum(dot.volume for dot in bead.dots), rel=1e-6)
 
 
 def test_a_job_configures_its_dispenser_and_its_bead(tmp_path):

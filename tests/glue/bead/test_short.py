@@ -37,7 +37,7 @@ def test_a_short_trace_lays_a_drop(xy, length, settle):
     assert bead.map.volume == pytest.approx(values.volume, rel=1e-9)
 
 
-def test_glue_laid_at_rest_behind_a_micrometre_is_a_drop(xy):
+def test_glue_laid_at_rest_behind_a_micrometre_is_a_dot(xy):
     setpoints = Setpoints.along(ArcChain((0, 0), 0.3, [0.0], [1e-3]), 10.0, 1e-3)
     at_rest = dataclasses.replace(
         setpoints,
@@ -46,8 +46,9 @@ def test_glue_laid_at_rest_behind_a_micrometre_is_a_drop(xy):
         progress=None,
     )
     bead = Bead(perfect_follower(xy, at_rest, dispenser=Dispenser(flow=10.0)), SESSILE)
-    assert bead.values.volume == pytest.approx(20.01, rel=1e-3)
-    assert bead.values.width.max == pytest.approx(cap_width(bead.values.volume), rel=1e-9)
+    (dot,) = bead.dots
+    assert dot.volume == pytest.approx(20.01, rel=1e-3)
+    assert dot.diameter == pytest.approx(cap_width(dot.volume), rel=1e-9)
 
 
 def test_the_width_grows_with_the_trace_up_to_that_of_a_long_bead(xy):

@@ -19,11 +19,13 @@ from gantrysim.base.errors import InputError, at_least, finite, positive, whole
 from gantrysim.controllers.controller import Controller
 from gantrysim.controllers.placement import Placement
 from gantrysim.controllers.speeds import SpeedWords
+from gantrysim.controllers.stretches import Stretches
 from gantrysim.controllers.trio.basic import interpreter, text
 from gantrysim.controllers.trio.basic.buffers import MOST_AXES, MotionSettings
 from gantrysim.controllers.trio.basic.expressions import known_words
 from gantrysim.controllers.trio.basic.interpreter import Limits, Trace
 from gantrysim.controllers.trio.basic.motion import Motion
+from gantrysim.controllers.trio.basic.move_speeds import speeds_of_moves, with_move_speeds
 from gantrysim.controllers.trio.basic.moves import Arc
 from gantrysim.controllers.trio.basic.path import StatedSpiral, around, exact, on_path, polyline
 from gantrysim.controllers.trio.basic.process import MOST_OUTPUTS, Printed, ProgramCode, State
@@ -412,6 +414,20 @@ class Basic(Controller):
 
     def with_speeds(self, change: Callable[[float], float]) -> dict[str, Any]:
         return {"text": SPEEDS.changed(self.text, change)}
+
+    def stretches(self, period: float) -> Stretches:
+        """As `Controller.stretches`: the lines with moves that state their path."""
+        trace = self.trace(period)
+        if self._stated(trace) is None:
+            raise InputError(
+                "trio.Basic: the machine's axes are linked to others, or move one by one, so that no line of the "
+                "program sets the path speed of a stretch"
+            )
+        return Stretches.of_lines(self.setpoints(period), trace.lines.astype(np.intp), speeds_of_moves(trace))
+
+    def with_stretch_speeds(self, speeds: Mapping[int, float]) -> dict[str, Any]:
+        """As `Controller.with_stretch_speeds`: FORCE_SPEED of the moves of the lines."""
+        return {"text": with_move_speeds(self.text, speeds)}
 
     def setpoints(self, period: float) -> Setpoints:
         trace = self.trace(period)

@@ -1,0 +1,330 @@
+"""Speed by place: every stretch of the program as fast as the tolerances of path and glue allow there.
+
+The job runs at the program's speeds, and once more with all of them changed alike: that gives each stretch its errors
+as powers of its speed. Then each stretch runs as fast as uses 78 % of its limits, the steps between stretches included,
+and every further run corrects what the runs before expected of it, see `gantrysim.remedy.speed_model`. Where that fails
+at first, another run starts and stops its beads slowly: the errors of a spiral whose loop does not wait for the ramp of
+its start, for one, lie further on. The limit of 95 % of the contour error is one of the whole path: the level that each
+stretch may use follows from what the path has used.
+
+Every run is that of the program as it would be written: with speeds of few digits, and few changes of the speed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from gantrysim.base.arrays import Floats
+from gantrysim.base.errors import GantryError, InputError
+from gantrysim.controllers.stretches import Stretches
+from gantrysim.engine.recording import dispensed_otherwise
+from gantrysim.glue.bead import Bead
+from gantrysim.job.job import Job
+from gantrysim.remedy.bench import Bench
+from gantrysim.remedy.lever import State
+from gantrysim.remedy.levers.flow import PROPORTIONAL_FLOW
+from gantrysim.remedy.local_usage import LocalUsage, local_usage
+from gantrysim.remedy.outcome import Motion, Outcome
+from gantrysim.remedy.speed_model import TARGET, SpeedModel
+from gantrysim.remedy.speed_plan import few_speeds
+from gantrysim.results.verdict import PATH
+
+RUNS = 8
+_WORTH = 0.7  # share of the burden that is left at most where slow starts and stops help
+_FACTORS = (0.5, 0.85, 1.2, 1.4)  # bounds of the second run's factor, below and above 1
+_SLOWEST = 0.05  # of the programmed speed
+_FASTEST = 4.0  # of the programmed speed
+_COMPENSATIONS = 7  # times of the lag compensation that are tried; they need no run of their own
+_NEAR = 1.03  # times the shortest time, among which the fewest changes of the speed count
+_ENOUGH = 0.005  # share of the time by which another run would have to be shorter
+_READ_BACK = 1e-6  # relative
+
+
+@dataclass(frozen=True)
+class PlaceSpeed:
+    """The speed of a stretch.
+
+    Attributes:
+        place: line of the program's text, or number of the stretch.
+        before: programmed path speed [mm/s].
+        after: path speed of the rewritten program [mm/s].
+    """
+
+    place: int
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
+class SpeedByPlace:
+    """A program whose stretches have speeds of their own.
+
+    Attributes:
+        job: with the rewritten program.
+        outcome: of its run in MuJoCo.
+        note: how far that is from the run of the search; empty where they agree.
+        speeds: of the stretches, in the program's order.
+        other: time of the run with the levers that act everywhere [s].
+        runs: that were simulated.
+    """
+
+    job: Job
+    outcome: Outcome
+    note: str
+    speeds: tuple[PlaceSpeed, ...]
+    other: float
+    runs: int
+
+    @property
+    def heads(self) -> tuple[str, ...]:
+        """Heads of the table of speeds."""
+        return ("from", "to", "speed [mm/s]")
+
+    @property
+    def cells(self) -> list[tuple[str, ...]]:
+        """The table of speeds, a row for each stretch of one speed, with its lines or numbers."""
+        return [(str(first), str(last), f"{speed:.4g}") for first, last, speed in self.rows]
+
+    @property
+    def changes(self) -> int:
+        """Number of places at which the speed changes along the program, with the start."""
+        return len(self.rows)
+
+    @property
+    def rows(self) -> list[tuple[int, int, float]]:
+        """First place, last place and path speed of the stretches of one speed [mm/s]."""
+        rows: list[tuple[int, int, float]] = []
+        for speed in self.speeds:
+            if rows and rows[-1][2] == speed.after:
+                rows[-1] = (rows[-1][0], speed.place, speed.after)
+            else:
+                rows.append((speed.place, speed.place, speed.after))
+        return rows
+
+    def __str__(self) -> str:
+        slowest = min(speed.after for speed in self.speeds)
+        fastest = max(speed.after for speed in self.speeds)
+        return (
+            f"speed by place: {self.outcome.duration:.2f} s instead of {self.other:.2f} s, with {self.changes} speeds "
+            f"from {slowest:.4g} to {fastest:.4g} mm/s"
+        )
+
+
+def speed_by_place(base: Job, other: Outcome, bench: Bench) -> SpeedByPlace | str:
+    """Return the program with the speeds that path and glue allow place by place, or why there is none.
+
+    Args:
+        base: the job at the program's speed, with all other changes.
+        other: what the job shows that is changed everywhere alike.
+        bench: simulates.
+    """
+    try:
+        stretches = base.controller.stretches(base.servo.period)
+        glue = _glue_changes(base, bench)
+    except InputError as error:
+        return str(error)
+    search = _Search(base, stretches, glue, bench)
+    search.run()
+    better = [trial for trial in search.trials if not trial.outcome.failure and _is_better(trial.outcome, other)]
+    for trial in _in_order(better):
+        if not _is_read_back(trial, base.servo.period):
+            return "the program, written with other speeds and read again, does not state them"
+        outcome, note = bench.confirmed(trial.job)
+        if not outcome.failure and _is_better(outcome, other):
+            speeds = tuple(
+                PlaceSpeed(place, search.programmed[place], speed) for place, speed in sorted(trial.speeds.items())
+            )
+            return SpeedByPlace(trial.job, outcome, note, speeds, other.duration, len(search.trials))
+    return f"no speeds by place are as good in less time, in {len(search.trials)} runs"
+
+
+def _in_order(trials: Sequence[_Trial]) -> list[_Trial]:
+    """Return runs by time, but first those that take little longer with fewer changes of the speed."""
+    by_time = sorted(trials, key=lambda trial: trial.outcome.duration)
+    near = [trial for trial in by_time if trial.outcome.duration <= _NEAR * by_time[0].outcome.duration]
+    near.sort(key=lambda trial: sum(a != b for a, b in pairwise(trial.speeds.values())))
+    return near + by_time[len(near) :]
+
+
+def _is_better(outcome: Outcome, other: Outcome) -> bool:
+    if outcome.burden > other.burden:
+        return False
+    return outcome.burden < other.burden or outcome.duration < (1 - _ENOUGH) * other.duration
+
+
+def _glue_changes(job: Job, bench: Bench) -> list[Mapping[str, Any]]:
+    """Return changes of the glue with which the flow follows the speed; a fixed one would lay another section by place.
+
+    A flow that lags is late with every change of the speed, so that its compensation is tried too.
+
+    Raises:
+        InputError: there is no such flow.
+    """
+    if not bench.measure(job).nominal:
+        return [{}]
+    flow: Mapping[str, Any] = {}
+    if not job.dispenser.area:
+        settings = PROPORTIONAL_FLOW.settings(State(job, bench.measure))
+        if isinstance(settings, str):
+            raise InputError(settings)
+        flow = settings[0].changes
+    dispenser = job.dispenser
+    shortest = min(dispenser.opening, dispenser.closing)
+    longest = max(dispenser.opening, dispenser.closing) + dispenser.dead_time
+    times = {float(f"{time:.3g}") for time in np.linspace(shortest, longest, _COMPENSATIONS).tolist() if time > 0}
+    return [flow, *({**flow, "dispenser.advance": time} for time in sorted(times))]
+
+
+def _is_read_back(trial: _Trial, period: float) -> bool:
+    """Return whether the rewritten program states the speeds that it was given."""
+    again = trial.job.controller.stretches(period)
+    stated = dict(zip(again.places.tolist(), again.speeds.tolist(), strict=True))
+    return all(math.isclose(stated.get(place, 0.0), speed, rel_tol=_READ_BACK) for place, speed in trial.speeds.items())
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A run of the program with speeds by place."""
+
+    job: Job
+    speeds: Mapping[int, float]
+    outcome: Outcome
+    usage: LocalUsage | None
+
+
+class _Search:
+    """The runs of a search.
+
+    Args:
+        job: at the program's speed.
+        stretches: of its program.
+        glue: changes of the job's glue, of which each run takes the best.
+        bench: simulates.
+
+    Attributes:
+        trials: runs so far.
+    """
+
+    def __init__(self, job: Job, stretches: Stretches, glue: Sequence[Mapping[str, Any]], bench: Bench) -> None:
+        self.trials: list[_Trial] = []
+        self._glue = glue
+        self._job = job
+        self._stretches = stretches
+        self._bench = bench
+        self._model = SpeedModel(stretches)
+
+    @property
+    def programmed(self) -> dict[int, float]:
+        """Programmed path speeds by place [mm/s]."""
+        rows = zip(self._stretches.places.tolist(), self._stretches.speeds.tolist(), strict=True)
+        return {place: speed for place, speed in rows if speed > 0}
+
+    def run(self) -> None:
+        """Simulate until the speeds stay, at most `RUNS` times."""
+        first = self._trial(self.programmed)
+        if first.usage is None:
+            return
+        self._model.add_even_run(first.usage, 1.0)
+        factor = self._second_factor(first)
+        second = self._trial({place: factor * speed for place, speed in self.programmed.items()})
+        if second.usage is not None:
+            self._model.add_even_run(second.usage, factor)
+        is_first = True
+        while len(self.trials) < RUNS:
+            speeds = self._next_speeds()
+            if any(trial.speeds == speeds for trial in self.trials):
+                return
+            trial = self._trial(speeds)
+            fails = first.outcome.burden > 0 and not trial.outcome.passes
+            least = min(first.outcome.burden, second.outcome.burden, trial.outcome.burden)
+            is_slow_better = is_first and fails and self._slow_ends_are_better(least)
+            if trial.usage is not None and not is_slow_better:
+                self._model.add_run(trial.usage, self._by_stretch(speeds), _p95_usage(trial.outcome))
+            is_first = False
+
+    def _slow_ends_are_better(self, burden: float) -> bool:
+        """Run slowly where glue starts and stops, as the errors of a path may come from there; keep that if it helps.
+
+        Args:
+            burden: least of the runs so far, with faster starts and stops.
+        """
+        trial = self._trial(self._written(self._model.slow_ends()))
+        if trial.usage is None or trial.outcome.burden >= _WORTH * burden:
+            return False
+        self._model.add_slow_ends(trial.usage, self._by_stretch(trial.speeds))
+        return True
+
+    def _second_factor(self, first: _Trial) -> float:
+        """Return the factor of the second run, all of whose speeds are changed alike."""
+        assert first.usage is not None
+        worst = float(first.usage.shares.max())
+        factor = math.sqrt(TARGET / worst) if worst > 0 else 1.0
+        if factor >= 1:
+            return min(max(factor, _FACTORS[2]), _FACTORS[3])
+        return min(max(factor, _FACTORS[0]), _FACTORS[1])
+
+    def _next_speeds(self) -> dict[int, float]:
+        """Return the speeds that the model allows; after a run that fails, half way to them from the best pass."""
+        allowed = self._model.speeds(_SLOWEST, _FASTEST)
+        passing = [trial for trial in self.trials if trial.outcome.passes]
+        if passing and not self.trials[-1].outcome.passes:
+            best = min(passing, key=lambda trial: trial.outcome.duration)
+            allowed = np.sqrt(allowed * self._by_stretch(best.speeds))
+        return self._written(allowed)
+
+    def _written(self, speeds: Floats) -> dict[int, float]:
+        """Return the speeds of the stretches, (m,) [mm/s], as they are written, by place."""
+        wanted: dict[int, float] = {}
+        places = self._stretches.places[self._model.judged].tolist()
+        # a line that runs several times is as fast as its slowest pass
+        for place, speed in zip(places, speeds[self._model.judged].tolist(), strict=True):
+            wanted[place] = min(speed, wanted.get(place, math.inf))
+        few = few_speeds(wanted, self._stretches)
+        return {place: few.get(place, speed) for place, speed in self.programmed.items()}
+
+    def _by_stretch(self, speeds: Mapping[int, float]) -> Floats:
+        return np.array([speeds.get(place, 0.0) for place in self._stretches.places.tolist()])
+
+    def _trial(self, speeds: Mapping[int, float]) -> _Trial:
+        job = self._job
+        if self.trials:
+            arguments = self._job.controller.with_stretch_speeds(speeds)
+            job = self._job.changed({f"program.{name}": value for name, value in arguments.items()})
+        usage = None
+        try:
+            # another glue does not change the motion
+            motion = self._bench.motion(job)
+            job, outcome = self._with_best_glue(job)
+            if not outcome.failure:
+                usage = self._usage(job, motion, outcome)
+        except GantryError as error:
+            outcome = Outcome(None, failure=str(error))
+        trial = _Trial(job, speeds, outcome, usage)
+        self.trials.append(trial)
+        return trial
+
+    def _with_best_glue(self, job: Job) -> tuple[Job, Outcome]:
+        jobs = [job.changed(changes) for changes in self._glue]
+        outcomes = self._bench.measure_all(jobs)
+        k = min(range(len(jobs)), key=lambda k: outcomes[k].burden)
+        return jobs[k], outcomes[k]
+
+    def _usage(self, job: Job, motion: Motion, outcome: Outcome) -> LocalUsage:
+        assert motion.budget is not None
+        assert outcome.verdict is not None
+        assert outcome.verdict.tolerance is not None
+        analysis = motion.budget.analysis
+        # of another glue than that which ran
+        run = dispensed_otherwise(motion.run, job.dispenser)
+        return local_usage(analysis, Bead(run, job.bead, analysis), outcome.verdict.tolerance, self._stretches)
+
+
+def _p95_usage(outcome: Outcome) -> float:
+    assert outcome.verdict is not None
+    return next((check.usage for check in outcome.verdict[PATH].checks if check.name == "path_p95"), math.nan)

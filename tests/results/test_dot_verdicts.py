@@ -1,0 +1,161 @@
+"""The verdict by dot: volume, place and string, beside beads and alone, as it is shown."""
+
+import json
+
+import pytest
+
+from gantrysim import Job, Verdict
+from gantrysim.cli.tables import outcome_table
+from gantrysim.glue.bead import Bead
+from gantrysim.metrics.analysis import Analysis
+from gantrysim.metrics.budget import Budget
+from gantrysim.report.page import write_run_page
+from gantrysim.report.summary import summary
+from gantrysim.report.viewer_data import ViewerData
+from gantrysim.results.run_results import RunResults
+
+DOTS = "G21 G90 G61\n" + "".join(
+    f"G0 X{x} Y{y}\nG0 Z0\nM3\nG4 P{time}\nM5\nG0 Z3\n" for x, y, time in ((0, 0, 0.1), (8, 0, 0.2), (0, 8, 0.1))
+)
+STROKE = "G0 X0 Y20\nG0 Z0\nM3\nG1 X40 F1800\nM5\nG0 Z3\n"
+VOLUMES = [2.0, 4.0, 2.0]
+
+
+def dots_job(text=DOTS, dispenser=None, **tables):
+    content = {
+        "name": "dots",
+        "machine": "xyz",
+        "program": {"controller": "linuxcnc.Program", "text": text},
+        "dispenser": {"flow": 20.0} | (dispenser or {}),
+        **tables,
+    }
+    return Job.of_content(content, "job dots")
+
+
+def followed(job):
+    return job.follow()
+
+
+def results_of(job, run):
+    analysis = Analysis(run)
+    return RunResults(job, job.built_machine, Budget(analysis), Bead(run, job.bead, analysis))
+
+
+def glue(job, run):
+    return Verdict.of(job, run)["glue"]
+
+
+def test_dots_alone_are_judged_by_dot_and_not_as_a_bead():
+    job = dots_job()
+    row = glue(job, followed(job))
+    assert row.state == "pass"
+    assert {check.name for check in row.checks} == {"dot_volume", "dot_place", "dot_string"}
+    assert row.remark == "3 dots, 8 mm³ in all, 2.51 to 3.17 mm wide on the work: none out of tolerance"
+    dots = row.values["dots"]
+    assert [dot["volume_mm3"] for dot in dots] == pytest.approx(VOLUMES, rel=1e-9)
+    assert [dot["requested_volume_mm3"] for dot in dots] == pytest.approx(VOLUMES, rel=1e-9)
+    assert [dot["program_line"] for dot in dots] == [5, 11, 17]
+    assert [dot["state"] for dot in dots] == ["pass"] * 3
+
+
+def test_a_dot_with_too_little_glue_is_named():
+    job = dots_job()
+    run = followed(job)
+    flow = run.flow.copy()
+    second = Bead(run, job.bead).dots[1]
+    flow[slice(*second.stretch)] *= 0.8
+    row = glue(job, run.replaced(flow=flow))
+    assert row.state == "fail"
+    assert str(row.checks[0]).startswith("dot 2 too small by 20.0 %, at most 10.0 % (default): t = ")
+    assert row.remark.endswith("1 out of tolerance, no. 2")
+    assert [dot["state"] for dot in row.values["dots"]] == ["pass", "fail", "pass"]
+    tolerant = dots_job(tolerance={"dot_volume": 30.0})
+    assert glue(tolerant, run.replaced(flow=flow)).state == "pass"
+
+
+def test_a_dot_off_its_place_is_named():
+    job = dots_job()
+    run = followed(job)
+    nozzle = run.nozzle.copy()
+    nozzle[slice(*Bead(run, job.bead).dots[2].share)] += [0.1, 0.0, 0.0]
+    row = glue(job, run.replaced(nozzle=nozzle))
+    assert str(row.checks[0]).startswith("dot 3 off its place by 0.100 mm, at most 0.082 mm (default): t = ")
+    assert row.state == "fail"
+    assert glue(dots_job(tolerance={"dot_place": 0.2}), run.replaced(nozzle=nozzle)).state == "pass"
+
+
+def test_a_needle_that_lifts_before_the_valve_has_closed_draws_a_string():
+    hasty = dots_job(dispenser={"opening": 0.1, "closing": 0.1})
+    row = glue(hasty, followed(hasty))
+    assert row.state == "fail"
+    assert {check.name for check in row.checks if check.state == "fail"} == {"dot_string", "dot_volume"}
+    patient = dots_job(DOTS.replace("M5\n", "M5\nG4 P1\n"), {"opening": 0.1, "closing": 0.1})
+    assert glue(patient, followed(patient)).state == "pass"
+
+
+def test_the_target_of_a_job_goes_before_what_the_program_requests():
+    job = dots_job(bead={"dot_target": 2.0})
+    row = glue(job, followed(job))
+    assert [dot["volume_error_percent"] for dot in row.values["dots"]] == pytest.approx([0, 100, 0], abs=1e-6)
+    assert str(row.checks[0]).startswith("dot 2 too large by 100.0 %")
+
+
+def test_a_flow_in_proportion_to_the_speed_lays_no_dots():
+    """Once a pass with 0.0004 mm³."""
+    job = dots_job(dispenser={"flow": 0.0, "area": 1.0})
+    row = glue(job, followed(job))
+    assert row.state == "fail"
+    assert row.remark.startswith("3 dots get no glue: none is requested at rest; dispenser.flow lays it there")
+
+
+def test_a_job_without_glue_is_a_warning_with_dots_too():
+    job = dots_job(dispenser={"flow": 0.0})
+    row = glue(job, followed(job))
+    assert row.state == "warn"
+    assert row.remark == "nothing was laid: the job requests no glue"
+
+
+def test_dots_beside_a_bead_get_both_verdicts():
+    job = dots_job(STROKE + DOTS.replace("G21 G90 G61\n", ""))
+    run = followed(job)
+    row = glue(job, run)
+    names = {check.name for check in row.checks}
+    assert {"dot_volume", "dot_place", "dot_string", "bead_width", "start_length", "stop_length"} <= names
+    assert row.state == "pass"
+    assert "3 dots, 8 mm³ in all" in row.remark
+    assert "width out of tolerance on 0 %" in row.remark
+    # the bead has its own volume alone: 40 mm at 30 mm/s with 20 mm³/s
+    assert results_of(job, run).bead_values.volume == pytest.approx(20 * 40 / 30, rel=0.02)
+    flow = run.flow.copy()
+    flow[slice(*Bead(run, job.bead).dots[0].stretch)] = 0.0
+    broken = glue(job, run.replaced(flow=flow))
+    assert broken.state == "fail"
+    assert str(broken.checks[0]).startswith("dot 1 too small by 100.0 %")
+
+
+def test_dots_are_shown_in_summary_terminal_page_and_viewer(tmp_path):
+    job = dots_job()
+    results = results_of(job, followed(job))
+    content = json.loads(json.dumps(summary(results)))
+    assert [dot["diameter_mm"] for dot in content["verdict"]["glue"]["dots"]] == pytest.approx(
+        [dot.diameter for dot in results.bead.dots]
+    )
+    assert content["bead"] is None
+    table = outcome_table(results.budget.analysis, None, None, results.dots)
+    rows = dict(zip(table.columns[0]._cells, table.columns[2]._cells, strict=True))
+    assert rows["dots"] == "8 mm³ in all, 2 to 4 mm³ each"
+    viewer = ViewerData(results).content()["dots"]
+    assert [(dot["x"], dot["y"], dot["failed"]) for dot in viewer] == [
+        (pytest.approx(x), pytest.approx(y), False) for x, y in ((0, 0), (8, 0), (0, 8))
+    ]
+    assert [dot["z"] for dot in viewer] == pytest.approx([-results.bead.gap] * 3)
+    assert ViewerData(results).content()["width"] is None
+    write_run_page(tmp_path / "report.html", results)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Dots as laid: caps on the work" in page
+
+
+@pytest.mark.parametrize("key", ["dot_volume", "dot_place", "dot_string"])
+def test_tolerances_of_dots_are_above_0(key):
+    with pytest.raises(ValueError, match=key):
+        dots_job(tolerance={key: 0.0})
