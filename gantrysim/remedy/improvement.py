@@ -16,7 +16,7 @@ from gantrysim.base.errors import GantryError, InputError
 from gantrysim.base.extras import extra
 from gantrysim.base.quantity import NOTHING
 from gantrysim.exchange.gains import DIALECTS, exported
-from gantrysim.glue.dispenser.dispenser import Dispenser
+from gantrysim.glue.dispenser.dispenser import VALVE, Dispenser
 from gantrysim.job.job import Job
 from gantrysim.job.overrides import known_keys
 from gantrysim.metrics.budget import Budget
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 _PLOUGHED = "bead_ploughed"  # name of the check
 _TIMES = ("dead_time", "opening", "closing", "start_lead", "stop_lead", "advance")
 _AT_ONCE: dict[str, Any] = dict.fromkeys(_TIMES, 0.0)
+_OF_KINDS = ("pump", "piston", "motor", "jet")
 
 
 def bound_of(job: Job, outcome: Outcome, row: str) -> str:
@@ -71,9 +72,9 @@ def _ploughed_reason(outcome: Outcome) -> str:
 
 def _glue_bound(job: Job) -> str:
     dispenser = job.dispenser
-    instant = job.model_copy(update={"dispenser": replace(dispenser, **_AT_ONCE)})
+    instant = job.model_copy(update={"dispenser": _at_once(dispenser)})
     if _glue_passes(instant, job):
-        return f"the dispenser, which lags by {_lag_text(dispenser)}"
+        return f"the dispenser, {_lag_text(dispenser)}"
     if _glue_passes(job, job, follow=True):
         return "the servo link: the machine does not follow the commanded speed"
     return "the program link: its speed changes more than the bead admits"
@@ -88,9 +89,23 @@ def _glue_passes(job: Job, base: Job, *, follow: bool = False) -> bool:
         return False
 
 
+def _at_once(dispenser: Dispenser) -> Dispenser:
+    """Return a dispenser that follows the same command at once."""
+    changes: dict[str, Any] = {**_AT_ONCE, **dict.fromkeys(_OF_KINDS), "kind": VALVE}
+    if dispenser.per_e and not dispenser.filament:
+        # also of a piston, whose stroke E is
+        changes["e_volume"] = dispenser.per_e
+    return replace(dispenser, **changes)
+
+
 def _lag_text(dispenser: Dispenser) -> str:
+    if dispenser.drive is not None:
+        return "whose motor works against the pressure of the glue"
+    if dispenser.kind != VALVE:
+        return "which lays drops"
     times = {"dead time": dispenser.dead_time, "opening": dispenser.opening, "closing": dispenser.closing}
-    return ", ".join(f"{1e3 * time:.4g} ms {name}" for name, time in times.items() if time)
+    lags = ", ".join(f"{1e3 * time:.4g} ms {name}" for name, time in times.items() if time)
+    return f"which lags by {lags}"
 
 
 # Lines to paste: what an improved job changes, as keys of a job file, options of a command, and controllers' words.

@@ -10,7 +10,7 @@ from gantrysim import Job
 from gantrysim.glue.dispenser.dispenser import Dispenser
 from gantrysim.glue.dispenser.needle import Needle
 from gantrysim.glue.dispenser.piston import Piston
-from gantrysim.remedy.improvement import controller_words
+from gantrysim.remedy.improvement import bound_of, controller_words
 from gantrysim.remedy.lever import State
 from gantrysim.remedy.levers import LEVERS
 from gantrysim.remedy.levers.speed import speed_changes
@@ -414,3 +414,11 @@ def test_a_height_that_the_job_leaves_open_is_that_of_the_machine():
     gap = job.built_machine.gap
     changes = [setting.changes["bead.gap"] for setting in settings_of("needle height", job)]
     assert changes == pytest.approx([0.8 * gap, 1.25 * gap, 1.5 * gap], rel=1e-3)
+
+
+def test_what_binds_a_driven_dispenser_is_the_pressure_of_its_glue():
+    job = soft()
+    assert bound_of(job, outcome(job), "glue") == "the dispenser, whose motor works against the pressure of the glue"
+    assert bound_of(lagging(), outcome(lagging()), "glue").startswith("the dispenser, which lags by ")
+    fed = extruded()
+    assert bound_of(fed, outcome(fed), "glue").startswith("the dispenser, whose motor")
