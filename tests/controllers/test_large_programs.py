@@ -13,6 +13,7 @@ from gantrysim.job.plan import plan_of
 from gantrysim.job.program_place import _box, _heights
 
 LINES = 20_000
+_KEPT = 50.0  # [B] of it that the extruder's course needs for a line beside the plan
 PER_LINE = 700.0  # [B] at the peak of planning; a million lines with interpreter and libraries are within 1 GB
 PER_TICK = 16.0  # [B]; a position of three axes alone has 24
 
@@ -41,8 +42,11 @@ def measured():
     Program(text=rings(50)).setpoints(1e-3)  # compiled, imported
     program = Program(text=rings(LINES))
     tracemalloc.start()
-    _ = program.plan, program.extrusion
+    _ = program.plan
     planning = tracemalloc.get_traced_memory()[1]
+    tracemalloc.reset_peak()
+    _ = program.extrusion
+    planning = max(planning, tracemalloc.get_traced_memory()[1] - _KEPT * LINES)
     before = tracemalloc.get_traced_memory()[0]
     tracemalloc.reset_peak()
     setpoints = program.setpoints(1e-3)
