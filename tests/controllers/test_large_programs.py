@@ -13,7 +13,7 @@ from gantrysim.job.plan import plan_of
 from gantrysim.job.program_place import _box, _heights
 
 LINES = 20_000
-_KEPT = 50.0  # [B] of it that the extruder's course needs for a line beside the plan
+PER_FEED = 330.0  # [B] beside the plan, at the peak of finding the extruder's course
 PER_LINE = 700.0  # [B] at the peak of planning; a million lines with interpreter and libraries are within 1 GB
 PER_TICK = 16.0  # [B]; a position of three axes alone has 24
 
@@ -44,31 +44,34 @@ def measured():
     tracemalloc.start()
     _ = program.plan
     planning = tracemalloc.get_traced_memory()[1]
+    plan = tracemalloc.get_traced_memory()[0]
     tracemalloc.reset_peak()
+    # of a program that is run, not of one that is only checked
     _ = program.extrusion
-    planning = max(planning, tracemalloc.get_traced_memory()[1] - _KEPT * LINES)
+    feeding = tracemalloc.get_traced_memory()[1] - plan
     before = tracemalloc.get_traced_memory()[0]
     tracemalloc.reset_peak()
     setpoints = program.setpoints(1e-3)
     sending = tracemalloc.get_traced_memory()[1] - before
     tracemalloc.stop()
-    return program, setpoints, planning, sending
+    return program, setpoints, planning, sending, feeding
 
 
 def test_planning_takes_few_bytes_per_line(measured):
-    _, _, planning, _ = measured
+    _, _, planning, _, feeding = measured
     assert planning < PER_LINE * LINES
+    assert feeding < PER_FEED * LINES
 
 
 def test_the_setpoints_of_a_long_program_do_not_fill_the_memory(measured):
-    _, setpoints, _, sending = measured
+    _, setpoints, _, sending, _ = measured
     ticks = len(setpoints.position)
     assert ticks > memory.LONG_RUN
     assert sending < PER_TICK * ticks
 
 
 def test_the_blocks_are_the_whole(measured):
-    program, setpoints, _, _ = measured
+    program, setpoints, _, _, _ = measured
     time = np.arange(len(setpoints.position)) * 1e-3
     time[-1] = program.duration
     place, dispense, progress = program.plan.at(time)
