@@ -159,3 +159,17 @@ def test_dots_are_shown_in_summary_terminal_page_and_viewer(tmp_path):
 def test_tolerances_of_dots_are_above_0(key):
     with pytest.raises(ValueError, match=key):
         dots_job(tolerance={key: 0.0})
+
+
+def test_e_fed_at_rest_alone_lays_dots_and_a_retraction_none():
+    """0.5 mm of a filament of 1.75 mm is 1.203 mm³, and what undoes a retraction lays nothing; nor does the travel."""
+    text = "G21\nG90\nM83\n" + "".join(
+        f"G1 X{x} F3000\nG1 Z0 F600\nG1 E{e} F60\nG1 E-0.2\nG1 Z4 F600\n" for x, e in ((10, 0.5), (20, 0.7))
+    )
+    program = {"controller": "slicer.Program", "text": text}
+    content = {"name": "syringe", "machine": "xyz", "program": program, "dispenser": {"filament": 1.75}}
+    job = Job.of_content(content, "job syringe")
+    dots = glue(job, followed(job)).values["dots"]
+    assert [dot["asked_mm"][0] for dot in dots] == [10, 20]
+    section = 0.25 * 3.14159265 * 1.75**2
+    assert [dot["volume_mm3"] for dot in dots] == pytest.approx([0.5 * section] * 2, rel=5e-3)

@@ -357,7 +357,11 @@ class Interpreted:
 
 def _valve(table: Floats, start: tuple[float, float, float], state: ProgramState) -> Valve:
     """Return the valve's course over a table of moves."""
-    fed = (table[:, FLOW] > 0) & (table[:, KIND] != DWELL)
+    fed = table[:, FLOW] > 0
+    moving = table[:, KIND] != DWELL
+    # beside moves that feed, what E feeds at rest undoes a retraction; alone it lays dots
+    if (fed & moving).any():
+        fed &= moving
     places = np.concatenate([[start], table[:, END : END + 3]])
     ways = np.diff(places, axis=0)
     # lines that stand in plan view
