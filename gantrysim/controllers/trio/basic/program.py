@@ -420,8 +420,8 @@ class Basic(Controller):
         trace = self.trace(period)
         if self._stated(trace) is None:
             raise InputError(
-                "trio.Basic: the machine's axes are linked to others, or move one by one, so that no line of the program "
-                "sets the path speed of a stretch"
+                "trio.Basic: the machine's axes are linked to others, or move one by one, so that no line of the "
+                "program sets the path speed of a stretch"
             )
         return Stretches.of_lines(self.setpoints(period), trace.lines.astype(np.intp), speeds_of_moves(trace))
 
