@@ -189,3 +189,16 @@ def test_improve_names_and_writes_it(tmp_path):
         "better-by-place.toml",
         "better-by-place.ngc",
     }
+
+
+def test_a_file_of_the_job_is_refused_before_anything_is_written(tmp_path):
+    own = tmp_path / "better-by-place.ngc"
+    own.write_text(TEXT, encoding="utf-8")
+    options = [word for key, value in SETTINGS.items() for word in ("--set", f"{key}={value}".replace("'", '"'))]
+    arguments = ["improve", str(own), *options, "--lever", "slower", "--no-fastest", "--by-place"]
+    result = CliRunner().invoke(app, [*arguments, "--apply", str(tmp_path / "better.toml")])
+    # the command's main function prints it, with the status 2
+    assert isinstance(result.exception, InputError)
+    assert str(result.exception).endswith("is a file of the job; give another name")
+    assert [path.name for path in tmp_path.iterdir()] == ["better-by-place.ngc"]
+    assert own.read_text(encoding="utf-8") == TEXT
