@@ -140,6 +140,8 @@ def _written(improvement: Improvement, file: Path | None, out: Path | None) -> I
     """Write the improved job and the page where they are wanted; yield what is said of each."""
     from gantrysim.base.files import replaced_file
 
+    # which may be refused, before anything is written
+    by_place = list(_written_by_place(improvement, file, out))
     if file is not None:
         with replaced_file(file) as partial:
             partial.write_text(improvement.job.toml(), encoding="utf-8")
@@ -150,7 +152,7 @@ def _written(improvement: Improvement, file: Path | None, out: Path | None) -> I
         yield f"written to {write_improvement(improvement, out)}"
     elif out is not None:
         yield f"nothing is written to {out}/: there is no run to compare with"
-    yield from _written_by_place(improvement, file, out)
+    yield from by_place
 
 
 def _written_by_place(improvement: Improvement, file: Path | None, out: Path | None) -> Iterator[str]:
@@ -162,7 +164,7 @@ def _written_by_place(improvement: Improvement, file: Path | None, out: Path | N
     if not isinstance(by_place, SpeedByPlace):
         return
     stems = [file.with_name(f"{file.stem}-{BY_PLACE}")] if file is not None else []
-    stems += [out / BY_PLACE] if out is not None else []
+    stems += [expanded(out) / BY_PLACE] if out is not None else []
     for stem in stems:
         job, *program = write_by_place(by_place, stem, improvement.base)
         yield f"written to {job}: gantrysim run {job}"

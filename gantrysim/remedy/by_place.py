@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -72,6 +72,7 @@ class SpeedByPlace:
         speeds: of the stretches, in the program's order.
         other: time of the run with the levers that act everywhere [s].
         runs: that were simulated.
+        glue: values of the dispenser that differ from those of the best combination, by their keys in a job file.
     """
 
     job: Job
@@ -80,6 +81,7 @@ class SpeedByPlace:
     speeds: tuple[PlaceSpeed, ...]
     other: float
     runs: int
+    glue: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def heads(self) -> tuple[str, ...]:
@@ -110,9 +112,10 @@ class SpeedByPlace:
     def __str__(self) -> str:
         slowest = min(speed.after for speed in self.speeds)
         fastest = max(speed.after for speed in self.speeds)
+        glue = "".join(f", {key} = {value:g}" for key, value in self.glue.items())
         return (
-            f"speed by place: {self.outcome.duration:.2f} s instead of {self.other:.2f} s, with {self.changes} speeds "
-            f"from {slowest:.4g} to {fastest:.4g} mm/s"
+            f"{self.outcome.state} with a speed by place: {self.outcome.duration:.2f} s instead of {self.other:.2f} s, "
+            f"with {self.changes} speeds from {slowest:.4g} to {fastest:.4g} mm/s{glue}"
         )
 
 
@@ -140,8 +143,16 @@ def speed_by_place(base: Job, other: Outcome, bench: Bench) -> SpeedByPlace | st
             speeds = tuple(
                 PlaceSpeed(place, search.programmed[place], speed) for place, speed in sorted(trial.speeds.items())
             )
-            return SpeedByPlace(trial.job, outcome, note, speeds, other.duration, len(search.trials))
+            changed = _changed_glue(base, trial.job)
+            return SpeedByPlace(trial.job, outcome, note, speeds, other.duration, len(search.trials), changed)
     return f"no speeds by place are as good in less time, in {len(search.trials)} runs"
+
+
+def _changed_glue(base: Job, job: Job) -> dict[str, Any]:
+    """Return the values of the dispenser that changed, by their keys in a job file."""
+    names = ("flow", "pressure", "area", "advance")
+    values = {name: getattr(job.dispenser, name) for name in names}
+    return {f"dispenser.{name}": value for name, value in values.items() if value != getattr(base.dispenser, name)}
 
 
 def _in_order(trials: Sequence[_Trial]) -> list[_Trial]:

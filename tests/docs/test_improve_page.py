@@ -17,7 +17,7 @@ def test_the_page_is_up_to_date():
 
 
 def test_every_built_in_job_passes_or_is_told_why_none_can():
-    rows = [line for line in PAGE.splitlines() if line.startswith("| `")]
+    rows = [line for line in PAGE.partition("## The built-in jobs")[2].splitlines() if line.startswith("| `")]
     assert [row.split("`")[1] for row in rows] == builtin_jobs()
     passing = [row for row in rows if "| ✓ pass |" in row]
     assert len(passing) >= 8

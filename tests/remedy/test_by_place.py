@@ -126,6 +126,8 @@ def test_a_flow_that_does_not_follow_the_speed_is_made_to(job, even):
     result = speed_by_place(fixed, even, Bench(fixed))
     assert isinstance(result, SpeedByPlace), result
     assert (result.job.dispenser.flow, result.job.dispenser.area) == (0.0, pytest.approx(2.0, rel=0.01))
+    assert (result.glue["dispenser.flow"], result.glue["dispenser.area"]) == (0.0, result.job.dispenser.area)
+    assert ", dispenser.flow = 0, dispenser.area = 2" in str(result)
 
 
 def test_a_program_with_one_speed_has_none_by_place(job, even):
@@ -178,7 +180,7 @@ def test_improve_names_and_writes_it(tmp_path):
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     words = " ".join(result.output.split())
-    assert "speed by place: " in words
+    assert "pass with a speed by place: " in words
     assert "s instead of " in words
     assert (tmp_path / "part.ngc").read_text(encoding="utf-8") == TEXT
     assert {path.name for path in tmp_path.iterdir()} == {
@@ -187,3 +189,16 @@ def test_improve_names_and_writes_it(tmp_path):
         "better-by-place.toml",
         "better-by-place.ngc",
     }
+
+
+def test_a_file_of_the_job_is_refused_before_anything_is_written(tmp_path):
+    own = tmp_path / "better-by-place.ngc"
+    own.write_text(TEXT, encoding="utf-8")
+    options = [word for key, value in SETTINGS.items() for word in ("--set", f"{key}={value}".replace("'", '"'))]
+    arguments = ["improve", str(own), *options, "--lever", "slower", "--no-fastest", "--by-place"]
+    result = CliRunner().invoke(app, [*arguments, "--apply", str(tmp_path / "better.toml")])
+    # the command's main function prints it, with the status 2
+    assert isinstance(result.exception, InputError)
+    assert str(result.exception).endswith("is a file of the job; give another name")
+    assert [path.name for path in tmp_path.iterdir()] == ["better-by-place.ngc"]
+    assert own.read_text(encoding="utf-8") == TEXT
