@@ -328,13 +328,13 @@ class Improvement(Shown):
         if self.after.burden == 0:
             return f"passes with {names}."
         begin = f"best with {names}" if names else "no lever helps"
-        worst = max(self.improved.rows, key=row_burden).name
-        check = self.improved[worst].checks[0] if self.improved[worst].checks else self.improved[worst].remark
-        fails = self.improved[worst].state == FAIL
-        reach = "nothing meets the tolerance" if fails else "no combination leaves a 20 % margin"
-        return (
-            f"{begin}; {reach}: {worst} remains, {check}. What forbids it is {bound_of(self.job, self.after, worst)}."
-        )
+        worst = max(self.improved.rows, key=row_burden)
+        reach = "nothing meets the tolerance" if worst.state == FAIL else "no combination leaves a 20 % margin"
+        remains = f"{begin}; {reach}: {worst.name} remains"
+        # a row without checks says itself what it lacks, as dots that get no glue
+        if not worst.checks:
+            return f"{remains}, {worst.remark}."
+        return f"{remains}, {worst.checks[0]}. What forbids it is {bound_of(self.job, self.after, worst.name)}."
 
     @property
     def by_place_sentence(self) -> str:

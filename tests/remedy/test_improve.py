@@ -409,3 +409,14 @@ def test_a_result_shows_itself_in_a_notebook():
     assert "What to change in small" in html
     assert "flow by speed" in html
     assert improved().improved.headline in html
+
+
+def test_dots_that_get_no_glue_are_said_so_and_nothing_else_is_blamed():
+    """Glue by an area lays none at rest: the row has no checks, and no speed of the program is at fault."""
+    text = "G21 G90 F600\nM62 P0\nG4 P0.5\nM63 P0\nG0 X10\nM62 P0\nG4 P0.5\nM63 P0\nM2"
+    result = improve(lines_job(text, dispenser={"area": 1.0}), workers=1)
+    assert result.verdict["glue"].state == "fail"
+    assert result.sentence.endswith(
+        "glue remains, 2 dots get no glue: none is requested at rest; dispenser.flow lays it "
+        "there, an area times the speed does not."
+    )

@@ -75,8 +75,8 @@ def round_ends(bead: BeadTrace, volume: Floats) -> Iterator[End]:
 def _round(bead: BeadTrace, station: int, section: Section, volume: float, towards: float | None) -> End:
     """Points and volumes of a body of revolution about a station, or of its half `towards` an angle."""
     rim = 0.5 * float(section.width[0])
-    check_cells(bead, (2 * rim / bead.settings.cell, 2 * rim / bead.settings.cell))
-    rings = math.ceil(rim * SAMPLES / bead.settings.cell) + 1
+    check_cells(bead, (2 * rim / bead.cell, 2 * rim / bead.cell))
+    rings = math.ceil(rim * SAMPLES / bead.cell) + 1
     r = rim * (np.arange(rings) + 0.5) / rings
     span = 2 * np.pi if towards is None else np.pi
     around = math.ceil(span * rings)
@@ -106,6 +106,6 @@ def check_cells(bead: BeadTrace, count: ArrayLike, layers: int = 1) -> None:
         wide = float(bead.nominal_section.width[0])
         widest = float(bead.width.max())
         raise InputError(
-            f"cell = {bead.settings.cell:g} mm: the height map of a bead {wide:.4g} mm wide, {widest:.4g} mm at its "
+            f"cell = {bead.cell:g} mm: the height map of a bead {wide:.4g} mm wide, {widest:.4g} mm at its "
             f"widest, has {cells:.3g} cells{stacked}, at most {MOST_CELLS:g}"
         )

@@ -51,7 +51,7 @@ def lay_glue(bead: BeadTrace, grid: tuple[Floats, Floats], volume: Floats, wet: 
         ends: the round ends.
     """
     x, y = grid
-    cell = bead.settings.cell
+    cell = bead.cell
     glue = np.zeros((y.size, x.size))
     vertical = upright(bead)
     uneven = bead.settings.squashed and bool(np.ptp(vertical) > _EVEN * bead.gap)
@@ -136,7 +136,7 @@ def _on_grid(values: Floats, grid: tuple[Floats, Floats], wider: tuple[Floats, F
 def _rise(bead: BeadTrace) -> float:
     """Rise of a free surface that spreads excess over a share of the nominal width; see `push_aside`."""
     spread = _SPREAD * float(bead.nominal_section.width[0])
-    return (0.5 * bead.settings.cell / spread) ** 2 if spread > 0 and math.isfinite(bead.run.face) else 0.0
+    return (0.5 * bead.cell / spread) ** 2 if spread > 0 and math.isfinite(bead.run.face) else 0.0
 
 
 def _with_room(
@@ -168,7 +168,7 @@ def _with_room(
     ny, nx = np.array(height.shape) + before + after
     check_cells(bead, (ny, nx))
     around = np.stack([before, after], axis=1)
-    cell = bead.settings.cell
+    cell = bead.cell
     x = x[0] + cell * (np.arange(nx) - before[1])
     y = y[0] + cell * (np.arange(ny) - before[0])
     ceiling = np.pad(ceiling, around, constant_values=dry)

@@ -65,7 +65,7 @@ class HeightMap:
         Raises:
             InputError: cells that are too small, so that there are too many, or too large for the bead's width.
         """
-        cell = bead.settings.cell
+        cell = bead.cell
         width = float(bead.nominal_section.width[0])
         if cell > _WIDEST * width > 0:
             raise InputError(
@@ -144,7 +144,7 @@ class HeightMap:
 
 def _grid(bead: BeadTrace, volume: Floats, ends: list[End]) -> tuple[Floats, Floats]:
     """Middles of the cells of the bead and its margin, (nx,) and (ny,) [mm]."""
-    cell = bead.settings.cell
+    cell = bead.cell
     laid = np.flatnonzero(volume > 0)
     places = [bead.point[:1, :2], *(end.points for end in ends)]
     for dot in bead.dots:

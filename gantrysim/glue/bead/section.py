@@ -28,7 +28,7 @@ class BeadSettings:
         contact_angle: contact angle of the glue on the surface, 1 to 90 [deg].
         squashed: whether the bead keeps the section pressed by the needle's face; otherwise it relaxes to a sessile
             shape.
-        cell: cell size of the height map [mm].
+        cell: cell size of the height map; by default 0.25 mm, or a quarter of the bead's width where that is less [mm].
         dot_height: height of a dot, up to that of a hemisphere; by default it follows from the contact angle [mm].
         dot_target: volume that each dot must have; by default what the program requests, flow times time [mm³].
     """
@@ -38,7 +38,7 @@ class BeadSettings:
     gap: float | None = None
     contact_angle: float = 60.0
     squashed: bool = True
-    cell: float = 0.25
+    cell: float | None = None
     dot_height: float | None = None
     dot_target: float | None = None
 
@@ -49,7 +49,8 @@ class BeadSettings:
             raise InputError(
                 f"contact_angle = {self.contact_angle:g} deg: must be at least {_LEAST_ANGLE:g} and at most 90 deg"
             )
-        at_least("cell", self.cell, _LEAST_GAP, "mm")
+        if self.cell is not None:
+            at_least("cell", self.cell, _LEAST_GAP, "mm")
         if self.dot_height is not None:
             at_least("dot_height", self.dot_height, _LEAST_GAP, "mm", _HIGHEST)
         if self.dot_target is not None:

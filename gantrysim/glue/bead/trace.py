@@ -94,6 +94,8 @@ def leaves_plane(run: Run) -> bool:
     return extent(lambda block: run.nozzle[block, 2][run.dispense[block]], len(run.time)) > LEVEL
 
 
+_CELL = 0.25  # of the height map, where none is given [mm]
+_CELLS_OF_A_BEAD = 0.25  # largest such cell, of the width of a bead
 _DISTANCE = 0.25  # of the stations [mm]
 _STATIONS = (2, 400_000)
 # tolerance of a steady section, and share of the ticks before a fault that must keep it
@@ -324,6 +326,14 @@ class BeadTrace:
     def strand(self) -> Section:
         """The sections at the stations of a bead that is long everywhere."""
         return self._sections(self.area, self.nozzle_height)
+
+    @cached_property
+    def cell(self) -> float:
+        """Cell size of the height map [mm]."""
+        if self.settings.cell is not None:
+            return self.settings.cell
+        width = float(self.nominal_section.width[0])
+        return min(_CELL, _CELLS_OF_A_BEAD * width) if width > 0 else _CELL
 
     @cached_property
     def end_length(self) -> Floats:

@@ -32,7 +32,7 @@ class Piston:
         compliance: widening of syringe and tube, and of the mechanics that push [mm³/kPa].
         bulk_modulus: of the glue, less with air in it; inf for an incompressible one [MPa].
         force: of the motor on the plunger; inf for a motor that never stalls [N].
-        friction: of the plunger, which the force has to overcome first [N].
+        seal_friction: of the plunger, which the force has to overcome first [N].
 
     Raises:
         InputError: a value out of bounds, or a force that does not overcome the friction.
@@ -45,7 +45,7 @@ class Piston:
     compliance: float = 0.05
     bulk_modulus: float = 1500.0
     force: float = math.inf
-    friction: float = 0.0
+    seal_friction: float = 0.0
 
     def __post_init__(self) -> None:
         for name, unit in (("plunger", "mm"), ("compliance", "mm³/kPa")):
@@ -54,10 +54,10 @@ class Piston:
         for name, unit in (("charge", "ml"), ("bulk_modulus", "MPa"), ("force", "N")):
             if getattr(self, name) != math.inf:
                 positive(f"{name} of the piston", getattr(self, name), unit)
-        at_least("friction of the piston", self.friction, 0, "N", _LARGEST_VALUE)
-        if self.force <= self.friction:
+        at_least("seal_friction of the piston", self.seal_friction, 0, "N", _LARGEST_VALUE)
+        if self.force <= self.seal_friction:
             raise InputError(
-                f"force of the piston = {self.force:g} N: must be greater than its friction, {self.friction:g} N"
+                f"force of the piston = {self.force:g} N: must be greater than its seal_friction, {self.seal_friction:g} N"
             )
 
     @property
@@ -73,13 +73,13 @@ class Piston:
     @property
     def limit(self) -> float:
         """Pressure at which the motor stalls [kPa]."""
-        return _KILOPASCALS * (self.force - self.friction) / self.unit
+        return _KILOPASCALS * (self.force - self.seal_friction) / self.unit
 
     @property
     def strength(self) -> str:
         """What limits the pressure, in words."""
         return (
-            f"a force of {self.force:g} N, of which {self.friction:g} N is friction, drives a plunger of "
+            f"a force of {self.force:g} N, of which {self.seal_friction:g} N is friction, drives a plunger of "
             f"{self.plunger:g} mm"
         )
 

@@ -445,3 +445,12 @@ def test_cells_too_large_for_the_bead_are_refused():
     ):
         HeightMap.of(laid(XY, line(), cell=50.0))
     assert laid(XY, line(), cell=0.333 * width).map.volume == pytest.approx(AREA * 100.0, rel=VOLUME)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.02])
+def test_a_cell_that_is_not_given_is_a_quarter_of_a_narrow_bead(share):
+    bead = laid(XY, line(), dispenser=Dispenser(flow=share * AREA * SPEED))
+    width = float(bead.nominal_section.width[0])
+    assert (width > 1.0) == (share == 1)
+    assert bead.cell == (0.25 if share == 1 else pytest.approx(0.25 * width))
+    assert bead.map.volume == pytest.approx(bead.run.flow[:-1].sum() * PERIOD, rel=VOLUME)

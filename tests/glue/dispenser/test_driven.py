@@ -219,7 +219,7 @@ def test_a_motor_stalls_at_its_pressure_and_says_so_like_a_fault():
     speed = np.where(on, 50.0, 0.0)
     limit = 0.5 * NEWTONIAN.pressure(AREA * 50)
     force = 5.0 + float(limit) * math.pi * 16**2 / 4 / 1e3
-    piston = Piston(force=force, friction=5.0, charge=math.inf, compliance=0.02)
+    piston = Piston(force=force, seal_friction=5.0, charge=math.inf, compliance=0.02)
     dispenser = Dispenser(area=AREA, kind="piston", needle=NEWTONIAN, piston=piston)
     flow = dispenser.flows(on, speed, PERIOD)
     assert flow.max() == pytest.approx(0.5 * AREA * 50, rel=1e-9)
@@ -336,7 +336,11 @@ def test_values_of_another_kind_are_refused(arguments, text):
 @pytest.mark.parametrize(
     ("kind", "arguments", "text"),
     [
-        (Piston, {"force": 5.0, "friction": 6.0}, "force of the piston = 5 N: must be greater than its friction, 6 N"),
+        (
+            Piston,
+            {"force": 5.0, "seal_friction": 6.0},
+            "force of the piston = 5 N: must be greater than its seal_friction, 6 N",
+        ),
         (Piston, {"plunger": 0.0}, "plunger of the piston = 0 mm: must be greater than 0"),
         (Pump, {"compliance": -1.0}, "compliance of the pump = -1 mm³/kPa: must be greater than 0"),
         (Motor, {"top_speed": 0.0}, "top_speed of the dispenser's motor = 0: must be greater than 0"),
