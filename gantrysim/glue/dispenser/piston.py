@@ -57,7 +57,7 @@ class Piston:
         at_least("seal_friction of the piston", self.seal_friction, 0, "N", _LARGEST_VALUE)
         if self.force <= self.seal_friction:
             raise InputError(
-                f"force of the piston = {self.force:g} N: must be greater than its seal_friction, {self.seal_friction:g} N"
+                f"force of the piston = {self.force:g} N: must be above its seal_friction, {self.seal_friction:g} N"
             )
 
     @property

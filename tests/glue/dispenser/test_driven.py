@@ -339,7 +339,7 @@ def test_values_of_another_kind_are_refused(arguments, text):
         (
             Piston,
             {"force": 5.0, "seal_friction": 6.0},
-            "force of the piston = 5 N: must be greater than its seal_friction, 6 N",
+            "5 N: must be above its seal_friction, 6 N",
         ),
         (Piston, {"plunger": 0.0}, "plunger of the piston = 0 mm: must be greater than 0"),
         (Pump, {"compliance": -1.0}, "compliance of the pump = -1 mm³/kPa: must be greater than 0"),
