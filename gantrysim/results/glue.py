@@ -62,7 +62,8 @@ def glue_row(bead: Bead, tolerance: Tolerance, place_at: PlaceAt, *, is_requeste
     if not len(bead.stretches):
         return replace(dots, values=values)
     row = _bead_row(bead, tolerance, place_at)
-    remark = "; ".join(filter(None, (row.remark, dots.remark)))
+    # the last part is what to do about a ploughed bead
+    remark = "; ".join(filter(None, (dots.remark, row.remark)))
     both = Row.of(GLUE, [*row.checks, *dots.checks], remark, {**row.values, **values})
     return replace(both, state=worst([row.state, dots.state]))
 
