@@ -247,3 +247,20 @@ def test_holds_and_parts_keep_what_is_fed():
 def test_bad_values_are_refused(line, message):
     with pytest.raises(InputError, match=message):
         _ = Program(text=f"{line}\nG1 X1 E1 F60").duration
+
+
+@pytest.mark.parametrize(
+    ("head", "told"),
+    [
+        ("M83\nG90", "G90 after M83 makes E absolute again, as in Marlin: M83 after G90 keeps it."),
+        ("M82\nG91", "G91 after M82 makes E relative again, as in Marlin: M82 after G91 keeps it."),
+        ("G90\nM83", ""),
+        ("M82\nG90", ""),
+    ],
+)
+def test_a_distance_mode_that_undoes_e_s_own_is_told(head, told):
+    text = f"{head}\nG1 X10 E1 F600\nG1 X20 E2\nG1 X30 E3"
+    for firmware in ("marlin", "klipper"):
+        notes = " ".join(Program(text=text, firmware=firmware).notes)
+        assert (told in notes) == (firmware == "marlin" or not told)
+        assert told or "again, as in Marlin" not in notes

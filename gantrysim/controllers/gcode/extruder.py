@@ -65,6 +65,8 @@ class Extruder:
         advances: pressure advances that were in force, to which moves refer by `index`.
         index: of the present one.
         sets_advance: whether the program has set one.
+        stated: M82 or M83, the last of them; empty without.
+        undone: what G90 or G91 has undone, in words; empty where that is nothing.
     """
 
     def __init__(self, firmware: Firmware, advance: float = 0.0) -> None:
@@ -78,11 +80,24 @@ class Extruder:
         self.advances = [PressureAdvance(advance, SMOOTH_TIME if is_averaged else 0.0)]
         self.index = 0
         self.sets_advance = False
+        self.stated = ""
+        self.undone = ""
 
     def set_distances(self, *, absolute: bool) -> None:
         """Apply G90 or G91: in Marlin the last of them, M82 and M83 holds, elsewhere M82 and M83 are E's own."""
-        if self.firmware == "marlin":
-            self.is_relative = not absolute
+        if self.firmware != "marlin":
+            return
+        if self.stated and self.is_relative == absolute:
+            code, way = ("G90", "absolute") if absolute else ("G91", "relative")
+            self.undone = (
+                f"{code} after {self.stated} makes E {way} again, as in Marlin: {self.stated} after {code} keeps it"
+            )
+        self.is_relative = not absolute
+
+    def state_distances(self, *, absolute: bool) -> None:
+        """Apply M82 or M83."""
+        self.is_relative = not absolute
+        self.stated = "M82" if absolute else "M83"
 
     def fed(self, e: float, unit: float, *, absolute: bool) -> float:
         """Return the length of filament that a word E feeds, and set the position [mm].

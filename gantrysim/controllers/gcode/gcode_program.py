@@ -445,4 +445,6 @@ class GCode(Controller):
         low, high = np.percentile(table[laid, FLOW] / length[laid], (5, 95)) if laid.any() else (0.0, 0.0)
         # what is pulled back and fed again counts once
         total = float(np.maximum.accumulate(np.cumsum(table[:, FLOW]))[-1])
-        return (f"E feeds {total:.6g} mm, {low:.3g} to {high:.3g} mm per mm of the lines (5 to 95 %).",)
+        fed = f"E feeds {total:.6g} mm, {low:.3g} to {high:.3g} mm per mm of the lines (5 to 95 %)."
+        undone = self.program.undone_extrusion
+        return (fed, f"{undone}.") if undone else (fed,)

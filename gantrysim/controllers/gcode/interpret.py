@@ -325,6 +325,7 @@ class Interpreted:
         advances: pressure advances to which the moves refer.
         sets_advance: whether the program sets its pressure advance.
         filament: diameter by which E was a volume; 0 where it was a length [mm].
+        undone_extrusion: how G90 or G91 has undone M82 or M83, in words; empty where it has not.
     """
 
     start: tuple[float, float, float]
@@ -341,6 +342,7 @@ class Interpreted:
     advances: tuple[PressureAdvance, ...] = (PressureAdvance(),)
     sets_advance: bool = False
     filament: float = 0.0
+    undone_extrusion: str = ""
 
     @property
     def feeds_material(self) -> bool:
@@ -434,6 +436,7 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
         advances=tuple(state.extruder.advances),
         sets_advance=state.extruder.sets_advance,
         filament=state.extruder.filament,
+        undone_extrusion=state.extruder.undone,
     )
 
 
