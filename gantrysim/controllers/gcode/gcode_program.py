@@ -435,14 +435,17 @@ class GCode(Controller):
     @property
     def _flow(self) -> tuple[str, ...]:
         table = self.program.moves
-        laid = (table[:, KIND] == LINE) & self.program.glue & (table[:, FLOW] > 0)
-        if not laid.any():
+        fed = self.program.glue & (table[:, FLOW] > 0)
+        if not fed.any():
             return ()
+        # what is pulled back and fed again counts once
+        total = float(np.maximum.accumulate(np.cumsum(table[:, FLOW]))[-1])
+        laid = fed & (table[:, KIND] == LINE)
+        if not laid.any():
+            return (f"E feeds {total:.6g} mm, none of it in lines.",)
         points = np.concatenate([[self.program.start], table[:, END : END + 3]])
         length = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
         laid &= length > 0
         # the ends of the distribution are primes and wipes, not the bead
         low, high = np.percentile(table[laid, FLOW] / length[laid], (5, 95)) if laid.any() else (0.0, 0.0)
-        # what is pulled back and fed again counts once
-        total = float(np.maximum.accumulate(np.cumsum(table[:, FLOW]))[-1])
         return (f"E feeds {total:.6g} mm, {low:.3g} to {high:.3g} mm per mm of the lines (5 to 95 %).",)
