@@ -41,9 +41,12 @@ class Row:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """The worst check, the others that do not pass, and the remark."""
-        shown = [check for k, check in enumerate(self.checks) if k == 0 or check.state != PASS]
-        return (*map(str, shown), *([self.remark] if self.remark else []))
+        """The worst check, the others that do not pass, and the remark, first if no check has the row's state."""
+        shown = tuple(str(check) for k, check in enumerate(self.checks) if k == 0 or check.state != PASS)
+        remark = (self.remark,) if self.remark else ()
+        if all(check.state != self.state for check in self.checks):
+            return (*remark, *shown)
+        return (*shown, *remark)
 
     def content(self) -> dict[str, Any]:
         """Return the row for JSON."""

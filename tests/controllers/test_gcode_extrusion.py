@@ -247,3 +247,21 @@ def test_holds_and_parts_keep_what_is_fed():
 def test_bad_values_are_refused(line, message):
     with pytest.raises(InputError, match=message):
         _ = Program(text=f"{line}\nG1 X1 E1 F60").duration
+
+
+def test_g90_after_m83_is_told_where_it_makes_e_absolute():
+    """Once two of three dots of E0.5 vanished without a word."""
+    text = "M83\nG90\nG1 X1 E0.5 F60\nG1 X2 E0.5"
+
+    def told(text, **options):
+        return [note for note in Program(text=text, **options).notes if note.startswith("G90 after M83")]
+
+    assert told(text) == [
+        "G90 after M83 makes E absolute, as in Marlin, and 2 E words follow: M83 after G90, or "
+        'program.firmware = "klipper" or "reprapfirmware", keeps E relative.'
+    ]
+    assert not told(text, firmware="klipper")
+    assert not told("G90\nM83\nG1 X1 E0.5 F60")
+    assert not told("M83\nG91\nG1 Z1 F60\nG90\nM83\nG1 X2 E0.5")
+    assert not told("M83\nG1 X1 E0.5 F60\nG90\nM82\nG1 X2 E0.5")
+    assert told("M83\nG91\nG1 Z1 F60\nG90\nG1 X2 E0.5")

@@ -108,6 +108,15 @@ def test_a_flow_in_proportion_to_the_speed_lays_no_dots():
     assert row.remark.startswith("3 dots get no glue: none is requested at rest; dispenser.flow lays it there")
 
 
+def test_dots_without_glue_beside_a_good_bead_are_named_first():
+    """Once "fail: bead too wide by 0.1 %, at most 10.0 %"."""
+    job = dots_job(STROKE + DOTS.replace("G21 G90 G61\n", ""), dispenser={"flow": 0.0, "area": 1.0})
+    row = glue(job, followed(job))
+    assert row.state == "fail"
+    assert row.texts[0].startswith("3 dots get no glue")
+    assert {check.state for check in row.checks} == {"pass"}
+
+
 def test_a_job_without_glue_is_a_warning_with_dots_too():
     job = dots_job(dispenser={"flow": 0.0})
     row = glue(job, followed(job))

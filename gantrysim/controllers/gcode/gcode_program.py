@@ -409,6 +409,12 @@ class GCode(Controller):
                 f"G64 without P cuts corners by up to {corners.cut:.3g} mm; "
                 f"G64 P{_CUT:g} keeps within {_CUT:g} mm of them."
             )
+        lost = self.program.lost_relative
+        if lost:
+            notes.append(
+                f"G90 after M83 makes E absolute, as in Marlin, and {lost} E words follow: M83 after G90, or "
+                'program.firmware = "klipper" or "reprapfirmware", keeps E relative.'
+            )
         return (*notes, *self._flow)
 
     @cached_property

@@ -326,6 +326,7 @@ class Interpreted:
         advances: pressure advances to which the moves refer.
         sets_advance: whether the program sets its pressure advance.
         filament: diameter by which E was a volume; 0 where it was a length [mm].
+        lost_relative: words E that were absolute after G90, though M83 had made E relative.
     """
 
     start: tuple[float, float, float]
@@ -342,6 +343,7 @@ class Interpreted:
     advances: tuple[PressureAdvance, ...] = (PressureAdvance(),)
     sets_advance: bool = False
     filament: float = 0.0
+    lost_relative: int = 0
 
     @property
     def feeds_material(self) -> bool:
@@ -435,6 +437,7 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
         advances=tuple(state.extruder.advances),
         sets_advance=state.extruder.sets_advance,
         filament=state.extruder.filament,
+        lost_relative=state.extruder.lost,
     )
 
 
