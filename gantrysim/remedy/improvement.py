@@ -331,8 +331,8 @@ class Improvement(Shown):
         worst = max(self.improved.rows, key=row_burden)
         reach = "nothing meets the tolerance" if worst.state == FAIL else "no combination leaves a 20 % margin"
         remains = f"{begin}; {reach}: {worst.name} remains"
-        # a row without checks says itself what it lacks, as dots that get no glue
-        if not worst.checks:
+        # then the row says itself what it lacks, as dots that get no glue
+        if worst.fails_without_check or not worst.checks:
             return f"{remains}, {worst.remark}."
         return f"{remains}, {worst.checks[0]}. What forbids it is {bound_of(self.job, self.after, worst.name)}."
 
@@ -453,6 +453,8 @@ def _usages(verdict: Verdict | None, rows: int = 0) -> list[str]:
 
 def _usage(row: Row) -> str:
     """Return the share of its limit that a row's worst check uses; where that has no bound, the next one's too."""
+    if row.fails_without_check:
+        return row.state
     usage = usage_of(row)
     if math.isnan(usage):
         return NOTHING

@@ -35,7 +35,7 @@ class Outcome:
         nominal: section of the requested bead, 0 without one [mm²].
         missing: mean over the starts of the glue missing there, as length of the requested bead [mm].
         excess: mean over the stops of the glue in excess there, likewise [mm].
-        dots: volumes of the dots, with what is drawn into strings [mm³].
+        dots: volumes of the dots, with what is drawn into strings, 0 where none is requested [mm³].
     """
 
     verdict: Verdict | None
@@ -162,7 +162,8 @@ class Motion:
             nominal=max(float(bead.nominal), 0.0),
             missing=float(bead.missing_at_starts.mean()) if is_laid else 0.0,
             excess=float(bead.excess_at_stops.mean()) if is_laid and bead.excess_at_stops.size else 0.0,
-            dots=tuple(dot.volume + dot.string for dot in bead.dots),
+            # where none is requested, what is left is rounding
+            dots=tuple(dot.volume + dot.string if dot.demand else 0.0 for dot in bead.dots),
         )
 
 

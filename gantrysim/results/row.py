@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from gantrysim.results.checks import PASS, SYMBOLS, UNJUDGED, Check, worst
+from gantrysim.results.checks import FAIL, PASS, SYMBOLS, UNJUDGED, Check, worst
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,16 @@ class Row:
         return SYMBOLS[self.state]
 
     @property
+    def fails_without_check(self) -> bool:
+        """Whether it fails, but none of its checks does: the remark says why, as where no glue comes out."""
+        return self.state == FAIL and all(check.state != FAIL for check in self.checks)
+
+    @property
     def texts(self) -> tuple[str, ...]:
-        """The worst check, the others that do not pass, and the remark."""
-        shown = [check for k, check in enumerate(self.checks) if k == 0 or check.state != PASS]
-        return (*map(str, shown), *([self.remark] if self.remark else []))
+        """The worst check, the others that do not pass, and the remark, which is first if it says why the row fails."""
+        shown = tuple(str(check) for k, check in enumerate(self.checks) if k == 0 or check.state != PASS)
+        remark = (self.remark,) if self.remark else ()
+        return (*remark, *shown) if self.fails_without_check else (*shown, *remark)
 
     def content(self) -> dict[str, Any]:
         """Return the row for JSON."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from gantrysim.results.checks import FAIL, NEAR_LIMIT
+from gantrysim.results.checks import NEAR_LIMIT
 from gantrysim.results.row import Row
 from gantrysim.results.verdict import Verdict
 
@@ -24,10 +24,7 @@ CAP = 1000.0  # of a usage
 
 def usage_of(row: Row) -> float:
     """Return the usage of a row's worst check, nan where none is judged; `CAP` for a failure without a check."""
-    usages = usages_of(row)
-    if usages:
-        return max(usages)
-    return CAP if row.state == FAIL else math.nan
+    return max(_counted(row), default=math.nan)
 
 
 def usages_of(row: Row) -> list[float]:
@@ -35,12 +32,13 @@ def usages_of(row: Row) -> list[float]:
     return [check.usage for check in row.checks if not math.isnan(check.usage)]
 
 
+def _counted(row: Row) -> list[float]:
+    return [*usages_of(row), *([CAP] if row.fails_without_check else [])]
+
+
 def row_burden(row: Row) -> float:
     """Return what a row adds to the burden of its verdict."""
-    usages = usages_of(row)
-    if not usages and row.state == FAIL:
-        usages = [CAP]
-    return burden_of_usages(usages)
+    return burden_of_usages(_counted(row))
 
 
 def burden_of_usages(usages: Iterable[float]) -> float:

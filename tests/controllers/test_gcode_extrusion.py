@@ -249,18 +249,19 @@ def test_bad_values_are_refused(line, message):
         _ = Program(text=f"{line}\nG1 X1 E1 F60").duration
 
 
-@pytest.mark.parametrize(
-    ("head", "told"),
-    [
-        ("M83\nG90", "G90 after M83 makes E absolute again, as in Marlin: M83 after G90 keeps it."),
-        ("M82\nG91", "G91 after M82 makes E relative again, as in Marlin: M82 after G91 keeps it."),
-        ("G90\nM83", ""),
-        ("M82\nG90", ""),
-    ],
-)
-def test_a_distance_mode_that_undoes_e_s_own_is_told(head, told):
-    text = f"{head}\nG1 X10 E1 F600\nG1 X20 E2\nG1 X30 E3"
-    for firmware in ("marlin", "klipper"):
-        notes = " ".join(Program(text=text, firmware=firmware).notes)
-        assert (told in notes) == (firmware == "marlin" or not told)
-        assert told or "again, as in Marlin" not in notes
+def test_g90_after_m83_is_told_where_it_makes_e_absolute():
+    """Once two of three dots of E0.5 vanished without a word."""
+    text = "M83\nG90\nG1 X1 E0.5 F60\nG1 X2 E0.5"
+
+    def told(text, **options):
+        return [note for note in Program(text=text, **options).notes if note.startswith("G90 after M83")]
+
+    assert told(text) == [
+        "G90 after M83 makes E absolute, as in Marlin, and 2 E words follow: M83 after G90, or "
+        'program.firmware = "klipper" or "reprapfirmware", keeps E relative.'
+    ]
+    assert not told(text, firmware="klipper")
+    assert not told("G90\nM83\nG1 X1 E0.5 F60")
+    assert not told("M83\nG91\nG1 Z1 F60\nG90\nM83\nG1 X2 E0.5")
+    assert not told("M83\nG1 X1 E0.5 F60\nG90\nM82\nG1 X2 E0.5")
+    assert told("M83\nG91\nG1 Z1 F60\nG90\nG1 X2 E0.5")

@@ -108,6 +108,15 @@ def test_a_flow_in_proportion_to_the_speed_lays_no_dots():
     assert row.remark.startswith("3 dots get no glue: none is requested at rest; dispenser.flow lays it there")
 
 
+def test_dots_without_glue_beside_a_good_bead_are_named_first():
+    """Once "fail: bead too wide by 0.1 %, at most 10.0 %"."""
+    job = dots_job(STROKE + DOTS.replace("G21 G90 G61\n", ""), dispenser={"flow": 0.0, "area": 1.0})
+    row = glue(job, followed(job))
+    assert row.state == "fail"
+    assert row.texts[0].startswith("3 dots get no glue")
+    assert {check.state for check in row.checks} == {"pass"}
+
+
 def test_a_job_without_glue_is_a_warning_with_dots_too():
     job = dots_job(dispenser={"flow": 0.0})
     row = glue(job, followed(job))
@@ -173,3 +182,20 @@ def test_e_fed_at_rest_alone_lays_dots_and_a_retraction_none():
     assert [dot["asked_mm"][0] for dot in dots] == [10, 20]
     section = 0.25 * 3.14159265 * 1.75**2
     assert [dot["volume_mm3"] for dot in dots] == pytest.approx([0.5 * section] * 2, rel=5e-3)
+
+
+def test_e_fed_at_rest_beside_a_bead_lays_a_dot_beyond_what_undoes_a_retraction():
+    """By hand: E0.5 lays 0.5 mm of filament; of E1.4 after E-0.8, 0.6 mm; E0.8 before the bead undoes E-0.8."""
+    text = (
+        "G21\nG90\nM83\nG1 X10 F3000\nG1 E0.5 F60\nG1 E-0.8\nG1 Z4 F600\nG1 X20\nG1 Z0\nG1 E0.8\nG1 X60 E2\n"
+        "G1 E-0.8\nG1 Z4\nG1 X80\nG1 Z0\nG1 E1.4\nG1 E-0.8\nG1 Z4\n"
+    )
+    program = {"controller": "slicer.Program", "text": text}
+    content = {"name": "syringe", "machine": "xyz", "program": program, "dispenser": {"filament": 1.75}}
+    job = Job.of_content(content, "job syringe")
+    run = followed(job)
+    dots = glue(job, run).values["dots"]
+    section = 0.25 * 3.14159265 * 1.75**2
+    assert [dot["asked_mm"][0] for dot in dots] == [10, 80]
+    assert [dot["volume_mm3"] for dot in dots] == pytest.approx([0.5 * section, 0.6 * section], rel=5e-3)
+    assert results_of(job, run).bead.values.volume == pytest.approx(2 * section, rel=5e-3)

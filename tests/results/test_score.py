@@ -52,6 +52,10 @@ def test_an_unbounded_usage_is_capped_and_a_fault_is_worse():
 
 def test_a_row_without_a_check_weighs_only_as_a_failure():
     assert burden_of(Verdict((Row("glue", state=FAIL),))) == pytest.approx(math.log(CAP / 0.8))
+    # as dots without glue beside a good bead, once "nothing to change: the verdict is fail"
+    beside = Row("glue", (check_of("bead_width", 0.5),), state=FAIL)
+    assert burden_of(Verdict((beside,))) == pytest.approx(math.log(CAP / 0.8))
+    assert usage_of(beside) == CAP
     assert burden_of(Verdict((Row("glue", state=WARN),))) == 0
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from gantrysim.compare.runs.compared_run import FEWEST
 from gantrysim.compare.runs.differences import BETTER, WORSE, CheckChange, JobDifference
 from gantrysim.results.checks import FAIL, PASS
-from gantrysim.results.score import CAP, burden_of_usages, row_burden, usages_of
+from gantrysim.results.score import CAP, burden_of_usages
 from gantrysim.results.verdict import Verdict
 
 _EQUAL = 1e-6  # of a burden or a usage, below which two are the same
@@ -42,7 +42,7 @@ def _usages(verdict: Verdict) -> dict[str, float]:
 
 def _unchecked_failures(verdict: Verdict) -> float:
     """Return the burden of rows that fail without a check, as where no glue comes out."""
-    return sum(row_burden(row) for row in verdict.rows if not usages_of(row))
+    return burden_of_usages(CAP for row in verdict.rows if row.fails_without_check)
 
 
 def is_better(first: Verdict, second: Verdict) -> bool:

@@ -65,8 +65,8 @@ class Extruder:
         advances: pressure advances that were in force, to which moves refer by `index`.
         index: of the present one.
         sets_advance: whether the program has set one.
-        stated: M82 or M83, the last of them; empty without.
-        undone: what G90 or G91 has undone, in words; empty where that is nothing.
+        is_overridden: whether G90 has ended what M83 set, as in Marlin.
+        lost: words E that were read as absolute since.
     """
 
     def __init__(self, firmware: Firmware, advance: float = 0.0) -> None:
@@ -80,24 +80,20 @@ class Extruder:
         self.advances = [PressureAdvance(advance, SMOOTH_TIME if is_averaged else 0.0)]
         self.index = 0
         self.sets_advance = False
-        self.stated = ""
-        self.undone = ""
+        self.is_overridden = False
+        self.lost = 0
+        self._is_set = False
+
+    def set_relative(self, relative: bool) -> None:
+        """Apply M82 or M83."""
+        self.is_relative = self._is_set = relative
+        self.is_overridden = False
 
     def set_distances(self, *, absolute: bool) -> None:
         """Apply G90 or G91: in Marlin the last of them, M82 and M83 holds, elsewhere M82 and M83 are E's own."""
-        if self.firmware != "marlin":
-            return
-        if self.stated and self.is_relative == absolute:
-            code, way = ("G90", "absolute") if absolute else ("G91", "relative")
-            self.undone = (
-                f"{code} after {self.stated} makes E {way} again, as in Marlin: {self.stated} after {code} keeps it"
-            )
-        self.is_relative = not absolute
-
-    def state_distances(self, *, absolute: bool) -> None:
-        """Apply M82 or M83."""
-        self.is_relative = not absolute
-        self.stated = "M82" if absolute else "M83"
+        if self.firmware == "marlin":
+            self.is_relative = not absolute
+            self.is_overridden = absolute and self._is_set
 
     def fed(self, e: float, unit: float, *, absolute: bool) -> float:
         """Return the length of filament that a word E feeds, and set the position [mm].
@@ -108,6 +104,7 @@ class Extruder:
             absolute: whether coordinates are (G90); in Klipper E is relative where they are not.
         """
         is_relative = self.is_relative or (self.firmware == "klipper" and not absolute)
+        self.lost += self.is_overridden
         fed = e if is_relative else e - self.position
         self.position = self.position + e if is_relative else e
         fed *= self.factor

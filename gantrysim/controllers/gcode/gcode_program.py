@@ -409,6 +409,12 @@ class GCode(Controller):
                 f"G64 without P cuts corners by up to {corners.cut:.3g} mm; "
                 f"G64 P{_CUT:g} keeps within {_CUT:g} mm of them."
             )
+        lost = self.program.lost_relative
+        if lost:
+            notes.append(
+                f"G90 after M83 makes E absolute, as in Marlin, and {lost} E words follow: M83 after G90, or "
+                'program.firmware = "klipper" or "reprapfirmware", keeps E relative.'
+            )
         return (*notes, *self._flow)
 
     @cached_property
@@ -435,16 +441,17 @@ class GCode(Controller):
     @property
     def _flow(self) -> tuple[str, ...]:
         table = self.program.moves
-        laid = (table[:, KIND] == LINE) & self.program.glue & (table[:, FLOW] > 0)
-        if not laid.any():
+        fed = self.program.glue & (table[:, FLOW] > 0)
+        if not fed.any():
             return ()
+        # what is pulled back and fed again counts once
+        total = float(np.maximum.accumulate(np.cumsum(table[:, FLOW]))[-1])
+        laid = fed & (table[:, KIND] == LINE)
+        if not laid.any():
+            return (f"E feeds {total:.6g} mm, none of it in lines.",)
         points = np.concatenate([[self.program.start], table[:, END : END + 3]])
         length = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
         laid &= length > 0
         # the ends of the distribution are primes and wipes, not the bead
         low, high = np.percentile(table[laid, FLOW] / length[laid], (5, 95)) if laid.any() else (0.0, 0.0)
-        # what is pulled back and fed again counts once
-        total = float(np.maximum.accumulate(np.cumsum(table[:, FLOW]))[-1])
-        fed = f"E feeds {total:.6g} mm, {low:.3g} to {high:.3g} mm per mm of the lines (5 to 95 %)."
-        undone = self.program.undone_extrusion
-        return (fed, f"{undone}.") if undone else (fed,)
+        return (f"E feeds {total:.6g} mm, {low:.3g} to {high:.3g} mm per mm of the lines (5 to 95 %).",)

@@ -81,6 +81,7 @@ _ORIGINS = {"tool length", "coordinate system", "shift", "machine coordinates"}
 _FAN_ON = 106
 _FAN_OFF = 107
 _FULL = 255.0  # of a fan, by M106 without S
+_ROUNDING = 1e-6  # of sums of E [mm]
 _MOST_NAMES = 1000  # of codes, in memory: a program may have any number of unknown ones
 
 
@@ -325,7 +326,7 @@ class Interpreted:
         advances: pressure advances to which the moves refer.
         sets_advance: whether the program sets its pressure advance.
         filament: diameter by which E was a volume; 0 where it was a length [mm].
-        undone_extrusion: how G90 or G91 has undone M82 or M83, in words; empty where it has not.
+        lost_relative: words E that were absolute after G90, though M83 had made E relative.
     """
 
     start: tuple[float, float, float]
@@ -342,7 +343,7 @@ class Interpreted:
     advances: tuple[PressureAdvance, ...] = (PressureAdvance(),)
     sets_advance: bool = False
     filament: float = 0.0
-    undone_extrusion: str = ""
+    lost_relative: int = 0
 
     @property
     def feeds_material(self) -> bool:
@@ -359,11 +360,11 @@ class Interpreted:
 
 def _valve(table: Floats, start: tuple[float, float, float], state: ProgramState) -> Valve:
     """Return the valve's course over a table of moves."""
-    fed = table[:, FLOW] > 0
-    moving = table[:, KIND] != DWELL
-    # beside moves that feed, what E feeds at rest undoes a retraction; alone it lays dots
-    if (fed & moving).any():
-        fed &= moving
+    flow = table[:, FLOW]
+    furthest = np.maximum.accumulate(np.maximum(np.cumsum(flow), 0.0))
+    # at rest, what is fed up to where the material was pulled back undoes that, and more of it lays a dot
+    leaves = np.diff(furthest, prepend=0.0) > _ROUNDING
+    fed = (flow > 0) & (leaves | (table[:, KIND] != DWELL))
     places = np.concatenate([[start], table[:, END : END + 3]])
     ways = np.diff(places, axis=0)
     # lines that stand in plan view
@@ -436,7 +437,7 @@ def interpret(program: ProgramText, start: tuple[float, float, float], setup: Pr
         advances=tuple(state.extruder.advances),
         sets_advance=state.extruder.sets_advance,
         filament=state.extruder.filament,
-        undone_extrusion=state.extruder.undone,
+        lost_relative=state.extruder.lost,
     )
 
 

@@ -14,14 +14,14 @@ _EXTRUDER = "EXTRUDER"  # Klipper's name of the first
 @auxiliary(_SLICER)
 def m82(state: ProgramState, block: WordBlock) -> None:
     """Absolute extrusion."""
-    state.extruder.state_distances(absolute=True)
+    state.extruder.set_relative(False)
     block.keeps_words = True
 
 
 @auxiliary(_SLICER)
 def m83(state: ProgramState, block: WordBlock) -> None:
     """Relative extrusion."""
-    state.extruder.state_distances(absolute=False)
+    state.extruder.set_relative(True)
     block.keeps_words = True
 
 
