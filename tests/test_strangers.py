@@ -127,6 +127,10 @@ def folder(fresh, tmp_path_factory):
     log = Log.of(simulate(machine, Servo.derive(machine.axes), logged))
     moved = Log(("x",), log.period, log.position[:, :1], log.torque[:, :1], log.held)  # y stands still
     moved.save(folder / "log.csv", {"x": "mm"})
+    # as most loggers do, with the command beside
+    rows = (folder / "log.csv").read_text().splitlines()
+    commands = ["x command [mm]", *(f"{command:.9g}" for command in position[:, 0])]
+    (folder / "log.csv").write_text("\n".join(f"{a},{b}" for a, b in zip(rows, commands, strict=True)) + "\n")
     for command in (
         ("run", "my-job.toml", "--no-video", "--no-report", "--no-causes", "--no-improve"),
         ("export", "out/mine", "--out", "trace.csv"),

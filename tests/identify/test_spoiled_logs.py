@@ -29,7 +29,7 @@ REFUSED = {
     "torque in kgf·m": r"gives 0\.14 times the inertia .*, must be 0\.2 to 5 times; torque in kgf·m read as N·m\?",
     "position in inches": r"gives 35 times the inertia .*, must be 0\.2 to 5 times; .*position in inches read as mm\?",
     "position in m": r"the axis hardly moves, by 0\.0803 mm: .* position in m read as mm\?",
-    "position in µm": r"goes over 8\.027e\+04 mm, the axis over 300 mm: must be at most 2 times as far; position in µm",
+    "position in µm": r"goes over 80,272 mm, the axis over 300 mm: must be at most 2 times as far; position in µm",
     "position in motor turns": r"position in turns of the motor read as mm\?",
     "clock jump of 20 ms between the columns": r"the torque is 20 ms late against the position",
     "2 % of rows repeated": r"its position jumps by .* samples are missing",
