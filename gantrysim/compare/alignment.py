@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from gantrysim.base.arrays import Floats
-from gantrysim.base.errors import unknown
+from gantrysim.base.errors import InputError, unknown
 from gantrysim.compare.equal_times import (
     APART,
     AS_WELL,
@@ -85,10 +85,15 @@ def aligned_trace(trace: Trace, run: Run, what: tuple[str, ...] = DEFAULT) -> Al
         run: simulated.
         what: "path" for equal places or "time" for a time shift, and what else is fitted, of `ALIGNED`; the rest is
             taken to be zero.
+
+    Raises:
+        InputError: an unknown alignment, both path and time, or a trace that does not fit the run.
     """
     for quantity in what:
         if quantity not in ALIGNED:
             raise unknown("alignment", quantity, ALIGNED)
+    if "path" in what and "time" in what:
+        raise InputError("alignment path and time: must be one of the two, as equal places or equal times")
     if "path" in what or "time" in what:
         check_duration(trace.time, run)
     if "path" not in what:

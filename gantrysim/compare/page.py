@@ -198,7 +198,8 @@ def _explained_share(comparison: Comparison) -> str:
     if explained.share is None and explained.difference < NOTHING:
         return f"Of {links} there is no error across the path, neither measured nor simulated: it shows nothing there."
     if explained.difference < NOTHING:
-        return f"Of {measured}, the simulation differs by less than {DIFFERENCE.text(NOTHING)} rms."
+        bound = f"{DIFFERENCE.factor * NOTHING:g} {DIFFERENCE.unit}"
+        return f"Of {measured}, the simulation differs by less than {bound} rms."
     difference = f"{REMAINDER.text(explained.difference)} rms"
     if explained.share is None:
         return f"Of {links} there is no measured error; the simulated one is {difference}."

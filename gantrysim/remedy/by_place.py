@@ -113,8 +113,11 @@ class SpeedByPlace:
         slowest = min(speed.after for speed in self.speeds)
         fastest = max(speed.after for speed in self.speeds)
         glue = "".join(f", {key} = {value:g}" for key, value in self.glue.items())
+        times = f"{self.outcome.duration:.2f} s instead of {self.other:.2f} s"
+        if all(speed.after == speed.before for speed in self.speeds):
+            return f"{self.outcome.state} with the program's own speeds: {times}{glue}"
         return (
-            f"{self.outcome.state} with a speed by place: {self.outcome.duration:.2f} s instead of {self.other:.2f} s, "
+            f"{self.outcome.state} with a speed by place: {times}, "
             f"with {self.changes} speeds from {slowest:.4g} to {fastest:.4g} mm/s{glue}"
         )
 
@@ -180,7 +183,7 @@ def _glue_changes(job: Job, bench: Bench) -> list[Mapping[str, Any]]:
     if not bench.measure(job).nominal:
         return [{}]
     flow: Mapping[str, Any] = {}
-    if not job.dispenser.area:
+    if not (job.dispenser.area or job.dispenser.per_e):
         settings = PROPORTIONAL_FLOW.settings(State(job, bench.measure))
         if isinstance(settings, str):
             raise InputError(settings)

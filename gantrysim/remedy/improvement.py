@@ -77,6 +77,8 @@ def _glue_bound(job: Job) -> str:
         return f"the dispenser, {_lag_text(dispenser)}"
     if _glue_passes(job, job, follow=True):
         return "the servo link: the machine does not follow the commanded speed"
+    if dispenser.per_e:
+        return "the program link: what E feeds, at rest or for each length, varies more than the bead admits"
     return "the program link: its speed changes more than the bead admits"
 
 

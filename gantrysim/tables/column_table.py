@@ -210,14 +210,15 @@ def _plain(table: TextTable, width: int) -> Floats | None:
 def _mixed_columns(label: str, table: TextTable, width: int) -> tuple[dict[int, Floats], dict[int, list[str]]]:
     """Return the columns of numbers and those of text, by their places."""
     rows = table.split()
-    for row in rows:
+    for row, (_, line) in zip(rows, table.rows, strict=True):
         if len(row.cells) > width:
             raise InputError(f"{label}: line {row.line} has {len(row.cells)} columns, must have {width}")
         if len(row.cells) < width:
             missing = width - len(row.cells)
             # rows of LabVIEW end before the comment
             comments = bool(table.heads) and table.heads[-1] == "Comment"
-            if missing > 1 or len(rows) == 1 or not (comments or _ends_in_gaps(table, width)):
+            is_last_alone = missing == 1 and len(rows) > 1 and (comments or _ends_in_gaps(table, width))
+            if not (is_last_alone or _has_all_separators(table, line, width)):
                 raise InputError(f"{label}: line {row.line} has {len(row.cells)} columns, must have {width}")
             row.cells.extend([""] * missing)
     columns: dict[int, Floats] = {}
@@ -240,10 +241,16 @@ def _mixed_columns(label: str, table: TextTable, width: int) -> tuple[dict[int, 
 
 def _ends_in_gaps(table: TextTable, width: int) -> bool:
     """Return whether the separator shows that a missing last cell is an empty one."""
-    return table.dialect.separator != " " and any(
-        line.rstrip(" ").endswith(table.dialect.separator) and line.count(table.dialect.separator) == width - 1
+    return any(
+        line.rstrip(" ").endswith(table.dialect.separator) and _has_all_separators(table, line, width)
         for _, line in table.rows
     )
+
+
+def _has_all_separators(table: TextTable, line: str, width: int) -> bool:
+    """Return whether a line has a separator between all columns, so that cells missing at its end are empty ones."""
+    separator = table.dialect.separator
+    return separator != " " and line.count(separator) == width - 1
 
 
 def _value(dialect: Dialect, cell: str) -> float | None:

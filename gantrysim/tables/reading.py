@@ -117,6 +117,8 @@ def read_table(file: str | Path, blocks: int = 0) -> ColumnTable:
             reader = binary_reader(stream.read(_HEAD))
         if reader is not None:
             return reader(path, label)
+        if path.suffix == ".npz":
+            raise InputError(f"{label}: is the record of a run: gantrysim export {label} writes it as a table")
         text = read_text(path, errors="replace", label=label)
     except OSError as error:
         raise InputError(f"{label}: cannot be read: {error.strerror}") from None

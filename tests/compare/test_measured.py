@@ -432,6 +432,8 @@ def test_traces_that_cannot_be_compared_are_refused(run):
         Comparison.of(Trace(run.time + 1e3, {"encoder": run.encoder}, None), run, MACHINE, ())
     with pytest.raises(InputError, match="unknown alignment 'place'"):
         Comparison.of(Trace(run.time, {"encoder": run.encoder}, None), run, MACHINE, ("place",))
+    with pytest.raises(InputError, match="alignment path and time: must be one of the two"):
+        Comparison.of(Trace(run.time, {"encoder": run.encoder}, None), run, MACHINE, ("path", "time"))
     for factor, told in ((1e3, "lasts"), (1e-3, "is its time in another unit")):
         with pytest.raises(InputError, match=told):
             aligned_trace(Trace(factor * run.time, {"encoder": run.encoder}, None), run)

@@ -265,3 +265,20 @@ def test_g90_after_m83_is_told_where_it_makes_e_absolute():
     assert not told("M83\nG91\nG1 Z1 F60\nG90\nM83\nG1 X2 E0.5")
     assert not told("M83\nG1 X1 E0.5 F60\nG90\nM82\nG1 X2 E0.5")
     assert told("M83\nG91\nG1 Z1 F60\nG90\nG1 X2 E0.5")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("G1 X50 E2.5 F600\nG1 X100 E2.5", "E feeds 5 mm, 0.05 to 0.05 mm per mm of the lines (5 to 95 %)."),
+        (
+            "G1 X50 E2.5 F600\nG1 X100 E5",
+            "E feeds 7.5 mm, 0.05 to 0.1 mm per mm of the lines (5 to 95 %). "
+            "The verdict compares all of them with one section, their median.",
+        ),
+        ("G1 X50 F600\nG1 E0.5\nG1 E-0.5\nG1 X0\nG1 E0.8", "E feeds 0.8 mm, none of it in lines."),
+    ],
+)
+def test_the_amounts_of_e_are_those_of_the_lines(text, told):
+    """Once 0.0525 to 0.0975 of two lines with 0.05 and 0.1."""
+    assert Program(text=f"M83\n{text}").notes[-1] == told

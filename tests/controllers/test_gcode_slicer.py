@@ -69,7 +69,7 @@ def test_what_is_not_simulated_is_counted_and_said():
         program.notes[0]
         == "Words without an effect on the path: G28 (1), M104 (1), M105 (1), M106 (1), M117 (1), START_PRINT (1)."
     )
-    assert "E feeds 4.5 mm, 0.055 to 0.145 mm per mm" in program.notes[-1]  # 0.1, 0.15 and 0.05 on lines
+    assert "E feeds 4.5 mm, 0.05 to 0.15 mm per mm" in program.notes[-1]  # 0.1, 0.15 and 0.05 on lines
 
 
 def test_a_dwell_without_a_time_takes_none():

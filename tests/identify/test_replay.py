@@ -43,6 +43,8 @@ def test_a_run_repeats_itself_to_the_last_digit(spiral):
             assert sizes["all"].difference.max == 0
             assert sizes["all"].frictionless.rms > 0.3 * sizes["all"].measured.rms
             assert sizes["all"].rows == sizes["reversals"].rows + sizes["elsewhere"].rows
+    # once "6.06e+09 times as much"
+    assert not any("times as much" in sentence for sentence in sentences(found))
 
 
 def test_a_log_that_begins_in_motion_is_followed_from_its_first_velocity(spiral):

@@ -130,6 +130,27 @@ def test_a_flow_that_does_not_follow_the_speed_is_made_to(job, even):
     assert ", dispenser.flow = 0, dispenser.area = 2" in str(result)
 
 
+def test_a_flow_by_e_follows_the_speed_already(even, tmp_path):
+    """The same path with 2 mm³ of E for each mm, whose F words alone change."""
+    file = tmp_path / "corner.gcode"
+    text = "G21\nG90\nM83\nG1 X0 Y0 F6000\nG1 X150 E300\nG3 X160 Y10 J10 E31.4 (tight)\nG1 Y150 E280\n"
+    file.write_text(text, encoding="utf-8")
+    settings = {key: value for key, value in SETTINGS.items() if key not in ("dispenser.area", "dispenser.flow")}
+    job = Job.load(str(file), settings | {"program.corner_tolerance": 0.01, "dispenser.e_volume": 1.0})
+    found = speed_by_place(job, even, Bench(job))
+    assert isinstance(found, SpeedByPlace), found
+    assert found.outcome.passes
+    assert found.outcome.duration < 0.9 * even.duration
+    written = found.job.controller.text.splitlines()
+    for line, original in zip(written, text.splitlines(), strict=True):
+        assert [word for word in line.split() if word[0] != "F"] == [w for w in original.split() if w[0] != "F"]
+
+
+def test_speeds_that_stay_are_not_called_speeds_by_place(found):
+    kept = replace(found, speeds=tuple(replace(speed, after=speed.before) for speed in found.speeds))
+    assert str(kept).startswith("pass with the program's own speeds: ")
+
+
 def test_a_program_with_one_speed_has_none_by_place(job, even):
     stage = Job.load("stage-outline")
     assert "states one speed for its whole path" in speed_by_place(stage, even, Bench(stage))

@@ -5,9 +5,10 @@ import math
 import pytest
 
 from gantrysim import Verdict
-from gantrysim.remedy.improvement import Improvement, names_of
+from gantrysim.job.job import Job
+from gantrysim.remedy.improvement import Improvement, bound_of, names_of
 from gantrysim.remedy.lever import Lever
-from gantrysim.remedy.outcome import Outcome
+from gantrysim.remedy.outcome import Outcome, measured_outcome
 from gantrysim.remedy.trial import Skipped, Trial, gains_of
 from gantrysim.results.checks import Check
 from gantrysim.results.row import Row
@@ -128,3 +129,14 @@ def test_the_frame_has_the_worst_check_of_each_row_before_and_after():
     assert (first["stability_before"], first["stability_after"], first["stability_usage"]) == (8.0, 6.0, 1.5)
     assert (first["stability_state"], first["machine_state"]) == ("fail", "pass")
     assert (first["duration_s"], first["longer_by_s"], first["failure"]) == (12.5, 2.5, "")
+
+
+def test_a_blob_that_e_feeds_at_rest_is_not_put_down_to_the_speed():
+    """A prime of 1 mm without a retraction, where the bead begins."""
+    text = "G21\nG90\nM83\nG1 X10 F3000\nG1 E1 F120\nG1 X60 E2.5 F1200\n"
+    program = {"controller": "slicer.Program", "text": text}
+    content = {"name": "primed", "machine": "xyz", "program": program, "dispenser": {"filament": 1.75}}
+    job = Job.of_content(content, "job primed")
+    outcome = measured_outcome(job)
+    reason = bound_of(job, outcome, "glue")
+    assert reason == "the program link: what E feeds, at rest or for each length, varies more than the bead admits"

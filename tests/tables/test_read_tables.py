@@ -395,3 +395,19 @@ def test_heads_in_a_remark_are_taken_where_they_fit(log):
     from_numpy = log("# t x y\n0 1 2\n1 2 3\n")
     assert from_numpy.order == ("t", "x", "y")
     assert log("# made by hand, twice\n0 1 2\n1 2 3\n").order == ("1", "2", "3")
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_a_row_whose_last_cells_are_all_empty_has_them(log, separator):
+    """Once "has 1 columns, must have 3"."""
+    table = log("t,x,y\n0.1,1,2\n0.2,,\n0.3,3,4\n".replace(",", separator))
+    np.testing.assert_equal(table.columns["x"], [1, np.nan, 3])
+    np.testing.assert_equal(table.columns["y"], [2, np.nan, 4])
+    with pytest.raises(InputError, match="line 3 has 1 columns, must have 3"):
+        log("t,x,y\n0.1,1,2\n0.2\n0.3,3,4\n".replace(",", separator))
+
+
+def test_a_record_of_a_run_names_the_command_that_writes_it_as_a_table(run, tmp_path):
+    run.save(tmp_path / "run.npz")
+    with pytest.raises(InputError, match=r"is the record of a run: gantrysim export .*run\.npz writes it as a table"):
+        read_table(tmp_path / "run.npz")

@@ -12,6 +12,7 @@ from gantrysim.base.errors import InputError, positive
 from gantrysim.base.jit import jit
 
 _LARGEST_VALUE = 1e6
+_SMALLEST_DROP = 1e-6  # a picolitre, as of an ink jet [mm³]
 _LOST = 1e-6  # share of the volume from which lost drops are noted
 
 
@@ -42,6 +43,8 @@ class Jet:
         for name, unit in (("drop", "mm³"), ("top_rate", "Hz")):
             if positive(f"{name} of the jet", getattr(self, name), unit) > _LARGEST_VALUE:
                 raise InputError(f"{name} of the jet = {getattr(self, name):g} {unit}: must be at most 1e6 {unit}")
+        if self.drop < _SMALLEST_DROP:
+            raise InputError(f"drop of the jet = {self.drop:g} mm³: must be at least {_SMALLEST_DROP:g} mm³")
 
 
 class Shots(NamedTuple):
@@ -81,11 +84,14 @@ def _shoot(command: Floats, flow: Floats, period: float, dead_time: float, drop:
         step = command[k] * period
         while step > 0.0 and volume + step >= due:
             time = period * (k + (due - volume) / step)
-            due += drop
             if ready - time > pause:
-                # one waits already
-                lost += 1
+                # one waits already: what comes due meanwhile in this tick is lost at once
+                until = min((ready - pause) / period - k, 1.0)
+                count = max(1, int((volume + until * step - due) / drop))
+                lost += count
+                due += count * drop
                 continue
+            due += drop
             shot = max(time, ready)
             ready = shot + pause
             tick = int((shot + dead_time) / period)

@@ -76,3 +76,18 @@ def test_values_of_another_kind_are_refused(arguments, text):
         Dispenser(**{"kind": "jet", **arguments})
     with pytest.raises(InputError, match="drop of the jet = 0 mm³: must be greater than 0"):
         Jet(drop=0.0)
+
+
+def test_drops_that_a_jet_loses_are_counted_at_once():
+    """8 mm³/s over 1 s are 8000 drops of 0.001 mm³, of which 200 Hz shoot 200; of 1e-5 mm³, all but 200 of 800 000."""
+    on = np.ones(1000, bool)
+    for drop, due in ((0.001, 8000), (1e-5, 800_000)):
+        jet = Dispenser(flow=8.0, kind="jet", jet=Jet(drop=drop, top_rate=200.0))
+        flow = jet.flows(on, np.zeros(1000), PERIOD)
+        shot = round(flow.sum() * PERIOD / drop)
+        assert shot == pytest.approx(200, abs=1)
+        (note,) = jet.notes(on, np.zeros(1000), PERIOD)
+        # one waits at the end
+        assert int(note.split()[3]) == pytest.approx(due - shot, abs=10)
+    with pytest.raises(InputError, match=r"drop of the jet = 1e-09 mm³: must be at least 1e-06 mm³"):
+        Jet(drop=1e-9)
