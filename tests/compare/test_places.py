@@ -174,17 +174,17 @@ def test_noise_comes_back_as_noise(run, seed_noise):
 
 
 def test_intervals_hold_the_true_values_of_most_traces(run):
-    """Of 95 % intervals of white noise, in 40 traces, at least nine tenths hold the offset; few claim one of zero."""
+    """Of 95 % intervals of white noise, in 20 traces, at least nine tenths hold the offset; few claim one of zero."""
     time, points, _ = trace()
     rng = np.random.default_rng(11)
     held, claimed = 0, 0
-    for _ in range(40):
+    for _ in range(20):
         nozzle = np.column_stack([points + 2e-3 * rng.standard_normal(points.shape), np.full(len(points), np.nan)])
         estimates = Comparison.of(Trace(time, {}, nozzle), run, MACHINE).alignment.estimates
         held += abs(estimates["nozzle y"].value) <= estimates["nozzle y"].interval
         claimed += estimates["nozzle y"].distinguished
-    assert held >= 36
-    assert claimed <= 2
+    assert held >= 18
+    assert claimed <= 1
 
 
 def test_a_straight_path_shows_no_rotation_about_it_but_offsets_at_its_ends():
