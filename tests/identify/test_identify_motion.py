@@ -45,6 +45,9 @@ def test_a_log_may_begin_in_motion(law):
     values = named(found)
     assert values["inertia"].identified
     assert values["coulomb"].identified
+    # the predictor begins at the log's speed: from rest it would be half a millimetre behind at the second sample
+    (fit,) = found.fits
+    assert np.abs(fit.innovations[:5]).max() < 0.02 * np.abs(np.diff(first)).max()
     (run,) = whole_run(found, made.log)
     assert run.repeats
 
