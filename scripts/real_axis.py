@@ -170,7 +170,8 @@ def solved(lap: Lap, slide: Slide) -> tuple[np.ndarray, np.ndarray]:
     zero the slide sticks while friction can hold it.
     """
     _, speed, place = np.polyfit(PERIOD * np.arange(FIRST), lap.position[:FIRST], 2)
-    last, before = place - speed * PERIOD, place - 2 * speed * PERIOD
+    last = place - speed * PERIOD
+    before = place - 2 * speed * PERIOD
     tau = slide.mass / slide.viscous
     positions, volts = np.empty((2, lap.command.size))
     for k, (command, pulse) in enumerate(zip(lap.command, lap.pulses, strict=True)):
@@ -244,7 +245,8 @@ def replayed(folder: Path, machine: Path, log: Path) -> Iterator[tuple[float, ..
     (folder / "emps.toml").write_text(servo, encoding="utf-8")
     gantrysim(folder, "replay", str(log), "--machine", str(machine), "--servo", "emps.toml", "--out", str(out))
     axis = json.loads((out / "replay.json").read_text(encoding="utf-8"))["axes"]["x"]
-    following, torque = axis["following_error"], axis["torque"]["all"]
+    following = axis["following_error"]
+    torque = axis["torque"]["all"]
     for side in ("difference", "frictionless"):
         positions = [following[part][f"{side}_{size}_um"] for part in ("all", "reversals") for size in ("rms", "max")]
         yield *positions, 1e-3 * torque[f"{side}_rms_mNm"] * GEAR

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gantrysim.base.errors import InputError
-from gantrysim.cli.options import named_columns
+from gantrysim.cli.options import LogPeriod, named_columns
 from gantrysim.cli.terminal import NOT_IDENTIFIED, interruptible, say, share_bar, show, warn
 
 if TYPE_CHECKING:
@@ -36,12 +36,7 @@ def identify(
             "Quantities: time; position, velocity, demand and torque of an axis.",
         ),
     ] = None,
-    period: Annotated[
-        float | None,
-        typer.Option(
-            help="Sampling period, for a log without time or with rounded time stamps \\[s].", show_default=False
-        ),
-    ] = None,
+    period: LogPeriod = None,
     rows: Annotated[
         str | None,
         typer.Option(metavar="FIRST:LAST", help="Rows of the log to read, counted from 1 without its headings."),

@@ -55,6 +55,10 @@ AllowCode = Annotated[
         "the current folder may run its code.",
     ),
 ]
+LogPeriod = Annotated[
+    float | None,
+    typer.Option(help="Sampling period, for a log without time or with rounded time stamps \\[s].", show_default=False),
+]
 Camera = Annotated[
     str | None,
     typer.Option(

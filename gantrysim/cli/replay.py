@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gantrysim.base.errors import InputError
-from gantrysim.cli.options import AllowCode, named_columns
+from gantrysim.cli.options import AllowCode, LogPeriod, named_columns
 from gantrysim.cli.terminal import interruptible, plain_table, say, share_bar, show
 
 if TYPE_CHECKING:
@@ -42,12 +42,7 @@ def replay(
             metavar="FIRST:LAST", help="Rows of the log to which the machine was fitted; all others are held out."
         ),
     ] = None,
-    period: Annotated[
-        float | None,
-        typer.Option(
-            help="Sampling period, for a log without time or with rounded time stamps \\[s].", show_default=False
-        ),
-    ] = None,
+    period: LogPeriod = None,
     rows: Annotated[
         str | None,
         typer.Option(metavar="FIRST:LAST", help="Rows of the log to replay, counted from 1 without its headings."),

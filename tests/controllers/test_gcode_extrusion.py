@@ -152,6 +152,7 @@ def test_without_an_advance_the_motor_is_sent_to_e():
     ("text", "expected"),
     [
         ("G1 X1 E1 F60\nG1 X2 E3", [1, 2]),
+        ("M82\nG1 X1 E1 F60\nG1 X2 E3\nG1 X3 E4", [1, 2, 1]),
         ("M83\nG1 X1 E1 F60\nG1 X2 E3", [1, 3]),
         ("G1 X1 E1 F60\nG92 E0\nG1 X2 E3", [1, 3]),
         ("M221 S50\nM83\nG1 X1 E1 F60\nG1 E-2\nM221 S100\nG1 X2 E1", [0.5, -1, 1]),

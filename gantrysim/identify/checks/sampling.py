@@ -176,9 +176,8 @@ def strokes(position: Floats, resolution: float) -> Floats:
 
 CHECK = "sampling"
 FEWEST = 3.0  # samples of a stroke
-SHORT = (
-    0.25  # largest share of the moving samples in shorter strokes: a loop that swings at rest has 0.16, and is fitted
-)
+# largest share of the moving samples in shorter strokes: a loop that swings at rest has 0.16, and is fitted
+SHORT = 0.25
 
 
 def check_sampling(axis: Axis, position: Floats, period: float) -> None:
