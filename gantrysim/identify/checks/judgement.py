@@ -121,13 +121,13 @@ def judged_fit(fit: AxisFit, period: float) -> Judgement:
     ]
     if any(not finding.values or finding.check == RESIDUAL for doubt in doubts for finding in doubt.findings):
         # what a healthy log may show too is said only of a fit that is doubtful
-        causes = [check_rate(fit, period), check_clipping(fit)]
+        # a drive at its limit clips the torque too: it forbids no more than what it explains
+        values = () if any(not finding.values for doubt in doubts for finding in doubt.findings) else PREDICTED
+        causes = [check_rate(fit, period), _with_values(check_clipping(fit), values)]
         # slow samples lack fast motion as a filter does
         if not causes[0].findings:
             causes.append(check_smoothing(fit, period))
-        # a cause forbids what it explains
-        values = () if any(not finding.values for doubt in doubts for finding in doubt.findings) else PREDICTED
-        doubts = [*(_with_values(cause, values) for cause in causes), *doubts]
+        doubts = [*causes, *doubts]
     model = fit.model
     static = math.hypot(_EXCESS * model.excess, _STATIC * model.coulomb)
     loaded = any(term.kind == LOAD for term in fit.law.terms)
