@@ -27,14 +27,19 @@ _GLANCE = 0.3  # between two looks at the file that is followed [s]
 _TOO_LONG = 413
 _TRY_AGAIN = 1013  # code with which the WebSocket of a slow tab is closed
 _WEB = files("gantrysim.live") / "web"
-_STYLES = files("gantrysim.report") / "web"
+_REPORT = files("gantrysim.report")
 # what the page consists of: type, and the files one after the other
 _ASSETS = {
     "/": ("text/html; charset=utf-8", [_WEB / "index.html"]),
     "/workbench.js": ("text/javascript; charset=utf-8", [_WEB / "workbench.min.js"]),
     "/workbench.css": (
         "text/css; charset=utf-8",
-        [_STYLES / "uplot.css", _STYLES / "viewer.css", _WEB / "workbench.css"],
+        [
+            _REPORT / "page.css",
+            _REPORT / "web" / "uplot.css",
+            _REPORT / "web" / "viewer.css",
+            _WEB / "workbench.css",
+        ],
     ),
 }
 

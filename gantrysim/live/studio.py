@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -193,11 +194,11 @@ class Studio:
         """Return the values of the best combination, at the program's own speed; None where nothing is changed."""
         if not improvement.combination:
             return None
-        plain = draft._replace(override=100.0, program=None)
+        plain = replace(draft, override=100.0, program=None)
         base = dict(draft.values)
 
         def loaded(changes: Mapping[str, Any]) -> Job:
-            return plain._replace(values=base | dict(changes)).job(opened)
+            return replace(plain, values=base | dict(changes)).job(opened)
 
         return values_to_set(improvement.job, loaded)
 

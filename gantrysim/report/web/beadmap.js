@@ -12,27 +12,29 @@ const DRY = 0.02; // of the nominal width; a narrower bead is none
 export class BeadMap {
   constructor(data, cursor, region) {
     this.data = data;
-    this.span = WIDTH_SPAN * (data.width_tolerance || 10); // [%]
-    const { x, y, width } = data.column;
     const place = { x: 0, y: 0 };
     this.map = new PlanMap({
       name: data.width ? "Bead as laid, coloured by the deviation of its width" : "Dots as laid, coloured by their volume",
       data,
       cursor,
       region,
-      points: (row) => Object.assign(place, { x: x[row], y: y[row] }),
+      points: (row) => Object.assign(place, { x: data.column.x[row], y: data.column.y[row] }),
       draw: (context, map, colours) => this._draw(context, map, colours),
-      describe: (row) => `t = ${data.time[row].toFixed(3)} s${width ? `, bead width ${data.text("width", row)}` : ""}`,
+      describe: (row) => `t = ${data.time[row].toFixed(3)} s${data.column.width ? `, bead width ${data.text("width", row)}` : ""}`,
     });
-    this.widest = !width ? 0 : width.reduce((most, value) => (value > most ? value : most), 0);
     this.bar = element("span", { class: "ramp" });
     this.element = element("figure", { class: "view bead" }, this._caption(), this.map.surface);
-    this._paint();
     onTheme(() => this._paint());
   }
 
   _caption() {
-    const { bar, data, span } = this;
+    const { bar, data } = this;
+    const { width } = data.column;
+    this.span = WIDTH_SPAN * (data.width_tolerance || 10); // [%]
+    this.widest = !width ? 0 : width.reduce((most, value) => (value > most ? value : most), 0);
+    const { span } = this;
+    bar.replaceChildren();
+    this._paint();
     for (const side of data.width_tolerance ? [-1, 1] : []) {
       const mark = element("i", { title: `tolerance: ${data.width_tolerance} %` });
       mark.style.left = `${50 + (50 * side * data.width_tolerance) / span}%`;
@@ -43,6 +45,12 @@ export class BeadMap {
     const dots = data.dots.length ? `, volume of ${count}` : "";
     if (!data.width) return element("figcaption", {}, element("b", {}, "Dots"), `volume of ${count}`, scale);
     return element("figcaption", {}, element("b", {}, "Bead width"), `of ${digits(data.width)} mm${dots}`, scale);
+  }
+
+  /** Show other data of the run. */
+  update() {
+    this.element.firstChild.replaceWith(this._caption());
+    this.map.redraw();
   }
 
   _paint() {

@@ -13,7 +13,6 @@ export class Plan {
     this.data = data;
     this.cursor = cursor;
     this.factor = data.magnification;
-    this.largest = Math.max(data.size[data.worst] || 0, 1e-9);
     this.place = { x: 0, y: 0 };
     this.map = new PlanMap({
       name: "Plan view: the nozzle's path, coloured by its error",
@@ -26,8 +25,14 @@ export class Plan {
     });
     this.bar = element("span", { class: "ramp" });
     this.element = element("figure", { class: "view plan" }, this._caption(), this.map.surface);
-    this._paint();
     onTheme(() => this._paint());
+  }
+
+  /** Show other data of the run, with errors magnified as they are now. */
+  update() {
+    if (this.factor > 1) this.factor = this.data.magnification;
+    this.element.firstChild.replaceWith(this._caption());
+    this.map.redraw();
   }
 
   /** Position drawn of the nozzle at a row: its error magnified. */
@@ -43,6 +48,9 @@ export class Plan {
   _caption() {
     const { data, bar } = this;
     const limit = data.path_tolerance;
+    this.largest = Math.max(data.size[data.worst] || 0, 1e-9);
+    bar.replaceChildren();
+    this._paint();
     const scale = element("span", { class: "scale" }, "0", bar, `${digits(this.largest)} µm`);
     if (limit && limit < this.largest) {
       const mark = element("i", { title: `tolerance: ${digits(limit)} µm` });
@@ -56,7 +64,7 @@ export class Plan {
         this.factor = on ? data.magnification : 1;
         this.map.redraw();
       };
-      caption.append(toggle(label, true, change, { title: "draw the nozzle's distance from the path magnified" }));
+      caption.append(toggle(label, this.factor > 1, change, { title: "draw the nozzle's distance from the path magnified" }));
     }
     return caption;
   }
