@@ -24,6 +24,7 @@ from gantrysim.live.draft import Request
 PATIENCE = 2.0  # with an older request, which ends at its next report of progress [s]
 _LONG_PATIENCE = 120.0  # while the process imports, or compiles once for this machine [s]
 _GLANCE = 0.1  # [s]
+_FAREWELL = 10.0  # in which the process keeps what it has compiled [s]
 _LAST = 1 << 62  # number of the last request
 
 
@@ -81,7 +82,7 @@ class Worker:
         with self._lock:
             self._is_closed = True
             self._send(Request(_LAST, "end"))
-        self._process.join(PATIENCE)
+        self._process.join(_FAREWELL)
         self._process.kill()
         self._process.join()
 

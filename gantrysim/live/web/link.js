@@ -48,7 +48,9 @@ export class Link {
     const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
     for (const column of Object.values(header.columns)) {
       for (const name of ["data", "jumps"]) {
-        if (column[name]) column[name] = new Uint8Array(data, 4 + length + column[name][0], column[name][1]);
+        const [offset, size] = column[name] || [0, 0];
+        // a column without bytes states that by an empty text, as on the page
+        if (name in column) column[name] = size ? new Uint8Array(data, 4 + length + offset, size) : "";
       }
     }
     return header;

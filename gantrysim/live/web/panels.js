@@ -2,8 +2,14 @@
 
 import { element } from "../../report/web/dom.js";
 
-/** The rows of a verdict; those of the kept run are shown beside them. */
-export function verdictRows(head) {
+/** Show a verdict in a place, that of the kept run beside it; what was unfolded stays so. */
+export function showVerdict(place, head) {
+  const open = [...place.querySelectorAll("[data-row]:has(details[open])")].map((row) => row.dataset.row);
+  place.replaceChildren(...verdictRows(head));
+  for (const name of open) place.querySelector(`[data-row="${name}"] details`)?.setAttribute("open", "");
+}
+
+function verdictRows(head) {
   const kept = head.kept ? new Map(head.kept.rows.map((row) => [row.name, row])) : null;
   const rows = head.rows.map((row) => verdictRow(row, kept?.get(row.name)));
   const title = element("p", { class: `state ${stateClass(head.state)}` }, head.headline);
@@ -12,7 +18,9 @@ export function verdictRows(head) {
 }
 
 export function verdictRow(row, kept) {
-  const texts = row.texts.map((text) => element("p", {}, text));
+  const [first, ...others] = row.texts.map((text) => element("p", {}, text));
+  const texts = first ? [first] : [];
+  if (others.length) texts.push(element("details", {}, element("summary", {}, `${others.length} more`), ...others));
   const before = kept ? [element("p", { class: "before" }, `kept: ${kept.symbol} ${kept.texts[0] || ""}`)] : [];
   const head = element("h3", {}, element("span", { class: "symbol", "aria-hidden": "true" }, row.symbol), ` ${row.name}: ${row.state}`);
   return element("div", { class: `row ${stateClass(row.state)}`, "data-row": row.name }, head, ...texts, ...before);

@@ -4,7 +4,7 @@ import { element } from "../../report/web/dom.js";
 import { Controls } from "./controls.js";
 import { Editor } from "./editor.js";
 import { Link } from "./link.js";
-import { proposalTable, verdictRow, verdictRows } from "./panels.js";
+import { proposalTable, showVerdict, verdictRow } from "./panels.js";
 import { Views } from "./views.js";
 
 const SEEN = "gantrysim-live-seen";
@@ -129,7 +129,7 @@ class Workbench {
     this.head = head;
     this.shown = head.number;
     this.refused(null);
-    at("verdict").replaceChildren(...verdictRows(head));
+    showVerdict(at("verdict"), head);
     document.title = `${head.headline.slice(0, 1)} ${head.name}, gantrysim live`;
     this.views.show(content);
     at("bench").dataset.engine = head.engine;
