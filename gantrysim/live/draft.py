@@ -113,14 +113,14 @@ class Request(NamedTuple):
         number: ascending.
         task: "show" its run, "improve" it, write its "report", "stop", or "end" the process.
         draft: the job; None to stop.
-        kept: job with which its run is compared; None for none.
+        reference: job with which its run is compared; None for none.
         folder: to write a report to.
     """
 
     number: int
     task: Task
     draft: Draft | None = None
-    kept: Draft | None = None
+    reference: Draft | None = None
     folder: str = ""
 
 

@@ -16,7 +16,7 @@ export class Controls {
 
   /** Show the values of the controls; those that are being used keep theirs. */
   show(controls) {
-    const shape = JSON.stringify(controls.map(({ key, low, high, options, own }) => [key, low, high, options, own]));
+    const shape = JSON.stringify(controls.map(({ key, low, high, options, initial }) => [key, low, high, options, initial]));
     if (shape !== this.shape) this._build(controls);
     this.shape = shape;
     for (const control of controls) this.rows.get(control.key).set(control.value);
@@ -43,7 +43,7 @@ export class Controls {
   }
 
   _slider(control) {
-    const { key, label, unit, low, high, is_ratio: isRatio, own, meaning } = control;
+    const { key, label, unit, low, high, is_ratio: isRatio, initial, meaning } = control;
     const share = (value) => (isRatio ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low));
     const valueAt = (part) => (isRatio ? low * (high / low) ** part : low + part * (high - low));
     const slider = element("input", { type: "range", min: 0, max: STEPS, step: 1, "aria-label": label, "data-key": key });
@@ -53,7 +53,7 @@ export class Controls {
     let held = false; // while it is dragged or typed in
     const paint = (value) => {
       slider.setAttribute("aria-valuetext", `${short(value)} ${unit}`.trim());
-      reset.hidden = Math.abs(value - own) <= 1e-9 * Math.abs(own);
+      reset.hidden = Math.abs(value - initial) <= 1e-9 * Math.abs(initial);
     };
     slider.addEventListener("input", () => {
       held = true;
@@ -79,7 +79,7 @@ export class Controls {
   }
 
   _choice(control) {
-    const { key, label, options, own } = control;
+    const { key, label, options, initial } = control;
     const select = element("select", { "aria-label": label, "data-key": key }, ...options.map((name) => element("option", { value: name }, name.split(/[\\/]/).pop())));
     const reset = this._reset(control);
     select.addEventListener("change", () => this.changed({ [key]: select.value }, false));
@@ -88,14 +88,14 @@ export class Controls {
       element: row,
       set: (value) => {
         select.value = value;
-        reset.hidden = value === own;
+        reset.hidden = value === initial;
       },
     };
   }
 
   _laws(control) {
-    const { key, label, options, additions, own } = control;
-    let value = own;
+    const { key, label, options, additions, initial } = control;
+    let value = initial;
     const select = element("select", { "aria-label": label, "data-key": key }, ...options.map((name) => element("option", { value: name }, name)));
     select.addEventListener("change", () => this.changed({ [key]: [select.value, ...value.slice(1)] }, false));
     const buttons = additions.map((name) =>
@@ -112,7 +112,7 @@ export class Controls {
         value = laws;
         select.value = laws[0];
         for (const button of buttons) button.setAttribute("aria-pressed", String(laws.includes(button.dataset.law)));
-        reset.hidden = JSON.stringify(laws) === JSON.stringify(own);
+        reset.hidden = JSON.stringify(laws) === JSON.stringify(initial);
       },
     };
   }
