@@ -73,7 +73,7 @@ export class Views {
     const wasWorst = cursor.row === data.worst && !cursor.pinned;
     const place = places[Math.min(cursor.row, places.length - 1)];
     data.load(content);
-    this.region.resize(this._region().box);
+    this.region.box = this._region().box; // drawn below, with the scales of the new data
     cursor.resize(data.rows, wasWorst ? data.worst : nearest(this._along(), place));
     for (const view of [...this.views, this.strips]) view.update();
   }

@@ -21,12 +21,6 @@ export class Region {
     this.whole = true;
   }
 
-  /** Take over the whole of another run. */
-  resize(box) {
-    this.box = box;
-    for (const listener of this._listeners) listener();
-  }
-
   /** Width over height of the whole. */
   get aspect() {
     return (this.box.x1 - this.box.x0) / (this.box.y1 - this.box.y0);
