@@ -50,6 +50,8 @@ _PROGRAM = "program"
 _SERVO = "servo"
 _GLUE = "glue"
 _PLACEMENT = "placement"
+_MACHINE = "machine"
+_GROUPS = (_PROGRAM, _SERVO, _GLUE, _PLACEMENT, _MACHINE)  # in the order of the page
 
 _KINDS = (
     _Kind("program.acceleration", _PROGRAM, "acceleration", "mm/s²", *_RATIO, is_ratio=True),
@@ -115,7 +117,8 @@ def controls_of(job: Job, opened: Job, override: float) -> list[Control]:
         opened: the same as it was opened, about whose values the sliders reach.
         override: of the programmed speed [%].
     """
-    return [*_choices(job, opened), *_override(opened, override), *_numbers(job, opened)]
+    controls = [*_override(opened, override), *_choices(job, opened), *_numbers(job, opened)]
+    return sorted(controls, key=lambda control: _GROUPS.index(control.group))
 
 
 def checked_values(values: Mapping[str, Any], controls: Sequence[Control]) -> dict[str, Any]:
@@ -155,7 +158,7 @@ def _check_name(key: str, name: Any, known: Sequence[str]) -> None:
 
 def _choices(job: Job, opened: Job) -> Iterator[Control]:
     machines = tuple(dict.fromkeys([opened.machine, *builtin_models()]))
-    yield Control(MACHINE, "machine", "machine", "", "", job.machine, opened.machine, options=machines)
+    yield Control(MACHINE, _MACHINE, "machine", "", "", job.machine, opened.machine, options=machines)
     law = [job.servo.law] if isinstance(job.servo.law, str) else list(job.servo.law)
     initial = [opened.servo.law] if isinstance(opened.servo.law, str) else list(opened.servo.law)
     # a law of the user's own is not chosen here

@@ -1,7 +1,9 @@
 """Binary messages of a viewer's content: a page decodes what the report's page has, and only changes are sent."""
 
 import base64
+import hashlib
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -70,3 +72,16 @@ def test_the_same_again_sends_no_column(content):
     assert header["columns"] == {}
     assert header["fields"] == {}
     assert unpacked(again, content) == content
+
+
+def test_the_bundle_is_built_from_its_sources():
+    package = Path(__file__).parents[2] / "gantrysim"
+    sources = sorted(
+        file.relative_to(package).as_posix()
+        for folder in ("live/web", "report/web")
+        for file in (package / folder).glob("*.js")
+        if not file.name.endswith(".min.js")
+    )
+    digest = hashlib.sha256(b"".join((package / name).read_bytes() for name in sources)).hexdigest()
+    bundle = (package / "live" / "web" / "workbench.min.js").read_text(encoding="utf-8")
+    assert digest in bundle.partition("\n")[0], "scripts/build_web.sh builds it again"
