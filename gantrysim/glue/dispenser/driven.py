@@ -121,13 +121,13 @@ def loads(drive: Drive, result: Driven, period: float, *, by_position: bool) -> 
     that is sent speeds turns as fast as it can, and lays what that gives.
     """
     body, motor, _ = drive
-    found = []
+    of_motor = []
     if body.limit < math.inf:
-        found.append(_load(body.load, body.effort(result.asked), body.strength_limit, body.load_unit, "stalls"))
+        of_motor.append(_load(body.load, body.effort(result.asked), body.strength_limit, body.load_unit, "stalls"))
     if by_position and motor.top_speed < math.inf:
         speed = np.abs(_mean(result.moved.asked, max(round(_FOLLOWED / period), 1))) / body.unit
-        found.append(_load("speed", speed, motor.top_speed, body.speed_unit, "cannot follow its command"))
-    return tuple(found)
+        of_motor.append(_load("speed", speed, motor.top_speed, body.speed_unit, "cannot follow its command"))
+    return tuple(of_motor)
 
 
 def _load(name: str, values: Floats, limit: float, unit: str, event: str) -> Load:
