@@ -128,8 +128,8 @@ def machine_of(name: str, controller: Controller) -> str:
 def pressing_height(machine: Machine, face: float) -> float:
     """Return the height above the work at which a needle's face presses the default glue flat [mm].
 
-    It is that of the machine at its zero: a bead under a needle that runs higher or lower has the same section. A needle
-    that hangs higher above the work than it is wide is lowered by its program, to where the job file does not tell.
+    It is that of the machine at its zero, so that a needle that runs higher or lower lays the same section. A needle that
+    hangs higher above the work than it is wide is lowered by its program: half its face stands for the height there.
     """
     return machine.gap if machine.gap <= face else 0.5 * face
 
