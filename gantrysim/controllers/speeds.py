@@ -112,17 +112,17 @@ def _with_modal_words(text: str, values: Mapping[int, float], comment: str, word
     modal: float | None = None
     for k, line in enumerate(lines):
         code, remark = _parted(line, comment)
-        found = pattern.search(code)
+        match = pattern.search(code)
         value = values.get(k + 1)
         if value is None:
-            if found is not None:
-                modal = _value(found[1])
+            if match is not None:
+                modal = _value(match[1])
             if jumps or _JUMPS.search(code):
                 modal = None
             continue
-        if found is not None:
-            if _value(found[1]) != float(_decimal(value)):
-                code = f"{code[: found.start()]}{written}{_decimal(value)}{code[found.end() :]}"
+        if match is not None:
+            if _value(match[1]) != float(_decimal(value)):
+                code = f"{code[: match.start()]}{written}{_decimal(value)}{code[match.end() :]}"
         elif modal != value:
             code = _appended(code, f"{written}{_decimal(value)}")
         lines[k] = code + remark

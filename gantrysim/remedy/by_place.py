@@ -152,17 +152,17 @@ def speed_by_place(base: Job, other: Outcome, bench: Bench) -> SpeedByPlace | st
         return str(error)
     by_line = _line_flow(base, stretches, bench)
     if by_line is not None:
-        found = _found(_Search(base, stretches, _compensations(base, {}), bench, by_line), other, bench)
-        if isinstance(found, SpeedByPlace):
-            return found
+        result = _best_of(_Search(base, stretches, _compensations(base, {}), bench, by_line), other, bench)
+        if isinstance(result, SpeedByPlace):
+            return result
     try:
         glue = _glue_changes(base, bench)
     except InputError as error:
         return str(error)
-    return _found(_Search(base, stretches, glue, bench), other, bench)
+    return _best_of(_Search(base, stretches, glue, bench), other, bench)
 
 
-def _found(search: _Search, other: Outcome, bench: Bench) -> SpeedByPlace | str:
+def _best_of(search: _Search, other: Outcome, bench: Bench) -> SpeedByPlace | str:
     """Return the best of a search, or why there is none; arguments as of `speed_by_place`."""
     base = search.job
     search.run()
