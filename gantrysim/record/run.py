@@ -204,13 +204,13 @@ class Run(Shown):
         return Verdict.of(job, self)
 
     @property
-    def verdict_headline(self) -> str:
-        """The verdict in a line; empty where nothing can be judged: no glue, or no job whose code may run."""
+    def known_verdict(self) -> Verdict | None:
+        """The verdict; None where nothing can be judged: no glue, or no job whose code may run."""
         is_judged = self.job is not None and (self.fault is not None or bool(self.dispense.any()))
         try:
-            return self.verdict.headline if is_judged else ""
+            return self.verdict if is_judged else None
         except InputError:  # a saved job that names code which may not run here: its loops are unknown
-            return ""
+            return None
 
     def plot(self) -> Figure:
         """Return a matplotlib figure: the plan, coloured by the error, beside the error budget.
@@ -263,7 +263,7 @@ class Run(Shown):
         job = self._job("film", "gantrysim.render.save_video(machine, run, file)")
         from gantrysim.render import save_video
 
-        values: dict[str, Any] = {"bead": job.bead, "label": job.name, "verdict": self.verdict_headline, **options}
+        values: dict[str, Any] = {"bead": job.bead, "label": job.name, "verdict": self.known_verdict, **options}
         return save_video(job.built_machine, self, file, **values)
 
     def _job(self, name: str, alternative: str) -> Job:

@@ -13,6 +13,7 @@ from typing import Any
 from gantrysim.base.files import replaced_file
 from gantrysim.report.document import Section
 from gantrysim.report.figures import Figures, figures_of, section_name, several
+from gantrysim.results.colours import css_variables
 
 
 def write_page(
@@ -65,7 +66,7 @@ class DrawnPage:
             title=self.title,
             subtitle=self.subtitle,
             warning=self.warning,
-            style=Markup((folder / "page.css").read_text(encoding="utf-8")),
+            style=Markup(css_variables() + (folder / "page.css").read_text(encoding="utf-8")),
             viewer=_viewer_files() if any(section.viewer for _, section, _ in self.sections) else None,
             space=_space_script() if any(section.in_space for _, section, _ in self.sections) else None,
             sections=[entry for entry in self.sections if not entry[1].lacks_video],

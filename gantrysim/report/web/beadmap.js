@@ -4,7 +4,7 @@
 import { digits } from "./data.js";
 import { element } from "./dom.js";
 import { PlanMap } from "./map.js";
-import { mixed, onTheme, theme, WIDTH_SPAN } from "./theme.js";
+import { colourAt, endOf, placeOn, theme } from "./theme.js";
 
 const LEVELS = 160; // of width, each drawn in one stroke
 const DRY = 0.02; // of the nominal width; a narrower bead is none
@@ -12,7 +12,7 @@ const DRY = 0.02; // of the nominal width; a narrower bead is none
 export class BeadMap {
   constructor(data, cursor, region) {
     this.data = data;
-    this.span = WIDTH_SPAN * (data.width_tolerance || 10); // [%]
+    this.limit = data.width_tolerance; // [%]
     const { x, y, width } = data.column;
     const place = { x: 0, y: 0 };
     this.map = new PlanMap({
@@ -25,17 +25,17 @@ export class BeadMap {
       describe: (row) => `t = ${data.time[row].toFixed(3)} s${width ? `, bead width ${data.text("width", row)}` : ""}`,
     });
     this.widest = !width ? 0 : width.reduce((most, value) => (value > most ? value : most), 0);
-    this.bar = element("span", { class: "ramp" });
+    this.bar = element("span", { class: "ramp width" });
     this.element = element("figure", { class: "view bead" }, this._caption(), this.map.surface);
-    this._paint();
-    onTheme(() => this._paint());
   }
 
   _caption() {
-    const { bar, data, span } = this;
-    for (const side of data.width_tolerance ? [-1, 1] : []) {
-      const mark = element("i", { title: `tolerance: ${data.width_tolerance} %` });
-      mark.style.left = `${50 + (50 * side * data.width_tolerance) / span}%`;
+    const { bar, data, limit } = this;
+    const { widths } = theme();
+    const span = endOf(widths) * limit;
+    for (const side of [-1, 1]) {
+      const mark = element("i", { title: `tolerance: ${limit} %` });
+      mark.style.left = `${100 * placeOn(widths, side)}%`;
       bar.append(mark);
     }
     const scale = element("span", { class: "scale" }, `−${span} %`, bar, `+${span} %`);
@@ -45,25 +45,26 @@ export class BeadMap {
     return element("figcaption", {}, element("b", {}, "Bead width"), `of ${digits(data.width)} mm${dots}`, scale);
   }
 
-  _paint() {
-    this.bar.style.background = `linear-gradient(to right, ${theme().widths.join(",")})`;
-  }
-
   _draw(context, map, colours) {
     if (this.data.width) this._bead(context, map, colours);
     for (const dot of this.data.dots) {
       context.beginPath();
       context.arc(map.px(dot.x), map.py(dot.y), Math.max(dot.radius * map.scale, 1), 0, 2 * Math.PI);
       // without a requested volume, in the colour of a dot as requested
-      context.fillStyle = mixed(colours.widths, 0.5 + (0.5 * (dot.error || 0)) / this.span);
+      context.fillStyle = this._colour(colours, dot.error || 0);
       context.fill();
       Object.assign(context, { strokeStyle: dot.failed ? colours.alarm : colours.soft, lineWidth: dot.failed ? 2 : 1 });
       context.stroke();
     }
   }
 
+  /** Colour of a deviation [%]. */
+  _colour(colours, deviation) {
+    return colourAt(colours.widths, placeOn(colours.widths, deviation / this.limit));
+  }
+
   _bead(context, map, colours) {
-    const { data, widest, span } = this;
+    const { data, widest } = this;
     const { x, y, width } = data.column;
     const nominal = data.width;
     context.beginPath();
@@ -94,7 +95,7 @@ export class BeadMap {
     pieces.forEach((piece, level) => {
       const wide = (widest * level) / LEVELS;
       const deviation = 100 * (wide / nominal - 1);
-      context.strokeStyle = mixed(colours.widths, 0.5 + (0.5 * deviation) / span);
+      context.strokeStyle = this._colour(colours, deviation);
       context.lineWidth = Math.max(wide * map.scale, 1);
       context.stroke(piece);
     });

@@ -3,7 +3,7 @@
 import { digits, stretches } from "./data.js";
 import { element, toggle } from "./dom.js";
 import { PlanMap } from "./map.js";
-import { mixed, onTheme, theme } from "./theme.js";
+import { colourAt, endOf, placeOn, theme } from "./theme.js";
 
 const COLOURS = 48;
 const WORST = 9; // size of the mark at the largest error [pixels]
@@ -13,7 +13,7 @@ export class Plan {
     this.data = data;
     this.cursor = cursor;
     this.factor = data.magnification;
-    this.largest = Math.max(data.size[data.worst] || 0, 1e-9);
+    this.limit = data.path_tolerance;
     this.place = { x: 0, y: 0 };
     this.map = new PlanMap({
       name: "Plan view: the nozzle's path, coloured by its error",
@@ -24,10 +24,8 @@ export class Plan {
       draw: (context, map, colours) => this._draw(context, map, colours),
       describe: (row) => `t = ${data.time[row].toFixed(3)} s, contour error ${data.text("contour", row)}`,
     });
-    this.bar = element("span", { class: "ramp" });
+    this.bar = element("span", { class: "ramp share" });
     this.element = element("figure", { class: "view plan" }, this._caption(), this.map.surface);
-    this._paint();
-    onTheme(() => this._paint());
   }
 
   /** Position drawn of the nozzle at a row: its error magnified. */
@@ -41,14 +39,12 @@ export class Plan {
   }
 
   _caption() {
-    const { data, bar } = this;
-    const limit = data.path_tolerance;
-    const scale = element("span", { class: "scale" }, "0", bar, `${digits(this.largest)} µm`);
-    if (limit && limit < this.largest) {
-      const mark = element("i", { title: `tolerance: ${digits(limit)} µm` });
-      mark.style.left = `${(100 * limit) / this.largest}%`;
-      bar.append(mark);
-    }
+    const { data, bar, limit } = this;
+    const { shares } = theme();
+    const scale = element("span", { class: "scale" }, "0", bar, `≥ ${digits(endOf(shares) * limit)} µm`);
+    const mark = element("i", { title: `tolerance: ${digits(limit)} µm` });
+    mark.style.left = `${100 * placeOn(shares, 1)}%`;
+    bar.append(mark);
     const caption = element("figcaption", {}, element("b", {}, "Error of the path"), scale);
     if (data.magnification > 1) {
       const label = `error × ${data.magnification}`;
@@ -59,10 +55,6 @@ export class Plan {
       caption.append(toggle(label, true, change, { title: "draw the nozzle's distance from the path magnified" }));
     }
     return caption;
-  }
-
-  _paint() {
-    this.bar.style.background = `linear-gradient(to right, ${theme().errors.join(",")})`;
   }
 
   _draw(context, map, colours) {
@@ -115,7 +107,7 @@ export class Plan {
       }
       const { x, y } = this._point(row);
       const to = [map.px(x), map.py(y)];
-      const k = Math.min(Math.floor((COLOURS * size) / this.largest), COLOURS - 1);
+      const k = Math.min(Math.floor(COLOURS * placeOn(colours.shares, size / this.limit)), COLOURS - 1);
       if (before >= 0) {
         if (before !== k) pieces[k].moveTo(...from);
         pieces[k].lineTo(...to);
@@ -125,7 +117,7 @@ export class Plan {
     }
     context.lineWidth = 3;
     pieces.forEach((piece, k) => {
-      context.strokeStyle = mixed(colours.errors, (k + 0.5) / COLOURS);
+      context.strokeStyle = colourAt(colours.shares, (k + 0.5) / COLOURS);
       context.stroke(piece);
     });
   }

@@ -2,27 +2,24 @@
 
 import { digits } from "./data.js";
 import { element } from "./dom.js";
-import { mixed, onTheme, theme, WIDTH_SPAN } from "./theme.js";
+import { colourAt, endOf, placeOn, theme } from "./theme.js";
 
 const LEVELS = 255;
 
-/** The colours of a ramp from 0 to 1 as [red, green, blue]. */
-function table(ramp) {
-  return Array.from({ length: LEVELS + 1 }, (_, k) => mixed(ramp, k / LEVELS).match(/\d+/g).map(Number));
+/** The colours of a scale from 0 to 1 as [red, green, blue]. */
+function table(stops) {
+  return Array.from({ length: LEVELS + 1 }, (_, k) => colourAt(stops, k / LEVELS).match(/\d+/g).map(Number));
 }
 
 export class Scale3d {
   constructor(data) {
     this.data = data;
-    this.largest = Math.max(data.size[data.worst] || 0, 1e-9);
-    this.span = WIDTH_SPAN * (data.width_tolerance || 10); // [%]
     this.byWidth = false;
     this.bar = element("span", { class: "ramp" });
     this.low = element("span");
     this.high = element("span");
     this.element = element("span", { class: "scale" }, this.low, this.bar, this.high);
     this._legend();
-    onTheme(() => this._legend());
   }
 
   get quantity() {
@@ -45,33 +42,37 @@ export class Scale3d {
     return [element("span", { class: "choice", role: "group", "aria-label": "Colour" }, ...buttons)];
   }
 
+  get _stops() {
+    return this.byWidth ? theme().widths : theme().shares;
+  }
+
   _legend() {
-    const { data, byWidth, span, largest, bar } = this;
-    this.low.textContent = byWidth ? `−${span} %` : "0";
-    this.high.textContent = byWidth ? `+${span} %` : `${digits(largest)} µm`;
-    bar.style.background = `linear-gradient(to right, ${(byWidth ? theme().widths : theme().errors).join(",")})`;
+    const { data, byWidth, bar, _stops: stops } = this;
     const limit = byWidth ? data.width_tolerance : data.path_tolerance;
     const unit = byWidth ? "%" : "µm";
-    const marks = byWidth ? [0.5 - limit / span / 2, 0.5 + limit / span / 2] : [limit / largest];
+    const end = digits(endOf(stops) * limit);
+    this.low.textContent = byWidth ? `−${end} %` : "0";
+    this.high.textContent = byWidth ? `+${end} %` : `≥ ${end} µm`;
+    bar.className = byWidth ? "ramp width" : "ramp share";
     bar.replaceChildren();
-    for (const share of limit ? marks : []) {
-      if (share > 1) continue;
+    for (const value of byWidth ? [-1, 1] : [1]) {
       const mark = element("i", { title: `tolerance: ${digits(limit)} ${unit}` });
-      mark.style.left = `${100 * share}%`;
+      mark.style.left = `${100 * placeOn(stops, value)}%`;
       bar.append(mark);
     }
   }
 
   /** A function from a row to [red, green, blue]. */
   painter() {
-    const { data, byWidth, span, largest } = this;
-    const colours = theme();
-    const ramp = table(byWidth ? colours.widths : colours.errors);
-    const unknown = table([colours.soft, colours.soft])[0];
+    const { data, byWidth, _stops: stops } = this;
+    const colours = table(stops);
+    const unknown = theme().soft.match(/[0-9a-f]{2}/gi).map((part) => parseInt(part, 16));
     const { width } = data.column;
     return (row) => {
-      const share = byWidth ? 0.5 + (50 * (width[row] / data.width - 1)) / span : data.size[row] / largest;
-      return share === share ? ramp[Math.round(LEVELS * Math.min(Math.max(share, 0), 1))] : unknown;
+      const value = byWidth
+        ? (100 * (width[row] / data.width - 1)) / data.width_tolerance
+        : data.size[row] / data.path_tolerance;
+      return value === value ? colours[Math.round(LEVELS * placeOn(stops, value))] : unknown;
     };
   }
 }
