@@ -124,6 +124,28 @@ class Verdict(Shown):
         return WARN if state == UNJUDGED else state
 
     @property
+    def worst_row(self) -> Row | None:
+        """The row that fails, or else warns, by the largest share of a limit; None where all pass or none is judged."""
+        row = max(self.rows, key=lambda row: row.severity)
+        return row if row.state in (WARN, FAIL) else None
+
+    @property
+    def worst_check(self) -> Check | None:
+        """The worst check of the worst row; None where there is no such row, or its remark alone says why it fails."""
+        row = self.worst_row
+        return None if row is None else row.worst_check
+
+    @property
+    def worst_place(self) -> Place | None:
+        """Where the run is worst: of the worst value whose time is known, also in a run that passes; None without any.
+
+        Stability has no place: the next row by severity then has the worst one.
+        """
+        rows = sorted(self.rows, key=lambda row: row.severity, reverse=True)
+        checks = [check for row in rows for check in row.checks if check.place.time is not None]
+        return checks[0].place if checks else None
+
+    @property
     def headline(self) -> str:
         """The verdict in one line."""
         if self.unjudged:
